@@ -1,0 +1,1 @@
+//! Workloads, records, peers and the docs written from them.

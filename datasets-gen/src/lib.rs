@@ -1,0 +1,1 @@
+//! Procedural triangle meshes, seeded and streamed.

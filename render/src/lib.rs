@@ -1,0 +1,1 @@
+//! Rays to picture: tracing of pages, light, materials, tiles, film.

@@ -1,0 +1,3 @@
+//! The `trex` command.
+
+fn main() {}

@@ -1,0 +1,204 @@
+//! The one error of the store: four parts (what, where, numbers, next step) and a stable code.
+//!
+//! Invariants: 1. every error that reaches a user names a place (a path, with a line or a byte offset when
+//! there is one); 2. `Code` strings never change once published; 3. only users' data, files and devices make
+//! an `Error`: our own mistakes are asserts.
+
+use std::fmt;
+use std::path::Path;
+
+/// Result of every fallible call of the store.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What kind of failure it is. The string form (`as_str`) is stable and is what `--json` prints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Code {
+    /// The request itself makes no sense (contradicting options, an output that exists).
+    Usage,
+    /// The input is not what its name or header says: wrong magic, text where numbers belong, UTF-16.
+    InputFormat,
+    /// The input ends early.
+    InputTruncated,
+    /// An index or a count in the input points outside of what the input holds.
+    InputRange,
+    /// The input holds no triangle that can be used.
+    InputEmpty,
+    /// The input cannot be opened: missing, a directory, no permission.
+    InputUnreadable,
+    /// A scene file has an unknown key or a value out of range.
+    SceneFormat,
+    /// The work cannot be done under the memory limit; `Error::smallest_limit_bytes` says what would do.
+    MemoryLimit,
+    /// No space left, or the quota is used up.
+    DiskFull,
+    /// A `.trex` file is damaged: a hash, a length or a magic is not what it must be.
+    Damaged,
+    /// A `.trex` file of a version or with required features that this build does not know.
+    Version,
+    /// Reading or writing failed.
+    Io,
+    /// The user interrupted the work.
+    Interrupted,
+}
+
+impl Code {
+    /// The stable name, as printed in messages and JSON.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Code::Usage => "usage",
+            Code::InputFormat => "input-format",
+            Code::InputTruncated => "input-truncated",
+            Code::InputRange => "input-range",
+            Code::InputEmpty => "input-empty",
+            Code::InputUnreadable => "input-unreadable",
+            Code::SceneFormat => "scene-format",
+            Code::MemoryLimit => "memory-limit",
+            Code::DiskFull => "disk-full",
+            Code::Damaged => "damaged",
+            Code::Version => "version",
+            Code::Io => "io",
+            Code::Interrupted => "interrupted",
+        }
+    }
+}
+
+/// An error in four parts. `Display` prints them as lines: what, where, numbers, next step.
+#[derive(Clone, Debug)]
+pub struct Error(Box<Parts>);
+
+#[derive(Clone, Debug)]
+struct Parts {
+    code: Code,
+    what: String,
+    place: String,
+    numbers: String,
+    next_step: String,
+    smallest_limit_bytes: Option<u64>,
+}
+
+impl Error {
+    /// An error with its first part; the others are added with [`Error::at`], [`Error::numbers`] and
+    /// [`Error::next`].
+    pub fn new(code: Code, what: impl Into<String>) -> Error {
+        Error(Box::new(Parts {
+            code,
+            what: what.into(),
+            place: String::new(),
+            numbers: String::new(),
+            next_step: String::new(),
+            smallest_limit_bytes: None,
+        }))
+    }
+
+    /// Names the place: a path alone.
+    pub fn at(mut self, path: &Path) -> Error {
+        self.0.place = path.display().to_string();
+        self
+    }
+
+    /// Names the place: a path and a line, counted from 1.
+    pub fn at_line(mut self, path: &Path, line: u64) -> Error {
+        self.0.place = format!("{}:{line}", path.display());
+        self
+    }
+
+    /// Names the place: a path and a byte offset, counted from 0.
+    pub fn at_byte(mut self, path: &Path, offset: u64) -> Error {
+        self.0.place = format!("{} at byte {offset}", path.display());
+        self
+    }
+
+    /// Names a place that is no path (a generator, a scene key).
+    pub fn at_place(mut self, place: impl Into<String>) -> Error {
+        self.0.place = place.into();
+        self
+    }
+
+    /// The numbers that show the failure: expected against found, needed against free.
+    pub fn numbers(mut self, numbers: impl Into<String>) -> Error {
+        self.0.numbers = numbers.into();
+        self
+    }
+
+    /// What the user can do next.
+    pub fn next(mut self, next_step: impl Into<String>) -> Error {
+        self.0.next_step = next_step.into();
+        self
+    }
+
+    /// Adds the smallest memory limit (bytes) under which the work could be done.
+    pub fn smallest_limit(mut self, bytes: u64) -> Error {
+        self.0.smallest_limit_bytes = Some(bytes);
+        self
+    }
+
+    /// An I/O failure while `doing` something to `path`; a full disk and an interrupt get their own codes.
+    pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Error {
+        use std::io::ErrorKind;
+        let (code, next) = match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+                (Code::DiskFull, "free space there, or name another folder with -o or --temp-dir")
+            }
+            ErrorKind::NotFound => (Code::InputUnreadable, "check the spelling of the path"),
+            ErrorKind::PermissionDenied => (Code::InputUnreadable, "check the permissions of the path"),
+            ErrorKind::IsADirectory => (Code::InputUnreadable, "name a file, not a folder"),
+            _ => (Code::Io, "check the device and try again"),
+        };
+        let numbers = match error.raw_os_error() {
+            Some(number) => format!("{error} [errno {number}]"),
+            None => error.to_string(),
+        };
+        Error::new(code, format!("cannot {doing}")).at(path).numbers(numbers).next(next)
+    }
+
+    /// The error of work that was interrupted by the user.
+    pub fn interrupted() -> Error {
+        Error::new(Code::Interrupted, "interrupted").next("nothing was published; run the command again")
+    }
+
+    /// The code.
+    pub fn code(&self) -> Code {
+        self.0.code
+    }
+
+    /// First part: what failed.
+    pub fn what(&self) -> &str {
+        &self.0.what
+    }
+
+    /// Second part: where. Empty only for [`Code::Interrupted`] and [`Code::Usage`].
+    pub fn place(&self) -> &str {
+        &self.0.place
+    }
+
+    /// Third part: the numbers. May be empty.
+    pub fn numbers_text(&self) -> &str {
+        &self.0.numbers
+    }
+
+    /// Fourth part: what to do next.
+    pub fn next_step(&self) -> &str {
+        &self.0.next_step
+    }
+
+    /// The smallest limit that would do, for [`Code::MemoryLimit`].
+    pub fn smallest_limit_bytes(&self) -> Option<u64> {
+        self.0.smallest_limit_bytes
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Parts { code, what, place, numbers, next_step, .. } = &*self.0;
+        write!(f, "{what} [{}]", code.as_str())?;
+        for (label, part) in [("where", place), ("numbers", numbers), ("next", next_step)] {
+            if !part.is_empty() {
+                write!(f, "\n  {label}: {part}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Error {}

@@ -1,0 +1,19 @@
+//! trex-store: from a triangle mesh to a page file, and from the page file to memory, under a limit.
+
+pub mod build;
+mod budget;
+mod error;
+pub mod geom;
+pub mod import;
+pub mod io;
+mod material;
+pub mod pool;
+mod progress;
+mod source;
+
+pub use budget::{Budget, Lease, RESERVE_BYTES};
+pub use error::{Code, Error, Result};
+pub use geom::{Aabb, Lattice};
+pub use material::Material;
+pub use progress::{Interrupt, Progress, Report};
+pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};

@@ -1,0 +1,109 @@
+//! `TriangleSource`: where triangles come from, one batch at a time. Readers and generators implement it.
+//!
+//! Invariants: 1. a source holds a bounded amount of memory whatever the input's size, all of it leased from
+//! the budget; 2. after `rewind` the same triangles come in the same order, at any thread count; 3. corner
+//! order is the input's (counter-clockwise = front); 4. non-finite and degenerate triangles are delivered as
+//! they are: the build counts and rejects them.
+
+use crate::error::Result;
+use crate::geom::Aabb;
+use crate::material::Material;
+
+/// Triangles in flight between a source and its consumer. A source replaces the content; buffers are reused.
+#[derive(Clone, Debug, Default)]
+pub struct TriangleBatch {
+    /// Corner positions in model space, `[corner][axis]`.
+    pub corners: Vec<[[f64; 3]; 3]>,
+    /// Index into [`TriangleSource::materials`] per triangle; as long as `corners`.
+    pub material: Vec<u32>,
+}
+
+impl TriangleBatch {
+    /// What a source aims to deliver per batch; a batch may hold up to twice as many.
+    pub const TARGET_TRIANGLES: usize = 16 * 1024;
+
+    /// Bytes that a batch of [`Self::TARGET_TRIANGLES`], twice filled, takes.
+    pub const BYTES: u64 = (2 * Self::TARGET_TRIANGLES * (72 + 4)) as u64;
+
+    /// Removes all triangles, keeps the memory.
+    pub fn clear(&mut self) {
+        self.corners.clear();
+        self.material.clear();
+    }
+
+    /// Adds one triangle.
+    pub fn push(&mut self, corners: [[f64; 3]; 3], material: u32) {
+        self.corners.push(corners);
+        self.material.push(material);
+    }
+
+    /// Count of triangles.
+    pub fn len(&self) -> usize {
+        self.corners.len()
+    }
+
+    /// True when there is no triangle.
+    pub fn is_empty(&self) -> bool {
+        self.corners.is_empty()
+    }
+}
+
+/// What a source knows before its stream runs, good enough to choose the lattice without a scan pass.
+#[derive(Clone, Copy, Debug)]
+pub struct ScanHint {
+    /// Holds every vertex of the stream.
+    pub bounds: Aabb,
+    /// At most the true median edge length of the stream, in model units.
+    pub median_edge: f64,
+    /// Count of triangles to come, within 1 %.
+    pub triangle_count: u64,
+}
+
+/// What a source has met so far, for progress and for the report.
+#[derive(Clone, Debug, Default)]
+pub struct SourceStats {
+    /// Input bytes consumed since the last rewind.
+    pub bytes_read: u64,
+    /// Total input bytes; 0 for generators.
+    pub bytes_total: u64,
+    /// Triangles delivered since the last rewind.
+    pub triangle_count: u64,
+    /// Polygons of more than three sides that were cut into fans.
+    pub polygon_count: u64,
+    /// Faces with fewer than three corners, points and lines: skipped.
+    pub skipped_face_count: u64,
+    /// Vertex attributes dropped (values of normals, texture coordinates, colours), counted per vertex.
+    pub dropped_attribute_count: u64,
+    /// Vertices declared by the input (0 for formats without an index).
+    pub vertex_count: u64,
+    /// Vertex look-ups, and those that missed the block cache and read the disk.
+    pub vertex_lookups: u64,
+    /// See `vertex_lookups`.
+    pub vertex_cache_misses: u64,
+    /// Materials with `d` < 1, drawn opaque.
+    pub transparent_material_count: u64,
+    /// Things worth telling the user, in plain words (a missing MTL, trailing bytes), bounded in number.
+    pub warnings: Vec<String>,
+}
+
+/// A stream of triangles. See the module's invariants.
+pub trait TriangleSource: Send {
+    /// Name for messages: the path, or `gen:KIND:COUNT:SEED`.
+    fn name(&self) -> String;
+
+    /// Replaces the content of `batch` with the next triangles. `false`: the stream has ended, the batch is
+    /// empty. A batch may be empty while `true` is returned.
+    fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool>;
+
+    /// Starts again from the first triangle.
+    fn rewind(&mut self) -> Result<()>;
+
+    /// Generators know bounds and edges before the stream; files answer `None` and are scanned first.
+    fn hint(&self) -> Option<ScanHint>;
+
+    /// All materials met so far; complete once the stream has ended. Never empty: index 0 always exists.
+    fn materials(&self) -> &[Material];
+
+    /// Counters so far.
+    fn stats(&self) -> SourceStats;
+}

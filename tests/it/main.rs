@@ -1,0 +1,1 @@
+//! Integration tests of trex, one binary: a module per theme.
