@@ -1,1 +1,3 @@
-//! Rays to picture: tracing of pages, light, materials, tiles, film.
+//! trex-render: rays to picture.
+
+pub mod trace;

@@ -1,0 +1,47 @@
+//! Rays against exact geometry: what a ray is, what answers it, and who can answer.
+
+/// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Start, model units.
+    pub origin: [f64; 3],
+    /// Direction; of unit length wherever a distance is read off `t`.
+    pub direction: [f64; 3],
+    /// End of the ray; `f64::INFINITY` for none.
+    pub t_max: f64,
+}
+
+/// The nearest point where a ray meets the mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Parameter of the hit on the ray.
+    pub t: f64,
+    /// Store id of the triangle: the page's first id + index within the page.
+    pub triangle: u32,
+    /// Index into the store's materials.
+    pub material: u32,
+    /// Unit normal of the counter-clockwise side, model space (f64 cross product of the decoded corners).
+    pub normal: [f32; 3],
+    /// Bound on the distance between the true surface point and `origin + t * direction`, model units;
+    /// secondary rays start off the surface by it.
+    pub error: f64,
+}
+
+/// The answer for one ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Answer<T> {
+    /// Exact: every page that could change it was there.
+    Exact(T),
+    /// A page that could change the answer is missing; it was recorded, ask again when it has come.
+    Blocked,
+}
+
+/// Answers rays against a triangle mesh. One per worker thread: it owns scratch memory and page pins.
+/// Implementations: the paged clusters, and the naive mesh in memory that serves as oracle.
+pub trait Tracer {
+    /// Closest hit.
+    fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>>;
+
+    /// Whether anything is hit.
+    fn occluded(&mut self, ray: &Ray) -> Answer<bool>;
+}
