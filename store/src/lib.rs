@@ -1,18 +1,23 @@
 //! trex-store: from a triangle mesh to a page file, and from the page file to memory, under a limit.
 
 pub mod build;
+pub mod cluster;
 mod budget;
 mod error;
+mod file;
 pub mod geom;
 pub mod import;
 pub mod io;
+pub mod layout;
 mod material;
 pub mod pool;
 mod progress;
 mod source;
+pub mod verify;
 
 pub use budget::{Budget, Lease, RESERVE_BYTES};
 pub use error::{Code, Error, Result};
+pub use file::{Emitter, PageFile};
 pub use geom::{Aabb, Lattice};
 pub use material::Material;
 pub use progress::{Interrupt, Progress, Report};

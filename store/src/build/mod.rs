@@ -1,1 +1,222 @@
-//! build
+//! Build: from a stream of triangles to a page file, in bounded memory.
+//!
+//! ```text
+//! scan        bounds, median edge, count            (generators know them: no pass)
+//! lattice     one step for the whole model
+//! partition   snap, weld by integers, sort into cells: runs in a scratch file beside the output
+//! chunks      cells in Hilbert order, up to 2^17 triangles each
+//! clusters    per chunk: SAH tree, clusters of 128, 8-wide nodes, pages       (threads, in order)
+//! emit        pages, page table, top tree, materials, emitters, superblocks
+//! publish     fsync, read back, rename, fsync the folder
+//! ```
+//!
+//! Invariants: 1. memory is leased before it is taken, whatever the input's size; 2. the same input and options
+//! give the same bytes at any thread count and any limit; 3. scratch is an unlinked file and the output a
+//! temporary one until it is whole: nothing is left behind.
+
+mod chunk;
+mod emit;
+mod lattice;
+mod pages;
+mod partition;
+mod publish;
+mod sah;
+mod scratch;
+#[cfg(test)]
+mod tests;
+
+pub use lattice::Scan;
+
+use crate::budget::Budget;
+use crate::error::{Code, Error, Result};
+use crate::progress::{Interrupt, Progress, Report};
+use crate::source::{SourceStats, TriangleSource};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What to do when the output exists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// Refuse before any work.
+    Keep,
+    /// Replace it when the new file is whole.
+    Replace,
+}
+
+/// How the lattice step is chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Precision {
+    /// Half a step is at most 1/128 of the median edge and 2^-17 of the extent.
+    Default,
+    /// The extent takes so many bits, 1 to 40.
+    GridBits(u32),
+    /// Half a step is at most this, model units.
+    Error(f64),
+}
+
+/// Options of a build. The bytes of the output depend on `precision` alone.
+#[derive(Clone, Debug)]
+pub struct BuildOptions {
+    /// The lattice.
+    pub precision: Precision,
+    /// Worker threads, at least 1.
+    pub threads: usize,
+    /// Where memory is leased from.
+    pub budget: Budget,
+    /// Folder of the scratch file; `None` = the output's folder.
+    pub temp_dir: Option<PathBuf>,
+    /// What to do when the output exists.
+    pub existing: Existing,
+    /// Stops the build when raised.
+    pub interrupt: Interrupt,
+}
+
+/// What a build is going to take, known before anything is written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Plan {
+    /// Triangles to come.
+    pub triangle_count: u64,
+    /// Most memory that the build leases.
+    pub memory_bytes: u64,
+    /// The limit it runs under.
+    pub limit_bytes: u64,
+    /// Scratch, estimated.
+    pub scratch_bytes: u64,
+    /// Output, estimated.
+    pub output_bytes: u64,
+    /// Free space where the scratch goes.
+    pub free_bytes: u64,
+}
+
+/// What a build did.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct BuildReport {
+    /// Triangles delivered by the source.
+    pub input_triangle_count: u64,
+    /// Triangles stored.
+    pub triangle_count: u64,
+    /// Left out: two equal corners after the snap.
+    pub rejected_degenerate: u64,
+    /// Left out: not finite.
+    pub rejected_non_finite: u64,
+    /// Clusters, and of these the wide ones.
+    pub cluster_count: u64,
+    /// See `cluster_count`.
+    pub wide_cluster_count: u64,
+    /// Pages.
+    pub page_count: u32,
+    /// Emissive triangles.
+    pub emitter_count: u64,
+    /// Length of the file.
+    pub output_bytes: u64,
+    /// Most scratch bytes alive at once.
+    pub scratch_peak_bytes: u64,
+    /// File id.
+    pub file_id: String,
+    /// Milliseconds per phase.
+    pub phase_ms: PhaseMs,
+    /// Mean share of cluster slots in use, 0 to 1.
+    pub cluster_fill: f64,
+    /// Per-axis error bound, model units.
+    pub error_bound: f64,
+    /// What the source met on its last pass.
+    #[serde(skip)]
+    pub source: SourceStats,
+}
+
+/// Wall time of each phase, milliseconds. `generate` is the time that partition waited for its source.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct PhaseMs {
+    /// Waiting for the source, within `scan` and `partition`.
+    pub generate: u64,
+    /// First pass over a file.
+    pub scan: u64,
+    /// Snap and sort into cells.
+    pub partition: u64,
+    /// Clusters, pages, emit.
+    pub clusters: u64,
+    /// fsync, read back, rename.
+    pub publish: u64,
+    /// All of it.
+    pub total: u64,
+}
+
+/// Builds `output` from `source`. `on_plan` is called once, before anything is written.
+///
+/// # Errors
+/// Those of the source; [`Code::Usage`] when the output exists or the precision cannot be had;
+/// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
+/// [`Code::Interrupted`]. Nothing is left behind then.
+pub fn build(
+    source: &mut dyn TriangleSource,
+    output: &Path,
+    options: &BuildOptions,
+    on_plan: &(dyn Fn(&Plan) + Sync),
+    report: Report<'_>,
+) -> Result<BuildReport> {
+    let start = Instant::now();
+    let folder = publish::check_output(output, options.existing)?;
+    let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
+    let tell = |phase, unit, done, total| {
+        report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
+    };
+    let mut out = BuildReport::default();
+
+    // Scan: bounds and edges.
+    let mut clock = Instant::now();
+    let scan = lattice::scan(source, options, &tell, &mut out.phase_ms.generate)?;
+    let grid = lattice::choose(&scan, options.precision, &source.name())?;
+    let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_millis() as u64;
+    out.phase_ms.scan = lap();
+    on_plan(&plan(&scan, options, &scratch_folder)?);
+
+    // Partition: snapped triangles in cells.
+    let parted = partition::partition(source, &scan, grid, options, &scratch_folder, &tell)?;
+    out.phase_ms.generate += parted.wait_ms;
+    out.phase_ms.partition = lap();
+    if parted.triangle_count == 0 {
+        return Err(no_triangles(&source.name(), &parted));
+    }
+
+    // Clusters and pages, chunk by chunk, in order.
+    let draft = publish::Draft::create(output, &folder)?;
+    let block = emit::emit(&parted, &scan, source.materials(), options, draft.file(), &tell, &mut out)?;
+    out.phase_ms.clusters = lap();
+
+    // Publish.
+    draft.publish(output, &block, options, &tell)?;
+    out.phase_ms.publish = lap();
+    out.phase_ms.total = start.elapsed().as_millis() as u64;
+    out.source = source.stats();
+    Ok(out)
+}
+
+/// Scratch and output per triangle, for the plan: measured on iso-surfaces and CAD models, rounded up.
+const PLAN_SCRATCH_BYTES: u64 = 24;
+const PLAN_OUTPUT_BYTES: u64 = 9;
+
+fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
+    let free = rustix::fs::statvfs(scratch_folder)
+        .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
+    let plan = Plan {
+        triangle_count: scan.triangle_count,
+        memory_bytes: partition::BUFFER_BYTES_LEAST.max(chunk::worker_bytes() * options.threads as u64)
+            + crate::RESERVE_BYTES,
+        limit_bytes: options.budget.limit_bytes(),
+        scratch_bytes: scan.triangle_count * PLAN_SCRATCH_BYTES,
+        output_bytes: scan.triangle_count * PLAN_OUTPUT_BYTES,
+        free_bytes: free.f_bavail * free.f_frsize,
+    };
+    Ok(plan)
+}
+
+fn no_triangles(name: &str, parted: &partition::Partition) -> Error {
+    Error::new(Code::InputEmpty, "the input holds no triangle that can be drawn")
+        .at_place(name)
+        .numbers(format!(
+            "{} triangles read, {} degenerate, {} with coordinates that are no finite numbers",
+            parted.input_triangle_count, parted.rejected_degenerate, parted.rejected_non_finite
+        ))
+        .next("check the input in the program that wrote it")
+}

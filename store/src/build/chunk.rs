@@ -1,0 +1,144 @@
+//! One chunk: from triangles to clusters, the binary SAH tree above them, and pages.
+//!
+//! Invariants: 1. every triangle of the chunk ends in exactly one cluster; 2. boxes in the tree are exact
+//! unions of lattice boxes; 3. work memory is bounded by [`worker_bytes`].
+
+use super::pages::{self, ChunkPages, PackContext};
+use super::partition::{CHUNK_TRIANGLES, Chunk};
+use super::sah::{Prim, split};
+use super::scratch::{LatticeTriangle, Scratch};
+use crate::cluster::{ClusterMesh, LatticeBox};
+use crate::error::Result;
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
+
+/// Memory that one worker takes: triangles (80 B), primitives (28 B), clusters and tree (about 40 B), the read
+/// buffer and the pages that wait for their turn (about 30 B).
+pub(super) fn worker_bytes() -> u64 {
+    CHUNK_TRIANGLES * (80 + 28 + 40 + 32)
+}
+
+/// A node of the binary tree over a chunk's clusters.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Tree {
+    Cluster(u32),
+    Split(u32, u32),
+}
+
+/// Clusters and the tree above them; the last node is the root.
+#[derive(Default)]
+pub(super) struct Clusters {
+    pub(super) clusters: Vec<ClusterMesh>,
+    pub(super) tree: Vec<(LatticeBox, Tree)>,
+}
+
+/// Memory of a worker, reused from chunk to chunk.
+#[derive(Default)]
+pub(super) struct Workspace {
+    buffer: Vec<u8>,
+    run: Vec<LatticeTriangle>,
+    triangles: Vec<LatticeTriangle>,
+    prims: Vec<Prim>,
+}
+
+impl Workspace {
+    /// Reads and builds one chunk.
+    pub(super) fn build(
+        &mut self,
+        chunk: &Chunk,
+        scratch: &Scratch,
+        context: PackContext<'_>,
+    ) -> Result<ChunkPages> {
+        self.triangles.clear();
+        for piece in &chunk.pieces {
+            self.run.clear();
+            scratch.read(&piece.run, &mut self.buffer, &mut self.run)?;
+            self.triangles.extend_from_slice(&self.run[piece.skip as usize..][..piece.take as usize]);
+        }
+        let clusters = self.cluster_all();
+        Ok(pages::pack(clusters, context))
+    }
+
+    fn cluster_all(&mut self) -> Clusters {
+        let mut all = LatticeBox::EMPTY;
+        self.triangles.iter().for_each(|t| t.q.iter().for_each(|&q| all.add(q)));
+        self.prims.clear();
+        self.prims.extend(self.triangles.iter().enumerate().map(|(index, t)| {
+            let mut exact = LatticeBox::EMPTY;
+            t.q.iter().for_each(|&q| exact.add(q));
+            Prim::of(&exact, all.lo, index as u32)
+        }));
+        let mut out = Clusters::default();
+        out.grow(&mut self.prims, &self.triangles);
+        out
+    }
+}
+
+impl Clusters {
+    /// Adds the subtree over `prims`; gives its node.
+    fn grow(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> u32 {
+        if prims.len() <= CLUSTER_TRIANGLES {
+            order_leaves(prims);
+            if let Some(cluster) = cluster_of(prims, triangles) {
+                self.tree.push((cluster.bounds(), Tree::Cluster(self.clusters.len() as u32)));
+                self.clusters.push(cluster);
+                return self.tree.len() as u32 - 1;
+            }
+        }
+        let quantum = if prims.len() > CLUSTER_TRIANGLES { CLUSTER_TRIANGLES } else { LEAF_TRIANGLES };
+        let cut = split(prims, quantum);
+        let (left, right) = prims.split_at_mut(cut);
+        let (left, right) = (self.grow(left, triangles), self.grow(right, triangles));
+        let bounds = self.tree[left as usize].0.join(&self.tree[right as usize].0);
+        self.tree.push((bounds, Tree::Split(left, right)));
+        self.tree.len() as u32 - 1
+    }
+}
+
+/// Orders a cluster's primitives so that each eight in a row make a tight leaf.
+fn order_leaves(prims: &mut [Prim]) {
+    if prims.len() <= LEAF_TRIANGLES {
+        prims.sort_unstable_by_key(|prim| prim.index);
+        return;
+    }
+    let cut = split(prims, LEAF_TRIANGLES);
+    let (left, right) = prims.split_at_mut(cut);
+    order_leaves(left);
+    order_leaves(right);
+}
+
+/// Welds the primitives' corners; `None` when they are more than a cluster can hold. Vertices stand in the
+/// order of first use.
+fn cluster_of(prims: &[Prim], triangles: &[LatticeTriangle]) -> Option<ClusterMesh> {
+    const SLOTS: usize = 4 * CLUSTER_TRIANGLES;
+    const FREE: u8 = 255;
+    const { assert!(CLUSTER_VERTICES <= FREE as usize && SLOTS > CLUSTER_VERTICES) }
+    let mut slots = [FREE; SLOTS];
+    let mut cluster = ClusterMesh::default();
+    for prim in prims {
+        let triangle = &triangles[prim.index as usize];
+        let mut corners = [0; 3];
+        for (corner, q) in triangle.q.iter().enumerate() {
+            let mut slot = hash(q) % SLOTS;
+            corners[corner] = loop {
+                match slots[slot] {
+                    FREE if cluster.vertices.len() == CLUSTER_VERTICES => return None,
+                    FREE => {
+                        slots[slot] = cluster.vertices.len() as u8;
+                        cluster.vertices.push(*q);
+                        break slots[slot];
+                    }
+                    index if cluster.vertices[index as usize] == *q => break index,
+                    _ => slot = (slot + 1) % SLOTS,
+                }
+            };
+        }
+        cluster.triangles.push(corners);
+        cluster.materials.push(triangle.material);
+    }
+    Some(cluster)
+}
+
+fn hash(q: &[i64; 3]) -> usize {
+    let mix = q.iter().fold(0u64, |h, &v| (h ^ v as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23));
+    (mix >> 20) as usize
+}

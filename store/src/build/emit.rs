@@ -1,0 +1,324 @@
+//! Emit: workers build chunks, one writer puts their pages into the file in chunk order, then tables and heads.
+//!
+//! Invariants: 1. pages stand in chunk order whatever the number of workers; 2. at most [`WINDOW`] finished
+//! chunks a worker wait for their turn; 3. every byte written is covered by a hash.
+
+use super::chunk::{Workspace, worker_bytes};
+use super::lattice::{Scan, Tell};
+use super::pages::{ChunkPages, PackContext, Wide, WideRef};
+use super::partition::Partition;
+use super::publish::DraftFile;
+use super::sah::{Prim, split};
+use super::{BuildOptions, BuildReport};
+use crate::cluster::{LatticeBox, Node, TopRef};
+use crate::error::{Code, Error, Result};
+use crate::geom::Aabb;
+use crate::layout::*;
+use crate::material::Material;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::sync::{Condvar, Mutex};
+use std::time::Duration;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Chunks that may be finished ahead of the writer, per worker.
+const WINDOW: usize = 3;
+
+/// Writes everything between the two superblocks and the superblocks themselves.
+pub(super) fn emit(
+    parted: &Partition,
+    scan: &Scan,
+    materials: &[Material],
+    options: &BuildOptions,
+    mut file: DraftFile<'_>,
+    tell: Tell<'_>,
+    out: &mut BuildReport,
+) -> Result<Superblock> {
+    let workers = options.threads.min(parted.chunks.len()).max(1);
+    let _lease = options.budget.lease("the cluster builders", worker_bytes() * workers as u64)?;
+    let node_shift = node_shift(parted.grid.bits);
+    let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
+    let context = PackContext { node_shift, emissive: &emissive };
+    let materials_json = serde_json::to_vec(materials).expect("materials are plain data");
+    let mut writer = Writer {
+        file_id: file_id(parted, &materials_json),
+        node_shift,
+        block: superblock_of(parted, scan),
+        pages: Vec::new(),
+        nodes: Vec::new(),
+        roots: Vec::new(),
+        emitters: Vec::new(),
+        emitter_count: 0,
+        scratch_bytes: parted.scratch.bytes(),
+    };
+    file.append(&[0; SUPERBLOCK_BYTES])?;
+    in_order(parted, workers, context, &options.interrupt, |chunk, pages| {
+        writer.add_chunk(pages, &mut file)?;
+        for piece in &parted.chunks[chunk].pieces {
+            // A run that two chunks share is given back by the second.
+            if piece.skip + piece.take == piece.run.triangle_count {
+                parted.scratch.discard(&piece.run);
+            }
+        }
+        tell("clusters", "triangles", writer.block.triangle_count, parted.triangle_count);
+        Ok(())
+    })?;
+    out.scratch_peak_bytes = writer.scratch_bytes;
+    writer.finish(&mut file, &materials_json, materials.len(), out)
+}
+
+/// Builds all chunks on `workers` threads and hands the results to `take`, in order.
+fn in_order(
+    parted: &Partition,
+    workers: usize,
+    context: PackContext<'_>,
+    interrupt: &crate::Interrupt,
+    mut take: impl FnMut(usize, ChunkPages) -> Result<()>,
+) -> Result<()> {
+    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let written = (Mutex::new(0usize), Condvar::new());
+    let window = WINDOW * workers;
+    std::thread::scope(|scope| {
+        let (sender, results) = sync_channel::<(usize, Result<ChunkPages>)>(workers);
+        for worker in 0..workers {
+            let (sender, next, stop, written) = (sender.clone(), &next, &stop, &written);
+            let work = move || {
+                let mut workspace = Workspace::default();
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= parted.chunks.len() || stop.load(Ordering::Relaxed) {
+                        return;
+                    }
+                    let mut done = written.0.lock().expect("no panic while held");
+                    while index >= *done + window && !stop.load(Ordering::Relaxed) {
+                        done = written.1.wait_timeout(done, Duration::from_millis(100)).expect("as above").0;
+                    }
+                    drop(done);
+                    let result = workspace.build(&parted.chunks[index], &parted.scratch, context);
+                    if sender.send((index, result)).is_err() {
+                        return;
+                    }
+                }
+            };
+            let name = format!("trex-build-{worker}");
+            std::thread::Builder::new().name(name).spawn_scoped(scope, work).expect("a thread");
+        }
+        drop(sender);
+        let mut waiting = BTreeMap::new();
+        let mut turn = 0;
+        let outcome = loop {
+            if let Err(error) = interrupt.check() {
+                break Err(error);
+            }
+            let (index, result) = match results.recv_timeout(Duration::from_millis(100)) {
+                Ok(message) => message,
+                Err(RecvTimeoutError::Timeout) => continue,
+                Err(RecvTimeoutError::Disconnected) => break Ok(()),
+            };
+            let taken = result.and_then(|pages| {
+                waiting.insert(index, pages);
+                while let Some(pages) = waiting.remove(&turn) {
+                    take(turn, pages)?;
+                    turn += 1;
+                    *written.0.lock().expect("no panic while held") = turn;
+                    written.1.notify_all();
+                }
+                Ok(())
+            });
+            if let Err(error) = taken {
+                break Err(error);
+            }
+        };
+        stop.store(true, Ordering::Relaxed);
+        written.1.notify_all();
+        drop(results);
+        outcome
+    })
+}
+
+/// The file id: what was read and what was asked.
+fn file_id(parted: &Partition, materials_json: &[u8]) -> u64 {
+    let mut bytes = Vec::from(materials_json);
+    bytes.extend(parted.content_hash.to_le_bytes());
+    bytes.extend(parted.grid.lattice.exponent.to_le_bytes());
+    parted.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
+    bytes.extend(VERSION.to_le_bytes());
+    xxh3_64(&bytes)
+}
+
+fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
+    Superblock {
+        file_bytes: 0,
+        file_id: 0,
+        lattice: parted.grid.lattice,
+        lattice_bits: parted.grid.bits,
+        node_shift: node_shift(parted.grid.bits),
+        error_bound: parted.error_bound,
+        bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
+        lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
+        median_edge: scan.median_edge,
+        input_triangle_count: parted.input_triangle_count,
+        triangle_count: 0,
+        vertex_count: 0,
+        cluster_count: 0,
+        wide_cluster_count: 0,
+        rejected_degenerate: parted.rejected_degenerate,
+        rejected_non_finite: parted.rejected_non_finite,
+        resident_bytes: 0,
+        page_tree_bytes: 0,
+        root: 0,
+        sections: [Section::default(); SECTIONS],
+    }
+}
+
+/// Collects what the tables need while pages go out.
+struct Writer {
+    file_id: u64,
+    node_shift: u32,
+    block: Superblock,
+    pages: Vec<PageEntry>,
+    nodes: Vec<Node>,
+    /// Per chunk: its box and where its root is.
+    roots: Vec<(LatticeBox, TopRef)>,
+    emitters: Vec<u8>,
+    emitter_count: u64,
+    scratch_bytes: u64,
+}
+
+impl Writer {
+    fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
+        let (first_page, first_node) = (self.pages.len() as u32, self.nodes.len() as u32);
+        if self.pages.len() + chunk.pages.len() > PAGES as usize {
+            return Err(Error::new(Code::InputRange, "the model needs more pages than a trex file can have")
+                .at_place("the input")
+                .numbers(format!("at most {PAGES}"))
+                .next("cut the input in parts and build each"));
+        }
+        for page in chunk.pages {
+            let (id, first_triangle) = (self.pages.len() as u32, self.block.triangle_count as u32);
+            let offset = file.append(&page.stored)?;
+            self.pages.push(PageEntry {
+                offset,
+                hash: page_hash(&page.stored, self.file_id, id),
+                stored_bytes: page.stored.len() as u32,
+                unpacked_bytes: page.unpacked_bytes as u32,
+                first_triangle,
+                triangle_count: page.triangle_count as u32,
+                kind: PageKind::Mesh,
+                packing: page.packing,
+            });
+            for emitter in &page.emitters {
+                emitter.corners.as_flattened().iter().for_each(|q| self.emitters.extend(q.to_le_bytes()));
+                self.emitters.extend(u32::from(emitter.material).to_le_bytes());
+                self.emitters.extend((first_triangle + emitter.triangle).to_le_bytes());
+                self.emitter_count += 1;
+            }
+            let block = &mut self.block;
+            block.triangle_count += page.triangle_count as u64;
+            block.vertex_count += page.vertex_count as u64;
+            block.cluster_count += page.cluster_count as u64;
+            block.wide_cluster_count += page.wide_cluster_count as u64;
+            block.resident_bytes += page.frame_bytes as u64;
+            block.page_tree_bytes += page.node_bytes as u64;
+        }
+        let moved = |r: TopRef| match r {
+            TopRef::Node(index) => TopRef::Node(first_node + index),
+            TopRef::Page { page, slot } => TopRef::Page { page: first_page + page, slot },
+        };
+        for children in &chunk.nodes {
+            let children: Vec<_> = children.iter().map(|&(b, r)| (b, moved(r).to_word())).collect();
+            self.nodes.push(Node::over(&children, self.node_shift));
+        }
+        self.roots.push((chunk.root.0, moved(chunk.root.1)));
+        Ok(())
+    }
+
+    /// Joins the chunks' trees, writes the sections and both superblocks.
+    fn finish(
+        mut self,
+        file: &mut DraftFile<'_>,
+        materials_json: &[u8],
+        material_count: usize,
+        out: &mut BuildReport,
+    ) -> Result<Superblock> {
+        let bounds = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
+        self.block.root = self.join_roots().to_word();
+        self.block.lattice_bounds = [bounds.lo, bounds.hi];
+        self.block.bounds =
+            Aabb { lo: self.block.lattice.position(bounds.lo), hi: self.block.lattice.position(bounds.hi) };
+        let mut table = Vec::with_capacity(self.pages.len() * PAGE_ENTRY_BYTES);
+        self.pages.iter().for_each(|entry| entry.write(&mut table));
+        let tree: &[u8] = bytemuck::cast_slice(&self.nodes);
+        let sections = [
+            (SectionKind::PageTable, table.as_slice(), self.pages.len()),
+            (SectionKind::TopTree, tree, self.nodes.len()),
+            (SectionKind::Materials, materials_json, material_count),
+            (SectionKind::Emitters, &self.emitters, self.emitter_count as usize),
+        ];
+        self.block.file_id = self.file_id;
+        for (slot, (kind, bytes, count)) in sections.into_iter().enumerate() {
+            let offset = file.append(bytes)?;
+            let hash = section_hash(bytes, self.file_id, kind as u32);
+            self.block.sections[slot] =
+                Section { kind: kind as u32, count: count as u32, offset, bytes: bytes.len() as u64, hash };
+        }
+        self.block.file_bytes = file.bytes() + SUPERBLOCK_BYTES as u64;
+        let head = self.block.to_bytes();
+        file.append(&head)?;
+        file.write_head(&head)?;
+        let block = &self.block;
+        out.input_triangle_count = block.input_triangle_count;
+        out.triangle_count = block.triangle_count;
+        out.rejected_degenerate = block.rejected_degenerate;
+        out.rejected_non_finite = block.rejected_non_finite;
+        out.cluster_count = block.cluster_count;
+        out.wide_cluster_count = block.wide_cluster_count;
+        out.page_count = self.pages.len() as u32;
+        out.emitter_count = self.emitter_count;
+        out.output_bytes = block.file_bytes;
+        out.file_id = format!("{:016x}", self.file_id);
+        out.cluster_fill =
+            block.triangle_count as f64 / (block.cluster_count.max(1) * CLUSTER_TRIANGLES as u64) as f64;
+        out.error_bound = block.error_bound;
+        Ok(self.block)
+    }
+
+    /// The tree above the chunks: SAH again, collapsed to 8-wide nodes. Gives the root of all.
+    fn join_roots(&mut self) -> TopRef {
+        let all = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
+        let mut prims: Vec<_> =
+            self.roots.iter().enumerate().map(|(i, (b, _))| Prim::of(b, all.lo, i as u32)).collect();
+        let mut tree = Vec::new();
+        grow(&mut prims, &self.roots, &mut tree);
+        let wide = Wide::over(&tree);
+        let first = self.nodes.len() as u32;
+        let word = |r: WideRef, roots: &[(LatticeBox, TopRef)]| match r {
+            WideRef::Leaf(i) => roots[i as usize].1,
+            WideRef::Node(i) => TopRef::Node(first + i),
+        };
+        for children in &wide.nodes {
+            let children: Vec<_> = children.iter().map(|&(b, r)| (b, word(r, &self.roots).to_word())).collect();
+            self.nodes.push(Node::over(&children, self.node_shift));
+        }
+        word(wide.root, &self.roots)
+    }
+}
+
+/// The binary tree over chunk roots.
+fn grow(
+    prims: &mut [Prim],
+    roots: &[(LatticeBox, TopRef)],
+    tree: &mut Vec<(LatticeBox, super::chunk::Tree)>,
+) -> u32 {
+    use super::chunk::Tree;
+    if let [only] = prims {
+        tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
+    } else {
+        let cut = split(prims, 1);
+        let (left, right) = prims.split_at_mut(cut);
+        let (left, right) = (grow(left, roots, tree), grow(right, roots, tree));
+        tree.push((tree[left as usize].0.join(&tree[right as usize].0), Tree::Split(left, right)));
+    }
+    tree.len() as u32 - 1
+}

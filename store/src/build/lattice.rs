@@ -1,0 +1,187 @@
+//! The scan pass and the choice of the lattice (design section 3, "One lattice for the whole model").
+//!
+//! Invariants: 1. the median edge is never overstated: the histogram gives the lower end of its bin; 2. the
+//! lattice's origin is a multiple of the step, so that an input that lies on the lattice stays exact.
+
+use super::{BuildOptions, Precision};
+use crate::error::{Code, Error, Result};
+use crate::geom::{Aabb, Lattice, exp2i};
+use crate::source::{TriangleBatch, TriangleSource};
+use std::time::Instant;
+
+/// What is known of the input before the lattice is chosen.
+#[derive(Clone, Copy, Debug)]
+pub struct Scan {
+    /// Box of the finite vertices.
+    pub bounds: Aabb,
+    /// At most the median edge length, model units; 0 when there is no edge.
+    pub median_edge: f64,
+    /// Triangles to come (generators: within 1 %).
+    pub triangle_count: u64,
+}
+
+/// The lattice and how many bits its coordinates take.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    pub(super) lattice: Lattice,
+    pub(super) bits: u32,
+}
+
+/// Progress: phase, unit, done, total.
+pub(super) type Tell<'a> = &'a (dyn Fn(&'static str, &'static str, u64, u64) + Sync);
+
+/// Asks the source, or reads it once.
+pub(super) fn scan(
+    source: &mut dyn TriangleSource,
+    options: &BuildOptions,
+    tell: Tell<'_>,
+    wait_ms: &mut u64,
+) -> Result<Scan> {
+    if let Some(hint) = source.hint() {
+        let (bounds, median_edge) = (hint.bounds, hint.median_edge);
+        return Ok(Scan { bounds, median_edge, triangle_count: hint.triangle_count });
+    }
+    let _lease = options.budget.lease("a batch of triangles", TriangleBatch::BYTES + EdgeHistogram::BYTES)?;
+    let mut batch = TriangleBatch::default();
+    let (mut bounds, mut edges, mut triangle_count) = (Aabb::EMPTY, EdgeHistogram::new(), 0);
+    let mut waited = std::time::Duration::ZERO;
+    loop {
+        let before = Instant::now();
+        let more = source.next_batch(&mut batch)?;
+        waited += before.elapsed();
+        if !more {
+            break;
+        }
+        options.interrupt.check()?;
+        triangle_count += batch.len() as u64;
+        for corners in batch.corners.iter().filter(|c| c.as_flattened().iter().all(|v| v.is_finite())) {
+            corners.iter().for_each(|&corner| bounds.add(corner));
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                edges.add(corners[a], corners[b]);
+            }
+        }
+        let stats = source.stats();
+        tell("scan", "bytes", stats.bytes_read, stats.bytes_total);
+    }
+    source.rewind()?;
+    *wait_ms += waited.as_millis() as u64;
+    Ok(Scan { bounds, median_edge: edges.median(), triangle_count })
+}
+
+/// The lattice for what the scan has seen. `name` is the input's, for messages.
+pub(super) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Grid> {
+    let extent = scan.bounds.extent();
+    let magnitude = scan.bounds.lo.iter().chain(&scan.bounds.hi).fold(0.0f64, |m, v| m.max(v.abs()));
+    if !(extent > 0.0 && extent.is_finite()) || !(1e-200..1e200).contains(&extent) {
+        return Err(Error::new(Code::InputEmpty, "the input has no extent that a lattice could divide")
+            .at_place(name)
+            .numbers(format!("extent {extent:e}, {} triangles", scan.triangle_count))
+            .next("check the input's coordinates"));
+    }
+    let finest = floor_log2(extent) - 38;
+    let exponent = match precision {
+        Precision::Default => {
+            let median = if scan.median_edge > 0.0 { scan.median_edge / 128.0 } else { f64::INFINITY };
+            let half_step = median.min(extent * exp2i(-17));
+            // f64 itself ends the useful steps: nothing finer than the last bit of the coordinates.
+            (floor_log2(half_step) + 1).max(finest).max(floor_log2(magnitude) - 52)
+        }
+        Precision::GridBits(bits) => {
+            let cells = exp2i(bits as i32) - 1.0;
+            let exact = extent / cells;
+            if exact > exp2i(floor_log2(exact)) { floor_log2(exact) + 1 } else { floor_log2(exact) }
+        }
+        Precision::Error(bound) => floor_log2(bound) + 1,
+    };
+    let step = exp2i(exponent);
+    let floor = |v: f64| if (v / step).abs() < exp2i(52) { (v / step).floor() * step } else { v };
+    let lattice = Lattice { origin: scan.bounds.lo.map(floor), exponent };
+    let far = (0..3).map(|a| (scan.bounds.hi[a] - lattice.origin[a]) / step).fold(0.0, f64::max).ceil();
+    if far >= exp2i(Lattice::MAX_BITS as i32) {
+        return Err(Error::new(Code::Usage, "the lattice is too fine for the model")
+            .at_place(name)
+            .numbers(format!("extent {extent:e} / step {step:e} takes {:.1} bits, at most 40", far.log2()))
+            .next(format!("ask for an error of at least {:e}, or leave it to the default", exp2i(finest) / 2.0)));
+    }
+    Ok(Grid { lattice, bits: 64 - (far as u64).leading_zeros() })
+}
+
+/// `floor(log2(value))` of a normal number.
+fn floor_log2(value: f64) -> i32 {
+    ((value.to_bits() >> 52 & 0x7ff) as i32) - 1023
+}
+
+/// Edge lengths in bins of 1/32 octave, over the whole range of f64.
+struct EdgeHistogram {
+    counts: Vec<u64>,
+}
+
+impl EdgeHistogram {
+    /// Squares are binned: 2048 exponents x 16 mantissa bins (1/16 octave of the square, 1/32 of the length).
+    const MANTISSA_BITS: u32 = 4;
+    const BYTES: u64 = 8 * 2048 << Self::MANTISSA_BITS;
+
+    fn new() -> EdgeHistogram {
+        EdgeHistogram { counts: vec![0; 2048 << Self::MANTISSA_BITS] }
+    }
+
+    fn add(&mut self, a: [f64; 3], b: [f64; 3]) {
+        let square: f64 = (0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum();
+        if square > 0.0 && square.is_finite() {
+            self.counts[(square.to_bits() >> (52 - Self::MANTISSA_BITS)) as usize] += 1;
+        }
+    }
+
+    fn median(&self) -> f64 {
+        let total: u64 = self.counts.iter().sum();
+        let mut below = 0;
+        for (bin, count) in self.counts.iter().enumerate() {
+            below += count;
+            if 2 * below >= total && total > 0 {
+                return f64::from_bits((bin as u64) << (52 - Self::MANTISSA_BITS)).sqrt();
+            }
+        }
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scan_of(lo: [f64; 3], hi: [f64; 3], median_edge: f64) -> Scan {
+        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count: 1 }
+    }
+
+    #[test]
+    fn the_default_step_keeps_both_promises() {
+        for (extent, median) in [(1.0, 0.01), (1e9, 3.0), (1e-6, 1e-9), (100.0, 100.0), (3.0, 1e-3)] {
+            let grid = choose(&scan_of([0.0; 3], [extent; 3], median), Precision::Default, "t").unwrap();
+            let half = grid.lattice.step() / 2.0;
+            assert!(half <= median / 128.0 && half <= extent / 131072.0, "{extent} {median}: {half}");
+            assert!(half > (median / 128.0).min(extent / 131072.0) / 2.0, "{extent} {median}: {half} is too fine");
+            assert!(extent / grid.lattice.step() < exp2i(grid.bits as i32));
+        }
+    }
+
+    #[test]
+    fn grid_bits_and_error_are_kept() {
+        let scan = scan_of([-5.0, 0.0, 0.0], [6.0, 1.0, 2.0], 0.1);
+        let grid = choose(&scan, Precision::GridBits(20), "t").unwrap();
+        assert!(grid.bits <= 21 && grid.bits >= 19, "{}", grid.bits);
+        let grid = choose(&scan, Precision::Error(0.001), "t").unwrap();
+        assert!(grid.lattice.step() <= 0.002 && grid.lattice.step() > 0.001);
+        let refused = choose(&scan, Precision::Error(1e-13), "t").unwrap_err();
+        assert_eq!(refused.code(), Code::Usage);
+    }
+
+    #[test]
+    fn the_median_is_not_overstated() {
+        let mut edges = EdgeHistogram::new();
+        for i in 1..=1001 {
+            edges.add([0.0; 3], [f64::from(i), 0.0, 0.0]);
+        }
+        let median = edges.median();
+        assert!(median <= 501.0 && median > 501.0 * 0.96, "{median}");
+    }
+}

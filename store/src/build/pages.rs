@@ -1,0 +1,242 @@
+//! From a chunk's binary tree to 8-wide nodes, and from these to pages.
+//!
+//! ```text
+//! place(subtree): fits what is left of the open page?  -> a root of that page
+//!                 one cluster?                         -> a root of a new page
+//!                 else                                 -> a node of the top tree; place its children
+//! ```
+//!
+//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could.
+//!
+//! Invariants: 1. a page refers to nothing outside of itself; 2. its frame form fits a frame; 3. within a page a
+//! node stands before its children.
+
+use super::chunk::{Clusters, Tree};
+use crate::cluster::{ClusterMesh, LatticeBox, Node, PageContent, PageRef, TopRef};
+use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
+
+/// A page ready to be written.
+pub(super) struct PackedPage {
+    /// As it will stand on disk.
+    pub(super) stored: Vec<u8>,
+    pub(super) packing: Packing,
+    pub(super) unpacked_bytes: usize,
+    pub(super) node_bytes: usize,
+    pub(super) frame_bytes: usize,
+    pub(super) triangle_count: usize,
+    pub(super) vertex_count: usize,
+    pub(super) cluster_count: usize,
+    pub(super) wide_cluster_count: usize,
+    pub(super) emitters: Vec<PageEmitter>,
+}
+
+/// An emissive triangle of a page.
+pub(super) struct PageEmitter {
+    /// Index within the page.
+    pub(super) triangle: u32,
+    pub(super) corners: [[i64; 3]; 3],
+    pub(super) material: u16,
+}
+
+/// What the pages of all chunks share.
+#[derive(Clone, Copy)]
+pub(super) struct PackContext<'a> {
+    pub(super) node_shift: u32,
+    /// Per material: does it emit?
+    pub(super) emissive: &'a [bool],
+}
+
+/// The result of a chunk. Page and node numbers count from the chunk's own first.
+pub(super) struct ChunkPages {
+    pub(super) pages: Vec<PackedPage>,
+    /// Top-tree nodes; children before parents.
+    pub(super) nodes: Vec<Vec<(LatticeBox, TopRef)>>,
+    pub(super) root: (LatticeBox, TopRef),
+}
+
+/// What LZ4 must save, in percent of the raw bytes, to be worth its decode.
+const LZ4_GAIN_PERCENT: usize = 3;
+
+/// Cuts the tree into pages and encodes them.
+pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
+    let wide = Wide::over(&clusters.tree);
+    let sizes: Vec<usize> = clusters.clusters.iter().map(ClusterMesh::frame_bytes).collect();
+    let mut clusters: Vec<Option<ClusterMesh>> = clusters.clusters.into_iter().map(Some).collect();
+    let mut packer = Packer {
+        subtree_bytes: wide.subtree_bytes(&sizes),
+        wide: &wide,
+        sizes,
+        clusters: &mut clusters,
+        open: PageContent::default(),
+        open_bytes: 0,
+        context,
+        out: ChunkPages { pages: Vec::new(), nodes: Vec::new(), root: (LatticeBox::EMPTY, TopRef::Node(0)) },
+    };
+    packer.out.root = (wide.bounds(wide.root), packer.place(wide.root));
+    packer.close();
+    packer.out
+}
+
+/// A subtree of the wide tree.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum WideRef {
+    Leaf(u32),
+    Node(u32),
+}
+
+/// The 8-wide tree over leaves 0, 1, ..; children stand before parents.
+pub(super) struct Wide {
+    pub(super) nodes: Vec<Vec<(LatticeBox, WideRef)>>,
+    pub(super) root: WideRef,
+    root_bounds: LatticeBox,
+}
+
+impl Wide {
+    /// Collapses a binary tree: a node takes the largest of its subtrees apart until it has eight children.
+    pub(super) fn over(tree: &[(LatticeBox, Tree)]) -> Wide {
+        let (bounds, _) = tree[tree.len() - 1];
+        let mut wide = Wide { nodes: Vec::new(), root: WideRef::Leaf(0), root_bounds: bounds };
+        wide.root = wide.collapse(tree, tree.len() as u32 - 1);
+        wide
+    }
+
+    fn collapse(&mut self, tree: &[(LatticeBox, Tree)], at: u32) -> WideRef {
+        let (left, right) = match tree[at as usize].1 {
+            Tree::Cluster(index) => return WideRef::Leaf(index),
+            Tree::Split(left, right) => (left, right),
+        };
+        let mut open = vec![left, right];
+        while open.len() < NODE_WIDTH {
+            let largest = (0..open.len())
+                .filter(|&i| matches!(tree[open[i] as usize].1, Tree::Split(..)))
+                .max_by(|&a, &b| {
+                    let area = |i: usize| tree[open[i] as usize].0.half_area();
+                    area(a).total_cmp(&area(b)).then(b.cmp(&a))
+                });
+            let Some(i) = largest else { break };
+            let Tree::Split(left, right) = tree[open[i] as usize].1 else { unreachable!("filtered") };
+            open.splice(i..=i, [left, right]);
+        }
+        let children = open.into_iter().map(|child| (tree[child as usize].0, self.collapse(tree, child))).collect();
+        self.nodes.push(children);
+        WideRef::Node(self.nodes.len() as u32 - 1)
+    }
+
+    fn bounds(&self, at: WideRef) -> LatticeBox {
+        match at {
+            WideRef::Leaf(_) => self.root_bounds,
+            WideRef::Node(i) => self.nodes[i as usize].iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b)),
+        }
+    }
+
+    /// Frame bytes of the subtree under each node.
+    fn subtree_bytes(&self, leaf_bytes: &[usize]) -> Vec<usize> {
+        let mut bytes: Vec<usize> = Vec::with_capacity(self.nodes.len());
+        for children in &self.nodes {
+            let below: usize = children.iter().map(|&(_, child)| match child {
+                WideRef::Leaf(i) => leaf_bytes[i as usize],
+                WideRef::Node(i) => bytes[i as usize],
+            }).sum();
+            bytes.push(Node::BYTES + below);
+        }
+        bytes
+    }
+}
+
+/// Fills one page after the other.
+struct Packer<'a> {
+    wide: &'a Wide,
+    sizes: Vec<usize>,
+    subtree_bytes: Vec<usize>,
+    clusters: &'a mut [Option<ClusterMesh>],
+    open: PageContent,
+    /// Frame bytes of nodes and clusters in the open page.
+    open_bytes: usize,
+    context: PackContext<'a>,
+    out: ChunkPages,
+}
+
+/// Frame bytes for nodes and clusters; header and all root slots are set aside.
+const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS;
+
+impl Packer<'_> {
+    fn place(&mut self, at: WideRef) -> TopRef {
+        let bytes = match at {
+            WideRef::Leaf(i) => self.sizes[i as usize],
+            WideRef::Node(i) => self.subtree_bytes[i as usize],
+        };
+        let fits = self.open_bytes + bytes <= PAGE_CAPACITY && self.open.roots.len() < PAGE_ROOTS;
+        match at {
+            WideRef::Node(i) if !fits => {
+                let children = self.wide.nodes[i as usize].iter().map(|&(b, child)| (b, self.place(child))).collect();
+                self.out.nodes.push(children);
+                return TopRef::Node(self.out.nodes.len() as u32 - 1);
+            }
+            WideRef::Leaf(_) if !fits => self.close(),
+            _ => {}
+        }
+        self.open_bytes += bytes;
+        let root = self.copy(at);
+        self.open.roots.push(root);
+        TopRef::Page { page: self.out.pages.len() as u32, slot: self.open.roots.len() as u32 - 1 }
+    }
+
+    /// Copies a subtree into the open page.
+    fn copy(&mut self, at: WideRef) -> PageRef {
+        match at {
+            WideRef::Leaf(i) => {
+                self.open.clusters.push(self.clusters[i as usize].take().expect("a cluster is placed once"));
+                PageRef::Cluster(self.open.clusters.len() as u16 - 1)
+            }
+            WideRef::Node(i) => {
+                let index = self.open.nodes.len();
+                self.open.nodes.push(Vec::new());
+                let children =
+                    self.wide.nodes[i as usize].iter().map(|&(b, child)| (b, self.copy(child))).collect();
+                self.open.nodes[index] = children;
+                PageRef::Node(index as u16)
+            }
+        }
+    }
+
+    /// Ends the open page.
+    fn close(&mut self) {
+        self.open_bytes = 0;
+        let page = std::mem::take(&mut self.open);
+        if page.clusters.is_empty() {
+            return;
+        }
+        let (raw, node_bytes) = page.encode(self.context.node_shift);
+        let packed = lz4_flex::block::compress(&raw);
+        let gains = packed.len() * 100 <= raw.len() * (100 - LZ4_GAIN_PERCENT);
+        let unpacked_bytes = raw.len();
+        let (stored, packing) = if gains { (packed, Packing::Lz4) } else { (raw, Packing::Raw) };
+        self.out.pages.push(PackedPage {
+            stored,
+            packing,
+            unpacked_bytes,
+            node_bytes,
+            frame_bytes: page.frame_bytes(),
+            triangle_count: page.triangle_count(),
+            vertex_count: page.clusters.iter().map(|c| c.vertices.len()).sum(),
+            cluster_count: page.clusters.len(),
+            wide_cluster_count: page.clusters.iter().filter(|c| c.widths().wide).count(),
+            emitters: emitters_of(&page.clusters, self.context.emissive),
+        });
+    }
+}
+
+fn emitters_of(clusters: &[ClusterMesh], emissive: &[bool]) -> Vec<PageEmitter> {
+    let mut emitters = Vec::new();
+    let mut first = 0;
+    for cluster in clusters {
+        for (i, (corners, &material)) in cluster.triangles.iter().zip(&cluster.materials).enumerate() {
+            if emissive.get(usize::from(material)).is_some_and(|&e| e) {
+                let corners = corners.map(|index| cluster.vertices[usize::from(index)]);
+                emitters.push(PageEmitter { triangle: first + i as u32, corners, material });
+            }
+        }
+        first += cluster.triangles.len() as u32;
+    }
+    emitters
+}

@@ -1,0 +1,396 @@
+//! Partition: triangles are snapped to the lattice and sorted into cells; runs of each cell go to scratch.
+//!
+//! A loose octree without pointers: a triangle goes to the finest level whose cells are at least as large as
+//! the triangle, and there to the cell of its centroid; so plates do not widen the boxes of bolts. Cells are
+//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`]; a cell with more is cut
+//! again, finer.
+//!
+//! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone: not from
+//! threads, limits or the lengths of runs; 2. buffered triangles never exceed the leased bytes; 3. a chunk holds
+//! at most `CHUNK_TRIANGLES`.
+
+use super::lattice::{Grid, Scan, Tell};
+use super::scratch::{LatticeTriangle, Run, Scratch, encode};
+use super::{BuildOptions, no_triangles};
+use crate::error::{Code, Error, Result};
+use crate::geom::hilbert_key;
+use crate::layout::{MATERIALS, TRIANGLES};
+use crate::source::{TriangleBatch, TriangleSource};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::mpsc::sync_channel;
+use std::time::{Duration, Instant};
+use xxhash_rust::xxh3::Xxh3;
+
+/// Most triangles of a chunk: about 16 pages, and 25 MB of work memory a thread.
+pub(super) const CHUNK_TRIANGLES: u64 = 1 << 17;
+/// Triangles of a full run.
+const RUN_TRIANGLES: usize = 4096;
+/// Bytes of a buffered triangle.
+const TRIANGLE_BYTES: u64 = size_of::<LatticeTriangle>() as u64;
+/// Memory for buffered triangles: at least this, so that runs are worth a disk access.
+pub(super) const BUFFER_BYTES_LEAST: u64 = 16 << 20;
+/// Most memory for buffered triangles; more does not make runs longer.
+const BUFFER_BYTES_MOST: u64 = 128 << 20;
+/// Finest level of the first pass: 64^3 cells.
+const LEVELS_FIRST: u32 = 6;
+/// Levels that a second cut adds.
+const LEVELS_MORE: u32 = 3;
+/// Bits of a cell's Hilbert key per axis; cells cannot be cut finer.
+const KEY_BITS: u32 = 18;
+
+/// A stretch of a run: triangles `skip .. skip + take`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    pub(super) run: Run,
+    pub(super) skip: u32,
+    pub(super) take: u32,
+}
+
+/// The unit of the cluster phase.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Chunk {
+    pub(super) pieces: Vec<Piece>,
+    pub(super) triangle_count: u64,
+}
+
+/// The whole input in chunks, in scratch.
+pub(super) struct Partition {
+    pub(super) scratch: Scratch,
+    pub(super) chunks: Vec<Chunk>,
+    pub(super) grid: Grid,
+    pub(super) input_triangle_count: u64,
+    pub(super) triangle_count: u64,
+    pub(super) rejected_degenerate: u64,
+    pub(super) rejected_non_finite: u64,
+    pub(super) error_bound: f64,
+    pub(super) content_hash: u64,
+    pub(super) wait_ms: u64,
+}
+
+/// Runs the phase. The source is read once, on its own thread.
+pub(super) fn partition(
+    source: &mut dyn TriangleSource,
+    scan: &Scan,
+    grid: Grid,
+    options: &BuildOptions,
+    scratch_folder: &Path,
+    tell: Tell<'_>,
+) -> Result<Partition> {
+    const BATCHES: u64 = 4;
+    let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
+    let buffer_bytes = (options.budget.free_bytes() / 3).clamp(BUFFER_BYTES_LEAST, BUFFER_BYTES_MOST);
+    let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
+    let name = source.name();
+    let sorted = Sorted {
+        by: By::SizeAndPlace,
+        levels: first_levels(scan.triangle_count).min(grid.bits),
+        bits: grid.bits,
+        buffered_most: buffer_bytes / TRIANGLE_BYTES,
+    };
+    let mut cells = Cells::new(Scratch::create(scratch_folder)?, sorted);
+    let mut snapper = Snapper::new(grid, name.clone());
+    let mut waited = Duration::ZERO;
+
+    std::thread::scope(|scope| -> Result<()> {
+        let (full, batches) = sync_channel::<Result<TriangleBatch>>(1);
+        let (back, empties) = sync_channel::<TriangleBatch>(BATCHES as usize);
+        (0..BATCHES - 1).for_each(|_| back.send(TriangleBatch::default()).expect("the channel has room"));
+        let reader = move || {
+            while let Ok(mut batch) = empties.recv() {
+                let message = match source.next_batch(&mut batch) {
+                    Ok(true) => Ok(batch),
+                    Ok(false) => return,
+                    Err(error) => Err(error),
+                };
+                if full.send(message).is_err() {
+                    return;
+                }
+            }
+        };
+        std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader).expect("a thread");
+        loop {
+            let before = Instant::now();
+            let Ok(message) = batches.recv() else { break };
+            waited += before.elapsed();
+            let batch = message?;
+            options.interrupt.check()?;
+            snapper.snap_all(&batch, &mut cells)?;
+            tell("partition", "triangles", snapper.input_triangle_count, scan.triangle_count);
+            let _ = back.send(batch);
+        }
+        Ok(())
+    })?;
+
+    let (scratch, chunks) = cells.into_chunks(options)?;
+    let parted = Partition {
+        triangle_count: chunks.iter().map(|c| c.triangle_count).sum(),
+        scratch,
+        chunks,
+        grid,
+        input_triangle_count: snapper.input_triangle_count,
+        rejected_degenerate: snapper.rejected_degenerate,
+        rejected_non_finite: snapper.rejected_non_finite,
+        error_bound: if snapper.exact { 0.0 } else { grid.lattice.step() / 2.0 },
+        content_hash: snapper.hasher.digest(),
+        wait_ms: waited.as_millis() as u64,
+    };
+    if parted.triangle_count == 0 {
+        return Err(no_triangles(&name, &parted));
+    }
+    Ok(parted)
+}
+
+/// Levels of the first pass: cells of some 2^15 triangles on a surface.
+fn first_levels(triangle_count: u64) -> u32 {
+    let across = (triangle_count as f64 / 131_072.0).sqrt();
+    (across.max(1.0).log2().ceil() as u32).min(LEVELS_FIRST)
+}
+
+/// From model space to the lattice, with all that is counted on the way.
+struct Snapper {
+    grid: Grid,
+    name: String,
+    hasher: Xxh3,
+    input_triangle_count: u64,
+    rejected_degenerate: u64,
+    rejected_non_finite: u64,
+    exact: bool,
+}
+
+impl Snapper {
+    fn new(grid: Grid, name: String) -> Snapper {
+        Snapper {
+            grid,
+            name,
+            hasher: Xxh3::new(),
+            input_triangle_count: 0,
+            rejected_degenerate: 0,
+            rejected_non_finite: 0,
+            exact: true,
+        }
+    }
+
+    fn snap_all(&mut self, batch: &TriangleBatch, cells: &mut Cells) -> Result<()> {
+        self.hasher.update(bytemuck::cast_slice(&batch.corners));
+        self.hasher.update(bytemuck::cast_slice(&batch.material));
+        self.input_triangle_count += batch.len() as u64;
+        if self.input_triangle_count > TRIANGLES {
+            return Err(self.too_many("triangles", TRIANGLES));
+        }
+        let (lattice, limit) = (self.grid.lattice, 1i64 << self.grid.bits);
+        for (corners, &material) in batch.corners.iter().zip(&batch.material) {
+            if !corners.as_flattened().iter().all(|v| v.is_finite()) {
+                self.rejected_non_finite += 1;
+                continue;
+            }
+            let q = corners.map(|corner| lattice.snap(corner));
+            if q.as_flattened().iter().any(|v| !(0..limit).contains(v)) {
+                return Err(Error::new(Code::InputFormat, "the input changed while it was read")
+                    .at_place(&self.name)
+                    .numbers(format!("a vertex at {corners:?} lies outside of the bounds of the first pass"))
+                    .next("build again when nothing writes to the input"));
+            }
+            self.exact &= !self.exact || (0..3).all(|c| lattice.position(q[c]) == corners[c]);
+            if q[0] == q[1] || q[1] == q[2] || q[2] == q[0] {
+                self.rejected_degenerate += 1;
+                continue;
+            }
+            let Ok(material) = u16::try_from(material) else {
+                return Err(self.too_many("materials", MATERIALS as u64));
+            };
+            cells.push(LatticeTriangle { q, material })?;
+        }
+        Ok(())
+    }
+
+    fn too_many(&self, what: &str, most: u64) -> Error {
+        Error::new(Code::InputRange, format!("the input holds more {what} than a trex file can"))
+            .at_place(&self.name)
+            .numbers(format!("at most {most}"))
+            .next("cut the input in parts and build each")
+    }
+}
+
+/// A cell: its place on the curve, its runs so far, and the buffered end.
+struct Cell {
+    level: u32,
+    key: u64,
+    runs: Vec<Run>,
+    buffer: Vec<LatticeTriangle>,
+    triangle_count: u64,
+}
+
+/// What decides a triangle's cell.
+#[derive(Clone, Copy, PartialEq)]
+enum By {
+    SizeAndPlace,
+    Place,
+}
+
+/// How one pass sorts.
+#[derive(Clone, Copy)]
+struct Sorted {
+    by: By,
+    /// Finest level: 2^levels cells an axis.
+    levels: u32,
+    /// Bits of a lattice coordinate.
+    bits: u32,
+    /// Most triangles in buffers.
+    buffered_most: u64,
+}
+
+/// All cells of one pass.
+struct Cells {
+    scratch: Scratch,
+    sorted: Sorted,
+    cells: Vec<Cell>,
+    by_place: HashMap<(u32, [u32; 3]), usize>,
+    last: ((u32, [u32; 3]), usize),
+    buffered: u64,
+}
+
+impl Cells {
+    fn new(scratch: Scratch, sorted: Sorted) -> Cells {
+        let nowhere = ((u32::MAX, [0; 3]), 0);
+        Cells { scratch, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
+    }
+
+    fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
+        let index = self.cell_of(&triangle);
+        let cell = &mut self.cells[index];
+        cell.buffer.push(triangle);
+        cell.triangle_count += 1;
+        self.buffered += 1;
+        if cell.buffer.len() >= RUN_TRIANGLES {
+            self.write_run(index)?;
+        }
+        if self.buffered >= self.sorted.buffered_most {
+            for index in 0..self.cells.len() {
+                self.write_run(index)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn cell_of(&mut self, triangle: &LatticeTriangle) -> usize {
+        let place = cell_place(triangle, &self.sorted);
+        if self.last.0 == place {
+            return self.last.1;
+        }
+        let (level, at) = place;
+        let cells = &mut self.cells;
+        let index = *self.by_place.entry(place).or_insert_with(|| {
+            let key = if level == 0 { 0 } else { hilbert_key(at, level) << (3 * (KEY_BITS - level)) };
+            cells.push(Cell { level, key, runs: Vec::new(), buffer: Vec::new(), triangle_count: 0 });
+            cells.len() - 1
+        });
+        self.last = (place, index);
+        index
+    }
+
+    fn write_run(&mut self, index: usize) -> Result<()> {
+        let cell = &mut self.cells[index];
+        if cell.buffer.is_empty() {
+            return Ok(());
+        }
+        cell.runs.push(self.scratch.append(&encode(&cell.buffer), cell.buffer.len())?);
+        self.buffered -= cell.buffer.len() as u64;
+        // The memory goes back: many cells are left behind by the stream and never filled again.
+        cell.buffer = Vec::new();
+        Ok(())
+    }
+
+    /// Writes what is buffered, cuts cells that are too full, joins small ones.
+    fn into_chunks(mut self, options: &BuildOptions) -> Result<(Scratch, Vec<Chunk>)> {
+        for index in 0..self.cells.len() {
+            self.write_run(index)?;
+        }
+        let mut whole = std::mem::take(&mut self.cells);
+        // Large triangles first, then along the curve; a place is one cell, so the order is total.
+        whole.sort_by_key(|cell| (cell.level, cell.key));
+        let mut chunks = Joined::default();
+        for cell in whole {
+            options.interrupt.check()?;
+            let finest = KEY_BITS.min(self.sorted.bits);
+            if cell.triangle_count <= CHUNK_TRIANGLES || cell.level >= finest {
+                chunks.add(&cell);
+            } else {
+                let levels = (cell.level + LEVELS_MORE).min(finest);
+                let (scratch, finer) = cut(&cell, self.scratch, levels, &self.sorted, options)?;
+                self.scratch = scratch;
+                chunks.close();
+                chunks.done.extend(finer);
+            }
+        }
+        chunks.close();
+        self.scratch.flush()?;
+        Ok((self.scratch, chunks.done))
+    }
+}
+
+/// Sorts the triangles of a cell that is too full into finer cells, by place alone: it may be full of
+/// triangles as large as itself.
+fn cut(
+    cell: &Cell,
+    scratch: Scratch,
+    levels: u32,
+    like: &Sorted,
+    options: &BuildOptions,
+) -> Result<(Scratch, Vec<Chunk>)> {
+    let mut finer = Cells::new(scratch, Sorted { levels, by: By::Place, ..*like });
+    let (mut buffer, mut triangles) = (Vec::new(), Vec::new());
+    for run in &cell.runs {
+        triangles.clear();
+        finer.scratch.read(run, &mut buffer, &mut triangles)?;
+        finer.scratch.discard(run);
+        triangles.iter().try_for_each(|&triangle| finer.push(triangle))?;
+    }
+    finer.into_chunks(options)
+}
+
+/// The level and cell of a triangle.
+fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> (u32, [u32; 3]) {
+    let [a, b, c] = &triangle.q;
+    let (bits, mut level) = (sorted.bits, sorted.levels);
+    if sorted.by == By::SizeAndPlace {
+        let side = (0..3).map(|i| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i])).max().expect("three");
+        level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
+    }
+    let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
+    (level, at)
+}
+
+/// Joins cells that follow each other while they fit a chunk; cuts what could not be divided by place.
+#[derive(Default)]
+struct Joined {
+    done: Vec<Chunk>,
+    open: Chunk,
+}
+
+impl Joined {
+    fn add(&mut self, cell: &Cell) {
+        if self.open.triangle_count + cell.triangle_count > CHUNK_TRIANGLES {
+            self.close();
+        }
+        for &run in &cell.runs {
+            let mut skip = 0;
+            while skip < run.triangle_count {
+                let room = CHUNK_TRIANGLES - self.open.triangle_count;
+                let take = (run.triangle_count - skip).min(room as u32);
+                self.open.pieces.push(Piece { run, skip, take });
+                self.open.triangle_count += u64::from(take);
+                skip += take;
+                if self.open.triangle_count == CHUNK_TRIANGLES {
+                    self.close();
+                }
+            }
+        }
+    }
+
+    fn close(&mut self) {
+        if self.open.triangle_count > 0 {
+            self.done.push(std::mem::take(&mut self.open));
+        }
+    }
+}

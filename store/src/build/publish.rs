@@ -1,0 +1,136 @@
+//! Publish: a temporary file beside the output, written once, read back, renamed.
+//!
+//! ```text
+//! check_output -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
+//! ```
+//!
+//! Invariants: 1. the output's name holds either the old file or the whole new one; 2. a draft that is not
+//! published is removed; 3. what was written leaves the page cache soon.
+
+use super::lattice::Tell;
+use super::scratch::drop_cache;
+use super::{BuildOptions, Existing};
+use crate::error::{Code, Error, Result};
+use crate::layout::Superblock;
+use crate::verify;
+use rustix::fs::fdatasync;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Dirty bytes after which they are written back and dropped from the page cache.
+const FLUSH_BYTES: u64 = 16 << 20;
+
+/// Refuses an output that exists or whose folder does not; gives the folder.
+pub(super) fn check_output(output: &Path, existing: Existing) -> Result<PathBuf> {
+    let folder = match output.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
+        _ => PathBuf::from("."),
+    };
+    if !folder.is_dir() {
+        return Err(Error::new(Code::Usage, "the output's folder does not exist")
+            .at(&folder)
+            .next("make the folder, or name another output with -o"));
+    }
+    if output.is_dir() {
+        return Err(Error::new(Code::Usage, "the output is a folder").at(output).next("name a file with -o"));
+    }
+    if existing == Existing::Keep && output.exists() {
+        return Err(Error::new(Code::Usage, "the output exists")
+            .at(output)
+            .next("name another output with -o, or allow --overwrite"));
+    }
+    Ok(folder)
+}
+
+/// The output while it has no name yet.
+pub(super) struct Draft {
+    file: tempfile::NamedTempFile,
+    folder: PathBuf,
+}
+
+/// Appends to a draft.
+pub(super) struct DraftFile<'a> {
+    draft: &'a Draft,
+    end: u64,
+    flushed: u64,
+}
+
+impl Draft {
+    pub(super) fn create(output: &Path, folder: &Path) -> Result<Draft> {
+        let name = output.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
+        let file = tempfile::Builder::new()
+            .prefix(&format!(".{name}."))
+            .suffix(".part")
+            .permissions(mode)
+            .tempfile_in(folder)
+            .map_err(|e| Error::io("create a file", folder, &e))?;
+        Ok(Draft { file, folder: folder.to_path_buf() })
+    }
+
+    pub(super) fn file(&self) -> DraftFile<'_> {
+        DraftFile { draft: self, end: 0, flushed: 0 }
+    }
+
+    /// Makes the draft the output, after every byte was read back and checked.
+    pub(super) fn publish(
+        self,
+        output: &Path,
+        block: &Superblock,
+        options: &BuildOptions,
+        tell: Tell<'_>,
+    ) -> Result<()> {
+        let file = self.file.as_file();
+        file.sync_all().map_err(|e| Error::io("write to the disk", output, &e))?;
+        drop_cache(file, 0, block.file_bytes);
+        let report = |done, total| {
+            tell("check", "bytes", done, total);
+            options.interrupt.check()
+        };
+        let found = verify::check(self.file.path(), &options.budget, &report)?;
+        if let Some(damage) = found.damage.first() {
+            return Err(Error::new(Code::Io, "the disk gave back other bytes than were written")
+                .at(output)
+                .numbers(damage.to_string())
+                .next("check the disk; nothing was published"));
+        }
+        let failed = |e: tempfile::PersistError| Error::io("rename the finished file", output, &e.error);
+        match options.existing {
+            Existing::Replace => self.file.persist(output).map_err(failed)?,
+            // Somebody may have made the file meanwhile.
+            Existing::Keep => self.file.persist_noclobber(output).map_err(failed)?,
+        };
+        let folder = File::open(&self.folder).map_err(|e| Error::io("open the folder", &self.folder, &e))?;
+        folder.sync_all().map_err(|e| Error::io("write the folder to the disk", &self.folder, &e))
+    }
+}
+
+impl DraftFile<'_> {
+    /// Bytes so far.
+    pub(super) fn bytes(&self) -> u64 {
+        self.end
+    }
+
+    /// Appends; gives the offset.
+    pub(super) fn append(&mut self, bytes: &[u8]) -> Result<u64> {
+        let (file, offset) = (self.draft.file.as_file(), self.end);
+        file.write_all_at(bytes, offset).map_err(|e| self.failed(&e))?;
+        self.end += bytes.len() as u64;
+        if self.end - self.flushed >= FLUSH_BYTES {
+            fdatasync(file).map_err(|e| self.failed(&e.into()))?;
+            drop_cache(file, self.flushed, self.end - self.flushed);
+            self.flushed = self.end;
+        }
+        Ok(offset)
+    }
+
+    /// Writes the head, last.
+    pub(super) fn write_head(&mut self, head: &[u8]) -> Result<()> {
+        self.draft.file.as_file().write_all_at(head, 0).map_err(|e| self.failed(&e))
+    }
+
+    fn failed(&self, error: &std::io::Error) -> Error {
+        Error::io("write the output", &self.draft.folder, error)
+    }
+}

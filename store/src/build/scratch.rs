@@ -1,0 +1,198 @@
+//! The scratch file: runs of snapped triangles, LZ4 blocks appended once and read once.
+//!
+//! ```text
+//! run = LZ4( 47 byte planes: corner 0 minus the run's least corner, corners 1 and 2 minus corner 0 (zigzag),
+//!            5 bytes a coordinate; material, 2 bytes )
+//! ```
+//!
+//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. what was written leaves
+//! the page cache soon, so that a memory limit is not filled with it; 3. a consumed run's blocks go back to the disk.
+
+use crate::error::{Code, Error, Result};
+use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
+use std::fs::File;
+use std::io::ErrorKind;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// A triangle on the lattice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct LatticeTriangle {
+    pub(super) q: [[i64; 3]; 3],
+    pub(super) material: u16,
+}
+
+/// Where a run lies.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Run {
+    pub(super) offset: u64,
+    pub(super) bytes: u32,
+    pub(super) triangle_count: u32,
+}
+
+/// Dirty bytes after which they are written back and dropped from the page cache.
+const FLUSH_BYTES: u64 = 16 << 20;
+/// Bits of a lattice coordinate.
+const COORDINATE_MASK: i64 = (1 << crate::geom::Lattice::MAX_BITS) - 1;
+/// Byte planes of a run.
+const PLANES: usize = 9 * 5 + 2;
+
+/// The file. Writing needs `&mut`, reading does not.
+pub(super) struct Scratch {
+    file: File,
+    folder: PathBuf,
+    end: u64,
+    flushed: u64,
+}
+
+impl Scratch {
+    pub(super) fn create(folder: &Path) -> Result<Scratch> {
+        let file = tempfile::tempfile_in(folder).map_err(|e| Error::io("create a scratch file", folder, &e))?;
+        Ok(Scratch { file, folder: folder.to_path_buf(), end: 0, flushed: 0 })
+    }
+
+    /// Bytes written.
+    pub(super) fn bytes(&self) -> u64 {
+        self.end
+    }
+
+    /// Appends a run made by [`encode`].
+    pub(super) fn append(&mut self, encoded: &[u8], triangle_count: usize) -> Result<Run> {
+        self.file.write_all_at(encoded, self.end).map_err(|e| self.failed("write to the scratch file", &e))?;
+        let run = Run { offset: self.end, bytes: encoded.len() as u32, triangle_count: triangle_count as u32 };
+        self.end += encoded.len() as u64;
+        if self.end - self.flushed >= FLUSH_BYTES {
+            self.flush()?;
+        }
+        Ok(run)
+    }
+
+    /// Writes back what is dirty and drops it from the page cache.
+    pub(super) fn flush(&mut self) -> Result<()> {
+        fdatasync(&self.file).map_err(|e| self.failed("write to the scratch file", &e.into()))?;
+        drop_cache(&self.file, self.flushed, self.end - self.flushed);
+        self.flushed = self.end;
+        Ok(())
+    }
+
+    /// Reads a run and appends its triangles to `out`.
+    pub(super) fn read(&self, run: &Run, buffer: &mut Vec<u8>, out: &mut Vec<LatticeTriangle>) -> Result<()> {
+        buffer.resize(run.bytes as usize, 0);
+        self.file.read_exact_at(buffer, run.offset).map_err(|e| self.failed("read the scratch file", &e))?;
+        drop_cache(&self.file, run.offset, u64::from(run.bytes));
+        decode(buffer, run.triangle_count as usize, out).ok_or_else(|| {
+            Error::new(Code::Io, "the scratch file gave back other bytes than were written")
+                .at_byte(&self.folder, run.offset)
+                .next("check the disk")
+        })
+    }
+
+    /// Gives a consumed run's space back to the file system, where it can.
+    pub(super) fn discard(&self, run: &Run) {
+        let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+        let _ = fallocate(&self.file, flags, run.offset, u64::from(run.bytes));
+    }
+
+    fn failed(&self, doing: &str, error: &std::io::Error) -> Error {
+        let mut failed = Error::io(doing, &self.folder, error);
+        if error.kind() == ErrorKind::StorageFull {
+            failed = failed.next("free space there, or name another folder with --temp-dir");
+        }
+        failed
+    }
+}
+
+/// Drops a range from the page cache; a file system that cannot does no harm.
+pub(super) fn drop_cache(file: &File, offset: u64, bytes: u64) {
+    let _ = fadvise(file, offset, std::num::NonZeroU64::new(bytes), Advice::DontNeed);
+}
+
+/// The bytes of a run.
+pub(super) fn encode(triangles: &[LatticeTriangle]) -> Vec<u8> {
+    let n = triangles.len();
+    let mut base = [i64::MAX; 3];
+    for t in triangles {
+        for axis in 0..3 {
+            base[axis] = base[axis].min(t.q[0][axis]);
+        }
+    }
+    let mut planes = vec![0u8; n * PLANES];
+    for corner in 0..3 {
+        for axis in 0..3 {
+            let column = &mut planes[(corner * 3 + axis) * 5 * n..][..5 * n];
+            for (i, t) in triangles.iter().enumerate() {
+                let value = match corner {
+                    0 => (t.q[0][axis] - base[axis]) as u64,
+                    _ => zigzag(t.q[corner][axis] - t.q[0][axis]),
+                };
+                for plane in 0..5 {
+                    column[plane * n + i] = (value >> (8 * plane)) as u8;
+                }
+            }
+        }
+    }
+    for (i, t) in triangles.iter().enumerate() {
+        planes[45 * n + i] = t.material as u8;
+        planes[46 * n + i] = (t.material >> 8) as u8;
+    }
+    let mut out: Vec<u8> = base.iter().flat_map(|b| b.to_le_bytes()).collect();
+    out.extend(lz4_flex::block::compress(&planes));
+    out
+}
+
+fn decode(bytes: &[u8], n: usize, out: &mut Vec<LatticeTriangle>) -> Option<()> {
+    let (head, packed) = bytes.split_at_checked(24)?;
+    let base: [i64; 3] = std::array::from_fn(|a| i64::from_le_bytes(head[8 * a..8 * a + 8].try_into().expect("8")));
+    let planes = lz4_flex::block::decompress(packed, n * PLANES).ok()?;
+    if planes.len() != n * PLANES {
+        return None;
+    }
+    let from = out.len();
+    out.resize(from + n, LatticeTriangle::default());
+    for (i, t) in out[from..].iter_mut().enumerate() {
+        for corner in 0..3 {
+            for axis in 0..3 {
+                let column = &planes[(corner * 3 + axis) * 5 * n..];
+                let value = (0..5).fold(0u64, |v, plane| v | u64::from(column[plane * n + i]) << (8 * plane));
+                t.q[corner][axis] = match corner {
+                    0 => base[axis] + value as i64,
+                    _ => (t.q[0][axis] + unzigzag(value)) & COORDINATE_MASK,
+                };
+            }
+        }
+        t.material = u16::from(planes[45 * n + i]) | u16::from(planes[46 * n + i]) << 8;
+    }
+    Some(())
+}
+
+/// Differences of 40-bit coordinates, modulo 2^40, small ones of either sign first: 40 bits hold them all.
+fn zigzag(difference: i64) -> u64 {
+    let value = difference << 24 >> 24;
+    ((value << 1) ^ (value >> 63)) as u64
+}
+
+fn unzigzag(value: u64) -> i64 {
+    (value >> 1) as i64 ^ -((value & 1) as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn runs_survive(corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>()), 1..300), shift in 0u32..8) {
+            let triangles: Vec<_> = corners
+                .iter()
+                .map(|(q, material)| LatticeTriangle {
+                    q: q.map(|c| c.map(|v| i64::from(v) << shift)),
+                    material: *material,
+                })
+                .collect();
+            let mut back = Vec::new();
+            decode(&encode(&triangles), triangles.len(), &mut back).unwrap();
+            prop_assert_eq!(back, triangles);
+        }
+    }
+}

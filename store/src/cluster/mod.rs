@@ -1,0 +1,119 @@
+//! A cluster: up to 128 triangles and 128 vertices on the lattice, and its three forms.
+//!
+//! ```text
+//! ClusterMesh (build)  --encode-->  disk form  --install-->  frame form, traced as it lies (view)
+//! ```
+//!
+//! Invariants: 1. a vertex has the same lattice coordinates in every cluster that holds it; 2. triangles stand in
+//! leaves of eight, the last one filled up with degenerate triangles; 3. a *compact* cluster packs a vertex into
+//! at most 57 bits relative to its base, at most 24 per axis; what does not fit is *wide*: 40 bits per axis.
+
+mod bits;
+mod encode;
+mod install;
+mod node;
+mod view;
+
+pub use encode::{PageContent, PageRef};
+pub use install::install;
+pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
+pub use view::{ClusterView, FrameRef, FrameView, LeafBoxes};
+
+use crate::layout::{AXIS_BITS, CLUSTER_LEAVES, LEAF_TRIANGLES, VERTEX_BITS};
+
+/// Bytes of a frame cluster before its index leaves.
+pub const CLUSTER_HEADER_BYTES: usize = 144;
+/// Bytes of one leaf's indices: 3 corners x 8 triangles x 7 bits.
+pub const LEAF_INDEX_BYTES: usize = 21;
+/// Bytes of one vertex of a wide cluster: 3 x 40 bits.
+pub const WIDE_VERTEX_BYTES: usize = 15;
+/// Zeros behind the vertices, so that 64-bit loads of the last ones stay inside of the cluster.
+pub const VERTEX_TAIL_BYTES: usize = 8;
+/// Clusters begin at multiples of this in a frame.
+pub const CLUSTER_ALIGN: usize = 8;
+
+/// A cluster while it is built, and after decoding: plain arrays.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ClusterMesh {
+    /// Lattice coordinates.
+    pub vertices: Vec<[i64; 3]>,
+    /// Corners as indices into `vertices`, in leaf order.
+    pub triangles: Vec<[u8; 3]>,
+    /// Material index per triangle.
+    pub materials: Vec<u16>,
+}
+
+/// How the vertices of a cluster are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Widths {
+    /// Least corner of the vertices.
+    pub base: [i64; 3],
+    /// Bits per axis above the base.
+    pub bits: [u8; 3],
+    /// True when they do not fit the compact form.
+    pub wide: bool,
+}
+
+impl ClusterMesh {
+    /// The box of the vertices.
+    pub fn bounds(&self) -> LatticeBox {
+        let mut bounds = LatticeBox::EMPTY;
+        self.vertices.iter().for_each(|&v| bounds.add(v));
+        bounds
+    }
+
+    /// Bit widths of the vertices.
+    pub fn widths(&self) -> Widths {
+        let bounds = self.bounds();
+        let bits = std::array::from_fn(|a| (64 - (bounds.hi[a] - bounds.lo[a]).leading_zeros()) as u8);
+        let wide = bits.iter().any(|&b| u32::from(b) > AXIS_BITS)
+            || bits.iter().map(|&b| u32::from(b)).sum::<u32>() > VERTEX_BITS;
+        Widths { base: bounds.lo, bits, wide }
+    }
+
+    /// The distinct materials, ascending.
+    pub fn palette(&self) -> Vec<u16> {
+        let mut palette = self.materials.clone();
+        palette.sort_unstable();
+        palette.dedup();
+        palette
+    }
+
+    /// Count of leaves.
+    pub fn leaf_count(&self) -> usize {
+        self.triangles.len().div_ceil(LEAF_TRIANGLES)
+    }
+
+    /// Bytes that the cluster takes in a frame.
+    pub fn frame_bytes(&self) -> usize {
+        let palette = self.palette().len();
+        let vertices = vertex_bytes(&self.widths(), self.vertices.len());
+        let indices = self.leaf_count() * LEAF_INDEX_BYTES + palette_bytes(palette, self.triangles.len());
+        (CLUSTER_HEADER_BYTES + indices + vertices + VERTEX_TAIL_BYTES).next_multiple_of(CLUSTER_ALIGN)
+    }
+}
+
+/// Bytes of the packed vertices.
+fn vertex_bytes(widths: &Widths, count: usize) -> usize {
+    if widths.wide {
+        return count * WIDE_VERTEX_BYTES;
+    }
+    (widths.bits.iter().map(|&b| b as usize).sum::<usize>() * count).div_ceil(8)
+}
+
+/// Bits of a palette index: 0 for one material, then 2, 4 or 8.
+fn palette_index_bits(palette_len: usize) -> usize {
+    match palette_len {
+        0 | 1 => 0,
+        2..=4 => 2,
+        5..=16 => 4,
+        _ => 8,
+    }
+}
+
+/// Bytes of a palette of `len` materials and of the triangles' indices into it.
+fn palette_bytes(len: usize, triangle_count: usize) -> usize {
+    2 * len + (palette_index_bits(len) * triangle_count).div_ceil(8)
+}
+
+const _: () = assert!(CLUSTER_HEADER_BYTES == 48 + 6 * CLUSTER_LEAVES);

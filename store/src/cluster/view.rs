@@ -1,0 +1,241 @@
+//! Reading a frame: the page's roots and nodes, a cluster's header, leaf boxes, corners, vertices, materials.
+//!
+//! Leaf boxes: plane `lo` of axis `a` lies at `base + lo * 2^shift`, plane `hi` at `base + (hi + 1) * 2^shift - 1`,
+//! so that both are 8-bit cells of the cluster's box and the rounding is outward by construction.
+//!
+//! Invariants: 1. a frame in here was filled by `install`, which checked every count and index; 2. vertices read
+//! from different clusters agree (lattice integers).
+
+use super::{CLUSTER_HEADER_BYTES, ClusterMesh, LEAF_INDEX_BYTES, Node, WIDE_VERTEX_BYTES, bits};
+use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
+
+/// Leaf boxes of a cluster as they lie in the frame: lo x, y, z, hi x, y, z, one byte per leaf each.
+pub type LeafBoxes = [[u8; CLUSTER_LEAVES]; 6];
+
+/// Where a node's child stands in the same frame: a byte offset and whether it is a cluster.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameRef(pub u32);
+
+impl FrameRef {
+    const CLUSTER_FLAG: u32 = 1 << 31;
+
+    /// A node at this byte offset.
+    pub fn node(offset: usize) -> FrameRef {
+        FrameRef(offset as u32)
+    }
+
+    /// A cluster at this byte offset.
+    pub fn cluster(offset: usize) -> FrameRef {
+        FrameRef(offset as u32 | FrameRef::CLUSTER_FLAG)
+    }
+
+    /// True for a cluster.
+    pub fn is_cluster(self) -> bool {
+        self.0 & FrameRef::CLUSTER_FLAG != 0
+    }
+
+    /// The byte offset in the frame.
+    pub fn offset(self) -> usize {
+        (self.0 & !FrameRef::CLUSTER_FLAG) as usize
+    }
+}
+
+/// An installed frame.
+#[derive(Clone, Copy)]
+pub struct FrameView<'a> {
+    bytes: &'a [u8],
+}
+
+impl<'a> FrameView<'a> {
+    /// A view of a frame that `install` filled.
+    pub fn new(bytes: &'a [u8]) -> FrameView<'a> {
+        FrameView { bytes }
+    }
+
+    /// Count of roots.
+    pub fn root_count(&self) -> usize {
+        usize::from(u16_at(self.bytes, 0))
+    }
+
+    /// Where root `slot` stands. Panics when `slot` is not below `root_count`.
+    pub fn root(&self, slot: usize) -> FrameRef {
+        assert!(slot < self.root_count());
+        FrameRef(u32::from_le_bytes(self.bytes[16 + 4 * slot..][..4].try_into().expect("four bytes")))
+    }
+
+    /// Triangles in the page.
+    pub fn triangle_count(&self) -> usize {
+        usize::from(u16_at(self.bytes, 6))
+    }
+
+    /// Bytes of the frame that are in use.
+    pub fn used_bytes(&self) -> usize {
+        u32::from_le_bytes(self.bytes[8..12].try_into().expect("four bytes")) as usize
+    }
+
+    /// The node at `at`.
+    pub fn node(&self, at: FrameRef) -> &'a Node {
+        bytemuck::from_bytes(&self.bytes[at.offset()..at.offset() + Node::BYTES])
+    }
+
+    /// The cluster at `at`.
+    pub fn cluster(&self, at: FrameRef) -> ClusterView<'a> {
+        ClusterView::new(&self.bytes[at.offset()..])
+    }
+
+    /// Calls `visit` for every cluster, in the order in which they are stored.
+    pub fn for_each_cluster(&self, mut visit: impl FnMut(ClusterView<'a>)) {
+        let (node_count, cluster_count) = (u16_at(self.bytes, 2), u16_at(self.bytes, 4));
+        let mut at = (16 + 4 * self.root_count()).next_multiple_of(8) + usize::from(node_count) * Node::BYTES;
+        for _ in 0..cluster_count {
+            let cluster = self.cluster(FrameRef::cluster(at));
+            visit(cluster);
+            at += cluster.frame_bytes();
+        }
+    }
+}
+
+/// A cluster in a frame.
+#[derive(Clone, Copy)]
+pub struct ClusterView<'a> {
+    bytes: &'a [u8],
+}
+
+impl<'a> ClusterView<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> ClusterView<'a> {
+        ClusterView { bytes }
+    }
+
+    /// The bytes from the cluster's start to the end of the frame, for readers that do their own addressing.
+    pub fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// Least corner of its vertices, lattice.
+    pub fn base(&self) -> [i64; 3] {
+        std::array::from_fn(|a| i64::from_le_bytes(self.bytes[8 * a..8 * a + 8].try_into().expect("eight")))
+    }
+
+    /// Bits per axis.
+    pub fn widths(&self) -> [u32; 3] {
+        std::array::from_fn(|a| u32::from(self.bytes[24 + a]))
+    }
+
+    /// True when vertices are absolute, 40 bits an axis.
+    pub fn is_wide(&self) -> bool {
+        self.bytes[27] != 0
+    }
+
+    /// Count of triangles, 1 to 128.
+    pub fn triangle_count(&self) -> usize {
+        usize::from(self.bytes[28])
+    }
+
+    /// Count of vertices, 1 to 128.
+    pub fn vertex_count(&self) -> usize {
+        usize::from(self.bytes[29])
+    }
+
+    /// Count of leaves, 1 to 16.
+    pub fn leaf_count(&self) -> usize {
+        usize::from(self.bytes[30])
+    }
+
+    /// Leaf planes are multiples of `2^shift` above the base, per axis.
+    pub fn leaf_shift(&self) -> [u32; 3] {
+        std::array::from_fn(|a| u32::from(self.bytes[31 + a]))
+    }
+
+    /// Index of its first triangle within the page.
+    pub fn first_triangle(&self) -> usize {
+        usize::from(u16_at(self.bytes, 34))
+    }
+
+    /// The leaf boxes.
+    pub fn leaf_boxes(&self) -> &'a LeafBoxes {
+        bytemuck::from_bytes(&self.bytes[48..CLUSTER_HEADER_BYTES])
+    }
+
+    /// The corners of a leaf's triangles, `[corner][triangle]`, as vertex indices. Triangles that are not there
+    /// read as (0, 0, 0).
+    pub fn leaf_corners(&self, leaf: usize) -> [[u8; LEAF_TRIANGLES]; 3] {
+        let at = CLUSTER_HEADER_BYTES + leaf * LEAF_INDEX_BYTES;
+        std::array::from_fn(|corner| {
+            let word = bits::get(&self.bytes[at + 7 * corner..], 0, 56);
+            std::array::from_fn(|i| (word >> (7 * i) & 0x7f) as u8)
+        })
+    }
+
+    /// Lattice coordinates of a vertex.
+    pub fn vertex(&self, index: usize) -> [i64; 3] {
+        let vertices = &self.bytes[usize::from(u16_at(self.bytes, 40))..];
+        if self.is_wide() {
+            let at = index * WIDE_VERTEX_BYTES;
+            return std::array::from_fn(|a| bits::get(vertices, 8 * (at + 5 * a), 40) as i64);
+        }
+        let (base, widths) = (self.base(), self.widths());
+        let mut at = index * usize::from(self.bytes[42]);
+        std::array::from_fn(|a| {
+            let value = bits::get(vertices, at, widths[a]);
+            at += widths[a] as usize;
+            base[a] + value as i64
+        })
+    }
+
+    /// Where the packed vertices begin, bytes from the cluster's start.
+    pub fn vertices_offset(&self) -> usize {
+        usize::from(u16_at(self.bytes, 40))
+    }
+
+    /// Bits of one packed vertex.
+    pub fn vertex_bits(&self) -> u32 {
+        u32::from(self.bytes[42])
+    }
+
+    /// The three corners of triangle `index`, lattice.
+    pub fn triangle(&self, index: usize) -> [[i64; 3]; 3] {
+        let corners = self.leaf_corners(index / LEAF_TRIANGLES);
+        corners.map(|indices| self.vertex(usize::from(indices[index % LEAF_TRIANGLES])))
+    }
+
+    /// Material of triangle `index`.
+    pub fn material(&self, index: usize) -> u16 {
+        let palette = usize::from(u16_at(self.bytes, 38));
+        u16_at(self.bytes, palette + 2 * self.palette_index(index))
+    }
+
+    /// Everything, as plain arrays.
+    pub fn decode(&self) -> ClusterMesh {
+        let triangle = |i: usize| {
+            let corners = self.leaf_corners(i / LEAF_TRIANGLES);
+            corners.map(|indices| indices[i % LEAF_TRIANGLES])
+        };
+        ClusterMesh {
+            vertices: (0..self.vertex_count()).map(|i| self.vertex(i)).collect(),
+            triangles: (0..self.triangle_count()).map(triangle).collect(),
+            materials: (0..self.triangle_count()).map(|i| self.material(i)).collect(),
+        }
+    }
+
+    pub(super) fn palette_len(&self) -> usize {
+        usize::from(u16_at(self.bytes, 36))
+    }
+
+    pub(super) fn palette_index(&self, index: usize) -> usize {
+        let bits = usize::from(self.bytes[43]);
+        if bits == 0 {
+            return 0;
+        }
+        let at = usize::from(u16_at(self.bytes, 38)) + 2 * self.palette_len();
+        bits::get(&self.bytes[at..], index * bits, bits as u32) as usize
+    }
+
+    fn frame_bytes(&self) -> usize {
+        let vertices = (self.vertex_count() * self.vertex_bits() as usize).div_ceil(8);
+        (self.vertices_offset() + vertices + super::VERTEX_TAIL_BYTES).next_multiple_of(super::CLUSTER_ALIGN)
+    }
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes([bytes[at], bytes[at + 1]])
+}

@@ -1,0 +1,272 @@
+//! `PageFile`: an opened `.trex`: the superblock, the tables, and how a page is fetched and installed.
+//!
+//! Invariants: 1. what `open` returns was checked: hashes of superblock and sections, ranges of every entry, every
+//! reference of the top tree; 2. pages are checked when they are read, hash before decode; 3. the file is never
+//! written.
+
+use crate::budget::{Budget, Lease};
+use crate::cluster::{Node, TopRef, install};
+use crate::error::{Code, Error, Result};
+use crate::layout::*;
+use crate::material::Material;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// An emissive triangle of the model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emitter {
+    /// Corners, lattice.
+    pub corners: [[i64; 3]; 3],
+    /// Index into the materials.
+    pub material: u32,
+    /// Store id.
+    pub triangle: u32,
+}
+
+/// An open page file. See the module's invariants.
+pub struct PageFile {
+    path: PathBuf,
+    file: File,
+    block: Superblock,
+    pages: Vec<PageEntry>,
+    top: Vec<Node>,
+    materials: Vec<Material>,
+    emitters: Vec<Emitter>,
+    _lease: Lease,
+}
+
+impl PageFile {
+    /// Opens a file and its tables; no page is read. The tables' memory is leased from `budget`.
+    ///
+    /// # Errors
+    /// [`Code::InputUnreadable`], [`Code::InputFormat`], [`Code::Version`], [`Code::Damaged`],
+    /// [`Code::MemoryLimit`], [`Code::Io`].
+    pub fn open(path: &Path, budget: &Budget) -> Result<PageFile> {
+        let file = open_regular(path)?;
+        let block = read_superblock(&file, path)?;
+        let mut lease = budget.lease("the tables of the file", table_bytes(&block))?;
+        let read = |kind: SectionKind| -> Result<Vec<u8>> {
+            let section = block.section(kind);
+            let mut bytes = vec![0; section.bytes as usize];
+            file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
+            if section_hash(&bytes, block.file_id, section.kind) != section.hash {
+                return Err(damaged_section(kind, path, "does not match its hash"));
+            }
+            Ok(bytes)
+        };
+        let out_of_range = |kind| damaged_section(kind, path, "holds a number out of its range");
+        let kind = SectionKind::PageTable;
+        let pages = parse_pages(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
+        let kind = SectionKind::TopTree;
+        let top = parse_top(&read(kind)?, &block, pages.len()).ok_or_else(|| out_of_range(kind))?;
+        let kind = SectionKind::Materials;
+        let materials: Vec<Material> = serde_json::from_slice(&read(kind)?).map_err(|_| out_of_range(kind))?;
+        let kind = SectionKind::Emitters;
+        let emitters = parse_emitters(&read(kind)?, materials.len()).ok_or_else(|| out_of_range(kind))?;
+        lease.shrink_to(kept_bytes(&block));
+        Ok(PageFile { path: path.to_path_buf(), file, block, pages, top, materials, emitters, _lease: lease })
+    }
+
+    /// The path it was opened by.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The superblock.
+    pub fn superblock(&self) -> &Superblock {
+        &self.block
+    }
+
+    /// The page table.
+    pub fn pages(&self) -> &[PageEntry] {
+        &self.pages
+    }
+
+    /// The top tree; where to enter it says `superblock().root`.
+    pub fn top(&self) -> &[Node] {
+        &self.top
+    }
+
+    /// Materials.
+    pub fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    /// Emissive triangles.
+    pub fn emitters(&self) -> &[Emitter] {
+        &self.emitters
+    }
+
+    /// Bytes of memory that the tables keep.
+    pub fn resident_table_bytes(&self) -> u64 {
+        kept_bytes(&self.block)
+    }
+
+    /// Checks the stored bytes of `page` and decodes them into `frame` (64 KiB). `scratch` is reused memory.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`] with the page's place; the frame's content is then not specified.
+    pub fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
+        let entry = &self.pages[page as usize];
+        let found = page_hash(stored, self.block.file_id, page);
+        if found != entry.hash {
+            let numbers = format!("page {page}: hash {found:016x}, expected {:016x}", entry.hash);
+            return Err(self.damaged_page(page, "a page does not match its hash").numbers(numbers));
+        }
+        let raw = match entry.packing {
+            Packing::Raw => stored,
+            Packing::Lz4 => {
+                scratch.resize(entry.unpacked_bytes as usize, 0);
+                match lz4_flex::block::decompress_into(stored, scratch) {
+                    Ok(length) if length == scratch.len() => scratch.as_slice(),
+                    _ => return Err(self.damaged_page(page, "a page cannot be unpacked")),
+                }
+            }
+        };
+        if raw.len() != entry.unpacked_bytes as usize {
+            return Err(self.damaged_page(page, "a page has another length than its table says"));
+        }
+        install(raw, frame).map_err(|what| self.damaged_page(page, what))
+    }
+
+    /// Reads and installs one page on the calling thread, without a pool.
+    ///
+    /// # Errors
+    /// As [`PageFile::install`], and [`Code::Io`].
+    pub fn read_page(&self, page: u32, frame: &mut [u8], buffers: &mut [Vec<u8>; 2]) -> Result<()> {
+        let entry = &self.pages[page as usize];
+        let [stored, scratch] = buffers;
+        stored.resize(entry.stored_bytes as usize, 0);
+        self.file.read_exact_at(stored, entry.offset).map_err(|e| Error::io("read", &self.path, &e))?;
+        self.install(page, stored, frame, scratch)
+    }
+
+    fn damaged_page(&self, page: u32, what: &str) -> Error {
+        Error::new(Code::Damaged, what)
+            .at_byte(&self.path, self.pages[page as usize].offset)
+            .numbers(format!("page {page}, {} bytes", self.pages[page as usize].stored_bytes))
+            .next("run `trex verify` to see what else is damaged, and build the file again")
+    }
+}
+
+/// Opens a regular file.
+pub(crate) fn open_regular(path: &Path) -> Result<File> {
+    let file = File::open(path).map_err(|e| Error::io("open", path, &e))?;
+    let about = file.metadata().map_err(|e| Error::io("open", path, &e))?;
+    if !about.is_file() {
+        return Err(Error::new(Code::InputUnreadable, "this is no regular file").at(path).next("name a file"));
+    }
+    Ok(file)
+}
+
+/// The head, or the tail where the head is damaged.
+pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
+    let length = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
+    if length < 2 * SUPERBLOCK_BYTES as u64 {
+        return Err(Error::new(Code::InputFormat, "this is no trex file: it is too short")
+            .at(path)
+            .numbers(format!("{length} bytes, at least {}", 2 * SUPERBLOCK_BYTES))
+            .next("make one with `trex build`"));
+    }
+    let mut bytes = [0; SUPERBLOCK_BYTES];
+    file.read_exact_at(&mut bytes, 0).map_err(|e| Error::io("read", path, &e))?;
+    let block = Superblock::parse(&bytes, path).or_else(|head_error| {
+        if head_error.code() == Code::Version {
+            return Err(head_error);
+        }
+        file.read_exact_at(&mut bytes, length - SUPERBLOCK_BYTES as u64).map_err(|_| head_error.clone())?;
+        Superblock::parse(&bytes, path).map_err(|_| head_error)
+    })?;
+    if block.file_bytes != length {
+        return Err(Error::new(Code::Damaged, "the file has another length than it was published with")
+            .at(path)
+            .numbers(format!("{length} bytes, expected {}", block.file_bytes))
+            .next("copy the file again, or build it again"));
+    }
+    Ok(block)
+}
+
+/// Memory while the tables are read: each section once raw and once parsed.
+fn table_bytes(block: &Superblock) -> u64 {
+    let sections: u64 = block.sections.iter().map(|s| s.bytes).sum();
+    3 * sections
+}
+
+/// Memory that the tables keep.
+fn kept_bytes(block: &Superblock) -> u64 {
+    let count = |kind| u64::from(block.section(kind).count);
+    count(SectionKind::PageTable) * size_of::<PageEntry>() as u64
+        + count(SectionKind::TopTree) * size_of::<Node>() as u64
+        + count(SectionKind::Materials) * (size_of::<Material>() as u64 + 32)
+        + count(SectionKind::Emitters) * size_of::<Emitter>() as u64
+}
+
+fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEntry>> {
+    let (records, rest) = bytes.as_chunks::<PAGE_ENTRY_BYTES>();
+    let count = block.section(SectionKind::PageTable).count as usize;
+    if !rest.is_empty() || records.len() != count || count > PAGES as usize {
+        return None;
+    }
+    let mut end = SUPERBLOCK_BYTES as u64;
+    let mut triangles = 0;
+    let mut pages = Vec::with_capacity(count);
+    for record in records {
+        let entry = PageEntry::parse(record)?;
+        // Without gaps, in order: so every byte belongs to a page, and ids are dense.
+        if entry.offset != end || u64::from(entry.first_triangle) != triangles {
+            return None;
+        }
+        end += u64::from(entry.stored_bytes);
+        triangles += u64::from(entry.triangle_count);
+        pages.push(entry);
+    }
+    (triangles == block.triangle_count && end == block.section(SectionKind::PageTable).offset).then_some(pages)
+}
+
+/// Checks every reference, and that the tree is a tree of bounded depth.
+fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<Vec<Node>> {
+    if bytes.len() % Node::BYTES != 0 {
+        return None;
+    }
+    let top: Vec<Node> = bytemuck::allocation::pod_collect_to_vec(bytes);
+    let mut seen = vec![false; top.len()];
+    let mut stack = vec![(block.root, 0)];
+    while let Some((word, depth)) = stack.pop() {
+        match TopRef::from_word(word) {
+            TopRef::Page { page, .. } if (page as usize) < page_count => {}
+            TopRef::Node(index) if depth < TREE_DEPTH => {
+                let node = top.get(index as usize)?;
+                let first_visit = !std::mem::replace(&mut seen[index as usize], true);
+                let sound = first_visit
+                    && (1..=NODE_WIDTH).contains(&usize::from(node.child_count))
+                    && node.exponent.iter().all(|&e| e <= 32);
+                if !sound {
+                    return None;
+                }
+                stack.extend(node.child[..usize::from(node.child_count)].iter().map(|&word| (word, depth + 1)));
+            }
+            _ => return None,
+        }
+    }
+    seen.iter().all(|&s| s).then_some(top)
+}
+
+fn parse_emitters(bytes: &[u8], material_count: usize) -> Option<Vec<Emitter>> {
+    let (records, rest) = bytes.as_chunks::<EMITTER_BYTES>();
+    let emitter = |record: &[u8; EMITTER_BYTES]| {
+        let q = |i: usize| i64::from_le_bytes(record[8 * i..8 * i + 8].try_into().expect("eight"));
+        let word = |at: usize| u32::from_le_bytes(record[at..at + 4].try_into().expect("four"));
+        let corners = std::array::from_fn(|c| std::array::from_fn(|a| q(3 * c + a)));
+        Emitter { corners, material: word(72), triangle: word(76) }
+    };
+    let emitters: Vec<Emitter> = records.iter().map(emitter).collect();
+    let sound = rest.is_empty() && emitters.iter().all(|e| (e.material as usize) < material_count);
+    sound.then_some(emitters)
+}
+
+fn damaged_section(kind: SectionKind, path: &Path, what: &str) -> Error {
+    Error::new(Code::Damaged, format!("the {} {what}", kind.name()))
+        .at(path)
+        .next("run `trex verify` to see what else is damaged, and build the file again")
+}

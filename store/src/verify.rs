@@ -1,0 +1,163 @@
+//! Verify: reads every byte of a page file, checks hashes and structure, names what is damaged and where it lies
+//! in the model.
+//!
+//! Invariants: 1. damage is an answer, not an error; 2. memory does not grow with the file: the list of damage
+//! is bounded, its count is not.
+
+use crate::budget::Budget;
+use crate::cluster::{FrameView, TopRef};
+use crate::error::{Code, Error, Result};
+use crate::file::{PageFile, open_regular};
+use crate::geom::Aabb;
+use crate::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, Superblock};
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+/// Most entries of the list of damage.
+const DAMAGE_LISTED: usize = 1000;
+
+/// Something that is not as it was published.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Damage {
+    /// In words.
+    pub what: String,
+    /// The page, where it is one.
+    pub page: Option<u32>,
+    /// Byte offset in the file.
+    pub offset: u64,
+    /// Length of the damaged stretch.
+    pub bytes: u64,
+    /// Where the page's triangles lie in the model.
+    pub bounds: Option<Aabb>,
+}
+
+impl std::fmt::Display for Damage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.what)?;
+        if let Some(page) = self.page {
+            write!(f, ", page {page}")?;
+        }
+        write!(f, ", bytes {}..{}", self.offset, self.offset + self.bytes)?;
+        if let Some(b) = &self.bounds {
+            write!(f, ", box {:?} to {:?}", b.lo, b.hi)?;
+        }
+        Ok(())
+    }
+}
+
+/// The answer.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct Verdict {
+    /// Pages read.
+    pub page_count: u64,
+    /// Triangles counted in whole pages.
+    pub triangle_count: u64,
+    /// Bytes read.
+    pub bytes_read: u64,
+    /// How many damages there are.
+    pub damage_count: u64,
+    /// The first thousand of them.
+    pub damage: Vec<Damage>,
+}
+
+/// Checks the whole file. `report(done, total)` in bytes; its error ends the check.
+///
+/// # Errors
+/// When there is no trex file to check ([`Code::InputFormat`], [`Code::InputUnreadable`], [`Code::Version`]),
+/// and [`Code::Io`], [`Code::MemoryLimit`].
+pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
+    let mut verdict = Verdict::default();
+    let file = match PageFile::open(path, budget) {
+        Ok(file) => file,
+        Err(error) if error.code() == Code::Damaged => {
+            verdict.add(Damage { what: summary(&error), page: None, offset: 0, bytes: 0, bounds: None });
+            return Ok(verdict);
+        }
+        Err(error) => return Err(error),
+    };
+    check_superblocks(path, file.superblock(), &mut verdict)?;
+    let _lease = budget.lease("a frame", 4 * FRAME_BYTES as u64)?;
+    let mut boxes = None;
+    let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
+    let total = file.superblock().file_bytes;
+    for (page, entry) in (0..).zip(file.pages()) {
+        match file.read_page(page, &mut frame, &mut buffers) {
+            Ok(()) if FrameView::new(&frame).triangle_count() == entry.triangle_count as usize => {
+                verdict.triangle_count += u64::from(entry.triangle_count);
+            }
+            Ok(()) => verdict.add_page(&file, page, "a page holds another count of triangles", &mut boxes),
+            Err(error) if error.code() == Code::Damaged => {
+                verdict.add_page(&file, page, error.what(), &mut boxes);
+            }
+            Err(error) => return Err(error),
+        }
+        verdict.page_count += 1;
+        verdict.bytes_read += u64::from(entry.stored_bytes);
+        if page % 64 == 0 {
+            report(verdict.bytes_read, total)?;
+        }
+    }
+    verdict.bytes_read = total;
+    report(total, total)?;
+    Ok(verdict)
+}
+
+impl Verdict {
+    fn add(&mut self, damage: Damage) {
+        self.damage_count += 1;
+        if self.damage.len() < DAMAGE_LISTED {
+            self.damage.push(damage);
+        }
+    }
+
+    fn add_page(&mut self, file: &PageFile, page: u32, what: &str, boxes: &mut Option<Vec<Aabb>>) {
+        let entry = &file.pages()[page as usize];
+        let boxes = boxes.get_or_insert_with(|| page_boxes(file));
+        self.add(Damage {
+            what: what.to_string(),
+            page: Some(page),
+            offset: entry.offset,
+            bytes: u64::from(entry.stored_bytes),
+            bounds: Some(boxes[page as usize]),
+        });
+    }
+}
+
+/// Box of each page, from the top tree (8-bit boxes: a little larger than the triangles).
+pub fn page_boxes(file: &PageFile) -> Vec<Aabb> {
+    let block = file.superblock();
+    let mut boxes = vec![Aabb::EMPTY; file.pages().len()];
+    if let TopRef::Page { page, .. } = TopRef::from_word(block.root) {
+        boxes[page as usize] = block.bounds;
+    }
+    for node in file.top() {
+        for i in 0..usize::from(node.child_count) {
+            if let TopRef::Page { page, .. } = TopRef::from_word(node.child[i]) {
+                let child = node.child_box(i, block.node_shift);
+                let (lo, hi) = (block.lattice.position(child.lo), block.lattice.position(child.hi));
+                boxes[page as usize].join(&Aabb { lo, hi });
+            }
+        }
+    }
+    boxes
+}
+
+/// Head and tail must both be whole and the same.
+fn check_superblocks(path: &Path, block: &Superblock, verdict: &mut Verdict) -> Result<()> {
+    let file = open_regular(path)?;
+    for (what, offset) in
+        [("the head is damaged", 0), ("the tail is damaged", block.file_bytes - SUPERBLOCK_BYTES as u64)]
+    {
+        let mut bytes = [0; SUPERBLOCK_BYTES];
+        file.read_exact_at(&mut bytes, offset).map_err(|e| Error::io("read", path, &e))?;
+        if bytes != block.to_bytes() {
+            let bytes = SUPERBLOCK_BYTES as u64;
+            verdict.add(Damage { what: what.into(), page: None, offset, bytes, bounds: None });
+        }
+    }
+    Ok(())
+}
+
+fn summary(error: &Error) -> String {
+    format!("{} ({})", error.what(), error.numbers_text())
+}
