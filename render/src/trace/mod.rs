@@ -1,5 +1,17 @@
 //! Rays against exact geometry: what a ray is, what answers it, and who can answer.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod bvh;
+mod kernel;
+mod paged;
+mod pages;
+mod ray;
+mod scalar;
+
+pub use paged::{Arithmetic, PagedMesh};
+pub use pages::{AllResident, Page, Pages};
+
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {

@@ -1,0 +1,246 @@
+//! The AVX2 kernel: eight boxes or triangles at a time, f32. The only unsafe code of the renderer.
+//!
+//! A leaf's corners are three words of eight 7-bit indices: one `pdep` spreads a word to eight bytes. A packed
+//! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Vertices of wide clusters are fetched
+//! one by one and tested like the others.
+//!
+//! Invariants: 1. the same operations in the same order as `scalar.rs`: the same bits; 2. loads stay inside of the frame:
+//! indices were checked by `install`, and eight bytes stand behind the last vertex.
+#![allow(unsafe_code)]
+
+use super::bvh::{Found, Goal, Missing, Scene, Stack};
+use super::kernel::{Kernel, Lanes};
+use super::pages::Pages;
+use super::ray::{Frame, LatticeRay};
+use super::scalar::Scalar;
+use std::arch::x86_64::*;
+use trex_store::cluster::{CLUSTER_HEADER_BYTES, ClusterView, LEAF_INDEX_BYTES, Node};
+
+/// True where the machine has what this file uses.
+pub(super) fn is_available() -> bool {
+    is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") && is_x86_feature_detected!("bmi2")
+}
+
+/// [`super::bvh::trace`] with this kernel.
+pub(super) fn trace<P: Pages>(
+    scene: &Scene<'_>,
+    pages: &mut P,
+    stack: &mut Stack<f32>,
+    ray: (&LatticeRay, Goal),
+    missing: &mut Missing,
+) -> Option<Found> {
+    // SAFETY: `PagedMesh` chooses this arithmetic only where `is_available`.
+    unsafe { trace_with_features(scene, pages, stack, ray, missing) }
+}
+
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn trace_with_features<P: Pages>(
+    scene: &Scene<'_>,
+    pages: &mut P,
+    stack: &mut Stack<f32>,
+    ray: (&LatticeRay, Goal),
+    missing: &mut Missing,
+) -> Option<Found> {
+    super::bvh::trace::<Avx2, P>(scene, pages, stack, ray, missing)
+}
+
+/// A ray set up for eight lanes.
+struct Avx2 {
+    ray: Scalar<f32>,
+}
+
+/// Planes of eight boxes as bytes, per axis: lower, upper.
+type Planes = [[__m128i; 3]; 2];
+
+impl Avx2 {
+    /// See `Scalar::slabs`.
+    #[inline(always)]
+    fn slabs(&self, planes: Planes, lo_base: [f32; 3], hi_base: [f32; 3], scale: [f32; 3], t_max: f32) -> Lanes<f32> {
+        // SAFETY: registers only; the caller runs with AVX2 and FMA.
+        unsafe {
+            let mut near = _mm256_setzero_ps();
+            let mut far = _mm256_set1_ps(f32::INFINITY);
+            for a in 0..3 {
+                let inverse = self.ray.inverse[a];
+                let step = _mm256_set1_ps(scale[a] * inverse);
+                let lo = _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(planes[0][a]));
+                let hi = _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(planes[1][a]));
+                let t_lo = _mm256_fmadd_ps(lo, step, _mm256_set1_ps(lo_base[a] * inverse));
+                let t_hi = _mm256_fmadd_ps(hi, step, _mm256_set1_ps(hi_base[a] * inverse));
+                let (t_near, t_far) = if self.ray.negative[a] { (t_hi, t_lo) } else { (t_lo, t_hi) };
+                near = _mm256_max_ps(t_near, near);
+                far = _mm256_min_ps(t_far, far);
+            }
+            far = _mm256_mul_ps(far, _mm256_set1_ps(1.0 + 8.0 * f32::EPSILON));
+            let met = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_LE_OQ>(near, far),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_set1_ps(t_max)),
+            );
+            let mut lanes = Lanes { mask: _mm256_movemask_ps(met) as u32, t: [0.0; 8] };
+            _mm256_storeu_ps(lanes.t.as_mut_ptr(), near);
+            lanes
+        }
+    }
+
+    /// The eight vertices `indices`, relative to the ray's entry, per axis.
+    #[inline(always)]
+    fn fetch(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256; 3] {
+        let q = if cluster.view.is_wide() { self.fetch_wide(cluster, indices) } else { fetch_compact(cluster, indices) };
+        // SAFETY: registers only.
+        unsafe {
+            std::array::from_fn(|a| {
+                let relative = _mm256_add_epi32(q[a], _mm256_set1_epi32(cluster.relative[a]));
+                _mm256_sub_ps(_mm256_cvtepi32_ps(relative), _mm256_set1_ps(self.ray.fraction[a]))
+            })
+        }
+    }
+
+    #[inline(never)]
+    fn fetch_wide(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
+        let base = cluster.view.base();
+        let mut q = [[0i32; 8]; 3];
+        for (lane, index) in indices.to_le_bytes().into_iter().enumerate() {
+            let vertex = cluster.view.vertex(usize::from(index));
+            for a in 0..3 {
+                q[a][lane] = (vertex[a] - base[a]) as i32;
+            }
+        }
+        // SAFETY: each array holds eight numbers.
+        unsafe { q.map(|eight| _mm256_loadu_si256(eight.as_ptr().cast())) }
+    }
+}
+
+/// A cluster while its triangles are tested.
+struct Fetch<'a> {
+    view: &'a ClusterView<'a>,
+    /// Base minus the ray's cell.
+    relative: [i32; 3],
+}
+
+#[inline(always)]
+fn fetch_compact(cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
+    let view = cluster.view;
+    let vertices = view.bytes()[view.vertices_offset()..].as_ptr();
+    let widths = view.widths();
+    // SAFETY: indices are below the vertex count (checked by install), so that bit offsets lie inside of the packed vertices,
+    // and eight more bytes follow these within the frame.
+    unsafe {
+        let index = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(indices as i64));
+        let bit = _mm256_mullo_epi32(index, _mm256_set1_epi32(view.vertex_bits() as i32));
+        let byte = _mm256_srli_epi32::<3>(bit);
+        let shift = _mm256_and_si256(bit, _mm256_set1_epi32(7));
+        let low = _mm256_i32gather_epi64::<1>(vertices.cast(), _mm256_castsi256_si128(byte));
+        let high = _mm256_i32gather_epi64::<1>(vertices.cast(), _mm256_extracti128_si256::<1>(byte));
+        let mut low = _mm256_srlv_epi64(low, _mm256_cvtepu32_epi64(_mm256_castsi256_si128(shift)));
+        let mut high = _mm256_srlv_epi64(high, _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(shift)));
+        let mut out = [_mm256_setzero_si256(); 3];
+        for a in 0..3 {
+            let both = _mm256_shuffle_ps::<0x88>(_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
+            let both = _mm256_permute4x64_epi64::<0xd8>(_mm256_castps_si256(both));
+            out[a] = _mm256_and_si256(both, _mm256_set1_epi32((1i32 << widths[a]) - 1));
+            let count = _mm_cvtsi32_si128(widths[a] as i32);
+            low = _mm256_srl_epi64(low, count);
+            high = _mm256_srl_epi64(high, count);
+        }
+        out
+    }
+}
+
+/// Eight bytes as a vector.
+#[inline(always)]
+fn eight(bytes: [u8; 8]) -> __m128i {
+    // SAFETY: registers only.
+    unsafe { _mm_cvtsi64_si128(i64::from_le_bytes(bytes)) }
+}
+
+impl Kernel for Avx2 {
+    type T = f32;
+
+    #[inline(always)]
+    fn new(frame: &Frame, ray: &LatticeRay) -> Avx2 {
+        Avx2 { ray: Scalar::new(frame, ray) }
+    }
+
+    #[inline(always)]
+    fn t_end(t: f64) -> f32 {
+        (t as f32).next_up()
+    }
+
+    #[inline(always)]
+    fn node(&self, node: &Node, t_max: f32) -> Lanes<f32> {
+        let relative: [i32; 3] = std::array::from_fn(|a| node.origin[a] - self.ray.cell[a] as i32);
+        let lo_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_lo[a]);
+        let hi_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_hi[a]);
+        let scale = node.exponent.map(|e| (1u32 << e) as f32);
+        let planes = [node.lo.map(eight), node.hi.map(eight)];
+        let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
+        lanes.mask &= (1u32 << node.child_count) - 1;
+        lanes
+    }
+
+    #[inline(always)]
+    fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: f32) -> Lanes<f32> {
+        let (base, shift, boxes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_boxes());
+        let planes_of = |row: usize| eight(boxes[row][8 * half..8 * half + 8].try_into().expect("eight"));
+        let relative: [i32; 3] = std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32);
+        let lo_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_lo[a]);
+        let hi_base = std::array::from_fn(|a| (relative[a] + (1 << shift[a])) as f32 - self.ray.fraction_hi[a]);
+        let scale = shift.map(|s| (1u32 << s) as f32);
+        let planes = [std::array::from_fn(planes_of), std::array::from_fn(|a| planes_of(3 + a))];
+        let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
+        let count = cluster.leaf_count().saturating_sub(8 * half).min(8);
+        lanes.mask &= (1u32 << count) - 1;
+        lanes
+    }
+
+    #[inline(always)]
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> Lanes<f32> {
+        let base = cluster.base();
+        let fetch = Fetch { view: cluster, relative: std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32) };
+        let at = CLUSTER_HEADER_BYTES + leaf * LEAF_INDEX_BYTES;
+        let words: [u64; 3] = std::array::from_fn(|corner| {
+            let bytes = &cluster.bytes()[at + 7 * corner..at + 7 * corner + 8];
+            u64::from_le_bytes(bytes.try_into().expect("eight"))
+        });
+        let [kx, ky, kz] = self.ray.k;
+        let [sx, sy, sz] = self.ray.s;
+        // SAFETY: registers only; the caller runs with AVX2, FMA and BMI2.
+        unsafe {
+            let corner = |word: u64| {
+                let p = self.fetch(&fetch, _pdep_u64(word, 0x7f7f_7f7f_7f7f_7f7f));
+                let z = p[kz];
+                [
+                    _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sx), z, p[kx]),
+                    _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sy), z, p[ky]),
+                    _mm256_mul_ps(_mm256_set1_ps(sz), z),
+                ]
+            };
+            let [a, b, c] = [corner(words[0]), corner(words[1]), corner(words[2])];
+            let cross = |p: __m256, q: __m256, r: __m256, s: __m256| {
+                _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s))
+            };
+            let u = cross(c[0], b[1], c[1], b[0]);
+            let v = cross(a[0], c[1], a[1], c[0]);
+            let w = cross(b[0], a[1], b[1], a[0]);
+            let zero = _mm256_setzero_ps();
+            let all = |p: __m256, q: __m256, r: __m256| _mm256_and_ps(p, _mm256_and_ps(q, r));
+            let ge = |x: __m256| _mm256_cmp_ps::<_CMP_GE_OQ>(x, zero);
+            let le = |x: __m256| _mm256_cmp_ps::<_CMP_LE_OQ>(x, zero);
+            let inside = _mm256_or_ps(all(ge(u), ge(v), ge(w)), all(le(u), le(v), le(w)));
+            let sum = _mm256_add_ps(_mm256_add_ps(u, v), w);
+            let depth = _mm256_add_ps(
+                _mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2])),
+                _mm256_mul_ps(w, c[2]),
+            );
+            let t = _mm256_div_ps(depth, sum);
+            let met = all(
+                _mm256_and_ps(inside, _mm256_cmp_ps::<_CMP_NEQ_OQ>(sum, zero)),
+                ge(t),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_max)),
+            );
+            let mut lanes = Lanes { mask: _mm256_movemask_ps(met) as u32, t: [0.0; 8] };
+            _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
+            lanes
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! What traversal asks of arithmetic: the node test, the leaf-box test, the triangle test. Traversal itself
+//! (`bvh.rs`) knows no lanes and no precision.
+//!
+//! | kernel | lattice | arithmetic | where |
+//! |---|---|---|---|
+//! | `Avx2` | up to 24 bits | f32, 8 lanes | `avx2.rs`, chosen at run time |
+//! | `Scalar<f32>` | up to 24 bits | f32 | `scalar.rs`, the oracle: same operations, same bits |
+//! | `Scalar<f64>` | up to 40 bits | f64 | `scalar.rs` |
+//!
+//! Invariants: 1. a vertex's place relative to the ray is one function of its lattice integers and the ray,
+//! whatever the cluster: tests are watertight across clusters; 2. edge functions are two products and their
+//! difference, never fused: a shared edge gives exactly opposite values to its two triangles, and a sign that is
+//! not zero is right; 3. zero counts as inside on both sides; 4. boxes are tested with outward slack.
+
+use super::ray::{Frame, LatticeRay};
+use trex_store::cluster::{ClusterView, Node};
+
+/// Eight answers: a bit per lane, and the t of each.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lanes<T> {
+    pub(super) mask: u32,
+    pub(super) t: [T; 8],
+}
+
+/// Arithmetic for one ray. `T` is what t is measured in: f32 or f64.
+pub(super) trait Kernel: Sized {
+    type T: Copy + PartialOrd + Into<f64>;
+
+    /// Sets a ray up.
+    fn new(frame: &Frame, ray: &LatticeRay) -> Self;
+
+    /// The end of the ray as the kernel measures it, rounded up.
+    fn t_end(t: f64) -> Self::T;
+
+    /// Children of a node whose box meets the ray before `t_max`; t = entry.
+    fn node(&self, node: &Node, t_max: Self::T) -> Lanes<Self::T>;
+
+    /// Leaves `8 * half ..` of a cluster whose box meets the ray before `t_max`; t = entry.
+    fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: Self::T) -> Lanes<Self::T>;
+
+    /// Triangles of a leaf that the ray meets at `0 <= t <= t_max`.
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: Self::T) -> Lanes<Self::T>;
+}

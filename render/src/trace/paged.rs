@@ -1,0 +1,166 @@
+//! `PagedMesh`: the tracer of page files. Chooses the kernel, refines the hit, keeps the list of missing pages.
+//!
+//! Error of a hit, in lattice steps: corners as seen from the entry are exact but for the fraction; the refined t is
+//! f64. What is left is the model's own coordinate rounding, and, for rays that start on the surface, the f32
+//! triangle test: its plane distance is wrong by at most a few 2^-24 of the triangle's size, so that an origin
+//! 2^-18 of that size off the surface cannot meet its own triangle again.
+//!
+//! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. `wanted` holds each page once,
+//! with the number of rays that it blocked.
+
+use super::bvh::{Goal, Missing, Scene, Stack, trace};
+use super::pages::Pages;
+use super::ray::{Frame, LatticeRay};
+use super::scalar::Scalar;
+use super::{Answer, Hit, Ray, Tracer};
+use trex_store::PageFile;
+use trex_store::layout::NARROW_BITS;
+
+/// Which arithmetic traces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arithmetic {
+    /// AVX2 and FMA, f32.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// Portable, f32: gives the same bits as AVX2.
+    Scalar,
+    /// Portable, f64: for lattices of more than 24 bits.
+    Deep,
+}
+
+impl Arithmetic {
+    /// The fastest that this machine and this file's lattice allow.
+    pub fn for_file(file: &PageFile) -> Arithmetic {
+        if file.superblock().lattice_bits > NARROW_BITS {
+            return Arithmetic::Deep;
+        }
+        #[cfg(target_arch = "x86_64")]
+        if super::avx2::is_available() {
+            return Arithmetic::Avx2;
+        }
+        Arithmetic::Scalar
+    }
+
+    /// Name for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Arithmetic::Avx2 => "avx2",
+            Arithmetic::Scalar => "scalar",
+            Arithmetic::Deep => "scalar-f64",
+        }
+    }
+}
+
+/// Traces rays against the clusters of a file, through whatever gives it pages.
+pub struct PagedMesh<'a, P> {
+    scene: Scene<'a>,
+    pages: P,
+    arithmetic: Arithmetic,
+    narrow_stack: Stack<f32>,
+    deep_stack: Stack<f64>,
+    wanted: Vec<(u32, u32)>,
+}
+
+/// Share of a triangle's size that a surface point may be off its plane for the f32 test.
+const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
+/// Rounding of model coordinates: a few operations in f64.
+const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
+
+impl<'a, P: Pages> PagedMesh<'a, P> {
+    /// A tracer with the fastest arithmetic.
+    pub fn new(file: &'a PageFile, pages: P) -> PagedMesh<'a, P> {
+        PagedMesh::with_arithmetic(file, pages, Arithmetic::for_file(file))
+    }
+
+    /// A tracer with a chosen arithmetic. Panics for f32 on a lattice of more than 24 bits, and for AVX2 where the
+    /// machine has none.
+    pub fn with_arithmetic(file: &'a PageFile, pages: P, arithmetic: Arithmetic) -> PagedMesh<'a, P> {
+        assert!(arithmetic == Arithmetic::Deep || file.superblock().lattice_bits <= NARROW_BITS);
+        #[cfg(target_arch = "x86_64")]
+        assert!(arithmetic != Arithmetic::Avx2 || super::avx2::is_available());
+        let scene = Scene { file, frame: Frame::of(file) };
+        let (narrow_stack, deep_stack) = (Stack::new(), Stack::new());
+        PagedMesh { scene, pages, arithmetic, narrow_stack, deep_stack, wanted: Vec::new() }
+    }
+
+    /// The pages.
+    pub fn pages_mut(&mut self) -> &mut P {
+        &mut self.pages
+    }
+
+    /// Takes the pages that blocked rays since the last call, with how many each blocked.
+    pub fn take_wanted(&mut self, into: &mut Vec<(u32, u32)>) {
+        into.clear();
+        into.append(&mut self.wanted);
+    }
+
+    fn run(&mut self, ray: &LatticeRay, goal: Goal, missing: &mut Missing) -> Option<super::bvh::Found> {
+        let (scene, pages) = (&self.scene, &mut self.pages);
+        match self.arithmetic {
+            #[cfg(target_arch = "x86_64")]
+            Arithmetic::Avx2 => super::avx2::trace(scene, pages, &mut self.narrow_stack, (ray, goal), missing),
+            Arithmetic::Scalar => {
+                trace::<Scalar<f32>, P>(scene, pages, &mut self.narrow_stack, (ray, goal), missing)
+            }
+            Arithmetic::Deep => trace::<Scalar<f64>, P>(scene, pages, &mut self.deep_stack, (ray, goal), missing),
+        }
+    }
+
+    fn note(&mut self, missing: &Missing, before: f64) {
+        for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
+            match self.wanted.iter_mut().find(|(wanted, _)| *wanted == page) {
+                Some((_, rays)) => *rays += 1,
+                None => self.wanted.push((page, 1)),
+            }
+        }
+    }
+
+    fn hit(&self, ray: &Ray, local: &LatticeRay, found: &super::bvh::Found) -> Hit {
+        let frame = &self.scene.frame;
+        let q = found.corners;
+        let t = local.model_t(local.refine(q).unwrap_or(found.t));
+        let edge = |i: usize| std::array::from_fn::<f64, 3, _>(|a| (q[i][a] - q[0][a]) as f64);
+        let (e, f) = (edge(1), edge(2));
+        let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+        let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let size = e.iter().chain(&f).fold(1.0f64, |m, x| m.max(x.abs()));
+        let reach = (0..3).map(|a| ray.origin[a].abs() + (t * ray.direction[a]).abs()).fold(0.0, f64::max);
+        Hit {
+            t,
+            triangle: found.triangle,
+            material: u32::from(found.material),
+            normal: n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 }),
+            error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
+        }
+    }
+}
+
+impl<P: Pages> Tracer for PagedMesh<'_, P> {
+    fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
+        let Some(local) = self.scene.frame.enter(ray) else { return Answer::Exact(None) };
+        let mut missing = Missing::none();
+        let found = self.run(&local, Goal::Closest, &mut missing);
+        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.t);
+        if missing.nearest <= hit_t {
+            self.note(&missing, hit_t);
+            return Answer::Blocked;
+        }
+        let hit = found.map(|found| self.hit(ray, &local, &found));
+        Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+    }
+
+    fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
+        let Some(local) = self.scene.frame.enter(ray) else { return Answer::Exact(false) };
+        let mut missing = Missing::none();
+        let found = self.run(&local, Goal::Any, &mut missing);
+        if found.is_some() {
+            return Answer::Exact(true);
+        }
+        if missing.count > 0 {
+            self.note(&missing, f64::INFINITY);
+            return Answer::Blocked;
+        }
+        Answer::Exact(false)
+    }
+}

@@ -1,0 +1,161 @@
+//! A ray moved into the lattice: origin split into an integer and a fraction, direction scaled, shear set up.
+//!
+//! ```text
+//! model:   p = origin + t * direction
+//! lattice: q = (p - lattice origin) / step = entry + (t_model / step * scale - t_entry) * (direction / scale)
+//! ```
+//!
+//! The ray is moved to where it enters the model's box before anything is rounded to f32, so that what the
+//! kernels see are short numbers whatever the camera's distance (design section 5, "C-rays").
+//!
+//! Invariants: 1. `entry = cell + fraction` exactly in f64, `|fraction| <= 1`; 2. the longest component of the
+//! direction is 1; 3. the entry lies outside of all geometry or is the ray's own origin: no hit has t < 0 by the move.
+
+use super::Ray;
+use trex_store::PageFile;
+
+/// What rays need of a model: the lattice and the box.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    /// Model position of lattice point 0.
+    origin: [f64; 3],
+    step: f64,
+    lo: [f64; 3],
+    hi: [f64; 3],
+    /// Lattice shift of node origins.
+    pub(super) node_shift: u32,
+    /// What box planes move outward, lattice steps, so that rounding in the node test loses no hit.
+    pub(super) slack: f64,
+}
+
+/// Steps around the box that the entry stays away from it.
+const MARGIN: f64 = 2.0;
+
+/// A ray in lattice units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeRay {
+    /// Integer part of the entry.
+    pub(super) cell: [i64; 3],
+    /// The rest.
+    pub(super) fraction: [f64; 3],
+    /// Longest component 1 or -1.
+    pub(super) direction: [f64; 3],
+    /// End, from the entry, in these units.
+    pub(super) t_max: f64,
+    /// Model t = (t + t_entry) * t_scale.
+    t_entry: f64,
+    t_scale: f64,
+}
+
+impl Frame {
+    /// The frame of a page file.
+    pub(super) fn of(file: &PageFile) -> Frame {
+        let block = file.superblock();
+        let [lo, hi] = block.lattice_bounds;
+        // Below 24 bits the node test runs in f32 and its error is below 6 x 2^-24 of the lattice's side, above
+        // in f64 with 6 x 2^-53; doubled.
+        let side = (1u64 << block.lattice_bits) as f64;
+        let ulp = if block.lattice_bits <= trex_store::layout::NARROW_BITS { 2f64.powi(-24) } else { 2f64.powi(-53) };
+        Frame {
+            origin: block.lattice.origin,
+            step: block.lattice.step(),
+            lo: lo.map(|q| q as f64 - MARGIN),
+            hi: hi.map(|q| q as f64 + MARGIN),
+            node_shift: block.node_shift,
+            slack: 12.0 * ulp * side,
+        }
+    }
+
+    /// Length of a lattice step, model units.
+    pub(super) fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// Moves a ray to the lattice; `None` when it misses the model's box.
+    pub(super) fn enter(&self, ray: &Ray) -> Option<LatticeRay> {
+        let longest = ray.direction.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        let from: [f64; 3] = std::array::from_fn(|a| (ray.origin[a] - self.origin[a]) / self.step);
+        if !(longest > 0.0 && longest.is_finite()) || from.iter().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let direction = ray.direction.map(|d| d / longest);
+        let (mut t_in, mut t_out) = (0.0f64, ray.t_max / self.step * longest);
+        for axis in 0..3 {
+            if direction[axis] == 0.0 {
+                if from[axis] < self.lo[axis] || from[axis] > self.hi[axis] {
+                    return None;
+                }
+                continue;
+            }
+            let a = (self.lo[axis] - from[axis]) / direction[axis];
+            let b = (self.hi[axis] - from[axis]) / direction[axis];
+            t_in = t_in.max(a.min(b));
+            t_out = t_out.min(a.max(b));
+        }
+        // Half of the margin pays for the rounding of t_in.
+        if t_in > t_out + MARGIN / 2.0 {
+            return None;
+        }
+        let entry: [f64; 3] = std::array::from_fn(|a| from[a] + t_in * direction[a]);
+        let cell = entry.map(f64::floor);
+        Some(LatticeRay {
+            cell: cell.map(|v| v as i64),
+            fraction: std::array::from_fn(|a| entry[a] - cell[a]),
+            direction,
+            t_max: (t_out - t_in).max(0.0) + MARGIN,
+            t_entry: t_in,
+            t_scale: self.step / longest,
+        })
+    }
+}
+
+impl LatticeRay {
+    /// Model t of a lattice t.
+    pub(super) fn model_t(&self, t: f64) -> f64 {
+        (t + self.t_entry) * self.t_scale
+    }
+
+    /// A lattice vertex as seen from the entry; exact but for the fraction.
+    pub(super) fn from_entry(&self, q: [i64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| (q[a] - self.cell[a]) as f64 - self.fraction[a])
+    }
+
+    /// Closest t and barycentric weights of the entry's ray on a triangle that a kernel has reported, in f64;
+    /// weights of the wrong sign (rounding, at an edge) count as zero. `None` for a triangle seen exactly edge-on.
+    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> Option<f64> {
+        let shear = Shear::of(self.direction);
+        let [a, b, c] = q.map(|q| shear.apply(self.from_entry(q)));
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        let sign = if u + v + w < 0.0 { -1.0 } else { 1.0 };
+        let [u, v, w] = [u, v, w].map(|x| (x * sign).max(0.0));
+        let sum = u + v + w;
+        (sum > 0.0).then(|| (u * a[2] + v * b[2] + w * c[2]) / sum)
+    }
+}
+
+/// The shear that turns the ray into the z axis (Woop, Benthin, Wald: "Watertight ray/triangle intersection",
+/// JCGT 2013).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shear {
+    pub(super) k: [usize; 3],
+    pub(super) s: [f64; 3],
+}
+
+impl Shear {
+    pub(super) fn of(direction: [f64; 3]) -> Shear {
+        let kz = (0..3).fold(0, |best, a| if direction[a].abs() > direction[best].abs() { a } else { best });
+        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        if direction[kz] < 0.0 {
+            std::mem::swap(&mut kx, &mut ky);
+        }
+        let dz = direction[kz];
+        Shear { k: [kx, ky, kz], s: [direction[kx] / dz, direction[ky] / dz, 1.0 / dz] }
+    }
+
+    fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        let z = p[self.k[2]];
+        [p[self.k[0]] - self.s[0] * z, p[self.k[1]] - self.s[1] * z, self.s[2] * z]
+    }
+}
