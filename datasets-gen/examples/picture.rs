@@ -47,8 +47,7 @@ fn splat(view: &View, corners: &[[f64; 3]; 3], colour: [f32; 3], depth: &mut [f6
         |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     let normal = unit(cross(sub(corners[1], corners[0]), sub(corners[2], corners[0])));
     let front = dot(normal, sub(view.position, corners[0])) >= 0.0;
-    let light =
-        0.25 + 0.75 * dot(normal, unit([0.4, -0.55, 0.75])).abs().min(1.0) * if front { 1.0 } else { 0.5 };
+    let light = 0.25 + 0.75 * dot(normal, unit([0.75, -0.3, 0.45])).max(0.0) * if front { 1.0 } else { 0.5 };
     let range = |i: usize| {
         let (lo, hi) =
             [a, b, c].iter().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[i]), hi.max(p[i])));

@@ -14,7 +14,7 @@
 //! 1), so a child lies within the least and greatest of its support, widened by the noise still to come:
 //! the bound that skips empty space; 3. plain f32 operations, no fused ones: the same bits on every machine.
 
-use fastnoise_lite::{FastNoiseLite, NoiseType};
+use fastnoise_lite::{CellularDistanceFunction, CellularReturnType, FastNoiseLite, NoiseType};
 
 /// Cells of a block along an axis.
 pub(super) const CELLS: usize = 8;
@@ -205,37 +205,48 @@ pub(super) const HALF_HEIGHT: f32 = 24.0;
 /// Height of a bump on a lattice of the given spacing. Falls a little faster than the spacing, so the surface
 /// gets rougher at every zoom, yet its area grows slowly.
 fn bump_height(spacing: f32) -> f32 {
-    BUMP_SLOPE * spacing * (spacing / LAYER_SIDE).sqrt().sqrt().sqrt()
+    BUMP_SLOPE * spacing * (spacing / LAYER_SIDE).sqrt().sqrt()
 }
-const BUMP_SLOPE: f32 = 2.6;
+const BUMP_SLOPE: f32 = 3.8;
 
-/// The large shapes: a height field of bubbles, looked up through a three-dimensional warp that makes it
-/// hang over.
+/// The large shapes: bubbles of two sizes, looked up through a three-dimensional warp that makes them hang
+/// over.
 struct Root {
-    bubbles: FastNoiseLite,
+    cells: FastNoiseLite,
     warp: FastNoiseLite,
 }
 
 impl Root {
     fn new(seed: u64) -> Root {
-        let noise = |salt: u64| {
+        let noise = |salt: u64, kind: NoiseType| {
             let mut noise = FastNoiseLite::with_seed(mix(seed ^ salt) as i32);
-            noise.set_noise_type(Some(NoiseType::Perlin));
+            noise.set_noise_type(Some(kind));
             noise.set_frequency(Some(1.0));
+            noise.set_cellular_distance_function(Some(CellularDistanceFunction::EuclideanSq));
+            noise.set_cellular_return_type(Some(CellularReturnType::Distance));
+            noise.set_cellular_jitter(Some(1.0));
             noise
         };
-        Root { bubbles: noise(0x6275_6262), warp: noise(0x7761_7270) }
+        Root { cells: noise(0x6275_6262, NoiseType::Cellular), warp: noise(0x7761_7270, NoiseType::Perlin) }
     }
 
     /// Negative below the interface.
     fn value(&self, [x, y, z]: [f32; 3]) -> f32 {
         let scaled = |cell: f32, shift: f32| {
-            self.warp.get_noise_3d(x / cell + shift, y / cell - shift, 1.3 * z / cell + 0.7 * shift)
+            self.warp.get_noise_3d(x / cell + shift, y / cell - shift, z / cell + 0.7 * shift)
         };
-        let [sx, sy] = [x + 9.0 * scaled(14.0, 0.0), y + 9.0 * scaled(14.0, 17.3)];
-        let billow = |cell: f32| 1.0 - 3.0 * self.bubbles.get_noise_2d(sx / cell, sy / cell).abs();
-        let swell = self.bubbles.get_noise_2d(sx / 41.0 + 5.5, sy / 41.0);
-        let height = 5.0 * swell + 4.5 * billow(23.0) + 2.2 * billow(13.0);
-        z - height.clamp(-14.0, 14.0) - 3.0 * scaled(11.0, 41.7)
+        let [sx, sy] = [x + WARP * scaled(12.0, 0.0), y + WARP * scaled(12.0, 17.3)];
+        let sz = z + WARP * scaled(12.0, 31.9);
+        // Squared distance to the nearest centre: domes with creases between them.
+        let dome = |cell: f32, depth: f32| {
+            1.0 - (self.cells.get_noise_3d(sx / cell, sy / cell, depth * sz / cell) + 1.0).min(1.0)
+        };
+        let swell = self.warp.get_noise_3d(x / 43.0 + 5.5, y / 43.0, 0.5);
+        let height = SWELL * swell + BIG * (dome(17.0, 0.6) - 0.6) + SMALL * (dome(8.5, 1.0) - 0.6);
+        z - height.clamp(-18.0, 18.0)
     }
 }
+const WARP: f32 = 5.0;
+const SWELL: f32 = 5.0;
+const BIG: f32 = 17.0;
+const SMALL: f32 = 9.0;
