@@ -10,7 +10,9 @@
 //!
 //! [`ScanHint`]: trex_store::ScanHint
 
+mod dice;
 mod isosurface;
+mod pipes;
 mod spec;
 mod stream;
 mod views;
@@ -40,6 +42,16 @@ use trex_store::{Result, TriangleSource};
 pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>> {
     match spec.kind {
         Kind::Isosurface => isosurface::open(spec, options),
+        Kind::Pipes => pipes::open(spec, options),
         _ => isosurface::open(spec, options),
     }
+}
+
+/// The median length of the triangles' edges. Generators that have no formula for it ask a sample.
+pub(crate) fn median_edge(corners: &[[[f64; 3]; 3]]) -> f64 {
+    let squared = |a: [f64; 3], b: [f64; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>();
+    let mut edges: Vec<f64> =
+        corners.iter().flat_map(|&[a, b, c]| [squared(a, b), squared(b, c), squared(c, a)]).collect();
+    let middle = edges.len() / 2;
+    edges.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt()
 }

@@ -1,6 +1,6 @@
 //! Marked viewpoints: where a camera shows what a shape is made for.
 
-use crate::{Kind, Spec, isosurface};
+use crate::{Kind, Spec, isosurface, pipes};
 
 /// A camera that frames something worth seeing.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +21,7 @@ pub struct View {
 pub fn views(spec: &Spec) -> Vec<View> {
     match spec.kind {
         Kind::Isosurface => isosurface::views(),
+        Kind::Pipes => pipes::views(spec),
         _ => isosurface::views(),
     }
 }

@@ -14,6 +14,7 @@
 //! 1), so a child lies within the least and greatest of its support, widened by the noise still to come:
 //! the bound that skips empty space; 3. plain f32 operations, no fused ones: the same bits on every machine.
 
+use crate::dice::mix;
 use fastnoise_lite::{CellularDistanceFunction, CellularReturnType, FastNoiseLite, NoiseType};
 
 /// Cells of a block along an axis.
@@ -189,14 +190,6 @@ fn blend<'a>(a: usize, old: impl Fn(usize) -> &'a [f32; SUPPORT_ROW]) -> [f32; S
     }
 }
 
-/// SplitMix64's finalizer.
-pub(crate) fn mix(value: u64) -> u64 {
-    let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ z >> 31
-}
-
 /// Model units: the layer is a square of this side.
 pub(super) const LAYER_SIDE: f32 = 100.0;
 /// The surface stays within this distance of the plane z = 0, whatever the seed.
@@ -207,7 +200,7 @@ pub(super) const HALF_HEIGHT: f32 = 24.0;
 fn bump_height(spacing: f32) -> f32 {
     BUMP_SLOPE * spacing * (spacing / LAYER_SIDE).sqrt().sqrt()
 }
-const BUMP_SLOPE: f32 = 3.8;
+const BUMP_SLOPE: f32 = 3.2;
 
 /// The large shapes: bubbles of two sizes, looked up through a three-dimensional warp that makes them hang
 /// over.

@@ -20,8 +20,6 @@ use field::{Block, CELLS, Field, HALF_HEIGHT, LAYER_SIDE};
 use std::sync::Arc;
 use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource, geom};
 
-pub(crate) use field::mix;
-
 /// Levels that a task descends: 4 x 4 x 4 finest blocks, some thousands of triangles.
 const TASK_LEVELS: u32 = 2;
 /// Level 0 has between this and twice this many cells along the layer's side: fine enough for the smallest

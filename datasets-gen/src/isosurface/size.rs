@@ -33,7 +33,9 @@ const GROWTH_DECAY: f64 = 0.6;
 /// Below this side a step of one cell is coarse, so sides are chosen from all pairs nearby.
 const SMALL_SIDE: u64 = 160;
 /// Relative error that ends the search of a counted size.
-const GOOD_ENOUGH: f64 = 0.002;
+const GOOD_ENOUGH: f64 = 0.004;
+/// Most pairs of sides that are counted, the likeliest first.
+const MOST_TRIALS: usize = 10;
 
 /// Chooses the resolution for `spec`.
 ///
@@ -60,7 +62,7 @@ pub(super) fn choose(spec: &Spec, options: &GenOptions) -> Result<Size> {
     pairs.sort_by_key(|&[x, y]| (((x * y) as f64 * per_column - asked).abs() as u64, x, y));
     let mut best: Option<Size> = None;
     let error = |size: &Size| (size.triangle_count as f64 / asked - 1.0).abs();
-    for cells in pairs {
+    for cells in pairs.into_iter().take(MOST_TRIALS) {
         let size = Size { cells, triangle_count: count(spec.seed, cells, options)? };
         if best.as_ref().is_none_or(|best| error(&size) < error(best)) {
             best = Some(size);
