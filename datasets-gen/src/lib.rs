@@ -1,1 +1,57 @@
-//! Procedural triangle meshes, seeded and streamed.
+//! Procedural triangle meshes, seeded and streamed: inputs of any size with no file between.
+//!
+//! ```text
+//!   "gen:isosurface:100M:7" -> Spec::parse -> open -> TriangleSource -> the store's build, or write::write
+//! ```
+//!
+//! Invariants: 1. the same `Spec` gives the same triangles in the same order at any thread count; 2. vertices
+//! shared by triangles are equal to the bit; 3. the memory of a stream is leased from the caller's budget and
+//! stays below 256 MiB; 4. count, bounds and edge length are known before the stream ([`ScanHint`]).
+//!
+//! [`ScanHint`]: trex_store::ScanHint
+
+mod dice;
+mod isosurface;
+mod pipes;
+mod spec;
+mod stream;
+mod views;
+
+pub use spec::{GenOptions, Kind, Spec};
+pub use views::{View, views};
+
+use trex_store::{Result, TriangleSource};
+
+/// Opens the stream of `spec`.
+///
+/// # Errors
+/// `Code::MemoryLimit` when the budget has no room, `Code::Interrupted` when interrupted meanwhile.
+///
+/// ```
+/// use datasets_gen::{GenOptions, Spec};
+/// let spec = Spec::parse("gen:soup:10k:7")?;
+/// let mut source = datasets_gen::open(&spec, &GenOptions::default())?;
+/// let mut batch = trex_store::TriangleBatch::default();
+/// let mut count = 0;
+/// while source.next_batch(&mut batch)? {
+///     count += batch.len();
+/// }
+/// assert_eq!(count, 10_000);
+/// # Ok::<(), trex_store::Error>(())
+/// ```
+pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>> {
+    match spec.kind {
+        Kind::Isosurface => isosurface::open(spec, options),
+        Kind::Pipes => pipes::open(spec, options),
+        _ => isosurface::open(spec, options),
+    }
+}
+
+/// The median length of the triangles' edges. Generators that have no formula for it ask a sample.
+pub(crate) fn median_edge(corners: &[[[f64; 3]; 3]]) -> f64 {
+    let squared = |a: [f64; 3], b: [f64; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>();
+    let mut edges: Vec<f64> =
+        corners.iter().flat_map(|&[a, b, c]| [squared(a, b), squared(b, c), squared(c, a)]).collect();
+    let middle = edges.len() / 2;
+    edges.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt()
+}
