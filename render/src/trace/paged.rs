@@ -142,7 +142,7 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
         let mut missing = Missing::none();
         let found = self.run(&local, Goal::Closest, &mut missing);
         let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.t);
-        if missing.nearest <= hit_t {
+        if missing.count > 0 && missing.nearest <= hit_t {
             self.note(&missing, hit_t);
             return Answer::Blocked;
         }

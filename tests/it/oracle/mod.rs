@@ -1,0 +1,3 @@
+//! Oracles: plain and slow, sharing no code with what they test.
+
+pub(crate) mod mesh;

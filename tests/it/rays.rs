@@ -1,0 +1,200 @@
+//! Closest hits of the paged tracer against the f64 oracle on the decoded mesh, leaks, and the two arithmetics
+//! against each other.
+//!
+//! The bound: f32 vertex offsets are wrong by at most 2^-23 of the distance in lattice steps, so a hit may lie that
+//! far off its triangle, and of two surfaces closer to each other than that either may answer.
+
+use crate::oracle::mesh::{OracleMesh, distance, moeller_trumbore};
+use crate::support::{Built, build_spec};
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
+
+fn unit(rng: &mut Pcg64) -> f64 {
+    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn direction(rng: &mut Pcg64) -> [f64; 3] {
+    loop {
+        let d: [f64; 3] = std::array::from_fn(|_| 2.0 * unit(rng) - 1.0);
+        let square: f64 = d.iter().map(|x| x * x).sum();
+        if square > 1e-4 && square <= 1.0 {
+            return d.map(|x| x / square.sqrt());
+        }
+    }
+}
+
+/// Rays from around the model towards it, and from inside of its box in all directions.
+fn random_rays(built: &Built, count: usize, seed: u64) -> Vec<Ray> {
+    let bounds = built.file.superblock().bounds;
+    let (center, radius) = (bounds.center(), 0.5 * bounds.diagonal());
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let inside = |rng: &mut Pcg64| -> [f64; 3] {
+        std::array::from_fn(|a| bounds.lo[a] + unit(rng) * (bounds.hi[a] - bounds.lo[a]))
+    };
+    (0..count)
+        .map(|i| {
+            let origin = if i % 2 == 0 {
+                let d = direction(&mut rng);
+                std::array::from_fn(|a| center[a] + radius * (1.0 + 3.0 * (i % 7) as f64) * d[a])
+            } else {
+                inside(&mut rng)
+            };
+            let target = inside(&mut rng);
+            let towards: [f64; 3] = std::array::from_fn(|a| target[a] - origin[a]);
+            let length = towards.iter().map(|x| x * x).sum::<f64>().sqrt();
+            Ray { origin, direction: towards.map(|x| x / length), t_max: f64::INFINITY }
+        })
+        .collect()
+}
+
+fn exact<T>(answer: Answer<T>) -> T {
+    match answer {
+        Answer::Exact(value) => value,
+        Answer::Blocked => panic!("blocked with all pages resident"),
+    }
+}
+
+fn point(ray: &Ray, t: f64) -> [f64; 3] {
+    std::array::from_fn(|a| ray.origin[a] + t * ray.direction[a])
+}
+
+/// Counts of disagreements: settled (edge or two surfaces within the bound), and wrong ones.
+fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<String>) {
+    let resident = AllResident::load(&built.file);
+    let mut tracer = PagedMesh::new(&built.file, &resident);
+    let block = built.file.superblock();
+    let extent = block.bounds.diagonal();
+    let (mut settled, mut wrong) = (0, Vec::new());
+    for ray in rays {
+        let ours: Option<Hit> = exact(tracer.intersect(ray));
+        let theirs = oracle.closest(ray.origin, ray.direction, f64::INFINITY);
+        assert_eq!(exact(tracer.occluded(ray)), ours.is_some(), "occluded and intersect differ: {ray:?}");
+        // 2^-22 of the model's size covers every offset within it, both ends.
+        let bound = extent * 2f64.powi(-22) + 1e-14 * (extent + ray.origin.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
+        let same = match (&ours, &theirs) {
+            (None, None) => true,
+            (Some(a), Some(b)) => (a.t - b.t).abs() <= bound,
+            _ => false,
+        };
+        if same {
+            continue;
+        }
+        // Ours must lie on its own triangle within the bound, and must not overlook a hit that is clearly inside
+        // of its triangle and clearly in front.
+        let on_surface = ours.as_ref().is_none_or(|hit| {
+            let triangle = &oracle.triangles[built.decoded_index(hit.triangle)];
+            distance(triangle, point(ray, hit.t)) <= bound
+        });
+        let overlooked = theirs.is_some_and(|hit| {
+            let in_front = ours.as_ref().is_none_or(|ours| hit.t < ours.t - bound);
+            let size = triangle_size(&oracle.triangles[hit.triangle]);
+            in_front && hit.least_weight * size > bound
+        });
+        if on_surface && !overlooked {
+            settled += 1;
+        } else {
+            wrong.push(format!("{ray:?}: ours {ours:?}, oracle {theirs:?}"));
+        }
+    }
+    (settled, wrong)
+}
+
+/// The least height of a triangle.
+fn triangle_size(t: &[[f64; 3]; 3]) -> f64 {
+    let area = crate::oracle::mesh::cross(crate::oracle::mesh::sub(t[1], t[0]), crate::oracle::mesh::sub(t[2], t[0]));
+    let longest = (0..3)
+        .map(|i| {
+            let e = crate::oracle::mesh::sub(t[(i + 1) % 3], t[i]);
+            crate::oracle::mesh::dot(e, e).sqrt()
+        })
+        .fold(0.0, f64::max);
+    if longest > 0.0 { crate::oracle::mesh::dot(area, area).sqrt() / longest } else { 0.0 }
+}
+
+fn check_against_oracle(spec: &str, ray_count: usize) {
+    let built = build_spec(spec);
+    let oracle = OracleMesh::new(built.decode());
+    let (settled, wrong) = settle(&built, &oracle, &random_rays(&built, ray_count, 11));
+    assert!(wrong.is_empty(), "{spec}: {} wrong, first: {}", wrong.len(), wrong[0]);
+    assert!(settled * 100 < ray_count, "{spec}: {settled} of {ray_count} rays had to be settled");
+}
+
+#[test]
+fn isosurface_agrees_with_the_oracle() {
+    check_against_oracle("gen:isosurface:200k:3", 50_000);
+}
+
+#[test]
+fn pipes_agree_with_the_oracle() {
+    check_against_oracle("gen:pipes:200k:3", 50_000);
+}
+
+#[test]
+fn scan_agrees_with_the_oracle() {
+    check_against_oracle("gen:scan:200k:3", 50_000);
+}
+
+#[test]
+fn soup_agrees_with_the_oracle() {
+    check_against_oracle("gen:soup:100k:3", 30_000);
+}
+
+/// Both arithmetics must give the same bits, or the scalar one is no oracle.
+#[test]
+fn avx2_and_scalar_give_the_same_bits() {
+    for spec in ["gen:isosurface:100k:5", "gen:pipes:100k:5", "gen:soup:50k:5"] {
+        let built = build_spec(spec);
+        let fast = Arithmetic::for_file(&built.file);
+        let resident = AllResident::load(&built.file);
+        if fast == Arithmetic::Deep {
+            continue;
+        }
+        let mut fast = PagedMesh::with_arithmetic(&built.file, &resident, fast);
+        let mut plain = PagedMesh::with_arithmetic(&built.file, &resident, Arithmetic::Scalar);
+        let mut deep = PagedMesh::with_arithmetic(&built.file, &resident, Arithmetic::Deep);
+        let mut deep_differs = 0;
+        for ray in random_rays(&built, 20_000, 4) {
+            let hit = exact(fast.intersect(&ray));
+            assert_eq!(hit, exact(plain.intersect(&ray)), "{spec} {ray:?}");
+            deep_differs += usize::from(exact(deep.intersect(&ray)).map(|h| h.triangle) != hit.map(|h| h.triangle));
+        }
+        assert!(deep_differs < 200, "{spec}: f64 answers with another triangle {deep_differs} times");
+    }
+}
+
+/// No ray from inside of a closed mesh gets out, aimed anywhere or exactly at vertices and edges.
+#[test]
+fn no_ray_leaks_out_of_a_closed_mesh() {
+    let built = build_spec("gen:scan:100k:2");
+    let triangles = built.decode();
+    let oracle = OracleMesh::new(triangles);
+    let resident = AllResident::load(&built.file);
+    let mut tracer = PagedMesh::new(&built.file, &resident);
+    let bounds = built.file.superblock().bounds;
+    let mut rng = Pcg64::seed_from_u64(5);
+    // A point is inside when a ray crosses the surface an odd number of times, counted by the oracle.
+    let inside = |p: [f64; 3]| {
+        let d = [0.5773, 0.5774, 0.5772];
+        oracle.triangles.iter().filter(|t| moeller_trumbore(t, p, d).is_some_and(|(t, _)| t > 0.0)).count() % 2 == 1
+    };
+    let mut origins = Vec::new();
+    while origins.len() < 10 {
+        let p = std::array::from_fn(|a| bounds.lo[a] + unit(&mut rng) * (bounds.hi[a] - bounds.lo[a]));
+        if inside(p) {
+            origins.push(p);
+        }
+    }
+    for i in 0..300_000 {
+        let origin = origins[i % origins.len()];
+        let t = &oracle.triangles[rng.next_u64() as usize % oracle.triangles.len()];
+        let target = match i % 3 {
+            0 => t[0],
+            1 => std::array::from_fn(|a| 0.5 * (t[0][a] + t[1][a])),
+            _ => std::array::from_fn(|a| origin[a] + [1.0, 0.3, -0.2][(a + i) % 3] * (unit(&mut rng) - 0.5)),
+        };
+        let direction: [f64; 3] = std::array::from_fn(|a| target[a] - origin[a]);
+        let ray = Ray { origin, direction, t_max: f64::INFINITY };
+        assert!(exact(tracer.intersect(&ray)).is_some(), "a leak: {ray:?}");
+    }
+}
