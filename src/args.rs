@@ -89,10 +89,10 @@ const DEMO_LIMIT_BYTES: u64 = 256 << 20;
 #[command(next_help_heading = "Common options")]
 pub struct CommonArgs {
     /// Most memory this process may take: an amount (512MiB, 2GB), a share of what the machine grants (50%), or
-    /// auto [default: auto = 50% of the smaller of installed memory and cgroup limit; demo: 256MiB]
+    /// auto (default: auto = 50% of the smaller of installed memory and cgroup limit; demo: 256MiB)
     #[arg(long, value_name = "LIMIT", value_parser = values::memory_limit)]
     pub memory_limit: Option<MemoryLimit>,
-    /// Worker threads [default: one per core]; results do not depend on it
+    /// Worker threads (default: one per core); results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Print the result as one JSON document, units in the keys
@@ -134,7 +134,7 @@ pub struct OverwriteArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Output options")]
 pub struct ScratchArgs {
-    /// Folder for scratch files [default: beside the output]; removed again, also after Ctrl-C
+    /// Folder for scratch files (default: beside the output); removed again, also after Ctrl-C
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
 }
@@ -208,7 +208,7 @@ pub struct DemoArgs {
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub spp: u32,
     /// Seed of the mesh and of the samples
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
@@ -242,7 +242,7 @@ pub struct GenArgs {
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Seed; the same seed gives the same bytes
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
@@ -263,14 +263,14 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
-    /// Meshes: .ply, .obj or .stl files, or gen:KIND:COUNT[:SEED]; several become one model
+    /// Meshes: .ply, .obj or .stl files, or gen:KIND:COUNT, also with :SEED; several become one model
     #[arg(value_name = "INPUT", required = true, num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
     /// The page file to publish
     #[arg(short, long, value_name = "OUT.trex")]
     pub output: PathBuf,
-    /// Bits of the lattice along the model's longest side [default: chosen from the edges, see `trex info`]
+    /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]
     pub grid_bits: Option<u8>,
     /// Largest distance a vertex may move when snapped to the lattice, model units
@@ -299,7 +299,7 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
-    /// A page file, or a mesh: .ply, .obj, .stl or gen:KIND:COUNT[:SEED]
+    /// A page file, or a mesh: .ply, .obj, .stl or gen:KIND:COUNT
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
     #[command(flatten)]
@@ -343,7 +343,7 @@ pub struct RenderArgs {
     /// How light is computed
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Integrator::Direct)]
     pub integrator: Integrator,
-    /// Size of the picture, pixels [default: the scene's, else 1024x1024]
+    /// Size of the picture, pixels (default: the scene's, else 1024x1024)
     #[arg(long, value_name = "WxH", value_parser = values::resolution)]
     pub resolution: Option<Resolution>,
     /// Samples per pixel
@@ -356,9 +356,9 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub n_shadow: u32,
     /// Seed of the samples
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Factor on the light before it becomes a PNG [default: the scene's, else 1]
+    /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
     #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,
     /// Further layers of an EXR

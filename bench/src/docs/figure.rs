@@ -130,16 +130,15 @@ fn scaled(number: f64, step: f64, units: &[&str]) -> String {
     format!("{value:.digits$} {}", units[unit]).trim_end().to_owned()
 }
 
-/// A key as a column's or an axis' title: `memory.peak_rss_bytes` reads `memory peak rss`, the unit being in
-/// the cells; `triangles_per_s` reads `triangles per s`.
+/// A key as a column's or an axis' title, the unit being in the cells: `memory.peak_rss_bytes` reads `memory
+/// peak rss`, `triangle_count` reads `triangles`.
 pub(super) fn title(key: &str) -> String {
-    let bare: Vec<&str> = key
-        .split('.')
-        .map(|part| {
-            ["_bytes", "_ms", "_count"].iter().find_map(|unit| part.strip_suffix(unit)).unwrap_or(part)
-        })
-        .collect();
-    bare.join(" ").replace('_', " ")
+    let bare = |part: &str| match part.strip_suffix("_count") {
+        Some(counted) => format!("{counted}s"),
+        None => part.strip_suffix("_bytes").or(part.strip_suffix("_ms")).unwrap_or(part).to_owned(),
+    };
+    let parts: Vec<String> = key.split('.').map(bare).collect();
+    parts.join(" ").replace('_', " ")
 }
 
 #[cfg(test)]
@@ -166,6 +165,7 @@ mod tests {
     #[test]
     fn titles_leave_the_unit_to_the_cells() {
         assert_eq!(title("memory.peak_rss_bytes"), "memory peak rss");
+        assert_eq!(title("triangle_count"), "triangles");
         assert_eq!(title("triangles_per_s"), "triangles per s");
         assert_eq!(title("bytes_per_triangle.disk"), "bytes per triangle disk");
     }
