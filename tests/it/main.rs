@@ -1,1 +1,4 @@
 //! Integration tests of trex, one binary: a module per theme.
+
+mod cli;
+mod tidy;
