@@ -1,3 +1,66 @@
-//! The `trex` command.
+//! The `trex` command: arguments in, verbs out. It reads `/proc`, `/sys` and the terminal, so that the libraries
+//! need not; it has no logic of its own.
+//!
+//! ```text
+//! args ---- what may be typed          context -- what a verb gets
+//! values -- typed values               verbs ---- one file per verb
+//! host, memory -- the machine          report --- stdout
+//! progress, log -- stderr              failure -- errors, exit status, panics
+//! ```
 
-fn main() {}
+// A binary has no public items: `pub` here means "for the other modules", as it would in a library.
+#![allow(unreachable_pub)]
+#![expect(dead_code, reason = "the verbs are connected to their libraries as those land")]
+
+mod args;
+mod context;
+mod failure;
+mod host;
+mod log;
+mod memory;
+mod progress;
+mod report;
+mod size;
+mod values;
+mod verbs;
+
+use args::Cli;
+use clap::Parser;
+use context::Context;
+use failure::Exit;
+use progress::Console;
+use report::Output;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    run().into()
+}
+
+fn run() -> Exit {
+    let command = report::command_line(std::env::args_os());
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // What could not be parsed may still have asked for a document.
+            let json = std::env::args_os().any(|argument| argument == "--json");
+            return failure::tell_usage(&error, &Output::new(json, command));
+        }
+    };
+    let common = cli.verb.common();
+    let console = Console::new(common.progress, common.quiet);
+    let output = Output::new(common.json, command);
+    failure::install_panic_hook(output.clone());
+    log::install(common, &console);
+
+    let context = Context::new(&cli.verb, console.clone(), output.clone());
+    if let Err(error) = context.listen_for_signals() {
+        tracing::warn!("Ctrl-C will end trex at once, without cleaning up: {error}");
+    }
+    // A panic has already been told by the hook; what remains is its exit status.
+    let verb = std::panic::AssertUnwindSafe(|| verbs::run(&cli.verb, &context));
+    match std::panic::catch_unwind(verb) {
+        Ok(Ok(exit)) => exit,
+        Ok(Err(error)) => failure::tell(&error, &console, &output),
+        Err(_) => Exit::Bug,
+    }
+}

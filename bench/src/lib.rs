@@ -1,1 +1,11 @@
-//! Workloads, records, peers and the docs written from them.
+//! trex-bench: workloads, peers, and the figures that were measured with them.
+//!
+//! ```text
+//! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
+//! ```
+//!
+//! Invariant: a figure in the documentation comes from a record, and a record says how to get it again.
+
+pub mod docs;
+pub mod machine;
+pub mod record;

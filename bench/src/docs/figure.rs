@@ -1,0 +1,178 @@
+//! `Figure`: what several runs of one command have in common, and how a value reads.
+//!
+//! Invariant: numbers are medians over the runs; a value that is no number is that of the last run.
+
+use crate::record::Record;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Runs that agree in name, command, machine and commit.
+#[derive(Clone, Debug)]
+pub(super) struct Figure {
+    /// The last run, with each number replaced by its median.
+    pub(super) record: Record,
+    /// How many runs.
+    pub(super) run_count: usize,
+}
+
+impl Figure {
+    /// A value as a number.
+    pub(super) fn number(&self, key: &str) -> Option<f64> {
+        self.record.values.get(key)?.as_f64()
+    }
+
+    /// A value as text with its unit; a dash when the record has none.
+    pub(super) fn text(&self, key: &str) -> String {
+        match self.record.values.get(key) {
+            None => "-".to_owned(),
+            Some(Value::String(text)) => text.replace('|', "\\|"),
+            Some(value) => value.as_f64().map_or_else(|| value.to_string(), |number| with_unit(number, key)),
+        }
+    }
+}
+
+/// Groups records into figures: per name the latest group, sorted by name.
+///
+/// "Latest" is the group whose last run stands last in the file, since files only grow.
+pub(super) fn group(records: Vec<Record>) -> Vec<Figure> {
+    let mut latest: BTreeMap<String, Vec<Record>> = BTreeMap::new();
+    for record in records {
+        let runs = latest.entry(record.name.clone()).or_default();
+        runs.push(record);
+    }
+    latest.into_values().map(figure_of).collect()
+}
+
+/// The figure of the runs that are like the last of `runs`.
+fn figure_of(mut runs: Vec<Record>) -> Figure {
+    let mut last = runs.pop().expect("a group has a first record");
+    runs.retain(|run| {
+        (&run.command, &run.machine, &run.commit) == (&last.command, &last.machine, &last.commit)
+    });
+    for (key, value) in &mut last.values {
+        let Some(number) = value.as_f64() else { continue };
+        let others = runs.iter().filter_map(|run| run.values.get(key)?.as_f64());
+        let mut numbers: Vec<f64> = others.chain([number]).collect();
+        numbers.sort_by(f64::total_cmp);
+        *value = median(&numbers).into();
+    }
+    Figure { record: last, run_count: runs.len() + 1 }
+}
+
+/// The middle of sorted numbers; of two middles their mean.
+fn median(sorted: &[f64]) -> f64 {
+    let middle = sorted.len() / 2;
+    if sorted.len() % 2 == 1 { sorted[middle] } else { 0.5 * (sorted[middle - 1] + sorted[middle]) }
+}
+
+/// Units that the keys end in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unit {
+    Bytes,
+    Milliseconds,
+    PerSecond,
+    Count,
+    Plain,
+}
+
+impl Unit {
+    /// The unit of the innermost part of a dotted key that has one: `phase_ms.scan` is in milliseconds.
+    fn of(key: &str) -> Unit {
+        let unit = |part: &str| {
+            let ends =
+                |unit: &str| part == unit || part.strip_suffix(unit).is_some_and(|rest| rest.ends_with('_'));
+            if ends("bytes") {
+                Some(Unit::Bytes)
+            } else if ends("ms") {
+                Some(Unit::Milliseconds)
+            } else if ends("per_s") {
+                Some(Unit::PerSecond)
+            } else if ends("count") {
+                Some(Unit::Count)
+            } else if part.contains("_per_") {
+                Some(Unit::Plain)
+            } else {
+                None
+            }
+        };
+        key.rsplit('.').find_map(unit).unwrap_or(Unit::Plain)
+    }
+}
+
+fn with_unit(number: f64, key: &str) -> String {
+    match Unit::of(key) {
+        Unit::Bytes => scaled(number, 1024.0, &["B", "KiB", "MiB", "GiB", "TiB"]),
+        Unit::Milliseconds if number >= 1000.0 => scaled(number / 1000.0, f64::INFINITY, &["s"]),
+        Unit::Milliseconds => scaled(number, f64::INFINITY, &["ms"]),
+        Unit::PerSecond => scaled(number, 1000.0, &["/s", "k/s", "M/s", "G/s"]),
+        Unit::Count => scaled(number, 1000.0, &["", "k", "M", "G"]),
+        Unit::Plain => scaled(number, f64::INFINITY, &[""]),
+    }
+}
+
+/// Three significant digits and the unit that keeps them below `step`; whole numbers below it stay whole.
+fn scaled(number: f64, step: f64, units: &[&str]) -> String {
+    let mut value = number;
+    let mut unit = 0;
+    while value.abs() >= step && unit + 1 < units.len() {
+        value /= step;
+        unit += 1;
+    }
+    let digits = match value.abs() {
+        _ if unit == 0 && value.fract() == 0.0 => 0,
+        small if small > 0.0 && small < 0.01 => {
+            return format!("{value:.2e} {}", units[unit]).trim_end().to_owned();
+        }
+        small if small < 9.995 => 2,
+        middle if middle < 99.95 => 1,
+        _ => 0,
+    };
+    format!("{value:.digits$} {}", units[unit]).trim_end().to_owned()
+}
+
+/// A key as a column's or an axis' title, the unit being in the cells: `memory.peak_rss_bytes` reads `memory
+/// peak rss`, `triangle_count` reads `triangles`.
+pub(super) fn title(key: &str) -> String {
+    let bare = |part: &str| match part.strip_suffix("_count") {
+        Some(counted) => format!("{counted}s"),
+        None => part.strip_suffix("_bytes").or(part.strip_suffix("_ms")).unwrap_or(part).to_owned(),
+    };
+    let parts: Vec<String> = key.split('.').map(bare).collect();
+    parts.join(" ").replace('_', " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_read_with_their_unit() {
+        for (number, key, expected) in [
+            (67_108_864.0, "memory.peak_rss_bytes", "64.0 MiB"),
+            (12.34, "phase_ms.scan", "12.3 ms"),
+            (12_340.0, "time_ms", "12.3 s"),
+            (1_234_567.0, "rays_per_s.primary", "1.23 M/s"),
+            (5_000_000.0, "triangle_count", "5.00 M"),
+            (999.0, "triangle_count", "999"),
+            (4.021, "bytes_per_triangle.disk", "4.02"),
+            (0.00012, "rmse", "1.20e-4"),
+            (0.0, "holes", "0"),
+        ] {
+            assert_eq!(with_unit(number, key), expected, "{key}");
+        }
+    }
+
+    #[test]
+    fn titles_leave_the_unit_to_the_cells() {
+        assert_eq!(title("memory.peak_rss_bytes"), "memory peak rss");
+        assert_eq!(title("triangle_count"), "triangles");
+        assert_eq!(title("triangles_per_s"), "triangles per s");
+        assert_eq!(title("bytes_per_triangle.disk"), "bytes per triangle disk");
+    }
+
+    #[test]
+    fn medians_take_the_middle() {
+        assert_eq!(median(&[1.0, 2.0, 9.0]), 2.0);
+        assert_eq!(median(&[1.0, 2.0]), 1.5);
+    }
+}

@@ -1,0 +1,98 @@
+//! The `trex-bench` command: keep a run as a record, write the docs from the records.
+//!
+//! ```text
+//! trex build ... --json | cargo run --release -p trex-bench -- record --name build-iso-20m
+//! cargo run --release -p trex-bench -- docs
+//! ```
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+use std::fs;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use trex_bench::docs;
+use trex_bench::record::{self, Labels, Record};
+
+/// Keeps measured runs, and writes the figures of the documentation from them.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100)]
+struct Cli {
+    /// The checkout whose `bench/record/` and `docs/` are meant
+    #[arg(long, global = true, value_name = "DIR", default_value = ".")]
+    root: PathBuf,
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Rewrite the tables and plots of docs/ from the records
+    Docs {
+        /// Write nothing; exit 1 if a file would change
+        #[arg(long)]
+        check: bool,
+    },
+    /// Append the JSON document of a trex verb to the records
+    Record {
+        /// Name of the record: what was measured (a-z, 0-9, -)
+        #[arg(long)]
+        name: String,
+        /// The command line [default: as the document says]
+        #[arg(long)]
+        command: Option<String>,
+        /// The model or scene [default: as the document says]
+        #[arg(long)]
+        scene: Option<String>,
+        /// The seed [default: as the document says]
+        #[arg(long)]
+        seed: Option<u64>,
+        /// The document; - is stdin
+        #[arg(default_value = "-")]
+        document: PathBuf,
+    },
+}
+
+fn main() -> anyhow::Result<ExitCode> {
+    let Cli { root, verb } = Cli::parse();
+    match verb {
+        Verb::Docs { check: true } => check_docs(&root),
+        Verb::Docs { check: false } => write_docs(&root),
+        Verb::Record { name, command, scene, seed, document } => {
+            keep(&root, &document, Labels { name, command, scene, seed })
+        }
+    }
+}
+
+fn check_docs(root: &Path) -> anyhow::Result<ExitCode> {
+    let stale = docs::stale(root)?;
+    let lines: Vec<String> =
+        stale.iter().map(|path| format!("{} is not up to date", path.display())).collect();
+    tell(&lines)?;
+    Ok(if stale.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn write_docs(root: &Path) -> anyhow::Result<ExitCode> {
+    let written = docs::write(root)?;
+    let lines: Vec<String> = written.iter().map(|path| format!("wrote {}", path.display())).collect();
+    tell(&lines)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn keep(root: &Path, document: &Path, labels: Labels) -> anyhow::Result<ExitCode> {
+    let text = if document == Path::new("-") {
+        let mut text = String::new();
+        io::stdin().lock().read_to_string(&mut text).context("cannot read stdin")?;
+        text
+    } else {
+        fs::read_to_string(document).with_context(|| format!("cannot read {}", document.display()))?
+    };
+    let document = serde_json::from_str(&text).context("the document is not JSON")?;
+    let path = record::append(root, &Record::of_document(&document, labels, root)?)?;
+    tell(&[format!("appended to {}", path.display())])?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn tell(lines: &[String]) -> io::Result<()> {
+    lines.iter().try_for_each(|line| writeln!(io::stderr().lock(), "{line}"))
+}

@@ -1,0 +1,248 @@
+//! Failures told to people and to scripts: four parts on stderr, one document with `--json`, an exit status.
+//!
+//! Invariants: 1. every end of the program passes through [`Exit`]; 2. a `trex_store::Error` keeps its code and
+//! its parts; anything else is an I/O failure of our own output, or a bug; 3. a panic in any thread is told
+//! once, with what to report, and ends in status 70.
+
+use crate::progress::Console;
+use crate::report::Output;
+use serde::Serialize;
+use std::io::{self, Write};
+use std::panic::PanicHookInfo;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use trex_store::{Code, Error};
+
+/// Exit status of the command; the numbers are part of its contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// Done.
+    Done = 0,
+    /// Ran, and the answer is no.
+    No = 1,
+    /// The command line makes no sense.
+    Usage = 2,
+    /// The input is bad: unreadable, malformed, damaged.
+    BadInput = 3,
+    /// The memory limit cannot be met.
+    MemoryLimit = 4,
+    /// No space on disk.
+    Disk = 5,
+    /// Reading or writing failed.
+    Io = 7,
+    /// A mistake of ours.
+    Bug = 70,
+    /// Stopped by the user.
+    Interrupted = 130,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> ExitCode {
+        ExitCode::from(exit as u8)
+    }
+}
+
+impl From<Code> for Exit {
+    fn from(code: Code) -> Exit {
+        match code {
+            Code::Usage => Exit::Usage,
+            Code::InputFormat
+            | Code::InputTruncated
+            | Code::InputRange
+            | Code::InputEmpty
+            | Code::InputUnreadable
+            | Code::SceneFormat
+            | Code::Damaged
+            | Code::Version => Exit::BadInput,
+            Code::MemoryLimit => Exit::MemoryLimit,
+            Code::DiskFull => Exit::Disk,
+            Code::Io => Exit::Io,
+            Code::Interrupted => Exit::Interrupted,
+            // A code that this table has not met: nobody decided on its status.
+            _ => Exit::Bug,
+        }
+    }
+}
+
+/// The body of `trex.error/1`.
+#[derive(Debug, Serialize)]
+struct Failure {
+    code: &'static str,
+    what: String,
+    #[serde(rename = "where")]
+    place: String,
+    numbers: String,
+    next_step: String,
+    smallest_limit_bytes: Option<u64>,
+    exit: u8,
+}
+
+impl Failure {
+    fn of(error: &anyhow::Error) -> (Failure, Exit) {
+        if let Some(error) = error.downcast_ref::<Error>() {
+            return Failure::of_store(error);
+        }
+        if let Some(io) = error.chain().find_map(|cause| cause.downcast_ref::<io::Error>()) {
+            let failure = Failure {
+                what: format!("{error:#}"),
+                ..Failure::of_store(&Error::io("write the result", "stdout".as_ref(), io)).0
+            };
+            let exit = if failure.code == Code::DiskFull.as_str() { Exit::Disk } else { Exit::Io };
+            return (Failure { exit: exit as u8, ..failure }, exit);
+        }
+        (Failure::bug(format!("{error:#}")), Exit::Bug)
+    }
+
+    fn of_store(error: &Error) -> (Failure, Exit) {
+        let exit = Exit::from(error.code());
+        let failure = Failure {
+            code: error.code().as_str(),
+            what: error.what().to_owned(),
+            place: error.place().to_owned(),
+            numbers: error.numbers_text().to_owned(),
+            next_step: error.next_step().to_owned(),
+            smallest_limit_bytes: error.smallest_limit_bytes(),
+            exit: exit as u8,
+        };
+        (failure, exit)
+    }
+
+    fn bug(what: String) -> Failure {
+        Failure {
+            code: "bug",
+            what,
+            place: format!("trex {} on {} {}", env!("CARGO_PKG_VERSION"), std::env::consts::OS, std::env::consts::ARCH),
+            numbers: String::new(),
+            next_step: "this is a mistake in trex, not yours: please report it with the command line and this message"
+                .to_owned(),
+            smallest_limit_bytes: None,
+            exit: Exit::Bug as u8,
+        }
+    }
+
+    /// What, then the parts that exist, one a line.
+    fn text(&self) -> String {
+        let mut text = format!("error: {} [{}]", self.what, self.code);
+        for (label, part) in [("where", &self.place), ("numbers", &self.numbers), ("next", &self.next_step)] {
+            if !part.is_empty() {
+                text.push_str(&format!("\n  {label}: {part}"));
+            }
+        }
+        text
+    }
+}
+
+/// Tells `error` on stderr, and as a document with `--json`; says how the program ends.
+pub fn tell(error: &anyhow::Error, console: &Console, output: &Output) -> Exit {
+    let (failure, exit) = Failure::of(error);
+    console.abandon();
+    console.error(&failure.text());
+    output.error_document(&failure);
+    exit
+}
+
+/// Tells what clap says: help and version are results, the rest is a usage error.
+pub fn tell_usage(error: &clap::Error, output: &Output) -> Exit {
+    // The streams may be closed pipes; then there is nobody to tell.
+    let _ = error.print();
+    if !error.use_stderr() {
+        return Exit::Done;
+    }
+    output.error_document(&Failure {
+        code: Code::Usage.as_str(),
+        what: error.to_string().lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned(),
+        place: "command line".to_owned(),
+        numbers: String::new(),
+        next_step: "see trex --help".to_owned(),
+        smallest_limit_bytes: None,
+        exit: Exit::Usage as u8,
+    });
+    Exit::Usage
+}
+
+/// Makes every panic say what it is, whose fault, and what to report. Only the first is told: the others follow
+/// from it.
+pub fn install_panic_hook(output: Output) {
+    static TOLD: AtomicBool = AtomicBool::new(false);
+    std::panic::set_hook(Box::new(move |info| {
+        if TOLD.swap(true, Ordering::SeqCst) {
+            return;
+        }
+        let failure = Failure::bug(panic_text(info));
+        let _ = writeln!(io::stderr().lock(), "\n{}", failure.text());
+        output.error_document(&failure);
+    }));
+}
+
+fn panic_text(info: &PanicHookInfo<'_>) -> String {
+    let payload = info.payload();
+    let message = payload
+        .downcast_ref::<&str>()
+        .copied()
+        .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("a panic without a message");
+    let thread = std::thread::current();
+    let thread = thread.name().unwrap_or("unnamed");
+    match info.location() {
+        Some(place) => format!("{message} (at {}:{}, thread {thread})", place.file(), place.line()),
+        None => format!("{message} (thread {thread})"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn every_code_has_its_status() {
+        for (code, status) in [
+            (Code::Usage, 2),
+            (Code::InputFormat, 3),
+            (Code::InputTruncated, 3),
+            (Code::InputRange, 3),
+            (Code::InputEmpty, 3),
+            (Code::InputUnreadable, 3),
+            (Code::SceneFormat, 3),
+            (Code::Damaged, 3),
+            (Code::Version, 3),
+            (Code::MemoryLimit, 4),
+            (Code::DiskFull, 5),
+            (Code::Io, 7),
+            (Code::Interrupted, 130),
+        ] {
+            assert_eq!(Exit::from(code) as u8, status, "{code:?}");
+        }
+    }
+
+    #[test]
+    fn a_store_error_keeps_its_parts_through_context() {
+        let error = Error::new(Code::MemoryLimit, "no room")
+            .at(Path::new("m.trex"))
+            .numbers("5 of 3")
+            .next("raise it")
+            .smallest_limit(5);
+        let (failure, exit) = Failure::of(&anyhow::Error::from(error).context("while building"));
+        assert_eq!(exit, Exit::MemoryLimit);
+        assert_eq!(
+            failure.text(),
+            "error: no room [memory-limit]\n  where: m.trex\n  numbers: 5 of 3\n  next: raise it"
+        );
+        let document = serde_json::to_value(&failure).unwrap();
+        assert_eq!(document["where"], "m.trex");
+        assert_eq!(document["smallest_limit_bytes"], 5);
+        assert_eq!(document["exit"], 4);
+    }
+
+    #[test]
+    fn stdout_that_fails_is_io_and_the_unknown_is_a_bug() {
+        let full = anyhow::Error::from(io::Error::from(io::ErrorKind::StorageFull));
+        assert_eq!(Failure::of(&full).1, Exit::Disk);
+        let gone = anyhow::Error::from(io::Error::from(io::ErrorKind::TimedOut));
+        assert_eq!(Failure::of(&gone).1, Exit::Io);
+        let (failure, exit) = Failure::of(&anyhow::anyhow!("odd"));
+        assert_eq!((failure.code, exit), ("bug", Exit::Bug));
+        assert!(failure.text().contains("please report it"));
+    }
+}

@@ -1,0 +1,153 @@
+//! The result on stdout: text for people, or one JSON document with `--json`. Nothing else writes to stdout.
+//!
+//! Invariants: 1. with `--json` stdout holds exactly one document, also after a failure; 2. a reader that hangs
+//! up (`trex info x | head -1`) ends the output, not the program, and is no error; 3. all notes go to stderr.
+
+use serde::Serialize;
+use std::fmt::Display;
+use std::io::{self, ErrorKind, Write};
+
+/// Where results go, and in which form.
+#[derive(Clone, Debug)]
+pub struct Output {
+    json: bool,
+    command: String,
+}
+
+/// The envelope of every document: what it is, what made it, then the verb's own keys.
+#[derive(Serialize)]
+struct Document<'a, T> {
+    schema: String,
+    command: &'a str,
+    version: &'static str,
+    #[serde(flatten)]
+    body: &'a T,
+}
+
+impl Output {
+    /// `command` is the command line as typed, for the document.
+    pub fn new(json: bool, command: String) -> Output {
+        Output { json, command }
+    }
+
+    /// True when the result is a JSON document.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
+    /// Prints the result of `verb`: its `Display` text, or the document `trex.<verb>/1` of its fields.
+    ///
+    /// # Errors
+    /// Stdout cannot be written (a full disk behind `>`); a closed pipe is no error.
+    pub fn result<T: Serialize + Display>(&self, verb: &str, result: &T) -> io::Result<()> {
+        write_quietly(&mut io::stdout().lock(), &self.render(verb, result))
+    }
+
+    /// The document of an error, if documents are asked for.
+    pub fn error_document<T: Serialize>(&self, body: &T) {
+        if self.json {
+            // The error itself is already on stderr: a failure here has nobody left to tell.
+            let _ = write_quietly(&mut io::stdout().lock(), &self.document("error", body));
+        }
+    }
+
+    fn render<T: Serialize + Display>(&self, verb: &str, result: &T) -> String {
+        if self.json {
+            return self.document(verb, result);
+        }
+        let mut text = result.to_string();
+        if !text.is_empty() && !text.ends_with('\n') {
+            text.push('\n');
+        }
+        text
+    }
+
+    fn document<T: Serialize>(&self, name: &str, body: &T) -> String {
+        let document = Document {
+            schema: format!("trex.{name}/1"),
+            command: &self.command,
+            version: env!("CARGO_PKG_VERSION"),
+            body,
+        };
+        let text = serde_json::to_string_pretty(&document).expect("results are maps with string keys");
+        text + "\n"
+    }
+}
+
+/// Writes and flushes; a closed pipe counts as written.
+fn write_quietly(to: &mut impl Write, text: &str) -> io::Result<()> {
+    match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        other => other,
+    }
+}
+
+/// The command line for documents: `trex` and the arguments, quoted where a shell would need it.
+pub fn command_line(arguments: impl Iterator<Item = std::ffi::OsString>) -> String {
+    let mut line = String::from("trex");
+    for argument in arguments.skip(1) {
+        let text = argument.to_string_lossy();
+        line.push(' ');
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:,=%+".contains(c);
+        if !text.is_empty() && text.chars().all(plain) {
+            line.push_str(&text);
+        } else {
+            line.push_str(&format!("'{}'", text.replace('\'', "'\\''")));
+        }
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Serialize)]
+    struct Counted {
+        triangle_count: u64,
+    }
+
+    impl Display for Counted {
+        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            write!(f, "{} triangles", self.triangle_count)
+        }
+    }
+
+    /// Fails like stdout does once the reader has gone, or the disk is full.
+    struct Broken(ErrorKind);
+
+    impl Write for Broken {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(self.0.into())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn text_is_one_line_and_json_one_document() {
+        let result = Counted { triangle_count: 7 };
+        assert_eq!(Output::new(false, String::new()).render("info", &result), "7 triangles\n");
+        let text = Output::new(true, "trex info x".into()).render("info", &result);
+        let document: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(document["schema"], "trex.info/1");
+        assert_eq!(document["command"], "trex info x");
+        assert_eq!(document["triangle_count"], 7);
+    }
+
+    #[test]
+    fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
+        assert!(write_quietly(&mut Broken(ErrorKind::BrokenPipe), "x").is_ok());
+        assert!(write_quietly(&mut Broken(ErrorKind::StorageFull), "x").is_err());
+    }
+
+    #[test]
+    fn command_lines_can_be_pasted() {
+        let line = ["/usr/bin/trex", "info", "my model.ply", "it's", "--memory-limit", "50%", ""];
+        assert_eq!(
+            command_line(line.iter().map(Into::into)),
+            r"trex info 'my model.ply' 'it'\''s' --memory-limit 50% ''"
+        );
+    }
+}

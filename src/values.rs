@@ -1,0 +1,297 @@
+//! Typed values of the command line: one parser per kind of value.
+//!
+//! Invariants: 1. a parsed value is in range, no later check is needed; 2. a refusal names what was given and
+//! says what is accepted; 3. units are literal: `GB` is 10^9 bytes, `GiB` is 2^30, and a bare number has none.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+/// Widest or tallest picture, pixels: what PNG viewers and a film of strips still handle.
+pub const MAX_SIDE: u32 = 32_768;
+/// Most triangles that one command may be asked for: four times what the format's ids are meant for.
+pub const MAX_COUNT: u64 = 4_000_000_000;
+/// Share of the machine's memory that `auto` stands for, percent.
+pub const AUTO_PERCENT: u8 = 50;
+
+/// A number of bytes with its unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bytes(pub u64);
+
+/// `--memory-limit`: an amount, a share of the machine, or `auto`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MemoryLimit {
+    /// So many bytes.
+    Bytes(u64),
+    /// So many percent (1 to 100) of what the machine grants this process.
+    Percent(u8),
+}
+
+impl MemoryLimit {
+    /// What `auto` means.
+    pub const AUTO: MemoryLimit = MemoryLimit::Percent(AUTO_PERCENT);
+
+    /// The limit in bytes on a machine that grants `ceiling_bytes` to this process.
+    pub fn resolve(self, ceiling_bytes: u64) -> u64 {
+        match self {
+            MemoryLimit::Bytes(bytes) => bytes,
+            MemoryLimit::Percent(percent) => (u128::from(ceiling_bytes) * u128::from(percent) / 100) as u64,
+        }
+    }
+}
+
+/// A picture's size in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Resolution {
+    /// Pixels per row, 1 to [`MAX_SIDE`].
+    pub width: u32,
+    /// Rows, 1 to [`MAX_SIDE`].
+    pub height: u32,
+}
+
+/// A point or a direction in model space; every part is finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vec3(pub [f64; 3]);
+
+/// A time that is finite and above zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seconds(pub f64);
+
+/// What `build` reads: a file, or a generator's name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// A mesh file.
+    File(PathBuf),
+    /// `gen:KIND:COUNT[:SEED]`, as written; the generator's own parser reads it.
+    Generated(String),
+}
+
+impl From<OsString> for Input {
+    fn from(text: OsString) -> Input {
+        match text.to_str() {
+            Some(name) if name.starts_with("gen:") => Input::Generated(name.to_owned()),
+            _ => Input::File(text.into()),
+        }
+    }
+}
+
+/// Bytes per unit; longer names first, since `B` ends all of them.
+const UNITS: [(&str, u64); 9] = [
+    ("TIB", 1 << 40),
+    ("GIB", 1 << 30),
+    ("MIB", 1 << 20),
+    ("KIB", 1 << 10),
+    ("TB", 1_000_000_000_000),
+    ("GB", 1_000_000_000),
+    ("MB", 1_000_000),
+    ("KB", 1_000),
+    ("B", 1),
+];
+
+/// Parses `512MiB`, `1.5GiB`, `2GB`, `4096B`; case does not matter.
+pub fn bytes(text: &str) -> Result<Bytes, String> {
+    let refused = |why: &str| Err(format!("{why}; accepted are amounts like 512MiB, 1.5GiB, 2GB or 65536B"));
+    let upper = text.trim().to_ascii_uppercase();
+    let Some((number, unit)) = UNITS.iter().find_map(|(name, unit)| Some((upper.strip_suffix(name)?, *unit)))
+    else {
+        return refused("the unit is missing or unknown (M and G are ambiguous)");
+    };
+    let Some(number) = plain_number(number) else { return refused("the amount is not a number") };
+    let value = number * unit as f64;
+    if value < 1.0 {
+        return refused("the amount is less than one byte");
+    }
+    // 2^63: far above any memory or disk, and exactly representable.
+    if value > (1u64 << 63) as f64 {
+        return refused("the amount is beyond any machine");
+    }
+    Ok(Bytes(value as u64))
+}
+
+/// Parses `--memory-limit`: an amount of [`bytes`], `50%`, or `auto`.
+pub fn memory_limit(text: &str) -> Result<MemoryLimit, String> {
+    if text == "auto" {
+        return Ok(MemoryLimit::AUTO);
+    }
+    if let Some(percent) = text.strip_suffix('%') {
+        return match percent.trim().parse::<u8>() {
+            Ok(percent @ 1..=100) => Ok(MemoryLimit::Percent(percent)),
+            _ => Err("a share is a whole number from 1% to 100%".to_owned()),
+        };
+    }
+    bytes(text).map(|b| MemoryLimit::Bytes(b.0)).map_err(|why| format!("{why}, shares like 50%, and auto"))
+}
+
+/// Parses a count of things: `250000`, `250_000`, `250k`, `5M`, `1.5M`, `1G`.
+pub fn count(text: &str) -> Result<u64, String> {
+    let refused = |why: String| Err(format!("{why}; accepted are counts like 250000, 250k, 5M or 1G"));
+    let compact = text.trim().replace('_', "");
+    let (number, unit) = match compact.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&compact[..at], 1e3),
+        Some((at, 'm' | 'M')) => (&compact[..at], 1e6),
+        Some((at, 'g' | 'G')) => (&compact[..at], 1e9),
+        _ => (compact.as_str(), 1.0),
+    };
+    let Some(number) = plain_number(number) else { return refused("not a count".to_owned()) };
+    let value = (number * unit).round();
+    if value < 1.0 || value > MAX_COUNT as f64 {
+        return refused(format!("the count must lie between 1 and {MAX_COUNT}"));
+    }
+    Ok(value as u64)
+}
+
+/// Parses `1024x768`.
+pub fn resolution(text: &str) -> Result<Resolution, String> {
+    let side = |side: &str| side.parse::<u32>().ok().filter(|side| (1..=MAX_SIDE).contains(side));
+    text.split_once(['x', 'X'])
+        .and_then(|(width, height)| Some(Resolution { width: side(width)?, height: side(height)? }))
+        .ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, 1 to {MAX_SIDE} each, like 1024x768"))
+}
+
+/// Parses `x,y,z`, for example `1.5,-2,0.25`.
+pub fn vec3(text: &str) -> Result<Vec3, String> {
+    let parts: Option<Vec<f64>> = text.split(',').map(|part| finite(part.trim())).collect();
+    parts.and_then(|parts| <[f64; 3]>::try_from(parts).ok()).map(Vec3).ok_or_else(|| {
+        "accepted are three finite numbers x,y,z with no space between, like 1.5,-2,0.25".into()
+    })
+}
+
+/// Parses a time: `90s`, `1500ms`, `2min`, or a bare number of seconds.
+pub fn seconds(text: &str) -> Result<Seconds, String> {
+    let text = text.trim();
+    let (number, unit) = [("ms", 1e-3), ("min", 60.0), ("s", 1.0)]
+        .iter()
+        .find_map(|(name, unit)| Some((text.strip_suffix(name)?, *unit)))
+        .unwrap_or((text, 1.0));
+    finite(number.trim())
+        .map(|number| number * unit)
+        .filter(|seconds| *seconds > 0.0)
+        .map(Seconds)
+        .ok_or_else(|| "accepted is a time above zero: 1500ms, 90s, 2min, or seconds as a bare number".into())
+}
+
+/// Parses a finite number above zero (a length, an exposure).
+pub fn positive(text: &str) -> Result<f64, String> {
+    finite(text).filter(|x| *x > 0.0).ok_or_else(|| "accepted is a finite number above zero".into())
+}
+
+/// Parses a field of view, degrees.
+pub fn degrees(text: &str) -> Result<f64, String> {
+    finite(text)
+        .filter(|x| (0.1..=179.0).contains(x))
+        .ok_or_else(|| "accepted is an angle from 0.1 to 179 degrees".into())
+}
+
+/// A finite float.
+fn finite(text: &str) -> Option<f64> {
+    text.parse::<f64>().ok().filter(|x| x.is_finite())
+}
+
+/// A decimal without sign or exponent: what people write before a unit.
+fn plain_number(text: &str) -> Option<f64> {
+    let text = text.trim();
+    let plain = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+    if plain { finite(text) } else { None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_are_literal() {
+        for (text, expected) in [
+            ("1B", 1),
+            ("65536B", 65_536),
+            ("1kB", 1_000),
+            ("1KiB", 1_024),
+            ("2MB", 2_000_000),
+            ("512MiB", 512 << 20),
+            ("512mib", 512 << 20),
+            ("1.5GiB", 3 << 29),
+            ("2GB", 2_000_000_000),
+            ("2GiB", 2 << 30),
+            (" 3 TiB ", 3 << 40),
+        ] {
+            assert_eq!(bytes(text), Ok(Bytes(expected)), "{text}");
+        }
+        for text in [
+            "",
+            "B",
+            "512",
+            "512M",
+            "2G",
+            "-1MiB",
+            "1e3MiB",
+            "0MiB",
+            "0.1B",
+            "9999999999TiB",
+            "1.2.3MB",
+            "inf B",
+        ] {
+            let why = bytes(text).expect_err(text);
+            assert!(why.contains("accepted are"), "{text}: {why}");
+        }
+    }
+
+    #[test]
+    fn memory_limits_are_amounts_shares_or_auto() {
+        assert_eq!(memory_limit("auto"), Ok(MemoryLimit::AUTO));
+        assert_eq!(memory_limit("100%"), Ok(MemoryLimit::Percent(100)));
+        assert_eq!(memory_limit("256MiB"), Ok(MemoryLimit::Bytes(256 << 20)));
+        for text in ["0%", "101%", "50.5%", "%", "-5%", "Auto", "lots", "256"] {
+            assert!(memory_limit(text).is_err(), "{text}");
+        }
+        assert!(memory_limit("256").unwrap_err().contains("50%"));
+        assert_eq!(MemoryLimit::Percent(50).resolve(u64::MAX), u64::MAX / 2);
+        assert_eq!(MemoryLimit::Bytes(7).resolve(3), 7);
+    }
+
+    #[test]
+    fn counts_have_decimal_units() {
+        for (text, expected) in
+            [("1", 1), ("250_000", 250_000), ("250k", 250_000), ("1.5M", 1_500_000), ("1G", 1_000_000_000)]
+        {
+            assert_eq!(count(text), Ok(expected), "{text}");
+        }
+        for text in ["", "0", "-1", "M", "5MM", "1e6", "5G", "five", "5MiB"] {
+            assert!(count(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn resolutions_are_bounded() {
+        assert_eq!(resolution("1024x768"), Ok(Resolution { width: 1024, height: 768 }));
+        assert_eq!(resolution("1X32768"), Ok(Resolution { width: 1, height: 32_768 }));
+        for text in ["", "x", "1024", "0x5", "5x0", "32769x1", "5x5x5", "-5x5", "1024 x 768"] {
+            assert!(resolution(text).unwrap_err().contains("WIDTHxHEIGHT"), "{text}");
+        }
+    }
+
+    #[test]
+    fn vectors_have_three_finite_parts() {
+        assert_eq!(vec3("1.5,-2,1e3"), Ok(Vec3([1.5, -2.0, 1000.0])));
+        for text in ["", "1,2", "1,2,3,4", "1,2,nan", "1,inf,3", "1,,3", "(1,2,3)"] {
+            assert!(vec3(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn times_angles_and_lengths_are_above_zero() {
+        for (text, expected) in [("90", 90.0), ("90s", 90.0), ("2min", 120.0), ("1500ms", 1.5)] {
+            assert_eq!(seconds(text), Ok(Seconds(expected)), "{text}");
+        }
+        for text in ["", "0", "-1s", "nan", "inf", "1h"] {
+            assert!(seconds(text).is_err(), "{text}");
+        }
+        assert_eq!(positive("0.001"), Ok(0.001));
+        assert!(positive("0").is_err() && positive("inf").is_err() && positive("x").is_err());
+        assert_eq!(degrees("45"), Ok(45.0));
+        assert!(degrees("0").is_err() && degrees("180").is_err());
+    }
+
+    #[test]
+    fn inputs_are_files_or_generators() {
+        assert_eq!(Input::from(OsString::from("gen:pipes:5M")), Input::Generated("gen:pipes:5M".into()));
+        assert_eq!(Input::from(OsString::from("./gen:odd.ply")), Input::File("./gen:odd.ply".into()));
+    }
+}

@@ -1,0 +1,27 @@
+//! The verbs, one file each: from its flags to options of the libraries, from their report to a result.
+//!
+//! Invariants: 1. a verb translates, calls and reports; what it computes belongs in a library; 2. its result is
+//! one struct, `Serialize` for scripts (units in the keys) and `Display` for people.
+
+mod build;
+mod demo;
+mod generate;
+mod info;
+mod render;
+mod verify;
+
+use crate::args::Verb;
+use crate::context::Context;
+use crate::failure::Exit;
+
+/// Runs a verb.
+pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
+    match verb {
+        Verb::Demo(args) => demo::run(args, ctx),
+        Verb::Gen(args) => generate::run(args, ctx),
+        Verb::Build(args) => build::run(args, ctx),
+        Verb::Info(args) => info::run(args, ctx),
+        Verb::Verify(args) => verify::run(args, ctx),
+        Verb::Render(args) => render::run(args, ctx),
+    }
+}

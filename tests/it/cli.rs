@@ -1,0 +1,99 @@
+//! The command's contract that needs no mesh: help, versions, usage errors, streams.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::process::Stdio;
+
+const VERBS: [&str; 6] = ["demo", "gen", "build", "info", "verify", "render"];
+
+fn trex(line: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trex"));
+    command.args(line.split_whitespace());
+    command
+}
+
+fn stdout(line: &str) -> String {
+    let output = trex(line).assert().success().get_output().stdout.clone();
+    String::from_utf8(output).unwrap()
+}
+
+#[test]
+fn help_lists_the_verbs_and_the_exit_statuses() {
+    let help = stdout("--help");
+    for word in VERBS.into_iter().chain(["Examples:", "Exit status:", "130"]) {
+        assert!(help.contains(word), "{word} is missing in:\n{help}");
+    }
+}
+
+#[test]
+fn every_verb_explains_its_flags_units_and_defaults() {
+    for verb in VERBS {
+        let help = stdout(&format!("{verb} --help"));
+        for word in
+            ["Example", "--memory-limit", "512MiB", "auto = 50%", "--threads", "--json", "[default: auto]"]
+        {
+            assert!(help.contains(word), "trex {verb} --help lacks {word}:\n{help}");
+        }
+    }
+    let writes = |verb: &&str| ["demo", "gen", "build", "render"].contains(verb);
+    for verb in VERBS.iter().filter(|verb| writes(verb)) {
+        assert!(stdout(&format!("{verb} --help")).contains("--overwrite"), "{verb}");
+    }
+}
+
+#[test]
+fn the_version_is_the_packages() {
+    assert_eq!(stdout("--version"), format!("trex {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn usage_errors_exit_2_name_the_value_and_leave_stdout_empty() {
+    for (line, named) in [
+        ("", "Usage"),
+        ("fly", "fly"),
+        ("build", "INPUT"),
+        ("build a.ply", "--output"),
+        ("build a.ply -o b.trex --voxels 9", "--voxels"),
+        ("build a.ply -o b.trex --grid-bits 99", "99"),
+        ("build a.ply -o b.trex --error 1 --grid-bits 20", "--grid-bits"),
+        ("info a.ply --memory-limit 512M", "512MiB"),
+        ("info a.ply --memory-limit 0%", "1% to 100%"),
+        ("info a.ply --threads 0", "--threads"),
+        ("info a.ply -q -v", "--quiet"),
+        ("gen cube --triangles 5 -o a.ply", "isosurface"),
+        ("gen soup --triangles 0 -o a.ply", "--triangles"),
+        ("render a.trex -o a.png --resolution 0x5", "WIDTHxHEIGHT"),
+        ("render a.trex -o a.png --camera-position 1,2", "x,y,z"),
+        ("render a.trex -o a.png --integrator photon", "direct"),
+        ("render a.trex -o a.png --fov-x 40 --fov-y 40", "--fov-y"),
+    ] {
+        let output = trex(line).assert().code(2).get_output().clone();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(stderr.contains(named), "trex {line}: {named} is missing in:\n{stderr}");
+        assert!(output.stdout.is_empty(), "trex {line}");
+    }
+}
+
+#[test]
+fn a_usage_error_is_a_document_when_documents_are_asked_for() {
+    let output = trex("info a.ply --json --memory-limit lots").assert().code(2).get_output().clone();
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(document["schema"], "trex.error/1");
+    assert_eq!(document["code"], "usage");
+    assert_eq!(document["exit"], 2);
+    assert!(document["what"].as_str().unwrap().contains("lots"), "{document}");
+}
+
+#[test]
+fn a_reader_that_hangs_up_is_no_error() {
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_trex"))
+        .args(["render", "--help"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}
