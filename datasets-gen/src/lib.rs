@@ -13,10 +13,13 @@
 mod dice;
 mod isosurface;
 mod pipes;
+mod scan;
+mod soup;
 mod spec;
 mod stream;
 mod views;
 
+pub use soup::degenerate_count;
 pub use spec::{GenOptions, Kind, Spec};
 pub use views::{View, views};
 
@@ -43,7 +46,8 @@ pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>
     match spec.kind {
         Kind::Isosurface => isosurface::open(spec, options),
         Kind::Pipes => pipes::open(spec, options),
-        _ => isosurface::open(spec, options),
+        Kind::Scan => scan::open(spec, options),
+        Kind::Soup => soup::open(spec, options),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Marked viewpoints: where a camera shows what a shape is made for.
 
-use crate::{Kind, Spec, isosurface, pipes};
+use crate::{Kind, Spec, isosurface, pipes, scan, soup};
 
 /// A camera that frames something worth seeing.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,6 +22,7 @@ pub fn views(spec: &Spec) -> Vec<View> {
     match spec.kind {
         Kind::Isosurface => isosurface::views(),
         Kind::Pipes => pipes::views(spec),
-        _ => isosurface::views(),
+        Kind::Scan => scan::views(),
+        Kind::Soup => soup::views(),
     }
 }

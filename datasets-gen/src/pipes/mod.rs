@@ -54,7 +54,7 @@ pub(crate) fn views(spec: &Spec) -> Vec<View> {
     vec![
         View {
             name: "overview",
-            position: [0.02 * w, 0.02 * d - 0.15 * d.min(60.0), 0.8 * h],
+            position: [0.5 * w / plant.bays[0].min(40) as f64, 1.0, 0.8 * h],
             target: [0.55 * w, 0.6 * d, 0.0],
             up,
             fov_x_deg: 75.0,
