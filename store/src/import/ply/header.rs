@@ -67,7 +67,7 @@ impl Header {
         let mut form = None;
         let mut elements = Vec::new();
         loop {
-            let Some(raw) = lines.next() else { return Err(no_end(input, lines.line)) };
+            let Some(raw) = lines.next() else { return Err(no_end(input, lines.taken, lines.line)) };
             let text = String::from_utf8_lossy(raw);
             let words: Vec<&str> = text.split_whitespace().take(6).collect();
             let wrong = |what: &str| {
@@ -215,11 +215,18 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-fn no_end(input: &Input, line: u64) -> Error {
+fn no_end(input: &Input, taken: usize, line: u64) -> Error {
+    let rest = &input.window()[taken..];
     let whole = input.window().len() as u64 == input.left();
-    let code = if whole { Code::InputTruncated } else { Code::InputFormat };
-    Error::new(code, "the PLY header has no `end_header`")
+    let error = if rest.iter().any(|&byte| byte.is_ascii_control() && byte != b'\t') {
+        Error::new(Code::InputFormat, "the PLY header holds bytes that are no text")
+    } else if whole {
+        Error::new(Code::InputTruncated, "the file ends before `end_header` of the PLY header")
+    } else {
+        Error::new(Code::InputFormat, "the PLY header has no `end_header`")
+    };
+    error
         .at_line(input.path(), line + 1)
-        .numbers(format!("{} bytes looked at", input.window().len()))
+        .numbers(format!("{} bytes looked at, the line begins `{}`", input.window().len(), printable(rest)))
         .next("copy or export the file again")
 }

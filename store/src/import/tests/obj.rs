@@ -108,7 +108,7 @@ fn random_meshes_equal_tobj() {
     let mut text = String::from("mtllib none.mtl\n");
     let mut count = 0;
     for row in 0..60_000 {
-        if row < 3 || random.next_u32() % 3 == 0 {
+        if row < 3 || random.next_u32().is_multiple_of(3) {
             // 24 bits, which the oracle's f32 holds.
             let value = || format!("{}e-3", random.next_u32() >> 10);
             let [x, y, z] = std::array::from_fn::<_, 3, _>({
@@ -121,7 +121,7 @@ fn random_meshes_equal_tobj() {
             let corners: String = (0..3)
                 .map(|_| {
                     let index = u64::from(random.next_u32()) % count;
-                    if random.next_u32() % 2 == 0 {
+                    if random.next_u32().is_multiple_of(2) {
                         format!(" {}//1", index + 1)
                     } else {
                         format!(" -{}", index + 1)
