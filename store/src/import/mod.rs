@@ -1,1 +1,142 @@
-//! import
+//! Importers: triangle meshes in files, as streams of triangles. Start at [`open`].
+//!
+//! ```text
+//! file -> Input (a window) -> Text (words) ----> ObjSource, StlTextSource, ascii PlySource
+//!                        `-> records ----------> StlSource, binary PlySource
+//! vertices by index: VertexCache                 faces to triangles: Polygon
+//! ```
+//!
+//! Invariants: 1. no importer holds the mesh: memory is a window, the corners of a face, and a vertex cache, all
+//! leased before they are taken; 2. no count, length or index of the file is believed before it was compared with
+//! the file's length or with a constant here; 3. any bytes give triangles or an `Error`, never a panic.
+
+mod input;
+mod materials;
+mod obj;
+mod ply;
+mod polygon;
+mod scalar;
+mod sniff;
+mod stl;
+mod stl_text;
+#[cfg(test)]
+mod tests;
+mod text;
+mod vertices;
+
+use crate::budget::Budget;
+use crate::error::Result;
+use crate::progress::Interrupt;
+use crate::source::{SourceStats, TriangleSource};
+use input::Input;
+use std::path::{Path, PathBuf};
+
+pub use sniff::{Encoding, Format};
+
+/// Most warnings that a source keeps.
+const MAX_WARNINGS: usize = 16;
+
+/// How an input is read.
+#[derive(Clone, Debug)]
+pub struct ImportOptions {
+    /// Where all memory is leased.
+    pub budget: Budget,
+    /// Folder of the unlinked scratch file that vertices go to when they neither fit the cache nor lie in the
+    /// input as plain numbers.
+    pub temp_dir: PathBuf,
+    /// Stops the reading, at the latest after one window.
+    pub interrupt: Interrupt,
+    /// Most bytes that the vertex cache takes. Less is taken where the array is smaller or the budget has less.
+    pub vertex_cache_bytes: u64,
+}
+
+impl ImportOptions {
+    /// Options under `budget`, a quarter of which may go to the vertex cache.
+    pub fn new(budget: Budget, temp_dir: &Path) -> ImportOptions {
+        let vertex_cache_bytes = budget.free_bytes() / 4;
+        ImportOptions {
+            budget,
+            temp_dir: temp_dir.to_path_buf(),
+            interrupt: Interrupt::default(),
+            vertex_cache_bytes,
+        }
+    }
+
+    /// Options without a limit, for tests and small tools.
+    pub fn unlimited(temp_dir: &Path) -> ImportOptions {
+        ImportOptions::new(Budget::unlimited(), temp_dir)
+    }
+}
+
+/// What an input says about itself. Nothing of it has been checked beyond the file's length.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct InputInfo {
+    /// The file format.
+    pub format: Format,
+    /// Text or numbers.
+    pub encoding: Encoding,
+    /// Length of the file.
+    pub file_bytes: u64,
+    /// Vertices that the header declares; `None` where only reading tells.
+    pub vertex_count: Option<u64>,
+    /// Faces (PLY: faces and strips) that the header declares; `None` where only reading tells.
+    pub face_count: Option<u64>,
+}
+
+/// Opens a mesh file as a stream of triangles. The format comes from the file's ending (`.ply`, `.obj`, `.stl` in any
+/// case), which its content must not contradict; other endings are decided by content where that is unambiguous.
+///
+/// # Errors
+/// `Code::Input*` with path and line or byte offset; [`crate::Code::MemoryLimit`] when the budget has no room for
+/// the fixed parts (about 2 MiB). Errors in the body come from the stream.
+///
+/// ```
+/// use trex_store::import::{ImportOptions, open};
+/// use trex_store::{TriangleBatch, TriangleSource};
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("square.obj");
+/// std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n").unwrap();
+/// let mut source = open(&path, &ImportOptions::unlimited(folder.path()))?;
+/// let mut batch = TriangleBatch::default();
+/// while source.next_batch(&mut batch)? {
+///     assert_eq!(batch.len(), 2);
+/// }
+/// # Ok::<(), trex_store::Error>(())
+/// ```
+pub fn open(path: &Path, options: &ImportOptions) -> Result<Box<dyn TriangleSource>> {
+    let mut input = Input::open(path, options)?;
+    Ok(match sniff::format(&mut input)? {
+        Format::Ply => ply::open(input, options)?,
+        Format::Obj => Box::new(obj::ObjSource::new(input, options)?),
+        Format::Stl => match stl::form(&mut input)? {
+            stl::StlForm::Ascii => Box::new(stl_text::StlTextSource::new(input, options)?),
+            stl::StlForm::Binary { count } => Box::new(stl::StlSource::new(input, count, options)?),
+        },
+    })
+}
+
+/// What `path` declares, without loading it.
+///
+/// # Errors
+/// As [`open`].
+pub fn info(path: &Path) -> Result<InputInfo> {
+    let mut input = Input::open(path, &ImportOptions::unlimited(Path::new("")))?;
+    let format = sniff::format(&mut input)?;
+    let file_bytes = input.length();
+    let (encoding, vertex_count, face_count) = match format {
+        Format::Ply => ply::declared(&mut input)?,
+        Format::Obj => (Encoding::Ascii, None, None),
+        Format::Stl => match stl::form(&mut input)? {
+            stl::StlForm::Ascii => (Encoding::Ascii, None, None),
+            stl::StlForm::Binary { count } => (Encoding::BinaryLittleEndian, None, Some(count)),
+        },
+    };
+    Ok(InputInfo { format, encoding, file_bytes, vertex_count, face_count })
+}
+
+/// Adds a warning once, and no more than there is room for.
+fn warn(stats: &mut SourceStats, warning: String) {
+    if stats.warnings.len() < MAX_WARNINGS && !stats.warnings.contains(&warning) {
+        stats.warnings.push(warning);
+    }
+}

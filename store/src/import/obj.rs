@@ -1,0 +1,201 @@
+//! `ObjSource`: Wavefront OBJ in one streaming pass.
+//!
+//! ```text
+//! v x y z ...       -> vertex cache        f a/b/c ...  -> look-ups -> polygon -> triangles
+//! mtllib, usemtl    -> material table      all else     -> counted, skipped
+//! ```
+//!
+//! Invariants: 1. a face refers to vertices that stand before it, as every exporter writes them; 2. vertices are
+//! appended once: on a later pass their rows are only counted.
+
+use super::ImportOptions;
+use super::input::Input;
+use super::materials::MaterialTable;
+use super::polygon::{MAX_POLYGON_SIDES, Polygon};
+use super::text::{Mark, Text, parse_integer, printable};
+use super::vertices::VertexCache;
+use super::warn;
+use crate::error::Result;
+use crate::material::Material;
+use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+use std::path::PathBuf;
+
+/// Triangles of an OBJ file.
+pub(super) struct ObjSource {
+    text: Text,
+    start: Mark,
+    vertices: VertexCache,
+    /// `v` rows since the start of this pass: what a face may refer to.
+    defined_count: u64,
+    /// Vertices with a colour, counted when they are appended.
+    coloured_count: u64,
+    materials: MaterialTable,
+    material: u32,
+    polygon: Polygon,
+    options: ImportOptions,
+    stats: SourceStats,
+}
+
+impl ObjSource {
+    /// Reads from where `input` stands (after a byte order mark, if there is one).
+    pub(super) fn new(input: Input, options: &ImportOptions) -> Result<ObjSource> {
+        let text = Text::new(input, 1);
+        Ok(ObjSource {
+            start: text.mark(),
+            vertices: VertexCache::growing(options)?,
+            defined_count: 0,
+            coloured_count: 0,
+            materials: MaterialTable::new(options)?,
+            material: 0,
+            polygon: Polygon::new(&options.budget)?,
+            options: options.clone(),
+            stats: SourceStats::default(),
+            text,
+        })
+    }
+
+    fn row(&mut self, batch: &mut TriangleBatch) -> Result<()> {
+        match self.text.word()? {
+            Some(b"v") => self.vertex(),
+            Some(b"f" | b"fo") => self.face(batch),
+            Some(b"vn" | b"vt") => {
+                self.stats.dropped_attribute_count += 1;
+                self.text.skip_row()
+            }
+            Some(b"p" | b"l") => {
+                self.stats.skipped_face_count += 1;
+                self.text.skip_row()
+            }
+            Some(b"usemtl") => {
+                let name = self.text.rest()?;
+                self.material = self.materials.index_of(&name)?;
+                Ok(())
+            }
+            Some(b"mtllib") => self.library(),
+            Some(b"g" | b"o" | b"s") => self.text.skip_row(),
+            Some(word) if word.starts_with(b"#") => self.text.skip_line().map(drop),
+            Some(word) => {
+                let message = format!("rows that begin with `{}` are not read", printable(word));
+                warn(&mut self.stats, message);
+                self.text.skip_row()
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn vertex(&mut self) -> Result<()> {
+        self.defined_count += 1;
+        if self.defined_count <= self.vertices.count() {
+            return self.text.skip_row();
+        }
+        let position = [self.text.number()?, self.text.number()?, self.text.number()?];
+        self.vertices.push(position)?;
+        let mut extra_count = 0;
+        while self.text.word()?.is_some() {
+            extra_count += 1;
+        }
+        // One number more is the weight of a rational curve's point, three or more are a colour.
+        self.coloured_count += u64::from(extra_count >= 3);
+        Ok(())
+    }
+
+    fn face(&mut self, batch: &mut TriangleBatch) -> Result<()> {
+        self.polygon.clear();
+        while let Some(index) = self.corner()? {
+            if self.polygon.len() == MAX_POLYGON_SIDES {
+                return Err(self
+                    .text
+                    .out_of_range("a face has too many sides", format!("more than {MAX_POLYGON_SIDES}")));
+            }
+            let corner = self.vertices.get(index)?;
+            self.polygon.push(corner);
+        }
+        self.polygon.emit(self.material, batch, &mut self.stats);
+        Ok(())
+    }
+
+    /// The vertex of the next corner of this row: the number before the first slash, from 0.
+    fn corner(&mut self) -> Result<Option<u64>> {
+        let count = self.defined_count;
+        let word = match self.text.word()? {
+            Some(word) if !word.starts_with(b"#") => word,
+            Some(_) => return self.text.skip_line().map(|_| None),
+            None => return Ok(None),
+        };
+        let digits = &word[..memchr::memchr(b'/', word).unwrap_or(word.len())];
+        let Some(index) = parse_integer(digits) else {
+            let found = format!("found `{}`", printable(word));
+            return Err(self.text.wrong("text where a vertex index belongs").numbers(found));
+        };
+        let from_zero =
+            if index < 0 { count.checked_sub(index.unsigned_abs()) } else { (index as u64).checked_sub(1) };
+        match from_zero {
+            Some(from_zero) if from_zero < count => Ok(Some(from_zero)),
+            _ => Err(self.text.out_of_range(
+                "a face refers to a vertex that is not there",
+                format!("index {index}, and {count} vertices stand before this line"),
+            )),
+        }
+    }
+
+    fn library(&mut self) -> Result<()> {
+        let names = self.text.rest()?;
+        let folder = self.text.input().path().parent().map(PathBuf::from).unwrap_or_default();
+        for warning in self.materials.load_libraries(&folder, &names, &self.options)? {
+            warn(&mut self.stats, warning);
+        }
+        Ok(())
+    }
+}
+
+impl TriangleSource for ObjSource {
+    fn name(&self) -> String {
+        self.text.input().path().display().to_string()
+    }
+
+    fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
+        batch.clear();
+        while batch.len() < TriangleBatch::TARGET_TRIANGLES {
+            if !self.text.next_row()? {
+                if let Some(warning) = self.materials.undefined_warning() {
+                    warn(&mut self.stats, warning);
+                }
+                break;
+            }
+            self.row(batch)?;
+        }
+        self.stats.triangle_count += batch.len() as u64;
+        Ok(!batch.is_empty())
+    }
+
+    fn rewind(&mut self) -> Result<()> {
+        self.text.seek(self.start);
+        (self.defined_count, self.material) = (0, 0);
+        self.vertices.reset_counters();
+        self.stats =
+            SourceStats { warnings: std::mem::take(&mut self.stats.warnings), ..SourceStats::default() };
+        Ok(())
+    }
+
+    fn hint(&self) -> Option<ScanHint> {
+        None
+    }
+
+    fn materials(&self) -> &[Material] {
+        self.materials.entries()
+    }
+
+    fn stats(&self) -> SourceStats {
+        let (vertex_lookups, vertex_cache_misses) = self.vertices.lookups_and_misses();
+        SourceStats {
+            bytes_read: self.text.input().offset(),
+            bytes_total: self.text.input().length(),
+            vertex_count: self.defined_count,
+            dropped_attribute_count: self.stats.dropped_attribute_count + self.coloured_count,
+            vertex_lookups,
+            vertex_cache_misses,
+            transparent_material_count: self.materials.transparent_count(),
+            ..self.stats.clone()
+        }
+    }
+}
