@@ -78,11 +78,6 @@ impl Region {
         // SAFETY: as `bytes`, and `&mut self` makes it the only reference.
         unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.bytes) }
     }
-
-    /// Length in bytes.
-    pub(crate) fn len(&self) -> usize {
-        self.bytes
-    }
 }
 
 impl Drop for Region {
