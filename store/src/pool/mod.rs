@@ -1,1 +1,471 @@
-//! pool
+//! `PagePool`: the pages of a file that are in memory now, under a limit.
+//!
+//! ```text
+//!   rays --pin--> frame | nothing -> want        scheduler --submit(origin, wants)--> Requests
+//!                   ^                                                                    |
+//!                   '--- decode threads <--- staging slots <--- I/O thread (loader) <----'
+//! ```
+//!
+//! | file | what |
+//! |---|---|
+//! | `word` | the state of a page, all transitions |
+//! | `frames`, `clock` | the memory of the frames; who owns them, who is evicted |
+//! | `want`, `requests` | what is wanted, merged from all origins |
+//! | `loader` | wants to reads, arrivals to frames |
+//! | `pin` | how callers hold pages |
+//! | `signal`, `stats`, `sync` | wake-ups, counters, atomics for the model checker |
+//!
+//! Invariants
+//! 1. Memory is leased from the budget before it is taken: tables and staging at open, frames by `set_limit`.
+//! 2. `pin` takes no lock, makes no system call and allocates nothing. `unpin` neither, unless it is the last pin of a
+//!    page while the loader starves for frames; then it rings a bell.
+//! 3. A pinned page keeps its frame and its bytes. Nothing is read optimistically.
+//! 4. Lock order: requests, then clock. No other two locks are held at once.
+//! 5. No livelock on our side: the best want is read first, and an urgent or normal want gets a frame as long as one
+//!    resident page has no pin (after frames owed to a smaller limit). Who needs several pages at once keeps pins on
+//!    those that came: the oldest blocked tile keeps its own until it has run, and the scheduler bounds active tiles
+//!    so that their pins leave at least one frame. Where all is pinned nevertheless, [`PagePool::is_saturated`] says
+//!    so, and the loader sleeps until an unpin.
+//! 6. A damaged page is never the end: it is marked, its error is kept, `pin` of it is `None` for ever.
+
+mod clock;
+mod frames;
+mod loader;
+mod pin;
+mod requests;
+mod signal;
+mod stats;
+mod sync;
+#[cfg(all(test, not(loom)))]
+mod tests;
+mod want;
+mod word;
+
+pub use pin::{Pin, PinToken};
+pub use requests::ORIGINS_MAX;
+pub use stats::PoolStats;
+pub use want::{Class, PageStore, Want};
+pub use word::PageState;
+
+use crate::budget::{Budget, Lease, RESERVE_BYTES};
+use crate::error::{Code, Error, Result};
+use crate::io::{Backend, IoDescription, IoOptions, Reader, staging_bytes_for};
+use clock::Clock;
+use frames::FrameArena;
+use loader::{JobQueue, Loader, Slot};
+use requests::Requests;
+use signal::{Bell, Progress, lock};
+use stats::Counters;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use word::Word;
+
+/// Fewest frames that a pool works with: one for the page in use, one for the page that arrives.
+pub const FRAMES_MIN: usize = 2;
+
+/// Most decode threads.
+pub const DECODE_THREADS_MAX: usize = 16;
+
+/// Pages that [`PagePool::fetch_blocking`] asks for ahead of the one it waits for.
+const FETCH_WINDOW: usize = 32;
+
+/// After so long without any arrival a blocking call gives up: all frames are pinned, or the device hangs.
+const STALL_MAX: Duration = Duration::from_secs(60);
+
+/// How a pool is set up.
+#[derive(Clone, Debug)]
+pub struct PoolOptions {
+    /// Memory for frames at open. At least [`FRAMES_MIN`] frames.
+    pub frames_bytes: u64,
+    /// The most that `set_limit` may ever ask for; addresses are reserved for it. `None`: all pages of the file.
+    pub frames_bytes_max: Option<u64>,
+    /// Buffers between disk and decoder, each of `merge_bytes` and two blocks more. At least 1; more than `io.depth`
+    /// lets decoders work while the queue of the disk is full.
+    pub staging_slots: usize,
+    /// Longest read that several pages share. A page that is longer is read alone.
+    pub merge_bytes: u32,
+    /// Threads that check and decode, 1 to 16.
+    pub decode_threads: usize,
+    /// Most pages wanted at once; prefetch and background may take half of it.
+    pub queue_capacity: usize,
+    /// How the file is read.
+    pub io: IoOptions,
+}
+
+impl Default for PoolOptions {
+    fn default() -> PoolOptions {
+        PoolOptions {
+            frames_bytes: 64 << 20,
+            frames_bytes_max: None,
+            staging_slots: 40,
+            merge_bytes: 256 << 10,
+            decode_threads: 2,
+            queue_capacity: 4096,
+            io: IoOptions::default(),
+        }
+    }
+}
+
+/// The number of frames after [`PagePool::set_limit`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameCount {
+    /// Frames that memory is leased for.
+    pub frames: usize,
+    /// How many of them are above the limit and pinned: released as soon as they are unpinned and the loader passes.
+    pub owed: usize,
+}
+
+/// Pages of one file, in frames. See the module's text. Dropping it waits for reads in flight and joins its threads.
+pub struct PagePool {
+    shared: Arc<Shared>,
+    budget: Budget,
+    io: IoDescription,
+    threads: Vec<JoinHandle<()>>,
+    _tables: Lease,
+}
+
+/// What the pool's threads and its callers share.
+struct Shared {
+    store: Arc<dyn PageStore>,
+    words: Box<[Word]>,
+    arena: FrameArena,
+    clock: Mutex<Clock>,
+    requests: Mutex<Requests>,
+    idle: Mutex<Vec<Slot>>,
+    jobs: JobQueue,
+    bell: Bell,
+    progress: Progress,
+    damage: Mutex<Vec<(u32, Error)>>,
+    counters: Counters,
+    /// The loader waits for an unpin: demand finds every frame busy, or frames are owed. `unpin` rings then.
+    starved: AtomicBool,
+    /// Demand finds every frame busy.
+    saturated: AtomicBool,
+    stop: AtomicBool,
+}
+
+/// The sizes that follow from a file and the options.
+struct Plan {
+    frames_max: usize,
+    slot_bytes: usize,
+    overhead_bytes: u64,
+}
+
+impl Plan {
+    fn of(store: &dyn PageStore, options: &PoolOptions) -> Result<Plan> {
+        let out_of_range = options.staging_slots == 0
+            || options.staging_slots > crate::io::DEPTH_MAX
+            || options.decode_threads == 0
+            || options.decode_threads > DECODE_THREADS_MAX
+            || options.queue_capacity < 2;
+        if out_of_range {
+            return Err(Error::new(Code::Usage, "a pool option is out of range")
+                .numbers(format!(
+                    "{} staging slots, {} decode threads, room for {} wants",
+                    options.staging_slots, options.decode_threads, options.queue_capacity
+                ))
+                .next("use the defaults of PoolOptions"));
+        }
+        let (pages, frame_bytes) = (store.page_count(), store.frame_bytes());
+        assert!(frame_bytes > 0 && frame_bytes.is_multiple_of(crate::io::ALIGN_BYTES));
+        let longest = (0..pages).map(|page| store.extent(page).stored_bytes).max().unwrap_or(1);
+        let slot_bytes = staging_bytes_for(longest.max(options.merge_bytes) as usize);
+        let wanted_max = match options.frames_bytes_max {
+            Some(bytes) => bytes.max(options.frames_bytes) / frame_bytes as u64,
+            None => u64::from(pages),
+        };
+        let most = u64::from(pages).min(word::FRAMES_MAX as u64);
+        let frames_max = (wanted_max.min(most) as usize).max(FRAMES_MIN);
+        let overhead_bytes = (options.staging_slots * slot_bytes) as u64
+            + u64::from(pages) * size_of::<Word>() as u64
+            + frames_max as u64 * Clock::BYTES_PER_FRAME
+            + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
+            // What a decoder may keep as scratch.
+            + (options.decode_threads * frame_bytes) as u64;
+        Ok(Plan { frames_max, slot_bytes, overhead_bytes })
+    }
+}
+
+impl PagePool {
+    /// Opens `path` by the ladder of [`crate::io::open`] and starts the pool's threads.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] when the budget has no room for tables, staging and the frames asked for;
+    /// [`Code::Usage`] for options out of range; those of [`crate::io::open`].
+    pub fn open(
+        store: Arc<dyn PageStore>,
+        path: &Path,
+        budget: &Budget,
+        options: &PoolOptions,
+    ) -> Result<PagePool> {
+        let backend = crate::io::open(path, &options.io)?;
+        PagePool::with_backend(store, backend, path, budget, options)
+    }
+
+    /// As [`PagePool::open`], over a backend that is open already; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`PagePool::open`].
+    pub fn with_backend(
+        store: Arc<dyn PageStore>,
+        backend: Box<dyn Backend>,
+        path: &Path,
+        budget: &Budget,
+        options: &PoolOptions,
+    ) -> Result<PagePool> {
+        let plan = Plan::of(&*store, options)?;
+        let tables = budget.lease("tables and staging of the page pool", plan.overhead_bytes)?;
+        let frames_lease = budget.lease("page frames", 0)?;
+        let reader = Reader::new(backend, path);
+        let slots: Result<Vec<Slot>> =
+            (0..options.staging_slots).map(|id| Slot::new(id as u32, plan.slot_bytes)).collect();
+        let shared = Arc::new(Shared {
+            words: (0..store.page_count()).map(|_| Word::absent()).collect(),
+            arena: FrameArena::reserve(plan.frames_max, store.frame_bytes())?,
+            clock: Mutex::new(Clock::new(plan.frames_max, frames_lease)),
+            requests: Mutex::new(Requests::new(options.queue_capacity)),
+            idle: Mutex::new(slots?),
+            jobs: JobQueue::default(),
+            bell: Bell::default(),
+            progress: Progress::default(),
+            damage: Mutex::new(Vec::new()),
+            counters: Counters::default(),
+            starved: AtomicBool::new(false),
+            saturated: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+            store,
+        });
+        let mut pool = PagePool {
+            shared,
+            budget: budget.clone(),
+            io: reader.describe().clone(),
+            threads: Vec::new(),
+            _tables: tables,
+        };
+        pool.set_limit(options.frames_bytes)?;
+        pool.start(reader, options)?;
+        Ok(pool)
+    }
+
+    /// Bytes of the budget that a pool over `store` takes beside its frames, and the fewest with which it works:
+    /// `(overhead, overhead + FRAMES_MIN frames)`.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] for options out of range.
+    pub fn smallest_bytes(store: &dyn PageStore, options: &PoolOptions) -> Result<(u64, u64)> {
+        let plan = Plan::of(store, options)?;
+        let frames_bytes = (FRAMES_MIN * store.frame_bytes()) as u64;
+        Ok((plan.overhead_bytes, plan.overhead_bytes + frames_bytes))
+    }
+
+    fn start(&mut self, reader: Reader, options: &PoolOptions) -> Result<()> {
+        let mut spawn = |name: String, work: Box<dyn FnOnce() + Send>| -> Result<()> {
+            let thread = std::thread::Builder::new().name(name).spawn(work);
+            let thread = thread.map_err(|error| {
+                Error::new(Code::Io, "the system refuses a thread")
+                    .at_place("page pool")
+                    .numbers(error.to_string())
+            })?;
+            self.threads.push(thread);
+            Ok(())
+        };
+        let shared = Arc::clone(&self.shared);
+        let (slots, merge_bytes) = (options.staging_slots, u64::from(options.merge_bytes));
+        let io = move || Loader::new(&shared, reader, slots, merge_bytes).run();
+        spawn("trex-load-0".into(), Box::new(io))?;
+        for index in 1..=options.decode_threads {
+            let shared = Arc::clone(&self.shared);
+            spawn(format!("trex-load-{index}"), Box::new(move || shared.decode()))?;
+        }
+        Ok(())
+    }
+
+    /// Pages of the file.
+    pub fn page_count(&self) -> u32 {
+        self.shared.words.len() as u32
+    }
+
+    /// Which backend reads, and why.
+    pub fn io(&self) -> &IoDescription {
+        &self.io
+    }
+
+    /// What `page` is doing. It may have changed when the call returns.
+    pub fn state(&self, page: u32) -> PageState {
+        self.shared.words[page as usize].view().state
+    }
+
+    /// True for a page that will never come: go on without it.
+    pub fn is_damaged(&self, page: u32) -> bool {
+        self.state(page) == PageState::Damaged
+    }
+
+    /// Damaged pages with their errors, at most the first 1024; [`PoolStats::damaged`] counts all.
+    pub fn damage(&self) -> Vec<(u32, Error)> {
+        lock(&self.shared.damage).clone()
+    }
+
+    /// True while demand waits and every frame is pinned or being read.
+    pub fn is_saturated(&self) -> bool {
+        self.shared.saturated.load(Ordering::Relaxed)
+    }
+
+    /// Replaces the want-list of `origin` (a caller's number, below [`ORIGINS_MAX`]): call it once per frame or round.
+    /// A page that an origin leaves out twice in a row is dropped, unless another wants it. Wants for pages that are
+    /// resident, on their way or damaged are ignored. A page wanted by several gets the best class, and the greatest
+    /// weight in it.
+    ///
+    /// # Panics
+    /// When there is no such page or origin.
+    pub fn submit(&self, origin: usize, wants: &[Want]) {
+        if lock(&self.shared.requests).submit(origin, wants, &self.shared.words) {
+            self.shared.bell.ring();
+        }
+    }
+
+    /// Arrivals so far, damaged ones included.
+    pub fn epoch(&self) -> u64 {
+        self.shared.progress.epoch()
+    }
+
+    /// Sleeps until a page has arrived since `epoch`, at most `timeout`. The epoch then. Take the epoch first, look
+    /// at pages after: so no arrival is missed.
+    pub fn wait_for_progress(&self, epoch: u64, timeout: Duration) -> u64 {
+        self.shared.progress.wait(epoch, timeout)
+    }
+
+    /// Pins `page`, and reads it first when it must.
+    ///
+    /// # Errors
+    /// The error of a damaged page; [`Code::MemoryLimit`] when nothing has arrived for a minute, since all frames are
+    /// pinned.
+    pub fn pin_blocking(&self, page: u32) -> Result<Pin<'_>> {
+        let (mut epoch, mut since) = (self.epoch(), Instant::now());
+        loop {
+            if let Some(token) = self.pin_uncounted(page) {
+                return Ok(self.pin_of(token));
+            }
+            if self.is_damaged(page) {
+                return Err(self.damage_of(page));
+            }
+            self.hold(page);
+            let now = self.wait_for_progress(epoch, Duration::from_millis(20));
+            if now != epoch {
+                (epoch, since) = (now, Instant::now());
+            } else if since.elapsed() > STALL_MAX {
+                return Err(self.stalled(page));
+            }
+        }
+    }
+
+    /// Sees to it that each of `pages` has been in a frame once, in this order, and so was checked and decoded. They
+    /// need not fit at once.
+    ///
+    /// # Errors
+    /// The first error of [`PagePool::pin_blocking`], after all pages were tried.
+    pub fn fetch_blocking(&self, pages: &[u32]) -> Result<()> {
+        let frames = lock(&self.shared.clock).live();
+        let window = FETCH_WINDOW.min(frames / 2).max(1);
+        let mut first_error = Ok(());
+        for (index, &page) in pages.iter().enumerate() {
+            // One step ahead for each step done, the whole window at the start.
+            let ahead =
+                if index == 0 { 0..window.min(pages.len()) } else { index + window - 1..index + window };
+            for &page in pages.get(ahead).unwrap_or_default() {
+                self.hold(page);
+            }
+            first_error = first_error.and(self.pin_blocking(page).map(drop));
+        }
+        first_error
+    }
+
+    fn hold(&self, page: u32) {
+        if self.state(page) == PageState::Absent || self.state(page) == PageState::Queued {
+            lock(&self.shared.requests).hold(page, &self.shared.words);
+            self.shared.bell.ring();
+        }
+    }
+
+    fn damage_of(&self, page: u32) -> Error {
+        let damage = lock(&self.shared.damage);
+        let known = damage.iter().find(|(damaged, _)| *damaged == page);
+        known.map(|(_, error)| error.clone()).unwrap_or_else(|| {
+            Error::new(Code::Damaged, "a page is damaged").at_place(format!("page {page}"))
+        })
+    }
+
+    fn stalled(&self, page: u32) -> Error {
+        Error::new(Code::MemoryLimit, "no page has arrived for a minute")
+            .at_place(format!("page {page}"))
+            .numbers(format!("{:?}, saturated: {}", self.frames(), self.is_saturated()))
+            .next("raise --memory-limit, or look whether the device hangs (dmesg)")
+    }
+
+    /// Sets the memory for frames, in bytes: takes it from the budget, or evicts and gives it back to the kernel. More
+    /// than the addresses reserved at open is cut to that. Frames that are pinned now are owed.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] below [`FRAMES_MIN`] frames, or when the budget has no room; nothing is changed then.
+    pub fn set_limit(&self, frames_bytes: u64) -> Result<FrameCount> {
+        let frame_bytes = self.shared.arena.frame_bytes() as u64;
+        let mut clock = lock(&self.shared.clock);
+        let frames = (frames_bytes / frame_bytes).min(clock.frames_max() as u64) as usize;
+        if frames < FRAMES_MIN {
+            let held = clock.live() as u64 * frame_bytes;
+            let others = self.budget.used_bytes().saturating_sub(held) + RESERVE_BYTES;
+            let smallest = others + FRAMES_MIN as u64 * frame_bytes;
+            return Err(Error::new(Code::MemoryLimit, "too little memory for page frames")
+                .at_place("--memory-limit")
+                .numbers(format!("{frames_bytes} bytes, {FRAMES_MIN} frames of {frame_bytes} needed"))
+                .next(format!("raise the limit to at least {}", smallest.div_ceil(1 << 20) << 20))
+                .smallest_limit(smallest));
+        }
+        clock.set_frames(frames, &self.shared.words, &self.shared.arena)?;
+        let count = FrameCount { frames: clock.live(), owed: clock.owed() };
+        drop(clock);
+        self.shared.bell.ring();
+        Ok(count)
+    }
+
+    /// How many frames there are now.
+    pub fn frames(&self) -> FrameCount {
+        let clock = lock(&self.shared.clock);
+        FrameCount { frames: clock.live(), owed: clock.owed() }
+    }
+
+    /// What the pool did so far.
+    pub fn stats(&self) -> PoolStats {
+        let requests = lock(&self.shared.requests);
+        let (counts, queued) = (requests.counts(), requests.len() as u64);
+        drop(requests);
+        let clock = lock(&self.shared.clock);
+        PoolStats {
+            evictions: clock.swept.evicted,
+            prefetch_wasted: clock.swept.wasted,
+            frames: clock.live() as u64,
+            frames_owed: clock.owed() as u64,
+            wants_dropped: counts.dropped,
+            wants_refused: counts.refused,
+            prefetch_late: counts.late,
+            queue_peak: counts.peak,
+            queued,
+            ..self.shared.counters.snapshot()
+        }
+    }
+}
+
+impl Drop for PagePool {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Release);
+        self.shared.bell.ring();
+        self.shared.jobs.stop();
+        for thread in self.threads.drain(..) {
+            // A panic in there was reported by its hook; dropping goes on.
+            let _ = thread.join();
+        }
+        self.leak_if_pinned();
+    }
+}

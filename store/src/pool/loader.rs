@@ -1,0 +1,356 @@
+//! The loader: one I/O thread that turns wants into reads, and a few threads that decode what arrives.
+//!
+//! ```text
+//! Requests --best + neighbours--> Slot (frames taken, staging taken) --Reader--> arrival --> JobQueue
+//!                                   ^                                                           |
+//!                                   '--- idle <--- install | damage, one bump per page <--------'
+//! ```
+//!
+//! Unsafe code stands here because a decoder writes to the frame of the page that it loads.
+//!
+//! Invariants
+//! 1. A slot of staging and a frame for each page are held before the read is submitted.
+//! 2. A slot is idle, being read, waiting for a decoder, or in the hands of one: there are never more of any of these
+//!    than slots, so no queue can overflow and nothing is allocated per read.
+//! 3. A page in READING stands in exactly one slot, or in `split`: single flight.
+//! 4. A failed read of several pages is repeated page by page: one bad sector costs one page.
+#![allow(unsafe_code)]
+
+use super::requests::Requests;
+use super::signal::lock;
+use super::stats::count;
+use super::{Class, Shared};
+use crate::error::{Code, Error, Result};
+use crate::io::{Arrival, Extent, Reader, Staging, Wait};
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{Ordering, fence};
+use std::sync::{Condvar, Mutex};
+use std::time::Duration;
+
+/// Bytes between two extents that are read and thrown away to save one read. At 16 KiB the transfer costs what the
+/// saved request does on a fast SSD (about 10 us).
+const GAP_MAX_BYTES: u64 = 16 << 10;
+
+/// Pages of one read. Bounds the time from its first page to its last.
+const PARTS_MAX: usize = 32;
+
+/// Sleep of the loader when every frame is pinned, should the wake-up by `unpin` ever be late.
+const STARVED_SLEEP: Duration = Duration::from_millis(10);
+
+/// Most damaged pages whose errors are kept. All are counted.
+pub(super) const DAMAGE_MAX: usize = 1024;
+
+/// One page of a read.
+#[derive(Clone, Copy)]
+struct Part {
+    page: u32,
+    frame: u32,
+}
+
+/// One read: a staging buffer and the pages that come with it.
+pub(super) struct Slot {
+    id: u32,
+    /// `None` while the backend has it.
+    staging: Option<Staging>,
+    /// Where the read begins in the file.
+    offset: u64,
+    /// Where it begins in `staging`, once it has arrived.
+    start: usize,
+    parts: Vec<Part>,
+}
+
+impl Slot {
+    pub(super) fn new(id: u32, bytes: usize) -> Result<Slot> {
+        let staging = Some(Staging::new(bytes)?);
+        Ok(Slot { id, staging, offset: 0, start: 0, parts: Vec::with_capacity(PARTS_MAX) })
+    }
+}
+
+/// Slots that have arrived and wait for a decoder.
+#[derive(Default)]
+pub(super) struct JobQueue {
+    state: Mutex<JobState>,
+    ready: Condvar,
+}
+
+#[derive(Default)]
+struct JobState {
+    slots: VecDeque<Slot>,
+    sleepers: usize,
+    stop: bool,
+}
+
+impl JobQueue {
+    fn push(&self, slot: Slot) {
+        let mut state = lock(&self.state);
+        state.slots.push_back(slot);
+        if state.sleepers > 0 {
+            self.ready.notify_one();
+        }
+    }
+
+    /// The next slot; `None` once stopped.
+    fn pop(&self) -> Option<Slot> {
+        let mut state = lock(&self.state);
+        loop {
+            if state.stop {
+                return None;
+            }
+            if let Some(slot) = state.slots.pop_front() {
+                return Some(slot);
+            }
+            state.sleepers += 1;
+            state = self.ready.wait(state).expect("a thread of the pool panicked");
+            state.sleepers -= 1;
+        }
+    }
+
+    pub(super) fn stop(&self) {
+        lock(&self.state).stop = true;
+        self.ready.notify_all();
+    }
+}
+
+/// The I/O thread.
+pub(super) struct Loader<'a> {
+    shared: &'a Shared,
+    reader: Reader,
+    /// Slots being read, by id.
+    reading: Vec<Option<Slot>>,
+    /// Pages of reads that failed, to be read one by one. They have their frames.
+    split: Vec<Part>,
+    merge_bytes: u64,
+    starved: bool,
+}
+
+enum Fill {
+    Ready(Extent),
+    Nothing,
+    /// Demand is queued and every frame is busy.
+    Starved,
+}
+
+impl<'a> Loader<'a> {
+    pub(super) fn new(shared: &'a Shared, reader: Reader, slots: usize, merge_bytes: u64) -> Loader<'a> {
+        Loader {
+            shared,
+            reader,
+            reading: (0..slots).map(|_| None).collect(),
+            split: Vec::with_capacity(slots * PARTS_MAX),
+            merge_bytes,
+            starved: false,
+        }
+    }
+
+    /// Works until the pool stops. Reads in flight are waited for by the drop of the reader.
+    pub(super) fn run(mut self) {
+        let mut arrivals = Vec::with_capacity(self.reading.len());
+        while !self.shared.stop.load(Ordering::Acquire) {
+            self.pump();
+            if self.reader.in_flight() > 0 {
+                self.reader.complete(Wait::One, &mut arrivals);
+                self.publish_stats();
+                for arrival in arrivals.drain(..) {
+                    self.arrived(arrival);
+                }
+            } else {
+                self.shared.bell.wait(self.starved.then_some(STARVED_SLEEP));
+            }
+        }
+    }
+
+    /// Pays frames that are owed, then submits as many reads as there are wants and permits for.
+    fn pump(&mut self) {
+        let shared = self.shared;
+        let settle = || lock(&shared.clock).settle(&shared.words, &shared.arena).then_some(());
+        let in_debt = shared.try_twice(settle).is_none();
+        let mut saturated = false;
+        while self.reader.room() > 0 {
+            let Some(mut slot) = lock(&shared.idle).pop() else { break };
+            match self.fill(&mut slot) {
+                Fill::Ready(extent) => self.submit(slot, extent),
+                other => {
+                    saturated = matches!(other, Fill::Starved);
+                    lock(&shared.idle).push(slot);
+                    break;
+                }
+            }
+        }
+        if saturated && !shared.saturated.load(Ordering::Relaxed) {
+            count(&shared.counters.saturated);
+        }
+        shared.saturated.store(saturated, Ordering::Relaxed);
+        self.starved = saturated || in_debt;
+        shared.starved.store(self.starved, Ordering::SeqCst);
+    }
+
+    fn submit(&mut self, mut slot: Slot, extent: Extent) {
+        let staging = slot.staging.take().expect("an idle slot without staging");
+        let id = slot.id;
+        slot.offset = extent.offset;
+        self.reading[id as usize] = Some(slot);
+        self.reader.submit(id, extent, staging);
+    }
+
+    /// Chooses what the slot reads, and takes the frames for it.
+    fn fill(&mut self, slot: &mut Slot) -> Fill {
+        let shared = self.shared;
+        slot.parts.clear();
+        if let Some(part) = self.split.pop() {
+            slot.parts.push(part);
+            return Fill::Ready(shared.store.extent(part.page));
+        }
+        let mut requests = lock(&shared.requests);
+        let mut clock = lock(&shared.clock);
+        let Some((page, class)) = requests.best() else { return Fill::Nothing };
+        let mut take = |page, class: Class| clock.take(page, class.is_low(), &shared.words, &shared.arena);
+        let frame = if class.is_low() {
+            let Some(frame) = take(page, class) else { return Fill::Nothing };
+            frame
+        } else {
+            let Some(frame) = shared.try_twice(|| take(page, class)) else { return Fill::Starved };
+            frame
+        };
+        let mut extent = shared.store.extent(page);
+        shared.begin(&mut requests, slot, Part { page, frame });
+
+        // Neighbours on disk, first behind and then before, while they lie near and somebody wants them.
+        for step in [1, -1] {
+            let mut near = page;
+            while slot.parts.len() < PARTS_MAX
+                && let Some(next) = near.checked_add_signed(step)
+                && let Some(class) = requests.class_of(next)
+                && let Some(joined) = join(extent, shared.store.extent(next), self.merge_bytes)
+                && let Some(frame) = take(next, class)
+            {
+                shared.begin(&mut requests, slot, Part { page: next, frame });
+                (extent, near) = (joined, next);
+            }
+        }
+        Fill::Ready(extent)
+    }
+
+    /// A read has come back: to a decoder with it, or once more page by page.
+    fn arrived(&mut self, arrival: Arrival) {
+        let mut slot = self.reading[arrival.tag as usize].take().expect("an arrival without a slot");
+        slot.staging = Some(arrival.staging);
+        match arrival.result {
+            Ok(range) => {
+                slot.start = range.start;
+                self.shared.jobs.push(slot);
+                return;
+            }
+            Err(error) if slot.parts.len() == 1 => self.shared.end(slot.parts[0], Err(error)),
+            Err(_) => self.split.extend_from_slice(&slot.parts),
+        }
+        lock(&self.shared.idle).push(slot);
+    }
+
+    fn publish_stats(&self) {
+        let (stats, counters) = (self.reader.stats(), &self.shared.counters);
+        counters.reads.store(stats.reads - stats.retries, Ordering::Relaxed);
+        counters.read_retries.store(stats.retries, Ordering::Relaxed);
+        counters.bytes_read.store(stats.bytes, Ordering::Relaxed);
+    }
+}
+
+/// One read for both, when they lie near enough and do not overlap.
+fn join(a: Extent, b: Extent, max_bytes: u64) -> Option<Extent> {
+    let (first, second) = if a.offset <= b.offset { (a, b) } else { (b, a) };
+    let gap = second.offset.checked_sub(first.end())?;
+    let bytes = second.end() - first.offset;
+    let near = gap <= GAP_MAX_BYTES && bytes <= max_bytes;
+    near.then(|| Extent { offset: first.offset, stored_bytes: bytes as u32 })
+}
+
+impl Shared {
+    /// Tries again after telling `unpin` to ring: who unpins from here on sees the flag, and who unpinned before is
+    /// seen by the second try. So no unpin is slept through.
+    fn try_twice<T>(&self, mut attempt: impl FnMut() -> Option<T>) -> Option<T> {
+        attempt().or_else(|| {
+            self.starved.store(true, Ordering::SeqCst);
+            fence(Ordering::SeqCst);
+            attempt()
+        })
+    }
+
+    /// QUEUED to READING.
+    fn begin(&self, requests: &mut Requests, slot: &mut Slot, part: Part) {
+        requests.take(part.page, part.frame, &self.words);
+        let view = self.words[part.page as usize].view();
+        count(&self.counters.pages_read);
+        if view.generation != 0 {
+            count(&self.counters.refaults);
+        }
+        if view.class == Class::Prefetch {
+            count(&self.counters.prefetch_issued);
+        }
+        slot.parts.push(part);
+    }
+
+    /// READING to RESIDENT or DAMAGED, and the word goes round.
+    fn end(&self, part: Part, result: Result<()>) {
+        let word = &self.words[part.page as usize];
+        match result {
+            Ok(()) => word.install(),
+            Err(error) => {
+                word.damage();
+                lock(&self.clock).give_back(part.frame, &self.arena);
+                count(&self.counters.damaged);
+                let mut damage = lock(&self.damage);
+                if damage.len() < DAMAGE_MAX {
+                    damage.push((part.page, error));
+                }
+            }
+        }
+        self.progress.bump();
+    }
+
+    /// A decode thread: works until the pool stops.
+    pub(super) fn decode(&self) {
+        let mut scratch = Vec::new();
+        while let Some(slot) = self.jobs.pop() {
+            for &part in &slot.parts {
+                let result = self.install(&slot, part, &mut scratch);
+                self.end(part, result);
+            }
+            lock(&self.idle).push(slot);
+            self.bell.ring();
+        }
+    }
+
+    fn install(&self, slot: &Slot, part: Part, scratch: &mut Vec<u8>) -> Result<()> {
+        let extent = self.store.extent(part.page);
+        let staging = slot.staging.as_ref().expect("a slot that arrived without staging");
+        let at = slot.start + (extent.offset - slot.offset) as usize;
+        let stored = &staging[at..at + extent.stored_bytes as usize];
+        // SAFETY: the page is READING, and stands in this slot alone (invariant 3), which this thread owns.
+        let frame = unsafe { self.arena.frame_mut(part.frame) };
+        // A decoder that panics must not leave its page READING for ever, with everybody asleep.
+        let decoded =
+            catch_unwind(AssertUnwindSafe(|| self.store.install(part.page, stored, frame, scratch)));
+        decoded.unwrap_or_else(|_| {
+            Err(Error::new(Code::Damaged, "the decoder panicked")
+                .at_place(format!("page {} at byte {}", part.page, extent.offset))
+                .next("report this as a bug, with the file"))
+        })
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn extents_join_when_near() {
+        let extent = |offset, stored_bytes| Extent { offset, stored_bytes };
+        let max = 256 << 10;
+        assert_eq!(join(extent(10, 5), extent(15, 7), max), Some(extent(10, 12)));
+        assert_eq!(join(extent(15, 7), extent(10, 5), max), Some(extent(10, 12)));
+        assert_eq!(join(extent(0, 1), extent(1 + GAP_MAX_BYTES, 1), max), Some(extent(0, 2 + (16 << 10))));
+        assert_eq!(join(extent(0, 1), extent(2 + GAP_MAX_BYTES, 1), max), None);
+        assert_eq!(join(extent(0, 10), extent(9, 5), max), None);
+        assert_eq!(join(extent(0, 200_000), extent(200_000, 100_000), max), None);
+    }
+}

@@ -1,0 +1,95 @@
+//! How the pool's threads and its callers wake each other.
+//!
+//! Invariants: 1. nobody pays a system call to wake a thread that is awake; 2. a ring before the sleep is not lost.
+
+use std::sync::{Condvar, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+/// Locks; a thread that panicked while it held the lock is our bug.
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().expect("a thread of the pool panicked")
+}
+
+/// Wakes one thread: the loader.
+#[derive(Default)]
+pub(super) struct Bell {
+    state: Mutex<BellState>,
+    wake: Condvar,
+}
+
+#[derive(Default)]
+struct BellState {
+    rung: bool,
+    asleep: bool,
+}
+
+impl Bell {
+    /// Wakes the sleeper, or keeps him from falling asleep once.
+    pub(super) fn ring(&self) {
+        let mut state = lock(&self.state);
+        state.rung = true;
+        if state.asleep {
+            self.wake.notify_one();
+        }
+    }
+
+    /// Sleeps until rung, at most `timeout` when there is one.
+    pub(super) fn wait(&self, timeout: Option<Duration>) {
+        let mut state = lock(&self.state);
+        state.asleep = true;
+        while !state.rung {
+            let Some(timeout) = timeout else {
+                state = self.wake.wait(state).expect("a thread of the pool panicked");
+                continue;
+            };
+            state = self.wake.wait_timeout(state, timeout).expect("a thread of the pool panicked").0;
+            break;
+        }
+        *state = BellState::default();
+    }
+}
+
+/// Counts arrivals, and lets many threads sleep until the next one.
+#[derive(Default)]
+pub(super) struct Progress {
+    state: Mutex<ProgressState>,
+    wake: Condvar,
+}
+
+#[derive(Default)]
+struct ProgressState {
+    epoch: u64,
+    sleepers: usize,
+}
+
+impl Progress {
+    /// One more arrival.
+    pub(super) fn bump(&self) {
+        let mut state = lock(&self.state);
+        state.epoch += 1;
+        if state.sleepers > 0 {
+            self.wake.notify_all();
+        }
+    }
+
+    /// Arrivals so far.
+    pub(super) fn epoch(&self) -> u64 {
+        lock(&self.state).epoch
+    }
+
+    /// Sleeps while the count is `epoch`, at most `timeout`. The count then.
+    pub(super) fn wait(&self, epoch: u64, timeout: Duration) -> u64 {
+        let deadline = Instant::now() + timeout;
+        let mut state = lock(&self.state);
+        state.sleepers += 1;
+        while state.epoch == epoch {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                break;
+            }
+            state = self.wake.wait_timeout(state, left).expect("a thread of the pool panicked").0;
+        }
+        state.sleepers -= 1;
+        state.epoch
+    }
+}

@@ -1,0 +1,447 @@
+//! The pool against a naive oracle: the page's content follows from its number, so every pinned frame can be checked.
+
+use super::*;
+use crate::io::{DirectChoice, Extent, Fault, FaultPlan, IoChoice, Memory};
+use rand_pcg::Pcg64Mcg;
+use rand_pcg::rand_core::Rng;
+use std::io::Write;
+use std::sync::atomic::AtomicU32;
+
+const FRAME_BYTES: usize = 64 << 10;
+const FRAME: u64 = FRAME_BYTES as u64;
+
+/// A file of pages whose frames hold a pattern of the page's number: stored as number, length and bytes of a seed.
+struct Synthetic {
+    extents: Vec<Extent>,
+    bytes: Arc<[u8]>,
+    /// How often each page was installed.
+    installs: Vec<AtomicU32>,
+}
+
+impl Synthetic {
+    fn new(pages: u32, seed: u64) -> Arc<Synthetic> {
+        let mut random = Pcg64Mcg::new(u128::from(seed));
+        let (mut extents, mut bytes) = (Vec::new(), vec![0xEE; 4321]);
+        for page in 0..pages {
+            let stored_bytes = 16 + random.next_u32() % (12 << 10);
+            extents.push(Extent { offset: bytes.len() as u64, stored_bytes });
+            let start = bytes.len();
+            bytes.resize(start + stored_bytes as usize, 0);
+            random.fill_bytes(&mut bytes[start..]);
+            bytes[start..start + 4].copy_from_slice(&page.to_le_bytes());
+            let hash = xxhash_rust::xxh3::xxh3_64(&bytes[start + 12..]);
+            bytes[start + 4..start + 12].copy_from_slice(&hash.to_le_bytes());
+            // Now and then a gap: near, or too far to be read together.
+            let gap = [0, 0, 0, 100, 40_000][random.next_u32() as usize % 5];
+            bytes.resize(bytes.len() + gap, 0);
+        }
+        let installs = (0..pages).map(|_| AtomicU32::new(0)).collect();
+        Arc::new(Synthetic { extents, bytes: bytes.into(), installs })
+    }
+
+    fn memory(&self, align_bytes: usize) -> Box<dyn Backend> {
+        Box::new(Memory::new(Arc::clone(&self.bytes), 8, align_bytes))
+    }
+
+    fn faulty(&self, plan: FaultPlan) -> Box<dyn Backend> {
+        Box::new(Fault::new(self.memory(crate::io::ALIGN_BYTES), plan))
+    }
+
+    fn installs(&self, page: u32) -> u32 {
+        self.installs[page as usize].load(Ordering::Relaxed)
+    }
+}
+
+impl PageStore for Synthetic {
+    fn page_count(&self) -> u32 {
+        self.extents.len() as u32
+    }
+
+    fn extent(&self, page: u32) -> Extent {
+        self.extents[page as usize]
+    }
+
+    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], _scratch: &mut Vec<u8>) -> Result<()> {
+        let hash = u64::from_le_bytes(stored[4..12].try_into().unwrap());
+        if stored[..4] != page.to_le_bytes() || hash != xxhash_rust::xxh3::xxh3_64(&stored[12..]) {
+            return Err(Error::new(Code::Damaged, "the hash of a page is wrong")
+                .at_byte(Path::new("synthetic"), self.extent(page).offset));
+        }
+        self.installs[page as usize].fetch_add(1, Ordering::Relaxed);
+        for (index, word) in frame.chunks_exact_mut(8).enumerate() {
+            word.copy_from_slice(&pattern(page, index).to_le_bytes());
+        }
+        Ok(())
+    }
+
+    fn frame_bytes(&self) -> usize {
+        FRAME_BYTES
+    }
+}
+
+fn pattern(page: u32, index: usize) -> u64 {
+    (u64::from(page) << 32 | index as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+}
+
+#[track_caller]
+fn check_frame(page: u32, frame: &[u8]) {
+    for (index, word) in frame.chunks_exact(8).enumerate() {
+        let word = u64::from_le_bytes(word.try_into().unwrap());
+        assert!(word == pattern(page, index), "word {index} of page {page} is another's");
+    }
+}
+
+fn options(frames: u64) -> PoolOptions {
+    PoolOptions { frames_bytes: frames * FRAME, staging_slots: 6, ..PoolOptions::default() }
+}
+
+fn pool_of(store: &Arc<Synthetic>, backend: Box<dyn Backend>, frames: u64) -> PagePool {
+    pool_with(store, backend, &options(frames))
+}
+
+fn pool_with(store: &Arc<Synthetic>, backend: Box<dyn Backend>, options: &PoolOptions) -> PagePool {
+    let store: Arc<dyn PageStore> = Arc::clone(store) as Arc<dyn PageStore>;
+    PagePool::with_backend(store, backend, Path::new("synthetic"), &Budget::unlimited(), options).unwrap()
+}
+
+fn want(page: u32, class: Class) -> Want {
+    Want { page, class, weight: 1 }
+}
+
+/// Sleeps until `done`, for at most ten seconds.
+#[track_caller]
+fn wait_until(pool: &PagePool, what: &str, done: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !done() {
+        assert!(start.elapsed() < Duration::from_secs(10), "{what} never came: {:?}", pool.stats());
+        pool.wait_for_progress(pool.epoch(), Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn pages_come_when_wanted_and_hold_what_the_file_says() {
+    for align in [1, crate::io::ALIGN_BYTES] {
+        let store = Synthetic::new(40, 1);
+        let pool = pool_of(&store, store.memory(align), 40);
+        assert!(pool.pin(7).is_none());
+        let wants: Vec<Want> = (0..40).map(|page| want(page, Class::Normal)).collect();
+        pool.submit(0, &wants);
+        for page in 0..40 {
+            check_frame(page, &pool.pin_blocking(page).unwrap());
+            assert_eq!(store.installs(page), 1);
+        }
+        pool.submit(0, &wants);
+        let stats = pool.stats();
+        assert_eq!((stats.pages_read, stats.refaults, stats.evictions, stats.queued), (40, 0, 0, 0));
+        assert!(stats.reads < 40, "neighbours were not read together: {stats:?}");
+        assert_eq!((stats.misses, stats.queue_peak), (1, 40));
+    }
+}
+
+#[test]
+fn few_frames_serve_many_pages() {
+    let store = Synthetic::new(200, 2);
+    let pool = pool_of(&store, store.memory(1), FRAMES_MIN as u64);
+    let pages: Vec<u32> = (0..200).chain((0..200).rev()).collect();
+    pool.fetch_blocking(&pages).unwrap();
+    let stats = pool.stats();
+    assert!(stats.refaults > 100 && stats.evictions > 300, "{stats:?}");
+    assert_eq!(stats.frames, FRAMES_MIN as u64);
+}
+
+/// Threads pin, want and unpin at random; every frame is compared whole while pinned. A resize runs beside them.
+#[test]
+fn stress_with_few_frames() {
+    let store = Synthetic::new(300, 3);
+    let plan = FaultPlan { seed: 5, short_per_1024: 50, interrupt_per_1024: 50, ..FaultPlan::default() };
+    let options = PoolOptions { frames_bytes_max: Some(64 * FRAME), ..options(24) };
+    let pool = pool_with(&store, store.faulty(plan), &options);
+    let checked = AtomicU32::new(0);
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..3_usize)
+            .map(|origin| {
+                let (pool, checked) = (&pool, &checked);
+                scope.spawn(move || stress_worker(pool, origin, checked))
+            })
+            .collect();
+        let (pool, stop) = (&pool, &stop);
+        let resizer = scope.spawn(move || {
+            let mut random = Pcg64Mcg::new(99);
+            while !stop.load(Ordering::Relaxed) {
+                // Never below what the workers pin (3 x 4) and one frame that moves.
+                let frames = 14 + u64::from(random.next_u32() % 50);
+                let count = pool.set_limit(frames * FRAME).unwrap();
+                assert_eq!(count.frames - count.owed, frames as usize);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        for worker in workers {
+            worker.join().unwrap();
+        }
+        stop.store(true, Ordering::Relaxed);
+        resizer.join().unwrap();
+    });
+    let stats = pool.stats();
+    assert!(checked.into_inner() > 1000 && stats.refaults > 0, "{stats:?}");
+    assert_eq!(stats.damaged, 0, "{:?}", pool.damage());
+    let installs: u64 = (0..300).map(|page| u64::from(store.installs(page))).sum();
+    wait_until(&pool, "the last page", || pool.stats().queued == 0);
+    assert!(installs <= pool.stats().pages_read);
+}
+
+fn stress_worker(pool: &PagePool, origin: usize, checked: &AtomicU32) {
+    let mut random = Pcg64Mcg::new(origin as u128 + 17);
+    let mut held: Vec<PinToken> = Vec::new();
+    for _ in 0..1500 {
+        let wants: Vec<Want> = (0..6)
+            .map(|index| {
+                want(random.next_u32() % 300, [Class::Urgent, Class::Normal, Class::Prefetch][index % 3])
+            })
+            .collect();
+        pool.submit(origin, &wants);
+        let epoch = pool.epoch();
+        for want in &wants {
+            if let Some(token) = pool.try_pin(want.page) {
+                check_frame(want.page, pool.bytes(&token));
+                checked.fetch_add(1, Ordering::Relaxed);
+                held.push(token);
+            }
+            if held.len() == 4 {
+                let token = held.swap_remove(random.next_u32() as usize % 4);
+                check_frame(token.page(), pool.bytes(&token));
+                pool.unpin(token);
+            }
+        }
+        pool.wait_for_progress(epoch, Duration::from_micros(200));
+    }
+    for token in held {
+        check_frame(token.page(), pool.bytes(&token));
+        pool.unpin(token);
+    }
+    pool.submit(origin, &[]);
+    pool.submit(origin, &[]);
+}
+
+#[test]
+fn a_page_that_many_want_is_read_once() {
+    let store = Synthetic::new(50, 4);
+    let plan = FaultPlan { delay: Duration::from_millis(1), ..FaultPlan::default() };
+    let pool = pool_of(&store, store.faulty(plan), 50);
+    std::thread::scope(|scope| {
+        for origin in 0..4 {
+            let pool = &pool;
+            scope.spawn(move || {
+                for page in 0..50 {
+                    pool.submit(origin, &[want(page, Class::Urgent)]);
+                    check_frame(page, &pool.pin_blocking(page).unwrap());
+                }
+            });
+        }
+    });
+    assert!((0..50).all(|page| store.installs(page) == 1));
+    assert_eq!(pool.stats().pages_read, 50);
+}
+
+#[test]
+fn saturated_until_somebody_unpins() {
+    let store = Synthetic::new(20, 5);
+    let pool = pool_of(&store, store.memory(1), 4);
+    let mut pins: Vec<Pin> = (0..4).map(|page| pool.pin_blocking(page).unwrap()).collect();
+    assert!(!pool.is_saturated());
+    pool.submit(0, &[want(10, Class::Urgent)]);
+    wait_until(&pool, "saturation", || pool.is_saturated());
+    assert_eq!((pool.state(10), pool.stats().saturated), (PageState::Queued, 1));
+    pins.remove(2);
+    check_frame(10, &pool.pin_blocking(10).unwrap());
+    wait_until(&pool, "the end of saturation", || !pool.is_saturated());
+    assert_eq!(pool.state(2), PageState::Absent);
+    for pin in &pins {
+        check_frame(pin.page(), pin);
+    }
+}
+
+#[test]
+fn the_limit_shrinks_and_grows_with_its_lease() {
+    let store = Synthetic::new(64, 6);
+    let budget = Budget::new(RESERVE_BYTES + (64 << 20));
+    let shared: Arc<dyn PageStore> = Arc::clone(&store) as Arc<dyn PageStore>;
+    let options = PoolOptions { frames_bytes_max: Some(64 * FRAME), ..options(32) };
+    let path = Path::new("synthetic");
+    let pool = PagePool::with_backend(shared, store.memory(1), path, &budget, &options).unwrap();
+    let overhead = PagePool::smallest_bytes(&*store, &options).unwrap().0;
+    assert_eq!(budget.used_bytes(), overhead + 32 * FRAME);
+
+    let pins: Vec<Pin> = (0..20).map(|page| pool.pin_blocking(page).unwrap()).collect();
+    pool.fetch_blocking(&(20..64).collect::<Vec<_>>()).unwrap();
+    assert_eq!(pool.set_limit(8 * FRAME).unwrap(), FrameCount { frames: 20, owed: 12 });
+    assert_eq!(budget.used_bytes(), overhead + 20 * FRAME);
+    for pin in pins {
+        check_frame(pin.page(), &pin);
+    }
+    // Paid without anybody asking for a page.
+    wait_until(&pool, "the debt", || pool.frames() == FrameCount { frames: 8, owed: 0 });
+    assert_eq!(budget.used_bytes(), overhead + 8 * FRAME);
+
+    assert_eq!(pool.set_limit(1000 * FRAME).unwrap(), FrameCount { frames: 64, owed: 0 });
+    pool.fetch_blocking(&(0..64).collect::<Vec<_>>()).unwrap();
+    assert!((0..64).all(|page| pool.state(page) == PageState::Resident));
+    assert_eq!(pool.set_limit(FRAME).unwrap_err().code(), Code::MemoryLimit);
+    let _rest = budget.lease("others", budget.free_bytes()).unwrap();
+    pool.set_limit(10 * FRAME).unwrap();
+    let _rest = budget.lease("others", budget.free_bytes()).unwrap();
+    assert_eq!(pool.set_limit(11 * FRAME).unwrap_err().code(), Code::MemoryLimit);
+    assert_eq!(pool.frames(), FrameCount { frames: 10, owed: 0 });
+    drop((pool, _rest));
+}
+
+#[test]
+fn nothing_stays_leased_after_drop() {
+    let store = Synthetic::new(8, 7);
+    let budget = Budget::new(RESERVE_BYTES + (64 << 20));
+    let shared: Arc<dyn PageStore> = Arc::clone(&store) as Arc<dyn PageStore>;
+    let path = Path::new("synthetic");
+    let pool =
+        PagePool::with_backend(Arc::clone(&shared), store.memory(1), path, &budget, &options(8)).unwrap();
+    pool.fetch_blocking(&[1, 2]).unwrap();
+    drop(pool);
+    assert_eq!(budget.used_bytes(), 0);
+    let tight = Budget::new(RESERVE_BYTES + 1);
+    let error = PagePool::with_backend(shared, store.memory(1), path, &tight, &options(8)).err().unwrap();
+    assert_eq!(error.code(), Code::MemoryLimit);
+    assert!(error.smallest_limit_bytes().is_some());
+}
+
+#[test]
+fn a_damaged_page_is_marked_and_the_others_come() {
+    let store = Synthetic::new(30, 8);
+    let mut bytes = store.bytes.to_vec();
+    bytes[store.extents[11].end() as usize - 1] ^= 4;
+    let pool = pool_of(&store, Box::new(Memory::new(bytes.into(), 8, 1)), 30);
+    let error = pool.fetch_blocking(&(0..30).collect::<Vec<_>>()).unwrap_err();
+    assert_eq!(error.code(), Code::Damaged);
+    assert!(pool.is_damaged(11) && pool.pin(11).is_none());
+    pool.submit(0, &[want(11, Class::Urgent)]);
+    assert_eq!(pool.state(11), PageState::Damaged);
+    let damage = pool.damage();
+    assert_eq!((damage.len(), damage[0].0, pool.stats().damaged), (1, 11, 1));
+    for page in (0..30).filter(|&page| page != 11) {
+        check_frame(page, &pool.pin(page).expect("a neighbour of the damaged page is missing"));
+    }
+}
+
+/// One bad sector under a read of many pages costs the pages that touch it, and no others.
+#[test]
+fn a_broken_range_costs_its_own_pages_only() {
+    let store = Synthetic::new(60, 9);
+    let broken = store.extents[30].offset..store.extents[30].offset + 1;
+    let plan = FaultPlan { broken: Some(broken.clone()), ..FaultPlan::default() };
+    let pool = pool_of(&store, store.faulty(plan), 60);
+    let error = pool.fetch_blocking(&(0..60).collect::<Vec<_>>()).unwrap_err();
+    assert_eq!(error.code(), Code::Io);
+    let align = crate::io::ALIGN_BYTES as u64;
+    for page in 0..60 {
+        let extent = store.extents[page as usize];
+        let hit =
+            extent.offset / align * align < broken.end && broken.start < extent.end().next_multiple_of(align);
+        assert_eq!(pool.is_damaged(page), hit, "page {page}");
+    }
+}
+
+#[test]
+fn passing_faults_leave_no_trace_but_a_count() {
+    let store = Synthetic::new(100, 10);
+    let plan = FaultPlan { seed: 3, error_per_1024: 30, short_per_1024: 200, ..FaultPlan::default() };
+    let pool = pool_of(&store, store.faulty(plan), 20);
+    pool.fetch_blocking(&(0..100).collect::<Vec<_>>()).unwrap();
+    assert!(pool.stats().read_retries > 0 && pool.damage().is_empty());
+}
+
+#[test]
+fn prefetch_is_counted_used_or_wasted() {
+    let store = Synthetic::new(40, 11);
+    let pool = pool_of(&store, store.memory(1), 8);
+    pool.submit(0, &(0..4).map(|page| want(page, Class::Prefetch)).collect::<Vec<_>>());
+    wait_until(&pool, "prefetch", || (0..4).all(|page| pool.state(page) == PageState::Resident));
+    drop((pool.pin(0).unwrap(), pool.pin(0).unwrap(), pool.pin(1).unwrap()));
+    pool.fetch_blocking(&(10..40).collect::<Vec<_>>()).unwrap();
+    let stats = pool.stats();
+    assert_eq!((stats.prefetch_issued, stats.prefetch_used, stats.prefetch_wasted), (4, 2, 2));
+}
+
+#[test]
+fn dropping_with_wants_and_reads_in_flight_ends() {
+    for delay_ms in [0, 3] {
+        let store = Synthetic::new(100, 12);
+        let delay = Duration::from_millis(delay_ms);
+        let pool = pool_of(&store, store.faulty(FaultPlan { delay, ..FaultPlan::default() }), 50);
+        pool.submit(0, &(0..100).map(|page| want(page, Class::Normal)).collect::<Vec<_>>());
+        drop(pool);
+    }
+}
+
+#[test]
+fn a_decoder_that_panics_costs_its_page() {
+    struct Panics(Arc<Synthetic>);
+    impl PageStore for Panics {
+        fn page_count(&self) -> u32 {
+            self.0.page_count()
+        }
+        fn extent(&self, page: u32) -> Extent {
+            self.0.extent(page)
+        }
+        fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
+            assert!(page != 2, "this panic belongs to the test");
+            self.0.install(page, stored, frame, scratch)
+        }
+        fn frame_bytes(&self) -> usize {
+            FRAME_BYTES
+        }
+    }
+    let store = Synthetic::new(5, 13);
+    let memory = store.memory(1);
+    let path = Path::new("synthetic");
+    let store = Arc::new(Panics(store));
+    let pool = PagePool::with_backend(store, memory, path, &Budget::unlimited(), &options(5)).unwrap();
+    assert!(pool.fetch_blocking(&[0, 1, 2, 3, 4]).is_err());
+    assert!(pool.is_damaged(2) && pool.pin(3).is_some());
+}
+
+#[test]
+#[should_panic(expected = "another pool's")]
+fn a_token_works_with_its_own_pool_only() {
+    let store = Synthetic::new(4, 14);
+    let (one, other) = (pool_of(&store, store.memory(1), 4), pool_of(&store, store.memory(1), 4));
+    one.fetch_blocking(&[0]).unwrap();
+    other.unpin(one.try_pin(0).unwrap());
+}
+
+/// The same through the real backends, from a real file.
+#[test]
+fn real_files_through_every_backend() {
+    let store = Synthetic::new(120, 15);
+    let mut file = tempfile::NamedTempFile::new_in(env!("CARGO_MANIFEST_DIR")).unwrap();
+    file.write_all(&store.bytes).unwrap();
+    file.as_file().sync_all().unwrap();
+    for io in [IoChoice::Uring, IoChoice::Pread, IoChoice::Mmap] {
+        for direct in [DirectChoice::Auto, DirectChoice::Off] {
+            let options = PoolOptions { io: IoOptions { io, direct, ..IoOptions::default() }, ..options(16) };
+            let shared: Arc<dyn PageStore> = Arc::clone(&store) as Arc<dyn PageStore>;
+            let pool = match PagePool::open(shared, file.path(), &Budget::unlimited(), &options) {
+                Ok(pool) => pool,
+                Err(error) if io == IoChoice::Uring => {
+                    let _ = writeln!(std::io::stderr(), "NOT RUN: {io:?} {direct:?}: {error}");
+                    continue;
+                }
+                Err(error) => panic!("{error}"),
+            };
+            let mut random = Pcg64Mcg::new(1);
+            for _ in 0..400 {
+                let page = random.next_u32() % 120;
+                check_frame(page, &pool.pin_blocking(page).unwrap());
+            }
+            pool.fetch_blocking(&(0..120).collect::<Vec<_>>()).unwrap();
+            assert!(pool.stats().bytes_read > 0, "{:?}", pool.io());
+        }
+    }
+}

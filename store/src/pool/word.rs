@@ -1,0 +1,481 @@
+//! `Word`: the whole state of a page in one atomic u64. All transitions stand here.
+//!
+//! ```text
+//!            enqueue               begin_read              install
+//!   ABSENT ----------> QUEUED ----------------> READING ------------> RESIDENT --.
+//!     ^  ^   unqueue     |      (frame given)      |     (frame full)   |   ^    | try_pin, unpin, cool
+//!     |  '---------------'                         | damage             |   '----'
+//!     |                                            v                    |
+//!     |                                         DAMAGED                 |
+//!     '-----------------------------------------------------------------'
+//!                 evict (pins = 0; frame taken back; generation + 1)
+//!
+//!   bits   63 .. 47     46 .. 23   22 .. 7   6 .. 5   4 .. 3   2 .. 0
+//!          generation   frame      pins      class    score    state
+//! ```
+//!
+//! Invariants
+//! 1. `pins > 0` only in RESIDENT; a page with pins is never evicted.
+//! 2. The frame field means something in READING and RESIDENT only. In READING the frame belongs to the loader alone,
+//!    who writes it; in RESIDENT it is read only, by those who hold a pin.
+//! 3. `install` releases what was written to the frame, `try_pin` acquires it; `unpin` releases what was read,
+//!    `cool` acquires that before the frame is given to another page. So a frame is never torn.
+//! 4. DAMAGED is final: nothing leaves it.
+//! 5. `class` is the class of the want that read the page; the first pin of a prefetched page turns it to NORMAL, so
+//!    a page that is evicted as PREFETCH was read in vain.
+
+use super::Class;
+use super::sync::{AtomicU64, Ordering};
+
+const SCORE_SHIFT: u32 = 3;
+const CLASS_SHIFT: u32 = 5;
+const PIN_SHIFT: u32 = 7;
+const FRAME_SHIFT: u32 = 23;
+const GENERATION_SHIFT: u32 = 47;
+const PIN_ONE: u64 = 1 << PIN_SHIFT;
+const GENERATION_MASK: u64 = (1 << (64 - GENERATION_SHIFT)) - 1;
+
+/// Most pins on one page. Beyond it `try_pin` says no.
+pub(super) const PINS_MAX: u64 = (1 << (FRAME_SHIFT - PIN_SHIFT)) - 1;
+/// Most frames of a pool: 1 TiB of 64 KiB.
+pub(super) const FRAMES_MAX: usize = 1 << (GENERATION_SHIFT - FRAME_SHIFT);
+/// Best clock score: the hand passes three times before it takes the page.
+pub(super) const SCORE_MAX: u64 = 3;
+
+/// What a page is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum PageState {
+    /// On disk only; nobody has asked for it.
+    Absent = 0,
+    /// Wanted, not yet read.
+    Queued = 1,
+    /// Being read or decoded.
+    Reading = 2,
+    /// In a frame.
+    Resident = 3,
+    /// Could not be read or decoded. Final.
+    Damaged = 4,
+}
+
+/// A word, taken apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct View {
+    pub(super) state: PageState,
+    pub(super) score: u64,
+    pub(super) class: Class,
+    pub(super) pins: u64,
+    pub(super) frame: u32,
+    /// Evictions so far, modulo 2^17 without 0: not 0 once the page was evicted.
+    pub(super) generation: u64,
+}
+
+impl View {
+    fn from_bits(bits: u64) -> View {
+        View {
+            state: match bits & 7 {
+                0 => PageState::Absent,
+                1 => PageState::Queued,
+                2 => PageState::Reading,
+                3 => PageState::Resident,
+                4 => PageState::Damaged,
+                other => unreachable!("page state {other}"),
+            },
+            score: bits >> SCORE_SHIFT & 3,
+            class: Class::from_bits(bits >> CLASS_SHIFT & 3),
+            pins: bits >> PIN_SHIFT & PINS_MAX,
+            frame: (bits >> FRAME_SHIFT) as u32 & (FRAMES_MAX - 1) as u32,
+            generation: bits >> GENERATION_SHIFT,
+        }
+    }
+
+    fn to_bits(self) -> u64 {
+        debug_assert!(self.score <= SCORE_MAX && self.pins <= PINS_MAX && (self.frame as usize) < FRAMES_MAX);
+        self.state as u64
+            | self.score << SCORE_SHIFT
+            | (self.class as u64) << CLASS_SHIFT
+            | self.pins << PIN_SHIFT
+            | u64::from(self.frame) << FRAME_SHIFT
+            | self.generation << GENERATION_SHIFT
+    }
+}
+
+/// What the clock hand did to a page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Cooled {
+    /// Evicted: the frame is the caller's. `wasted`: a prefetched page that nobody used.
+    Evicted { wasted: bool },
+    /// Its score went down by one.
+    Warm,
+    /// Pinned, or being read: not to be touched.
+    Busy,
+}
+
+/// A pin that was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Pinned {
+    pub(super) frame: u32,
+    /// The first use of a prefetched page.
+    pub(super) first_use: bool,
+}
+
+/// The atomic word of one page.
+pub(super) struct Word(AtomicU64);
+
+impl Word {
+    /// A page that is on disk only.
+    pub(super) fn absent() -> Word {
+        Word(AtomicU64::new(0))
+    }
+
+    /// The word as it is now.
+    pub(super) fn view(&self) -> View {
+        View::from_bits(self.0.load(Ordering::Acquire))
+    }
+
+    /// Pins the page if it is resident and raises its score by one.
+    pub(super) fn try_pin(&self) -> Option<Pinned> {
+        let mut first_use = false;
+        let before = self.change(|view| {
+            if view.state != PageState::Resident || view.pins == PINS_MAX {
+                return None;
+            }
+            first_use = view.class == Class::Prefetch;
+            let class = if first_use { Class::Normal } else { view.class };
+            Some(View { pins: view.pins + 1, score: (view.score + 1).min(SCORE_MAX), class, ..view })
+        });
+        before.ok().map(|view| Pinned { frame: view.frame, first_use })
+    }
+
+    /// Takes one pin back. True when it was the last.
+    ///
+    /// # Panics
+    /// When there is no pin to take back.
+    pub(super) fn unpin(&self) -> bool {
+        // SeqCst: the loader that starves raises its flag and then looks at pins; we drop the pin and then look at its
+        // flag. In one total order one of the two sees the other.
+        let before = View::from_bits(self.0.fetch_sub(PIN_ONE, Ordering::SeqCst));
+        assert!(before.pins > 0 && before.state == PageState::Resident, "unpin of {before:?}");
+        before.pins == 1
+    }
+
+    /// ABSENT to QUEUED. The page's state before, when it was another.
+    pub(super) fn enqueue(&self) -> Result<(), PageState> {
+        self.advance(PageState::Absent, |view| View { state: PageState::Queued, ..view })
+    }
+
+    /// QUEUED to ABSENT: nobody wants it any more.
+    pub(super) fn unqueue(&self) {
+        let moved = self.advance(PageState::Queued, |view| View { state: PageState::Absent, ..view });
+        assert!(moved.is_ok(), "unqueue of a page that is {moved:?}");
+    }
+
+    /// QUEUED to READING, into `frame`.
+    pub(super) fn begin_read(&self, frame: u32, class: Class) {
+        let moved = self.advance(PageState::Queued, |view| View {
+            state: PageState::Reading,
+            frame,
+            class,
+            score: 0,
+            ..view
+        });
+        assert!(moved.is_ok(), "begin_read of a page that is {moved:?}");
+    }
+
+    /// A page that is read as prefetch is wanted now. True when this made the difference.
+    pub(super) fn promote(&self, class: Class) -> bool {
+        let changed = self.change(|view| {
+            let better = view.state == PageState::Reading && view.class.is_low() && !class.is_low();
+            better.then_some(View { class, ..view })
+        });
+        changed.is_ok()
+    }
+
+    /// READING to RESIDENT: the frame is full. Demand enters with score 2, prefetch and background with 0.
+    pub(super) fn install(&self) {
+        let moved = self.advance(PageState::Reading, |view| View {
+            state: PageState::Resident,
+            score: if view.class.is_low() { 0 } else { 2 },
+            ..view
+        });
+        assert!(moved.is_ok(), "install of a page that is {moved:?}");
+    }
+
+    /// READING to DAMAGED. The frame is the caller's.
+    pub(super) fn damage(&self) {
+        let moved =
+            self.advance(PageState::Reading, |view| View { state: PageState::Damaged, frame: 0, ..view });
+        assert!(moved.is_ok(), "damage of a page that is {moved:?}");
+    }
+
+    /// The clock hand passes: RESIDENT without pins loses one score, or at score 0 goes to ABSENT.
+    pub(super) fn cool(&self) -> Cooled {
+        let before = self.change(|view| {
+            if view.state != PageState::Resident || view.pins > 0 {
+                return None;
+            }
+            if view.score > 0 {
+                return Some(View { score: view.score - 1, ..view });
+            }
+            Some(View {
+                state: PageState::Absent,
+                frame: 0,
+                class: Class::Urgent,
+                generation: next_generation(view.generation),
+                ..view
+            })
+        });
+        match before {
+            Ok(view) if view.score == 0 => Cooled::Evicted { wasted: view.class == Class::Prefetch },
+            Ok(_) => Cooled::Warm,
+            Err(_) => Cooled::Busy,
+        }
+    }
+
+    fn advance(&self, from: PageState, to: impl Fn(View) -> View) -> Result<(), PageState> {
+        self.change(|view| (view.state == from).then(|| to(view))).map(drop).map_err(|view| view.state)
+    }
+
+    /// Replaces the word by what `next` makes of it. The view before; `Err` with it where `next` says no.
+    fn change(&self, mut next: impl FnMut(View) -> Option<View>) -> Result<View, View> {
+        let mut bits = self.0.load(Ordering::Acquire);
+        loop {
+            let view = View::from_bits(bits);
+            let Some(after) = next(view) else { return Err(view) };
+            match self.0.compare_exchange(bits, after.to_bits(), Ordering::AcqRel, Ordering::Acquire) {
+                Ok(_) => return Ok(view),
+                Err(now) => bits = now,
+            }
+        }
+    }
+}
+
+/// Counts on, past 0.
+fn next_generation(generation: u64) -> u64 {
+    if generation == GENERATION_MASK { 1 } else { generation + 1 }
+}
+
+const _: () = assert!(GENERATION_SHIFT + 17 == 64 && FRAMES_MAX == 1 << 24 && PINS_MAX == 65_535);
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[derive(Clone, Copy, Debug)]
+    enum Step {
+        Enqueue,
+        Unqueue,
+        BeginRead(u32, Class),
+        Promote(Class),
+        Install,
+        Damage,
+        Pin,
+        Unpin,
+        Cool,
+    }
+
+    fn class() -> impl Strategy<Value = Class> {
+        (0..4_u64).prop_map(Class::from_bits)
+    }
+
+    fn step() -> impl Strategy<Value = Step> {
+        prop_oneof![
+            2 => Just(Step::Enqueue),
+            1 => Just(Step::Unqueue),
+            3 => (0..FRAMES_MAX as u32, class()).prop_map(|(frame, class)| Step::BeginRead(frame, class)),
+            1 => class().prop_map(Step::Promote),
+            3 => Just(Step::Install),
+            1 => Just(Step::Damage),
+            6 => Just(Step::Pin),
+            5 => Just(Step::Unpin),
+            5 => Just(Step::Cool),
+        ]
+    }
+
+    /// The same page as a plain struct; `None` where the caller must not take the step.
+    fn model(page: View, step: Step) -> Option<View> {
+        use PageState::*;
+        let page = match (step, page.state) {
+            (Step::Enqueue, Absent) => View { state: Queued, ..page },
+            (Step::Unqueue, Queued) => View { state: Absent, ..page },
+            (Step::BeginRead(frame, class), Queued) => {
+                View { state: Reading, frame, class, score: 0, ..page }
+            }
+            (Step::Promote(class), Reading) => {
+                let low = |class| matches!(class, Class::Prefetch | Class::Background);
+                let class = if low(page.class) && !low(class) { class } else { page.class };
+                View { class, ..page }
+            }
+            (Step::Install, Reading) => {
+                let demand = matches!(page.class, Class::Urgent | Class::Normal);
+                View { state: Resident, score: if demand { 2 } else { 0 }, ..page }
+            }
+            (Step::Damage, Reading) => View { state: Damaged, frame: 0, ..page },
+            (Step::Pin, Resident) => {
+                let class = if page.class == Class::Prefetch { Class::Normal } else { page.class };
+                View { pins: page.pins + 1, score: 3.min(page.score + 1), class, ..page }
+            }
+            (Step::Unpin, Resident) if page.pins > 0 => View { pins: page.pins - 1, ..page },
+            (Step::Cool, Resident) if page.pins == 0 && page.score > 0 => {
+                View { score: page.score - 1, ..page }
+            }
+            (Step::Cool, Resident) if page.pins == 0 => View {
+                state: Absent,
+                frame: 0,
+                class: Class::Urgent,
+                generation: page.generation + 1,
+                ..page
+            },
+            // Steps that anybody may try at any time and that change nothing.
+            (Step::Enqueue | Step::Promote(_) | Step::Pin | Step::Cool, _) => page,
+            _ => return None,
+        };
+        Some(page)
+    }
+
+    proptest! {
+        #[test]
+        fn the_word_is_the_plain_struct(steps in prop::collection::vec(step(), 0..200)) {
+            let word = Word::absent();
+            let mut page = word.view();
+            for step in steps {
+                let Some(after) = model(page, step) else { continue };
+                match step {
+                    Step::Enqueue => prop_assert_eq!(word.enqueue().is_ok(), after != page),
+                    Step::Unqueue => word.unqueue(),
+                    Step::BeginRead(frame, class) => word.begin_read(frame, class),
+                    Step::Promote(class) => prop_assert_eq!(word.promote(class), after != page),
+                    Step::Install => word.install(),
+                    Step::Damage => word.damage(),
+                    Step::Pin => {
+                        let pinned = word.try_pin();
+                        prop_assert_eq!(pinned.is_some(), page.state == PageState::Resident);
+                        if let Some(pinned) = pinned {
+                            let first_use = page.class == Class::Prefetch;
+                            prop_assert_eq!(pinned, Pinned { frame: page.frame, first_use });
+                        }
+                    }
+                    Step::Unpin => prop_assert_eq!(word.unpin(), after.pins == 0),
+                    Step::Cool => match word.cool() {
+                        Cooled::Evicted { wasted } => {
+                            prop_assert!(page.pins == 0 && after.state == PageState::Absent);
+                            prop_assert_eq!(wasted, page.class == Class::Prefetch);
+                        }
+                        Cooled::Warm => prop_assert_eq!(after.score + 1, page.score),
+                        Cooled::Busy => prop_assert_eq!(after, page),
+                    },
+                }
+                page = after;
+                prop_assert_eq!(word.view(), page);
+            }
+        }
+    }
+
+    #[test]
+    fn pins_stop_at_the_maximum() {
+        let word = Word::absent();
+        word.enqueue().unwrap();
+        word.begin_read(3, Class::Normal);
+        word.install();
+        for _ in 0..PINS_MAX {
+            word.try_pin().unwrap();
+        }
+        assert_eq!(word.try_pin(), None);
+        assert_eq!(word.view().frame, 3);
+    }
+
+    #[test]
+    fn generations_wrap_past_zero() {
+        assert_eq!((next_generation(0), next_generation(GENERATION_MASK)), (1, 1));
+    }
+
+    #[test]
+    #[should_panic(expected = "unpin of")]
+    fn an_unpin_too_many_is_a_bug() {
+        Word::absent().unpin();
+    }
+}
+
+/// `RUSTFLAGS="--cfg loom" cargo test -p trex-store --release loom`
+#[cfg(all(test, loom))]
+mod loom_tests {
+    use super::*;
+    use loom::cell::UnsafeCell;
+    use loom::sync::Arc;
+    use loom::thread;
+
+    /// Two pages that share one frame. loom's cell fails the test when a read and a write of it can overlap.
+    struct Shared {
+        words: [Word; 2],
+        frame: UnsafeCell<u64>,
+    }
+
+    fn use_page(shared: &Shared, page: usize) {
+        if shared.words[page].try_pin().is_some() {
+            // The frame holds this page's bytes for as long as it is pinned.
+            shared.frame.with(|bytes| assert_eq!(read(bytes), page as u64));
+            shared.words[page].unpin();
+        }
+    }
+
+    #[allow(unsafe_code)]
+    fn read(bytes: *const u64) -> u64 {
+        // SAFETY: loom checks that no write overlaps; the cell outlives the call.
+        unsafe { *bytes }
+    }
+
+    #[allow(unsafe_code)]
+    fn write(bytes: *mut u64, value: u64) {
+        // SAFETY: loom checks that nothing overlaps; the cell outlives the call.
+        unsafe { *bytes = value }
+    }
+
+    fn load(shared: &Shared, page: usize) {
+        shared.words[page].enqueue().unwrap();
+        shared.words[page].begin_read(0, Class::Prefetch);
+        shared.frame.with_mut(|bytes| write(bytes, page as u64));
+        shared.words[page].install();
+    }
+
+    fn shared_with_page_0() -> Arc<Shared> {
+        let shared = Arc::new(Shared { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
+        load(&shared, 0);
+        shared
+    }
+
+    /// One thread pins page 0, one pins page 1, one evicts page 0 and installs page 1 into its frame.
+    #[test]
+    fn loom_pin_against_evict_against_install() {
+        loom::model(|| {
+            let shared = shared_with_page_0();
+            let readers: Vec<_> = [0, 1]
+                .map(|page| {
+                    let shared = Arc::clone(&shared);
+                    thread::spawn(move || use_page(&shared, page))
+                })
+                .into_iter()
+                .collect();
+            // Twice: a pin may have raised the score from 0 to 1.
+            let evicted = (0..2).any(|_| matches!(shared.words[0].cool(), Cooled::Evicted { .. }));
+            if evicted {
+                load(&shared, 1);
+            }
+            for reader in readers {
+                reader.join().unwrap();
+            }
+        });
+    }
+
+    /// Two hands, one page: only one of them gets the frame.
+    #[test]
+    fn loom_two_evictions_give_one_frame() {
+        loom::model(|| {
+            let shared = shared_with_page_0();
+            let other = Arc::clone(&shared);
+            let theirs = thread::spawn(move || matches!(other.words[0].cool(), Cooled::Evicted { .. }));
+            let ours = matches!(shared.words[0].cool(), Cooled::Evicted { .. });
+            assert!(ours ^ theirs.join().unwrap());
+        });
+    }
+}
