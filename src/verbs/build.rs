@@ -1,11 +1,151 @@
 //! `trex build`: meshes to a page file.
 
+use super::inputs;
 use crate::args::BuildArgs;
 use crate::context::Context;
 use crate::failure::Exit;
+use crate::memory::Memory;
+use crate::size;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision};
+use trex_store::{Result, TriangleSource};
 
 /// Runs `trex build`.
 pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    tracing::debug!(?args, ?ctx);
-    anyhow::bail!("trex build is not connected to its library in this build")
+    let precision = match (args.grid_bits, args.error) {
+        (Some(bits), _) => Precision::GridBits(u32::from(bits)),
+        (None, Some(error)) => Precision::Error(error),
+        (None, None) => Precision::Default,
+    };
+    let work = Work {
+        output: &args.output,
+        temp_dir: args.scratch.temp_dir.as_deref(),
+        existing: existing(args.overwrite.overwrite),
+        precision,
+    };
+    let mut source = inputs::open(&args.inputs, &work.scratch_folder(), ctx)?;
+    ctx.done(&work.build(&mut *source, ctx)?)
+}
+
+/// What to do with an output that exists.
+pub fn existing(overwrite: bool) -> Existing {
+    if overwrite { Existing::Replace } else { Existing::Keep }
+}
+
+/// One build, as `build` and `demo` ask for it.
+pub struct Work<'a> {
+    pub output: &'a Path,
+    pub temp_dir: Option<&'a Path>,
+    pub existing: Existing,
+    pub precision: Precision,
+}
+
+impl Work<'_> {
+    /// Where scratch files go.
+    pub fn scratch_folder(&self) -> PathBuf {
+        let beside = self.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+        self.temp_dir.or(beside).unwrap_or(Path::new(".")).to_path_buf()
+    }
+
+    /// Builds, telling the plan and what the source met.
+    pub fn build(&self, source: &mut dyn TriangleSource, ctx: &Context) -> Result<Built> {
+        let options = BuildOptions {
+            precision: self.precision,
+            threads: ctx.threads,
+            budget: ctx.budget.clone(),
+            temp_dir: self.temp_dir.map(Path::to_path_buf),
+            existing: self.existing,
+            interrupt: ctx.interrupt.clone(),
+        };
+        let tell_plan = |plan: &Plan| {
+            ctx.console.note(&format!(
+                "plan: {} triangles; memory {} of {}; scratch about {}, output about {}, free {}",
+                size::count(plan.triangle_count),
+                size::bytes(plan.memory_bytes),
+                size::bytes(plan.limit_bytes),
+                size::bytes(plan.scratch_bytes),
+                size::bytes(plan.output_bytes),
+                size::bytes(plan.free_bytes),
+            ));
+            if plan.scratch_bytes + plan.output_bytes > plan.free_bytes {
+                ctx.console.note("plan: the free space may not be enough; --temp-dir names another folder");
+            }
+        };
+        let report = build::build(source, self.output, &options, &tell_plan, &ctx.report())?;
+        report.source.warnings.iter().for_each(|warning| ctx.console.note(&format!("note: {warning}")));
+        let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
+        Ok(Built {
+            scene: source.name(),
+            result_hash: report.file_id.clone(),
+            triangles_per_s: report.input_triangle_count as f64 * 1e3 / report.phase_ms.total.max(1) as f64,
+            triangles_per_s_without_source: report.input_triangle_count as f64 * 1e3 / busy_ms as f64,
+            bytes_per_triangle: report.output_bytes as f64 / report.triangle_count as f64,
+            vertex_cache_miss_rate: miss_rate(&report),
+            dropped_attribute_count: report.source.dropped_attribute_count,
+            skipped_face_count: report.source.skipped_face_count,
+            transparent_material_count: report.source.transparent_material_count,
+            memory: Memory::of(&ctx.budget),
+            report,
+        })
+    }
+}
+
+fn miss_rate(report: &BuildReport) -> Option<f64> {
+    let lookups = report.source.vertex_lookups;
+    (lookups > 0).then(|| report.source.vertex_cache_misses as f64 / lookups as f64)
+}
+
+/// The result of a build.
+#[derive(Debug, Serialize)]
+pub struct Built {
+    pub scene: String,
+    pub result_hash: String,
+    #[serde(flatten)]
+    pub report: BuildReport,
+    /// Over the whole wall time, and over the time not spent waiting for the source.
+    pub triangles_per_s: f64,
+    pub triangles_per_s_without_source: f64,
+    pub bytes_per_triangle: f64,
+    pub vertex_cache_miss_rate: Option<f64>,
+    pub dropped_attribute_count: u64,
+    pub skipped_face_count: u64,
+    pub transparent_material_count: u64,
+    pub memory: Memory,
+}
+
+impl fmt::Display for Built {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = &self.report;
+        writeln!(
+            f,
+            "{} triangles in {} clusters, {} pages, {}",
+            size::count(report.triangle_count),
+            size::count(report.cluster_count),
+            report.page_count,
+            size::bytes(report.output_bytes)
+        )?;
+        if report.triangle_count < report.input_triangle_count {
+            writeln!(
+                f,
+                "rejected {} of {}: {} degenerate on the lattice, {} not finite",
+                report.input_triangle_count - report.triangle_count,
+                report.input_triangle_count,
+                report.rejected_degenerate,
+                report.rejected_non_finite
+            )?;
+        }
+        if self.dropped_attribute_count > 0 {
+            writeln!(f, "dropped {} normals, colours and texture coordinates", size::count(self.dropped_attribute_count))?;
+        }
+        write!(
+            f,
+            "{:.2} bytes per triangle, vertices within {:e} of the input; {}, {}",
+            self.bytes_per_triangle,
+            report.error_bound,
+            size::duration(std::time::Duration::from_millis(report.phase_ms.total)),
+            size::rate(self.triangles_per_s, "triangles"),
+        )
+    }
 }

@@ -1,11 +1,210 @@
 //! `trex info`: what a mesh or a page file holds, without loading it.
 
+use super::inputs;
+use super::shares::Shares;
 use crate::args::InfoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
+use crate::size;
+use crate::values::Input;
+use serde::Serialize;
+use std::fmt;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use trex_store::import::{self, InputInfo};
+use trex_store::layout::{FRAME_BYTES, MAGIC};
+use trex_store::{Aabb, PageFile};
 
 /// Runs `trex info`.
 pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    tracing::debug!(?args, ?ctx);
-    anyhow::bail!("trex info is not connected to its library in this build")
+    match &args.input {
+        Input::Generated(text) => {
+            let source = inputs::generate(&datasets_gen::Spec::parse(text)?, ctx)?;
+            let hint = source.hint().expect("generators know what they make");
+            let bounds = hint.bounds;
+            ctx.done(&Generated { scene: source.name(), triangle_count: hint.triangle_count, median_edge: hint.median_edge, bounds })
+        }
+        Input::File(path) if is_page_file(path) => ctx.done(&Stored::of(&PageFile::open(path, &ctx.budget)?, ctx)?),
+        Input::File(path) => {
+            ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? })
+        }
+    }
+}
+
+fn is_page_file(path: &Path) -> bool {
+    let mut head = [0; MAGIC.len()];
+    let read = File::open(path).and_then(|mut file| file.read_exact(&mut head));
+    (read.is_ok() && head == MAGIC) || path.extension().is_some_and(|ending| ending == "trex")
+}
+
+#[derive(Serialize)]
+struct Generated {
+    scene: String,
+    triangle_count: u64,
+    median_edge: f64,
+    bounds: Aabb,
+}
+
+impl fmt::Display for Generated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {} triangles (within 1 %)", self.scene, size::count(self.triangle_count))?;
+        write!(f, "box {:?} to {:?}, median edge {:.4e}", self.bounds.lo, self.bounds.hi, self.median_edge)
+    }
+}
+
+#[derive(Serialize)]
+struct Mesh {
+    scene: String,
+    #[serde(flatten)]
+    info: InputInfo,
+}
+
+impl fmt::Display for Mesh {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let info = &self.info;
+        write!(f, "{}: {:?} {:?}, {}", self.scene, info.encoding, info.format, size::bytes(info.file_bytes))?;
+        for (what, count) in [("vertices", info.vertex_count), ("faces", info.face_count)] {
+            if let Some(count) = count {
+                write!(f, ", {} {what} declared", size::count(count))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[derive(Serialize)]
+struct BytesPerTriangle {
+    disk: f64,
+    resident: f64,
+    file: f64,
+}
+
+#[derive(Serialize)]
+struct SectionBytes {
+    mesh: u64,
+    tree: u64,
+    asvo_upper: u64,
+    asvo_lower: u64,
+    tables: u64,
+}
+
+#[derive(Serialize)]
+struct Grid {
+    step: f64,
+    bits: u32,
+    origin: [f64; 3],
+    error_bound: f64,
+}
+
+#[derive(Serialize)]
+struct Rejected {
+    degenerate: u64,
+    non_finite: u64,
+}
+
+#[derive(Serialize)]
+struct Stored {
+    scene: String,
+    file_id: String,
+    input_triangle_count: u64,
+    triangle_count: u64,
+    vertex_count: u64,
+    cluster_count: u64,
+    wide_cluster_count: u64,
+    page_count: usize,
+    material_count: usize,
+    emitter_count: usize,
+    file_bytes: u64,
+    bytes_per_triangle: BytesPerTriangle,
+    section_bytes: SectionBytes,
+    grid: Grid,
+    asvo: Option<()>,
+    bounds: Aabb,
+    rejected: Rejected,
+    smallest_limit_bytes: u64,
+    /// Of this run's limit, for a picture of 1024x1024.
+    shares: Shares,
+}
+
+impl Stored {
+    fn of(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
+        let block = file.superblock();
+        let mesh_and_tree: u64 = file.pages().iter().map(|page| u64::from(page.stored_bytes)).sum();
+        let top = (file.top().len() * size_of::<trex_store::cluster::Node>()) as u64;
+        let tables = block.file_bytes - mesh_and_tree - top;
+        let resident = (file.pages().len() * FRAME_BYTES) as u64 + file.resident_table_bytes();
+        let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
+        Ok(Stored {
+            scene: file.path().display().to_string(),
+            file_id: format!("{:016x}", block.file_id),
+            input_triangle_count: block.input_triangle_count,
+            triangle_count: block.triangle_count,
+            vertex_count: block.vertex_count,
+            cluster_count: block.cluster_count,
+            wide_cluster_count: block.wide_cluster_count,
+            page_count: file.pages().len(),
+            material_count: file.materials().len(),
+            emitter_count: file.emitters().len(),
+            file_bytes: block.file_bytes,
+            bytes_per_triangle: BytesPerTriangle {
+                disk: per(block.file_bytes),
+                resident: per(resident),
+                file: per(block.file_bytes),
+            },
+            section_bytes: SectionBytes {
+                mesh: mesh_and_tree - block.page_tree_bytes.min(mesh_and_tree),
+                tree: block.page_tree_bytes.min(mesh_and_tree) + top,
+                asvo_upper: 0,
+                asvo_lower: 0,
+                tables,
+            },
+            grid: Grid {
+                step: block.lattice.step(),
+                bits: block.lattice_bits,
+                origin: block.lattice.origin,
+                error_bound: block.error_bound,
+            },
+            asvo: None,
+            bounds: block.bounds,
+            rejected: Rejected { degenerate: block.rejected_degenerate, non_finite: block.rejected_non_finite },
+            smallest_limit_bytes: Shares::smallest_limit_bytes(file, [1024, 1024], ctx.threads)?,
+            shares: Shares::of(file, [1024, 1024], ctx)?,
+        })
+    }
+}
+
+impl fmt::Display for Stored {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: {} triangles, {} vertices, {} clusters ({} wide), {} pages, {}",
+            self.scene,
+            size::count(self.triangle_count),
+            size::count(self.vertex_count),
+            size::count(self.cluster_count),
+            self.wide_cluster_count,
+            self.page_count,
+            size::bytes(self.file_bytes)
+        )?;
+        writeln!(
+            f,
+            "input {} triangles, {} degenerate, {} not finite; {} materials, {} emitters",
+            size::count(self.input_triangle_count),
+            self.rejected.degenerate,
+            self.rejected.non_finite,
+            self.material_count,
+            self.emitter_count
+        )?;
+        let per = &self.bytes_per_triangle;
+        writeln!(f, "bytes per triangle: {:.2} on disk, {:.2} resident", per.disk, per.resident)?;
+        writeln!(
+            f,
+            "lattice of {} bits, step {:e}, vertices within {:e} of the input",
+            self.grid.bits, self.grid.step, self.grid.error_bound
+        )?;
+        writeln!(f, "box {:?} to {:?}", self.bounds.lo, self.bounds.hi)?;
+        writeln!(f, "memory for 1024x1024: {}", self.shares)?;
+        write!(f, "smallest limit for 1024x1024: {}", size::bytes(self.smallest_limit_bytes))
+    }
 }

@@ -7,8 +7,10 @@
 use crate::budget::{Budget, Lease};
 use crate::cluster::{Node, TopRef, install};
 use crate::error::{Code, Error, Result};
+use crate::io::Extent;
 use crate::layout::*;
 use crate::material::Material;
+use crate::pool::PageStore;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -147,6 +149,25 @@ impl PageFile {
             .at_byte(&self.path, self.pages[page as usize].offset)
             .numbers(format!("page {page}, {} bytes", self.pages[page as usize].stored_bytes))
             .next("run `trex verify` to see what else is damaged, and build the file again")
+    }
+}
+
+impl PageStore for PageFile {
+    fn page_count(&self) -> u32 {
+        self.pages.len() as u32
+    }
+
+    fn extent(&self, page: u32) -> Extent {
+        let entry = &self.pages[page as usize];
+        Extent { offset: entry.offset, stored_bytes: entry.stored_bytes }
+    }
+
+    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
+        PageFile::install(self, page, stored, frame, scratch)
+    }
+
+    fn frame_bytes(&self) -> usize {
+        FRAME_BYTES
     }
 }
 

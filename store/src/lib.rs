@@ -3,6 +3,7 @@
 pub mod build;
 pub mod cluster;
 mod budget;
+mod chain;
 mod error;
 mod file;
 pub mod geom;
@@ -16,6 +17,7 @@ mod source;
 pub mod verify;
 
 pub use budget::{Budget, Lease, RESERVE_BYTES};
+pub use chain::Chain;
 pub use error::{Code, Error, Result};
 pub use file::{Emitter, PageFile};
 pub use geom::{Aabb, Lattice};

@@ -1,0 +1,96 @@
+//! `Chain`: several sources, one after the other, as one model.
+//!
+//! Invariant: a source's materials follow those of the sources before it, whose lists are complete when its own
+//! stream begins.
+
+use crate::error::Result;
+use crate::geom::Aabb;
+use crate::material::Material;
+use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+
+/// Sources in a row. Build one with [`Chain::of`].
+pub struct Chain {
+    sources: Vec<Box<dyn TriangleSource>>,
+    at: usize,
+    materials: Vec<Material>,
+    /// Materials of the sources before `at`.
+    first_material: u32,
+}
+
+impl Chain {
+    /// The sources as one; a single one is returned as it is.
+    ///
+    /// # Panics
+    /// When there is none.
+    pub fn of(mut sources: Vec<Box<dyn TriangleSource>>) -> Box<dyn TriangleSource> {
+        assert!(!sources.is_empty(), "a model has at least one source");
+        if sources.len() == 1 {
+            return sources.remove(0);
+        }
+        let mut chain = Chain { sources, at: 0, materials: Vec::new(), first_material: 0 };
+        chain.materials = chain.all_materials();
+        Box::new(chain)
+    }
+
+    fn all_materials(&self) -> Vec<Material> {
+        self.sources.iter().flat_map(|source| source.materials().iter().cloned()).collect()
+    }
+}
+
+impl TriangleSource for Chain {
+    fn name(&self) -> String {
+        format!("{} and {} more", self.sources[0].name(), self.sources.len() - 1)
+    }
+
+    fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
+        while let Some(source) = self.sources.get_mut(self.at) {
+            if source.next_batch(batch)? {
+                batch.material.iter_mut().for_each(|material| *material += self.first_material);
+                return Ok(true);
+            }
+            self.first_material += source.materials().len() as u32;
+            self.at += 1;
+        }
+        batch.clear();
+        self.materials = self.all_materials();
+        Ok(false)
+    }
+
+    fn rewind(&mut self) -> Result<()> {
+        (self.at, self.first_material) = (0, 0);
+        self.sources.iter_mut().try_for_each(|source| source.rewind())
+    }
+
+    fn hint(&self) -> Option<ScanHint> {
+        let mut all = ScanHint { bounds: Aabb::EMPTY, median_edge: f64::INFINITY, triangle_count: 0 };
+        for source in &self.sources {
+            let hint = source.hint()?;
+            all.bounds.join(&hint.bounds);
+            all.median_edge = all.median_edge.min(hint.median_edge);
+            all.triangle_count += hint.triangle_count;
+        }
+        Some(all)
+    }
+
+    fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    fn stats(&self) -> SourceStats {
+        let mut all = SourceStats::default();
+        for stats in self.sources.iter().map(|source| source.stats()) {
+            all.bytes_read += stats.bytes_read;
+            all.bytes_total += stats.bytes_total;
+            all.triangle_count += stats.triangle_count;
+            all.polygon_count += stats.polygon_count;
+            all.skipped_face_count += stats.skipped_face_count;
+            all.dropped_attribute_count += stats.dropped_attribute_count;
+            all.vertex_count += stats.vertex_count;
+            all.vertex_lookups += stats.vertex_lookups;
+            all.vertex_cache_misses += stats.vertex_cache_misses;
+            all.transparent_material_count += stats.transparent_material_count;
+            all.warnings.extend(stats.warnings);
+        }
+        all
+    }
+}
