@@ -9,6 +9,9 @@
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
 pub mod camera;
+pub mod emitter;
+pub mod light;
+pub mod material;
 mod math;
 pub mod sampler;
 pub mod trace;
