@@ -10,8 +10,11 @@
 
 pub mod camera;
 pub mod emitter;
+pub mod film;
 pub mod light;
 pub mod material;
 mod math;
+pub mod picture;
 pub mod sampler;
+pub mod tile;
 pub mod trace;
