@@ -9,8 +9,10 @@
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
 pub mod camera;
+pub mod direct;
 pub mod emitter;
 pub mod film;
+pub mod frame;
 pub mod light;
 pub mod material;
 mod math;
@@ -18,3 +20,4 @@ pub mod picture;
 pub mod sampler;
 pub mod tile;
 pub mod trace;
+pub mod world;

@@ -1,5 +1,7 @@
 //! Rays against exact geometry: what a ray is, what answers it, and who can answer.
 
+pub mod naive;
+
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
