@@ -18,6 +18,7 @@ pub mod material;
 mod math;
 pub mod picture;
 pub mod sampler;
+pub mod scene;
 pub mod tile;
 pub mod trace;
 pub mod world;
