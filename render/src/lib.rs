@@ -19,6 +19,7 @@ mod math;
 pub mod picture;
 pub mod sampler;
 pub mod scene;
+pub mod session;
 pub mod tile;
 pub mod trace;
 pub mod world;
