@@ -4,12 +4,15 @@
 mod avx2;
 mod bvh;
 mod kernel;
+pub mod naive;
 mod paged;
 mod pages;
+mod pooled;
 mod ray;
 mod scalar;
 
 pub use paged::{Arithmetic, PagedMesh};
+pub use pooled::{PooledPages, tracers};
 pub use pages::{AllResident, Page, Pages};
 
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.

@@ -1,0 +1,94 @@
+//! `Sampler`: the random numbers of one sample of one pixel. Owen-scrambled Sobol points (B. Burley, "Practical
+//! hash-based Owen scrambling", JCGT 9 (2020)), padded: each decision has points of its own, stratified over the
+//! samples of the pixel, and decisions are decorrelated by their seeds.
+//!
+//! Invariants: 1. a number is a pure function of (seed, pixel, decision, index): no state, so a sample may be
+//! interrupted, retried and moved between threads; 2. all numbers are in [0, 1).
+
+use sobol_burley::sample_4d;
+
+/// Longest sequence that the Sobol tables hold; longer ones go on in a sequence with another seed.
+const SEQUENCE_BITS: u32 = 16;
+
+/// The numbers of one sample.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampler {
+    pixel_seed: u64,
+    sample: u32,
+}
+
+/// What the numbers are for.
+#[derive(Clone, Copy, Debug)]
+pub enum Decision {
+    /// Where in the pixel the primary ray goes (2 numbers).
+    Pixel,
+    /// Whether the path goes on after the vertex with this index (1 number).
+    Roulette(u32),
+    /// Shadow ray `index` of `count` at a path vertex: which light, which emitter, where on it (4 numbers).
+    Light {
+        /// Index of the path vertex, the first hit = 0.
+        vertex: u32,
+        /// Index of the shadow ray at this vertex.
+        index: u32,
+        /// Shadow rays at this vertex.
+        count: u32,
+    },
+}
+
+impl Sampler {
+    /// The numbers of sample `sample` of `pixel` (x, y) in the picture that `seed` names.
+    pub fn new(seed: u64, pixel: [u32; 2], sample: u32) -> Sampler {
+        let pixel_key = u64::from(pixel[0]) | u64::from(pixel[1]) << 32;
+        Sampler { pixel_seed: mix(mix(seed) ^ pixel_key), sample }
+    }
+
+    /// Four numbers for `decision`.
+    pub fn draw(&self, decision: Decision) -> [f32; 4] {
+        let sample = u64::from(self.sample);
+        let (kind, index) = match decision {
+            Decision::Pixel => (0, sample),
+            Decision::Roulette(vertex) => (1 | u64::from(vertex) << 8, sample),
+            Decision::Light { vertex, index, count } => {
+                (2 | u64::from(vertex) << 8, sample * u64::from(count) + u64::from(index))
+            }
+        };
+        let block = index >> SEQUENCE_BITS;
+        let seed = mix(mix(self.pixel_seed ^ kind).wrapping_add(block)) as u32;
+        sample_4d((index & ((1 << SEQUENCE_BITS) - 1)) as u32, 0, seed)
+    }
+}
+
+/// The finalizer of SplitMix64 (G. Steele et al., OOPSLA 2014).
+pub(crate) fn mix(key: u64) -> u64 {
+    let key = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let key = (key ^ key >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let key = (key ^ key >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    key ^ key >> 31
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_of_a_pixel_are_stratified_and_pixels_differ() {
+        let mut cells = [0; 16];
+        for sample in 0..16 {
+            let [x, y, ..] = Sampler::new(7, [3, 5], sample).draw(Decision::Pixel);
+            cells[(x * 4.0) as usize * 4 + (y * 4.0) as usize] += 1;
+        }
+        assert_eq!(cells, [1; 16]);
+        let first = |seed, pixel| Sampler::new(seed, pixel, 0).draw(Decision::Pixel);
+        assert_ne!(first(7, [3, 5]), first(7, [5, 3]));
+        assert_ne!(first(7, [3, 5]), first(8, [3, 5]));
+    }
+
+    #[test]
+    fn the_mean_is_a_half_past_the_end_of_a_sequence() {
+        let mean: f64 = (0..1 << 18)
+            .map(|sample| f64::from(Sampler::new(1, [0, 0], sample).draw(Decision::Roulette(9))[0]))
+            .sum::<f64>()
+            / f64::from(1 << 18);
+        assert!((mean - 0.5).abs() < 1e-4, "{mean}");
+    }
+}

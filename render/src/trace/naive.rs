@@ -1,0 +1,135 @@
+//! `NaiveMesh`: every ray against every triangle, in f64. The oracle of the paged tracer and its double in tests.
+//!
+//! T. Möller and B. Trumbore, "Fast, minimum storage ray/triangle intersection" (1997).
+//! Invariants: 1. it never answers Blocked; 2. triangles are hit from both sides; 3. of equal hits the lower
+//! triangle index wins, as `Tracer` asks of everybody who wants to be compared.
+
+use super::{Answer, Hit, Ray, Tracer};
+use crate::frame::PagedTracer;
+use crate::math::{along, cross, dot, length, sub, unit};
+use std::sync::Arc;
+
+/// Rounding of the hit point in ulps of its largest operand: a few operations, doubled.
+const ERROR_ULPS: f64 = 32.0;
+
+/// A mesh in memory, traced by brute force. Clones share the triangles.
+#[derive(Clone, Debug)]
+pub struct NaiveMesh {
+    triangles: Arc<[NaiveTriangle]>,
+}
+
+/// One triangle of a [`NaiveMesh`].
+#[derive(Clone, Copy, Debug)]
+pub struct NaiveTriangle {
+    /// Corners, counter-clockwise seen from the side of the normal; model units.
+    pub corners: [[f64; 3]; 3],
+    /// Index into the materials.
+    pub material: u32,
+}
+
+impl NaiveMesh {
+    /// A mesh of these triangles; a hit names them by their index. Degenerate ones are never hit.
+    pub fn new(triangles: Vec<NaiveTriangle>) -> NaiveMesh {
+        NaiveMesh { triangles: triangles.into() }
+    }
+
+    /// The triangles, as given.
+    pub fn triangles(&self) -> &[NaiveTriangle] {
+        &self.triangles
+    }
+
+    /// Closest hit among the triangles with index in `range`.
+    pub fn closest(&self, ray: &Ray, range: std::ops::Range<usize>) -> Option<Hit> {
+        let mut best: Option<(f64, usize)> = None;
+        for index in range {
+            let t_max = best.map_or(ray.t_max, |(t, _)| t);
+            if let Some(t) = self.triangles[index].hit(ray, t_max)
+                && best.is_none_or(|(nearest, _)| t < nearest)
+            {
+                best = Some((t, index));
+            }
+        }
+        best.map(|(t, index)| self.hit_at(ray, t, index))
+    }
+
+    fn hit_at(&self, ray: &Ray, t: f64, index: usize) -> Hit {
+        let triangle = &self.triangles[index];
+        let normal = unit(triangle.cross()).expect("a degenerate triangle was hit");
+        let point = along(ray.origin, t, ray.direction);
+        let magnitude = length(ray.origin).max(length(point)).max(t * length(ray.direction));
+        Hit {
+            t,
+            triangle: index as u32,
+            material: triangle.material,
+            normal: normal.map(|x| x as f32),
+            error: ERROR_ULPS * f64::EPSILON * magnitude,
+        }
+    }
+}
+
+impl NaiveTriangle {
+    fn cross(&self) -> [f64; 3] {
+        let [a, b, c] = self.corners;
+        cross(sub(b, a), sub(c, a))
+    }
+
+    /// Parameter of the hit, if the ray meets the triangle at `0 <= t <= t_max`.
+    fn hit(&self, ray: &Ray, t_max: f64) -> Option<f64> {
+        let [a, b, c] = self.corners;
+        let (ab, ac) = (sub(b, a), sub(c, a));
+        let p = cross(ray.direction, ac);
+        let determinant = dot(ab, p);
+        if determinant == 0.0 {
+            return None;
+        }
+        let from_a = sub(ray.origin, a);
+        let q = cross(from_a, ab);
+        let u = dot(from_a, p) / determinant;
+        let v = dot(ray.direction, q) / determinant;
+        let t = dot(ac, q) / determinant;
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t <= t_max).then_some(t)
+    }
+}
+
+impl Tracer for NaiveMesh {
+    fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
+        Answer::Exact(self.closest(ray, 0..self.triangles.len()))
+    }
+
+    fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
+        Answer::Exact(self.triangles.iter().any(|triangle| triangle.hit(ray, ray.t_max).is_some()))
+    }
+}
+
+impl PagedTracer for NaiveMesh {
+    fn begin_tile(&mut self, _tile: u32) {}
+
+    fn request_missing(&mut self) -> usize {
+        0
+    }
+
+    fn wait(&mut self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle(z: f64) -> NaiveTriangle {
+        NaiveTriangle { corners: [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]], material: 0 }
+    }
+
+    #[test]
+    fn the_nearest_wins_and_the_ends_count() {
+        let mut mesh = NaiveMesh::new(vec![triangle(3.0), triangle(2.0)]);
+        let mut ray = Ray { origin: [0.25, 0.25, 0.0], direction: [0.0, 0.0, 1.0], t_max: f64::INFINITY };
+        let Answer::Exact(Some(hit)) = mesh.intersect(&ray) else { panic!("no hit") };
+        assert_eq!((hit.t, hit.triangle, hit.normal), (2.0, 1, [0.0, 0.0, 1.0]));
+        for (t_max, hit) in [(1.999, false), (2.0, true)] {
+            ray.t_max = t_max;
+            assert_eq!(mesh.occluded(&ray), Answer::Exact(hit));
+        }
+        ray.origin[0] = 0.8;
+        assert_eq!(mesh.occluded(&ray), Answer::Exact(false));
+    }
+}
