@@ -18,10 +18,12 @@ mod soup;
 mod spec;
 mod stream;
 mod views;
+pub mod write;
 
 pub use soup::degenerate_count;
 pub use spec::{GenOptions, Kind, Spec};
 pub use views::{View, views};
+pub use write::write;
 
 use trex_store::{Result, TriangleSource};
 

@@ -51,10 +51,12 @@ pub(crate) fn views(spec: &Spec) -> Vec<View> {
     let up = [0.0, 0.0, 1.0];
     let aisle = (plant.bays[1] / 2) as f64 * plant::BAY + 1.4;
     let across = (plant.bays[0] / 2) as f64 * plant::BAY;
+    // A small plant fits into no view from within: step back through the open side.
+    let back = if plant.bays[0] < 4 { -1.2 * w.max(d) } else { 1.0 };
     vec![
         View {
             name: "overview",
-            position: [0.5 * w / plant.bays[0].min(40) as f64, 1.0, 0.8 * h],
+            position: [0.5 * w / plant.bays[0].min(40) as f64, back, 0.8 * h],
             target: [0.55 * w, 0.6 * d, 0.0],
             up,
             fov_x_deg: 75.0,

@@ -1,0 +1,219 @@
+//! Writes any `TriangleSource` to a mesh file, as a stream: `.ply` (binary, little endian), `.stl` (binary),
+//! `.obj` with its `.mtl`.
+//!
+//! ```text
+//!   temporary file beside the output -> write -> fsync -> rename -> fsync of the folder
+//! ```
+//!
+//! Invariants: 1. the output appears whole or not at all; on an error or an interrupt nothing is left behind;
+//! 2. an existing output is refused unless [`Existing::Replace`]; 3. memory is bounded and leased: buffers and
+//! one window of recent vertices; 4. coordinates are written without loss, except to `.stl`, which has f32
+//! only; 5. materials go to `.obj` only.
+
+mod obj;
+mod ply;
+mod stl;
+mod window;
+
+use std::fs::{File, Permissions};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use tempfile::NamedTempFile;
+use trex_store::{Budget, Code, Error, Interrupt, Progress, Report, Result, TriangleBatch, TriangleSource};
+
+/// What to do when the output exists.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Existing {
+    /// `Code::Usage`.
+    #[default]
+    Refuse,
+    /// Replace it once the new file is complete.
+    Replace,
+}
+
+/// How to write.
+#[derive(Clone)]
+pub struct WriteOptions<'a> {
+    /// What to do when the output exists.
+    pub existing: Existing,
+    /// Where the writer's memory is leased.
+    pub budget: Budget,
+    /// Stops the work.
+    pub interrupt: Interrupt,
+    /// Receives progress.
+    pub report: Option<Report<'a>>,
+}
+
+impl Default for WriteOptions<'_> {
+    /// Refuse, no limit, no report.
+    fn default() -> Self {
+        WriteOptions {
+            existing: Existing::Refuse,
+            budget: Budget::unlimited(),
+            interrupt: Interrupt::default(),
+            report: None,
+        }
+    }
+}
+
+/// What has been written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// Triangles in the file.
+    pub triangle_count: u64,
+    /// Bytes of all files written.
+    pub bytes: u64,
+}
+
+/// A buffer large enough that writes are sequential for any disk.
+const BUFFER_BYTES: usize = 1 << 20;
+/// Time between reports.
+const REPORT_EVERY: Duration = Duration::from_millis(100);
+
+/// Writes `source`, from its first triangle, to `path`; the ending of the name chooses the format.
+///
+/// # Errors
+/// `Code::Usage` for an unknown ending, an existing output, or more than the format can hold;
+/// `Code::DiskFull`, `Code::Io`; what the source says; `Code::Interrupted`; `Code::MemoryLimit`.
+pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOptions) -> Result<Written> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    let job = Job { path, options };
+    match ending.as_deref() {
+        Some("ply") => ply::write(source, &job),
+        Some("stl") => stl::write(source, &job),
+        Some("obj") => obj::write(source, &job),
+        _ => Err(Error::new(Code::Usage, "the output's name does not say which mesh format to write")
+            .at(path)
+            .next("end the name in .ply, .stl or .obj")),
+    }
+}
+
+/// What every format needs.
+struct Job<'a> {
+    path: &'a Path,
+    options: &'a WriteOptions<'a>,
+}
+
+impl Job<'_> {
+    /// Hands every batch of the source to `visit`.
+    fn for_each_batch(
+        &self,
+        source: &mut dyn TriangleSource,
+        phase: &'static str,
+        mut visit: impl FnMut(&TriangleBatch) -> Result<()>,
+    ) -> Result<()> {
+        let _lease = self.options.budget.lease("the writer's batch", TriangleBatch::BYTES)?;
+        source.rewind()?;
+        let total = source.hint().map_or(0, |hint| hint.triangle_count);
+        let (mut batch, mut done, mut reported) = (TriangleBatch::default(), 0, Instant::now());
+        while source.next_batch(&mut batch)? {
+            self.options.interrupt.check()?;
+            visit(&batch)?;
+            done += batch.len() as u64;
+            if let Some(report) = self.options.report
+                && reported.elapsed() > REPORT_EVERY
+            {
+                reported = Instant::now();
+                let memory_bytes = self.options.budget.used_bytes();
+                report(Progress { phase, done, total, unit: "triangles", memory_bytes });
+            }
+        }
+        Ok(())
+    }
+
+    /// The error of a format that cannot hold this many of something.
+    fn too_many(&self, what: &str, count: u64, most: u64) -> Error {
+        Error::new(Code::Usage, format!("too many {what} for this format"))
+            .at(self.path)
+            .numbers(format!("{count}, and {most} at most"))
+            .next("ask for fewer triangles, or give the gen: spec to `trex build` directly")
+    }
+}
+
+/// A file that is not there yet.
+struct Draft {
+    out: BufWriter<NamedTempFile>,
+    path: PathBuf,
+    existing: Existing,
+}
+
+impl Draft {
+    /// Opens the temporary file beside `path`.
+    fn create(path: &Path, existing: Existing) -> Result<Draft> {
+        if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
+            return Err(exists(path));
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let file = tempfile::Builder::new()
+            .prefix(&format!(".{name}."))
+            .suffix(".part")
+            // What a plain create asks for; the user's umask takes its part.
+            .permissions(Permissions::from_mode(0o666))
+            .tempfile_in(folder(path))
+            .map_err(|error| Error::io("create the output", path, &error))?;
+        Ok(Draft { out: BufWriter::with_capacity(BUFFER_BYTES, file), path: path.to_path_buf(), existing })
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.out.write_all(bytes).map_err(|error| Error::io("write the output", &self.path, &error))
+    }
+
+    /// Overwrites bytes from `offset` on.
+    fn patch(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {
+        let mut run = || {
+            self.out.seek(SeekFrom::Start(offset))?;
+            self.out.write_all(bytes)?;
+            self.out.seek(SeekFrom::End(0))
+        };
+        run().map(drop).map_err(|error| Error::io("write the output", &self.path, &error))
+    }
+
+    /// Everything to the disk, under the temporary name. The count of bytes.
+    fn finish(self) -> Result<Finished> {
+        let Draft { out, path, existing } = self;
+        let failed = |error: &std::io::Error| Error::io("write the output", &path, error);
+        let file = out.into_inner().map_err(|error| failed(error.error()))?;
+        file.as_file().sync_all().map_err(|error| failed(&error))?;
+        let bytes = file.as_file().metadata().map_err(|error| failed(&error))?.len();
+        Ok(Finished { file, path, existing, bytes })
+    }
+}
+
+/// A complete file that waits for its name.
+struct Finished {
+    file: NamedTempFile,
+    path: PathBuf,
+    existing: Existing,
+    bytes: u64,
+}
+
+impl Finished {
+    /// Gives the file its name. Bytes of the file.
+    fn publish(self) -> Result<u64> {
+        let kept = match self.existing {
+            Existing::Replace => self.file.persist(&self.path),
+            Existing::Refuse => self.file.persist_noclobber(&self.path),
+        };
+        kept.map_err(|error| match error.error.kind() {
+            std::io::ErrorKind::AlreadyExists => exists(&self.path),
+            _ => Error::io("name the output", &self.path, &error.error),
+        })?;
+        File::open(folder(&self.path))
+            .and_then(|folder| folder.sync_all())
+            .map_err(|error| Error::io("sync the output's folder", &self.path, &error))?;
+        Ok(self.bytes)
+    }
+}
+
+fn exists(path: &Path) -> Error {
+    Error::new(Code::Usage, "the output exists").at(path).next("name another output, or pass --overwrite")
+}
+
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}

@@ -1,0 +1,67 @@
+//! A window of recent vertices: finds the index of a position that was met not too long ago.
+//!
+//! Invariants: 1. memory is [`Window::BYTES`], whatever the stream; 2. the answers depend on the sequence of
+//! positions only, so a second pass gets the same indices; 3. a position found is equal to the bit.
+
+use crate::dice::mix;
+
+/// Slots, each overwritten by the next position that falls there. Streams are coherent: with this many, the
+/// vertices per triangle of an isosurface of 20M triangles are within 5 % of the least.
+const SLOTS: usize = 1 << 19;
+
+/// Recent positions and their indices.
+pub(super) struct Window {
+    slots: Vec<Slot>,
+    next: u64,
+}
+
+#[derive(Clone, Copy)]
+struct Slot {
+    bits: [u64; 3],
+    index: u64,
+}
+
+/// What the window says about a position.
+pub(super) enum Place {
+    /// Never met, or forgotten: it has this new index.
+    New(u64),
+    /// Met with this index.
+    Known(u64),
+}
+
+impl Window {
+    /// Memory of a window.
+    pub(super) const BYTES: u64 = (SLOTS * size_of::<Slot>()) as u64;
+
+    pub(super) fn new() -> Window {
+        Window { slots: vec![Slot { bits: [0; 3], index: u64::MAX }; SLOTS], next: 0 }
+    }
+
+    /// Count of indices given.
+    pub(super) fn vertex_count(&self) -> u64 {
+        self.next
+    }
+
+    /// Looks `position` up, and remembers it.
+    pub(super) fn place(&mut self, position: [f64; 3]) -> Place {
+        let bits = position.map(f64::to_bits);
+        let key = mix(bits[0] ^ bits[1].rotate_left(21) ^ bits[2].rotate_left(42));
+        let slot = &mut self.slots[key as usize % SLOTS];
+        if slot.index != u64::MAX && slot.bits == bits {
+            return Place::Known(slot.index);
+        }
+        let index = self.next;
+        *slot = Slot { bits, index };
+        self.next += 1;
+        Place::New(index)
+    }
+}
+
+impl Place {
+    /// The index, new or not.
+    pub(super) fn index(&self) -> u64 {
+        match *self {
+            Place::New(index) | Place::Known(index) => index,
+        }
+    }
+}
