@@ -8,6 +8,7 @@ use crate::values::{self, Input, MemoryLimit, Resolution, Seconds, Vec3};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use trex_store::io::{DirectChoice, IoChoice};
 
 /// Opens triangle meshes far larger than memory and renders them under a memory limit.
 #[derive(Debug, Parser)]
@@ -152,6 +153,18 @@ pub enum Io {
     Mmap,
 }
 
+impl Io {
+    /// The library's form.
+    pub fn choice(self) -> IoChoice {
+        match self {
+            Io::Auto => IoChoice::Auto,
+            Io::Uring => IoChoice::Uring,
+            Io::Pread => IoChoice::Pread,
+            Io::Mmap => IoChoice::Mmap,
+        }
+    }
+}
+
 /// `--direct`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Direct {
@@ -161,6 +174,17 @@ pub enum Direct {
     On,
     /// Never
     Off,
+}
+
+impl Direct {
+    /// The library's form.
+    pub fn choice(self) -> DirectChoice {
+        match self {
+            Direct::Auto => DirectChoice::Auto,
+            Direct::On => DirectChoice::On,
+            Direct::Off => DirectChoice::Off,
+        }
+    }
 }
 
 /// Kinds of generated meshes.
@@ -247,8 +271,6 @@ pub struct GenArgs {
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
-    pub scratch: ScratchArgs,
-    #[command(flatten)]
     pub common: CommonArgs,
 }
 
@@ -280,8 +302,6 @@ pub struct BuildArgs {
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
-    #[command(flatten)]
-    pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
 }
@@ -319,8 +339,6 @@ pub struct VerifyArgs {
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     #[command(flatten)]
-    pub disk: DiskArgs,
-    #[command(flatten)]
     pub common: CommonArgs,
 }
 
@@ -346,18 +364,18 @@ pub struct RenderArgs {
     /// Size of the picture, pixels (default: the scene's, else 1024x1024)
     #[arg(long, value_name = "WxH", value_parser = values::resolution)]
     pub resolution: Option<Resolution>,
-    /// Samples per pixel
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    pub spp: u32,
+    /// Samples per pixel (default: the scene's, else 16)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub spp: Option<u32>,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     pub time_limit: Option<Seconds>,
-    /// Shadow rays per hit
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1024))]
-    pub n_shadow: u32,
-    /// Seed of the samples
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
+    /// Shadow rays per hit (default: the scene's, else 2)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub n_shadow: Option<u32>,
+    /// Seed of the samples (default: the scene's, else 1)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
     /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
     #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,

@@ -10,7 +10,6 @@
 
 // A binary has no public items: `pub` here means "for the other modules", as it would in a library.
 #![allow(unreachable_pub)]
-#![expect(dead_code, reason = "the verbs are connected to their libraries as those land")]
 
 mod args;
 mod context;

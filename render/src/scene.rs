@@ -63,7 +63,7 @@ pub struct RenderKeys {
 
 impl Default for RenderKeys {
     fn default() -> RenderKeys {
-        RenderKeys { resolution: [1024, 768], spp: 16, n_shadow: 1, exposure: 1.0, seed: 0 }
+        RenderKeys { resolution: [1024, 1024], spp: 16, n_shadow: 2, exposure: 1.0, seed: 1 }
     }
 }
 

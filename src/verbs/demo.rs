@@ -1,11 +1,78 @@
 //! `trex demo`: generate, build and render under a memory limit; the other verbs in a row.
 
+use super::build::{Built, Work};
+use super::inputs;
+use super::render::{Job, Rendered, io_options};
 use crate::args::DemoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
+use datasets_gen::{Spec, views};
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+use trex_render::film::Layers;
+use trex_render::scene::Scene;
+use trex_store::build::{Existing, Precision};
+use trex_store::{Code, Error};
+
+/// Folder of the demo's files when no other is named; it is the demo's own.
+const FOLDER: &str = "out";
 
 /// Runs `trex demo`.
 pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    tracing::debug!(?args, ?ctx);
-    anyhow::bail!("trex demo is not connected to its library in this build")
+    let spec = Spec::parse(&format!("gen:{}:{}:{}", args.kind.as_str(), args.triangles, args.seed))?;
+    let folder = args.output.parent().unwrap_or(Path::new(""));
+    let own = folder == Path::new(FOLDER);
+    if own {
+        std::fs::create_dir_all(folder).map_err(|error| Error::io("make the folder", folder, &error))?;
+    }
+    let overwrite = own || args.overwrite.overwrite;
+    let page_file = args.output.with_extension("trex");
+    if page_file == args.output {
+        return Err(Error::new(Code::Usage, "the demo's output is a picture").at(&page_file).next("end it in .png or .exr").into());
+    }
+
+    ctx.console.note(&format!("generating and building {} triangles", args.triangles));
+    let work = Work {
+        output: &page_file,
+        temp_dir: args.scratch.temp_dir.as_deref(),
+        existing: if overwrite { Existing::Replace } else { Existing::Keep },
+        precision: Precision::Default,
+    };
+    let build = work.build(&mut *inputs::generate(&spec, ctx)?, ctx)?;
+    ctx.console.finish();
+
+    let mut scene = Scene::default();
+    if let Some(view) = views(&spec).first() {
+        scene.camera.position = Some(view.position);
+        scene.camera.target = Some(view.target);
+        scene.camera.up = Some(view.up);
+        scene.camera.fov_x = Some(view.fov_x_deg);
+    }
+    scene.render.resolution = [args.resolution.width, args.resolution.height];
+    scene.render.spp = args.spp;
+    scene.render.seed = args.seed;
+    let job = Job {
+        scene: &scene,
+        file: &page_file,
+        output: &args.output,
+        overwrite,
+        layers: Layers::default(),
+        io: io_options(&args.disk),
+        time_limit: None,
+    };
+    let render = job.render(ctx)?;
+    ctx.done(&Demo { build, render })
+}
+
+#[derive(Serialize)]
+struct Demo {
+    build: Built,
+    render: Rendered,
+}
+
+impl fmt::Display for Demo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}\n{}", self.build, self.render)
+    }
 }

@@ -7,7 +7,10 @@ mod build;
 mod demo;
 mod generate;
 mod info;
+mod inputs;
+mod picture_file;
 mod render;
+mod shares;
 mod verify;
 
 use crate::args::Verb;

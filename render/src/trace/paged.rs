@@ -84,6 +84,11 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         PagedMesh { scene, pages, arithmetic, narrow_stack, deep_stack, wanted: Vec::new() }
     }
 
+    /// What traces.
+    pub fn arithmetic(&self) -> Arithmetic {
+        self.arithmetic
+    }
+
     /// The pages.
     pub fn pages_mut(&mut self) -> &mut P {
         &mut self.pages

@@ -1,0 +1,136 @@
+//! How a memory limit is shared out for a picture, and the smallest limit that works.
+//!
+//! ```text
+//! limit = reserve + tables + film + frame loop + encoder + pins + staging (at most a tenth) + frames (the rest)
+//! smallest: 4 staging slots, 32 frames a worker
+//! ```
+
+use crate::context::Context;
+use crate::size;
+use serde::Serialize;
+use std::fmt;
+use trex_render::film::{Layers, film_bytes};
+use trex_render::frame::frame_bytes;
+use trex_render::picture::encoder_bytes;
+use trex_render::trace::PooledPages;
+use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Code, Error, PageFile, RESERVE_BYTES, Result};
+
+/// Frames that a worker needs to work without waiting for each page: what a tile of pixels touches.
+const FRAMES_PER_WORKER: u64 = 32;
+/// Bytes that one staging slot reads at most.
+const MERGE_BYTES: u32 = 128 << 10;
+const STAGING_SLOTS: std::ops::RangeInclusive<u64> = 4..=40;
+
+/// What each part of a render takes, bytes.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Shares {
+    pub reserve_bytes: u64,
+    /// Page table, top tree, materials, emitters.
+    pub tables_bytes: u64,
+    /// Film, frame loop, encoder.
+    pub film_bytes: u64,
+    /// Staging buffers, the pool's tables, the workers' pins.
+    pub staging_bytes: u64,
+    /// Frames of pages.
+    pub frames_bytes: u64,
+    #[serde(skip)]
+    staging_slots: u64,
+}
+
+/// A picture to be rendered.
+#[derive(Clone, Copy)]
+pub struct Picture {
+    pub resolution: [u32; 2],
+    pub layers: Layers,
+    pub workers: usize,
+}
+
+impl Shares {
+    /// The shares of `ctx`'s limit for a picture without layers.
+    pub fn of(file: &PageFile, resolution: [u32; 2], ctx: &Context) -> Result<Shares> {
+        let picture = Picture { resolution, layers: Layers::default(), workers: ctx.threads };
+        Shares::for_picture(file, &picture, ctx.budget.limit_bytes())
+    }
+
+    /// The shares of a limit.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    pub fn for_picture(file: &PageFile, picture: &Picture, limit_bytes: u64) -> Result<Shares> {
+        let smallest = Shares::smallest(file, picture)?;
+        let staging = (limit_bytes / 10 / u64::from(MERGE_BYTES)).clamp(*STAGING_SLOTS.start(), *STAGING_SLOTS.end());
+        for slots in [staging, *STAGING_SLOTS.start()] {
+            let fixed = Shares::fixed(file, picture, slots)?;
+            let taken = fixed.sum();
+            let least = FRAMES_PER_WORKER * picture.workers as u64 * FRAME_BYTES as u64;
+            if taken + least <= limit_bytes {
+                let all = (file.pages().len().max(2) * FRAME_BYTES) as u64;
+                return Ok(Shares { frames_bytes: (limit_bytes - taken).min(all.max(least)), ..fixed });
+            }
+        }
+        Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this picture")
+            .at(file.path())
+            .numbers(format!("limit {}, {} needed", size::bytes(limit_bytes), size::bytes(smallest)))
+            .next(format!("--memory-limit {}MiB or more, a smaller --resolution, or fewer --threads", smallest.div_ceil(1 << 20)))
+            .smallest_limit(smallest))
+    }
+
+    /// The smallest limit for a picture without layers.
+    pub fn smallest_limit_bytes(file: &PageFile, resolution: [u32; 2], workers: usize) -> Result<u64> {
+        Shares::smallest(file, &Picture { resolution, layers: Layers::default(), workers })
+    }
+
+    /// Options of the pool for these shares.
+    pub fn pool_options(&self) -> PoolOptions {
+        PoolOptions { frames_bytes: self.frames_bytes, ..pool_options(self.staging_slots) }
+    }
+
+    fn smallest(file: &PageFile, picture: &Picture) -> Result<u64> {
+        let fixed = Shares::fixed(file, picture, *STAGING_SLOTS.start())?;
+        Ok(fixed.sum() + FRAMES_PER_WORKER * picture.workers as u64 * FRAME_BYTES as u64)
+    }
+
+    fn fixed(file: &PageFile, picture: &Picture, staging_slots: u64) -> Result<Shares> {
+        let (overhead, _) = PagePool::smallest_bytes(file, &pool_options(staging_slots))?;
+        let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * picture.workers as u64;
+        Ok(Shares {
+            reserve_bytes: RESERVE_BYTES,
+            tables_bytes: file.resident_table_bytes() + model_bytes(file),
+            film_bytes: film_bytes(picture.resolution, picture.layers)
+                + frame_bytes(picture.resolution, picture.workers)
+                + encoder_bytes(picture.resolution, picture.layers),
+            staging_bytes: overhead + pins,
+            frames_bytes: 0,
+            staging_slots,
+        })
+    }
+
+    fn sum(&self) -> u64 {
+        self.reserve_bytes + self.tables_bytes + self.film_bytes + self.staging_bytes + self.frames_bytes
+    }
+}
+
+/// What the renderer's copy of materials and emitters takes.
+pub fn model_bytes(file: &PageFile) -> u64 {
+    (file.materials().len() * 2 * size_of::<trex_store::Material>() + file.emitters().len() * 256) as u64
+}
+
+fn pool_options(staging_slots: u64) -> PoolOptions {
+    PoolOptions { staging_slots: staging_slots as usize, merge_bytes: MERGE_BYTES, ..PoolOptions::default() }
+}
+
+impl fmt::Display for Shares {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "reserve {}, tables {}, film {}, staging {}, frames {}",
+            size::bytes(self.reserve_bytes),
+            size::bytes(self.tables_bytes),
+            size::bytes(self.film_bytes),
+            size::bytes(self.staging_bytes),
+            size::bytes(self.frames_bytes)
+        )
+    }
+}
