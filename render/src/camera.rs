@@ -29,6 +29,9 @@ const FRAMED_SHARE: f64 = 0.94;
 const FRAMED_AZIMUTH_DEGREES: f64 = 30.0;
 /// A box is seen from this far above, degrees; a flat one (terrain) from higher up.
 const FRAMED_ELEVATION_DEGREES: [f64; 2] = [20.0, 35.0];
+/// A box is seen from its side, not its front, when that is longer than the front by this factor; below it the
+/// front wins, since scans look towards it.
+const SIDE_ON_RATIO: f64 = 1.5;
 /// A box is flat along an axis where it is thinner than this share of both other sides.
 const FLAT_SHARE: f64 = 0.5;
 
@@ -68,7 +71,7 @@ pub struct Projection {
 
 impl Camera {
     /// A camera that sees the whole of `bounds` at `resolution` (width, height; pixels), three-quarter from above
-    /// the front, the long side across the picture. `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
+    /// the front (the left side, where that is much longer). `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
     ///
     /// # Panics
     /// When a side of the picture is 0.
@@ -78,7 +81,7 @@ impl Camera {
         let (bounds, size) = solid(bounds);
         let (right, front) = ground_axes(up);
         let extent_along = |direction: [f64; 3]| (0..3).map(|a| size[a] * direction[a].abs()).sum::<f64>();
-        let (across, towards) = if extent_along(right) >= extent_along(front) {
+        let (across, towards) = if extent_along(front) <= SIDE_ON_RATIO * extent_along(right) {
             (right, front)
         } else {
             (front, scale(-1.0, right))

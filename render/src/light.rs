@@ -17,7 +17,7 @@ use trex_store::{Code, Error, Material, Result};
 
 /// Where the sun of models without lights stands: towards it along (right, up, front). Behind the left shoulder of
 /// the default camera, so that sides differ in tone.
-const DEFAULT_SUN_TOWARDS: [f64; 3] = [-0.6, 0.8, 0.45];
+const DEFAULT_SUN_TOWARDS: [f64; 3] = [-0.45, 0.8, 0.4];
 /// Its irradiance on a surface that faces it. With [`DEFAULT_SKY_RADIANCE`] a lit surface of Kd 0.7 stays below 1.
 const DEFAULT_SUN_IRRADIANCE: [f32; 3] = [2.6, 2.42, 2.2];
 /// Radiance of the sky of models without lights.

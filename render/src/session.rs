@@ -35,6 +35,29 @@ pub enum Event {
 }
 
 /// A model, a view of it, and the film that collects its samples. `T` answers rays, one per worker thread.
+///
+/// ```
+/// use std::ops::ControlFlow;
+/// use trex_render::trace::naive::{NaiveMesh, NaiveTriangle};
+/// use trex_render::{film::Layers, picture::write_png, scene::Scene, session::Session, world::Model};
+/// use trex_store::{Aabb, Budget, Material};
+///
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
+/// let bounds = Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] };
+/// let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![] };
+///
+/// let text = "model = 'one.ply'\n[render]\nresolution = [32, 32]";
+/// let scene = Scene::parse(text, "scene.toml".as_ref())?;
+/// let view = scene.view(&mut model)?;
+/// let mut session = Session::new(model, view, Layers::default(), &Budget::unlimited(), vec![mesh])?;
+/// let stats = session.render(scene.render.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
+/// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
+///
+/// let mut png = vec![];
+/// write_png(session.film(), scene.render.exposure, &mut png).unwrap();
+/// # Ok::<(), trex_store::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Session<T> {
     model: Model,
