@@ -31,6 +31,6 @@ impl Dice {
 
     /// Uniform below `count`, for counts far below 2^32.
     pub(crate) fn below(&mut self, count: u64) -> u64 {
-        (self.bits() >> 32) * count >> 32
+        ((self.bits() >> 32) * count) >> 32
     }
 }

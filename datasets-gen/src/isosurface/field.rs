@@ -181,7 +181,7 @@ fn subdivide(parent: &Block, octant: [usize; 3], child: &mut Block) {
 
 /// The new row `a` from the old rows.
 fn blend<'a>(a: usize, old: impl Fn(usize) -> &'a [f32; SUPPORT_ROW]) -> [f32; SUPPORT_ROW] {
-    if a % 2 == 0 {
+    if a.is_multiple_of(2) {
         let (p, q) = (old(a / 2), old(a / 2 + 1));
         std::array::from_fn(|x| 0.5 * (p[x] + q[x]))
     } else {

@@ -44,13 +44,12 @@ const MOST_TRIALS: usize = 10;
 pub(super) fn choose(spec: &Spec, options: &GenOptions) -> Result<Size> {
     let asked = spec.triangles as f64;
     let mut per_column = TYPICAL_PER_COLUMN;
-    let mut side = 0;
     // A layer's density changes by a tenth while its side doubles: two rounds settle it.
     for _ in 0..2 {
-        side = (asked / per_column).sqrt().round() as u64;
+        let side = (asked / per_column).sqrt().round() as u64;
         per_column = density(spec.seed, side, options)?;
     }
-    side = (asked / per_column).sqrt().round() as u64;
+    let side = (asked / per_column).sqrt().round() as u64;
     if side > MOST_COUNTED_SIDE {
         let triangle_count = (per_column * (side * side) as f64).round() as u64;
         return Ok(Size { cells: [side; 2], triangle_count });

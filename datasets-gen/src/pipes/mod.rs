@@ -63,7 +63,7 @@ pub(crate) fn views(spec: &Spec) -> Vec<View> {
         },
         View {
             name: "interior",
-            position: [across + 0.8, aisle, 1.7],
+            position: [across + 0.8, aisle, 0.6 * plant::AISLE_HEIGHT],
             target: [across + 9.0, aisle + 5.5, 2.6],
             up,
             fov_x_deg: 80.0,

@@ -301,3 +301,26 @@ impl Bay<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use trex_store::TriangleBatch;
+
+    #[test]
+    fn aisles_are_free() {
+        let plant = Plant { seed: 1, bays: [5, 4] };
+        let (mut parts, mut out) = (Vec::new(), TriangleBatch::default());
+        for group in 1..plant.group_count() {
+            plant.group(group, &mut parts);
+            out.clear();
+            for part in &parts {
+                part.tessellate(3, &mut out);
+            }
+            for corner in out.corners.as_flattened() {
+                let y = corner[1] % BAY;
+                assert!(corner[2] >= AISLE_HEIGHT || (2.8..BAY).contains(&y), "{corner:?}");
+            }
+        }
+    }
+}

@@ -21,7 +21,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
-use trex_store::{Budget, Code, Error, Interrupt, Progress, Report, Result, TriangleBatch, TriangleSource};
+use trex_store::{
+    Budget, Code, Error, Interrupt, Material, Progress, Report, Result, TriangleBatch, TriangleSource,
+};
 
 /// What to do when the output exists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,12 +99,12 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Hands every batch of the source to `visit`.
+    /// Hands every batch of the source to `visit`, with the materials met so far.
     fn for_each_batch(
         &self,
         source: &mut dyn TriangleSource,
         phase: &'static str,
-        mut visit: impl FnMut(&TriangleBatch) -> Result<()>,
+        mut visit: impl FnMut(&[Material], &TriangleBatch) -> Result<()>,
     ) -> Result<()> {
         let _lease = self.options.budget.lease("the writer's batch", TriangleBatch::BYTES)?;
         source.rewind()?;
@@ -110,7 +112,7 @@ impl Job<'_> {
         let (mut batch, mut done, mut reported) = (TriangleBatch::default(), 0, Instant::now());
         while source.next_batch(&mut batch)? {
             self.options.interrupt.check()?;
-            visit(&batch)?;
+            visit(source.materials(), &batch)?;
             done += batch.len() as u64;
             if let Some(report) = self.options.report
                 && reported.elapsed() > REPORT_EVERY

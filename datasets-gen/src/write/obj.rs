@@ -25,14 +25,17 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Writte
 fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) -> Result<u64> {
     let (mut window, mut count, mut current) = (Window::new(), 0, None);
     let mut text = String::new();
-    // Materials are named by index until the stream has ended and the names are known; names need not be one
-    // word in the source, and a file cannot be patched with names of other lengths.
-    job.for_each_batch(source, "triangles", |batch| {
+    let mut names = Vec::new();
+    job.for_each_batch(source, "triangles", |materials, batch| {
+        // A source knows the materials of a batch when it hands it out.
+        for index in names.len()..materials.len() {
+            names.push(material_name(materials, index));
+        }
         for (corners, &material) in batch.corners.iter().zip(&batch.material) {
             text.clear();
             if current != Some(material) {
                 current = Some(material);
-                push(&mut text, format_args!("usemtl m{material}\n"));
+                push(&mut text, format_args!("usemtl {}\n", names[material as usize]));
             }
             let indices = corners.map(|corner| {
                 let place = window.place(corner);
@@ -76,8 +79,8 @@ fn materials_text(materials: &[Material]) -> String {
         push(
             &mut text,
             format_args!(
-                "# {}\nnewmtl m{index}\nKd {}\nKs {}\nNs {}\nKe {}\nd {}\nillum {illum}\n\n",
-                one_word(&material.name),
+                "newmtl {}\nKd {}\nKs {}\nNs {}\nKe {}\nd {}\nillum {illum}\n\n",
+                material_name(materials, index),
                 rgb(material.kd),
                 rgb(material.ks),
                 material.ns,
@@ -87,6 +90,13 @@ fn materials_text(materials: &[Material]) -> String {
         );
     }
     text
+}
+
+/// The name as one word; of two materials with the same word the later one gets its index too.
+fn material_name(materials: &[Material], index: usize) -> String {
+    let word = one_word(&materials[index].name);
+    let taken = materials[..index].iter().any(|earlier| one_word(&earlier.name) == word);
+    if taken || word.is_empty() { format!("{word}.{index}") } else { word }
 }
 
 /// Without blanks and control characters, which would end a line or a word.

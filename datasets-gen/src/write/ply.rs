@@ -39,7 +39,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Writte
 
 fn survey(source: &mut dyn TriangleSource, job: &Job) -> Result<Survey> {
     let (mut window, mut triangle_count, mut single) = (Window::new(), 0, true);
-    job.for_each_batch(source, "survey", |batch| {
+    job.for_each_batch(source, "survey", |_, batch| {
         triangle_count += batch.len() as u64;
         for &corner in batch.corners.as_flattened() {
             if let Place::New(_) = window.place(corner) {
@@ -70,7 +70,7 @@ fn write_vertices(
     draft: &mut Draft,
 ) -> Result<()> {
     let mut window = Window::new();
-    job.for_each_batch(source, "vertices", |batch| {
+    job.for_each_batch(source, "vertices", |_, batch| {
         for &corner in batch.corners.as_flattened() {
             if let Place::New(_) = window.place(corner) {
                 if survey.single {
@@ -86,7 +86,7 @@ fn write_vertices(
 
 fn write_faces(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) -> Result<u64> {
     let (mut window, mut written) = (Window::new(), 0);
-    job.for_each_batch(source, "faces", |batch| {
+    job.for_each_batch(source, "faces", |_, batch| {
         for corners in &batch.corners {
             let mut face = [3u8; 13];
             for (slot, &corner) in corners.iter().enumerate() {

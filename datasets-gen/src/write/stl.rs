@@ -15,7 +15,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Writte
     header[..length].copy_from_slice(&title[..length]);
     draft.write(&header)?;
     let (mut count, most) = (0u64, u64::from(u32::MAX));
-    job.for_each_batch(source, "triangles", |batch| {
+    job.for_each_batch(source, "triangles", |_, batch| {
         count += batch.len() as u64;
         if count > most {
             return Err(job.too_many("triangles", count, most));
