@@ -261,7 +261,7 @@ fn join(a: Extent, b: Extent, max_bytes: u64) -> Option<Extent> {
     let gap = second.offset.checked_sub(first.end())?;
     let bytes = second.end() - first.offset;
     let near = gap <= GAP_MAX_BYTES && bytes <= max_bytes;
-    near.then(|| Extent { offset: first.offset, stored_bytes: bytes as u32 })
+    near.then_some(Extent { offset: first.offset, stored_bytes: bytes as u32 })
 }
 
 impl Shared {

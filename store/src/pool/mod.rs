@@ -119,6 +119,51 @@ pub struct FrameCount {
 }
 
 /// Pages of one file, in frames. See the module's text. Dropping it waits for reads in flight and joins its threads.
+///
+/// ```
+/// use std::{path::Path, sync::Arc, time::Duration};
+/// use trex_store::io::{Extent, Memory};
+/// use trex_store::pool::{Class, PagePool, PageStore, PoolOptions, Want};
+/// use trex_store::{Budget, Result};
+///
+/// /// A file whose page `i` is the one byte at offset `i`, and fills its frame with it.
+/// struct Bytes;
+/// impl PageStore for Bytes {
+///     fn page_count(&self) -> u32 {
+///         100
+///     }
+///     fn extent(&self, page: u32) -> Extent {
+///         Extent { offset: page.into(), stored_bytes: 1 }
+///     }
+///     fn install(&self, _: u32, stored: &[u8], frame: &mut [u8], _: &mut Vec<u8>) -> Result<()> {
+///         frame.fill(stored[0]);
+///         Ok(())
+///     }
+///     fn frame_bytes(&self) -> usize {
+///         64 << 10
+///     }
+/// }
+///
+/// let file = Memory::new((0..100).collect(), 8, 1);
+/// let options = PoolOptions { frames_bytes: 1 << 20, ..PoolOptions::default() };
+/// let budget = Budget::new(64 << 20);
+/// let pool = PagePool::with_backend(Arc::new(Bytes), Box::new(file), Path::new("bytes"), &budget, &options)?;
+///
+/// // Never blocking: want, do other work, look again.
+/// pool.submit(0, &[Want { page: 42, class: Class::Urgent, weight: 3 }]);
+/// let mut epoch = 0;
+/// let pin = loop {
+///     match pool.pin(42) {
+///         Some(pin) => break pin,
+///         None => epoch = pool.wait_for_progress(epoch, Duration::from_millis(10)),
+///     }
+/// };
+/// assert_eq!(pin[5], 42);
+///
+/// // Or blocking, for simple callers.
+/// assert_eq!(pool.pin_blocking(7)?[0], 7);
+/// # Ok::<(), trex_store::Error>(())
+/// ```
 pub struct PagePool {
     shared: Arc<Shared>,
     budget: Budget,

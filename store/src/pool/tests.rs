@@ -149,6 +149,70 @@ fn few_frames_serve_many_pages() {
     assert_eq!(stats.frames, FRAMES_MIN as u64);
 }
 
+/// The clock, spelled out for one caller: page to score, and a ring of pages under a hand.
+struct NaiveClock {
+    score: std::collections::HashMap<u32, u32>,
+    ring: Vec<u32>,
+    hand: usize,
+    frames: usize,
+    reads: u64,
+}
+
+impl NaiveClock {
+    fn touch(&mut self, page: u32) {
+        if !self.score.contains_key(&page) {
+            self.reads += 1;
+            if self.ring.len() < self.frames {
+                self.ring.push(page);
+            } else {
+                self.replace(page);
+            }
+            self.score.insert(page, 2);
+        }
+        let score = self.score.get_mut(&page).unwrap();
+        *score = (*score + 1).min(3);
+    }
+
+    fn replace(&mut self, page: u32) {
+        loop {
+            self.hand %= self.ring.len();
+            let victim = self.ring[self.hand];
+            self.hand += 1;
+            match self.score.get_mut(&victim).unwrap() {
+                0 => {
+                    self.score.remove(&victim);
+                    self.ring[self.hand - 1] = page;
+                    return;
+                }
+                score => *score -= 1,
+            }
+        }
+    }
+}
+
+#[test]
+fn one_caller_sees_a_plain_clock() {
+    let store = Synthetic::new(60, 16);
+    let pool = pool_of(&store, store.memory(1), 12);
+    let mut oracle =
+        NaiveClock { score: Default::default(), ring: Vec::new(), hand: 0, frames: 12, reads: 0 };
+    let mut random = Pcg64Mcg::new(5);
+    for _ in 0..3000 {
+        // The smaller the number, the hotter the page.
+        let page = (random.next_u32() % 60).min(random.next_u32() % 60).min(random.next_u32() % 60);
+        check_frame(page, &pool.pin_blocking(page).unwrap());
+        oracle.touch(page);
+    }
+    let resident = |page: &u32| pool.state(*page) == PageState::Resident;
+    let mut expected: Vec<u32> = oracle.ring.clone();
+    expected.sort_unstable();
+    assert_eq!((0..60).filter(resident).collect::<Vec<_>>(), expected);
+    let stats = pool.stats();
+    assert_eq!((stats.pages_read, stats.evictions), (oracle.reads, oracle.reads - 12));
+    let installs: u64 = (0..60).map(|page| u64::from(store.installs(page))).sum();
+    assert_eq!(installs, oracle.reads);
+}
+
 /// Threads pin, want and unpin at random; every frame is compared whole while pinned. A resize runs beside them.
 #[test]
 fn stress_with_few_frames() {
