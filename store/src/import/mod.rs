@@ -110,7 +110,7 @@ pub fn open(path: &Path, options: &ImportOptions) -> Result<Box<dyn TriangleSour
         Format::Obj => Box::new(obj::ObjSource::new(input, options)?),
         Format::Stl => match stl::form(&mut input)? {
             stl::StlForm::Ascii => Box::new(stl_text::StlTextSource::new(input, options)?),
-            stl::StlForm::Binary { count } => Box::new(stl::StlSource::new(input, count, options)?),
+            stl::StlForm::Binary { count } => Box::new(stl::StlSource::new(input, count)),
         },
     })
 }

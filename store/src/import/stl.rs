@@ -9,7 +9,6 @@
 //!
 //! Invariant: the count has been compared with the file's length before a record is read.
 
-use super::ImportOptions;
 use super::input::{Input, WINDOW_BYTES};
 use super::scalar::head;
 use super::warn;
@@ -90,14 +89,14 @@ pub(super) struct StlSource {
 
 impl StlSource {
     /// Reads `count` records of `input`.
-    pub(super) fn new(mut input: Input, count: u64, _options: &ImportOptions) -> Result<StlSource> {
+    pub(super) fn new(mut input: Input, count: u64) -> StlSource {
         let end = HEADER_BYTES + RECORD_BYTES as u64 * count;
         let mut stats = SourceStats { bytes_total: input.length(), ..SourceStats::default() };
         if end < input.length() {
             warn(&mut stats, format!("{} bytes after the last triangle are not read", input.length() - end));
         }
         input.seek(HEADER_BYTES);
-        Ok(StlSource { input, count, left: count, materials: [Material::default()], stats })
+        StlSource { input, count, left: count, materials: [Material::default()], stats }
     }
 }
 

@@ -29,10 +29,7 @@ fn faces_in_all_forms() {
     let check = |rows: &str, expected: &[[usize; 3]]| check_corners("a.obj", cube(rows).as_bytes(), expected);
     check("f 1 2 4\nf 1/1 2/2 4/3\nf 1//1 2//2 4//3\nf 1/1/1 2/2/2 4/3/3\n", &[[0, 1, 3]; 4]);
     check("f -8 -7 -5\nf -8//-1 2/-2 -5\nf 1// 2/ 4//\n", &[[0, 1, 3]; 3]);
-    check(
-        "  f\t1  2 4   \r\n\r\nf 1 \\\r\n 2 \\\n4\nf 1\\\n2 4 # end\nfo 1 2 4",
-        &[[0, 1, 3]; 4][..3].iter().chain(&[[0, 1, 3]]).copied().collect::<Vec<_>>(),
-    );
+    check("  f\t1  2 4   \r\n\r\nf 1 \\\r\n 2 \\\n4\nf 1\\\n2 4 # end\nfo 1 2 4", &[[0, 1, 3]; 4]);
     check("v 0 0 0\nf -1 2 -5\nf 1 2 3\nv 1 1 1\nf -2 -1 3", &[[0, 1, 4], [0, 1, 2], [0, 7, 2]]);
     let mesh = check(
         "f 1 2\nf 1\nf\nl 1 2 3\np 1\nf 1 2 4 3\nvn 0 0 1\nvt 0 0\nv 0 0 0 1 0.5 nan\nv 0 0 0 2\n",
@@ -107,7 +104,7 @@ fn random_meshes_equal_tobj() {
     let mut random = Pcg64::new(7, 1);
     let mut text = String::from("mtllib none.mtl\n");
     let mut count = 0;
-    for row in 0..60_000 {
+    for row in 0..16_000 {
         if row < 3 || random.next_u32().is_multiple_of(3) {
             // 24 bits, which the oracle's f32 holds.
             let value = || format!("{}e-3", random.next_u32() >> 10);

@@ -311,14 +311,14 @@ fn a_long_strip_crosses_batches() {
 
 #[test]
 fn a_small_cache_gives_the_same_triangles() {
-    let count = 30_000i64;
+    let (count, faces) = (30_000i64, 1500);
     for (format, vertex_list) in
         [("ascii", false), ("binary_big_endian", false), ("binary_little_endian", true)]
     {
         let list = if vertex_list { "property list uchar uchar more\n" } else { "" };
         let header = format!(
             "ply\nformat {format} 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
-             {list}element face {count}\nproperty list uchar uint vertex_indices\nend_header\n"
+             {list}element face {faces}\nproperty list uchar uint vertex_indices\nend_header\n"
         );
         let mut out = Writer { format, line_end: "\n", bytes: header.into_bytes() };
         for v in 0..count {
@@ -328,7 +328,7 @@ fn a_small_cache_gives_the_same_triangles() {
             }
             out.end_row();
         }
-        for f in 0..count {
+        for f in 0..faces {
             out.list("uchar", "uint", &[f, (f * 7919) % count, (f * 104_729 + 5) % count]);
             out.end_row();
         }
@@ -338,7 +338,7 @@ fn a_small_cache_gives_the_same_triangles() {
         options.vertex_cache_bytes = 0;
         let small = read(&fixture.path, &options).unwrap();
         assert!(same(&flat.triangles, &small.triangles), "{format}");
-        assert!(small.stats.vertex_cache_misses > 1000 && flat.stats.vertex_cache_misses < 20, "{format}");
+        assert!(small.stats.vertex_cache_misses > 1000 && flat.stats.vertex_cache_misses < 60, "{format}");
         assert_eq!(flat.triangles[1][1], [7919.0, (7919 % 7) as f64, (7919 % 11) as f64]);
     }
 }
