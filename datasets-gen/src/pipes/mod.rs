@@ -18,7 +18,7 @@ use trex_store::{Aabb, Code, Error, Result, ScanHint, TriangleBatch, TriangleSou
 /// Triangles of the smallest plant at the coarsest detail, roughly.
 const TRIANGLES_PER_BAY: f64 = 10_000.0;
 /// Bays grow with this power of the count; detail takes the rest.
-const BAY_POWER: f64 = 0.75;
+const BAY_POWER: f64 = 0.8;
 /// A task is closed at this many triangles.
 const TASK_TRIANGLES: u64 = 6_000;
 /// Triangles looked at for the median edge, at least, where there are as many.

@@ -5,8 +5,8 @@
 
 use crate::dice::mix;
 
-/// Slots, each overwritten by the next position that falls there. Streams are coherent: with this many, the
-/// vertices per triangle of an isosurface of 20M triangles are within 5 % of the least.
+/// Slots, each overwritten by the next position that falls there: 16 MiB. Streams are coherent, so most shared
+/// vertices come back before they are forgotten.
 const SLOTS: usize = 1 << 19;
 
 /// Recent positions and their indices.
