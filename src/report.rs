@@ -30,11 +30,6 @@ impl Output {
         Output { json, command }
     }
 
-    /// True when the result is a JSON document.
-    pub fn is_json(&self) -> bool {
-        self.json
-    }
-
     /// Prints the result of `verb`: its `Display` text, or the document `trex.<verb>/1` of its fields.
     ///
     /// # Errors

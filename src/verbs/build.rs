@@ -137,7 +137,11 @@ impl fmt::Display for Built {
             )?;
         }
         if self.dropped_attribute_count > 0 {
-            writeln!(f, "dropped {} normals, colours and texture coordinates", size::count(self.dropped_attribute_count))?;
+            writeln!(
+                f,
+                "dropped {} normals, colours and texture coordinates",
+                size::count(self.dropped_attribute_count)
+            )?;
         }
         write!(
             f,

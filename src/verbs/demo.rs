@@ -29,7 +29,10 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let overwrite = own || args.overwrite.overwrite;
     let page_file = args.output.with_extension("trex");
     if page_file == args.output {
-        return Err(Error::new(Code::Usage, "the demo's output is a picture").at(&page_file).next("end it in .png or .exr").into());
+        return Err(Error::new(Code::Usage, "the demo's output is a picture")
+            .at(&page_file)
+            .next("end it in .png or .exr")
+            .into());
     }
 
     ctx.console.note(&format!("generating and building {} triangles", args.triangles));

@@ -23,12 +23,17 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             let source = inputs::generate(&datasets_gen::Spec::parse(text)?, ctx)?;
             let hint = source.hint().expect("generators know what they make");
             let bounds = hint.bounds;
-            ctx.done(&Generated { scene: source.name(), triangle_count: hint.triangle_count, median_edge: hint.median_edge, bounds })
+            ctx.done(&Generated {
+                scene: source.name(),
+                triangle_count: hint.triangle_count,
+                median_edge: hint.median_edge,
+                bounds,
+            })
         }
-        Input::File(path) if is_page_file(path) => ctx.done(&Stored::of(&PageFile::open(path, &ctx.budget)?, ctx)?),
-        Input::File(path) => {
-            ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? })
+        Input::File(path) if is_page_file(path) => {
+            ctx.done(&Stored::of(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
+        Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),
     }
 }
 
@@ -131,7 +136,7 @@ impl Stored {
     fn of(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
         let block = file.superblock();
         let mesh_and_tree: u64 = file.pages().iter().map(|page| u64::from(page.stored_bytes)).sum();
-        let top = (file.top().len() * size_of::<trex_store::cluster::Node>()) as u64;
+        let top = size_of_val(file.top()) as u64;
         let tables = block.file_bytes - mesh_and_tree - top;
         let resident = (file.pages().len() * FRAME_BYTES) as u64 + file.resident_table_bytes();
         let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
@@ -167,7 +172,10 @@ impl Stored {
             },
             asvo: None,
             bounds: block.bounds,
-            rejected: Rejected { degenerate: block.rejected_degenerate, non_finite: block.rejected_non_finite },
+            rejected: Rejected {
+                degenerate: block.rejected_degenerate,
+                non_finite: block.rejected_non_finite,
+            },
             smallest_limit_bytes: Shares::smallest_limit_bytes(file, [1024, 1024], ctx.threads)?,
             shares: Shares::of(file, [1024, 1024], ctx)?,
         })

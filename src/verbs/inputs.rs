@@ -26,10 +26,7 @@ fn open_one(input: &Input, temp_dir: &Path, ctx: &Context) -> Result<Box<dyn Tri
 
 /// Opens a generator.
 pub fn generate(spec: &Spec, ctx: &Context) -> Result<Box<dyn TriangleSource>> {
-    let options = GenOptions {
-        threads: ctx.threads,
-        budget: ctx.budget.clone(),
-        interrupt: ctx.interrupt.clone(),
-    };
+    let options =
+        GenOptions { threads: ctx.threads, budget: ctx.budget.clone(), interrupt: ctx.interrupt.clone() };
     datasets_gen::open(spec, &options)
 }

@@ -131,7 +131,11 @@ impl Job<'_> {
         target.write(session.film(), keys.exposure)?;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
-            ctx.console.note(&format!("damaged page {page}, drawn as empty: {} {}", error.what(), error.place()));
+            ctx.console.note(&format!(
+                "damaged page {page}, drawn as empty: {} {}",
+                error.what(),
+                error.place()
+            ));
         }
         let rays = stats.total.rays;
         Ok(Rendered {
@@ -150,7 +154,11 @@ impl Job<'_> {
             complete_ms: stats.complete.then(|| start.elapsed().as_millis() as u64),
             exact: pool.stats().damaged == 0,
             damaged_pages: damage.iter().map(|(page, _)| *page).collect(),
-            image: Image { mean: session.film().mean(), width: keys.resolution[0], height: keys.resolution[1] },
+            image: Image {
+                mean: session.film().mean(),
+                width: keys.resolution[0],
+                height: keys.resolution[1],
+            },
             waits: stats.total.waits,
             narrow_samples: stats.total.narrow_samples,
             pool: pool.stats(),
@@ -239,7 +247,11 @@ impl fmt::Display for Rendered {
             size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
         )?;
         if !self.damaged_pages.is_empty() {
-            writeln!(f, "not whole: {} damaged pages, drawn as empty; see `trex verify`", self.damaged_pages.len())?;
+            writeln!(
+                f,
+                "not whole: {} damaged pages, drawn as empty; see `trex verify`",
+                self.damaged_pages.len()
+            )?;
         }
         write!(
             f,

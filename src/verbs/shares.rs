@@ -60,7 +60,8 @@ impl Shares {
     /// [`Code::MemoryLimit`] with the smallest limit that works.
     pub fn for_picture(file: &PageFile, picture: &Picture, limit_bytes: u64) -> Result<Shares> {
         let smallest = Shares::smallest(file, picture)?;
-        let staging = (limit_bytes / 10 / u64::from(MERGE_BYTES)).clamp(*STAGING_SLOTS.start(), *STAGING_SLOTS.end());
+        let staging =
+            (limit_bytes / 10 / u64::from(MERGE_BYTES)).clamp(*STAGING_SLOTS.start(), *STAGING_SLOTS.end());
         for slots in [staging, *STAGING_SLOTS.start()] {
             let fixed = Shares::fixed(file, picture, slots)?;
             let taken = fixed.sum();
@@ -73,7 +74,10 @@ impl Shares {
         Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this picture")
             .at(file.path())
             .numbers(format!("limit {}, {} needed", size::bytes(limit_bytes), size::bytes(smallest)))
-            .next(format!("--memory-limit {}MiB or more, a smaller --resolution, or fewer --threads", smallest.div_ceil(1 << 20)))
+            .next(format!(
+                "--memory-limit {}MiB or more, a smaller --resolution, or fewer --threads",
+                smallest.div_ceil(1 << 20)
+            ))
             .smallest_limit(smallest))
     }
 

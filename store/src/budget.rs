@@ -83,18 +83,22 @@ impl Budget {
             let wanted = used.saturating_add(bytes);
             if wanted > self.ledger_bytes() {
                 let smallest = wanted.saturating_add(RESERVE_BYTES);
-                return Err(Error::new(Code::MemoryLimit, format!("the memory limit has no room for {what}"))
-                    .at_place("--memory-limit")
-                    .numbers(format!(
-                        "{bytes} bytes asked, {} free of {} ({} reserved for the process)",
-                        self.free_bytes(),
-                        self.limit_bytes(),
-                        RESERVE_BYTES
-                    ))
-                    .next(format!("raise the limit to at least {}", smallest.div_ceil(1 << 20) << 20))
-                    .smallest_limit(smallest));
+                return Err(Error::new(
+                    Code::MemoryLimit,
+                    format!("the memory limit has no room for {what}"),
+                )
+                .at_place("--memory-limit")
+                .numbers(format!(
+                    "{bytes} bytes asked, {} free of {} ({} reserved for the process)",
+                    self.free_bytes(),
+                    self.limit_bytes(),
+                    RESERVE_BYTES
+                ))
+                .next(format!("raise the limit to at least {}", smallest.div_ceil(1 << 20) << 20))
+                .smallest_limit(smallest));
             }
-            match self.0.used_bytes.compare_exchange_weak(used, wanted, Ordering::Relaxed, Ordering::Relaxed) {
+            match self.0.used_bytes.compare_exchange_weak(used, wanted, Ordering::Relaxed, Ordering::Relaxed)
+            {
                 Ok(_) => {
                     self.0.peak_bytes.fetch_max(wanted, Ordering::Relaxed);
                     return Ok(Lease { budget: self.clone(), bytes });

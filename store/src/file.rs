@@ -63,7 +63,8 @@ impl PageFile {
         let kind = SectionKind::TopTree;
         let top = parse_top(&read(kind)?, &block, pages.len()).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::Materials;
-        let materials: Vec<Material> = serde_json::from_slice(&read(kind)?).map_err(|_| out_of_range(kind))?;
+        let materials: Vec<Material> =
+            serde_json::from_slice(&read(kind)?).map_err(|_| out_of_range(kind))?;
         let kind = SectionKind::Emitters;
         let emitters = parse_emitters(&read(kind)?, materials.len()).ok_or_else(|| out_of_range(kind))?;
         lease.shrink_to(kept_bytes(&block));
@@ -176,7 +177,9 @@ pub(crate) fn open_regular(path: &Path) -> Result<File> {
     let file = File::open(path).map_err(|e| Error::io("open", path, &e))?;
     let about = file.metadata().map_err(|e| Error::io("open", path, &e))?;
     if !about.is_file() {
-        return Err(Error::new(Code::InputUnreadable, "this is no regular file").at(path).next("name a file"));
+        return Err(Error::new(Code::InputUnreadable, "this is no regular file")
+            .at(path)
+            .next("name a file"));
     }
     Ok(file)
 }
@@ -242,12 +245,13 @@ fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEntry>> {
         triangles += u64::from(entry.triangle_count);
         pages.push(entry);
     }
-    (triangles == block.triangle_count && end == block.section(SectionKind::PageTable).offset).then_some(pages)
+    (triangles == block.triangle_count && end == block.section(SectionKind::PageTable).offset)
+        .then_some(pages)
 }
 
 /// Checks every reference, and that the tree is a tree of bounded depth.
 fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<Vec<Node>> {
-    if bytes.len() % Node::BYTES != 0 {
+    if !bytes.len().is_multiple_of(Node::BYTES) {
         return None;
     }
     let top: Vec<Node> = bytemuck::allocation::pod_collect_to_vec(bytes);
@@ -265,7 +269,9 @@ fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<Vec<
                 if !sound {
                     return None;
                 }
-                stack.extend(node.child[..usize::from(node.child_count)].iter().map(|&word| (word, depth + 1)));
+                stack.extend(
+                    node.child[..usize::from(node.child_count)].iter().map(|&word| (word, depth + 1)),
+                );
             }
             _ => return None,
         }

@@ -440,4 +440,6 @@ impl Cursor<'_> {
 }
 
 #[cfg(target_endian = "big")]
-compile_error!("frames and tables are traced as they lie, little-endian; a big-endian host would need a swap at install");
+compile_error!(
+    "frames and tables are traced as they lie, little-endian; a big-endian host would need a swap at install"
+);

@@ -1,9 +1,9 @@
 //! trex-store: from a triangle mesh to a page file, and from the page file to memory, under a limit.
 
-pub mod build;
-pub mod cluster;
 mod budget;
+pub mod build;
 mod chain;
+pub mod cluster;
 mod error;
 mod file;
 pub mod geom;

@@ -71,7 +71,8 @@ fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<Strin
         let theirs = oracle.closest(ray.origin, ray.direction, f64::INFINITY);
         assert_eq!(exact(tracer.occluded(ray)), ours.is_some(), "occluded and intersect differ: {ray:?}");
         // 2^-22 of the model's size covers every offset within it, both ends.
-        let bound = extent * 2f64.powi(-22) + 1e-14 * (extent + ray.origin.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
+        let bound = extent * 2f64.powi(-22)
+            + 1e-14 * (extent + ray.origin.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
         let same = match (&ours, &theirs) {
             (None, None) => true,
             (Some(a), Some(b)) => (a.t - b.t).abs() <= bound,
@@ -102,7 +103,10 @@ fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<Strin
 
 /// The least height of a triangle.
 fn triangle_size(t: &[[f64; 3]; 3]) -> f64 {
-    let area = crate::oracle::mesh::cross(crate::oracle::mesh::sub(t[1], t[0]), crate::oracle::mesh::sub(t[2], t[0]));
+    let area = crate::oracle::mesh::cross(
+        crate::oracle::mesh::sub(t[1], t[0]),
+        crate::oracle::mesh::sub(t[2], t[0]),
+    );
     let longest = (0..3)
         .map(|i| {
             let e = crate::oracle::mesh::sub(t[(i + 1) % 3], t[i]);
@@ -157,7 +161,8 @@ fn avx2_and_scalar_give_the_same_bits() {
         for ray in random_rays(&built, 20_000, 4) {
             let hit = exact(fast.intersect(&ray));
             assert_eq!(hit, exact(plain.intersect(&ray)), "{spec} {ray:?}");
-            deep_differs += usize::from(exact(deep.intersect(&ray)).map(|h| h.triangle) != hit.map(|h| h.triangle));
+            deep_differs +=
+                usize::from(exact(deep.intersect(&ray)).map(|h| h.triangle) != hit.map(|h| h.triangle));
         }
         assert!(deep_differs < 200, "{spec}: f64 answers with another triangle {deep_differs} times");
     }
@@ -176,7 +181,9 @@ fn no_ray_leaks_out_of_a_closed_mesh() {
     // A point is inside when a ray crosses the surface an odd number of times, counted by the oracle.
     let inside = |p: [f64; 3]| {
         let d = [0.5773, 0.5774, 0.5772];
-        oracle.triangles.iter().filter(|t| moeller_trumbore(t, p, d).is_some_and(|(t, _)| t > 0.0)).count() % 2 == 1
+        oracle.triangles.iter().filter(|t| moeller_trumbore(t, p, d).is_some_and(|(t, _)| t > 0.0)).count()
+            % 2
+            == 1
     };
     let mut origins = Vec::new();
     while origins.len() < 10 {

@@ -29,8 +29,11 @@ pub(crate) fn build_options() -> BuildOptions {
 /// A source by its `gen:` name.
 pub(crate) fn source(spec: &str) -> Box<dyn TriangleSource> {
     let spec = datasets_gen::Spec::parse(spec).unwrap();
-    let options =
-        datasets_gen::GenOptions { threads: 2, budget: Budget::new(1 << 30), interrupt: Interrupt::default() };
+    let options = datasets_gen::GenOptions {
+        threads: 2,
+        budget: Budget::new(1 << 30),
+        interrupt: Interrupt::default(),
+    };
     datasets_gen::open(&spec, &options).unwrap()
 }
 

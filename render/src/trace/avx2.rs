@@ -55,7 +55,14 @@ type Planes = [[__m128i; 3]; 2];
 impl Avx2 {
     /// See `Scalar::slabs`.
     #[inline(always)]
-    fn slabs(&self, planes: Planes, lo_base: [f32; 3], hi_base: [f32; 3], scale: [f32; 3], t_max: f32) -> Lanes<f32> {
+    fn slabs(
+        &self,
+        planes: Planes,
+        lo_base: [f32; 3],
+        hi_base: [f32; 3],
+        scale: [f32; 3],
+        t_max: f32,
+    ) -> Lanes<f32> {
         // SAFETY: registers only; the caller runs with AVX2 and FMA.
         unsafe {
             let mut near = _mm256_setzero_ps();
@@ -85,7 +92,11 @@ impl Avx2 {
     /// The eight vertices `indices`, relative to the ray's entry, per axis.
     #[inline(always)]
     fn fetch(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256; 3] {
-        let q = if cluster.view.is_wide() { self.fetch_wide(cluster, indices) } else { fetch_compact(cluster, indices) };
+        let q = if cluster.view.is_wide() {
+            self.fetch_wide(cluster, indices)
+        } else {
+            fetch_compact(cluster, indices)
+        };
         // SAFETY: registers only.
         unsafe {
             std::array::from_fn(|a| {
@@ -184,7 +195,8 @@ impl Kernel for Avx2 {
         let planes_of = |row: usize| eight(boxes[row][8 * half..8 * half + 8].try_into().expect("eight"));
         let relative: [i32; 3] = std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32);
         let lo_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_lo[a]);
-        let hi_base = std::array::from_fn(|a| (relative[a] + (1 << shift[a])) as f32 - self.ray.fraction_hi[a]);
+        let hi_base =
+            std::array::from_fn(|a| (relative[a] + (1 << shift[a])) as f32 - self.ray.fraction_hi[a]);
         let scale = shift.map(|s| (1u32 << s) as f32);
         let planes = [std::array::from_fn(planes_of), std::array::from_fn(|a| planes_of(3 + a))];
         let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
@@ -196,7 +208,8 @@ impl Kernel for Avx2 {
     #[inline(always)]
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> Lanes<f32> {
         let base = cluster.base();
-        let fetch = Fetch { view: cluster, relative: std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32) };
+        let fetch =
+            Fetch { view: cluster, relative: std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32) };
         let at = CLUSTER_HEADER_BYTES + leaf * LEAF_INDEX_BYTES;
         let words: [u64; 3] = std::array::from_fn(|corner| {
             let bytes = &cluster.bytes()[at + 7 * corner..at + 7 * corner + 8];

@@ -12,8 +12,8 @@ mod ray;
 mod scalar;
 
 pub use paged::{Arithmetic, PagedMesh};
-pub use pooled::{PooledPages, tracers};
 pub use pages::{AllResident, Page, Pages};
+pub use pooled::{PooledPages, tracers};
 
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
 #[derive(Clone, Copy, Debug)]

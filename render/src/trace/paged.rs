@@ -104,11 +104,15 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         let (scene, pages) = (&self.scene, &mut self.pages);
         match self.arithmetic {
             #[cfg(target_arch = "x86_64")]
-            Arithmetic::Avx2 => super::avx2::trace(scene, pages, &mut self.narrow_stack, (ray, goal), missing),
+            Arithmetic::Avx2 => {
+                super::avx2::trace(scene, pages, &mut self.narrow_stack, (ray, goal), missing)
+            }
             Arithmetic::Scalar => {
                 trace::<Scalar<f32>, P>(scene, pages, &mut self.narrow_stack, (ray, goal), missing)
             }
-            Arithmetic::Deep => trace::<Scalar<f64>, P>(scene, pages, &mut self.deep_stack, (ray, goal), missing),
+            Arithmetic::Deep => {
+                trace::<Scalar<f64>, P>(scene, pages, &mut self.deep_stack, (ray, goal), missing)
+            }
         }
     }
 

@@ -66,7 +66,9 @@ impl<'a> PooledPages<'a> {
     /// Joins the pages that blocked rays to those still awaited, and hands the list to the pool.
     fn submit(&mut self, blocked: &[(u32, u32)]) -> usize {
         let pool = self.pool;
-        let awaited = |page: u32| matches!(pool.state(page), PageState::Absent | PageState::Queued | PageState::Reading);
+        let awaited = |page: u32| {
+            matches!(pool.state(page), PageState::Absent | PageState::Queued | PageState::Reading)
+        };
         self.wants.retain(|&(page, _)| awaited(page));
         for &(page, rays) in blocked {
             match self.wants.iter_mut().find(|(wanted, _)| *wanted == page) {

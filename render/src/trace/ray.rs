@@ -55,7 +55,11 @@ impl Frame {
         // Below 24 bits the node test runs in f32 and its error is below 6 x 2^-24 of the lattice's side, above
         // in f64 with 6 x 2^-53; doubled.
         let side = (1u64 << block.lattice_bits) as f64;
-        let ulp = if block.lattice_bits <= trex_store::layout::NARROW_BITS { 2f64.powi(-24) } else { 2f64.powi(-53) };
+        let ulp = if block.lattice_bits <= trex_store::layout::NARROW_BITS {
+            2f64.powi(-24)
+        } else {
+            2f64.powi(-53)
+        };
         Frame {
             origin: block.lattice.origin,
             step: block.lattice.step(),
@@ -116,7 +120,7 @@ impl LatticeRay {
     }
 
     /// A lattice vertex as seen from the entry; exact but for the fraction.
-    pub(super) fn from_entry(&self, q: [i64; 3]) -> [f64; 3] {
+    pub(super) fn seen_from_entry(&self, q: [i64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| (q[a] - self.cell[a]) as f64 - self.fraction[a])
     }
 
@@ -124,7 +128,7 @@ impl LatticeRay {
     /// weights of the wrong sign (rounding, at an edge) count as zero. `None` for a triangle seen exactly edge-on.
     pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> Option<f64> {
         let shear = Shear::of(self.direction);
-        let [a, b, c] = q.map(|q| shear.apply(self.from_entry(q)));
+        let [a, b, c] = q.map(|q| shear.apply(self.seen_from_entry(q)));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];

@@ -77,7 +77,14 @@ pub(super) struct Scalar<T> {
 
 impl<T: Real> Scalar<T> {
     /// t of a plane: `(base + q * scale) * inverse`, as one fused step.
-    fn slabs(&self, lo: [[u8; 8]; 3], hi: [[u8; 8]; 3], lo_base: [T; 3], hi_base: [T; 3], scale: [T; 3]) -> [(T, T); 8] {
+    fn slabs(
+        &self,
+        lo: [[u8; 8]; 3],
+        hi: [[u8; 8]; 3],
+        lo_base: [T; 3],
+        hi_base: [T; 3],
+        scale: [T; 3],
+    ) -> [(T, T); 8] {
         std::array::from_fn(|i| {
             let (mut near, mut far) = (T::ZERO, T::of(f64::INFINITY));
             for a in 0..3 {

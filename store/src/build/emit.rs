@@ -27,8 +27,7 @@ const WINDOW: usize = 3;
 
 /// Writes everything between the two superblocks and the superblocks themselves.
 pub(super) fn emit(
-    parted: &Partition,
-    scan: &Scan,
+    (parted, scan): (&Partition, &Scan),
     materials: &[Material],
     options: &BuildOptions,
     mut file: DraftFile<'_>,
@@ -298,7 +297,8 @@ impl Writer {
             WideRef::Node(i) => TopRef::Node(first + i),
         };
         for children in &wide.nodes {
-            let children: Vec<_> = children.iter().map(|&(b, r)| (b, word(r, &self.roots).to_word())).collect();
+            let children: Vec<_> =
+                children.iter().map(|&(b, r)| (b, word(r, &self.roots).to_word())).collect();
             self.nodes.push(Node::over(&children, self.node_shift));
         }
         word(wide.root, &self.roots)

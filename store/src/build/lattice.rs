@@ -72,7 +72,7 @@ pub(super) fn scan(
 pub(super) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Grid> {
     let extent = scan.bounds.extent();
     let magnitude = scan.bounds.lo.iter().chain(&scan.bounds.hi).fold(0.0f64, |m, v| m.max(v.abs()));
-    if !(extent > 0.0 && extent.is_finite()) || !(1e-200..1e200).contains(&extent) {
+    if !(1e-200..1e200).contains(&extent) {
         return Err(Error::new(Code::InputEmpty, "the input has no extent that a lattice could divide")
             .at_place(name)
             .numbers(format!("extent {extent:e}, {} triangles", scan.triangle_count))
@@ -101,7 +101,10 @@ pub(super) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Gr
         return Err(Error::new(Code::Usage, "the lattice is too fine for the model")
             .at_place(name)
             .numbers(format!("extent {extent:e} / step {step:e} takes {:.1} bits, at most 40", far.log2()))
-            .next(format!("ask for an error of at least {:e}, or leave it to the default", exp2i(finest) / 2.0)));
+            .next(format!(
+                "ask for an error of at least {:e}, or leave it to the default",
+                exp2i(finest) / 2.0
+            )));
     }
     Ok(Grid { lattice, bits: 64 - (far as u64).leading_zeros() })
 }
@@ -119,7 +122,7 @@ struct EdgeHistogram {
 impl EdgeHistogram {
     /// Squares are binned: 2048 exponents x 16 mantissa bins (1/16 octave of the square, 1/32 of the length).
     const MANTISSA_BITS: u32 = 4;
-    const BYTES: u64 = 8 * 2048 << Self::MANTISSA_BITS;
+    const BYTES: u64 = 8 * (2048 << Self::MANTISSA_BITS);
 
     fn new() -> EdgeHistogram {
         EdgeHistogram { counts: vec![0; 2048 << Self::MANTISSA_BITS] }
@@ -159,7 +162,10 @@ mod tests {
             let grid = choose(&scan_of([0.0; 3], [extent; 3], median), Precision::Default, "t").unwrap();
             let half = grid.lattice.step() / 2.0;
             assert!(half <= median / 128.0 && half <= extent / 131072.0, "{extent} {median}: {half}");
-            assert!(half > (median / 128.0).min(extent / 131072.0) / 2.0, "{extent} {median}: {half} is too fine");
+            assert!(
+                half > (median / 128.0).min(extent / 131072.0) / 2.0,
+                "{extent} {median}: {half} is too fine"
+            );
             assert!(extent / grid.lattice.step() < exp2i(grid.bits as i32));
         }
     }

@@ -181,7 +181,7 @@ pub fn build(
 
     // Clusters and pages, chunk by chunk, in order.
     let draft = publish::Draft::create(output, &folder)?;
-    let block = emit::emit(&parted, &scan, source.materials(), options, draft.file(), &tell, &mut out)?;
+    let block = emit::emit((&parted, &scan), source.materials(), options, draft.file(), &tell, &mut out)?;
     out.phase_ms.clusters = lap();
 
     // Publish.

@@ -117,7 +117,8 @@ impl Wide {
             let Tree::Split(left, right) = tree[open[i] as usize].1 else { unreachable!("filtered") };
             open.splice(i..=i, [left, right]);
         }
-        let children = open.into_iter().map(|child| (tree[child as usize].0, self.collapse(tree, child))).collect();
+        let children =
+            open.into_iter().map(|child| (tree[child as usize].0, self.collapse(tree, child))).collect();
         self.nodes.push(children);
         WideRef::Node(self.nodes.len() as u32 - 1)
     }
@@ -125,7 +126,9 @@ impl Wide {
     fn bounds(&self, at: WideRef) -> LatticeBox {
         match at {
             WideRef::Leaf(_) => self.root_bounds,
-            WideRef::Node(i) => self.nodes[i as usize].iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b)),
+            WideRef::Node(i) => {
+                self.nodes[i as usize].iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b))
+            }
         }
     }
 
@@ -133,10 +136,13 @@ impl Wide {
     fn subtree_bytes(&self, leaf_bytes: &[usize]) -> Vec<usize> {
         let mut bytes: Vec<usize> = Vec::with_capacity(self.nodes.len());
         for children in &self.nodes {
-            let below: usize = children.iter().map(|&(_, child)| match child {
-                WideRef::Leaf(i) => leaf_bytes[i as usize],
-                WideRef::Node(i) => bytes[i as usize],
-            }).sum();
+            let below: usize = children
+                .iter()
+                .map(|&(_, child)| match child {
+                    WideRef::Leaf(i) => leaf_bytes[i as usize],
+                    WideRef::Node(i) => bytes[i as usize],
+                })
+                .sum();
             bytes.push(Node::BYTES + below);
         }
         bytes
@@ -168,7 +174,8 @@ impl Packer<'_> {
         let fits = self.open_bytes + bytes <= PAGE_CAPACITY && self.open.roots.len() < PAGE_ROOTS;
         match at {
             WideRef::Node(i) if !fits => {
-                let children = self.wide.nodes[i as usize].iter().map(|&(b, child)| (b, self.place(child))).collect();
+                let children =
+                    self.wide.nodes[i as usize].iter().map(|&(b, child)| (b, self.place(child))).collect();
                 self.out.nodes.push(children);
                 return TopRef::Node(self.out.nodes.len() as u32 - 1);
             }

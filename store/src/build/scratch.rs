@@ -47,7 +47,8 @@ pub(super) struct Scratch {
 
 impl Scratch {
     pub(super) fn create(folder: &Path) -> Result<Scratch> {
-        let file = tempfile::tempfile_in(folder).map_err(|e| Error::io("create a scratch file", folder, &e))?;
+        let file =
+            tempfile::tempfile_in(folder).map_err(|e| Error::io("create a scratch file", folder, &e))?;
         Ok(Scratch { file, folder: folder.to_path_buf(), end: 0, flushed: 0 })
     }
 
@@ -58,8 +59,11 @@ impl Scratch {
 
     /// Appends a run made by [`encode`].
     pub(super) fn append(&mut self, encoded: &[u8], triangle_count: usize) -> Result<Run> {
-        self.file.write_all_at(encoded, self.end).map_err(|e| self.failed("write to the scratch file", &e))?;
-        let run = Run { offset: self.end, bytes: encoded.len() as u32, triangle_count: triangle_count as u32 };
+        self.file
+            .write_all_at(encoded, self.end)
+            .map_err(|e| self.failed("write to the scratch file", &e))?;
+        let run =
+            Run { offset: self.end, bytes: encoded.len() as u32, triangle_count: triangle_count as u32 };
         self.end += encoded.len() as u64;
         if self.end - self.flushed >= FLUSH_BYTES {
             self.flush()?;
@@ -142,7 +146,8 @@ pub(super) fn encode(triangles: &[LatticeTriangle]) -> Vec<u8> {
 
 fn decode(bytes: &[u8], n: usize, out: &mut Vec<LatticeTriangle>) -> Option<()> {
     let (head, packed) = bytes.split_at_checked(24)?;
-    let base: [i64; 3] = std::array::from_fn(|a| i64::from_le_bytes(head[8 * a..8 * a + 8].try_into().expect("8")));
+    let base: [i64; 3] =
+        std::array::from_fn(|a| i64::from_le_bytes(head[8 * a..8 * a + 8].try_into().expect("8")));
     let planes = lz4_flex::block::decompress(packed, n * PLANES).ok()?;
     if planes.len() != n * PLANES {
         return None;

@@ -16,7 +16,8 @@ struct Mesh {
 impl Mesh {
     fn new(triangles: Vec<([[f64; 3]; 3], u32)>) -> Mesh {
         let count = triangles.iter().map(|t| t.1).max().unwrap_or(0) + 1;
-        let material = |i| Material { name: format!("m{i}"), ke: [f32::from(i == 3); 3], ..Material::default() };
+        let material =
+            |i| Material { name: format!("m{i}"), ke: [f32::from(i == 3); 3], ..Material::default() };
         Mesh { triangles, materials: (0..count).map(material).collect(), at: 0 }
     }
 }
@@ -93,8 +94,11 @@ fn build_bytes(mesh: &mut Mesh, options: &BuildOptions) -> (Vec<u8>, BuildReport
     (std::fs::read(&path).unwrap(), report)
 }
 
+/// Corners and material of a triangle on the lattice.
+type Snapped = ([[i64; 3]; 3], u16);
+
 /// All triangles of a file, snapped, with the first corner rotated to the front; sorted.
-fn decoded(bytes: &[u8]) -> (Vec<([[i64; 3]; 3], u16)>, Lattice) {
+fn decoded(bytes: &[u8]) -> (Vec<Snapped>, Lattice) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.trex");
     std::fs::write(&path, bytes).unwrap();
@@ -106,7 +110,9 @@ fn decoded(bytes: &[u8]) -> (Vec<([[i64; 3]; 3], u16)>, Lattice) {
         let view = FrameView::new(&frame);
         assert!(view.used_bytes() <= FRAME_BYTES);
         view.for_each_cluster(|cluster| {
-            all.extend((0..cluster.triangle_count()).map(|i| (canonical(cluster.triangle(i)), cluster.material(i))));
+            all.extend(
+                (0..cluster.triangle_count()).map(|i| (canonical(cluster.triangle(i)), cluster.material(i))),
+            );
         });
     }
     all.sort_unstable();
@@ -118,7 +124,7 @@ fn canonical(q: [[i64; 3]; 3]) -> [[i64; 3]; 3] {
     [[q[0], q[1], q[2]], [q[1], q[2], q[0]], [q[2], q[0], q[1]]].into_iter().min().unwrap()
 }
 
-fn snapped(mesh: &Mesh, lattice: Lattice) -> Vec<([[i64; 3]; 3], u16)> {
+fn snapped(mesh: &Mesh, lattice: Lattice) -> Vec<Snapped> {
     let mut all: Vec<_> = mesh
         .triangles
         .iter()
@@ -186,7 +192,9 @@ fn garbage_behind_a_right_hash_is_refused_without_a_panic() {
     let stored = &bytes[entry.offset as usize..][..entry.stored_bytes as usize];
     let raw = match entry.packing {
         crate::layout::Packing::Raw => stored.to_vec(),
-        crate::layout::Packing::Lz4 => lz4_flex::block::decompress(stored, entry.unpacked_bytes as usize).unwrap(),
+        crate::layout::Packing::Lz4 => {
+            lz4_flex::block::decompress(stored, entry.unpacked_bytes as usize).unwrap()
+        }
     };
     let mut rng = rand_pcg::Pcg64::seed_from_u64(9);
     let mut frame = vec![0; FRAME_BYTES];

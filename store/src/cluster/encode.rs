@@ -12,7 +12,9 @@
 
 use super::bits::BitWriter;
 use super::{ClusterMesh, LatticeBox, Node, Widths, palette_index_bits};
-use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES, NODE_WIDTH, PAGE_ROOTS};
+use crate::layout::{
+    CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES, NODE_WIDTH, PAGE_ROOTS,
+};
 
 /// Bytes of a frame before its roots.
 pub(super) const FRAME_HEADER_BYTES: usize = 16;
@@ -104,7 +106,9 @@ fn encode_node(children: &[(LatticeBox, PageRef)], node_shift: u32, out: &mut Ve
 
 fn encode_cluster(cluster: &ClusterMesh, out: &mut Vec<u8>) {
     let (triangle_count, vertex_count) = (cluster.triangles.len(), cluster.vertices.len());
-    assert!((1..=CLUSTER_TRIANGLES).contains(&triangle_count) && (1..=CLUSTER_VERTICES).contains(&vertex_count));
+    assert!(
+        (1..=CLUSTER_TRIANGLES).contains(&triangle_count) && (1..=CLUSTER_VERTICES).contains(&vertex_count)
+    );
     let (widths, palette) = (cluster.widths(), cluster.palette());
     out.extend_from_slice(&[
         u8::from(widths.wide),

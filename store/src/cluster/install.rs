@@ -146,8 +146,15 @@ fn install_cluster(
         frame[8 * axis..8 * axis + 8].copy_from_slice(&widths.base[axis].to_le_bytes());
     }
     let shift = widths.bits.map(|b| b.saturating_sub(8));
-    let head =
-        [u8::from(widths.wide), triangle_count as u8, vertex_count as u8, leaf_count as u8, shift[0], shift[1], shift[2]];
+    let head = [
+        u8::from(widths.wide),
+        triangle_count as u8,
+        vertex_count as u8,
+        leaf_count as u8,
+        shift[0],
+        shift[1],
+        shift[2],
+    ];
     frame[24..27].copy_from_slice(&widths.bits);
     frame[27..34].copy_from_slice(&head);
     let words = [*first_triangle, palette_len, palette_at, vertices_at];

@@ -149,7 +149,10 @@ impl TopRef {
         if word & TopRef::PAGE_FLAG == 0 {
             return TopRef::Node(word);
         }
-        TopRef::Page { page: word & (PAGES - 1), slot: word >> (31 - ROOT_SLOT_BITS) & ((1 << ROOT_SLOT_BITS) - 1) }
+        TopRef::Page {
+            page: word & (PAGES - 1),
+            slot: word >> (31 - ROOT_SLOT_BITS) & ((1 << ROOT_SLOT_BITS) - 1),
+        }
     }
 }
 

@@ -25,7 +25,8 @@ pub(crate) struct OracleHit {
 
 impl OracleMesh {
     pub(crate) fn new(triangles: Vec<[[f64; 3]; 3]>) -> OracleMesh {
-        let mut mesh = OracleMesh { order: (0..triangles.len() as u32).collect(), triangles, nodes: Vec::new() };
+        let mut mesh =
+            OracleMesh { order: (0..triangles.len() as u32).collect(), triangles, nodes: Vec::new() };
         mesh.grow(0, mesh.triangles.len());
         mesh
     }
