@@ -55,10 +55,7 @@ pub(super) fn emit(
     in_order(parted, workers, context, &options.interrupt, |chunk, pages| {
         writer.add_chunk(pages, &mut file)?;
         for piece in &parted.chunks[chunk].pieces {
-            // A run that two chunks share is given back by the second.
-            if piece.skip + piece.take == piece.run.triangle_count {
-                parted.scratch.discard(&piece.run);
-            }
+            parted.scratch.consume(&piece.run, piece.take);
         }
         tell("clusters", "triangles", writer.block.triangle_count, parted.triangle_count);
         Ok(())

@@ -343,7 +343,7 @@ fn cut(
     for run in &cell.runs {
         triangles.clear();
         finer.scratch.read(run, &mut buffer, &mut triangles)?;
-        finer.scratch.discard(run);
+        finer.scratch.consume(run, run.triangle_count);
         triangles.iter().try_for_each(|&triangle| finer.push(triangle))?;
     }
     finer.into_chunks(options)

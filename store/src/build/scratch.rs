@@ -6,7 +6,9 @@
 //! ```
 //!
 //! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. what was written leaves
-//! the page cache soon, so that a memory limit is not filled with it; 3. a consumed run's blocks go back to the disk.
+//! the page cache soon, so that a memory limit is not filled with it; 3. a segment whose runs are all consumed goes
+//! back to the disk as a whole: giving back run by run fragments the file, and a file system that discards freed
+//! blocks at once (ext4 `discard`) then takes longer to drop the file than the build took to make it.
 
 use crate::error::{Code, Error, Result};
 use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
@@ -14,6 +16,7 @@ use std::fs::File;
 use std::io::ErrorKind;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// A triangle on the lattice.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,6 +37,8 @@ pub(super) struct Run {
 const FLUSH_BYTES: u64 = 16 << 20;
 /// Bits of a lattice coordinate.
 const COORDINATE_MASK: i64 = (1 << crate::geom::Lattice::MAX_BITS) - 1;
+/// Unit of giving space back; no run crosses the end of one.
+const SEGMENT_BYTES: u64 = 32 << 20;
 /// Byte planes of a run.
 const PLANES: usize = 9 * 5 + 2;
 
@@ -43,13 +48,15 @@ pub(super) struct Scratch {
     folder: PathBuf,
     end: u64,
     flushed: u64,
+    /// Triangles not yet consumed, per segment.
+    live: Mutex<Vec<u64>>,
 }
 
 impl Scratch {
     pub(super) fn create(folder: &Path) -> Result<Scratch> {
         let file =
             tempfile::tempfile_in(folder).map_err(|e| Error::io("create a scratch file", folder, &e))?;
-        Ok(Scratch { file, folder: folder.to_path_buf(), end: 0, flushed: 0 })
+        Ok(Scratch { file, folder: folder.to_path_buf(), end: 0, flushed: 0, live: Mutex::default() })
     }
 
     /// Bytes written.
@@ -59,6 +66,12 @@ impl Scratch {
 
     /// Appends a run made by [`encode`].
     pub(super) fn append(&mut self, encoded: &[u8], triangle_count: usize) -> Result<Run> {
+        if self.end / SEGMENT_BYTES != (self.end + encoded.len() as u64) / SEGMENT_BYTES {
+            self.end = self.end.next_multiple_of(SEGMENT_BYTES);
+        }
+        let live = self.live.get_mut().expect("no panic while held");
+        live.resize((self.end / SEGMENT_BYTES) as usize + 1, 0);
+        live[(self.end / SEGMENT_BYTES) as usize] += triangle_count as u64;
         self.file
             .write_all_at(encoded, self.end)
             .map_err(|e| self.failed("write to the scratch file", &e))?;
@@ -91,10 +104,17 @@ impl Scratch {
         })
     }
 
-    /// Gives a consumed run's space back to the file system, where it can.
-    pub(super) fn discard(&self, run: &Run) {
-        let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
-        let _ = fallocate(&self.file, flags, run.offset, u64::from(run.bytes));
+    /// Counts triangles of a run as consumed; gives a segment that holds no others back to the file system, where
+    /// it can.
+    pub(super) fn consume(&self, run: &Run, triangle_count: u32) {
+        let segment = run.offset / SEGMENT_BYTES;
+        let mut live = self.live.lock().expect("no panic while held");
+        let left = &mut live[segment as usize];
+        *left -= u64::from(triangle_count);
+        if *left == 0 && self.end / SEGMENT_BYTES > segment {
+            let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+            let _ = fallocate(&self.file, flags, segment * SEGMENT_BYTES, SEGMENT_BYTES);
+        }
     }
 
     fn failed(&self, doing: &str, error: &std::io::Error) -> Error {
