@@ -89,20 +89,25 @@ impl Avx2 {
         }
     }
 
-    /// The eight vertices `indices`, relative to the ray's entry, per axis.
+    /// The eight vertices `indices`, relative to the ray's entry and sheared: x, y, z.
     #[inline(always)]
-    fn fetch(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256; 3] {
-        let q = if cluster.view.is_wide() {
-            self.fetch_wide(cluster, indices)
-        } else {
-            fetch_compact(cluster, indices)
-        };
-        // SAFETY: registers only.
+    fn corner(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256; 3] {
+        let q =
+            if cluster.is_wide { self.fetch_wide(cluster, indices) } else { fetch_compact(cluster, indices) };
+        // SAFETY: registers only; the caller runs with AVX2 and FMA.
         unsafe {
-            std::array::from_fn(|a| {
+            let mut p = [_mm256_setzero_ps(); 3];
+            for a in 0..3 {
                 let relative = _mm256_add_epi32(q[a], _mm256_set1_epi32(cluster.relative[a]));
-                _mm256_sub_ps(_mm256_cvtepi32_ps(relative), _mm256_set1_ps(self.ray.fraction[a]))
-            })
+                p[a] = _mm256_sub_ps(_mm256_cvtepi32_ps(relative), _mm256_set1_ps(self.ray.fraction[a]));
+            }
+            let ([kx, ky, kz], [sx, sy, sz]) = (self.ray.k, self.ray.s);
+            let z = p[kz];
+            [
+                _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sx), z, p[kx]),
+                _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sy), z, p[ky]),
+                _mm256_mul_ps(_mm256_set1_ps(sz), z),
+            ]
         }
     }
 
@@ -117,27 +122,35 @@ impl Avx2 {
             }
         }
         // SAFETY: each array holds eight numbers.
-        unsafe { q.map(|eight| _mm256_loadu_si256(eight.as_ptr().cast())) }
+        unsafe {
+            [
+                _mm256_loadu_si256(q[0].as_ptr().cast()),
+                _mm256_loadu_si256(q[1].as_ptr().cast()),
+                _mm256_loadu_si256(q[2].as_ptr().cast()),
+            ]
+        }
     }
 }
 
 /// A cluster while its triangles are tested.
 struct Fetch<'a> {
     view: &'a ClusterView<'a>,
+    is_wide: bool,
     /// Base minus the ray's cell.
     relative: [i32; 3],
+    widths: [u32; 3],
+    vertex_bits: u32,
 }
 
 #[inline(always)]
 fn fetch_compact(cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
     let view = cluster.view;
     let vertices = view.bytes()[view.vertices_offset()..].as_ptr();
-    let widths = view.widths();
-    // SAFETY: indices are below the vertex count (checked by install), so that bit offsets lie inside of the packed vertices,
-    // and eight more bytes follow these within the frame.
+    // SAFETY: indices are below the vertex count (checked by install), so that bit offsets lie inside of the packed
+    // vertices, and eight more bytes follow these within the frame.
     unsafe {
         let index = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(indices as i64));
-        let bit = _mm256_mullo_epi32(index, _mm256_set1_epi32(view.vertex_bits() as i32));
+        let bit = _mm256_mullo_epi32(index, _mm256_set1_epi32(cluster.vertex_bits as i32));
         let byte = _mm256_srli_epi32::<3>(bit);
         let shift = _mm256_and_si256(bit, _mm256_set1_epi32(7));
         let low = _mm256_i32gather_epi64::<1>(vertices.cast(), _mm256_castsi256_si128(byte));
@@ -148,13 +161,37 @@ fn fetch_compact(cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
         for a in 0..3 {
             let both = _mm256_shuffle_ps::<0x88>(_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
             let both = _mm256_permute4x64_epi64::<0xd8>(_mm256_castps_si256(both));
-            out[a] = _mm256_and_si256(both, _mm256_set1_epi32((1i32 << widths[a]) - 1));
-            let count = _mm_cvtsi32_si128(widths[a] as i32);
+            out[a] = _mm256_and_si256(both, _mm256_set1_epi32((1i32 << cluster.widths[a]) - 1));
+            let count = _mm_cvtsi32_si128(cluster.widths[a] as i32);
             low = _mm256_srl_epi64(low, count);
             high = _mm256_srl_epi64(high, count);
         }
         out
     }
+}
+
+/// `p * q - r * s`, each product rounded: a shared edge gives opposite values to its two triangles.
+#[inline(always)]
+fn cross(p: __m256, q: __m256, r: __m256, s: __m256) -> __m256 {
+    // SAFETY: registers only; the caller runs with AVX2.
+    unsafe { _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s)) }
+}
+
+/// Lanes where all three compare with zero as `ORDER` says.
+#[inline(always)]
+fn all_three<const ORDER: i32>(u: __m256, v: __m256, w: __m256) -> __m256 {
+    // SAFETY: registers only; the caller runs with AVX2.
+    unsafe {
+        let zero = _mm256_setzero_ps();
+        let (u, v) = (_mm256_cmp_ps::<ORDER>(u, zero), _mm256_cmp_ps::<ORDER>(v, zero));
+        _mm256_and_ps(_mm256_and_ps(u, v), _mm256_cmp_ps::<ORDER>(w, zero))
+    }
+}
+
+/// `2^exponent`, below 2^127.
+#[inline(always)]
+fn power_of_two(exponent: u32) -> f32 {
+    f32::from_bits((exponent + 127) << 23)
 }
 
 /// Eight bytes as a vector.
@@ -179,11 +216,15 @@ impl Kernel for Avx2 {
 
     #[inline(always)]
     fn node(&self, node: &Node, t_max: f32) -> Lanes<f32> {
-        let relative: [i32; 3] = std::array::from_fn(|a| node.origin[a] - self.ray.cell[a] as i32);
-        let lo_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_lo[a]);
-        let hi_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_hi[a]);
-        let scale = node.exponent.map(|e| (1u32 << e) as f32);
-        let planes = [node.lo.map(eight), node.hi.map(eight)];
+        let (mut lo_base, mut hi_base, mut scale) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        for a in 0..3 {
+            let relative = (node.origin[a] - self.ray.cell[a] as i32) as f32;
+            lo_base[a] = relative - self.ray.fraction_lo[a];
+            hi_base[a] = relative - self.ray.fraction_hi[a];
+            scale[a] = power_of_two(u32::from(node.exponent[a]));
+        }
+        let [lo, hi] = [&node.lo, &node.hi];
+        let planes = [[eight(lo[0]), eight(lo[1]), eight(lo[2])], [eight(hi[0]), eight(hi[1]), eight(hi[2])]];
         let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
         lanes.mask &= (1u32 << node.child_count) - 1;
         lanes
@@ -192,13 +233,17 @@ impl Kernel for Avx2 {
     #[inline(always)]
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: f32) -> Lanes<f32> {
         let (base, shift, boxes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_boxes());
-        let planes_of = |row: usize| eight(boxes[row][8 * half..8 * half + 8].try_into().expect("eight"));
-        let relative: [i32; 3] = std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32);
-        let lo_base = std::array::from_fn(|a| relative[a] as f32 - self.ray.fraction_lo[a]);
-        let hi_base =
-            std::array::from_fn(|a| (relative[a] + (1 << shift[a])) as f32 - self.ray.fraction_hi[a]);
-        let scale = shift.map(|s| (1u32 << s) as f32);
-        let planes = [std::array::from_fn(planes_of), std::array::from_fn(|a| planes_of(3 + a))];
+        let (mut lo_base, mut hi_base, mut scale) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        for a in 0..3 {
+            let relative = (base[a] - self.ray.cell[a]) as i32;
+            lo_base[a] = relative as f32 - self.ray.fraction_lo[a];
+            // Upper planes are cells: their far side is one cell on.
+            hi_base[a] = (relative + (1 << shift[a])) as f32 - self.ray.fraction_hi[a];
+            scale[a] = power_of_two(shift[a]);
+        }
+        let row = |row: usize| word(&boxes[row], 8 * half).to_le_bytes();
+        let planes =
+            [[eight(row(0)), eight(row(1)), eight(row(2))], [eight(row(3)), eight(row(4)), eight(row(5))]];
         let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
         let count = cluster.leaf_count().saturating_sub(8 * half).min(8);
         lanes.mask &= (1u32 << count) - 1;
@@ -207,53 +252,45 @@ impl Kernel for Avx2 {
 
     #[inline(always)]
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> Lanes<f32> {
-        let base = cluster.base();
-        let fetch =
-            Fetch { view: cluster, relative: std::array::from_fn(|a| (base[a] - self.ray.cell[a]) as i32) };
+        let (base, cell) = (cluster.base(), self.ray.cell);
+        let fetch = Fetch {
+            view: cluster,
+            is_wide: cluster.is_wide(),
+            relative: [(base[0] - cell[0]) as i32, (base[1] - cell[1]) as i32, (base[2] - cell[2]) as i32],
+            widths: cluster.widths(),
+            vertex_bits: cluster.vertex_bits(),
+        };
         let at = CLUSTER_HEADER_BYTES + leaf * LEAF_INDEX_BYTES;
-        let words: [u64; 3] = std::array::from_fn(|corner| {
-            let bytes = &cluster.bytes()[at + 7 * corner..at + 7 * corner + 8];
-            u64::from_le_bytes(bytes.try_into().expect("eight"))
-        });
-        let [kx, ky, kz] = self.ray.k;
-        let [sx, sy, sz] = self.ray.s;
+        let words = &cluster.bytes()[at..at + LEAF_INDEX_BYTES + 1];
         // SAFETY: registers only; the caller runs with AVX2, FMA and BMI2.
         unsafe {
-            let corner = |word: u64| {
-                let p = self.fetch(&fetch, _pdep_u64(word, 0x7f7f_7f7f_7f7f_7f7f));
-                let z = p[kz];
-                [
-                    _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sx), z, p[kx]),
-                    _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sy), z, p[ky]),
-                    _mm256_mul_ps(_mm256_set1_ps(sz), z),
-                ]
-            };
-            let [a, b, c] = [corner(words[0]), corner(words[1]), corner(words[2])];
-            let cross = |p: __m256, q: __m256, r: __m256, s: __m256| {
-                _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s))
-            };
+            const SPREAD: u64 = 0x7f7f_7f7f_7f7f_7f7f;
+            let a = self.corner(&fetch, _pdep_u64(word(words, 0), SPREAD));
+            let b = self.corner(&fetch, _pdep_u64(word(words, 7), SPREAD));
+            let c = self.corner(&fetch, _pdep_u64(word(words, 14), SPREAD));
             let u = cross(c[0], b[1], c[1], b[0]);
             let v = cross(a[0], c[1], a[1], c[0]);
             let w = cross(b[0], a[1], b[1], a[0]);
-            let zero = _mm256_setzero_ps();
-            let all = |p: __m256, q: __m256, r: __m256| _mm256_and_ps(p, _mm256_and_ps(q, r));
-            let ge = |x: __m256| _mm256_cmp_ps::<_CMP_GE_OQ>(x, zero);
-            let le = |x: __m256| _mm256_cmp_ps::<_CMP_LE_OQ>(x, zero);
-            let inside = _mm256_or_ps(all(ge(u), ge(v), ge(w)), all(le(u), le(v), le(w)));
+            let inside = _mm256_or_ps(all_three::<_CMP_GE_OQ>(u, v, w), all_three::<_CMP_LE_OQ>(u, v, w));
             let sum = _mm256_add_ps(_mm256_add_ps(u, v), w);
-            let depth = _mm256_add_ps(
-                _mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2])),
-                _mm256_mul_ps(w, c[2]),
-            );
-            let t = _mm256_div_ps(depth, sum);
-            let met = all(
-                _mm256_and_ps(inside, _mm256_cmp_ps::<_CMP_NEQ_OQ>(sum, zero)),
-                ge(t),
+            let two = _mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2]));
+            let t = _mm256_div_ps(_mm256_add_ps(two, _mm256_mul_ps(w, c[2])), sum);
+            let zero = _mm256_setzero_ps();
+            let in_range = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_GE_OQ>(t, zero),
                 _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_max)),
             );
+            let not_flat = _mm256_and_ps(inside, _mm256_cmp_ps::<_CMP_NEQ_OQ>(sum, zero));
+            let met = _mm256_and_ps(not_flat, in_range);
             let mut lanes = Lanes { mask: _mm256_movemask_ps(met) as u32, t: [0.0; 8] };
             _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
             lanes
         }
     }
+}
+
+/// The eight bytes at `at`.
+#[inline(always)]
+fn word(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight"))
 }
