@@ -12,7 +12,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
-use trex_store::import::{self, InputInfo};
+use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC};
 use trex_store::{Aabb, PageFile};
 
@@ -68,7 +68,17 @@ struct Mesh {
 impl fmt::Display for Mesh {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let info = &self.info;
-        write!(f, "{}: {:?} {:?}, {}", self.scene, info.encoding, info.format, size::bytes(info.file_bytes))?;
+        let encoding = match info.encoding {
+            Encoding::Ascii => "text",
+            Encoding::BinaryLittleEndian => "binary, little-endian",
+            Encoding::BinaryBigEndian => "binary, big-endian",
+        };
+        let format = match info.format {
+            Format::Ply => "PLY",
+            Format::Obj => "OBJ",
+            Format::Stl => "STL",
+        };
+        write!(f, "{}: {format} ({encoding}), {}", self.scene, size::bytes(info.file_bytes))?;
         for (what, count) in [("vertices", info.vertex_count), ("faces", info.face_count)] {
             if let Some(count) = count {
                 write!(f, ", {} {what} declared", size::count(count))?;
