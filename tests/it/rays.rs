@@ -1,8 +1,11 @@
 //! Closest hits of the paged tracer against the f64 oracle on the decoded mesh, leaks, and the two arithmetics
 //! against each other.
 //!
-//! The bound: f32 vertex offsets are wrong by at most 2^-23 of the distance in lattice steps, so a hit may lie that
-//! far off its triangle, and of two surfaces closer to each other than that either may answer.
+//! The bound, for a lattice of up to 24 bits and an extent E (the model's, since rays begin at its box): a corner seen
+//! from the entry is an exact integer minus a fraction, rounded once (2^-24 E); the shear multiplies a depth of that
+//! error by a slope of relative error 2^-24, and rounds the sum (two more and a half each): at most 5 x 2^-24 E
+//! a coordinate, 7 x 2^-24 E in the plane across the ray. A hit may lie that far off its triangle, a ray that
+//! passes an edge closer than that may miss it, and of two surfaces closer to each other either may answer.
 
 use crate::oracle::mesh::{OracleMesh, cross, distance, dot, moeller_trumbore, sub};
 use crate::support::{Built, build_options, build_source, build_spec, source};
@@ -12,6 +15,9 @@ use std::path::Path;
 use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
 use trex_store::import::{self, ImportOptions};
 use trex_store::{TriangleBatch, TriangleSource};
+
+/// The bound of the module's text, as a share of the extent, rounded up.
+const F32_BOUND: f64 = 8.0 / (1 << 24) as f64;
 
 fn unit(rng: &mut Pcg64) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
@@ -73,9 +79,8 @@ fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<Strin
         let ours: Option<Hit> = exact(tracer.intersect(ray));
         let theirs = oracle.closest(ray.origin, ray.direction, f64::INFINITY);
         assert_eq!(exact(tracer.occluded(ray)), ours.is_some(), "occluded and intersect differ: {ray:?}");
-        // 2^-22 of the model's size covers every offset within it, both ends.
-        let bound = extent * 2f64.powi(-22)
-            + 1e-14 * (extent + ray.origin.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
+        let bound =
+            extent * F32_BOUND + 1e-14 * (extent + ray.origin.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
         let same = match (&ours, &theirs) {
             (None, None) => true,
             (Some(a), Some(b)) => (a.t - b.t).abs() <= bound,
@@ -164,7 +169,7 @@ fn check_against_the_input(source: &mut dyn TriangleSource, ray_count: usize) {
         let triangle = &oracle.triangles[theirs.triangle];
         let n = cross(sub(triangle[1], triangle[0]), sub(triangle[2], triangle[0]));
         let cos = (dot(n, ray.direction) / dot(n, n).sqrt()).abs();
-        let bound = moved / cos + extent * 2f64.powi(-22) + 1e-14 * dot(ray.origin, ray.origin).sqrt();
+        let bound = moved / cos + extent * F32_BOUND + 1e-14 * dot(ray.origin, ray.origin).sqrt();
         // Slivers turn when their corners move; rays at edges and in front of near surfaces have two answers.
         if theirs.least_weight * triangle_size(triangle) < 4.0 * moved / cos
             || triangle_size(triangle) < 16.0 * moved
