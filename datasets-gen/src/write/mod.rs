@@ -154,12 +154,12 @@ impl Draft {
             // What a plain create asks for; the user's umask takes its part.
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder(path))
-            .map_err(|error| Error::io("create the output", path, &error))?;
+            .map_err(|error| Error::writing("create the output", path, &error))?;
         Ok(Draft { out: BufWriter::with_capacity(BUFFER_BYTES, file), path: path.to_path_buf(), existing })
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.out.write_all(bytes).map_err(|error| Error::io("write the output", &self.path, &error))
+        self.out.write_all(bytes).map_err(|error| Error::writing("write the output", &self.path, &error))
     }
 
     /// Overwrites bytes from `offset` on.
@@ -169,13 +169,13 @@ impl Draft {
             self.out.write_all(bytes)?;
             self.out.seek(SeekFrom::End(0))
         };
-        run().map(drop).map_err(|error| Error::io("write the output", &self.path, &error))
+        run().map(drop).map_err(|error| Error::writing("write the output", &self.path, &error))
     }
 
     /// Everything to the disk, under the temporary name. The count of bytes.
     fn finish(self) -> Result<Finished> {
         let Draft { out, path, existing } = self;
-        let failed = |error: &std::io::Error| Error::io("write the output", &path, error);
+        let failed = |error: &std::io::Error| Error::writing("write the output", &path, error);
         let file = out.into_inner().map_err(|error| failed(error.error()))?;
         file.as_file().sync_all().map_err(|error| failed(&error))?;
         let bytes = file.as_file().metadata().map_err(|error| failed(&error))?.len();
@@ -200,11 +200,11 @@ impl Finished {
         };
         kept.map_err(|error| match error.error.kind() {
             std::io::ErrorKind::AlreadyExists => exists(&self.path),
-            _ => Error::io("name the output", &self.path, &error.error),
+            _ => Error::writing("name the output", &self.path, &error.error),
         })?;
         File::open(folder(&self.path))
             .and_then(|folder| folder.sync_all())
-            .map_err(|error| Error::io("sync the output's folder", &self.path, &error))?;
+            .map_err(|error| Error::writing("sync the output's folder", &self.path, &error))?;
         Ok(self.bytes)
     }
 }

@@ -158,6 +158,11 @@ pub fn build(
     let start = Instant::now();
     let folder = publish::check_output(output, options.existing)?;
     let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
+    if !scratch_folder.is_dir() {
+        return Err(Error::new(Code::Usage, "the folder for scratch files does not exist")
+            .at(&scratch_folder)
+            .next("make the folder, or name another with --temp-dir"));
+    }
     let tell = |phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
     };
