@@ -92,6 +92,12 @@ pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOption
     }
 }
 
+/// Bytes that [`write`] leases for a file of this name, beside what its source has leased.
+pub fn smallest_bytes(path: &Path) -> u64 {
+    let is_stl = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("stl"));
+    TriangleBatch::BYTES + if is_stl { 0 } else { window::Window::BYTES }
+}
+
 /// What every format needs.
 struct Job<'a> {
     path: &'a Path,
@@ -146,6 +152,11 @@ impl Draft {
     fn create(path: &Path, existing: Existing) -> Result<Draft> {
         if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
             return Err(exists(path));
+        }
+        if !folder(path).is_dir() {
+            return Err(Error::new(Code::Usage, "the output's folder does not exist")
+                .at(folder(path))
+                .next("make the folder, or name another output"));
         }
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let file = tempfile::Builder::new()
