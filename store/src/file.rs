@@ -213,7 +213,7 @@ pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
 }
 
 /// Memory while the tables are read: each section once raw and once parsed.
-fn table_bytes(block: &Superblock) -> u64 {
+pub(crate) fn table_bytes(block: &Superblock) -> u64 {
     let sections: u64 = block.sections.iter().map(|s| s.bytes).sum();
     3 * sections
 }

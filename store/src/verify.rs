@@ -7,7 +7,7 @@
 use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Error, Result};
-use crate::file::{PageFile, open_regular, read_superblock};
+use crate::file::{PageFile, open_regular, read_superblock, table_bytes};
 use crate::geom::Aabb;
 use crate::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
 use std::os::unix::fs::FileExt;
@@ -67,8 +67,11 @@ pub struct Verdict {
 /// and [`Code::Io`], [`Code::MemoryLimit`].
 pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
     let mut verdict = Verdict::default();
-    // Before the tables, so that a limit too small for both is named at once.
-    let _lease = budget.lease("a frame", 4 * FRAME_BYTES as u64)?;
+    // With the tables that are leased next, so that a limit too small for both is named at once.
+    let frame_bytes = 4 * FRAME_BYTES as u64;
+    let tables_bytes = read_superblock(&open_regular(path)?, path).map_or(0, |block| table_bytes(&block));
+    let mut lease = budget.lease("the tables of the file and a frame", frame_bytes + tables_bytes)?;
+    lease.shrink_to(frame_bytes);
     let file = match PageFile::open(path, budget) {
         Ok(file) => file,
         Err(error) if error.code() == Code::Damaged => {
