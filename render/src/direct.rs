@@ -268,7 +268,8 @@ impl Path {
 
 impl Surface {
     fn new(ray: &Ray, hit: &Hit) -> Surface {
-        let normal = unit(to_f64(hit.normal)).expect("a hit has a normal");
+        // A needle whose corners lie on one line has no normal, but rays do hit it: it faces them.
+        let normal = unit(to_f64(hit.normal)).unwrap_or(scale(-1.0, ray.direction));
         let side = if dot(normal, ray.direction) > 0.0 { -1.0 } else { 1.0 };
         Surface {
             point: along(ray.origin, hit.t, ray.direction),

@@ -25,7 +25,7 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: existing(args.overwrite.overwrite),
         precision,
     };
-    let mut source = inputs::open(&args.inputs, &work.scratch_folder(), ctx)?;
+    let mut source = inputs::open(&args.inputs, &work.scratch_folder(), build::smallest_bytes(), ctx)?;
     ctx.done(&work.build(&mut *source, ctx)?)
 }
 

@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::Path;
 use trex_render::film::Layers;
 use trex_render::scene::Scene;
-use trex_store::build::{Existing, Precision};
+use trex_store::build::{self, Existing, Precision};
 use trex_store::{Code, Error};
 
 /// Folder of the demo's files when no other is named; it is the demo's own.
@@ -42,7 +42,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: if overwrite { Existing::Replace } else { Existing::Keep },
         precision: Precision::Default,
     };
-    let build = work.build(&mut *inputs::generate(&spec, ctx)?, ctx)?;
+    let build = work.build(&mut *inputs::generate(&spec, build::smallest_bytes(), ctx)?, ctx)?;
     ctx.console.finish();
 
     let mut scene = Scene::default();

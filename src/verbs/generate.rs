@@ -7,7 +7,7 @@ use crate::failure::Exit;
 use crate::memory::Memory;
 use crate::size;
 use datasets_gen::Spec;
-use datasets_gen::write::{Existing, WriteOptions, write};
+use datasets_gen::write::{Existing, WriteOptions, smallest_bytes, write};
 use serde::Serialize;
 use std::fmt;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use std::time::Instant;
 pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let start = Instant::now();
     let spec = Spec::parse(&format!("gen:{}:{}:{}", args.kind.as_str(), args.triangles, args.seed))?;
-    let mut source = inputs::generate(&spec, ctx)?;
+    let mut source = inputs::generate(&spec, smallest_bytes(&args.output), ctx)?;
     let show = ctx.report();
     let options = WriteOptions {
         existing: if args.overwrite.overwrite { Existing::Replace } else { Existing::Refuse },

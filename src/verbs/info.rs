@@ -20,7 +20,7 @@ use trex_store::{Aabb, PageFile};
 pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
     match &args.input {
         Input::Generated(text) => {
-            let source = inputs::generate(&datasets_gen::Spec::parse(text)?, ctx)?;
+            let source = inputs::generate(&datasets_gen::Spec::parse(text)?, 0, ctx)?;
             let hint = source.hint().expect("generators know what they make");
             let bounds = hint.bounds;
             ctx.done(&Generated {

@@ -54,7 +54,7 @@ impl PictureFile {
     }
 
     fn write_part(&self, part: &Path, film: &Film, exposure: f32) -> Result<()> {
-        let failed = |error: &std::io::Error| Error::io("write the picture", &self.path, error);
+        let failed = |error: &std::io::Error| Error::writing("write the picture", &self.path, error);
         let file = File::create(part).map_err(|e| failed(&e))?;
         let mut writer = BufWriter::new(&file);
         if self.is_exr {

@@ -22,7 +22,7 @@ use trex_render::trace::tracers;
 use trex_render::world::Model;
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::pool::{PagePool, PoolStats};
-use trex_store::{Error, PageFile, Progress, Result};
+use trex_store::{Budget, Code, Error, PageFile, Progress, Result};
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -97,8 +97,8 @@ impl Job<'_> {
         let start = Instant::now();
         let target = PictureFile::check(self.output, self.overwrite, self.layers)?;
         let keys = &self.scene.render;
-        let file = Arc::new(PageFile::open(self.file, &ctx.budget)?);
         let picture = Picture { resolution: keys.resolution, layers: self.layers, workers: ctx.threads };
+        let file = Arc::new(open_for(self.file, &picture, ctx)?);
         let shares = Shares::for_picture(&file, &picture, ctx.budget.limit_bytes())?;
         let pool_options = trex_store::pool::PoolOptions { io: self.io.clone(), ..shares.pool_options() };
         let pool = PagePool::open(file.clone(), self.file, &ctx.budget, &pool_options)?;
@@ -169,6 +169,18 @@ impl Job<'_> {
             arithmetic,
         })
     }
+}
+
+/// Opens a file to be rendered. A limit that is too small for its tables is told as too small for the picture: the
+/// limit that is named must do for all of it.
+fn open_for(path: &Path, picture: &Picture, ctx: &Context) -> Result<PageFile> {
+    PageFile::open(path, &ctx.budget).map_err(|error| match error.code() {
+        Code::MemoryLimit => PageFile::open(path, &Budget::unlimited())
+            .and_then(|file| Shares::for_picture(&file, picture, ctx.budget.limit_bytes()))
+            .err()
+            .unwrap_or(error),
+        _ => error,
+    })
 }
 
 /// What the renderer is told of a file.

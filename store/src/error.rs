@@ -152,6 +152,16 @@ impl Error {
         Error::new(code, format!("cannot {doing}")).at(path).numbers(numbers).next(next)
     }
 
+    /// As [`Error::io`], for what is written: a place that refuses is no fault of an input.
+    pub fn writing(doing: &str, path: &Path, error: &std::io::Error) -> Error {
+        let mut failed = Error::io(doing, path, error);
+        if failed.code() == Code::InputUnreadable {
+            failed.0.code = Code::Io;
+            failed = failed.next("check that the folder is there and may be written to, or name another");
+        }
+        failed
+    }
+
     /// The error of work that was interrupted by the user.
     pub fn interrupted() -> Error {
         Error::new(Code::Interrupted, "interrupted").next("nothing was published; run the command again")

@@ -53,11 +53,12 @@ impl PageFile {
             let mut bytes = vec![0; section.bytes as usize];
             file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
             if section_hash(&bytes, block.file_id, section.kind) != section.hash {
-                return Err(damaged_section(kind, path, "does not match its hash"));
+                return Err(damaged_section(section, kind, path, "does not match its hash"));
             }
             Ok(bytes)
         };
-        let out_of_range = |kind| damaged_section(kind, path, "holds a number out of its range");
+        let out_of_range =
+            |kind| damaged_section(block.section(kind), kind, path, "holds a number out of its range");
         let kind = SectionKind::PageTable;
         let pages = parse_pages(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::TopTree;
@@ -212,7 +213,7 @@ pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
 }
 
 /// Memory while the tables are read: each section once raw and once parsed.
-fn table_bytes(block: &Superblock) -> u64 {
+pub(crate) fn table_bytes(block: &Superblock) -> u64 {
     let sections: u64 = block.sections.iter().map(|s| s.bytes).sum();
     3 * sections
 }
@@ -292,8 +293,9 @@ fn parse_emitters(bytes: &[u8], material_count: usize) -> Option<Vec<Emitter>> {
     sound.then_some(emitters)
 }
 
-fn damaged_section(kind: SectionKind, path: &Path, what: &str) -> Error {
-    Error::new(Code::Damaged, format!("the {} {what}", kind.name()))
-        .at(path)
+fn damaged_section(section: Section, kind: SectionKind, path: &Path, what: &str) -> Error {
+    Error::new(Code::Damaged, format!("the section `{}` {what}", kind.name()))
+        .at_byte(path, section.offset)
+        .numbers(format!("{} bytes, {} entries", section.bytes, section.count))
         .next("run `trex verify` to see what else is damaged, and build the file again")
 }

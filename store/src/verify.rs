@@ -7,9 +7,9 @@
 use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Error, Result};
-use crate::file::{PageFile, open_regular};
+use crate::file::{PageFile, open_regular, read_superblock, table_bytes};
 use crate::geom::Aabb;
-use crate::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, Superblock};
+use crate::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
@@ -67,16 +67,20 @@ pub struct Verdict {
 /// and [`Code::Io`], [`Code::MemoryLimit`].
 pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
     let mut verdict = Verdict::default();
+    // With the tables that are leased next, so that a limit too small for both is named at once.
+    let frame_bytes = 4 * FRAME_BYTES as u64;
+    let tables_bytes = read_superblock(&open_regular(path)?, path).map_or(0, |block| table_bytes(&block));
+    let mut lease = budget.lease("the tables of the file and a frame", frame_bytes + tables_bytes)?;
+    lease.shrink_to(frame_bytes);
     let file = match PageFile::open(path, budget) {
         Ok(file) => file,
         Err(error) if error.code() == Code::Damaged => {
-            verdict.add(Damage { what: summary(&error), page: None, offset: 0, bytes: 0, bounds: None });
+            check_tables(path, &error, budget, &mut verdict)?;
             return Ok(verdict);
         }
         Err(error) => return Err(error),
     };
     check_superblocks(path, file.superblock(), &mut verdict)?;
-    let _lease = budget.lease("a frame", 4 * FRAME_BYTES as u64)?;
     let mut boxes = None;
     let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
     let total = file.superblock().file_bytes;
@@ -154,6 +158,32 @@ fn check_superblocks(path: &Path, block: &Superblock, verdict: &mut Verdict) -> 
             let bytes = SUPERBLOCK_BYTES as u64;
             verdict.add(Damage { what: what.into(), page: None, offset, bytes, bounds: None });
         }
+    }
+    Ok(())
+}
+
+/// What is damaged in a file that cannot be opened for `error`: sections that do not match their hashes, or, where
+/// no superblock tells of sections, the file.
+fn check_tables(path: &Path, error: &Error, budget: &Budget, verdict: &mut Verdict) -> Result<()> {
+    let file = open_regular(path)?;
+    if let Ok(block) = read_superblock(&file, path) {
+        check_superblocks(path, &block, verdict)?;
+        for section in block.sections.iter().filter(|section| section.kind != 0) {
+            let _lease = budget.lease("a section of the file", section.bytes)?;
+            let mut bytes = vec![0; section.bytes as usize];
+            file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
+            if section_hash(&bytes, block.file_id, section.kind) != section.hash {
+                let kind = SectionKind::ALL.into_iter().find(|kind| *kind as u32 == section.kind);
+                let name = kind.map_or("unknown", SectionKind::name);
+                let what = format!("the section `{name}` does not match its hash");
+                let (offset, bytes) = (section.offset, section.bytes);
+                verdict.add(Damage { what, page: None, offset, bytes, bounds: None });
+            }
+        }
+    }
+    if verdict.damage_count == 0 {
+        let bytes = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
+        verdict.add(Damage { what: summary(error), page: None, offset: 0, bytes, bounds: None });
     }
     Ok(())
 }

@@ -1,7 +1,17 @@
 //! Integration tests of trex, one binary: a module per theme.
 
+mod cgroup;
 mod cli;
+mod command;
+mod contract;
+mod damage;
+mod determinism;
+mod inputs;
+mod limits;
+mod memory;
 mod oracle;
+mod outputs;
 mod rays;
+mod real_models;
 mod support;
 mod tidy;

@@ -1,17 +1,16 @@
 //! What the tests share: building generated models in a temporary folder, decoding them.
+//! What they share of the command is in `command.rs`.
 
-use std::path::PathBuf;
-use trex_store::build::{BuildOptions, BuildReport, Existing, Precision, build};
+use trex_store::build::{BuildOptions, Existing, Precision, build};
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Budget, Interrupt, PageFile, TriangleSource};
 
 /// A built file in its temporary folder.
 pub(crate) struct Built {
-    pub(crate) folder: tempfile::TempDir,
-    pub(crate) path: PathBuf,
     pub(crate) file: PageFile,
-    pub(crate) report: BuildReport,
+    /// Removed with the last look at the file.
+    _folder: tempfile::TempDir,
 }
 
 /// Options for a build without a tight limit.
@@ -46,9 +45,9 @@ pub(crate) fn build_spec(spec: &str) -> Built {
 pub(crate) fn build_source(source: &mut dyn TriangleSource, options: &BuildOptions) -> Built {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.trex");
-    let report = build(source, &path, options, &|_| {}, &|_| {}).unwrap();
+    build(source, &path, options, &|_| {}, &|_| {}).unwrap();
     let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
-    Built { folder, path, file, report }
+    Built { file, _folder: folder }
 }
 
 impl Built {

@@ -92,6 +92,12 @@ pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOption
     }
 }
 
+/// Bytes that [`write`] leases for a file of this name, beside what its source has leased.
+pub fn smallest_bytes(path: &Path) -> u64 {
+    let is_stl = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("stl"));
+    TriangleBatch::BYTES + if is_stl { 0 } else { window::Window::BYTES }
+}
+
 /// What every format needs.
 struct Job<'a> {
     path: &'a Path,
@@ -147,6 +153,11 @@ impl Draft {
         if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
             return Err(exists(path));
         }
+        if !folder(path).is_dir() {
+            return Err(Error::new(Code::Usage, "the output's folder does not exist")
+                .at(folder(path))
+                .next("make the folder, or name another output"));
+        }
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let file = tempfile::Builder::new()
             .prefix(&format!(".{name}."))
@@ -154,12 +165,12 @@ impl Draft {
             // What a plain create asks for; the user's umask takes its part.
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder(path))
-            .map_err(|error| Error::io("create the output", path, &error))?;
+            .map_err(|error| Error::writing("create the output", path, &error))?;
         Ok(Draft { out: BufWriter::with_capacity(BUFFER_BYTES, file), path: path.to_path_buf(), existing })
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.out.write_all(bytes).map_err(|error| Error::io("write the output", &self.path, &error))
+        self.out.write_all(bytes).map_err(|error| Error::writing("write the output", &self.path, &error))
     }
 
     /// Overwrites bytes from `offset` on.
@@ -169,13 +180,13 @@ impl Draft {
             self.out.write_all(bytes)?;
             self.out.seek(SeekFrom::End(0))
         };
-        run().map(drop).map_err(|error| Error::io("write the output", &self.path, &error))
+        run().map(drop).map_err(|error| Error::writing("write the output", &self.path, &error))
     }
 
     /// Everything to the disk, under the temporary name. The count of bytes.
     fn finish(self) -> Result<Finished> {
         let Draft { out, path, existing } = self;
-        let failed = |error: &std::io::Error| Error::io("write the output", &path, error);
+        let failed = |error: &std::io::Error| Error::writing("write the output", &path, error);
         let file = out.into_inner().map_err(|error| failed(error.error()))?;
         file.as_file().sync_all().map_err(|error| failed(&error))?;
         let bytes = file.as_file().metadata().map_err(|error| failed(&error))?.len();
@@ -200,11 +211,11 @@ impl Finished {
         };
         kept.map_err(|error| match error.error.kind() {
             std::io::ErrorKind::AlreadyExists => exists(&self.path),
-            _ => Error::io("name the output", &self.path, &error.error),
+            _ => Error::writing("name the output", &self.path, &error.error),
         })?;
         File::open(folder(&self.path))
             .and_then(|folder| folder.sync_all())
-            .map_err(|error| Error::io("sync the output's folder", &self.path, &error))?;
+            .map_err(|error| Error::writing("sync the output's folder", &self.path, &error))?;
         Ok(self.bytes)
     }
 }

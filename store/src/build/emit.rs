@@ -34,7 +34,7 @@ pub(super) fn emit(
     tell: Tell<'_>,
     out: &mut BuildReport,
 ) -> Result<Superblock> {
-    let workers = options.threads.min(parted.chunks.len()).max(1);
+    let workers = worker_count(options).min(parted.chunks.len()).max(1);
     let _lease = options.budget.lease("the cluster builders", worker_bytes() * workers as u64)?;
     let node_shift = node_shift(parted.grid.bits);
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
@@ -62,6 +62,11 @@ pub(super) fn emit(
     })?;
     out.scratch_peak_bytes = writer.scratch_bytes;
     writer.finish(&mut file, &materials_json, materials.len(), out)
+}
+
+/// As many workers as there is room for: the result does not depend on it.
+pub(super) fn worker_count(options: &BuildOptions) -> usize {
+    options.threads.min((options.budget.free_bytes() / worker_bytes()) as usize).max(1)
 }
 
 /// Builds all chunks on `workers` threads and hands the results to `take`, in order.

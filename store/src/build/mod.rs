@@ -158,6 +158,11 @@ pub fn build(
     let start = Instant::now();
     let folder = publish::check_output(output, options.existing)?;
     let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
+    if !scratch_folder.is_dir() {
+        return Err(Error::new(Code::Usage, "the folder for scratch files does not exist")
+            .at(&scratch_folder)
+            .next("make the folder, or name another with --temp-dir"));
+    }
     let tell = |phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
     };
@@ -192,6 +197,14 @@ pub fn build(
     Ok(out)
 }
 
+/// What a source may lease while it is read: materials, the directory of 64 million vertices.
+const SOURCE_BYTES: u64 = 1 << 20;
+
+/// Least bytes that a build leases beside what its source has leased when it is opened, whatever the model's size.
+pub fn smallest_bytes() -> u64 {
+    partition::SMALLEST_BYTES.max(chunk::worker_bytes()) + SOURCE_BYTES
+}
+
 /// Scratch and output per triangle, for the plan: measured on iso-surfaces and CAD models, rounded up.
 const PLAN_SCRATCH_BYTES: u64 = 24;
 const PLAN_OUTPUT_BYTES: u64 = 9;
@@ -201,8 +214,10 @@ fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Pl
         .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
     let plan = Plan {
         triangle_count: scan.triangle_count,
-        memory_bytes: partition::BUFFER_BYTES_LEAST.max(chunk::worker_bytes() * options.threads as u64)
-            + crate::RESERVE_BYTES,
+        memory_bytes: crate::RESERVE_BYTES
+            + options.budget.used_bytes()
+            + partition::phase_bytes(options.budget.free_bytes())
+                .max(chunk::worker_bytes() * emit::worker_count(options) as u64),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: scan.triangle_count * PLAN_SCRATCH_BYTES,
         output_bytes: scan.triangle_count * PLAN_OUTPUT_BYTES,

@@ -29,7 +29,11 @@ const RUN_TRIANGLES: usize = 4096;
 /// Bytes of a buffered triangle.
 const TRIANGLE_BYTES: u64 = size_of::<LatticeTriangle>() as u64;
 /// Memory for buffered triangles: at least this, so that runs are worth a disk access.
-pub(super) const BUFFER_BYTES_LEAST: u64 = 16 << 20;
+const BUFFER_BYTES_LEAST: u64 = 16 << 20;
+/// Batches on their way from the reader.
+const BATCHES: u64 = 4;
+/// Least that this phase leases.
+pub(super) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::BYTES;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 /// Finest level of the first pass: 64^3 cells.
@@ -77,9 +81,8 @@ pub(super) fn partition(
     scratch_folder: &Path,
     tell: Tell<'_>,
 ) -> Result<Partition> {
-    const BATCHES: u64 = 4;
     let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
-    let buffer_bytes = (options.budget.free_bytes() / 3).clamp(BUFFER_BYTES_LEAST, BUFFER_BYTES_MOST);
+    let buffer_bytes = buffer_bytes(options.budget.free_bytes());
     let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
     let name = source.name();
     let sorted = Sorted {
@@ -139,6 +142,17 @@ pub(super) fn partition(
         return Err(no_triangles(&name, &parted));
     }
     Ok(parted)
+}
+
+/// Bytes for buffered triangles when so many are free.
+fn buffer_bytes(free_bytes: u64) -> u64 {
+    (free_bytes / 3).clamp(BUFFER_BYTES_LEAST, BUFFER_BYTES_MOST)
+}
+
+/// Bytes that this phase leases when so many are free.
+pub(super) fn phase_bytes(free_bytes: u64) -> u64 {
+    let batches = BATCHES * TriangleBatch::BYTES;
+    batches + buffer_bytes(free_bytes.saturating_sub(batches))
 }
 
 /// Levels of the first pass: cells of some 2^15 triangles on a surface.

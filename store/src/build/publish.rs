@@ -15,6 +15,7 @@ use crate::layout::Superblock;
 use crate::verify;
 use rustix::fs::fdatasync;
 use std::fs::File;
+use std::io::ErrorKind;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -36,11 +37,15 @@ pub(super) fn check_output(output: &Path, existing: Existing) -> Result<PathBuf>
         return Err(Error::new(Code::Usage, "the output is a folder").at(output).next("name a file with -o"));
     }
     if existing == Existing::Keep && output.exists() {
-        return Err(Error::new(Code::Usage, "the output exists")
-            .at(output)
-            .next("name another output with -o, or allow --overwrite"));
+        return Err(exists(output));
     }
     Ok(folder)
+}
+
+fn exists(output: &Path) -> Error {
+    Error::new(Code::Usage, "the output exists")
+        .at(output)
+        .next("name another output with -o, or allow --overwrite")
 }
 
 /// The output while it has no name yet.
@@ -65,7 +70,7 @@ impl Draft {
             .suffix(".part")
             .permissions(mode)
             .tempfile_in(folder)
-            .map_err(|e| Error::io("create a file", folder, &e))?;
+            .map_err(|e| Error::writing("create a file", folder, &e))?;
         Ok(Draft { file, folder: folder.to_path_buf() })
     }
 
@@ -95,7 +100,10 @@ impl Draft {
                 .numbers(damage.to_string())
                 .next("check the disk; nothing was published"));
         }
-        let failed = |e: tempfile::PersistError| Error::io("rename the finished file", output, &e.error);
+        let failed = |e: tempfile::PersistError| match e.error.kind() {
+            ErrorKind::AlreadyExists => exists(output),
+            _ => Error::writing("rename the finished file", output, &e.error),
+        };
         match options.existing {
             Existing::Replace => self.file.persist(output).map_err(failed)?,
             // Somebody may have made the file meanwhile.
@@ -131,6 +139,6 @@ impl DraftFile<'_> {
     }
 
     fn failed(&self, error: &std::io::Error) -> Error {
-        Error::io("write the output", &self.draft.folder, error)
+        Error::writing("write the output", &self.draft.folder, error)
     }
 }

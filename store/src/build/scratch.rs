@@ -55,7 +55,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn create(folder: &Path) -> Result<Scratch> {
         let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::io("create a scratch file", folder, &e))?;
+            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
         Ok(Scratch { file, folder: folder.to_path_buf(), end: 0, flushed: 0, live: Mutex::default() })
     }
 

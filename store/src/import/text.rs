@@ -208,7 +208,9 @@ impl Text {
                 self.wrong(format!("text where {belongs} belongs")).numbers(format!("found `{word}`"))
             }
             None if self.input.left() == 0 => self.truncated(belongs),
-            None => self.wrong(format!("the line ends where {belongs} belongs")),
+            None => self
+                .wrong(format!("the line ends where {belongs} belongs"))
+                .numbers(format!("byte {} of the file", self.input.offset())),
         }
     }
 

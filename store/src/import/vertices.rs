@@ -276,7 +276,7 @@ impl VertexCache {
         let Backing::Spool { file, folder } = &mut self.backing else {
             unreachable!("blocks of the input are never written")
         };
-        let failed = |error| Error::io("write the vertex scratch file", folder, &error);
+        let failed = |error| Error::writing("write the vertex scratch file", folder, &error);
         for (raw, value) in self.staging.chunks_exact_mut(8).zip(cells.as_flattened()) {
             raw.copy_from_slice(&value.to_le_bytes());
         }

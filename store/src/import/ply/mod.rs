@@ -309,7 +309,12 @@ fn vertex_element<'a>(header: &'a Header, input: &Input) -> Result<Option<(usize
             match element.column(&[name]).map(|column| element.properties[column].list_count) {
                 Some(None) => {}
                 _ if element.count == 0 => {}
-                _ => return Err(wrong(&format!("the vertices of the PLY file have no number `{name}`"))),
+                _ => {
+                    let names: Vec<&str> =
+                        element.properties.iter().take(16).map(|p| p.name.as_str()).collect();
+                    return Err(wrong(&format!("the vertices of the PLY file have no number `{name}`"))
+                        .numbers(format!("they have {} properties: {}", names.len(), names.join(" "))));
+                }
             }
         }
     }

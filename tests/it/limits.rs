@@ -1,0 +1,62 @@
+//! Limits that are too small: exit status 4 with the smallest one that would do, and that one does.
+
+use crate::command::{document_in, folder, listing, run_in};
+use std::path::Path;
+
+/// Runs `trex LINE` under a hopeless limit, then under the smallest that was named, then under one byte less.
+#[track_caller]
+fn check(inside: &Path, line: &str) {
+    let before = listing(inside);
+    let under = |limit: u64| run_in(inside, &format!("{line} --memory-limit {limit}B --json -q"));
+    let document = under(1 << 20).expect_error(4, "memory-limit");
+    assert_eq!(listing(inside), before, "{line} left something behind");
+    let smallest = document["smallest_limit_bytes"].as_u64().unwrap_or_else(|| panic!("{line}: {document}"));
+    let less = under(smallest - 1).expect_error(4, "memory-limit");
+    assert_eq!(less["smallest_limit_bytes"], smallest, "{line}: another limit, the closer one comes");
+    let enough = under(smallest);
+    enough.expect(0);
+    let peak = enough.document()["memory"]["peak_rss_bytes"].as_u64();
+    assert!(peak.is_none_or(|peak| peak <= smallest), "{line}: VmHWM {peak:?} under {smallest}");
+}
+
+#[test]
+fn the_smallest_limit_that_is_named_works() {
+    let inside = folder();
+    // Larger than one chunk, so that every worker has work.
+    document_in(inside.path(), "gen scan --triangles 400k -o scan.ply");
+    document_in(inside.path(), "gen scan --triangles 400k -o scan.obj");
+    document_in(inside.path(), "gen scan --triangles 100k -o scan.stl");
+    document_in(inside.path(), "build scan.stl -o scan.trex");
+    for line in [
+        "build gen:isosurface:400k -o out.trex --overwrite --threads 3",
+        "build scan.ply -o out.trex --overwrite --threads 1",
+        "build scan.obj -o out.trex --overwrite --threads 2",
+        "build scan.stl -o out.trex --overwrite --threads 2",
+        "build scan.stl gen:soup:10k scan.obj -o out.trex --overwrite --threads 2",
+        "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 1",
+        "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 3",
+        "render scan.trex -o out.exr --resolution 64x48 --spp 1 --layers depth,id --overwrite",
+        "gen soup --triangles 10k -o out.ply --overwrite --threads 1",
+        "gen soup --triangles 10k -o out.stl --overwrite --threads 2",
+        "verify scan.trex",
+    ] {
+        check(inside.path(), line);
+    }
+}
+
+#[test]
+fn info_tells_the_smallest_limit_of_a_picture() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:scan:100k -o scan.trex");
+    let info = document_in(inside.path(), "info scan.trex --threads 2");
+    let smallest = info["smallest_limit_bytes"].as_u64().unwrap();
+    // The same limit that `render` names at the same size and thread count.
+    let line = |limit: u64| {
+        format!(
+            "render scan.trex -o out.png --resolution 1024x1024 --spp 1 --threads 2 --memory-limit {limit}B --json -q"
+        )
+    };
+    let refused = run_in(inside.path(), &line(smallest - 1)).expect_error(4, "memory-limit");
+    assert_eq!(refused["smallest_limit_bytes"], smallest);
+    run_in(inside.path(), &line(smallest)).expect(0);
+}

@@ -1,0 +1,196 @@
+//! Where results go: outputs that exist, disks that are full, folders that refuse, and Ctrl-C. Whatever happens, the
+//! old file or the whole new one stands there, and nothing beside it.
+
+use crate::command::{document_in, folder, hash_of, listing, ran, run_in, skipped, trex_in};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+#[test]
+fn an_output_that_exists_is_kept_without_overwrite() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    for (line, output) in [
+        ("build gen:soup:20k -o kept.trex", "kept.trex"),
+        ("render model.trex --resolution 8x8 -o kept.png", "kept.png"),
+        ("render model.trex --resolution 8x8 -o kept.exr", "kept.exr"),
+        ("gen soup --triangles 10k -o kept.ply", "kept.ply"),
+        ("demo --triangles 10k --resolution 8x8 -o kept.png", "kept.png"),
+    ] {
+        std::fs::write(inside.path().join(output), "mine").unwrap();
+        let before = listing(inside.path());
+        run_in(inside.path(), &format!("{line} --json -q")).expect_error(2, "usage");
+        assert_eq!(listing(inside.path()), before, "{line}");
+        run_in(inside.path(), &format!("{line} --overwrite -q")).expect(0);
+        assert_ne!(std::fs::read(inside.path().join(output)).unwrap(), b"mine", "{line}");
+    }
+}
+
+#[test]
+fn outputs_without_a_place_are_usage_errors() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    std::fs::create_dir(inside.path().join("folder.trex")).unwrap();
+    let before = listing(inside.path());
+    for line in [
+        "build gen:soup:10k -o no/such/folder/out.trex",
+        "build gen:soup:10k -o folder.trex --overwrite",
+        "build gen:soup:10k -o out.trex --temp-dir no/such/folder",
+        "render model.trex -o no/such/folder/out.png",
+        "render model.trex -o picture.jpeg",
+        "render model.trex -o picture.png --layers depth",
+        "gen soup --triangles 10k -o no/such/folder/out.ply",
+        "gen soup --triangles 10k -o out.gltf",
+    ] {
+        run_in(inside.path(), &format!("{line} --json -q")).expect_error(2, "usage");
+        assert_eq!(listing(inside.path()), before, "{line}");
+    }
+}
+
+/// A file system of a few megabytes in memory, unmounted on drop.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    fn mount(at: &Path, bytes: u64) -> Option<SmallDisk> {
+        std::fs::create_dir(at).unwrap();
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &format!("size={bytes}"), "tmpfs"])
+            .arg(at)
+            .stderr(Stdio::null())
+            .status();
+        if !mounted.is_ok_and(|status| status.success()) {
+            skipped("a small file system cannot be mounted here (needs root)");
+            return None;
+        }
+        Some(SmallDisk(at.to_path_buf()))
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+#[test]
+fn a_full_disk_is_said_and_leaves_nothing() {
+    let inside = folder();
+    let Some(_disk) = SmallDisk::mount(&inside.path().join("small"), 2 << 20) else { return };
+    document_in(inside.path(), "build gen:scan:100k -o model.trex");
+    std::fs::write(inside.path().join("small/filler"), vec![1; 64 << 10]).unwrap();
+    let before = listing(inside.path());
+    for line in [
+        // The scratch does not fit; the scratch fits elsewhere but the output does not; only the scratch is there.
+        "build gen:scan:1M -o small/out.trex",
+        "build gen:scan:1M -o small/out.trex --temp-dir .",
+        "build gen:scan:1M -o out.trex --temp-dir small",
+        "gen scan --triangles 1M -o small/out.ply",
+        "gen scan --triangles 1M -o small/out.obj",
+        "gen scan --triangles 1M -o small/out.stl",
+        "render model.trex --resolution 1024x1024 --spp 1 --layers depth,normal -o small/out.exr",
+    ] {
+        let document = run_in(inside.path(), &format!("{line} --json -q")).expect_error(5, "disk-full");
+        assert!(document["where"].as_str().unwrap().contains("small"), "{line}: {document}");
+        assert_eq!(listing(inside.path()), before, "{line}");
+    }
+    // The old file survives a replacement that fails.
+    std::fs::write(inside.path().join("small/out.trex"), "mine").unwrap();
+    let line = "build gen:scan:1M -o small/out.trex --temp-dir . --overwrite --json -q";
+    run_in(inside.path(), line).expect_error(5, "disk-full");
+    assert_eq!(std::fs::read(inside.path().join("small/out.trex")).unwrap(), b"mine");
+}
+
+#[test]
+fn a_folder_that_refuses_is_said() {
+    const NOBODY: u32 = 65_534;
+    let inside = folder();
+    std::fs::create_dir(inside.path().join("closed")).unwrap();
+    for (path, mode) in [("closed", 0o555), (".", 0o755)] {
+        std::fs::set_permissions(inside.path().join(path), PermissionsExt::from_mode(mode)).unwrap();
+    }
+    for line in ["build gen:soup:10k -o closed/out.trex", "gen soup --triangles 10k -o closed/out.ply"] {
+        let mut command = trex_in(inside.path(), &format!("{line} --json -q"));
+        if std::fs::write(inside.path().join("closed/probe"), "").is_ok() {
+            std::fs::remove_file(inside.path().join("closed/probe")).unwrap();
+            command.uid(NOBODY).gid(NOBODY);
+        }
+        let Ok(output) = command.output() else {
+            return skipped("this user writes everywhere, and nobody cannot run the command");
+        };
+        // Nothing is wrong with the input: writing failed.
+        let document = ran(line, output).expect_error(7, "io");
+        assert!(document["where"].as_str().unwrap().contains("closed"), "{line}: {document}");
+        assert_eq!(listing(inside.path()).len(), 1, "{line}");
+    }
+}
+
+/// Starts the command, waits until `begun`, interrupts it; expects a clean end within seconds.
+fn interrupt(inside: &Path, line: &str, begun: impl Fn(&Path) -> bool) {
+    let before = listing(inside);
+    let mut command = trex_in(inside, &format!("{line} --json --progress plain"));
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let (start, signal) = (Instant::now(), format!("kill -INT {}", child.id()));
+    while !begun(inside) {
+        assert!(start.elapsed() < Duration::from_secs(60), "{line} did not begin");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(Command::new("sh").args(["-c", &signal]).status().unwrap().success());
+    let asked = Instant::now();
+    let ran = ran(line, child.wait_with_output().unwrap());
+    assert!(asked.elapsed() < Duration::from_secs(10), "{line} ended only after {:?}", asked.elapsed());
+    ran.expect(130);
+    assert_eq!(ran.document()["code"], "interrupted", "{}", ran.stdout);
+    assert_eq!(listing(inside), before, "{line} left something behind");
+}
+
+#[test]
+fn ctrl_c_leaves_nothing_behind() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    document_in(inside.path(), "gen scan --triangles 1M -o scan.ply");
+    let begun = |ending: &'static str| {
+        move |inside: &Path| {
+            let names = std::fs::read_dir(inside).unwrap().map(|entry| entry.unwrap().file_name());
+            names.into_iter().any(|name| name.to_string_lossy().ends_with(ending))
+        }
+    };
+    let after = |wait: u64| {
+        let start = Instant::now();
+        move |_: &Path| start.elapsed() >= Duration::from_millis(wait)
+    };
+    // While it generates and sorts, while it reads a file, while it writes pages, and in the other verbs.
+    interrupt(inside.path(), "build gen:isosurface:20M -o out.trex", after(700));
+    interrupt(inside.path(), "build scan.ply scan.ply scan.ply scan.ply scan.ply -o out.trex", after(300));
+    interrupt(inside.path(), "build gen:soup:1500k -o out.trex --threads 1", begun(".part"));
+    interrupt(inside.path(), "gen isosurface --triangles 20M -o out.ply", after(700));
+    interrupt(inside.path(), "render model.trex -o out.png --resolution 2048x2048 --spp 4096", after(700));
+}
+
+/// Two builds of one output at once: one wins, the other is told; never a mixture.
+#[test]
+fn two_builds_of_one_output_do_not_mix() {
+    let inside = folder();
+    let spawn = |seed: u32| {
+        let line = format!("build gen:soup:50k:{seed} -o out.trex --json -q");
+        (
+            line.clone(),
+            trex_in(inside.path(), &line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap(),
+        )
+    };
+    let ends: Vec<_> = [spawn(1), spawn(2)]
+        .into_iter()
+        .map(|(line, child)| ran(&line, child.wait_with_output().unwrap()))
+        .collect();
+    let won: Vec<_> = ends.iter().filter(|end| end.code == Some(0)).collect();
+    assert_eq!(won.len(), 1, "{}{}", ends[0].stderr, ends[1].stderr);
+    ends.iter().filter(|end| end.code != Some(0)).for_each(|end| {
+        end.expect_error(2, "usage");
+    });
+    assert_eq!(listing(inside.path()).len(), 1);
+    let alone = won[0].line.strip_prefix("trex ").unwrap().replace("out.trex", "alone.trex");
+    run_in(inside.path(), &alone).expect(0);
+    assert_eq!(hash_of(&inside.path().join("out.trex")), hash_of(&inside.path().join("alone.trex")));
+}
