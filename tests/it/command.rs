@@ -1,5 +1,5 @@
 //! The command as tests run it: arguments in, exit status, streams and documents out; folders before and after.
-// Tests say on stderr what they had to skip.
+// Tests say on stderr what they had to skip, and what they measured.
 #![allow(clippy::print_stderr)]
 
 use serde_json::Value;
@@ -22,7 +22,12 @@ pub(crate) struct Ran {
 
 /// Says aloud that a test, or a part of one, does not run here.
 pub(crate) fn skipped(why: &str) {
-    eprintln!("skipped: {why}");
+    said(&format!("skipped: {why}"));
+}
+
+/// Says what a test saw, for those who run it with `--nocapture`.
+pub(crate) fn said(what: &str) {
+    eprintln!("{what}");
 }
 
 /// A fresh folder on a disk. The system's temporary folder may lie in memory, which a control group would count.

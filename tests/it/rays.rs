@@ -7,6 +7,7 @@
 //! a coordinate, 7 x 2^-24 E in the plane across the ray. A hit may lie that far off its triangle, a ray that
 //! passes an edge closer than that may miss it, and of two surfaces closer to each other either may answer.
 
+use crate::command::{said, skipped};
 use crate::oracle::mesh::{OracleMesh, cross, distance, dot, moeller_trumbore, sub};
 use crate::support::{Built, build_options, build_source, build_spec, source};
 use rand_pcg::Pcg64;
@@ -196,9 +197,9 @@ fn check_against_the_input(source: &mut dyn TriangleSource, ray_count: usize) {
         worst = worst.max(apart / bound);
         compared += 1;
     }
-    eprintln!(
+    said(&format!(
         "{name}: {compared} rays compared, {left_out} at edges left out, worst {worst:.3} of bound / cos"
-    );
+    ));
     assert!(compared * 10 > ray_count, "{name}: only {compared} rays could be compared, {left_out} left out");
 }
 
@@ -222,19 +223,23 @@ fn campaign_of_a_million_rays() {
     let mut sources = vec![source("gen:pipes:1M:1"), source("gen:scan:1M:1"), source("gen:isosurface:1M:1")];
     match import::open(&models.join("bunny.ply"), &ImportOptions::unlimited(Path::new("."))) {
         Ok(bunny) => sources.push(bunny),
-        Err(error) => eprintln!("skipped: no bunny here ({error})"),
+        Err(error) => skipped(&format!("no bunny here ({error})")),
     }
     for source in &mut sources {
         let built = build_source(&mut **source, &build_options());
         let oracle = OracleMesh::new(built.decode());
         let (settled, wrong) = settle(&built, &oracle, &random_rays(&built, 1_000_000, 1));
-        eprintln!("{}: 10^6 rays, {settled} settled by the oracle, {} wrong", source.name(), wrong.len());
+        said(&format!(
+            "{}: 10^6 rays, {settled} settled by the oracle, {} wrong",
+            source.name(),
+            wrong.len()
+        ));
         assert!(wrong.is_empty(), "{}", wrong[0]);
         source.rewind().unwrap();
         check_against_the_input(&mut **source, 1_000_000);
     }
     no_leaks("gen:scan:1M:1", 10_000_000);
-    eprintln!("gen:scan:1M:1: 10^7 rays from inside, no leak");
+    said("gen:scan:1M:1: 10^7 rays from inside, no leak");
 }
 
 /// Both arithmetics must give the same bits, or the scalar one is no oracle.
