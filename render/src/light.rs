@@ -76,8 +76,10 @@ pub struct LightSample {
     pub distance: f64,
     /// Unit normal of the light's front where it is a surface.
     pub front: Option<[f64; 3]>,
-    /// Radiance over density (per solid angle): `bsdf * cos * weight` estimates the radiance returned.
+    /// Radiance over density: `bsdf * cos * weight` estimates the radiance returned.
     pub weight: [f32; 3],
+    /// Density of the direction, per solid angle; infinite for points and suns.
+    pub density: f64,
 }
 
 /// All that gives light in a scene.
@@ -208,7 +210,51 @@ impl Lights {
         let (source, share) = picked?;
         let mut sample = source.sample(at, [u[1], u[2], u[3]])?;
         sample.weight = scale_rgb((1.0 / share) as f32, sample.weight);
+        sample.density *= share;
         (dot(sample.direction, at.normal) > 0.0).then_some(sample)
+    }
+
+    /// Radiance of all rectangles whose front `ray` crosses before `t_max`, and the density (per solid angle) with
+    /// which [`Lights::sample`] for `at` draws that way.
+    pub(crate) fn crossed(
+        &self,
+        at: &Receiver,
+        ray: &Ray,
+        t_max: f64,
+    ) -> impl Iterator<Item = ([f32; 3], f64)> {
+        self.lights.iter().filter_map(move |light| {
+            let Light::Rect { corner, edge_u, edge_v, radiance } = *light else { return None };
+            let t = rect_hit(ray, corner, edge_u, edge_v).filter(|&t| t < t_max)?;
+            let to = sub(along(ray.origin, t, ray.direction), at.point);
+            // |cross| is the area, so that the cosine and the density per area leave one factor.
+            let facing = -dot(ray.direction, cross(edge_u, edge_v));
+            Some((radiance, self.share(at, &Source::Light(light)) * dot(to, to) / facing))
+        })
+    }
+
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws the sky in unit `direction`.
+    pub(crate) fn sky_density(&self, at: &Receiver, direction: [f64; 3]) -> f64 {
+        self.share(at, &Source::Sky(self.sky)) * dot(direction, at.normal).max(0.0) / PI
+    }
+
+    /// The same for `point` on an emitter of this radiance that is seen with cosine `cos` > 0.
+    pub(crate) fn emitter_density(
+        &self,
+        at: &Receiver,
+        point: [f64; 3],
+        cos: f64,
+        radiance: [f32; 3],
+    ) -> f64 {
+        let to = sub(point, at.point);
+        let per_area = self.emitters.density(radiance);
+        self.share(at, &Source::Emitters(&self.emitters)) * per_area * dot(to, to) / cos
+    }
+
+    /// Share of the light samples for `at` that go to `source`.
+    fn share(&self, at: &Receiver, source: &Source<'_>) -> f64 {
+        let total: f64 = self.sources().map(|source| source.estimate(at)).sum();
+        let share = source.estimate(at) / total;
+        if share.is_finite() { share } else { 0.0 }
     }
 
     fn sources(&self) -> impl Iterator<Item = Source<'_>> {
@@ -259,13 +305,15 @@ impl Source<'_> {
                 let to = sub(*position, at.point);
                 let distance = length(to);
                 let weight = scale_rgb((1.0 / (distance * distance)) as f32, *intensity);
-                Some(LightSample { direction: unit(to)?, distance, front: None, weight })
+                let direction = unit(to)?;
+                Some(LightSample { direction, distance, front: None, weight, density: f64::INFINITY })
             }
             Source::Light(Light::Directional { direction, irradiance }) => Some(LightSample {
                 direction: unit(scale(-1.0, *direction))?,
                 distance: f64::INFINITY,
                 front: None,
                 weight: *irradiance,
+                density: f64::INFINITY,
             }),
             Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
                 let point = along(along(*corner, f64::from(u[1]), *edge_u), f64::from(u[2]), *edge_v);
@@ -276,7 +324,8 @@ impl Source<'_> {
                 let direction = cosine_direction(at.normal, [u[1], u[2]]);
                 let cos = dot(direction, at.normal);
                 let weight = scale_rgb((PI / cos) as f32, *radiance);
-                (cos > 0.0).then_some(LightSample { direction, distance: f64::INFINITY, front: None, weight })
+                let (distance, density) = (f64::INFINITY, cos / PI);
+                (cos > 0.0).then_some(LightSample { direction, distance, front: None, weight, density })
             }
             Source::Emitters(emitters) => {
                 let on = emitters.sample(u[0], [u[1], u[2]]);
@@ -298,8 +347,9 @@ fn surface_sample(
     let distance = length(to);
     let direction = unit(to)?;
     let cos = -dot(direction, front);
-    let weight = scale_rgb((cos / (distance * distance * density)) as f32, radiance);
-    (cos > 0.0).then_some(LightSample { direction, distance, front: Some(front), weight })
+    let density = distance * distance * density / cos;
+    let weight = scale_rgb((1.0 / density) as f32, radiance);
+    (cos > 0.0).then_some(LightSample { direction, distance, front: Some(front), weight, density })
 }
 
 /// A unit direction about `normal` with density `cos / pi`, from two numbers in [0, 1).
@@ -308,6 +358,14 @@ pub(crate) fn cosine_direction(normal: [f64; 3], u: [f32; 2]) -> [f64; 3] {
     let (radius, angle) = (f64::from(u[0]).sqrt(), TAU * f64::from(u[1]));
     let height = (1.0 - f64::from(u[0])).sqrt();
     along(along(scale(height, normal), radius * angle.cos(), a), radius * angle.sin(), b)
+}
+
+/// A unit direction about `axis` with density `(n + 1) / (2 pi) cos^n`, from two numbers in [0, 1).
+pub(crate) fn lobe_direction(axis: [f64; 3], ns: f32, u: [f32; 2]) -> [f64; 3] {
+    let (a, b) = basis(axis);
+    let height = (1.0 - f64::from(u[0])).powf(1.0 / (f64::from(ns) + 1.0));
+    let (radius, angle) = ((1.0 - height * height).max(0.0).sqrt(), TAU * f64::from(u[1]));
+    along(along(scale(height, axis), radius * angle.cos(), a), radius * angle.sin(), b)
 }
 
 /// Where `ray` meets the front of a parallelogram.
