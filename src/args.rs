@@ -358,9 +358,9 @@ pub struct RenderArgs {
     /// The picture: .png, or .exr for linear values and layers
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
-    /// How light is computed
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Integrator::Direct)]
-    pub integrator: Integrator,
+    /// How light is computed (default: the scene's, else direct)
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub integrator: Option<Integrator>,
     /// Size of the picture, pixels (default: the scene's, else 1024x1024)
     #[arg(long, value_name = "WxH", value_parser = values::resolution)]
     pub resolution: Option<Resolution>,
@@ -426,6 +426,10 @@ pub struct CameraArgs {
 pub enum Integrator {
     /// Direct light and perfect mirrors on the exact mesh
     Direct,
+    /// All light, unbiased, on the exact mesh
+    Path,
+    /// Ambient occlusion on the exact mesh: white light from all sides on white surfaces
+    Ao,
 }
 
 /// `--layers`.

@@ -24,6 +24,8 @@ pub struct Emitters {
     cumulated: Vec<f64>,
     /// Sum of radiance * area, linear RGB.
     radiance_area: [f32; 3],
+    /// Sum of brightness * area.
+    power: f64,
     bounds: Aabb,
 }
 
@@ -52,8 +54,13 @@ impl Emitters {
     /// # Panics
     /// When an emitter names a material that is not there.
     pub fn new(emitters: &[Emitter], materials: &[Material]) -> Emitters {
-        let mut all =
-            Emitters { kept: vec![], cumulated: vec![], radiance_area: [0.0; 3], bounds: Aabb::EMPTY };
+        let mut all = Emitters {
+            kept: vec![],
+            cumulated: vec![],
+            radiance_area: [0.0; 3],
+            power: 0.0,
+            bounds: Aabb::EMPTY,
+        };
         let mut total = 0.0;
         for emitter in emitters {
             let radiance = materials[emitter.material as usize].ke;
@@ -67,6 +74,7 @@ impl Emitters {
                 emitter.corners.iter().for_each(|&corner| all.bounds.add(corner));
             }
         }
+        all.power = total;
         all.cumulated.iter_mut().for_each(|sum| *sum /= total);
         all
     }
@@ -89,6 +97,11 @@ impl Emitters {
     /// The box around all of them.
     pub(crate) fn bounds(&self) -> &Aabb {
         &self.bounds
+    }
+
+    /// Density, per area, with which [`Emitters::sample`] draws a point of an emitter of this radiance.
+    pub(crate) fn density(&self, radiance: [f32; 3]) -> f64 {
+        if self.is_empty() { 0.0 } else { brightness(radiance) / self.power }
     }
 
     /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in
@@ -142,6 +155,7 @@ mod tests {
             assert_eq!(point.normal, [0.0, 0.0, 1.0]);
             strong += i32::from(point.radiance[0] == 3.0);
             area += 1.0 / point.density / f64::from(count);
+            assert!((emitters.density(point.radiance) / point.density - 1.0).abs() < 1e-9);
         }
         assert_eq!(strong, 3000);
         assert!((area - 2.5).abs() < 1e-9, "{area}");

@@ -8,7 +8,7 @@
 //! narrow:      one sample of the oldest tile, alone: ask one ray, request, wait, ask again, until it is done
 //! ```
 //!
-//! Why it ends, however few frames there are: a blocked sample keeps what it has (see [`crate::direct`]), so only
+//! Why it ends, however few frames there are: a blocked sample keeps what it has (see [`crate::integrator`]), so only
 //! rays count. In the narrow mode a worker wants the pages of ONE ray; it calls `begin_tile` only when that ray was
 //! answered, so the tracer may keep each page that came for it; every retry finds at least one page more, and a
 //! ray crosses finitely many. What it takes is room for the pages of one ray per worker: that is the pool's
@@ -18,8 +18,8 @@
 //! blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all together
 //! or not at all, so a stopped pass leaves a film that can go on.
 
-use crate::direct::{Direct, Path, RayCounts};
 use crate::film::{Film, LayerPixel};
+use crate::integrator::{Integrator, Path, RayCounts, Sample};
 use crate::tile::{TILE_SIDE_PIXELS, Tile, Tiles};
 use crate::trace::{Answer, Tracer};
 use std::collections::VecDeque;
@@ -93,7 +93,7 @@ pub fn frame_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
 /// # Panics
 /// When there is no tracer, or a worker panics.
 pub fn render_pass<T: PagedTracer + Send>(
-    integrator: &Direct<'_>,
+    integrator: &Integrator<'_>,
     film: &mut Film,
     tiles: &Tiles,
     tracers: &mut [T],
@@ -121,7 +121,7 @@ pub fn render_pass<T: PagedTracer + Send>(
 
 /// What the workers of a pass share.
 struct Pass<'a> {
-    integrator: &'a Direct<'a>,
+    integrator: &'a Integrator<'a>,
     film: Mutex<&'a mut Film>,
     tiles: &'a Tiles,
     target: u32,
@@ -306,7 +306,7 @@ impl<T: PagedTracer> Worker<'_, T> {
 }
 
 impl Job {
-    fn finish(&mut self, slot: u32, sample: &crate::direct::Sample) {
+    fn finish(&mut self, slot: u32, sample: &Sample) {
         let finite = sample.radiance.iter().all(|x| x.is_finite());
         self.not_finite += u64::from(!finite);
         self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };

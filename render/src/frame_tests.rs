@@ -3,6 +3,7 @@
 use super::*;
 use crate::camera::Camera;
 use crate::film::Layers;
+use crate::integrator::Method;
 use crate::light::Light;
 use crate::picture::write_exr;
 use crate::sampler::mix;
@@ -33,20 +34,21 @@ fn soup() -> Vec<NaiveTriangle> {
         .collect()
 }
 
-fn world() -> World {
+fn world(method: Method) -> World {
     let mirror = Material { ks: [0.6; 3], kd: [0.2; 3], mirror: true, ..Material::default() };
     let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
     let model = Model { bounds, materials: vec![Material::default(), mirror], emitters: vec![] };
     let camera = Camera::framing(&bounds, RESOLUTION, None, None);
     let point = Light::Point { position: [2.0, 3.0, 2.0], intensity: [9.0; 3] };
     let lights = vec![point, Light::Sky { radiance: [0.3; 3] }];
-    World::new(&model, &View { camera, resolution: RESOLUTION, lights, n_shadow: 2, seed: 11 }).unwrap()
+    World::new(&model, &View { camera, resolution: RESOLUTION, lights, n_shadow: 2, seed: 11, method })
+        .unwrap()
 }
 
 /// Renders to 7 samples in passes to `targets`, and gives the film's bytes.
-fn render<T: PagedTracer + Send>(tracers: &mut [T], targets: &[u32]) -> (Vec<u8>, PassStats) {
-    let world = world();
-    let integrator = Direct::new(&world, true);
+fn render<T: PagedTracer + Send>(method: Method, tracers: &mut [T], targets: &[u32]) -> (Vec<u8>, PassStats) {
+    let world = world(method);
+    let integrator = Integrator::new(&world, true);
     let mut film = Film::new(RESOLUTION, LAYERS, &Budget::unlimited()).unwrap();
     let tiles = Tiles::z_curve(RESOLUTION);
     let mut stats = PassStats::default();
@@ -194,17 +196,24 @@ impl PagedTracer for Scarce {
 
 #[test]
 fn the_film_does_not_depend_on_threads_passes_or_blocked_rays() {
-    let (expected, one) = render(&mut naive(1), &[1, 2, 4, 7]);
+    for method in [Method::Direct, Method::Path, Method::Ao] {
+        check_film(method);
+    }
+}
+
+fn check_film(method: Method) {
+    let (expected, one) = render(method, &mut naive(1), &[1, 2, 4, 7]);
     assert_eq!((one.parked, one.waits, one.not_finite, one.tiles_left), (0, 0, 0, 0));
     assert_eq!(one.samples, 7 * 37 * 21);
     assert_eq!(one.rays.primary, 8 * 37 * 21, "a ray for the layers, and one per sample");
-    assert!(one.rays.mirror > 100 && one.rays.shadow > 1000, "{one:?}");
+    let mirror_least = if method == Method::Ao { 0 } else { 100 };
+    assert!(one.rays.mirror >= mirror_least && one.rays.shadow + one.rays.gather > 1000, "{one:?}");
     for threads in 1..=3 {
-        let (bytes, stats) = render(&mut naive(threads), &[4, 7]);
+        let (bytes, stats) = render(method, &mut naive(threads), &[4, 7]);
         assert!(bytes == expected && stats == one, "{threads} threads: {stats:?}");
         let hesitant = |seed| Hesitant { mesh: NaiveMesh::new(soup()), seed, refused: HashMap::new() };
         let mut tracers: Vec<_> = (0..threads as u64).map(hesitant).collect();
-        let (bytes, stats) = render(&mut tracers, &[1, 2, 4, 7]);
+        let (bytes, stats) = render(method, &mut tracers, &[1, 2, 4, 7]);
         assert!(bytes == expected, "{threads} threads that hesitate");
         assert!(stats.parked > 0 && stats.rays == one.rays, "{stats:?}");
     }
@@ -212,18 +221,24 @@ fn the_film_does_not_depend_on_threads_passes_or_blocked_rays() {
 
 #[test]
 fn room_for_the_pages_of_one_ray_is_enough() {
-    let (expected, one) = render(&mut naive(1), &[2]);
+    for method in [Method::Direct, Method::Path, Method::Ao] {
+        check_room(method);
+    }
+}
+
+fn check_room(method: Method) {
+    let (expected, one) = render(method, &mut naive(1), &[2]);
     // The greatest number of pages that one of these rays wants, found by a mesh with room for all.
     let mut frame_count = 0;
     let mut roomy = Scarce::new(usize::MAX);
     roomy.resident = (0..roomy.boxes.len()).collect();
     let mut counting = Counting { inner: roomy, most: 0 };
-    render(std::slice::from_mut(&mut counting), &[2]);
+    render(method, std::slice::from_mut(&mut counting), &[2]);
     frame_count = frame_count.max(counting.most);
     assert!(frame_count >= 4 && frame_count < counting.inner.boxes.len(), "{frame_count}");
 
     let mut tracers = [Scarce::new(frame_count), Scarce::new(frame_count)];
-    let (bytes, stats) = render(&mut tracers, &[2]);
+    let (bytes, stats) = render(method, &mut tracers, &[2]);
     assert!(bytes == expected && stats.rays == one.rays);
     assert!(stats.narrow_samples > 0, "{stats:?}");
 }
@@ -265,8 +280,8 @@ impl PagedTracer for Counting {
 
 #[test]
 fn a_stopped_pass_leaves_a_film_that_goes_on() {
-    let world = world();
-    let integrator = Direct::new(&world, true);
+    let world = world(Method::Direct);
+    let integrator = Integrator::new(&world, true);
     let tiles = Tiles::z_curve(RESOLUTION);
     let mut film = Film::new(RESOLUTION, LAYERS, &Budget::unlimited()).unwrap();
     let asked = AtomicU32::new(0);
@@ -277,5 +292,5 @@ fn a_stopped_pass_leaves_a_film_that_goes_on() {
     assert_eq!(rest.tiles_left, 0);
     let mut bytes = Cursor::new(vec![]);
     write_exr(&film, &mut bytes).unwrap();
-    assert!(bytes.into_inner() == render(&mut naive(1), &[4]).0);
+    assert!(bytes.into_inner() == render(Method::Direct, &mut naive(1), &[4]).0);
 }

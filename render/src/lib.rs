@@ -1,25 +1,29 @@
 //! trex-render: rays to picture.
 //!
 //! Life of a sample: the [`scene`] text and the model make a [`world`]; the [`frame`] loop hands out tiles
-//! ([`tile`]); for each pixel and sample index the integrator ([`direct`]) draws numbers ([`sampler`]), asks the
+//! ([`tile`]); for each pixel and sample index the [`integrator`] (`direct`, `path` or `ao`) draws numbers ([`sampler`]), asks the
 //! [`camera`] for a ray and a [`trace::Tracer`] for what it meets, sums [`light`] over the [`material`], and
 //! adds the radiance to the [`film`], which [`picture`] encodes. A [`session`] holds all of it while the user
 //! edits.
 //!
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
+mod ao;
 pub mod camera;
-pub mod direct;
+mod direct;
 pub mod emitter;
 pub mod film;
 pub mod frame;
+pub mod integrator;
 pub mod light;
 pub mod material;
 mod math;
+mod path;
 pub mod picture;
 pub mod sampler;
 pub mod scene;
 pub mod session;
+mod surface;
 pub mod tile;
 pub mod trace;
 pub mod world;

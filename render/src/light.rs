@@ -1,8 +1,8 @@
 //! `Lights`: what gives light, and a light sample for a surface point.
 //!
 //! One sample picks one source, in proportion to an estimate of what it could bring (its intensity and distance,
-//! shadows not asked), then a point on it. The sky is a source like the others, drawn by the cosine, so that scans
-//! are lit by sun and sky alike.
+//! shadows not asked), then a point on it. The sky is a source like the others, drawn by what the surface scatters, so
+//! that scans are lit by sun and sky alike and shiny materials show no sparks.
 //!
 //! Invariants: 1. the estimate is positive wherever a source brings light, so the mean of the samples is right;
 //! 2. a sample is drawn on the side of the surface that its normal shows; 3. rectangles and emitters give light
@@ -10,6 +10,7 @@
 
 use crate::camera::ground_axes;
 use crate::emitter::{Emitter, Emitters, brightness};
+use crate::material::{rough_density, scatter_rough};
 use crate::math::{add_rgb, along, basis, cross, dot, length, scale, scale_rgb, sub, unit};
 use crate::trace::Ray;
 use std::f64::consts::{PI, TAU};
@@ -60,11 +61,15 @@ pub enum Light {
 
 /// Where light is asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Receiver {
+pub struct Receiver<'a> {
     /// Point on the surface, model units.
     pub point: [f64; 3],
     /// Unit normal on the side that is looked at.
     pub normal: [f64; 3],
+    /// Unit direction to where it is looked at from.
+    pub to_viewer: [f64; 3],
+    /// What the surface is made of.
+    pub material: &'a Material,
 }
 
 /// One light sample, not yet tested for shadow.
@@ -76,8 +81,10 @@ pub struct LightSample {
     pub distance: f64,
     /// Unit normal of the light's front where it is a surface.
     pub front: Option<[f64; 3]>,
-    /// Radiance over density (per solid angle): `bsdf * cos * weight` estimates the radiance returned.
+    /// Radiance over density: `bsdf * cos * weight` estimates the radiance returned.
     pub weight: [f32; 3],
+    /// Density of the direction, per solid angle; infinite for points and suns.
+    pub density: f64,
 }
 
 /// All that gives light in a scene.
@@ -188,7 +195,7 @@ impl Lights {
 
     /// A light sample for `at` from four numbers in [0, 1); `None` when it can bring nothing (which counts as a
     /// sample of zero).
-    pub fn sample(&self, at: &Receiver, u: [f32; 4]) -> Option<LightSample> {
+    pub fn sample(&self, at: &Receiver<'_>, u: [f32; 4]) -> Option<LightSample> {
         let total: f64 = self.sources().map(|source| source.estimate(at)).sum();
         if total <= 0.0 || !total.is_finite() {
             return None;
@@ -208,7 +215,52 @@ impl Lights {
         let (source, share) = picked?;
         let mut sample = source.sample(at, [u[1], u[2], u[3]])?;
         sample.weight = scale_rgb((1.0 / share) as f32, sample.weight);
+        sample.density *= share;
         (dot(sample.direction, at.normal) > 0.0).then_some(sample)
+    }
+
+    /// Radiance of all rectangles whose front `ray` crosses before `t_max`, and the density (per solid angle) with
+    /// which [`Lights::sample`] for `at` draws that way.
+    pub(crate) fn crossed(
+        &self,
+        at: &Receiver<'_>,
+        ray: &Ray,
+        t_max: f64,
+    ) -> impl Iterator<Item = ([f32; 3], f64)> {
+        self.lights.iter().filter_map(move |light| {
+            let Light::Rect { corner, edge_u, edge_v, radiance } = *light else { return None };
+            let t = rect_hit(ray, corner, edge_u, edge_v).filter(|&t| t < t_max)?;
+            let to = sub(along(ray.origin, t, ray.direction), at.point);
+            // |cross| is the area, so that the cosine and the density per area leave one factor.
+            let facing = -dot(ray.direction, cross(edge_u, edge_v));
+            Some((radiance, self.share(at, &Source::Light(light)) * dot(to, to) / facing))
+        })
+    }
+
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws the sky in unit `direction`.
+    pub(crate) fn sky_density(&self, at: &Receiver<'_>, direction: [f64; 3]) -> f64 {
+        self.share(at, &Source::Sky(self.sky))
+            * rough_density(at.material, at.normal, at.to_viewer, direction)
+    }
+
+    /// The same for `point` on an emitter of this radiance that is seen with cosine `cos` > 0.
+    pub(crate) fn emitter_density(
+        &self,
+        at: &Receiver<'_>,
+        point: [f64; 3],
+        cos: f64,
+        radiance: [f32; 3],
+    ) -> f64 {
+        let to = sub(point, at.point);
+        let per_area = self.emitters.density(radiance);
+        self.share(at, &Source::Emitters(&self.emitters)) * per_area * dot(to, to) / cos
+    }
+
+    /// Share of the light samples for `at` that go to `source`.
+    fn share(&self, at: &Receiver<'_>, source: &Source<'_>) -> f64 {
+        let total: f64 = self.sources().map(|source| source.estimate(at)).sum();
+        let share = source.estimate(at) / total;
+        if share.is_finite() { share } else { 0.0 }
     }
 
     fn sources(&self) -> impl Iterator<Item = Source<'_>> {
@@ -219,7 +271,7 @@ impl Lights {
 
 impl Source<'_> {
     /// About what this source brings to `at` when nothing is between; 0 only where it brings nothing.
-    fn estimate(&self, at: &Receiver) -> f64 {
+    fn estimate(&self, at: &Receiver<'_>) -> f64 {
         match self {
             Source::Light(Light::Point { position, intensity }) => {
                 let to = sub(*position, at.point);
@@ -253,19 +305,21 @@ impl Source<'_> {
     }
 
     /// A sample of this source alone.
-    fn sample(&self, at: &Receiver, u: [f32; 3]) -> Option<LightSample> {
+    fn sample(&self, at: &Receiver<'_>, u: [f32; 3]) -> Option<LightSample> {
         match self {
             Source::Light(Light::Point { position, intensity }) => {
                 let to = sub(*position, at.point);
                 let distance = length(to);
                 let weight = scale_rgb((1.0 / (distance * distance)) as f32, *intensity);
-                Some(LightSample { direction: unit(to)?, distance, front: None, weight })
+                let direction = unit(to)?;
+                Some(LightSample { direction, distance, front: None, weight, density: f64::INFINITY })
             }
             Source::Light(Light::Directional { direction, irradiance }) => Some(LightSample {
                 direction: unit(scale(-1.0, *direction))?,
                 distance: f64::INFINITY,
                 front: None,
                 weight: *irradiance,
+                density: f64::INFINITY,
             }),
             Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
                 let point = along(along(*corner, f64::from(u[1]), *edge_u), f64::from(u[2]), *edge_v);
@@ -273,10 +327,9 @@ impl Source<'_> {
                 surface_sample(at, point, unit(normal)?, *radiance, 1.0 / length(normal))
             }
             Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => {
-                let direction = cosine_direction(at.normal, [u[1], u[2]]);
-                let cos = dot(direction, at.normal);
-                let weight = scale_rgb((PI / cos) as f32, *radiance);
-                (cos > 0.0).then_some(LightSample { direction, distance: f64::INFINITY, front: None, weight })
+                let (direction, density) = scatter_rough(at.material, at.normal, at.to_viewer, u)?;
+                let weight = scale_rgb((1.0 / density) as f32, *radiance);
+                Some(LightSample { direction, distance: f64::INFINITY, front: None, weight, density })
             }
             Source::Emitters(emitters) => {
                 let on = emitters.sample(u[0], [u[1], u[2]]);
@@ -288,7 +341,7 @@ impl Source<'_> {
 
 /// Light from a point on a surface that was drawn with `density` (per area).
 fn surface_sample(
-    at: &Receiver,
+    at: &Receiver<'_>,
     point: [f64; 3],
     front: [f64; 3],
     radiance: [f32; 3],
@@ -298,8 +351,9 @@ fn surface_sample(
     let distance = length(to);
     let direction = unit(to)?;
     let cos = -dot(direction, front);
-    let weight = scale_rgb((cos / (distance * distance * density)) as f32, radiance);
-    (cos > 0.0).then_some(LightSample { direction, distance, front: Some(front), weight })
+    let density = distance * distance * density / cos;
+    let weight = scale_rgb((1.0 / density) as f32, radiance);
+    (cos > 0.0).then_some(LightSample { direction, distance, front: Some(front), weight, density })
 }
 
 /// A unit direction about `normal` with density `cos / pi`, from two numbers in [0, 1).
@@ -308,6 +362,14 @@ pub(crate) fn cosine_direction(normal: [f64; 3], u: [f32; 2]) -> [f64; 3] {
     let (radius, angle) = (f64::from(u[0]).sqrt(), TAU * f64::from(u[1]));
     let height = (1.0 - f64::from(u[0])).sqrt();
     along(along(scale(height, normal), radius * angle.cos(), a), radius * angle.sin(), b)
+}
+
+/// A unit direction about `axis` with density `(n + 1) / (2 pi) cos^n`, from two numbers in [0, 1).
+pub(crate) fn lobe_direction(axis: [f64; 3], ns: f32, u: [f32; 2]) -> [f64; 3] {
+    let (a, b) = basis(axis);
+    let height = (1.0 - f64::from(u[0])).powf(1.0 / (f64::from(ns) + 1.0));
+    let (radius, angle) = ((1.0 - height * height).max(0.0).sqrt(), TAU * f64::from(u[1]));
+    along(along(scale(height, axis), radius * angle.cos(), a), radius * angle.sin(), b)
 }
 
 /// Where `ray` meets the front of a parallelogram.
@@ -339,7 +401,17 @@ fn default_lights(up: [f64; 3]) -> [Light; 2] {
 mod tests {
     use super::*;
 
-    const AT: Receiver = Receiver { point: [0.0; 3], normal: [0.0, 0.0, 1.0] };
+    const GREY: Material = Material {
+        name: String::new(),
+        kd: [0.7; 3],
+        ks: [0.0; 3],
+        ns: 0.0,
+        ke: [0.0; 3],
+        d: 1.0,
+        mirror: false,
+    };
+    static AT: Receiver<'_> =
+        Receiver { point: [0.0; 3], normal: [0.0, 0.0, 1.0], to_viewer: [0.6, 0.0, 0.8], material: &GREY };
 
     /// Irradiance on [`AT`] by points of a lattice, drawn as the integrator does.
     fn irradiance(lights: &Lights) -> f64 {

@@ -2,9 +2,11 @@
 //! E. Lafortune and Y. Willems, "Using the modified Phong reflectance model for physically based rendering" (1994).
 //!
 //! Invariants: 1. the BSDF is symmetric in its two directions; 2. it reflects at most `kd + ks` <= 1 of what comes
-//! from any direction; 3. the Ks of a mirror is its bounce, never a lobe.
+//! from any direction; 3. the Ks of a mirror is its bounce, never a lobe; 4. `scatter_density` is the density of what
+//! `scatter` draws.
 
-use crate::math::{dot, reflect};
+use crate::light::{cosine_direction, lobe_direction};
+use crate::math::{dot, max_rgb, reflect, scale, scale_rgb};
 use std::f32::consts::{FRAC_1_PI, TAU};
 use trex_store::Material;
 
@@ -26,10 +28,100 @@ pub fn takes_shadow_rays(material: &Material) -> bool {
     lobe || material.kd.iter().any(|&k| k > 0.0)
 }
 
+/// A direction that light is looked for in.
+#[derive(Clone, Copy, Debug)]
+pub struct Scatter {
+    /// Unit; on the side of the normal.
+    pub direction: [f64; 3],
+    /// `bsdf * cos / density`; of a mirror: what it reflects over the chance of choosing it.
+    pub weight: [f32; 3],
+    /// Density per solid angle; `None` for a mirror's one direction.
+    pub density: Option<f64>,
+}
+
+/// Draws a direction by what the surface scatters, from numbers in [0, 1); `None` when it goes nowhere (which counts
+/// as black).
+pub fn scatter(
+    material: &Material,
+    normal: [f64; 3],
+    to_viewer: [f64; 3],
+    [pick, u, v, _]: [f32; 4],
+) -> Option<Scatter> {
+    let diffuse = diffuse_chance(material)?;
+    let mirrored = reflect(scale(-1.0, to_viewer), normal);
+    if f64::from(pick) >= diffuse && material.mirror {
+        let weight = scale_rgb((1.0 / (1.0 - diffuse)) as f32, material.ks);
+        return Some(Scatter { direction: mirrored, weight, density: None });
+    }
+    let direction = if f64::from(pick) < diffuse {
+        cosine_direction(normal, [u, v])
+    } else {
+        lobe_direction(mirrored, material.ns, [u, v])
+    };
+    let cos = dot(direction, normal);
+    let density = scatter_density(material, normal, to_viewer, direction);
+    let weight = scale_rgb((cos / density) as f32, bsdf(material, normal, to_viewer, direction));
+    (cos > 0.0 && density > 0.0).then_some(Scatter { direction, weight, density: Some(density) })
+}
+
+/// As [`scatter`], for light from everywhere: never the mirror's one direction. Drawing the sky like this and not by
+/// the cosine keeps shiny materials free of sparks. The direction and its density per solid angle.
+pub(crate) fn scatter_rough(
+    material: &Material,
+    normal: [f64; 3],
+    to_viewer: [f64; 3],
+    [pick, u, v]: [f32; 3],
+) -> Option<([f64; 3], f64)> {
+    let rough = rough_chance(material)?;
+    let drawn = scatter(material, normal, to_viewer, [pick * rough as f32, u, v, 0.0])?;
+    Some((drawn.direction, drawn.density? / rough))
+}
+
+/// Density (per solid angle) with which [`scatter_rough`] draws unit `direction`.
+pub(crate) fn rough_density(
+    material: &Material,
+    normal: [f64; 3],
+    to_viewer: [f64; 3],
+    direction: [f64; 3],
+) -> f64 {
+    let rough = rough_chance(material);
+    rough.map_or(0.0, |rough| scatter_density(material, normal, to_viewer, direction) / rough)
+}
+
+/// Chance that [`scatter`] does not choose the mirror's direction; `None` for what scatters nothing but that.
+fn rough_chance(material: &Material) -> Option<f64> {
+    let diffuse = diffuse_chance(material)?;
+    let rough = if material.mirror { diffuse } else { 1.0 };
+    (rough > 0.0).then_some(rough)
+}
+
+/// Density (per solid angle) with which [`scatter`] draws unit `direction`, mirrors left out.
+pub fn scatter_density(
+    material: &Material,
+    normal: [f64; 3],
+    to_viewer: [f64; 3],
+    direction: [f64; 3],
+) -> f64 {
+    let Some(diffuse) = diffuse_chance(material) else { return 0.0 };
+    let cosine = diffuse * dot(normal, direction).max(0.0) * std::f64::consts::FRAC_1_PI;
+    if material.mirror || diffuse == 1.0 {
+        return cosine;
+    }
+    // The lobe's own factor is n + 2, that of its density n + 1.
+    let ns = f64::from(material.ns);
+    let lobe = f64::from(lobe(material.ns, normal, to_viewer, direction)) * (ns + 1.0) / (ns + 2.0);
+    cosine + (1.0 - diffuse) * lobe
+}
+
+/// Chance to scatter by the cosine; `None` for black.
+fn diffuse_chance(material: &Material) -> Option<f64> {
+    let [kd, ks] = [material.kd, material.ks].map(|rgb| f64::from(max_rgb(rgb)));
+    (kd + ks > 0.0).then(|| kd / (kd + ks))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::cosine_direction;
 
     const NORMAL: [f64; 3] = [0.0, 0.0, 1.0];
 
@@ -70,5 +162,24 @@ mod tests {
         let (a, b) = ([0.6, 0.0, 0.8], [0.0, -0.28, 0.96]);
         let (there, back) = (bsdf(&material, NORMAL, a, b), bsdf(&material, NORMAL, b, a));
         assert!((there[0] - back[0]).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_is_drawn_has_the_density_that_is_told() {
+        let glossy = Material { kd: [0.3; 3], ks: [0.5; 3], ns: 12.0, ..Material::default() }.checked();
+        let to_viewer = [0.6, 0.0, 0.8];
+        // The mean weight is the albedo, the mean of 1 / density the solid angle of the hemisphere.
+        let (side, mut weight, mut solid_angle) = (48, 0.0, 0.0);
+        for i in 0..side * side * side {
+            let number = |i: i32| (i as f32 + 0.5) / side as f32;
+            let u = [number(i % side), number(i / side % side), number(i / side / side), 0.0];
+            if let Some(drawn) = scatter(&glossy, NORMAL, to_viewer, u) {
+                weight += f64::from(drawn.weight[0]) / f64::from(side).powi(3);
+                solid_angle += 1.0 / drawn.density.unwrap() / f64::from(side).powi(3);
+            }
+        }
+        let expected = albedo(&glossy, to_viewer);
+        assert!((weight / expected - 1.0).abs() < 5e-3, "{weight} for {expected}");
+        assert!((solid_angle / std::f64::consts::TAU - 1.0).abs() < 5e-2, "{solid_angle}");
     }
 }

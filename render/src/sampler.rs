@@ -33,6 +33,15 @@ pub enum Decision {
         /// Shadow rays at this vertex.
         count: u32,
     },
+    /// Ray `index` of `count` that leaves a path vertex by chance: which way of scattering, whither (3 numbers).
+    Gather {
+        /// Index of the path vertex, the first hit = 0.
+        vertex: u32,
+        /// Index of the ray at this vertex.
+        index: u32,
+        /// Rays at this vertex.
+        count: u32,
+    },
 }
 
 impl Sampler {
@@ -50,6 +59,9 @@ impl Sampler {
             Decision::Roulette(vertex) => (1 | u64::from(vertex) << 8, sample),
             Decision::Light { vertex, index, count } => {
                 (2 | u64::from(vertex) << 8, sample * u64::from(count) + u64::from(index))
+            }
+            Decision::Gather { vertex, index, count } => {
+                (3 | u64::from(vertex) << 8, sample * u64::from(count) + u64::from(index))
             }
         };
         let block = index >> SEQUENCE_BITS;

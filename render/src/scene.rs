@@ -4,6 +4,7 @@
 //! work; 3. parsing opens nothing: the model's path is a string for the command to resolve.
 
 use crate::camera::{Camera, Fov, SIDE_MAX_PIXELS};
+use crate::integrator::Method;
 use crate::light::Light;
 use crate::world::{MaterialEdit, Model, N_SHADOW_MAX, View};
 use serde::Deserialize;
@@ -49,6 +50,8 @@ pub struct CameraKeys {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RenderKeys {
+    /// How light is computed.
+    pub integrator: Method,
     /// Width and height, pixels.
     pub resolution: [u32; 2],
     /// Samples a pixel.
@@ -63,7 +66,14 @@ pub struct RenderKeys {
 
 impl Default for RenderKeys {
     fn default() -> RenderKeys {
-        RenderKeys { resolution: [1024, 1024], spp: 16, n_shadow: 2, exposure: 1.0, seed: 1 }
+        RenderKeys {
+            integrator: Method::Direct,
+            resolution: [1024, 1024],
+            spp: 16,
+            n_shadow: 2,
+            exposure: 1.0,
+            seed: 1,
+        }
     }
 }
 
@@ -90,9 +100,9 @@ impl Scene {
         for (name, edit) in &self.materials {
             model.edit(model.material_index(name)?, edit)?;
         }
-        let RenderKeys { resolution, n_shadow, seed, .. } = self.render;
+        let RenderKeys { integrator: method, resolution, n_shadow, seed, .. } = self.render;
         let camera = self.camera.camera(model, resolution);
-        Ok(View { camera, resolution, lights: self.lights.clone(), n_shadow, seed })
+        Ok(View { camera, resolution, lights: self.lights.clone(), n_shadow, seed, method })
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -250,7 +260,7 @@ mod tests {
         let manual = include_str!("../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    resolution spp n_shadow exposure seed";
+                    integrator resolution spp n_shadow exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

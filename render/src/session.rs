@@ -9,9 +9,9 @@
 //! film are of one state; 3. film and frame loop are leased from the budget for the life of the session.
 
 use crate::camera::Camera;
-use crate::direct::Direct;
 use crate::film::{Film, Layers};
 use crate::frame::{PASS_SAMPLES_MAX, PagedTracer, PassStats, frame_bytes, render_pass};
+use crate::integrator::Integrator;
 use crate::light::Light;
 use crate::tile::Tiles;
 use crate::world::{MaterialEdit, Model, View, World};
@@ -133,7 +133,7 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
-        let integrator = Direct::new(&self.world, self.film.layers().any());
+        let integrator = Integrator::new(&self.world, self.film.layers().any());
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));

@@ -3,6 +3,7 @@
 use super::*;
 use crate::camera::Fov;
 use crate::film::film_bytes;
+use crate::integrator::Method;
 use crate::trace::naive::{NaiveMesh, NaiveTriangle};
 use trex_store::{Aabb, Code, Material};
 
@@ -14,7 +15,7 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let camera =
         Camera { position: [0.0, 0.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: Fov::X(30.0) };
     let lights = vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [1.0; 3] }];
-    let view = View { camera, resolution: [16, 16], lights, n_shadow: 1, seed: 0 };
+    let view = View { camera, resolution: [16, 16], lights, n_shadow: 1, seed: 0, method: Method::Direct };
     Session::new(model, view, Layers::default(), budget, vec![mesh; 2])
 }
 

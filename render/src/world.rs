@@ -4,6 +4,7 @@
 
 use crate::camera::{Camera, Projection, up_axis};
 use crate::emitter::Emitter;
+use crate::integrator::Method;
 use crate::light::{Light, Lights};
 use trex_store::{Aabb, Code, Error, Material, Result};
 
@@ -52,6 +53,10 @@ pub struct World {
     pub n_shadow: u32,
     /// Names the random numbers.
     pub seed: u64,
+    /// How light is computed.
+    pub method: Method,
+    /// Length of the rays of `ao`, model units: half of the model's diagonal.
+    pub ao_radius: f64,
 }
 
 /// What a [`World`] is built from, beside the model.
@@ -67,6 +72,8 @@ pub struct View {
     pub n_shadow: u32,
     /// Names the random numbers.
     pub seed: u64,
+    /// How light is computed.
+    pub method: Method,
 }
 
 impl Model {
@@ -143,6 +150,8 @@ impl World {
             materials,
             n_shadow: view.n_shadow,
             seed: view.seed,
+            method: view.method,
+            ao_radius: 0.5 * model.bounds.diagonal(),
         })
     }
 }

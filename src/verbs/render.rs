@@ -2,7 +2,7 @@
 
 use super::picture_file::PictureFile;
 use super::shares::{Picture, Shares, model_bytes};
-use crate::args::{CameraArgs, DiskArgs, Layer, RenderArgs};
+use crate::args::{CameraArgs, DiskArgs, Integrator, Layer, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -13,9 +13,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use trex_render::direct::RayCounts;
 use trex_render::emitter::Emitter;
 use trex_render::film::Layers;
+use trex_render::integrator::{Method, RayCounts};
 use trex_render::scene::Scene;
 use trex_render::session::Session;
 use trex_render::trace::tracers;
@@ -68,6 +68,11 @@ fn override_scene(scene: &mut Scene, args: &RenderArgs) {
         (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
     }
     let render = &mut scene.render;
+    render.integrator = args.integrator.map_or(render.integrator, |integrator| match integrator {
+        Integrator::Direct => Method::Direct,
+        Integrator::Path => Method::Path,
+        Integrator::Ao => Method::Ao,
+    });
     render.resolution = args.resolution.as_ref().map_or(render.resolution, |r| [r.width, r.height]);
     render.spp = args.spp.unwrap_or(render.spp);
     render.n_shadow = args.n_shadow.unwrap_or(render.n_shadow);
@@ -141,13 +146,14 @@ impl Job<'_> {
         Ok(Rendered {
             scene: self.file.display().to_string(),
             output: self.output.display().to_string(),
-            integrator: "direct",
+            integrator: keys.integrator.as_str(),
             spp: stats.spp,
             rays,
             rays_per_s: RaysPerS {
                 primary: rays.primary as f64 / seconds,
                 mirror: rays.mirror as f64 / seconds,
                 shadow: rays.shadow as f64 / seconds,
+                gather: rays.gather as f64 / seconds,
             },
             time_ms: (seconds * 1e3) as u64,
             first_picture_ms: first_pass_ms,
@@ -227,6 +233,7 @@ pub struct RaysPerS {
     pub primary: f64,
     pub mirror: f64,
     pub shadow: f64,
+    pub gather: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -239,7 +246,7 @@ pub struct Image {
 impl fmt::Display for Rendered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rays, pool) = (&self.rays, &self.pool);
-        let total = rays.primary + rays.mirror + rays.shadow;
+        let total = rays.total();
         writeln!(
             f,
             "{}: {}x{}, {} samples a pixel, {}",
@@ -251,11 +258,12 @@ impl fmt::Display for Rendered {
         )?;
         writeln!(
             f,
-            "{} ({} primary, {} mirror, {} shadow), {}",
+            "{} ({} primary, {} mirror, {} shadow, {} gather), {}",
             size::count(total),
             size::count(rays.primary),
             size::count(rays.mirror),
             size::count(rays.shadow),
+            size::count(rays.gather),
             size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
         )?;
         if !self.damaged_pages.is_empty() {

@@ -141,6 +141,7 @@ const RENDER: [(&str, Kind); 30] = [
     ("rays_per_s.primary", Number),
     ("rays_per_s.mirror", Number),
     ("rays_per_s.shadow", Number),
+    ("rays_per_s.gather", Number),
     ("time_ms", Count),
     ("first_picture_ms", MaybeNumber),
     ("complete_ms", MaybeNumber),

@@ -1,0 +1,51 @@
+//! `ao`: ambient occlusion. White light from all sides on white surfaces; what stands nearer than the radius
+//! (half of the model's diagonal, see [`crate::world::World::ao_radius`]) takes it away.
+//!
+//! ```text
+//! primary ray -> hit -> n_shadow rays by the cosine, none longer than the radius: the share that meets nothing
+//!             -> miss: 1
+//! ```
+//!
+//! Materials and lights play no part. S. Zhukov, A. Iones, G. Kronin, "An ambient light illumination model" (1998).
+
+use crate::integrator::{Integrator, Path, Stage};
+use crate::light::cosine_direction;
+use crate::sampler::Decision;
+use crate::surface::Surface;
+use crate::trace::{Answer, Hit, Ray, Tracer};
+
+impl Integrator<'_> {
+    /// The end of a primary ray.
+    pub(crate) fn unlit(&self, path: &mut Path, ray: &Ray, hit: Option<Hit>) -> Stage {
+        match hit {
+            Some(hit) if self.world.n_shadow > 0 => {
+                Stage::Shadow { surface: Surface::new(ray, &hit), index: 0 }
+            }
+            Some(_) => Stage::Done,
+            None => {
+                path.gain([1.0; 3]);
+                Stage::Done
+            }
+        }
+    }
+
+    /// One ray of those that look around.
+    pub(crate) fn openness<T: Tracer>(
+        &self,
+        path: &mut Path,
+        surface: &Surface,
+        index: u32,
+        tracer: &mut T,
+    ) -> Answer<()> {
+        let count = self.world.n_shadow;
+        let u = path.sampler.draw(Decision::Gather { vertex: 0, index, count });
+        let direction = cosine_direction(surface.normal, [u[0], u[1]]);
+        let ray = surface.ray_to(direction, self.world.ao_radius, None);
+        let Answer::Exact(occluded) = tracer.occluded(&ray) else { return Answer::Blocked };
+        path.sample.rays.gather += 1;
+        if !occluded {
+            path.gain([1.0 / count as f32; 3]);
+        }
+        Answer::Exact(())
+    }
+}

@@ -1,0 +1,344 @@
+//! `Integrator`: a sample of a pixel, a ray at a time. What `direct`, `path` and `ao` share, and where they part.
+//!
+//! ```text
+//! primary ray -> hit --direct--> n_shadow shadow rays -> mirror? -> mirror ray -> hit -> ...
+//!             |      --path----> n_shadow shadow rays -> a bounce by chance    -> hit -> ...
+//!             |      --ao------> n_shadow rays by the cosine
+//!             -> miss: sky
+//! ```
+//!
+//! A sample is a [`Path`] that asks one ray at a time. Where a ray is Blocked the path stays as it is, and the
+//! next [`Integrator::advance`] asks that ray again: a retry needs the pages of ONE ray, never those of the whole
+//! sample (see [`crate::frame`] for why that ends).
+//!
+//! Invariants: 1. a path gives the same bytes however often it was blocked; 2. each ray is counted once, when it
+//! was answered, and reported with the finished sample; 3. a path has at most [`BOUNCES_MAX`] bounces.
+
+use crate::film::{LayerPixel, NO_ID};
+use crate::light::LightSample;
+use crate::material::{bsdf, takes_shadow_rays};
+use crate::math::{add_rgb, dot, max_rgb, mul_rgb, scale_rgb, to_f64};
+use crate::path::light_share;
+use crate::sampler::{Decision, Sampler};
+use crate::surface::Surface;
+use crate::trace::{Answer, Hit, Ray, Tracer};
+use crate::world::World;
+
+/// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
+const BOUNCES_SURE: u32 = 4;
+/// Greatest chance that a path goes on after that; ends halls of mirrors that lose no light.
+const ROULETTE_MAX: f32 = 0.95;
+/// Most bounces. By roulette one path in 400,000 gets so far; what it would still bring is lost.
+pub const BOUNCES_MAX: u32 = 256;
+/// How light is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Direct light and perfect mirrors: see [`crate::direct`].
+    #[default]
+    Direct,
+    /// All light, unbiased: see [`crate::path`].
+    Path,
+    /// Ambient occlusion: see [`crate::ao`].
+    Ao,
+}
+
+impl Method {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Method::Direct => "direct",
+            Method::Path => "path",
+            Method::Ao => "ao",
+        }
+    }
+}
+
+/// Rays answered, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct RayCounts {
+    /// Rays from the camera.
+    pub primary: u64,
+    /// Perfect mirror bounces.
+    pub mirror: u64,
+    /// Rays towards lights.
+    pub shadow: u64,
+    /// Rays that gather light by chance: bounces of `path`, rays of `ao`.
+    pub gather: u64,
+}
+
+/// What one finished sample says of its pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Radiance, linear RGB.
+    pub radiance: [f32; 3],
+    /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
+    pub layers: Option<LayerPixel>,
+    /// Rays that this sample took.
+    pub rays: RayCounts,
+}
+
+/// The integrator that a world asks for.
+#[derive(Clone, Copy, Debug)]
+pub struct Integrator<'a> {
+    pub(crate) world: &'a World,
+    layers: bool,
+}
+
+/// One sample of one pixel on its way: all that a retry needs.
+#[derive(Clone, Debug)]
+pub struct Path {
+    pixel: [u32; 2],
+    pub(crate) sampler: Sampler,
+    stage: Stage,
+    /// Index of the path vertex at the end of the current C-ray.
+    pub(crate) vertex: u32,
+    pub(crate) throughput: [f32; 3],
+    /// How the current C-ray came about.
+    pub(crate) origin: Origin,
+    pub(crate) sample: Sample,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Stage {
+    /// The ray through the pixel's centre, for the layers.
+    Layers,
+    /// A ray that asks for the closest hit.
+    CRay(Ray),
+    /// Ray `index` from a surface that asks whether anything is hit.
+    Shadow {
+        surface: Surface,
+        index: u32,
+    },
+    /// What comes after these.
+    Bounce(Surface),
+    Done,
+}
+
+/// How a C-ray came about: what it sees has another weight where light samples could have found it too.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Origin {
+    Camera,
+    Mirror,
+    /// Drawn at a surface, with this density per solid angle.
+    Scattered {
+        from: Surface,
+        density: f64,
+    },
+}
+
+impl RayCounts {
+    /// Adds another count.
+    pub fn add(&mut self, other: &RayCounts) {
+        self.primary += other.primary;
+        self.mirror += other.mirror;
+        self.shadow += other.shadow;
+        self.gather += other.gather;
+    }
+
+    /// All kinds together.
+    pub fn total(&self) -> u64 {
+        self.primary + self.mirror + self.shadow + self.gather
+    }
+}
+
+impl Path {
+    /// Rays answered up to now: grows with every step forward.
+    pub fn answered(&self) -> u64 {
+        self.sample.rays.total()
+    }
+
+    /// Adds radiance that arrives at the current vertex.
+    pub(crate) fn gain(&mut self, radiance: [f32; 3]) {
+        self.sample.radiance = add_rgb(self.sample.radiance, mul_rgb(self.throughput, radiance));
+    }
+
+    /// Whether the path goes on after its vertex: roulette, by what it can still bring.
+    pub(crate) fn survives(&mut self) -> bool {
+        if self.vertex < BOUNCES_SURE {
+            return true;
+        }
+        let chance = max_rgb(self.throughput).min(ROULETTE_MAX);
+        if self.vertex == BOUNCES_MAX || self.sampler.draw(Decision::Roulette(self.vertex))[0] >= chance {
+            return false;
+        }
+        self.throughput = scale_rgb(1.0 / chance, self.throughput);
+        true
+    }
+}
+
+impl<'a> Integrator<'a> {
+    /// The integrator of `world`; with `layers` the first sample of each pixel also says what its centre shows.
+    pub fn new(world: &'a World, layers: bool) -> Integrator<'a> {
+        Integrator { world, layers }
+    }
+
+    /// A new sample of `pixel` (x, y).
+    pub fn start(&self, pixel: [u32; 2], sample: u32) -> Path {
+        let mut path = Path {
+            pixel,
+            sampler: Sampler::new(self.world.seed, pixel, sample),
+            stage: Stage::Layers,
+            vertex: 0,
+            throughput: [1.0; 3],
+            origin: Origin::Camera,
+            sample: Sample::default(),
+        };
+        if !(self.layers && sample == 0) {
+            path.stage = self.primary(&path);
+        }
+        path
+    }
+
+    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked.
+    ///
+    /// # Panics
+    /// When the sample is finished already.
+    pub fn advance<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Sample> {
+        loop {
+            let next = match path.stage {
+                Stage::Layers => self.layers_step(path, tracer),
+                Stage::CRay(ray) => self.c_ray_step(path, &ray, tracer),
+                Stage::Shadow { surface, index } => self.shadow_step(path, &surface, index, tracer),
+                Stage::Bounce(surface) => Answer::Exact(self.bounce(path, &surface)),
+                Stage::Done => panic!("a finished sample was asked again"),
+            };
+            match next {
+                Answer::Blocked => return Answer::Blocked,
+                Answer::Exact(stage) => path.stage = stage,
+            }
+            if matches!(path.stage, Stage::Done) {
+                return Answer::Exact(path.sample);
+            }
+        }
+    }
+
+    fn primary(&self, path: &Path) -> Stage {
+        let [dx, dy, ..] = path.sampler.draw(Decision::Pixel);
+        let [x, y] = path.pixel.map(f64::from);
+        Stage::CRay(self.world.projection.ray(x + f64::from(dx), y + f64::from(dy)))
+    }
+
+    fn layers_step<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Stage> {
+        let [x, y] = path.pixel.map(|x| f64::from(x) + 0.5);
+        let Answer::Exact(hit) = tracer.intersect(&self.world.projection.ray(x, y)) else {
+            return Answer::Blocked;
+        };
+        path.sample.rays.primary += 1;
+        path.sample.layers = Some(match hit {
+            None => LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID },
+            Some(hit) => {
+                let material = &self.world.materials[hit.material as usize];
+                let albedo = add_rgb(material.kd, material.ks);
+                LayerPixel { depth: hit.t as f32, normal: hit.normal, albedo, id: hit.triangle }
+            }
+        });
+        Answer::Exact(self.primary(path))
+    }
+
+    fn c_ray_step<T: Tracer>(&self, path: &mut Path, ray: &Ray, tracer: &mut T) -> Answer<Stage> {
+        let Answer::Exact(hit) = tracer.intersect(ray) else { return Answer::Blocked };
+        let rays = &mut path.sample.rays;
+        *match path.origin {
+            Origin::Camera => &mut rays.primary,
+            Origin::Mirror => &mut rays.mirror,
+            Origin::Scattered { .. } => &mut rays.gather,
+        } += 1;
+        Answer::Exact(match (self.world.method, path.origin) {
+            (Method::Ao, _) => self.unlit(path, ray, hit),
+            (_, Origin::Scattered { from, density }) => self.gathered(path, ray, hit, &from, density),
+            _ => self.seen(path, ray, hit),
+        })
+    }
+
+    /// The end of a ray that no light sample could have been: all that it sees counts.
+    fn seen(&self, path: &mut Path, ray: &Ray, hit: Option<Hit>) -> Stage {
+        let lights = &self.world.lights;
+        let seen = lights.seen(ray, hit.map_or(f64::INFINITY, |hit| hit.t));
+        let Some(hit) = hit.filter(|_| seen.is_none()) else {
+            path.gain(seen.unwrap_or(lights.sky()));
+            return Stage::Done;
+        };
+        let material = &self.world.materials[hit.material as usize];
+        if dot(to_f64(hit.normal), ray.direction) < 0.0 {
+            path.gain(material.ke);
+        }
+        self.lit(Surface::new(ray, &hit))
+    }
+
+    /// What follows at a surface: shadow rays, where they can bring anything.
+    pub(crate) fn lit(&self, surface: Surface) -> Stage {
+        let material = &self.world.materials[surface.material as usize];
+        let lit = self.world.n_shadow > 0 && takes_shadow_rays(material);
+        if lit { Stage::Shadow { surface, index: 0 } } else { Stage::Bounce(surface) }
+    }
+
+    fn shadow_step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        surface: &Surface,
+        index: u32,
+        tracer: &mut T,
+    ) -> Answer<Stage> {
+        let count = self.world.n_shadow;
+        let answer = match self.world.method {
+            Method::Ao => self.openness(path, surface, index, tracer),
+            Method::Direct | Method::Path => self.light_from(path, surface, index, tracer),
+        };
+        if answer == Answer::Blocked {
+            return Answer::Blocked;
+        }
+        let (index, surface) = (index + 1, *surface);
+        Answer::Exact(if index < count { Stage::Shadow { surface, index } } else { Stage::Bounce(surface) })
+    }
+
+    /// One light sample.
+    fn light_from<T: Tracer>(
+        &self,
+        path: &mut Path,
+        surface: &Surface,
+        index: u32,
+        tracer: &mut T,
+    ) -> Answer<()> {
+        let count = self.world.n_shadow;
+        let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
+        let Some(sample) = self.world.lights.sample(&surface.receiver(&self.world.materials), u) else {
+            return Answer::Exact(());
+        };
+        let light = scale_rgb(1.0 / count as f32, self.scattered(surface, &sample));
+        if max_rgb(light) > 0.0 {
+            let shadow_ray = surface.ray_to(sample.direction, sample.distance, sample.front);
+            let Answer::Exact(occluded) = tracer.occluded(&shadow_ray) else { return Answer::Blocked };
+            path.sample.rays.shadow += 1;
+            if !occluded {
+                path.gain(light);
+            }
+        }
+        Answer::Exact(())
+    }
+
+    /// What a surface returns of a light sample that nothing stops.
+    fn scattered(&self, surface: &Surface, sample: &LightSample) -> [f32; 3] {
+        let material = &self.world.materials[surface.material as usize];
+        let (normal, to_viewer) = (surface.normal, surface.to_viewer);
+        let returned = bsdf(material, normal, to_viewer, sample.direction);
+        let cos = dot(normal, sample.direction) as f32;
+        let share = match self.world.method {
+            Method::Path => light_share(material, surface, sample, self.world.n_shadow),
+            Method::Direct | Method::Ao => 1.0,
+        };
+        scale_rgb(cos * share, mul_rgb(returned, sample.weight))
+    }
+
+    fn bounce(&self, path: &mut Path, surface: &Surface) -> Stage {
+        match self.world.method {
+            Method::Direct => self.mirror_bounce(path, surface),
+            Method::Path => self.chance_bounce(path, surface),
+            Method::Ao => Stage::Done,
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "integrator_tests.rs"]
+mod tests;
