@@ -24,7 +24,7 @@ use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource
 const TASK_LEVELS: u32 = 2;
 /// Level 0 has between this and twice this many cells along the layer's side: fine enough for the smallest
 /// shapes of the root field.
-const ROOT_CELLS: u64 = 32;
+const ROOT_CELLS: u64 = 48;
 /// Part of a cell that the median edge is longer than, at every size and seed that the tests look at.
 const MEDIAN_EDGE_CELLS: f64 = 0.6;
 
@@ -42,7 +42,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         median_edge: MEDIAN_EDGE_CELLS * f64::from(layer.field.step),
         triangle_count: size.triangle_count,
     };
-    let interface = Material { name: "interface".into(), kd: [0.78, 0.56, 0.34], ..Material::default() };
+    let interface = Material { name: "interface".into(), kd: [0.74, 0.69, 0.63], ..Material::default() };
     let label = Label { name: spec.to_string(), hint, materials: vec![interface.checked()] };
     let stream = Stream::new(layer, label, options.threads, &options.budget, options.interrupt.clone())?;
     Ok(Box::new(stream))
@@ -54,12 +54,12 @@ pub(crate) fn views() -> Vec<View> {
     vec![
         View {
             name: "overview",
-            position: [-62.0, -78.0, 62.0],
-            target: [0.0, -6.0, -4.0],
+            position: [-7.0, -47.0, 33.0],
+            target: [0.0, -4.0, -3.0],
             up,
-            fov_x_deg: 58.0,
+            fov_x_deg: 48.0,
         },
-        View { name: "close", position: [-9.0, -17.0, 21.0], target: [3.0, 3.0, 0.0], up, fov_x_deg: 50.0 },
+        View { name: "close", position: [-9.0, -34.0, 15.0], target: [2.0, 0.0, -1.0], up, fov_x_deg: 50.0 },
     ]
 }
 
