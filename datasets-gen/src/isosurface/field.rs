@@ -14,7 +14,7 @@
 //! the bound that skips empty space; 3. plain f32 operations, no fused ones: the same bits on every machine.
 
 use crate::dice::mix;
-use fastnoise_lite::{CellularDistanceFunction, CellularReturnType, FastNoiseLite, NoiseType};
+use fastnoise_lite::{FastNoiseLite, NoiseType};
 
 /// Cells of a block along an axis.
 pub(super) const CELLS: usize = 8;
@@ -50,52 +50,83 @@ pub(super) struct Field {
     pub(super) center: [i64; 3],
     /// Height of a bump per level.
     bump: Vec<f32>,
-    /// The sizes of bubbles that join per level.
-    bubbles: Vec<Vec<Bubbles>>,
     /// How far all finer levels may lower and raise a value together.
     slack: Vec<[f32; 2]>,
-    root: Root,
+    seed_bubbles: u32,
+    /// Samples of level 0, from index -1 on.
+    root: Vec<f32>,
+    root_counts: [usize; 3],
+}
+
+/// Where a field is sampled.
+#[derive(Clone, Copy)]
+pub(super) struct Grid {
+    /// Index of the finest level.
+    pub(super) levels: u32,
+    /// Length of a finest cell.
+    pub(super) step: f32,
+    /// Index, at the finest level, of the sample at the origin of model space.
+    pub(super) center: [i64; 3],
+    /// Blocks of level 0 per axis.
+    pub(super) root_blocks: [usize; 3],
 }
 
 impl Field {
-    pub(super) fn new(seed: u64, levels: u32, step: f32, center: [i64; 3]) -> Field {
+    /// Samples level 0 on `threads` threads.
+    pub(super) fn new(seed: u64, grid: Grid, threads: usize) -> Field {
+        let Grid { levels, step, center, root_blocks } = grid;
         let bump: Vec<f32> = (0..=levels)
             .map(|level| {
                 let spacing = step * (1u64 << (levels - level)) as f32;
                 if level == 0 || level + SMOOTH_LEVELS > levels { 0.0 } else { bump_height(spacing) }
             })
             .collect();
-        let mut bubbles = vec![Vec::new(); bump.len()];
-        for size in BUBBLES {
-            let fine = |level: usize| {
-                step * (1u64 << (levels as usize - level)) as f32 <= size.side / BUBBLE_SAMPLES
-            };
-            if let Some(level) = (1..bump.len()).find(|&level| fine(level)) {
-                bubbles[level].push(size);
-            }
-        }
         let mut slack = vec![[0f32; 2]; bump.len()];
         for level in (1..bump.len()).rev() {
-            let height: f32 = bubbles[level].iter().map(|size| size.height).sum();
+            let height: f32 = bubbles_at(level as u32).iter().map(|size| size.height).sum();
             let [down, up] = slack[level];
             slack[level - 1] = [
                 down + bump[level] + BUBBLE_TOP * height,
                 up + bump[level] * RAISE + (1.0 - BUBBLE_TOP) * height,
             ];
         }
-        Field { seed, levels, step, center, bump, bubbles, slack, root: Root::new(seed) }
+        let seed_bubbles = mix(seed ^ 0x6275_6262) as u32;
+        let root_counts = root_blocks.map(|blocks| blocks * CELLS + SIDE - CELLS);
+        let root = Vec::new();
+        let mut field = Field { seed, levels, step, center, bump, slack, seed_bubbles, root, root_counts };
+        field.root = field.sample_root(threads);
+        field
+    }
+
+    /// The samples of level 0, `[z][y][x]`.
+    fn sample_root(&self, threads: usize) -> Vec<f32> {
+        let root = Root::new(self.seed);
+        let [x_count, y_count, z_count] = self.root_counts;
+        let mut values = vec![0f32; x_count * y_count * z_count];
+        let share = z_count.div_ceil(threads.clamp(1, 16)) * x_count * y_count;
+        std::thread::scope(|scope| {
+            for (part, values) in values.chunks_mut(share).enumerate() {
+                let root = &root;
+                scope.spawn(move || {
+                    for (i, value) in values.iter_mut().enumerate() {
+                        let i = part * share + i;
+                        let index = [i % x_count, i / x_count % y_count, i / (x_count * y_count)];
+                        *value = root.value(self.place(0, [0; 3], index));
+                    }
+                });
+            }
+        });
+        values
     }
 
     /// The block whose first cell is `first` (in cells of level 0).
     pub(super) fn root_block(&self, first: [i64; 3]) -> Block {
         let mut block = Block { values: [0.0; SIDE * SIDE * STRIDE] };
-        for z in 0..SIDE {
-            for y in 0..SIDE {
-                for x in 0..SIDE {
-                    block.values[(z * SIDE + y) * STRIDE + x] =
-                        self.root.value(self.place(0, first, [x, y, z]));
-                }
-            }
+        let [x, y, z] = first.map(|cell| cell as usize);
+        for (dz, dy) in (0..SIDE).flat_map(|dz| (0..SIDE).map(move |dy| (dz, dy))) {
+            let from = ((z + dz) * self.root_counts[1] + y + dy) * self.root_counts[0] + x;
+            let at = (dz * SIDE + dy) * STRIDE;
+            block.values[at..at + SIDE].copy_from_slice(&self.root[from..from + SIDE]);
         }
         block
     }
@@ -132,7 +163,7 @@ impl Field {
         if bump > 0.0 {
             self.add_noise(bump, level, first, child);
         }
-        for size in &self.bubbles[level as usize] {
+        for size in bubbles_at(level) {
             self.add_bubbles(size, level, first, child);
         }
     }
@@ -150,8 +181,9 @@ impl Field {
         for z in 0..SIDE {
             for y in 0..SIDE {
                 for x in 0..SIDE {
-                    let value = &mut block.values[(z * SIDE + y) * STRIDE + x];
-                    *value += self.root.bubble(size, self.place(level, first, [x, y, z]));
+                    let at = self.place(level, first, [x, y, z]).map(|value| value / size.side);
+                    let apart = squared_to_bubble(self.seed_bubbles, at).min(1.0);
+                    block.values[(z * SIDE + y) * STRIDE + x] += size.height * (apart - BUBBLE_TOP);
                 }
             }
         }
@@ -232,7 +264,7 @@ pub(super) const LAYER_SIDE: f32 = 100.0;
 /// bumps together some 3 more.
 pub(super) const HALF_HEIGHT: f32 = 24.0;
 /// Within this distance of that plane lies what the root field makes.
-const ROOT_REACH: f32 = 20.0;
+const ROOT_REACH: f32 = 17.0;
 
 /// Height of a bump on a lattice of the given spacing. Falls a little faster than the spacing, so the surface
 /// gets rougher at every zoom, yet its area grows slowly.
@@ -251,7 +283,6 @@ const BUMP_SLOPE: f32 = 3.2;
 ///   ___.-'    '-.__  ground
 /// ```
 struct Root {
-    bubbles: FastNoiseLite,
     warp: FastNoiseLite,
     seed: u64,
 }
@@ -268,11 +299,11 @@ struct Spike {
 
 /// Side of the squares with one spike each, and how high the caps rise above the ground: few large ones among many
 /// small ones.
-const SPIKES: [(f32, f32); 2] = [(25.0, 17.0), (12.5, 8.0)];
+const SPIKES: [(f32, f32); 2] = [(13.5, 13.0), (7.0, 6.5)];
 /// Level of the ground.
 const GROUND: f32 = -8.0;
 /// How far the warp moves a point at most, per octave, and its wavelength.
-const WARPS: [(f32, f32); 2] = [(5.0, 17.0), (2.6, 7.5)];
+const WARPS: [(f32, f32); 2] = [(3.6, 13.0), (1.8, 5.5)];
 /// Bubbles of one size on every face of the large shapes; one to a cube.
 #[derive(Clone, Copy)]
 struct Bubbles {
@@ -282,36 +313,24 @@ struct Bubbles {
     height: f32,
 }
 
-/// The sizes of bubbles. Each joins at the first level that is fine enough for it, so they are the same at every
-/// resolution that has that level.
-const BUBBLES: [Bubbles; 4] = [
-    Bubbles { side: 7.0, height: 3.0 },
-    Bubbles { side: 3.6, height: 1.7 },
-    Bubbles { side: 1.8, height: 0.75 },
-    Bubbles { side: 0.9, height: 0.32 },
-];
-/// Samples along the side of a bubble's cube, at least.
-const BUBBLE_SAMPLES: f32 = 3.5;
+/// The sizes of bubbles.
+const BUBBLES: [Bubbles; 2] = [Bubbles { side: 4.4, height: 1.9 }, Bubbles { side: 2.2, height: 1.0 }];
+/// The level at which they join: fine enough for the smallest (a sample has half of its side at most), so coarse
+/// that they are the same at every resolution and cost next to nothing.
+const BUBBLE_LEVEL: u32 = 1;
 /// Part of the height that a bubble's top stands out; its creases are as much lower as is left.
 const BUBBLE_TOP: f32 = 0.6;
 /// Shapes nearer than this to each other grow together.
-const BLEND: f32 = 2.2;
+const BLEND: f32 = 1.6;
 /// Distances that matter; farther ones are cut, so that what is far away cannot be felt.
 const FAR: f32 = 7.0;
 
 impl Root {
     fn new(seed: u64) -> Root {
-        let noise = |salt: u64, kind: NoiseType| {
-            let mut noise = FastNoiseLite::with_seed(mix(seed ^ salt) as i32);
-            noise.set_noise_type(Some(kind));
-            noise.set_frequency(Some(1.0));
-            noise.set_cellular_distance_function(Some(CellularDistanceFunction::EuclideanSq));
-            noise.set_cellular_return_type(Some(CellularReturnType::Distance));
-            noise.set_cellular_jitter(Some(1.0));
-            noise
-        };
-        let bubbles = noise(0x6275_6262, NoiseType::Cellular);
-        Root { bubbles, warp: noise(0x7761_7270, NoiseType::Perlin), seed: mix(seed ^ 0x7370_696b) }
+        let mut warp = FastNoiseLite::with_seed(mix(seed ^ 0x7761_7270) as i32);
+        warp.set_noise_type(Some(NoiseType::Perlin));
+        warp.set_frequency(Some(1.0));
+        Root { warp, seed: mix(seed ^ 0x7370_696b) }
     }
 
     /// Negative below the interface; about the distance from it.
@@ -322,8 +341,8 @@ impl Root {
         let [x, y, z] = self.warped(at);
         let swell = self.warp.get_noise_3d(x / 31.0 + 5.5, y / 31.0, 0.5);
         // Pits: the bubbles that rise the other way.
-        let pit = self.bubbles.get_noise_3d(x / 15.0, y / 15.0, 0.3).min(0.0);
-        let mut shape = z - GROUND - 5.0 * swell - 6.0 * pit - 3.0;
+        let pit = 1.0 - squared_to_bubble(self.seed as u32, [x / 9.0, y / 9.0, 0.5]).min(1.0);
+        let mut shape = z - GROUND - 5.0 * swell + 6.0 * pit - 3.0;
         for (side, height) in SPIKES {
             shape = self.near_spikes([x, y], side).into_iter().fold(shape, |shape, (across, dice)| {
                 if across > 0.5 * side + FAR {
@@ -337,14 +356,6 @@ impl Root {
         }
         let limit = (z - ROOT_REACH).max(-FAR);
         shape.clamp(-FAR, FAR).max(limit).min((z + ROOT_REACH).min(FAR))
-    }
-
-    /// What bubbles of one size add at `at`.
-    fn bubble(&self, size: &Bubbles, at: [f32; 3]) -> f32 {
-        let [x, y, z] = at.map(|value| value / size.side);
-        // The squared distance to the nearest centre, less 1.
-        let apart = (self.bubbles.get_noise_3d(x, y, z) + 1.0).min(1.0);
-        size.height * (apart - BUBBLE_TOP)
     }
 
     /// Where the fluid at `at` came from: two octaves, the second at the place that the first gives.
@@ -381,6 +392,36 @@ impl Spike {
         let stem = (self.across - 0.3 * radius - 0.06 * below).max(up);
         cap.min(roll).min(stem)
     }
+}
+
+/// The bubbles that join at `level`.
+fn bubbles_at(level: u32) -> &'static [Bubbles] {
+    if level == BUBBLE_LEVEL { &BUBBLES } else { &[] }
+}
+
+/// Squared distance from `at` to the nearest bubble's centre: one centre to a unit cube, in its middle half, so
+/// that the eight cubes about a point decide.
+fn squared_to_bubble(seed: u32, at: [f32; 3]) -> f32 {
+    let corner = at.map(|value| (value - 0.5).floor());
+    let cell = corner.map(|value| value as i32 as u32);
+    let mut least = f32::INFINITY;
+    for i in 0..8u32 {
+        let step = [i & 1, i >> 1 & 1, i >> 2];
+        let mut dice = seed;
+        for axis in 0..3 {
+            dice = (dice ^ cell[axis].wrapping_add(step[axis])).wrapping_mul(0x9e37_79b1);
+            dice ^= dice >> 15;
+        }
+        dice = dice.wrapping_mul(0x85eb_ca77);
+        let mut squared = 0.0;
+        for axis in 0..3 {
+            let part = (dice >> (10 * axis) & 1023) as f32 * (0.5 / 1024.0) + 0.25;
+            let apart = corner[axis] + step[axis] as f32 + part - at[axis];
+            squared += apart * apart;
+        }
+        least = least.min(squared);
+    }
+    least
 }
 
 /// By square root, which is the same to the bit everywhere.
