@@ -16,13 +16,14 @@ use crate::trace::Ray;
 use std::f64::consts::{PI, TAU};
 use trex_store::{Code, Error, Material, Result};
 
-/// Where the sun of models without lights stands: towards it along (right, up, front). Behind the left shoulder of
-/// the default camera, so that sides differ in tone.
-const DEFAULT_SUN_TOWARDS: [f64; 3] = [-0.45, 0.8, 0.4];
-/// Its irradiance on a surface that faces it. With [`DEFAULT_SKY_RADIANCE`] a lit surface of Kd 0.7 stays below 1.
-const DEFAULT_SUN_IRRADIANCE: [f32; 3] = [2.6, 2.42, 2.2];
-/// Radiance of the sky of models without lights.
-const DEFAULT_SKY_RADIANCE: [f32; 3] = [0.25, 0.3, 0.37];
+/// Where the sun of models without lights stands: towards it along (right, up, front). To the left of the default
+/// camera and behind it, 30 degrees high, so that relief throws shadows.
+const DEFAULT_SUN_TOWARDS: [f64; 3] = [-0.75, 0.5, 0.433];
+/// Its irradiance on a surface that faces it: warm. With [`DEFAULT_SKY_RADIANCE`] a lit surface of Kd 0.7 stays
+/// below 1.
+const DEFAULT_SUN_IRRADIANCE: [f32; 3] = [3.3, 2.85, 2.25];
+/// Radiance of the sky of models without lights: bluish, an eighth of the sun's light on level ground.
+const DEFAULT_SKY_RADIANCE: [f32; 3] = [0.2, 0.27, 0.4];
 
 /// A light of the scene. Emissive triangles of the model are not among these: see [`Emitter`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -491,7 +492,7 @@ mod tests {
         assert_eq!((lights.sky(), lights.lights.len()), (DEFAULT_SKY_RADIANCE, 1));
         let found = irradiance(&lights);
         let sky = PI * f64::from(DEFAULT_SKY_RADIANCE[0]);
-        let sun = f64::from(DEFAULT_SUN_IRRADIANCE[0]) * 0.8 / length(DEFAULT_SUN_TOWARDS);
+        let sun = f64::from(DEFAULT_SUN_IRRADIANCE[0]) * 0.5 / length(DEFAULT_SUN_TOWARDS);
         // The pick between the two is on a lattice of 24: half a step, and a little.
         assert!((found / (sky + sun) - 1.0).abs() < 0.01, "{found}");
         // A lit surface of Kd 0.7 that faces the sun is not burnt out.

@@ -16,7 +16,7 @@ mod size;
 use crate::stream::{Label, Recipe, Stream};
 use crate::{GenOptions, Spec, View};
 use cubes::{Cubes, Place, Table};
-use field::{Block, CELLS, Field, HALF_HEIGHT, LAYER_SIDE};
+use field::{Block, CELLS, Field, Grid, HALF_HEIGHT, LAYER_SIDE};
 use std::sync::Arc;
 use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource, geom};
 
@@ -24,14 +24,14 @@ use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource
 const TASK_LEVELS: u32 = 2;
 /// Level 0 has between this and twice this many cells along the layer's side: fine enough for the smallest
 /// shapes of the root field.
-const ROOT_CELLS: u64 = 32;
+const ROOT_CELLS: u64 = 48;
 /// Part of a cell that the median edge is longer than, at every size and seed that the tests look at.
 const MEDIAN_EDGE_CELLS: f64 = 0.6;
 
 /// The stream of `spec`.
 pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>> {
     let size = size::choose(spec, options)?;
-    let layer = Layer::new(spec.seed, size.cells);
+    let layer = Layer::new(spec.seed, size.cells, options.threads);
     let half = |axis: usize| 0.5 * (size.cells[axis] + 2) as f64 * f64::from(layer.field.step);
     let bounds = Aabb {
         lo: [-half(0), -half(1), -f64::from(HALF_HEIGHT)],
@@ -42,7 +42,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         median_edge: MEDIAN_EDGE_CELLS * f64::from(layer.field.step),
         triangle_count: size.triangle_count,
     };
-    let interface = Material { name: "interface".into(), kd: [0.78, 0.56, 0.34], ..Material::default() };
+    let interface = Material { name: "interface".into(), kd: [0.74, 0.69, 0.63], ..Material::default() };
     let label = Label { name: spec.to_string(), hint, materials: vec![interface.checked()] };
     let stream = Stream::new(layer, label, options.threads, &options.budget, options.interrupt.clone())?;
     Ok(Box::new(stream))
@@ -54,12 +54,12 @@ pub(crate) fn views() -> Vec<View> {
     vec![
         View {
             name: "overview",
-            position: [-62.0, -78.0, 62.0],
-            target: [0.0, -6.0, -4.0],
+            position: [-6.0, -50.0, 40.0],
+            target: [-1.0, -9.0, 3.2],
             up,
-            fov_x_deg: 58.0,
+            fov_x_deg: 44.0,
         },
-        View { name: "close", position: [-9.0, -17.0, 21.0], target: [3.0, 3.0, 0.0], up, fov_x_deg: 50.0 },
+        View { name: "close", position: [-9.0, -34.0, 15.0], target: [2.0, 0.0, -1.0], up, fov_x_deg: 50.0 },
     ]
 }
 
@@ -88,14 +88,16 @@ struct Scratch {
 
 impl Layer {
     /// `sides`: finest cells along x and y. The mean of both is the layer's side.
-    fn new(seed: u64, sides: [u64; 2]) -> Layer {
+    fn new(seed: u64, sides: [u64; 2], threads: usize) -> Layer {
         let mean = 0.5 * (sides[0] + sides[1]) as f64;
         let step = (f64::from(LAYER_SIDE) / mean) as f32;
         let levels = (mean / ROOT_CELLS as f64).log2().floor().max(0.0) as u32;
         let half_height = (HALF_HEIGHT / step).ceil() as u64;
         let cells = [sides[0], sides[1], 2 * half_height];
         let center = cells.map(|count| (count / 2) as i64);
-        Layer { field: Field::new(seed, levels, step, center), table: Table::new(), cells }
+        let root_blocks = cells.map(|cells| cells.div_ceil((CELLS as u64) << levels) as usize);
+        let grid = Grid { levels, step, center, root_blocks };
+        Layer { field: Field::new(seed, grid, threads), table: Table::new(), cells }
     }
 
     /// The level whose blocks are tasks.

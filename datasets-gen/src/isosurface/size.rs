@@ -22,9 +22,9 @@ pub(super) struct Size {
 }
 
 /// Layers of more cells a side are extrapolated: counting this many takes a fifth of a second.
-const MOST_COUNTED_SIDE: u64 = 1023;
+const MOST_COUNTED_SIDE: u64 = 511;
 /// Triangles per column of cells, roughly, to start from.
-const TYPICAL_PER_COLUMN: f64 = 4.4;
+const TYPICAL_PER_COLUMN: f64 = 8.5;
 /// A layer of twice 512 cells a side has this much more triangles per column, in parts; at `s` cells it is
 /// `(s / 512)^-GROWTH_DECAY` of that. Shape from `calibrate` below (three seeds, three phases, 256 to 8192
 /// cells), height fitted to streams: of seven from 7M to 100M triangles the worst is off by 0.32 %. Depends on
@@ -91,7 +91,7 @@ fn density(seed: u64, side: u64, options: &GenOptions) -> Result<f64> {
 
 /// Counts the triangles of a layer exactly.
 pub(super) fn count(seed: u64, cells: [u64; 2], options: &GenOptions) -> Result<u64> {
-    let layer = Arc::new(Layer::new(seed, cells));
+    let layer = Arc::new(Layer::new(seed, cells, options.threads));
     let tasks = Mutex::new(layer.clone().tasks());
     let run = || {
         let mut scratch = Scratch::default();
