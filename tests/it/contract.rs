@@ -130,7 +130,7 @@ const INFO: [(&str, Kind); 32] = [
     ("shares.frames_bytes", Count),
 ];
 
-const RENDER: [(&str, Kind); 30] = [
+const RENDER: [(&str, Kind); 31] = [
     ("scene", Text),
     ("output", Text),
     ("integrator", Text),
@@ -138,6 +138,7 @@ const RENDER: [(&str, Kind); 30] = [
     ("rays.primary", Count),
     ("rays.mirror", Count),
     ("rays.shadow", Count),
+    ("rays.gather", Count),
     ("rays_per_s.primary", Number),
     ("rays_per_s.mirror", Number),
     ("rays_per_s.shadow", Number),

@@ -91,13 +91,18 @@ impl Layer {
     fn new(seed: u64, sides: [u64; 2], threads: usize) -> Layer {
         let mean = 0.5 * (sides[0] + sides[1]) as f64;
         let step = (f64::from(LAYER_SIDE) / mean) as f32;
-        let levels = (mean / ROOT_CELLS as f64).log2().floor().max(0.0) as u32;
+        let levels = Layer::level_of(mean as u64);
         let half_height = (HALF_HEIGHT / step).ceil() as u64;
         let cells = [sides[0], sides[1], 2 * half_height];
         let center = cells.map(|count| (count / 2) as i64);
         let root_blocks = cells.map(|cells| cells.div_ceil((CELLS as u64) << levels) as usize);
         let grid = Grid { levels, step, center, root_blocks };
         Layer { field: Field::new(seed, grid, threads), table: Table::new(), cells }
+    }
+
+    /// Index of the finest level of a layer of `side` cells a side.
+    fn level_of(side: u64) -> u32 {
+        (side / ROOT_CELLS).max(1).ilog2()
     }
 
     /// The level whose blocks are tasks.
