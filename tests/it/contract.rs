@@ -130,7 +130,7 @@ const INFO: [(&str, Kind); 32] = [
     ("shares.frames_bytes", Count),
 ];
 
-const RENDER: [(&str, Kind); 31] = [
+const RENDER: [(&str, Kind); 32] = [
     ("scene", Text),
     ("output", Text),
     ("integrator", Text),

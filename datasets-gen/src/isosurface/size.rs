@@ -38,7 +38,9 @@ const SMALL_SIDE: u64 = 160;
 /// Relative error that ends the search of a counted size.
 const GOOD_ENOUGH: f64 = 0.004;
 /// Most pairs of sides that are counted, the likeliest first.
-const MOST_TRIALS: usize = 10;
+const MOST_TRIALS: usize = 24;
+/// Rounds of counting and choosing again before the search.
+const ROUNDS: usize = 4;
 
 /// Chooses the resolution for `spec`.
 ///
@@ -47,8 +49,8 @@ const MOST_TRIALS: usize = 10;
 pub(super) fn choose(spec: &Spec, options: &GenOptions) -> Result<Size> {
     let asked = spec.triangles as f64;
     let mut per_column = TYPICAL_PER_COLUMN;
-    // A layer's density changes by a twentieth while its side doubles: two rounds settle it.
-    for _ in 0..2 {
+    // A layer's density changes by a twentieth while its side doubles, by more where it is small: this settles it.
+    for _ in 0..ROUNDS {
         let side = (asked / per_column).sqrt().round() as u64;
         per_column = density(spec.seed, side, options)?;
     }
