@@ -1,11 +1,12 @@
 //! `PageFile`: an opened `.trex`: the superblock, the tables, and how a page is fetched and installed.
 //!
 //! Invariants: 1. what `open` returns was checked: hashes of superblock and sections, ranges of every entry, every
-//! reference of the top tree; 2. pages are checked when they are read, hash before decode; 3. the file is never
+//! reference of the top tree; 2. pages are checked when they are read, hash before decode, and then against what the
+//! tables say of them, so that rays and materials can be looked up without asking; 3. the file is never
 //! written.
 
 use crate::budget::{Budget, Lease};
-use crate::cluster::{Node, TopRef, install};
+use crate::cluster::{FrameView, Node, TopRef, install};
 use crate::error::{Code, Error, Result};
 use crate::io::Extent;
 use crate::layout::*;
@@ -32,6 +33,8 @@ pub struct PageFile {
     file: File,
     block: Superblock,
     pages: Vec<PageEntry>,
+    /// Roots that the top tree asks of each page.
+    root_counts: Vec<u8>,
     top: Vec<Node>,
     materials: Vec<Material>,
     emitters: Vec<Emitter>,
@@ -62,14 +65,16 @@ impl PageFile {
         let kind = SectionKind::PageTable;
         let pages = parse_pages(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::TopTree;
-        let top = parse_top(&read(kind)?, &block, pages.len()).ok_or_else(|| out_of_range(kind))?;
+        let (top, root_counts) =
+            parse_top(&read(kind)?, &block, pages.len()).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::Materials;
-        let materials: Vec<Material> =
-            serde_json::from_slice(&read(kind)?).map_err(|_| out_of_range(kind))?;
+        let materials = parse_materials(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::Emitters;
-        let emitters = parse_emitters(&read(kind)?, materials.len()).ok_or_else(|| out_of_range(kind))?;
+        let emitters =
+            parse_emitters(&read(kind)?, &block, materials.len()).ok_or_else(|| out_of_range(kind))?;
         lease.shrink_to(kept_bytes(&block));
-        Ok(PageFile { path: path.to_path_buf(), file, block, pages, top, materials, emitters, _lease: lease })
+        let path = path.to_path_buf();
+        Ok(PageFile { path, file, block, pages, root_counts, top, materials, emitters, _lease: lease })
     }
 
     /// The path it was opened by.
@@ -131,7 +136,12 @@ impl PageFile {
         if raw.len() != entry.unpacked_bytes as usize {
             return Err(self.damaged_page(page, "a page has another length than its table says"));
         }
-        install(raw, frame).map_err(|what| self.damaged_page(page, what))
+        install(raw, frame).map_err(|what| self.damaged_page(page, what))?;
+        let view = FrameView::new(frame);
+        let sound = view.root_count() >= usize::from(self.root_counts[page as usize])
+            && view.triangle_count() == entry.triangle_count as usize
+            && usize::from(view.greatest_material()) < self.materials.len();
+        if sound { Ok(()) } else { Err(self.damaged_page(page, "a page is not what the tables say of it")) }
     }
 
     /// Reads and installs one page on the calling thread, without a pool.
@@ -221,7 +231,7 @@ pub(crate) fn table_bytes(block: &Superblock) -> u64 {
 /// Memory that the tables keep.
 fn kept_bytes(block: &Superblock) -> u64 {
     let count = |kind| u64::from(block.section(kind).count);
-    count(SectionKind::PageTable) * size_of::<PageEntry>() as u64
+    count(SectionKind::PageTable) * (size_of::<PageEntry>() as u64 + 1)
         + count(SectionKind::TopTree) * size_of::<Node>() as u64
         + count(SectionKind::Materials) * (size_of::<Material>() as u64 + 32)
         + count(SectionKind::Emitters) * size_of::<Emitter>() as u64
@@ -250,17 +260,22 @@ fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEntry>> {
         .then_some(pages)
 }
 
-/// Checks every reference, and that the tree is a tree of bounded depth.
-fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<Vec<Node>> {
-    if !bytes.len().is_multiple_of(Node::BYTES) {
+/// Checks every reference, and that the tree is a tree of bounded depth. The nodes, and how many roots they ask of
+/// each page.
+fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<(Vec<Node>, Vec<u8>)> {
+    if bytes.len() != block.section(SectionKind::TopTree).count as usize * Node::BYTES {
         return None;
     }
+    let mut root_counts = vec![0u8; page_count];
     let top: Vec<Node> = bytemuck::allocation::pod_collect_to_vec(bytes);
     let mut seen = vec![false; top.len()];
     let mut stack = vec![(block.root, 0)];
     while let Some((word, depth)) = stack.pop() {
         match TopRef::from_word(word) {
-            TopRef::Page { page, .. } if (page as usize) < page_count => {}
+            TopRef::Page { page, slot } => {
+                let asked = root_counts.get_mut(page as usize)?;
+                *asked = (*asked).max(slot as u8 + 1);
+            }
             TopRef::Node(index) if depth < TREE_DEPTH => {
                 let node = top.get(index as usize)?;
                 let first_visit = !std::mem::replace(&mut seen[index as usize], true);
@@ -277,10 +292,17 @@ fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<Vec<
             _ => return None,
         }
     }
-    seen.iter().all(|&s| s).then_some(top)
+    seen.iter().all(|&s| s).then_some((top, root_counts))
 }
 
-fn parse_emitters(bytes: &[u8], material_count: usize) -> Option<Vec<Emitter>> {
+fn parse_materials(bytes: &[u8], block: &Superblock) -> Option<Vec<Material>> {
+    let materials: Vec<Material> = serde_json::from_slice(bytes).ok()?;
+    let sound = (1..=MATERIALS).contains(&materials.len())
+        && materials.len() == block.section(SectionKind::Materials).count as usize;
+    sound.then(|| materials.into_iter().map(Material::checked).collect())
+}
+
+fn parse_emitters(bytes: &[u8], block: &Superblock, material_count: usize) -> Option<Vec<Emitter>> {
     let (records, rest) = bytes.as_chunks::<EMITTER_BYTES>();
     let emitter = |record: &[u8; EMITTER_BYTES]| {
         let q = |i: usize| i64::from_le_bytes(record[8 * i..8 * i + 8].try_into().expect("eight"));
@@ -289,7 +311,8 @@ fn parse_emitters(bytes: &[u8], material_count: usize) -> Option<Vec<Emitter>> {
         Emitter { corners, material: word(72), triangle: word(76) }
     };
     let emitters: Vec<Emitter> = records.iter().map(emitter).collect();
-    let sound = rest.is_empty() && emitters.iter().all(|e| (e.material as usize) < material_count);
+    let counted = records.len() == block.section(SectionKind::Emitters).count as usize;
+    let sound = counted && rest.is_empty() && emitters.iter().all(|e| (e.material as usize) < material_count);
     sound.then_some(emitters)
 }
 

@@ -7,6 +7,7 @@ mod contract;
 mod damage;
 mod determinism;
 mod inputs;
+mod lies;
 mod limits;
 mod memory;
 mod oracle;

@@ -11,7 +11,8 @@
 //!
 //! Invariants: 1. no byte of the input is believed: counts and indices are compared with their bounds, and a
 //! frame that was installed can be traced without checks; 2. leaf boxes are rounded outward; 3. every reference
-//! leads behind the node that holds it, so that a tree has no cycle.
+//! leads behind the node that holds it, and no node has two, so that rays walk a tree: neither cycles nor paths
+//! that multiply.
 
 use super::encode::FRAME_HEADER_BYTES;
 use super::view::{FrameRef, LeafBoxes};
@@ -56,23 +57,19 @@ pub fn install(packed: &[u8], frame: &mut [u8]) -> Result<(), &'static str> {
         }
         _ => Err("a reference leads out of its page"),
     };
+    // Of each node that something leads to: how deep it lies, from 1.
+    let mut depth = [0u8; FRAME_BYTES / Node::BYTES];
     for (slot, word) in root_words.as_chunks::<2>().0.iter().enumerate() {
-        let word = place(u16::from_le_bytes(*word), 0)?.0;
+        let word = u16::from_le_bytes(*word);
+        enter(&mut depth, word, 0)?;
+        let word = place(word, 0)?.0;
         frame[FRAME_HEADER_BYTES + 4 * slot..][..4].copy_from_slice(&word.to_le_bytes());
     }
     let mut input = Input { bytes: first_nodes };
-    let mut depth = [0u8; FRAME_BYTES / Node::BYTES];
     for index in 0..node_count {
-        let mut node = node_record(&mut input)?;
-        if usize::from(depth[index]) >= TREE_DEPTH {
-            return Err("the tree of a page is too deep");
-        }
+        let (mut node, above) = (node_record(&mut input)?, depth[index]);
         for word in &mut node.child[..usize::from(node.child_count)] {
-            if let PageRef::Node(child) = PageRef::from_word(*word as u16) {
-                let below = depth[index] + 1;
-                let child = depth.get_mut(usize::from(child)).ok_or("a reference leads out of its page")?;
-                *child = below.max(*child);
-            }
+            enter(&mut depth, *word as u16, above)?;
             *word = place(*word as u16, index + 1)?.0;
         }
         frame[nodes_at + index * Node::BYTES..][..Node::BYTES].copy_from_slice(bytemuck::bytes_of(&node));
@@ -83,6 +80,20 @@ pub fn install(packed: &[u8], frame: &mut [u8]) -> Result<(), &'static str> {
     frame[8..12].copy_from_slice(&(at as u32).to_le_bytes());
     frame[12..16].fill(0);
     Ok(())
+}
+
+/// Notes that something `above` levels deep leads to `word`.
+fn enter(depth: &mut [u8], word: u16, above: u8) -> Result<(), &'static str> {
+    let PageRef::Node(index) = PageRef::from_word(word) else { return Ok(()) };
+    match depth.get_mut(usize::from(index)) {
+        None => Err("a reference leads out of its page"),
+        Some(_) if usize::from(above) >= TREE_DEPTH => Err("the tree of a page is too deep"),
+        Some(depth) if *depth != 0 => Err("a node of a page has two parents"),
+        Some(depth) => {
+            *depth = above + 1;
+            Ok(())
+        }
+    }
 }
 
 /// Reads one node; its children's words are still page references.

@@ -83,6 +83,16 @@ impl<'a> FrameView<'a> {
         ClusterView::new(&self.bytes[at.offset()..])
     }
 
+    /// The greatest index of a material in the page.
+    pub fn greatest_material(&self) -> u16 {
+        let mut greatest = 0;
+        self.for_each_cluster(|cluster| {
+            let palette = cluster.palette();
+            greatest = palette.iter().map(|entry| u16::from_le_bytes(*entry)).fold(greatest, u16::max);
+        });
+        greatest
+    }
+
     /// Calls `visit` for every cluster, in the order in which they are stored.
     pub fn for_each_cluster(&self, mut visit: impl FnMut(ClusterView<'a>)) {
         let (node_count, cluster_count) = (u16_at(self.bytes, 2), u16_at(self.bytes, 4));
@@ -215,6 +225,12 @@ impl<'a> ClusterView<'a> {
             triangles: (0..self.triangle_count()).map(triangle).collect(),
             materials: (0..self.triangle_count()).map(|i| self.material(i)).collect(),
         }
+    }
+
+    /// The materials in it, as stored.
+    fn palette(&self) -> &'a [[u8; 2]] {
+        let at = usize::from(u16_at(self.bytes, 38));
+        self.bytes[at..at + 2 * self.palette_len()].as_chunks().0
     }
 
     pub(super) fn palette_len(&self) -> usize {
