@@ -6,6 +6,7 @@ mod command;
 mod contract;
 mod damage;
 mod determinism;
+mod format;
 mod inputs;
 mod lies;
 mod limits;
