@@ -46,6 +46,8 @@ pub enum Verb {
     Verify(VerifyArgs),
     /// Render a page file or a scene
     Render(RenderArgs),
+    /// Measure this machine on a model
+    Bench(BenchArgs),
 }
 
 impl Verb {
@@ -58,6 +60,8 @@ impl Verb {
             Verb::Info(_) => "info",
             Verb::Verify(_) => "verify",
             Verb::Render(_) => "render",
+            Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
+            Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
         }
     }
 
@@ -70,6 +74,8 @@ impl Verb {
             Verb::Info(args) => &args.common,
             Verb::Verify(args) => &args.common,
             Verb::Render(args) => &args.common,
+            Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
+            Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
         }
     }
 
@@ -399,6 +405,69 @@ Examples:
   trex render statue.trex -o statue.png
   trex render iso.trex -o iso.exr --layers depth,normal --memory-limit 128MiB
   trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64";
+
+/// `trex bench`
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure.
+    #[command(subcommand)]
+    pub verb: BenchVerb,
+}
+
+/// The workloads.
+#[derive(Debug, Subcommand)]
+pub enum BenchVerb {
+    /// Rays per second: primary, shadow, incoherent
+    Rays(BenchRaysArgs),
+    /// Triangles per second of a build, generation not counted
+    Build(BenchBuildArgs),
+}
+
+/// `trex bench rays`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_BENCH_RAYS)]
+pub struct BenchRaysArgs {
+    /// A page file, or gen:KIND:COUNT[:SEED], which is built first
+    #[arg(value_name = "FILE")]
+    pub model: String,
+    /// Size of the picture, pixels; each gives a ray
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = values::resolution)]
+    pub resolution: Resolution,
+    /// Measured rounds; figures are their medians
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub rounds: u16,
+    /// Seed of the gather rays
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
+    #[command(flatten)]
+    pub disk: DiskArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_BENCH_RAYS: &str = "\
+All pages are in memory where the limit has room for them; below that they come and go.
+
+Examples:
+  trex bench rays statue.trex
+  trex bench rays iso.trex --memory-limit 96MiB --resolution 512x512 --json";
+
+/// `trex bench build`
+#[derive(Debug, Args)]
+pub struct BenchBuildArgs {
+    /// gen:KIND:COUNT[:SEED]
+    #[arg(value_name = "SPEC")]
+    pub spec: String,
+    /// Measured rounds; figures are their medians
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub rounds: u16,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
 
 /// The view. What is not given comes from the scene, else from a camera that frames the model.
 #[derive(Clone, Debug, Args)]

@@ -1,9 +1,12 @@
-//! The `trex-bench` command: keep a run as a record, write the docs from the records.
+//! The `trex-bench` command: run a workload, keep a run as a record, write the docs from the records.
 //!
 //! ```text
+//! cargo run --release -p trex-bench --features peer-embree -- rays gen:pipes:5M --peer embree > run.json
 //! trex build ... --json | cargo run --release -p trex-bench -- record --name build-iso-20m
 //! cargo run --release -p trex-bench -- docs
 //! ```
+
+mod workload;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -14,7 +17,7 @@ use std::process::ExitCode;
 use trex_bench::docs;
 use trex_bench::record::{self, Labels, Record};
 
-/// Keeps measured runs, and writes the figures of the documentation from them.
+/// Measures, keeps measured runs, and writes the figures of the documentation from them.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 struct Cli {
@@ -27,6 +30,10 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    /// Rays per second on a model: primary, shadow, incoherent
+    Rays(workload::RaysArgs),
+    /// Triangles per second of the build of a generated mesh
+    Build(workload::BuildArgs),
     /// Rewrite the tables and plots of docs/ from the records
     Docs {
         /// Write nothing; exit 1 if a file would change
@@ -56,12 +63,20 @@ enum Verb {
 fn main() -> anyhow::Result<ExitCode> {
     let Cli { root, verb } = Cli::parse();
     match verb {
+        Verb::Rays(args) => workload::rays(&args, &command_line()).map(|()| ExitCode::SUCCESS),
+        Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Docs { check: true } => check_docs(&root),
         Verb::Docs { check: false } => write_docs(&root),
         Verb::Record { name, command, scene, seed, document } => {
             keep(&root, &document, Labels { name, command, scene, seed })
         }
     }
+}
+
+/// What was typed, for documents.
+fn command_line() -> String {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    format!("trex-bench {}", arguments.join(" "))
 }
 
 fn check_docs(root: &Path) -> anyhow::Result<ExitCode> {

@@ -3,6 +3,7 @@
 //! Invariants: 1. a verb translates, calls and reports; what it computes belongs in a library; 2. its result is
 //! one struct, `Serialize` for scripts (units in the keys) and `Display` for people.
 
+mod bench;
 mod build;
 mod demo;
 mod generate;
@@ -26,5 +27,6 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::Info(args) => info::run(args, ctx),
         Verb::Verify(args) => verify::run(args, ctx),
         Verb::Render(args) => render::run(args, ctx),
+        Verb::Bench(args) => bench::run(args, ctx),
     }
 }

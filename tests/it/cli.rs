@@ -20,14 +20,14 @@ fn stdout(line: &str) -> String {
 #[test]
 fn help_lists_the_verbs_and_the_exit_statuses() {
     let help = stdout("--help");
-    for word in VERBS.into_iter().chain(["Examples:", "Exit status:", "130"]) {
+    for word in VERBS.into_iter().chain(["bench", "Examples:", "Exit status:", "130"]) {
         assert!(help.contains(word), "{word} is missing in:\n{help}");
     }
 }
 
 #[test]
 fn every_verb_explains_its_flags_units_and_defaults() {
-    for verb in VERBS {
+    for verb in VERBS.into_iter().chain(["bench rays"]) {
         let help = stdout(&format!("{verb} --help"));
         for word in
             ["Example", "--memory-limit", "512MiB", "auto = 50%", "--threads", "--json", "[default: auto]"]

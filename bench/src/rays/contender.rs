@@ -1,0 +1,188 @@
+//! Who answers rays: ours with all pages in memory, ours through the pool under a limit; peers implement the same.
+//!
+//! Invariant: a contender spreads a set over its workers in chunks of [`CHUNK_RAYS`], all of them alike.
+
+use super::sets::{BenchRay, Query, RaySet, Space};
+use rustix::time::{ClockId, clock_gettime};
+use std::sync::Mutex;
+use std::time::Duration;
+use trex_render::frame::PagedTracer;
+use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Tracer};
+
+/// Rays that a worker takes at a time.
+const CHUNK_RAYS: usize = 4096;
+/// `triangle` of a miss.
+pub const MISS: u32 = u32::MAX;
+
+/// What a ray met: for [`Query::Any`] only whether `triangle` is [`MISS`] counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// Where, in lengths of the ray's direction.
+    pub t: f32,
+    /// Store id of the triangle.
+    pub triangle: u32,
+}
+
+impl Answer {
+    /// Nothing was hit.
+    pub const NONE: Answer = Answer { t: f32::INFINITY, triangle: MISS };
+
+    /// True for a hit.
+    pub fn is_hit(self) -> bool {
+        self.triangle != MISS
+    }
+
+    fn of_hit(hit: Option<Hit>) -> Answer {
+        hit.map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.triangle })
+    }
+
+    fn of_occlusion(occluded: bool) -> Answer {
+        Answer { t: 0.0, triangle: if occluded { 0 } else { MISS } }
+    }
+}
+
+/// Answers sets of rays.
+pub trait Contender {
+    /// Name for reports: a key of JSON.
+    fn label(&self) -> &str;
+
+    /// Answers all rays of a set; `answers` is as long. Gives the processor time of all workers.
+    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration;
+}
+
+/// Hands chunks of rays to one thread per worker; gives the processor time of all threads, which other processes
+/// on the machine change less than they change the wall time.
+pub(crate) fn spread<W: Send>(
+    workers: &mut [W],
+    set: &RaySet,
+    answers: &mut [Answer],
+    work: impl Fn(&mut W, &[BenchRay], &mut [Answer]) + Sync,
+) -> Duration {
+    let chunks = Mutex::new(set.rays.chunks(CHUNK_RAYS).zip(answers.chunks_mut(CHUNK_RAYS)));
+    let next = || chunks.lock().expect("no worker panics in here").next();
+    std::thread::scope(|scope| {
+        let mut threads = Vec::with_capacity(workers.len());
+        for worker in workers {
+            let (next, work) = (&next, &work);
+            threads.push(scope.spawn(move || {
+                while let Some((rays, answers)) = next() {
+                    work(worker, rays, answers);
+                }
+                processor_time()
+            }));
+        }
+        threads.into_iter().map(|thread| thread.join().expect("no worker panics")).sum()
+    })
+}
+
+/// What the calling thread has used so far.
+fn processor_time() -> Duration {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}
+
+/// Ours, all pages in memory.
+pub(super) struct Resident<'a> {
+    pub(super) space: Space,
+    pub(super) workers: Vec<PagedMesh<'a, &'a AllResident>>,
+}
+
+impl Contender for Resident<'_> {
+    fn label(&self) -> &str {
+        "trex"
+    }
+
+    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+        let (space, query) = (self.space, set.query);
+        spread(&mut self.workers, set, answers, |tracer, rays, answers| {
+            for (ray, answer) in rays.iter().zip(answers) {
+                *answer = ask(tracer, space, query, ray).expect("all pages are there");
+            }
+        })
+    }
+}
+
+impl Resident<'_> {
+    /// The closest hit.
+    pub(super) fn hit(&mut self, ray: &BenchRay) -> Option<Hit> {
+        exact(self.workers[0].intersect(&self.space.to_model(ray))).expect("all pages are there")
+    }
+}
+
+/// Ours, through the pool.
+pub(super) struct Pooled<'a> {
+    pub(super) space: Space,
+    pub(super) workers: Vec<PagedMesh<'a, PooledPages<'a>>>,
+}
+
+impl Contender for Pooled<'_> {
+    fn label(&self) -> &str {
+        "trex"
+    }
+
+    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+        let (space, query) = (self.space, set.query);
+        spread(&mut self.workers, set, answers, |tracer, rays, answers| {
+            let mut pending: Vec<usize> = (0..rays.len()).collect();
+            while !pending.is_empty() {
+                let before = pending.len();
+                tracer.begin_tile(0);
+                pending.retain(|&at| match ask(tracer, space, query, &rays[at]) {
+                    Some(answer) => {
+                        answers[at] = answer;
+                        false
+                    }
+                    None => true,
+                });
+                if pending.len() == before {
+                    // Rays take each other's pages: the first one gets room for itself.
+                    let at = pending.remove(0);
+                    answers[at] = alone(tracer, |tracer| ask(tracer, space, query, &rays[at]));
+                } else if !pending.is_empty() {
+                    tracer.request_missing();
+                    tracer.wait();
+                }
+            }
+        })
+    }
+}
+
+impl Pooled<'_> {
+    /// The closest hit.
+    pub(super) fn hit(&mut self, ray: &BenchRay) -> Option<Hit> {
+        let (tracer, ray) = (&mut self.workers[0], self.space.to_model(ray));
+        match exact(tracer.intersect(&ray)) {
+            Some(hit) => hit,
+            None => alone(tracer, |tracer| exact(tracer.intersect(&ray))),
+        }
+    }
+}
+
+/// The answer, or `None` when a page is missing.
+fn ask(tracer: &mut impl Tracer, space: Space, query: Query, ray: &BenchRay) -> Option<Answer> {
+    let ray = space.to_model(ray);
+    match query {
+        Query::Closest => exact(tracer.intersect(&ray)).map(Answer::of_hit),
+        Query::Any => exact(tracer.occluded(&ray)).map(Answer::of_occlusion),
+    }
+}
+
+/// Asks for the pages of one ray until it is answered.
+fn alone<T: PagedTracer, A>(tracer: &mut T, mut ask: impl FnMut(&mut T) -> Option<A>) -> A {
+    tracer.request_missing();
+    tracer.begin_tile(0);
+    loop {
+        if let Some(answer) = ask(tracer) {
+            return answer;
+        }
+        tracer.request_missing();
+        tracer.wait();
+    }
+}
+
+fn exact<T>(answer: trace::Answer<T>) -> Option<T> {
+    match answer {
+        trace::Answer::Exact(value) => Some(value),
+        trace::Answer::Blocked => None,
+    }
+}

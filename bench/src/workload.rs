@@ -1,0 +1,134 @@
+//! The verbs `rays` and `build` of `trex-bench`: flags to options, figures to one JSON document.
+//!
+//! The command `trex` has the same verbs as `trex bench`, without peers.
+
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use trex_bench::building;
+use trex_bench::model::{Model, Surroundings};
+use trex_bench::rays::{self, Peer, RayOptions};
+use trex_store::io::IoOptions;
+use trex_store::{Budget, Interrupt};
+
+/// Flags of both.
+#[derive(Debug, Args)]
+pub(crate) struct CommonArgs {
+    /// Most memory that ours may take, MiB; a peer is not counted (default: no limit)
+    #[arg(long, value_name = "MIB")]
+    memory_limit_mib: Option<u64>,
+    /// Worker threads (default: one per core)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Measured rounds
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rounds: u16,
+    /// Folder for temporary files
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    temp_dir: PathBuf,
+    /// One JSON document; the only form there is, accepted for scripts that pass it to every verb
+    #[arg(long)]
+    json: bool,
+}
+
+/// `trex-bench rays`
+#[derive(Debug, Args)]
+pub(crate) struct RaysArgs {
+    /// A page file, or gen:KIND:COUNT[:SEED]
+    model: String,
+    /// Side of the square picture, pixels; each gives a ray
+    #[arg(long, value_name = "PIXELS", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    side: u32,
+    /// Seed of the gather rays
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Whom to compare with; needs a feature of this program
+    #[arg(long, value_enum, value_name = "NAME")]
+    peer: Option<PeerName>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// `--peer`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum PeerName {
+    /// Intel Embree 3: feature peer-embree
+    Embree,
+}
+
+/// `trex-bench build`
+#[derive(Debug, Args)]
+pub(crate) struct BuildArgs {
+    /// gen:KIND:COUNT[:SEED]
+    spec: String,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl CommonArgs {
+    fn surroundings(&self) -> Surroundings {
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        Surroundings {
+            threads: self.threads.map_or_else(cores, usize::from),
+            budget: self.memory_limit_mib.map_or_else(Budget::unlimited, |mib| Budget::new(mib << 20)),
+            folder: self.temp_dir.clone(),
+            interrupt: Interrupt::default(),
+        }
+    }
+}
+
+/// Runs `trex-bench rays`.
+pub(crate) fn rays(args: &RaysArgs, command: &str) -> anyhow::Result<()> {
+    let around = args.common.surroundings();
+    let model = Model::open(&args.model, &around)?;
+    let options = RayOptions {
+        resolution: [args.side; 2],
+        rounds: usize::from(args.common.rounds),
+        seed: args.seed,
+        io: IoOptions::default(),
+        peer: args.peer.map(peer).transpose()?,
+    };
+    tell("bench-rays", command, &rays::run(&model, &options, &around)?)
+}
+
+/// Runs `trex-bench build`.
+pub(crate) fn build(args: &BuildArgs, command: &str) -> anyhow::Result<()> {
+    let around = args.common.surroundings();
+    tell("bench-build", command, &building::run(&args.spec, usize::from(args.common.rounds), &around)?)
+}
+
+#[cfg(feature = "peer-embree")]
+fn peer(name: PeerName) -> anyhow::Result<Peer> {
+    match name {
+        PeerName::Embree => Ok(Peer::Embree),
+    }
+}
+
+#[cfg(not(feature = "peer-embree"))]
+fn peer(name: PeerName) -> anyhow::Result<Peer> {
+    let PeerName::Embree = name;
+    anyhow::bail!("this program was built without Embree: cargo run -p trex-bench --features peer-embree")
+}
+
+/// A verb's document.
+#[derive(Serialize)]
+struct Document<'a, T> {
+    schema: String,
+    command: String,
+    version: &'static str,
+    #[serde(flatten)]
+    body: &'a T,
+}
+
+fn tell<T: Serialize>(verb: &str, command: &str, body: &T) -> anyhow::Result<()> {
+    let document = Document {
+        schema: format!("trex.{verb}/1"),
+        command: command.to_owned(),
+        version: env!("CARGO_PKG_VERSION"),
+        body,
+    };
+    let text = serde_json::to_string_pretty(&document)? + "\n";
+    io::stdout().lock().write_all(text.as_bytes()).context("cannot write to stdout")
+}
