@@ -52,6 +52,7 @@ impl From<Code> for Exit {
             | Code::InputRange
             | Code::InputEmpty
             | Code::InputUnreadable
+            | Code::InputMismatch
             | Code::SceneFormat
             | Code::Damaged
             | Code::Version => Exit::BadInput,
@@ -204,6 +205,7 @@ mod tests {
             (Code::InputRange, 3),
             (Code::InputEmpty, 3),
             (Code::InputUnreadable, 3),
+            (Code::InputMismatch, 3),
             (Code::SceneFormat, 3),
             (Code::Damaged, 3),
             (Code::Version, 3),

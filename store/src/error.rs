@@ -26,6 +26,8 @@ pub enum Code {
     InputEmpty,
     /// The input cannot be opened: missing, a directory, no permission.
     InputUnreadable,
+    /// Inputs that do not go together: pictures of different sizes.
+    InputMismatch,
     /// A scene file has an unknown key or a value out of range.
     SceneFormat,
     /// The work cannot be done under the memory limit; `Error::smallest_limit_bytes` says what would do.
@@ -52,6 +54,7 @@ impl Code {
             Code::InputRange => "input-range",
             Code::InputEmpty => "input-empty",
             Code::InputUnreadable => "input-unreadable",
+            Code::InputMismatch => "input-mismatch",
             Code::SceneFormat => "scene-format",
             Code::MemoryLimit => "memory-limit",
             Code::DiskFull => "disk-full",
