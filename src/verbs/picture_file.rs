@@ -1,7 +1,7 @@
 //! The picture on disk: PNG or EXR by its ending, written beside its name and renamed when whole.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use trex_render::film::{Film, Layers};
 use trex_render::picture::{write_exr, write_png};
@@ -43,28 +43,84 @@ impl PictureFile {
         Ok(PictureFile { path: path.to_path_buf(), is_exr })
     }
 
+    /// As [`PictureFile::check`], for what is written as PNG alone.
+    pub fn check_png(path: &Path, overwrite: bool) -> Result<PictureFile> {
+        let file = PictureFile::check(path, overwrite, Layers::default())?;
+        if file.is_exr {
+            return Err(Error::new(Code::Usage, "false colours are no radiance for an EXR")
+                .at(path)
+                .next("end the name in .png"));
+        }
+        Ok(file)
+    }
+
     /// Encodes the film; nothing is left behind when that fails.
     pub fn write(&self, film: &Film, exposure: f32) -> Result<()> {
+        self.write_with(
+            |writer| {
+                if self.is_exr { write_exr(film, writer) } else { write_png(film, exposure, writer) }
+            },
+        )
+    }
+
+    /// Publishes what `encode` writes; nothing is left behind when that fails.
+    pub fn write_with(&self, encode: impl FnOnce(&mut BufWriter<&mut Disk>) -> io::Result<()>) -> Result<()> {
         let part = self.path.with_extension(format!("{}.part", std::process::id()));
-        let written = self.write_part(&part, film, exposure);
+        let written = self.write_part(&part, encode);
         if written.is_err() {
             let _ = std::fs::remove_file(&part);
         }
-        written
+        written.map_err(|error| Error::writing("write the picture", &self.path, &error))
     }
 
-    fn write_part(&self, part: &Path, film: &Film, exposure: f32) -> Result<()> {
-        let failed = |error: &std::io::Error| Error::writing("write the picture", &self.path, error);
-        let file = File::create(part).map_err(|e| failed(&e))?;
-        let mut writer = BufWriter::new(&file);
-        if self.is_exr {
-            write_exr(film, &mut writer).map_err(|e| failed(&e))?;
-        } else {
-            write_png(film, exposure, &mut writer).map_err(|e| failed(&e))?;
-        }
-        writer.flush().map_err(|e| failed(&e))?;
+    fn write_part(
+        &self,
+        part: &Path,
+        encode: impl FnOnce(&mut BufWriter<&mut Disk>) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let mut disk = Disk { file: File::create(part)?, failed: None };
+        let mut writer = BufWriter::new(&mut disk);
+        let encoded = encode(&mut writer).and_then(|()| writer.flush());
         drop(writer);
-        file.sync_all().map_err(|e| failed(&e))?;
-        std::fs::rename(part, &self.path).map_err(|e| failed(&e))
+        encoded.map_err(|error| disk.failed.map_or(error, io::Error::from_raw_os_error))?;
+        disk.file.sync_all()?;
+        std::fs::rename(part, &self.path)
+    }
+}
+
+/// A file that remembers the system's first refusal: encoders pass on its words, but not that the disk is full.
+pub struct Disk {
+    file: File,
+    failed: Option<i32>,
+}
+
+impl Disk {
+    fn noted<T>(&mut self, done: io::Result<T>) -> io::Result<T> {
+        match &done {
+            // It is made again.
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => self.failed = self.failed.or(error.raw_os_error()),
+            Ok(_) => {}
+        }
+        done
+    }
+}
+
+impl Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let done = self.file.write(bytes);
+        self.noted(done)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let done = self.file.flush();
+        self.noted(done)
+    }
+}
+
+impl Seek for Disk {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let done = self.file.seek(to);
+        self.noted(done)
     }
 }
