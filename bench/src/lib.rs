@@ -3,12 +3,14 @@
 //! ```text
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
+//!   ^ image: two pictures, compared
 //! ```
 //!
 //! Invariant: a figure in the documentation comes from a record, and a record says how to get it again.
 
 pub mod building;
 pub mod docs;
+pub mod image;
 pub mod machine;
 pub mod median;
 pub mod model;
