@@ -3,10 +3,13 @@
 //! Invariants: 1. a flag that is listed does something; 2. what clap accepted is in range (`values`), so verbs
 //! check only what needs a file; 3. the same flag has the same name and meaning at every verb.
 
+mod image;
+
 use crate::progress::Mode;
 use crate::values::{self, Input, MemoryLimit, Resolution, Seconds, Vec3};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
 use std::path::PathBuf;
 use trex_store::io::{DirectChoice, IoChoice};
 
@@ -26,6 +29,7 @@ Examples:
   trex build gen:isosurface:20M -o iso.trex --memory-limit 512MiB
   trex info statue.trex                                what is inside
   trex render statue.trex -o statue.png --memory-limit 128MiB
+  trex image diff a.exr reference.exr                  how far apart two pictures are
 
 Results go to stdout, all else to stderr; --json makes the result one JSON document.
 Exit status: 0 done; 1 ran, and the answer is no; 2 usage; 3 bad input; 4 memory limit too small;
@@ -48,6 +52,8 @@ pub enum Verb {
     Render(RenderArgs),
     /// Measure this machine on a model
     Bench(BenchArgs),
+    /// Compare pictures
+    Image(ImageArgs),
 }
 
 impl Verb {
@@ -62,6 +68,7 @@ impl Verb {
             Verb::Render(_) => "render",
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
+            Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
         }
     }
 
@@ -76,6 +83,7 @@ impl Verb {
             Verb::Render(args) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
+            Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
         }
     }
 

@@ -174,6 +174,11 @@ pub fn positive(text: &str) -> Result<f64, String> {
     finite(text).filter(|x| *x > 0.0).ok_or_else(|| "accepted is a finite number above zero".into())
 }
 
+/// Parses a finite number.
+pub fn number(text: &str) -> Result<f64, String> {
+    finite(text).ok_or_else(|| "accepted is a finite number".into())
+}
+
 /// Parses a field of view, degrees.
 pub fn degrees(text: &str) -> Result<f64, String> {
     finite(text)

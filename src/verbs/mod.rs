@@ -7,6 +7,7 @@ mod bench;
 mod build;
 mod demo;
 mod generate;
+mod image_diff;
 mod info;
 mod inputs;
 mod picture_file;
@@ -14,7 +15,7 @@ mod render;
 mod shares;
 mod verify;
 
-use crate::args::Verb;
+use crate::args::{ImageArgs, ImageVerb, Verb};
 use crate::context::Context;
 use crate::failure::Exit;
 
@@ -28,5 +29,6 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::Verify(args) => verify::run(args, ctx),
         Verb::Render(args) => render::run(args, ctx),
         Verb::Bench(args) => bench::run(args, ctx),
+        Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => image_diff::run(args, ctx),
     }
 }

@@ -20,14 +20,14 @@ fn stdout(line: &str) -> String {
 #[test]
 fn help_lists_the_verbs_and_the_exit_statuses() {
     let help = stdout("--help");
-    for word in VERBS.into_iter().chain(["bench", "Examples:", "Exit status:", "130"]) {
+    for word in VERBS.into_iter().chain(["bench", "image", "Examples:", "Exit status:", "130"]) {
         assert!(help.contains(word), "{word} is missing in:\n{help}");
     }
 }
 
 #[test]
 fn every_verb_explains_its_flags_units_and_defaults() {
-    for verb in VERBS.into_iter().chain(["bench rays"]) {
+    for verb in VERBS.into_iter().chain(["bench rays", "image diff"]) {
         let help = stdout(&format!("{verb} --help"));
         for word in
             ["Example", "--memory-limit", "512MiB", "auto = 50%", "--threads", "--json", "[default: auto]"]
@@ -36,7 +36,7 @@ fn every_verb_explains_its_flags_units_and_defaults() {
         }
     }
     let writes = |verb: &&str| ["demo", "gen", "build", "render"].contains(verb);
-    for verb in VERBS.iter().filter(|verb| writes(verb)) {
+    for verb in VERBS.iter().filter(|verb| writes(verb)).chain(&["image diff"]) {
         assert!(stdout(&format!("{verb} --help")).contains("--overwrite"), "{verb}");
     }
 }
@@ -66,6 +66,13 @@ fn usage_errors_exit_2_name_the_value_and_leave_stdout_empty() {
         ("render a.trex -o a.png --camera-position 1,2", "x,y,z"),
         ("render a.trex -o a.png --integrator photon", "direct"),
         ("render a.trex -o a.png --fov-x 40 --fov-y 40", "--fov-y"),
+        ("image", "Usage"),
+        ("image diff a.png", "<B>"),
+        ("image diff a.png b.png --metric psnr", "--threshold"),
+        ("image diff a.png b.png --threshold 1 --metric ssim", "relmse"),
+        ("image diff a.png b.png --threshold nan", "finite"),
+        ("image diff a.png b.png --scale-max 1", "--output"),
+        ("image diff a.png b.png --epsilon 0", "above zero"),
     ] {
         let output = trex(line).assert().code(2).get_output().clone();
         let stderr = String::from_utf8(output.stderr).unwrap();

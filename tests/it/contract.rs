@@ -175,6 +175,39 @@ const VERIFY: [(&str, Kind); 7] = [
     ("damage", List),
 ];
 
+const FIGURES: [&str; 4] = ["all", "channels.r", "channels.g", "channels.b"];
+
+const IMAGE_DIFF: [(&str, Kind); 28] = [
+    ("scene", Text),
+    ("a.path", Text),
+    ("a.format", Text),
+    ("a.channels", Text),
+    ("b.path", Text),
+    ("b.format", Text),
+    ("b.channels", Text),
+    ("image.width", Count),
+    ("image.height", Count),
+    ("unit", Text),
+    ("relmse_epsilon", Number),
+    ("psnr_peak", Number),
+    ("pixel_count", Count),
+    ("compared_pixel_count", Count),
+    ("non_finite_pixel_count.a", Count),
+    ("non_finite_pixel_count.b", Count),
+    ("threshold.metric", Text),
+    ("threshold.limit", Number),
+    ("threshold.value", MaybeNumber),
+    ("threshold.is_kept", Flag),
+    ("verdict", Text),
+    ("false_colour.path", Text),
+    ("false_colour.map", Text),
+    ("false_colour.scale_min", Number),
+    ("false_colour.scale_max", Number),
+    ("false_colour.scale_percentile", MaybeNumber),
+    ("all.max_error_pixel", List),
+    ("time_ms", Count),
+];
+
 #[test]
 fn documents_hold_what_scripts_rely_on() {
     let inside = folder();
@@ -210,6 +243,17 @@ fn documents_hold_what_scripts_rely_on() {
     check(&rendered, "trex.render/1", &with_memory(&RENDER));
     let demo = document_in(inside, "demo --triangles 50k --resolution 16x16 --spp 1 -o demo.png");
     check(&demo, "trex.demo/1", &[("build.triangle_count", Count), ("render.image.mean", Vec3)]);
+
+    document_in(inside, "render plant.trex -o other.png --resolution 40x30 --spp 1 --integrator ao");
+    let line = "image diff plant.png other.png -o diff.png --threshold 9 --metric relmse";
+    let compared = document_in(inside, line);
+    check(&compared, "trex.image-diff/1", &with_memory(&IMAGE_DIFF));
+    for figures in FIGURES {
+        for key in ["rmse", "relmse", "psnr_db", "max_error", "mean_a", "mean_b"] {
+            let found = compared.pointer(&format!("/{}/{key}", figures.replace('.', "/")));
+            assert!(found.is_some_and(Value::is_number), "{figures}.{key} in {compared:#}");
+        }
+    }
 
     // The documents agree with each other and with the files.
     for (a, b) in [

@@ -27,6 +27,10 @@ fn the_smallest_limit_that_is_named_works() {
     document_in(inside.path(), "gen scan --triangles 400k -o scan.obj");
     document_in(inside.path(), "gen scan --triangles 100k -o scan.stl");
     document_in(inside.path(), "build scan.stl -o scan.trex");
+    for picture in ["large.exr", "large.png"] {
+        let line = format!("render scan.trex -o {picture} --resolution 1500x1100 --spp 1");
+        document_in(inside.path(), &line);
+    }
     for line in [
         "build gen:isosurface:400k -o out.trex --overwrite --threads 3",
         "build scan.ply -o out.trex --overwrite --threads 1",
@@ -39,6 +43,9 @@ fn the_smallest_limit_that_is_named_works() {
         "gen soup --triangles 10k -o out.ply --overwrite --threads 1",
         "gen soup --triangles 10k -o out.stl --overwrite --threads 2",
         "verify scan.trex",
+        "image diff large.exr large.exr",
+        "image diff large.exr large.png -o diff.png --overwrite",
+        "image diff large.png large.png",
     ] {
         check(inside.path(), line);
     }

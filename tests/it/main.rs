@@ -7,6 +7,7 @@ mod contract;
 mod damage;
 mod determinism;
 mod format;
+mod image_diff;
 mod inputs;
 mod lies;
 mod limits;

@@ -2,6 +2,7 @@
 //! old file or the whole new one stands there, and nothing beside it.
 
 use crate::command::{document_in, folder, hash_of, listing, ran, run_in, skipped, trex_in};
+use crate::oracle::pictures::{exr, noise};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -12,12 +13,14 @@ use std::time::{Duration, Instant};
 fn an_output_that_exists_is_kept_without_overwrite() {
     let inside = folder();
     document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    document_in(inside.path(), "render model.trex --resolution 8x8 -o view.png");
     for (line, output) in [
         ("build gen:soup:20k -o kept.trex", "kept.trex"),
         ("render model.trex --resolution 8x8 -o kept.png", "kept.png"),
         ("render model.trex --resolution 8x8 -o kept.exr", "kept.exr"),
         ("gen soup --triangles 10k -o kept.ply", "kept.ply"),
         ("demo --triangles 10k --resolution 8x8 -o kept.png", "kept.png"),
+        ("image diff view.png view.png -o kept.png", "kept.png"),
     ] {
         std::fs::write(inside.path().join(output), "mine").unwrap();
         let before = listing(inside.path());
@@ -41,6 +44,8 @@ fn outputs_without_a_place_are_usage_errors() {
         "render model.trex -o no/such/folder/out.png",
         "render model.trex -o picture.jpeg",
         "render model.trex -o picture.png --layers depth",
+        "image diff a.png b.png -o no/such/folder/out.png",
+        "image diff a.png b.png -o out.exr",
         "gen soup --triangles 10k -o no/such/folder/out.ply",
         "gen soup --triangles 10k -o out.gltf",
     ] {
@@ -80,6 +85,10 @@ fn a_full_disk_is_said_and_leaves_nothing() {
     let Some(_disk) = SmallDisk::mount(&inside.path().join("small"), 2 << 20) else { return };
     document_in(inside.path(), "build gen:scan:100k -o model.trex");
     std::fs::write(inside.path().join("small/filler"), vec![1; 64 << 10]).unwrap();
+    // Errors that no compression makes small enough.
+    let noise = noise(1 << 21, 5);
+    std::fs::write(inside.path().join("noise.exr"), exr(2048, &noise)).unwrap();
+    std::fs::write(inside.path().join("black.exr"), exr(2048, &vec![[0.0; 3]; 1 << 21])).unwrap();
     let before = listing(inside.path());
     for line in [
         // The scratch does not fit; the scratch fits elsewhere but the output does not; only the scratch is there.
@@ -90,6 +99,7 @@ fn a_full_disk_is_said_and_leaves_nothing() {
         "gen scan --triangles 1M -o small/out.obj",
         "gen scan --triangles 1M -o small/out.stl",
         "render model.trex --resolution 1024x1024 --spp 1 --layers depth,normal -o small/out.exr",
+        "image diff noise.exr black.exr --scale-max 1 -o small/out.png",
     ] {
         let document = run_in(inside.path(), &format!("{line} --json -q")).expect_error(5, "disk-full");
         assert!(document["where"].as_str().unwrap().contains("small"), "{line}: {document}");

@@ -1,3 +1,4 @@
 //! Oracles: plain and slow, sharing no code with what they test.
 
 pub(crate) mod mesh;
+pub(crate) mod pictures;

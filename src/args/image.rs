@@ -1,0 +1,89 @@
+//! The flags of `trex image`.
+
+use super::{CommonArgs, OverwriteArgs};
+use crate::values;
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use trex_bench::image::compare::{DEFAULT_EPSILON, DEFAULT_PEAK};
+
+/// `trex image`
+#[derive(Debug, Args)]
+pub struct ImageArgs {
+    /// What to do with them.
+    #[command(subcommand)]
+    pub verb: ImageVerb,
+}
+
+/// What is done with pictures.
+#[derive(Debug, Subcommand)]
+pub enum ImageVerb {
+    /// Say how far a picture is from its reference: RMSE, relMSE, PSNR, largest error
+    Diff(ImageDiffArgs),
+}
+
+/// `trex image diff`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_IMAGE_DIFF)]
+pub struct ImageDiffArgs {
+    /// The picture: EXR or PNG
+    #[arg(value_name = "A")]
+    pub a: PathBuf,
+    /// The reference, of the same size: EXR or PNG
+    #[arg(value_name = "B")]
+    pub b: PathBuf,
+    /// Write the error of each pixel as false colours, a .png
+    #[arg(short, long, value_name = "DIFF.png")]
+    pub output: Option<PathBuf>,
+    /// End of the false colours' scale, radiance (default: what 99 % of the pixels do not exceed)
+    #[arg(long, value_name = "RADIANCE", value_parser = values::positive, requires = "output")]
+    pub scale_max: Option<f64>,
+    /// What the metric of all channels must keep to, else exit status 1: at most this RMSE or relMSE, at least this
+    /// PSNR in dB
+    #[arg(long, value_name = "X", value_parser = values::number, allow_hyphen_values = true)]
+    pub threshold: Option<f64>,
+    /// What the threshold is held against (default: rmse)
+    #[arg(long, value_enum, value_name = "METRIC", requires = "threshold")]
+    pub metric: Option<Metric>,
+    /// eps of relMSE, squared radiance
+    #[arg(long, value_name = "EPS", default_value_t = DEFAULT_EPSILON, value_parser = values::positive)]
+    pub epsilon: f64,
+    /// Peak of PSNR, radiance
+    #[arg(long, value_name = "PEAK", default_value_t = DEFAULT_PEAK, value_parser = values::positive)]
+    pub peak: f64,
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// `--metric`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Metric {
+    /// Root of the mean squared error, radiance
+    Rmse,
+    /// Mean of (a-b)^2 / (b^2 + eps)
+    Relmse,
+    /// 10 log10(peak^2 / mean squared error), dB
+    Psnr,
+}
+
+impl Metric {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Metric::Rmse => "rmse",
+            Metric::Relmse => "relmse",
+            Metric::Psnr => "psnr",
+        }
+    }
+}
+
+const AFTER_IMAGE_DIFF: &str = "\
+Figures are in linear radiance, per channel and for all together: a PNG is decoded from sRGB, an EXR taken as it is
+(channels R G B, else the first layer with NAME.R NAME.G NAME.B, else Y as grey). Alpha is left out; so are pixels
+that are not finite in one of the pictures, and counted. Equal pictures have an infinite PSNR, null in JSON.
+
+Examples:
+  trex image diff photon.exr path.exr
+  trex image diff photon.exr path.exr -o error.png
+  trex image diff new.exr old.exr --threshold 0.01 --metric relmse --json";
