@@ -6,7 +6,7 @@
 //!
 //! Invariants: 1. the same `Spec` gives the same triangles in the same order at any thread count; 2. vertices
 //! shared by triangles are equal to the bit; 3. the memory of a stream is leased from the caller's budget and
-//! stays below 256 MiB; 4. count, bounds and edge length are known before the stream ([`ScanHint`]).
+//! stays below 256 MiB; 4. count, bounds and edge length are known before the stream ([`ScanHint`]); 5. y is upwards.
 //!
 //! [`ScanHint`]: trex_store::ScanHint
 

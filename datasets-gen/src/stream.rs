@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use trex_store::{
-    Budget, Interrupt, Lease, Material, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
+    Aabb, Budget, Interrupt, Lease, Material, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
 };
 
 /// Most triangles that one task makes: twice what a batch aims at, so that a chunk can be handed over whole.
@@ -91,6 +91,17 @@ struct Shelf {
     broken: bool,
 }
 
+/// Recipes think of the ground as x and y. Models are delivered as scans and most pictures have it, with y upwards.
+pub(crate) fn y_up([x, y, z]: [f64; 3]) -> [f64; 3] {
+    // Not -y, which would tell 0 from -0.
+    [x, z, 0.0 - y]
+}
+
+fn y_up_bounds(bounds: &Aabb) -> Aabb {
+    let (lo, hi) = (y_up(bounds.lo), y_up(bounds.hi));
+    Aabb { lo: [lo[0], lo[1], hi[2]], hi: [hi[0], hi[1], lo[2]] }
+}
+
 /// Bytes that a stream of `threads` workers leases.
 pub(crate) fn lease_bytes(threads: usize) -> u64 {
     let chunks = window(workers(threads)) + workers(threads) as u64 + 2;
@@ -116,6 +127,8 @@ impl<R: Recipe> Stream<R> {
         interrupt: Interrupt,
     ) -> Result<Stream<R>> {
         let lease = budget.lease("the generator's chunks", lease_bytes(threads))?;
+        let mut label = label;
+        label.hint.bounds = y_up_bounds(&label.hint.bounds);
         Ok(Stream {
             recipe: Arc::new(recipe),
             label,
@@ -258,6 +271,7 @@ impl<R: Recipe> Shared<R> {
         while let Some((ticket, task)) = self.next_task() {
             let Some(mut chunk) = self.admit(ticket) else { return };
             self.recipe.make(task, &mut scratch, &mut chunk);
+            chunk.corners.as_flattened_mut().iter_mut().for_each(|corner| *corner = y_up(*corner));
             assert!(chunk.len() <= MAX_CHUNK_TRIANGLES, "a task made {} triangles", chunk.len());
             self.shelf().ready.insert(ticket, chunk);
             self.changed.notify_all();

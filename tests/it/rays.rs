@@ -104,7 +104,14 @@ fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<Strin
         if on_surface && !overlooked {
             settled += 1;
         } else {
-            wrong.push(format!("{ray:?}: ours {ours:?}, oracle {theirs:?}"));
+            let off = ours.as_ref().map(|hit| {
+                let triangle = &oracle.triangles[built.decoded_index(hit.triangle)];
+                (distance(triangle, point(ray, hit.t)), *triangle)
+            });
+            let their_triangle = theirs.map(|hit| oracle.triangles[hit.triangle]);
+            wrong.push(format!(
+                "{ray:?}: ours {ours:?}, off by {off:?}, oracle {theirs:?} {their_triangle:?}, bound {bound:e}"
+            ));
         }
     }
     (settled, wrong)
@@ -210,6 +217,31 @@ fn check_against_the_input(source: &mut dyn TriangleSource, ray_count: usize) {
 fn near_an_edge(oracle: &OracleMesh, ray: &Ray, t: f64, reach: f64) -> bool {
     let p = point(ray, t);
     oracle.triangles.iter().any(|triangle| distance(triangle, p) <= 4.0 * reach)
+}
+
+/// A shadow ray that ends in front of what it would hit is free, one that ends behind is not. (It used to go on for two
+/// lattice steps, so that small surfaces never saw the lamps of the model.)
+#[test]
+fn shadow_rays_end_where_they_should() {
+    for spec in ["gen:isosurface:50k:4", "gen:pipes:50k:4"] {
+        let built = build_spec(spec);
+        let reach = F32_BOUND * built.file.superblock().bounds.diagonal();
+        let resident = AllResident::load(&built.file);
+        let mut compared = 0;
+        for arithmetic in [Arithmetic::for_file(&built.file), Arithmetic::Scalar, Arithmetic::Deep] {
+            let mut tracer = PagedMesh::with_arithmetic(&built.file, &resident, arithmetic);
+            for ray in random_rays(&built, 5_000, 11) {
+                let Some(hit) = exact(tracer.intersect(&ray)) else { continue };
+                let cos = dot(hit.normal.map(f64::from), ray.direction).abs();
+                for (t_max, expected) in [(hit.t - reach / cos, false), (hit.t + reach / cos, true)] {
+                    let found = exact(tracer.occluded(&Ray { t_max, ..ray }));
+                    assert_eq!(found, expected, "{spec} {arithmetic:?} {t_max}: {ray:?} {hit:?}");
+                    compared += usize::from(t_max > 0.0);
+                }
+            }
+        }
+        assert!(compared > 5_000, "{spec}: {compared}");
+    }
 }
 
 #[test]

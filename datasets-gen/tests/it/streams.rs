@@ -112,8 +112,8 @@ fn the_plant_has_many_materials_mirrors_and_eleven_lamps_that_shine_down() {
     let mut lamp_triangles = 0;
     for ([a, b, c], &material) in all.corners.iter().zip(&all.material) {
         if materials[material as usize].emits() {
-            let up = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-            assert!(up < 0.0 && a[2] == b[2] && b[2] == c[2]);
+            let up = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2]);
+            assert!(up < 0.0 && a[1] == b[1] && b[1] == c[1]);
             lamp_triangles += 1;
         }
     }

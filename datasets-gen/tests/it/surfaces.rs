@@ -38,15 +38,18 @@ fn the_layer_is_closed_but_for_its_walls() {
         let (open, crowded) = bad_edges(Spec { kind: Kind::Isosurface, triangles, seed });
         assert_eq!(crowded, 0);
         assert!(!open.is_empty());
-        let mut walls: [[f64; 2]; 2] = [[0.0; 2]; 2];
+        let mut walls = [[0.0f64; 2]; 3];
         for point in open.as_flattened() {
-            for axis in 0..2 {
+            for axis in [0, 2] {
                 walls[axis] = [walls[axis][0].min(point[axis]), walls[axis][1].max(point[axis])];
             }
         }
         for [a, b] in &open {
             let on_wall = |axis: usize, wall: f64| a[axis] == wall && b[axis] == wall;
-            assert!((0..2).any(|axis| walls[axis].iter().any(|&wall| on_wall(axis, wall))), "{a:?} {b:?}");
+            assert!(
+                [0, 2].into_iter().any(|axis: usize| walls[axis].iter().any(|&wall| on_wall(axis, wall))),
+                "{a:?} {b:?}"
+            );
         }
     }
 }
@@ -62,7 +65,7 @@ fn the_statue_encloses_a_positive_volume_and_the_layer_faces_up() {
     assert!((1.0..20.0).contains(&volume), "{volume}");
     let layer = collect(&mut *open_seeded(Spec { kind: Kind::Isosurface, triangles: 50_000, seed: 1 }, 1));
     let sub = |a: &[f64; 3], b: &[f64; 3]| [0, 1, 2].map(|i| a[i] - b[i]);
-    let upward: f64 = layer.corners.iter().map(|[a, b, c]| 0.5 * cross(sub(b, a), sub(c, a))[2]).sum();
+    let upward: f64 = layer.corners.iter().map(|[a, b, c]| 0.5 * cross(sub(b, a), sub(c, a))[1]).sum();
     // What the layer covers of its square, to a cell.
     assert!((9_500.0..10_500.0).contains(&upward), "{upward}");
 }

@@ -25,6 +25,10 @@ const MISSING_PER_RAY: usize = 16;
 /// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves.
 const STACK: usize = 2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + 2 * NODE_WIDTH;
 
+/// Lattice steps from the entry up to which a closest hit is refined before it counts: a ray that starts on a surface
+/// must not end at it by rounding. Hits of any-hit rays are always refined, since such a ray ends near a light.
+const NEAR: f64 = 64.0;
+
 /// What the traversal of one ray looks for.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Goal {
@@ -95,7 +99,7 @@ pub(super) fn trace<K: Kernel, P: Pages>(
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
                     let first = scene.file.pages()[page as usize].first_triangle;
-                    let seen = PageVisit { frame: FrameView::new(frame), first_triangle: first, goal };
+                    let seen = PageVisit { frame: FrameView::new(frame), first_triangle: first, ray, goal };
                     seen.root(&kernel, slot, stack, &mut best);
                     if goal == Goal::Any && best.found.is_some() {
                         break;
@@ -123,6 +127,7 @@ struct PageVisit<'a> {
     frame: FrameView<'a>,
     /// Store id of its first triangle.
     first_triangle: u32,
+    ray: &'a LatticeRay,
     goal: Goal,
 }
 
@@ -177,8 +182,12 @@ impl PageVisit<'_> {
                 let triangle = self.first_triangle + (cluster.first_triangle() + index) as u32;
                 let t = lanes.t[lane];
                 if t < best.t || best.found.is_none_or(|(id, ..)| t == best.t && triangle < id) {
+                    let corners = cluster.triangle(index);
+                    if (self.goal == Goal::Any || t.into() < NEAR) && !self.ray.reaches(corners) {
+                        continue;
+                    }
                     best.t = t;
-                    best.found = Some((triangle, cluster.triangle(index), cluster.material(index)));
+                    best.found = Some((triangle, corners, cluster.material(index)));
                     if self.goal == Goal::Any {
                         stack.entries.truncate(floor);
                         return;

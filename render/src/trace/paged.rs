@@ -128,7 +128,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     fn hit(&self, ray: &Ray, local: &LatticeRay, found: &super::bvh::Found) -> Hit {
         let frame = &self.scene.frame;
         let q = found.corners;
-        let t = local.model_t(local.refine(q).unwrap_or(found.t));
+        let t = local.model_t(local.refine(q));
         let edge = |i: usize| std::array::from_fn::<f64, 3, _>(|a| (q[i][a] - q[0][a]) as f64);
         let (e, f) = (edge(1), edge(2));
         let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];

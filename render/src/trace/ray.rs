@@ -28,7 +28,7 @@ pub(super) struct Frame {
     pub(super) slack: f64,
 }
 
-/// Steps around the box that the entry stays away from it.
+/// Steps around the box that the entry stays away from it, and that kernels look beyond the end.
 const MARGIN: f64 = 2.0;
 
 /// A ray in lattice units.
@@ -40,8 +40,11 @@ pub(super) struct LatticeRay {
     pub(super) fraction: [f64; 3],
     /// Longest component 1 or -1.
     pub(super) direction: [f64; 3],
-    /// End, from the entry, in these units.
+    /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
+    /// the kernels' t.
     pub(super) t_max: f64,
+    /// Where the ray itself ends; what was refined is compared with this.
+    t_end: f64,
     /// Model t = (t + t_entry) * t_scale.
     t_entry: f64,
     t_scale: f64,
@@ -83,7 +86,8 @@ impl Frame {
             return None;
         }
         let direction = ray.direction.map(|d| d / longest);
-        let (mut t_in, mut t_out) = (0.0f64, ray.t_max / self.step * longest);
+        let t_end = ray.t_max / self.step * longest;
+        let (mut t_in, mut t_out) = (0.0f64, t_end);
         for axis in 0..3 {
             if direction[axis] == 0.0 {
                 if from[axis] < self.lo[axis] || from[axis] > self.hi[axis] {
@@ -107,6 +111,7 @@ impl Frame {
             fraction: std::array::from_fn(|a| entry[a] - cell[a]),
             direction,
             t_max: (t_out - t_in).max(0.0) + MARGIN,
+            t_end: t_end - t_in,
             t_entry: t_in,
             t_scale: self.step / longest,
         })
@@ -124,19 +129,37 @@ impl LatticeRay {
         std::array::from_fn(|a| (q[a] - self.cell[a]) as f64 - self.fraction[a])
     }
 
-    /// Closest t and barycentric weights of the entry's ray on a triangle that a kernel has reported, in f64;
-    /// weights of the wrong sign (rounding, at an edge) count as zero. `None` for a triangle seen exactly edge-on.
-    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> Option<f64> {
+    /// t of the entry's ray on a triangle that a kernel has reported, in f64. Where the ray passes beside it (the
+    /// kernel's rounding, at an edge): at the point of its edges that is nearest to the ray.
+    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> f64 {
         let shear = Shear::of(self.direction);
         let [a, b, c] = q.map(|q| shear.apply(self.seen_from_entry(q)));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let sign = if u + v + w < 0.0 { -1.0 } else { 1.0 };
-        let [u, v, w] = [u, v, w].map(|x| (x * sign).max(0.0));
         let sum = u + v + w;
-        (sum > 0.0).then(|| (u * a[2] + v * b[2] + w * c[2]) / sum)
+        if sum != 0.0 && [u, v, w].iter().all(|x| x * sum >= 0.0) {
+            return (u * a[2] + v * b[2] + w * c[2]) / sum;
+        }
+        let on_edges = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
+        on_edges.into_iter().fold((f64::INFINITY, 0.0), |best, next| if next.0 < best.0 { next } else { best }).1
     }
+
+    /// True when the refined hit of a kernel's triangle lies on the ray: neither behind its start nor behind its end.
+    pub(super) fn reaches(&self, q: [[i64; 3]; 3]) -> bool {
+        (0.0..=self.t_end).contains(&self.refine(q))
+    }
+}
+
+/// Of a segment, the point nearest to the z axis: squared distance, z.
+fn nearest_to_axis(from: [f64; 3], to: [f64; 3]) -> (f64, f64) {
+    let way: [f64; 3] = std::array::from_fn(|a| to[a] - from[a]);
+    let squared = way[0] * way[0] + way[1] * way[1];
+    let along = -(from[0] * way[0] + from[1] * way[1]) / squared;
+    // A segment along the axis: its nearer end.
+    let along = if squared > 0.0 { along.clamp(0.0, 1.0) } else { f64::from(u8::from(way[2] < 0.0)) };
+    let [x, y, z] = std::array::from_fn(|a| from[a] + along * way[a]);
+    (x * x + y * y, z)
 }
 
 /// The shear that turns the ray into the z axis (Woop, Benthin, Wald: "Watertight ray/triangle intersection",

@@ -1,0 +1,66 @@
+#!/usr/bin/env bash
+# Runs what docs/ shows and keeps each run as a record. Needs some 20 GB in the folder given, half an hour of a quiet
+# machine, and for the caps the right to make memory control groups (v1). Ends with the docs written anew.
+#
+#   bench/campaign.sh WORK_FOLDER
+set -euo pipefail
+work=$(realpath "${1:?usage: bench/campaign.sh WORK_FOLDER}")
+cd "$(dirname "$0")/.."
+root=$PWD
+cargo build --release --workspace
+trex=$root/target/release/trex
+cd "$work"
+
+# record NAME COMMAND...: runs a verb of trex with --json, keeps the document.
+record() {
+    local name=$1
+    shift
+    echo "== $name: trex $*" >&2
+    "$trex" "$@" --json --progress none >document.json
+    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex $*" document.json
+}
+
+# capped NAME BYTES COMMAND...: the same inside a control group of exactly so many bytes.
+capped() {
+    local name=$1 bytes=$2
+    shift 2
+    local group=/sys/fs/cgroup/memory/trex-campaign-$$
+    mkdir "$group"
+    echo "$bytes" >"$group/memory.limit_in_bytes"
+    (
+        echo "$BASHPID" >"$group/cgroup.procs"
+        record "$name" "$@"
+    )
+    grep -H 'oom_kill ' "$group/memory.oom_control" >&2
+    echo "   kernel's count at most $(cat "$group/memory.max_usage_in_bytes") of $bytes bytes" >&2
+    rmdir "$group"
+}
+
+MiB=$((1 << 20))
+
+for kind in isosurface pipes scan soup; do
+    record gen-$kind-20m gen $kind --triangles 20M -o $kind.ply --overwrite
+    rm $kind.ply
+done
+record gen-isosurface-100m gen isosurface --triangles 100M -o iso.ply --overwrite --memory-limit 256MiB
+rm iso.ply
+
+for kind in isosurface pipes scan; do
+    record build-$kind-20m build gen:$kind:20M -o $kind.trex --overwrite --memory-limit 1GiB
+    record info-$kind-20m info $kind.trex
+done
+
+capped cap-build-isosurface-20m $((512 * MiB)) build gen:isosurface:20M -o iso.trex --overwrite --memory-limit 512MiB
+capped cap-render-isosurface-20m $((128 * MiB)) render iso.trex -o tight.png --overwrite --memory-limit 128MiB --spp 4
+record same-isosurface-20m-tight render iso.trex -o tight.png --overwrite --memory-limit 128MiB --spp 4
+record same-isosurface-20m-loose render iso.trex -o loose.png --overwrite --memory-limit 1GiB --spp 4
+record same-isosurface-20m-one-thread render iso.trex -o one.png --overwrite --memory-limit 1GiB --spp 4 --threads 1
+cmp tight.png loose.png
+cmp tight.png one.png
+
+for kind in isosurface pipes scan; do
+    record render-$kind-20m render $kind.trex -o $kind.png --overwrite --spp 4
+done
+record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 --integrator path
+
+"$root/target/release/trex-bench" --root "$root" docs
