@@ -142,7 +142,10 @@ impl LatticeRay {
             return (u * a[2] + v * b[2] + w * c[2]) / sum;
         }
         let on_edges = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
-        on_edges.into_iter().fold((f64::INFINITY, 0.0), |best, next| if next.0 < best.0 { next } else { best }).1
+        on_edges
+            .into_iter()
+            .fold((f64::INFINITY, 0.0), |best, next| if next.0 < best.0 { next } else { best })
+            .1
     }
 
     /// True when the refined hit of a kernel's triangle lies on the ray: neither behind its start nor behind its end.
