@@ -133,7 +133,7 @@ fn lease(a: &Input<'_>, b: &Input<'_>, is_drawn: bool, ctx: &Context) -> Result<
 fn tell_what_to_know(a: &Input<'_>, b: &Input<'_>, ctx: &Context) {
     if a.head.format != b.head.format {
         ctx.console
-            .note("note: a PNG holds 256 steps from black to white; what an EXR holds beyond is error here");
+            .note("note: a PNG holds steps up to white; what an EXR holds between and beyond is error here");
     }
 }
 

@@ -30,7 +30,7 @@ const LEFT_OUT: [u8; 3] = [0xff, 0x00, 0xff];
 /// What the encoder takes beside a line, bytes.
 const ENCODER_FIXED_BYTES: u64 = 1 << 20;
 
-/// Bytes that [`scale_of`] and [`write`] take for a picture of this size (pixels), writer not counted.
+/// Bytes that [`scale_of`] and [`write()`] take for a picture of this size (pixels), writer not counted.
 pub fn work_bytes(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height) * size_of::<f32>() as u64
         + u64::from(width) * 16
