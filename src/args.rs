@@ -435,7 +435,7 @@ pub enum BenchVerb {
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BENCH_RAYS)]
 pub struct BenchRaysArgs {
-    /// A page file, or gen:KIND:COUNT[:SEED], which is built first
+    /// A page file, or a generated mesh (gen:pipes:5M), which is built first
     #[arg(value_name = "FILE")]
     pub model: String,
     /// Size of the picture, pixels; each gives a ray
@@ -465,7 +465,7 @@ Examples:
 /// `trex bench build`
 #[derive(Debug, Args)]
 pub struct BenchBuildArgs {
-    /// gen:KIND:COUNT[:SEED]
+    /// A generated mesh: gen:KIND:COUNT or gen:KIND:COUNT:SEED
     #[arg(value_name = "SPEC")]
     pub spec: String,
     /// Measured rounds; figures are their medians

@@ -34,12 +34,12 @@ pub const BOUNCES_MAX: u32 = 256;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Direct light and perfect mirrors: see [`crate::direct`].
+    /// Direct light and perfect mirrors: see `direct.rs`.
     #[default]
     Direct,
-    /// All light, unbiased: see [`crate::path`].
+    /// All light, unbiased: see `path.rs`.
     Path,
-    /// Ambient occlusion: see [`crate::ao`].
+    /// Ambient occlusion: see `ao.rs`.
     Ao,
 }
 

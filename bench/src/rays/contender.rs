@@ -1,6 +1,6 @@
 //! Who answers rays: ours with all pages in memory, ours through the pool under a limit; peers implement the same.
 //!
-//! Invariant: a contender spreads a set over its workers in chunks of [`CHUNK_RAYS`], all of them alike.
+//! Invariant: a contender spreads a set over its workers in chunks of `CHUNK_RAYS`, all of them alike.
 
 use super::sets::{BenchRay, Query, RaySet, Space};
 use rustix::time::{ClockId, clock_gettime};

@@ -8,7 +8,7 @@
 //!
 //! Invariants: 1. rays are f32 in lattice units, so that every contender gets the same numbers: lattice coordinates
 //! below 2^24 are exact in f32, and the way back to model space is one rounded addition in f64; 2. eight rays that follow each other
-//! are neighbours in the picture; 3. secondary rays start off their surface by [`LIFT_ULPS`].
+//! are neighbours in the picture; 3. secondary rays start off their surface by `LIFT_ULPS`.
 
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
@@ -71,7 +71,7 @@ const LIGHT_ASIDE: f64 = 0.3;
 pub(super) struct Space {
     origin: [f64; 3],
     step: f64,
-    /// See [`LIFT_ULPS`], lattice steps.
+    /// See `LIFT_ULPS`, lattice steps.
     lift: f64,
 }
 
