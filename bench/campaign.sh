@@ -63,4 +63,11 @@ for kind in isosurface pipes scan; do
 done
 record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 --integrator path
 
+# Rays against the oracle: some five minutes.
+(cd "$root" && cargo test --release --test it -- --ignored campaign)
+for document in "$root"/target/tmp/hits-*.json; do
+    "$root/target/release/trex-bench" --root "$root" record --name "$(basename "$document" .json)" \
+        --command "cargo test --release --test it -- --ignored campaign" "$document"
+done
+
 "$root/target/release/trex-bench" --root "$root" docs

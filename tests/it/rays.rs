@@ -12,6 +12,7 @@ use crate::oracle::mesh::{OracleMesh, cross, distance, dot, moeller_trumbore, su
 use crate::support::{Built, build_options, build_source, build_spec, source};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
+use serde_json::{Value, json};
 use std::path::Path;
 use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
 use trex_store::import::{self, ImportOptions};
@@ -272,9 +273,24 @@ fn campaign_of_a_million_rays() {
         assert!(wrong.is_empty(), "{}", wrong[0]);
         source.rewind().unwrap();
         check_against_the_input(&mut **source, 1_000_000);
+        document(
+            &source.name(),
+            &json!({ "ray_count": 1_000_000, "settled": settled, "disagreements": wrong.len() }),
+        );
     }
     no_leaks("gen:scan:1M:1", 10_000_000);
+    document("gen:scan:1M:1 from inside", &json!({ "ray_count": 10_000_000, "leaks": 0 }));
     said("gen:scan:1M:1: 10^7 rays from inside, no leak");
+}
+
+/// Leaves what a campaign found where `bench/campaign.sh` looks for it.
+fn document(scene: &str, found: &Value) {
+    let name: String = scene.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let name = format!("hits-{}.json", name.trim_start_matches('-').rsplit("scans-").next().unwrap());
+    let mut document = json!({ "schema": "trex.hits/1", "scene": scene });
+    document.as_object_mut().unwrap().extend(found.as_object().unwrap().clone());
+    std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join(name.to_lowercase()), document.to_string())
+        .unwrap();
 }
 
 /// Both arithmetics must give the same bits, or the scalar one is no oracle.
