@@ -136,7 +136,7 @@ impl PageFile {
         if raw.len() != entry.unpacked_bytes as usize {
             return Err(self.damaged_page(page, "a page has another length than its table says"));
         }
-        install(raw, frame).map_err(|what| self.damaged_page(page, what))?;
+        install(raw, self.block.lattice_bits, frame).map_err(|what| self.damaged_page(page, what))?;
         let view = FrameView::new(frame);
         let sound = view.root_count() >= usize::from(self.root_counts[page as usize])
             && view.triangle_count() == entry.triangle_count as usize

@@ -84,46 +84,186 @@ fn read(bytes: &[u8]) -> Vec<(Corners, u64)> {
 /// Triangles of a page on the lattice.
 fn read_page(content: &[u8]) -> Vec<([[u64; 3]; 3], u64)> {
     let mut r = Reader { bytes: content, at: 0 };
-    let [roots, nodes, clusters] = [0; 3].map(|_| r.number(2));
-    r.at += 2 * roots as usize;
-    for _ in 0..nodes {
-        r.at += 15;
-        let children = r.number(1) as usize;
-        r.at += 8 * children;
+    let [clusters, nodes, roots] = [2, 2, 1].map(|width| r.number(width));
+    let offset_widths = [0; 3].map(|_| r.number(1));
+    let material_bits = r.number(1);
+    let anchor = [0; 3].map(|_| r.number(5));
+    let mut kinds: Vec<u64> = r.bits(roots as usize, 1);
+    let shapes: Vec<[u64; 2]> = (0..nodes).map(|_| [r.number(1), r.number(1)]).collect();
+    kinds.reverse();
+    let (mut next_node, mut met) = (0, 0);
+    while let Some(is_node) = kinds.pop() {
+        if is_node == 0 {
+            met += 1;
+            continue;
+        }
+        let [children, nodes] = shapes[next_node];
+        next_node += 1;
+        kinds.extend((0..children).rev().map(|i| nodes >> i & 1));
     }
+    assert_eq!((next_node as u64, met), (nodes, clusters), "the walk meets all");
     let mut triangles = Vec::new();
     for _ in 0..clusters {
-        let wide = r.number(1) == 1;
-        let [count, vertex_count, palette_len] = [0; 3].map(|_| r.number(1) as usize + 1);
-        let base = [0; 3].map(|_| r.number(5));
-        let widths = [0; 3].map(|_| r.number(1) as usize);
-        let palette = r.bits(palette_len, 16);
-        let index_bits = match palette_len {
-            1 => 0,
-            2..=4 => 2,
-            5..=16 => 4,
-            _ => 8,
-        };
-        let indices = r.bits(count, index_bits);
-        let leaves: Vec<Vec<u64>> = (0..count.div_ceil(8)).map(|_| r.bits(24, 7)).collect();
-        let vertices: Vec<[u64; 3]> = if wide {
-            r.bits(3 * vertex_count, 40).chunks(3).map(|q| [q[0], q[1], q[2]]).collect()
-        } else {
-            let all = widths.iter().sum();
-            let packed = r.bits(vertex_count, all);
-            let axis = |word: u64, a: usize| {
-                let below: usize = widths[..a].iter().sum();
-                base[a] + (word >> below & ((1 << widths[a]) - 1))
-            };
-            packed.into_iter().map(|word| std::array::from_fn(|a| axis(word, a))).collect()
-        };
-        for i in 0..count {
-            let corner = |c: usize| vertices[leaves[i / 8][8 * c + i % 8] as usize];
-            triangles.push(([corner(0), corner(1), corner(2)], palette[indices[i] as usize]));
-        }
+        triangles.extend(read_cluster(&mut r, anchor, offset_widths, material_bits));
     }
     assert_eq!(r.at, content.len(), "bytes behind the last cluster");
     triangles
+}
+
+/// Bits of a cluster, one by one.
+struct Bits<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Bits<'_> {
+    fn take(&mut self, count: u64) -> u64 {
+        (0..count).map(|i| self.bit() << i).sum()
+    }
+
+    fn bit(&mut self) -> u64 {
+        self.at += 1;
+        u64::from(self.bytes[(self.at - 1) / 8] >> ((self.at - 1) % 8) & 1)
+    }
+}
+
+fn read_cluster(
+    r: &mut Reader<'_>,
+    anchor: [u64; 3],
+    offset_widths: [u64; 3],
+    material_bits: u64,
+) -> Vec<([[u64; 3]; 3], u64)> {
+    let mut bits = Bits { bytes: &r.bytes[r.at..], at: 0 };
+    let [count, vertex_count] = [7, 7].map(|width| bits.take(width) as usize + 1);
+    let [wide, has_palette] = [1, 1].map(|width| bits.take(width) == 1);
+    let offsets = offset_widths.map(|width| bits.take(width));
+    let base: [u64; 3] = std::array::from_fn(|a| anchor[a] + offsets[a]);
+    let widths = [6; 3].map(|width| bits.take(width));
+    let classes = if wide { [0; 3] } else { [5; 3].map(|width| bits.take(width)) };
+    let palette_len = if has_palette { bits.take(7) + 1 } else { 1 };
+    let palette: Vec<u64> = (0..palette_len).map(|_| bits.take(material_bits)).collect();
+    let index_bits = match palette_len {
+        1 => 0,
+        2..=4 => 2,
+        5..=16 => 4,
+        _ => 8,
+    };
+    let indices: Vec<u64> = (0..count).map(|_| bits.take(index_bits)).collect();
+    let (corners, guides) = read_topology(&mut bits, count);
+    assert_eq!(guides.len(), vertex_count);
+    let tags: Vec<u64> = (0..vertex_count).map(|_| if wide { 3 } else { bits.take(2) }).collect();
+    let mut above: Vec<[u64; 3]> = Vec::new();
+    for (tag, guide) in tags.into_iter().zip(guides) {
+        let vertex = std::array::from_fn(|a| {
+            let Some(&class) = classes.get(tag as usize) else { return bits.take(widths[a]) };
+            let value_bits = class.min(widths[a]);
+            let half = if value_bits == 0 { 0 } else { 1 << (value_bits - 1) };
+            let prediction = guide.map_or(0, |[from, to, opposite]: [usize; 3]| {
+                above[from][a].wrapping_add(above[to][a]).wrapping_sub(above[opposite][a])
+            });
+            bits.take(value_bits).wrapping_sub(half).wrapping_add(prediction) & ((1 << widths[a]) - 1)
+        });
+        above.push(vertex);
+    }
+    r.at += bits.at.div_ceil(8);
+    assert_eq!(bits.take((8 - bits.at as u64 % 8) % 8), 0, "no zeros behind a cluster");
+    let place = |v: usize| std::array::from_fn(|a| base[a] + above[v][a]);
+    (0..count).map(|t| (corners[t].map(place), palette[indices[t] as usize])).collect()
+}
+
+/// The table of the page, row by row, and the free symbol.
+#[rustfmt::skip]
+const LENGTHS: [u32; 41] = [
+    2, 5, 4, 5,
+    2, 4, 6, 5,
+    6, 9, 7, 7,
+    6, 7, 9, 7,
+    7, 9, 7, 9,
+    7, 7, 9, 9,
+    7, 9, 8, 9,
+    8, 8, 9, 9,
+    6, 7, 7, 8,
+    6, 6, 9, 9,
+    4,
+];
+
+/// The next symbol: words are tried bit by bit.
+fn read_symbol(bits: &mut Bits<'_>) -> usize {
+    let mut words = Vec::new();
+    let (mut next, mut last) = (0u64, 0);
+    let mut order: Vec<usize> = (0..LENGTHS.len()).collect();
+    order.sort_by_key(|&symbol| LENGTHS[symbol]);
+    for symbol in order {
+        next <<= LENGTHS[symbol] - last;
+        last = LENGTHS[symbol];
+        words.push((last, next, symbol));
+        next += 1;
+    }
+    let (mut word, mut length) = (0, 0);
+    loop {
+        word = word << 1 | bits.bit();
+        length += 1;
+        if let Some(found) = words.iter().find(|w| (w.0, w.1) == (length, word)) {
+            return found.2;
+        }
+    }
+}
+
+type Topology = (Vec<[usize; 3]>, Vec<Option<[usize; 3]>>);
+
+/// Corners of the triangles, and per vertex what it is predicted from.
+fn read_topology(bits: &mut Bits<'_>, count: usize) -> Topology {
+    let (mut corners, mut guides) = (Vec::new(), Vec::<Option<[usize; 3]>>::new());
+    let mut gates: Vec<[usize; 3]> = Vec::new();
+    let (mut behind, mut before) = ([0; 128], [0; 128]);
+    for _ in 0..count {
+        let symbol = read_symbol(bits);
+        if symbol == 40 {
+            let known = [1; 3].map(|width| bits.take(width) == 1);
+            let mut triangle = [0; 3];
+            let numbers = known.map(|known| known.then(|| bits.take(7) as usize));
+            for corner in 0..3 {
+                triangle[corner] = numbers[corner].unwrap_or_else(|| {
+                    let near =
+                        if corner > 0 { Some(triangle[corner - 1]) } else { guides.len().checked_sub(1) };
+                    guides.push(near.map(|v| [v; 3]));
+                    guides.len() - 1
+                });
+            }
+            let [a, b, c] = triangle;
+            for (from, to) in [(b, a), (a, c), (c, b)] {
+                (behind[from], before[to]) = (to, from);
+            }
+            gates.extend([[b, a, c], [b, a, c], [a, c, b], [c, b, a]]);
+            corners.push(triangle);
+            continue;
+        }
+        let ago = match symbol / 4 {
+            8 => 8 + bits.take(3) as usize,
+            9 => bits.take(9) as usize,
+            near => near,
+        };
+        let gate @ [from, to, _] = gates[gates.len() - 1 - ago];
+        let x = match symbol % 4 {
+            0 => {
+                guides.push(Some(gate));
+                guides.len() - 1
+            }
+            1 => behind[to],
+            2 => before[from],
+            _ => bits.take(7) as usize,
+        };
+        if symbol % 4 != 1 {
+            behind[x] = to;
+        }
+        if symbol % 4 != 2 {
+            before[x] = from;
+        }
+        (behind[from], before[to]) = (x, x);
+        gates.extend([[x, to, from], [from, x, to]]);
+        corners.push([from, to, x]);
+    }
+    (corners, guides)
 }
 
 #[test]

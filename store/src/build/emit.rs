@@ -38,7 +38,7 @@ pub(super) fn emit(
     let _lease = options.budget.lease("the cluster builders", worker_bytes() * workers as u64)?;
     let node_shift = node_shift(parted.grid.bits);
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
-    let context = PackContext { node_shift, emissive: &emissive };
+    let context = PackContext { emissive: &emissive };
     let materials_json = serde_json::to_vec(materials).expect("materials are plain data");
     let mut writer = Writer {
         file_id: file_id(parted, &materials_json),
@@ -221,7 +221,7 @@ impl Writer {
             block.cluster_count += page.cluster_count as u64;
             block.wide_cluster_count += page.wide_cluster_count as u64;
             block.resident_bytes += page.frame_bytes as u64;
-            block.page_tree_bytes += page.node_bytes as u64;
+            block.page_tree_bytes += page.tree_bytes as u64;
         }
         let moved = |r: TopRef| match r {
             TopRef::Node(index) => TopRef::Node(first_node + index),

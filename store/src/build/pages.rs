@@ -21,7 +21,7 @@ pub(super) struct PackedPage {
     pub(super) stored: Vec<u8>,
     pub(super) packing: Packing,
     pub(super) unpacked_bytes: usize,
-    pub(super) node_bytes: usize,
+    pub(super) tree_bytes: usize,
     pub(super) frame_bytes: usize,
     pub(super) triangle_count: usize,
     pub(super) vertex_count: usize,
@@ -41,7 +41,6 @@ pub(super) struct PageEmitter {
 /// What the pages of all chunks share.
 #[derive(Clone, Copy)]
 pub(super) struct PackContext<'a> {
-    pub(super) node_shift: u32,
     /// Per material: does it emit?
     pub(super) emissive: &'a [bool],
 }
@@ -199,7 +198,7 @@ impl Packer<'_> {
                 let index = self.open.nodes.len();
                 self.open.nodes.push(Vec::new());
                 let children =
-                    self.wide.nodes[i as usize].iter().map(|&(b, child)| (b, self.copy(child))).collect();
+                    self.wide.nodes[i as usize].iter().map(|&(_, child)| self.copy(child)).collect();
                 self.open.nodes[index] = children;
                 PageRef::Node(index as u16)
             }
@@ -213,7 +212,7 @@ impl Packer<'_> {
         if page.clusters.is_empty() {
             return;
         }
-        let (raw, node_bytes) = page.encode(self.context.node_shift);
+        let (raw, spent) = page.encode();
         let packed = lz4_flex::block::compress(&raw);
         let gains = packed.len() * 100 <= raw.len() * (100 - LZ4_GAIN_PERCENT);
         let unpacked_bytes = raw.len();
@@ -222,7 +221,7 @@ impl Packer<'_> {
             stored,
             packing,
             unpacked_bytes,
-            node_bytes,
+            tree_bytes: spent.tree as usize / 8,
             frame_bytes: page.frame_bytes(),
             triangle_count: page.triangle_count(),
             vertex_count: page.clusters.iter().map(|c| c.vertices.len()).sum(),

@@ -205,7 +205,7 @@ fn garbage_behind_a_right_hash_is_refused_without_a_panic() {
             garbled[at] = rng.next_u32() as u8;
         }
         garbled.truncate(garbled.len() - (rng.next_u32() as usize % 3) * (rng.next_u32() as usize % 50));
-        if crate::cluster::install(&garbled, &mut frame).is_ok() {
+        if crate::cluster::install(&garbled, file.superblock().lattice_bits, &mut frame).is_ok() {
             FrameView::new(&frame).for_each_cluster(|cluster| {
                 let mesh = cluster.decode();
                 assert!(mesh.triangles.as_flattened().iter().all(|&v| usize::from(v) < mesh.vertices.len()));

@@ -1,23 +1,36 @@
-//! The disk form of a mesh page: roots, nodes, clusters, one after the other, unaligned, bit-packed.
+//! The disk form of a mesh page: a head, the tree's shape, clusters; bit-packed.
 //!
 //! ```text
-//! page    = root_count u16 | node_count u16 | cluster_count u16 | roots | nodes | clusters
-//! root    = ref u16                                  (bit 15: cluster, else node; low bits: index)
-//! node    = origin 3 x i32 | exponent 3 x u8 | child_count u8 | lo 3 x n u8 | hi 3 x n u8 | child n x u16
-//! cluster = wide u8 | triangles - 1 u8 | vertices - 1 u8 | palette - 1 u8 | base 3 x u40 | widths 3 x u8
-//!         | palette n x u16 | palette indices | leaf indices 21 bytes each | vertices
+//! page    = clusters u16 | nodes u16 | roots u8 | offset widths 3 x u8 | material bits u8 | anchor 3 x u40
+//!         | kinds of roots, a bit each | node ... | cluster ...
+//! node    = children u8 | kinds of children u8                           (bit i: child i is a node)
+//! cluster = bits of: triangles - 1, 7 | vertices - 1, 7 | wide, 1 | palette, 1 | base - anchor | axis widths 3 x 6
+//!         | class widths 3 x 5 (compact) | materials - 1, 7 (palette) | materials | palette indices
+//!         | topology | vertices | zeros to the next byte
 //! ```
 //!
-//! Invariants: 1. one page content has one disk form; 2. the disk form is never longer than the frame form.
+//! Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
+//! and clusters stand in the order in which a walk from the first root on meets them.
+//!
+//! Invariants: 1. one page content has one disk form; 2. the disk form is never longer than the frame form: a
+//! cluster's topology takes at most 28 bits a triangle where the frame has 21, less 7 for each new vertex, which has
+//! a tag of 2 bits for it, and its head is 144 + 8 bytes shorter; 3. the decoder is the judge: `encode` has nothing
+//! to say that `install` does not read back.
 
-use super::bits::BitWriter;
-use super::{ClusterMesh, LatticeBox, Node, Widths, palette_index_bits};
-use crate::layout::{
-    CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES, NODE_WIDTH, PAGE_ROOTS,
-};
+use super::bits::{BitWriter, bits_of};
+use super::topology::{self, Walk};
+use super::vertices::{self, CLASS_WIDTH_BITS, Guided};
+use super::{ClusterMesh, Node, palette_index_bits};
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS};
 
 /// Bytes of a frame before its roots.
 pub(super) const FRAME_HEADER_BYTES: usize = 16;
+/// Bytes of the disk form before the tree.
+pub(super) const DISK_HEADER_BYTES: usize = 24;
+/// Bits of a count of triangles, vertices or materials of a cluster, less one.
+pub(super) const COUNT_BITS: u32 = 7;
+/// Bits of an axis width.
+pub(super) const AXIS_WIDTH_BITS: u32 = 6;
 
 /// A node or cluster of the same page, by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,34 +41,28 @@ pub enum PageRef {
     Cluster(u16),
 }
 
-impl PageRef {
-    const CLUSTER_FLAG: u16 = 1 << 15;
-
-    pub(super) fn to_word(self) -> u16 {
-        match self {
-            PageRef::Node(index) => index,
-            PageRef::Cluster(index) => index | PageRef::CLUSTER_FLAG,
-        }
-    }
-
-    pub(super) fn from_word(word: u16) -> PageRef {
-        if word & PageRef::CLUSTER_FLAG != 0 {
-            PageRef::Cluster(word & !PageRef::CLUSTER_FLAG)
-        } else {
-            PageRef::Node(word)
-        }
-    }
-}
-
-/// A page while it is built.
+/// A page while it is built. Nodes and clusters stand in the order in which a walk from the roots on meets them.
 #[derive(Clone, Debug, Default)]
 pub struct PageContent {
     /// Where the top tree enters, in slot order.
     pub roots: Vec<PageRef>,
-    /// Per node: its children's boxes and references; children stand behind their parent.
-    pub nodes: Vec<Vec<(LatticeBox, PageRef)>>,
-    /// The clusters.
+    /// Per node: its children.
+    pub nodes: Vec<Vec<PageRef>>,
+    /// The clusters; vertices in the order of first use.
     pub clusters: Vec<ClusterMesh>,
+}
+
+/// What the bits of a disk form are spent on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DiskBits {
+    /// The shape of the tree.
+    pub tree: u64,
+    /// Heads of the page and its clusters, with materials.
+    pub heads: u64,
+    /// Corners of triangles.
+    pub topology: u64,
+    /// Vertices.
+    pub vertices: u64,
 }
 
 impl PageContent {
@@ -70,20 +77,61 @@ impl PageContent {
         frame_bytes(self.roots.len(), self.nodes.len(), clusters)
     }
 
-    /// The disk form, before packing, and the bytes of it that are nodes.
-    pub fn encode(&self, node_shift: u32) -> (Vec<u8>, usize) {
+    /// The disk form, before packing, and what its bits are spent on.
+    pub fn encode(&self) -> (Vec<u8>, DiskBits) {
         assert!(self.roots.len() <= PAGE_ROOTS && self.frame_bytes() <= FRAME_BYTES, "the page is too full");
-        let mut out = Vec::with_capacity(FRAME_BYTES);
-        for count in [self.roots.len(), self.nodes.len(), self.clusters.len()] {
-            put_u16(&mut out, count as u16);
+        let mut out = BitWriter::default();
+        let head = Head::of(&self.clusters);
+        for (count, bits) in [(self.clusters.len(), 16), (self.nodes.len(), 16), (self.roots.len(), 8)] {
+            out.put(count as u64, bits);
         }
-        self.roots.iter().for_each(|root| put_u16(&mut out, root.to_word()));
-        let before_nodes = out.len();
-        self.nodes.iter().for_each(|children| encode_node(children, node_shift, &mut out));
-        let node_bytes = out.len() - before_nodes;
-        self.clusters.iter().for_each(|cluster| encode_cluster(cluster, &mut out));
-        (out, node_bytes)
+        head.offset_bits.iter().for_each(|&bits| out.put(u64::from(bits), 8));
+        out.put(u64::from(head.material_bits), 8);
+        head.anchor.iter().for_each(|&q| out.put(q as u64, 40));
+        debug_assert_eq!(out.bytes.len(), DISK_HEADER_BYTES);
+        self.encode_tree(&mut out);
+        let tree = 8 * (out.bytes.len() - DISK_HEADER_BYTES) as u64;
+        let spent = DiskBits { tree, heads: 8 * DISK_HEADER_BYTES as u64, ..DiskBits::default() };
+        let mut encoder = ClusterEncoder { head, walk: Walk::new(), out, spent };
+        self.clusters.iter().for_each(|cluster| encoder.encode(cluster));
+        let bytes = encoder.out.finish();
+        assert!(bytes.len() <= FRAME_BYTES, "the disk form is longer than a frame");
+        (bytes, encoder.spent)
     }
+
+    /// Kinds of roots and nodes; checks that all stands in the order of the walk.
+    fn encode_tree(&self, out: &mut BitWriter) {
+        let mut met = (0, 0);
+        self.roots.iter().for_each(|root| self.meet(*root, &mut met));
+        assert_eq!(met, (self.nodes.len(), self.clusters.len()), "the walk does not meet all of the page");
+        for roots in self.roots.chunks(8) {
+            out.put(kinds(roots), 8);
+        }
+        for children in &self.nodes {
+            assert!((1..=NODE_WIDTH).contains(&children.len()), "{} children", children.len());
+            out.put(children.len() as u64, 8);
+            out.put(kinds(children), 8);
+        }
+    }
+
+    fn meet(&self, at: PageRef, met: &mut (usize, usize)) {
+        match at {
+            PageRef::Cluster(index) => {
+                assert_eq!(usize::from(index), met.1, "clusters do not stand in the order of the walk");
+                met.1 += 1;
+            }
+            PageRef::Node(index) => {
+                assert_eq!(usize::from(index), met.0, "nodes do not stand in the order of the walk");
+                met.0 += 1;
+                self.nodes[usize::from(index)].iter().for_each(|child| self.meet(*child, met));
+            }
+        }
+    }
+}
+
+/// Bit i: the i-th one is a node.
+fn kinds(refs: &[PageRef]) -> u64 {
+    refs.iter().enumerate().map(|(i, r)| u64::from(matches!(r, PageRef::Node(_))) << i).sum()
 }
 
 /// Frame bytes of a page with so many roots and nodes, and clusters of so many frame bytes in all.
@@ -92,75 +140,91 @@ pub(crate) fn frame_bytes(root_count: usize, node_count: usize, cluster_frame_by
     roots + node_count * Node::BYTES + cluster_frame_bytes
 }
 
-fn encode_node(children: &[(LatticeBox, PageRef)], node_shift: u32, out: &mut Vec<u8>) {
-    let boxes: Vec<_> = children.iter().map(|&(b, r)| (b, u32::from(r.to_word()))).collect();
-    let node = Node::over(&boxes, node_shift);
-    let n = usize::from(node.child_count);
-    debug_assert!(n <= NODE_WIDTH);
-    node.origin.iter().for_each(|q| out.extend_from_slice(&q.to_le_bytes()));
-    out.extend_from_slice(&node.exponent);
-    out.push(node.child_count);
-    node.lo.iter().chain(&node.hi).for_each(|planes| out.extend_from_slice(&planes[..n]));
-    node.child[..n].iter().for_each(|&word| put_u16(out, word as u16));
+/// What all clusters of a page share.
+pub(super) struct Head {
+    /// Least corner of all.
+    pub(super) anchor: [i64; 3],
+    /// Bits of a cluster's base above the anchor, per axis.
+    pub(super) offset_bits: [u8; 3],
+    /// Bits of a material's index.
+    pub(super) material_bits: u8,
 }
 
-fn encode_cluster(cluster: &ClusterMesh, out: &mut Vec<u8>) {
-    let (triangle_count, vertex_count) = (cluster.triangles.len(), cluster.vertices.len());
-    assert!(
-        (1..=CLUSTER_TRIANGLES).contains(&triangle_count) && (1..=CLUSTER_VERTICES).contains(&vertex_count)
-    );
-    let (widths, palette) = (cluster.widths(), cluster.palette());
-    out.extend_from_slice(&[
-        u8::from(widths.wide),
-        (triangle_count - 1) as u8,
-        (vertex_count - 1) as u8,
-        (palette.len() - 1) as u8,
-    ]);
-    widths.base.iter().for_each(|base| out.extend_from_slice(&base.to_le_bytes()[..5]));
-    out.extend_from_slice(&widths.bits);
-    palette.iter().for_each(|&material| put_u16(out, material));
-    out.extend(palette_indices(cluster, &palette));
-    for leaf in cluster.triangles.chunks(LEAF_TRIANGLES) {
-        out.extend(leaf_indices(leaf));
-    }
-    out.extend(packed_vertices(cluster, &widths));
-}
-
-fn palette_indices(cluster: &ClusterMesh, palette: &[u16]) -> Vec<u8> {
-    let bits = palette_index_bits(palette.len()) as u32;
-    let mut writer = BitWriter::default();
-    for material in &cluster.materials {
-        let index = palette.binary_search(material).expect("made from the same list");
-        writer.put(if bits == 0 { 0 } else { index as u64 }, bits);
-    }
-    writer.finish()
-}
-
-/// Corner by corner, eight 7-bit indices; missing triangles are (0, 0, 0).
-fn leaf_indices(leaf: &[[u8; 3]]) -> Vec<u8> {
-    let mut writer = BitWriter::default();
-    for corner in 0..3 {
-        for i in 0..LEAF_TRIANGLES {
-            writer.put(leaf.get(i).map_or(0, |t| u64::from(t[corner])), 7);
+impl Head {
+    fn of(clusters: &[ClusterMesh]) -> Head {
+        let bases = clusters.iter().map(|cluster| cluster.widths().base);
+        let (lo, hi) = bases.fold(([i64::MAX; 3], [0; 3]), |(lo, hi), base| {
+            (std::array::from_fn(|a| base[a].min(lo[a])), std::array::from_fn(|a| base[a].max(hi[a])))
+        });
+        let greatest = clusters.iter().flat_map(|c| &c.materials).max().copied().unwrap_or(0);
+        Head {
+            anchor: lo,
+            offset_bits: std::array::from_fn(|a| bits_of((hi[a] - lo[a]) as u64)),
+            material_bits: bits_of(u64::from(greatest)),
         }
     }
-    writer.finish()
 }
 
-fn packed_vertices(cluster: &ClusterMesh, widths: &Widths) -> Vec<u8> {
-    let mut writer = BitWriter::default();
-    for vertex in &cluster.vertices {
+/// Writes clusters, one behind the other.
+struct ClusterEncoder {
+    head: Head,
+    walk: Walk,
+    out: BitWriter,
+    spent: DiskBits,
+}
+
+impl ClusterEncoder {
+    fn encode(&mut self, cluster: &ClusterMesh) {
+        let (triangle_count, vertex_count) = (cluster.triangles.len(), cluster.vertices.len());
+        assert!((1..=CLUSTER_TRIANGLES).contains(&triangle_count), "{triangle_count} triangles");
+        assert!((1..=CLUSTER_VERTICES).contains(&vertex_count), "{vertex_count} vertices");
+        let before = self.out.bit_count();
+        // The topology goes behind the widths of the classes, which follow from the guides that it makes.
+        let mut topology_out = BitWriter::default();
+        self.walk.restart();
+        topology::encode(&cluster.triangles, &mut self.walk, &mut topology_out);
+        assert_eq!(self.walk.counts.vertices, vertex_count, "a vertex that no triangle uses");
+        let (widths, palette) = (cluster.widths(), cluster.palette());
+        let guided = Guided { cluster, widths: &widths, guides: self.walk.guides() };
+        let out = &mut self.out;
+        out.put(triangle_count as u64 - 1, COUNT_BITS);
+        out.put(vertex_count as u64 - 1, COUNT_BITS);
+        out.put(u64::from(widths.wide), 1);
+        out.put(u64::from(palette.len() > 1), 1);
         for axis in 0..3 {
-            if widths.wide {
-                writer.put(vertex[axis] as u64, 40);
-            } else {
-                writer.put((vertex[axis] - widths.base[axis]) as u64, u32::from(widths.bits[axis]));
-            }
+            let offset = widths.base[axis] - self.head.anchor[axis];
+            out.put(offset as u64, u32::from(self.head.offset_bits[axis]));
         }
+        widths.bits.iter().for_each(|&bits| out.put(u64::from(bits), AXIS_WIDTH_BITS));
+        let classes = if widths.wide { [0; 3] } else { guided.class_widths() };
+        if !widths.wide {
+            classes.iter().for_each(|&width| out.put(u64::from(width), CLASS_WIDTH_BITS));
+        }
+        encode_materials(cluster, &palette, &self.head, out);
+        let before_topology = out.bit_count();
+        out.append(topology_out);
+        let before_vertices = out.bit_count();
+        if widths.wide {
+            vertices::encode_wide(cluster, &widths, out);
+        } else {
+            guided.encode(classes, out);
+        }
+        out.align();
+        self.spent.heads += (before_topology - before) as u64;
+        self.spent.topology += (before_vertices - before_topology) as u64;
+        self.spent.vertices += (out.bit_count() - before_vertices) as u64;
     }
-    writer.finish()
 }
 
-fn put_u16(out: &mut Vec<u8>, value: u16) {
-    out.extend_from_slice(&value.to_le_bytes());
+fn encode_materials(cluster: &ClusterMesh, palette: &[u16], head: &Head, out: &mut BitWriter) {
+    if palette.len() > 1 {
+        out.put(palette.len() as u64 - 1, COUNT_BITS);
+    }
+    palette.iter().for_each(|&material| out.put(u64::from(material), u32::from(head.material_bits)));
+    let bits = palette_index_bits(palette.len()) as u32;
+    if bits > 0 {
+        for material in &cluster.materials {
+            out.put(palette.binary_search(material).expect("made from the same list") as u64, bits);
+        }
+    }
 }

@@ -9,12 +9,21 @@
 //! at most 57 bits relative to its base, at most 24 per axis; what does not fit is *wide*: 40 bits per axis.
 
 mod bits;
+mod cells;
+mod code;
 mod encode;
+mod fields;
 mod install;
+mod install_cluster;
+mod lanes;
 mod node;
+#[cfg(test)]
+mod tests;
+mod topology;
+mod vertices;
 mod view;
 
-pub use encode::{PageContent, PageRef};
+pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
 pub use view::{ClusterView, FrameRef, FrameView, LeafBoxes};
@@ -65,7 +74,7 @@ impl ClusterMesh {
     /// Bit widths of the vertices.
     pub fn widths(&self) -> Widths {
         let bounds = self.bounds();
-        let bits = std::array::from_fn(|a| (64 - (bounds.hi[a] - bounds.lo[a]).leading_zeros()) as u8);
+        let bits = std::array::from_fn(|a| bits::bits_of((bounds.hi[a] - bounds.lo[a]) as u64));
         let wide = bits.iter().any(|&b| u32::from(b) > AXIS_BITS)
             || bits.iter().map(|&b| u32::from(b)).sum::<u32>() > VERTEX_BITS;
         Widths { base: bounds.lo, bits, wide }

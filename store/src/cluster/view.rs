@@ -6,7 +6,7 @@
 //! Invariants: 1. a frame in here was filled by `install`, which checked every count and index; 2. vertices read
 //! from different clusters agree (lattice integers).
 
-use super::{CLUSTER_HEADER_BYTES, ClusterMesh, LEAF_INDEX_BYTES, Node, WIDE_VERTEX_BYTES, bits};
+use super::{CLUSTER_HEADER_BYTES, ClusterMesh, LEAF_INDEX_BYTES, LatticeBox, Node, WIDE_VERTEX_BYTES, bits};
 use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
 
 /// Leaf boxes of a cluster as they lie in the frame: lo x, y, z, hi x, y, z, one byte per leaf each.
@@ -156,6 +156,15 @@ impl<'a> ClusterView<'a> {
         std::array::from_fn(|a| u32::from(self.bytes[31 + a]))
     }
 
+    /// A box of its vertices, from those of its leaves: exact where it begins, and less than one of 256 steps too
+    /// wide where it ends.
+    pub fn bounds(&self) -> LatticeBox {
+        let (base, shift, boxes) = (self.base(), self.leaf_shift(), self.leaf_boxes());
+        let last = |axis: usize| boxes[3 + axis][..self.leaf_count()].iter().fold(0, |all, &hi| all.max(hi));
+        let end = |axis: usize| base[axis] + ((i64::from(last(axis)) + 1) << shift[axis]) - 1;
+        LatticeBox { lo: base, hi: std::array::from_fn(end) }
+    }
+
     /// Index of its first triangle within the page.
     pub fn first_triangle(&self) -> usize {
         usize::from(u16_at(self.bytes, 34))
@@ -246,7 +255,7 @@ impl<'a> ClusterView<'a> {
         bits::get(&self.bytes[at..], index * bits, bits as u32) as usize
     }
 
-    fn frame_bytes(&self) -> usize {
+    pub(super) fn frame_bytes(&self) -> usize {
         let vertices = (self.vertex_count() * self.vertex_bits() as usize).div_ceil(8);
         (self.vertices_offset() + vertices + super::VERTEX_TAIL_BYTES).next_multiple_of(super::CLUSTER_ALIGN)
     }

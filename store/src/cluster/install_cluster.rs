@@ -1,0 +1,320 @@
+//! Install of one cluster: bits to corners and vertices, and these to a header, leaf boxes, indices and packed
+//! vertices in the frame.
+//!
+//! ```text
+//! topology::decode -> corners, guides -> vertices::decode -> packed vertices, and per vertex its *cell*:
+//! x, y, z above the base in 8 bits each; the cells of a leaf joined are its box
+//! ```
+//!
+//! Invariants: those of `install.rs`; 5. what is written is a function of the input alone, not of what was in the
+//! frame or in the installer before.
+
+use super::bits::BitReader;
+use super::cells::Cell;
+use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
+use super::fields::{Fields, Machine, Mover, Work};
+use super::lanes::Lanes;
+use super::topology::{self, Walk};
+use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
+use super::view::{ClusterView, LeafBoxes};
+use super::*;
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES};
+
+// What a header holds in 16 bits: triangles before a cluster, and offsets in it.
+const _: () = assert!(FRAME_BYTES / CLUSTER_HEADER_BYTES * CLUSTER_TRIANGLES <= u16::MAX as usize);
+
+/// Work memory for the clusters of a page.
+pub(super) struct ClusterInstaller {
+    machine: Machine,
+    head: Head,
+    lattice_bits: u32,
+    first_triangle: usize,
+    walk: Walk,
+    placed: [u64; 256],
+    /// By vertex.
+    cells: [Cell; 256],
+}
+
+/// The counts and widths of a cluster, checked, and where its parts stand in the frame.
+struct Plan {
+    triangle_count: usize,
+    vertex_count: usize,
+    palette_len: usize,
+    widths: Widths,
+    classes: ClassWidths,
+    /// Leaf planes are multiples of 2^shift above the base.
+    shift: [u8; 3],
+    vertex_bits: u32,
+    palette_at: usize,
+    vertices_at: usize,
+    end: usize,
+}
+
+impl Plan {
+    fn read(input: &mut BitReader<'_>, head: &Head, lattice_bits: u32) -> Result<Plan, &'static str> {
+        let triangle_count = input.take(COUNT_BITS) as usize + 1;
+        let vertex_count = input.take(COUNT_BITS) as usize + 1;
+        let (wide, has_palette) = (input.take(1) == 1, input.take(1) == 1);
+        let offset = head.offset_bits.map(|bits| input.take(u32::from(bits)) as i64);
+        let base = std::array::from_fn(|a| head.anchor[a] + offset[a]);
+        let bits: [u8; 3] = std::array::from_fn(|_| input.take(AXIS_WIDTH_BITS) as u8);
+        let classes: ClassWidths =
+            if wide { [0; CLASSES] } else { std::array::from_fn(|_| input.take(CLASS_WIDTH_BITS) as u32) };
+        let palette_len = if has_palette { input.take(COUNT_BITS) as usize + 1 } else { 1 };
+        let vertex_bits: u32 = bits.iter().map(|&b| u32::from(b)).sum();
+        let packs = vertex_bits <= VERTEX_BITS && bits.iter().all(|&b| u32::from(b) <= AXIS_BITS);
+        if triangle_count > CLUSTER_TRIANGLES
+            || vertex_count > CLUSTER_VERTICES
+            || palette_len > triangle_count
+            || bits.iter().any(|&b| b > 40)
+            || !(packs || wide)
+            || base.iter().any(|&q: &i64| q >> lattice_bits != 0)
+        {
+            return Err("a cluster is out of range");
+        }
+        let widths = Widths { base, bits, wide };
+        let palette_at = CLUSTER_HEADER_BYTES + triangle_count.div_ceil(LEAF_TRIANGLES) * LEAF_INDEX_BYTES;
+        let vertices_at = palette_at + palette_bytes(palette_len, triangle_count);
+        let end = vertices_at + vertex_bytes(&widths, vertex_count) + VERTEX_TAIL_BYTES;
+        Ok(Plan {
+            triangle_count,
+            vertex_count,
+            palette_len,
+            widths,
+            classes,
+            shift: bits.map(|b| b.saturating_sub(8)),
+            vertex_bits: if wide { 8 * WIDE_VERTEX_BYTES as u32 } else { vertex_bits },
+            palette_at,
+            vertices_at,
+            end: end.next_multiple_of(CLUSTER_ALIGN),
+        })
+    }
+
+    fn leaf_count(&self) -> usize {
+        self.triangle_count.div_ceil(LEAF_TRIANGLES)
+    }
+}
+
+impl ClusterInstaller {
+    pub(super) fn new(machine: Machine, head: Head, lattice_bits: u32) -> ClusterInstaller {
+        ClusterInstaller {
+            machine,
+            head,
+            lattice_bits,
+            first_triangle: 0,
+            walk: Walk::new(),
+            placed: [0; 256],
+            cells: [Cell::default(); 256],
+        }
+    }
+
+    /// Triangles installed so far.
+    pub(super) fn triangle_count(&self) -> usize {
+        self.first_triangle
+    }
+
+    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there.
+    pub(super) fn install(&mut self, packed: &mut &[u8], frame: &mut [u8]) -> Result<usize, &'static str> {
+        let mut input = BitReader::new(packed);
+        let plan = Plan::read(&mut input, &self.head, self.lattice_bits)?;
+        let Some(frame) = frame.get_mut(..plan.end) else { return Err("a page does not fit its frame") };
+        self.write_header(&plan, frame);
+        self.materials(&mut input, &plan, frame)?;
+        self.walk.restart();
+        let counts = (plan.triangle_count, plan.vertex_count);
+        let machine = self.machine;
+        machine.run(Topology { input: &mut input, counts, walk: &mut self.walk })?;
+        let vertices = &mut frame[plan.vertices_at..];
+        if plan.widths.wide {
+            self.wide_vertices(&mut input, &plan, vertices);
+        } else {
+            machine.run(Vertices { installer: self, input: &mut input, plan: &plan, frame: vertices });
+        }
+        if !input.align() || !input.is_sound() {
+            return Err("the bits of a cluster are more or fewer than its counts say");
+        }
+        self.leaves(&plan, frame);
+        if !self.is_on_lattice(&plan, frame) {
+            return Err("a vertex lies behind the lattice");
+        }
+        self.first_triangle += plan.triangle_count;
+        *packed = &packed[input.byte_count()..];
+        Ok(plan.end)
+    }
+
+    fn write_header(&self, plan: &Plan, frame: &mut [u8]) {
+        for axis in 0..3 {
+            frame[8 * axis..8 * axis + 8].copy_from_slice(&plan.widths.base[axis].to_le_bytes());
+        }
+        frame[24..27].copy_from_slice(&plan.widths.bits);
+        let counts = [plan.triangle_count, plan.vertex_count, plan.leaf_count()].map(|count| count as u8);
+        frame[27] = u8::from(plan.widths.wide);
+        frame[28..31].copy_from_slice(&counts);
+        frame[31..34].copy_from_slice(&plan.shift);
+        let words = [self.first_triangle, plan.palette_len, plan.palette_at, plan.vertices_at];
+        for (i, word) in words.into_iter().enumerate() {
+            let word = word as u16;
+            frame[34 + 2 * i..36 + 2 * i].copy_from_slice(&word.to_le_bytes());
+        }
+        frame[42] = plan.vertex_bits as u8;
+        frame[43] = palette_index_bits(plan.palette_len) as u8;
+        frame[44..48].fill(0);
+    }
+
+    /// The palette, and each triangle's index into it.
+    fn materials(
+        &self,
+        input: &mut BitReader<'_>,
+        plan: &Plan,
+        frame: &mut [u8],
+    ) -> Result<(), &'static str> {
+        let (materials, indices) =
+            frame[plan.palette_at..plan.vertices_at].split_at_mut(2 * plan.palette_len);
+        for material in materials.as_chunks_mut().0 {
+            *material = (input.take(u32::from(self.head.material_bits)) as u16).to_le_bytes();
+        }
+        let bits = palette_index_bits(plan.palette_len);
+        if bits == 0 {
+            return Ok(());
+        }
+        indices.fill(0);
+        for i in 0..plan.triangle_count {
+            let index = input.take(bits as u32) as usize;
+            if index >= plan.palette_len {
+                return Err("a material index lies behind its palette");
+            }
+            indices[i * bits / 8] |= (index << (i * bits % 8)) as u8;
+        }
+        Ok(())
+    }
+
+    /// Vertices of a compact cluster, to the end of its frame bytes.
+    #[inline(always)]
+    fn vertices<M: Mover>(&mut self, mover: M, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) {
+        let lanes = Lanes::of(&plan.widths);
+        let packed = lanes.fields();
+        // The upper eight bits of each lane, and a byte for each.
+        let cell_bits = lanes.bits.map(|b| b.min(8));
+        let cell_at = std::array::from_fn(|a| lanes.shift(a) + u32::from(plan.shift[a]));
+        let (in_lanes, in_bytes) = (Fields::new(cell_bits, cell_at), Fields::new(cell_bits, [0, 8, 16]));
+        let (mut at, mut pending, mut pending_bits) = (0, 0u64, 0);
+        let cells = &mut self.cells;
+        let guides = self.walk.guides();
+        let coded = Coded { lanes, classes: plan.classes, count: plan.vertex_count, guides };
+        coded.decode(mover, input, &mut self.placed, |i, v| {
+            let cell = mover.spread(mover.gather(v, &in_lanes), &in_bytes);
+            cells[i % 256] = Cell::new(cell);
+            pending |= mover.gather(v, &packed) << pending_bits;
+            frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
+            pending_bits += plan.vertex_bits;
+            // In two steps, since all eight bytes may be full.
+            let full = pending_bits / 8;
+            pending = pending >> (4 * full) >> (4 * full);
+            at += full as usize;
+            pending_bits %= 8;
+        });
+        frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
+        frame[at + 8..].fill(0);
+    }
+
+    /// Vertices of a wide cluster.
+    fn wide_vertices(&mut self, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) {
+        let (vertices, tail) = frame.split_at_mut(plan.vertex_count * WIDE_VERTEX_BYTES);
+        for (bytes, cell) in vertices.as_chunks_mut::<WIDE_VERTEX_BYTES>().0.iter_mut().zip(&mut self.cells) {
+            let vertex = vertices::decode_wide(input, &plan.widths);
+            let mut places = 0;
+            for axis in 0..3 {
+                let q = plan.widths.base[axis] + vertex[axis] as i64;
+                bytes[5 * axis..5 * axis + 5].copy_from_slice(&q.to_le_bytes()[..5]);
+                places |= vertex[axis] >> plan.shift[axis] << (8 * axis);
+            }
+            *cell = Cell::new(places);
+        }
+        tail.fill(0);
+    }
+
+    /// True when all vertices lie below 2^lattice bits. Only a cluster whose box ends behind them has to be asked.
+    fn is_on_lattice(&self, plan: &Plan, frame: &[u8]) -> bool {
+        let Widths { base, bits, .. } = plan.widths;
+        if (0..3).all(|a| (base[a] + (1i64 << bits[a]) - 1) >> self.lattice_bits == 0) {
+            return true;
+        }
+        // Wide coordinates are kept modulo 2^40: one that comes out below its base went past that.
+        let cluster = ClusterView::new(frame);
+        let is_inside = |q: [i64; 3]| (0..3).all(|a| q[a] >= base[a] && q[a] >> self.lattice_bits == 0);
+        (0..plan.vertex_count).all(|i| is_inside(cluster.vertex(i)))
+    }
+
+    /// Indices, and leaf boxes from the cells.
+    fn leaves(&mut self, plan: &Plan, frame: &mut [u8]) {
+        // Triangles that are not there read as (0, 0, 0), and do not count.
+        let padded = plan.leaf_count() * LEAF_TRIANGLES;
+        let (corners, cells) = (self.walk.corners_mut(), &self.cells);
+        corners.iter_mut().for_each(|corner| corner[plan.triangle_count..padded].fill(0));
+        let mut boxes: LeafBoxes = [[255; 16], [255; 16], [255; 16], [0; 16], [0; 16], [0; 16]];
+        let indices = frame[CLUSTER_HEADER_BYTES..].as_chunks_mut::<LEAF_INDEX_BYTES>().0;
+        for leaf in 0..plan.leaf_count() {
+            let first = leaf * LEAF_TRIANGLES;
+            let count = LEAF_TRIANGLES.min(plan.triangle_count - first);
+            let mut least = Cell::MOST;
+            for (corner, indices) in corners.iter().zip(indices[leaf].as_chunks_mut::<7>().0) {
+                let vertices: &[u8; LEAF_TRIANGLES] =
+                    corner[first..first + LEAF_TRIANGLES].try_into().expect("leaves of eight");
+                indices.copy_from_slice(&seven_bits(vertices).to_le_bytes()[..7]);
+                let join = |all: Cell, vertex: &u8| all.min(cells[usize::from(*vertex)]);
+                // Without a count the loop is unrolled.
+                least = if count == LEAF_TRIANGLES {
+                    vertices.iter().fold(least, join)
+                } else {
+                    vertices[..count].iter().fold(least, join)
+                };
+            }
+            for axis in 0..3 {
+                (boxes[axis][leaf], boxes[3 + axis][leaf]) = (least.lo(axis), least.hi(axis));
+            }
+        }
+        frame[48..CLUSTER_HEADER_BYTES].copy_from_slice(boxes.as_flattened());
+    }
+}
+
+/// The loop over triangles. Each loop is work of its own, so that it has the registers for itself.
+struct Topology<'a, 'b> {
+    input: &'a mut BitReader<'b>,
+    /// Triangles and vertices.
+    counts: (usize, usize),
+    walk: &'a mut Walk,
+}
+
+impl Work for Topology<'_, '_> {
+    type Output = Result<(), &'static str>;
+
+    #[inline(always)]
+    fn run<M: Mover>(self, _: M) -> Self::Output {
+        topology::decode(self.input, self.counts, self.walk)
+    }
+}
+
+/// The loop over the vertices of a compact cluster.
+struct Vertices<'a, 'b> {
+    installer: &'a mut ClusterInstaller,
+    input: &'a mut BitReader<'b>,
+    plan: &'a Plan,
+    frame: &'a mut [u8],
+}
+
+impl Work for Vertices<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<M: Mover>(self, mover: M) {
+        self.installer.vertices(mover, self.input, self.plan, self.frame);
+    }
+}
+
+/// Eight numbers of seven bits in 56, by halves.
+fn seven_bits(numbers: &[u8; 8]) -> u64 {
+    let n = u64::from_le_bytes(*numbers);
+    let n = n & 0x007f_007f_007f_007f | (n & 0x7f00_7f00_7f00_7f00) >> 1;
+    let n = n & 0x0000_3fff_0000_3fff | (n & 0x3fff_0000_3fff_0000) >> 2;
+    n & 0x0fff_ffff | (n & 0x0fff_ffff_0000_0000) >> 4
+}

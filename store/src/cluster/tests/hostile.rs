@@ -1,0 +1,251 @@
+//! Bytes that no encoder wrote: refused, or a frame that can be traced as any other.
+
+use super::*;
+
+/// The head of a page with one cluster, up to the bits of it: anchor at 100, 200, 300, materials of three bits.
+const HEAD: [u8; 25] = [1, 0, 0, 0, 1, 0, 0, 0, 3, 100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
+
+/// The quad of `the_bytes_of_a_tiny_page_are_these`, field by field: value and bits.
+const QUAD: [(u64, u32); 31] = [
+    // Triangles and vertices, less one; wide; palette; axis widths; class widths.
+    (1, 7),
+    (3, 7),
+    (0, 1),
+    (1, 1),
+    (4, 6),
+    (3, 6),
+    (1, 6),
+    (0, 5),
+    (0, 5),
+    (2, 5),
+    // Materials, less one; these; the triangles' indices.
+    (1, 7),
+    (2, 3),
+    (5, 3),
+    (1, 2),
+    (0, 2),
+    // A free triangle with no known corner; one on the newest gate, with a new corner.
+    (0b0101, 4),
+    (0, 3),
+    (0b00, 2),
+    // Tags; values.
+    (0, 2),
+    (3, 2),
+    (3, 2),
+    (2, 2),
+    (8, 4),
+    (0, 3),
+    (0, 1),
+    (0, 4),
+    (6, 3),
+    (0, 1),
+    (3, 2),
+    (3, 2),
+    (0, 1),
+];
+
+/// A page of `head` and the quad with some fields replaced, and bytes behind it.
+fn lie(head: &[u8], fields: &[(usize, (u64, u32))], behind: &[u8]) -> Vec<u8> {
+    let mut quad = QUAD;
+    fields.iter().for_each(|&(index, field)| quad[index] = field);
+    let mut bits = Vec::new();
+    for (value, width) in quad {
+        bits.extend((0..width).map(|i| (value >> i) as u8 & 1));
+    }
+    let bytes = bits.chunks(8).map(|eight| eight.iter().rev().fold(0, |byte, bit| byte << 1 | bit));
+    head.iter().copied().chain(bytes).chain(behind.iter().copied()).collect()
+}
+
+/// HEAD with some bytes replaced.
+fn head(bytes: &[(usize, u8)]) -> Vec<u8> {
+    let mut head = HEAD;
+    bytes.iter().for_each(|&(at, byte)| head[at] = byte);
+    head.to_vec()
+}
+
+#[track_caller]
+fn refused(packed: &[u8], why: &str) {
+    assert_eq!(install_twice(packed).expect_err(why), why);
+}
+
+#[test]
+fn the_quad_that_is_lied_about_is_sound() {
+    install_twice(&lie(&HEAD, &[], &[])).unwrap();
+}
+
+#[test]
+fn clusters_that_lie_are_refused() {
+    let range = "a cluster is out of range";
+    for fields in [
+        // Compact axes of 25 bits, 58 in all; wide ones of 41; a third material for two triangles.
+        &[(4, (25, 6))][..],
+        &[(4, (24, 6)), (5, (24, 6)), (6, (10, 6))],
+        &[(2, (1, 1)), (4, (41, 6))],
+        &[(10, (2, 7))],
+    ] {
+        refused(&lie(&HEAD, fields, &[]), range);
+    }
+    refused(&lie(&HEAD, &[(13, (2, 2))], &[]), "a material index lies behind its palette");
+    let triangles = "the triangles of a cluster are not what its counts say";
+    for fields in [
+        // One vertex less than the triangles need, and one more.
+        &[(1, (2, 7))][..],
+        &[(1, (4, 7))],
+        // On a gate where there is none: the first triangle; the fifth gate of four.
+        &[(15, (0b00, 2))],
+        &[(17, (0b011111_u64, 6))],
+        // The first corner of a free triangle is vertex 4 of 4.
+        &[(16, (0b001 | 4 << 3, 10))],
+    ] {
+        refused(&lie(&HEAD, fields, &[]), triangles);
+    }
+    let left_over = "the bits of a cluster are more or fewer than its counts say";
+    // A plain vertex where there is no room for one.
+    refused(&lie(&HEAD, &[(18, (3, 2))], &[]), left_over);
+    // The last vertex plain, and then a bit that is set.
+    let plain = |last| lie(&HEAD, &[(21, (3, 2)), (28, (9, 4)), (29, (7, 3)), (30, last)], &[]);
+    install_twice(&plain((0b1, 1))).unwrap();
+    refused(&plain((0b11, 2)), left_over);
+}
+
+#[test]
+fn heads_that_lie_are_refused() {
+    let counts = "the counts of a page are out of range";
+    for bytes in [(0, 0), (4, 0), (4, 65)] {
+        refused(&lie(&head(&[bytes]), &[], &[]), counts);
+    }
+    let widths = "a width of a page is out of range";
+    for bytes in [(5, 41), (6, 255), (7, 41), (8, 17)] {
+        refused(&lie(&head(&[bytes]), &[], &[]), widths);
+    }
+    for bytes in [(1, 2), (3, 3)] {
+        refused(&lie(&head(&[bytes]), &[], &[]), "a page does not fit its frame");
+    }
+    refused(&lie(&head(&[(24, 2)]), &[], &[]), "bits are left over behind the roots of a page");
+    refused(&lie(&head(&[(24, 1)]), &[], &[]), "a page has fewer nodes than its tree");
+    refused(&lie(&head(&[(4, 2)]), &[], &[]), "a page has fewer clusters than its tree");
+    refused(&lie(&HEAD, &[], &[0]), "bytes are left over behind the last cluster");
+}
+
+/// A page of one root, a node, over `nodes` and one cluster.
+fn with_nodes(nodes: &[[u8; 2]]) -> Vec<u8> {
+    let mut head = head(&[(2, nodes.len() as u8), (24, 1)]);
+    head.extend(nodes.as_flattened());
+    lie(&head, &[], &[])
+}
+
+#[test]
+fn trees_that_lie_are_refused() {
+    install_twice(&with_nodes(&[[1, 0]])).unwrap();
+    for node in [[0, 0], [9, 0], [1, 2], [7, 0x80]] {
+        refused(&with_nodes(&[node]), "a node is out of range");
+    }
+    refused(&with_nodes(&[[1, 1]]), "a page has fewer nodes than its tree");
+    refused(&with_nodes(&[[2, 0]]), "a page has fewer clusters than its tree");
+    refused(&with_nodes(&[[1, 0], [1, 0]]), "nothing leads to a part of the page");
+    let chain = |depth: usize| [vec![[1, 1]; depth - 1], vec![[1, 0]]].concat();
+    let deepest = crate::layout::TREE_DEPTH;
+    install_twice(&with_nodes(&chain(deepest))).unwrap();
+    refused(&with_nodes(&chain(deepest + 1)), "the tree of a page is too deep");
+}
+
+#[test]
+fn vertices_behind_the_lattice_are_refused() {
+    // The quad is one step high in z. Compact, then wide, where a vertex takes eight bits without tags.
+    let wide: Vec<_> = [(2, (1, 1))]
+        .into_iter()
+        .chain((7..10).chain(18..31).map(|i| (i, (0, 0))))
+        .chain([(22, (8, 8)), (23, (0, 8)), (24, (0, 8)), (25, (0x80, 8))])
+        .collect();
+    let at = |z: u64| {
+        let z = z.to_le_bytes();
+        head(&std::array::from_fn::<_, 5, _>(|i| (19 + i, z[i])))
+    };
+    let end = 1 << LATTICE_BITS;
+    for fields in [&[][..], &wide] {
+        install_twice(&lie(&at(end - 2), fields, &[])).unwrap();
+        refused(&lie(&at(end - 1), fields, &[]), "a vertex lies behind the lattice");
+        let mut frame = vec![0; FRAME_BYTES];
+        let narrow = |bits| install(&lie(&HEAD, fields, &[]), bits, &mut frame);
+        assert_eq!([9, 8].map(narrow), [Ok(()), Err("a cluster is out of range")]);
+    }
+}
+
+#[test]
+fn a_page_that_is_cut_or_grows_is_refused() {
+    let clusters = (0..8).map(|i| tangle(20, [10, 3, 14 + 3 * i as u32], i)).collect();
+    let (packed, _) = page(clusters).encode();
+    for length in 0..packed.len() {
+        assert!(install_twice(&packed[..length]).is_err(), "{length} of {} bytes", packed.len());
+    }
+    for byte in [0, 1, 0xff] {
+        assert!(install_twice(&[&packed[..], &[byte]].concat()).is_err());
+    }
+}
+
+proptest! {
+    /// Any bits at all: refused, or a frame whose corners, boxes and references are sound.
+    #[test]
+    fn garbage_is_refused_or_harmless(
+        seed in any::<u64>(),
+        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
+        keep in 0.9f64..1.1,
+    ) {
+        let clusters = (0..6).map(|i| match i % 3 {
+            0 => sheet(7, 8, 90 + i),
+            _ => tangle(60, [14 + 20 * (i as u32 % 2); 3], seed ^ i as u64),
+        });
+        let (mut packed, _) = page(clusters.collect()).encode();
+        for (at, byte) in flips {
+            let at = at.index(packed.len());
+            packed[at] = byte;
+        }
+        packed.resize((packed.len() as f64 * keep) as usize, 0x77);
+        walk_if_installed(&packed);
+    }
+
+    /// One flipped bit of one cluster: most of these are believed, so this is where boxes and corners are tried.
+    #[test]
+    fn a_flipped_bit_is_refused_or_harmless(
+        seed in any::<u64>(),
+        bits in any_box_bits(),
+        at in any::<prop::sample::Index>(),
+    ) {
+        let (mut packed, _) = page(vec![tangle(50, bits, seed)]).encode();
+        let at = at.index(8 * packed.len());
+        packed[at / 8] ^= 1 << (at % 8);
+        walk_if_installed(&packed);
+    }
+
+    #[test]
+    fn noise_is_refused_or_harmless(noise in prop::collection::vec(any::<u8>(), 0..3000)) {
+        walk_if_installed(&noise);
+        walk_if_installed(&[&HEAD[..], &noise].concat());
+    }
+}
+
+fn walk_if_installed(packed: &[u8]) {
+    let Ok(frame) = install_twice(packed) else { return };
+    let view = FrameView::new(&frame);
+    let mut clusters = 0;
+    view.for_each_cluster(|cluster| {
+        clusters += 1;
+        let mesh = cluster.decode();
+        assert!(mesh.triangles.as_flattened().iter().all(|&v| usize::from(v) < mesh.vertices.len()));
+        assert!(mesh.vertices.as_flattened().iter().all(|&q| q >> LATTICE_BITS == 0));
+        check_boxes(&cluster);
+    });
+    let (mut met, mut nodes) = (0, 0);
+    let mut stack: Vec<FrameRef> = (0..view.root_count()).map(|slot| view.root(slot)).collect();
+    while let Some(at) = stack.pop() {
+        if at.is_cluster() {
+            met += 1;
+            continue;
+        }
+        nodes += 1;
+        assert!(nodes <= FRAME_BYTES / Node::BYTES, "a walk goes in circles");
+        let node = view.node(at);
+        stack.extend(node.child[..usize::from(node.child_count)].iter().map(|&word| FrameRef(word)));
+    }
+    assert_eq!(met, clusters, "a walk meets each cluster once");
+}

@@ -1,0 +1,245 @@
+//! The disk form against the plain arrays that it was made from: what is encoded is installed, for meshes of any kind,
+//! and the same with and without BMI2. `hostile.rs`: bytes that no encoder wrote.
+
+mod hostile;
+
+use super::fields::Machine;
+use super::install::install_on;
+use super::*;
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES};
+use proptest::prelude::*;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+
+const LATTICE_BITS: u32 = 40;
+
+/// A cluster whose vertices stand in the order of first use; stops where it is full.
+fn cluster(corners: &[[[i64; 3]; 3]], materials: &[u16]) -> ClusterMesh {
+    let mut mesh = ClusterMesh::default();
+    for (corners, &material) in corners.iter().zip(materials).take(CLUSTER_TRIANGLES) {
+        let is_new = |i: usize| !mesh.vertices.contains(&corners[i]) && !corners[..i].contains(&corners[i]);
+        if mesh.vertices.len() + (0..3).filter(|&i| is_new(i)).count() > CLUSTER_VERTICES {
+            break;
+        }
+        let triangle = corners.map(|q| {
+            mesh.vertices.iter().position(|&v| v == q).unwrap_or_else(|| {
+                mesh.vertices.push(q);
+                mesh.vertices.len() - 1
+            }) as u8
+        });
+        mesh.triangles.push(triangle);
+        mesh.materials.push(material);
+    }
+    mesh
+}
+
+/// Triangles over a pool of points, in a box of so many bits an axis: many shared corners and edges, folded, doubled,
+/// degenerate.
+fn tangle(points: usize, box_bits: [u32; 3], seed: u64) -> ClusterMesh {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+    let mut below = |n: u64| rng.next_u64() % n;
+    let base = box_bits.map(|bits| below((1 << 40) - (1 << bits) + 1) as i64);
+    let pool: Vec<[i64; 3]> = (0..points)
+        .map(|_| std::array::from_fn(|axis| base[axis] + below(1 << box_bits[axis]) as i64))
+        .collect();
+    let count = 1 + below(128) as usize;
+    let corners: Vec<_> =
+        (0..count).map(|_| std::array::from_fn(|_| pool[below(points as u64) as usize])).collect();
+    let kinds = [1, 2, 4, 5, 16, 17, 60, 60_000][below(8) as usize];
+    let materials: Vec<u16> = (0..count).map(|_| below(kinds) as u16).collect();
+    cluster(&corners, &materials)
+}
+
+/// A bent sheet of `2 n m` triangles.
+fn sheet(n: i64, m: i64, scale: i64) -> ClusterMesh {
+    let point = |i: i64, j: i64| [i * scale, j * scale + i * i, 5 + (i * j * scale) / 7];
+    let mut corners = Vec::new();
+    for i in 0..n {
+        for j in 0..m {
+            let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)];
+            corners.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let materials = vec![7; corners.len()];
+    cluster(&corners, &materials)
+}
+
+/// A page whose clusters hang one under each node of a chain, the last node holding the rest.
+fn page(clusters: Vec<ClusterMesh>) -> PageContent {
+    let count = clusters.len() as u16;
+    let mut page = PageContent { clusters, ..PageContent::default() };
+    if count < 3 {
+        page.roots = (0..count).map(PageRef::Cluster).collect();
+        return page;
+    }
+    page.roots = vec![PageRef::Cluster(0), PageRef::Node(0)];
+    page.nodes =
+        vec![vec![PageRef::Cluster(1), PageRef::Node(1)], (2..count).map(PageRef::Cluster).collect()];
+    page
+}
+
+fn installed(page: &PageContent) -> Vec<u8> {
+    let (packed, spent) = page.encode();
+    let bits = spent.tree + spent.heads + spent.topology + spent.vertices;
+    assert_eq!(bits, 8 * packed.len() as u64, "bits that nothing is spent on");
+    assert!(packed.len() <= page.frame_bytes(), "{} bytes for {}", packed.len(), page.frame_bytes());
+    let frame = install_twice(&packed).unwrap();
+    assert_eq!(FrameView::new(&frame).used_bytes(), page.frame_bytes());
+    frame
+}
+
+/// Installs with the best that this machine has and without, in frames that held different bytes before.
+#[track_caller]
+fn install_twice(packed: &[u8]) -> Result<Vec<u8>, &'static str> {
+    let (mut frame, mut twin) = (vec![0xa5; FRAME_BYTES], vec![0x5a; FRAME_BYTES]);
+    let result = install(packed, LATTICE_BITS, &mut frame);
+    assert_eq!(result, install_on(Machine::Portable, packed, LATTICE_BITS, &mut twin));
+    result?;
+    let used = FrameView::new(&frame).used_bytes();
+    assert!(frame[..used] == twin[..used], "two installs of the same bytes differ");
+    Ok(frame)
+}
+
+#[track_caller]
+fn check(clusters: Vec<ClusterMesh>) {
+    let page = page(clusters);
+    let frame = installed(&page);
+    let mut found = Vec::new();
+    FrameView::new(&frame).for_each_cluster(|cluster| {
+        found.push(cluster.decode());
+        check_boxes(&cluster);
+    });
+    assert_eq!(found, page.clusters);
+}
+
+/// Boxes of leaves and of the cluster hold their triangles, as tight as eight bits allow.
+#[track_caller]
+fn check_boxes(cluster: &ClusterView<'_>) {
+    let (mesh, boxes, bounds) = (cluster.decode(), cluster.leaf_boxes(), cluster.bounds());
+    let (base, shift) = (cluster.base(), cluster.leaf_shift());
+    for (leaf, triangles) in mesh.triangles.chunks(8).enumerate() {
+        let corners = triangles.as_flattened().iter().map(|&v| mesh.vertices[usize::from(v)]);
+        let exact = corners.fold(LatticeBox::EMPTY, |mut all, q| {
+            all.add(q);
+            all
+        });
+        for axis in 0..3 {
+            assert_eq!(i64::from(boxes[axis][leaf]), (exact.lo[axis] - base[axis]) >> shift[axis]);
+            assert_eq!(i64::from(boxes[3 + axis][leaf]), (exact.hi[axis] - base[axis]) >> shift[axis]);
+        }
+        assert_eq!(bounds.join(&exact), bounds);
+    }
+}
+
+#[test]
+fn sheets_survive_in_a_few_bits_a_triangle() {
+    let sheets = vec![sheet(8, 8, 100), sheet(1, 1, 1), sheet(2, 9, 3), sheet(1, 30, 50_000)];
+    check(sheets);
+    let (_, spent) = page(vec![sheet(8, 8, 100)]).encode();
+    assert!(spent.topology <= 128 * 8 && spent.vertices <= 81 * 20, "{spent:?}");
+}
+
+#[test]
+fn nodes_hold_what_is_below_them() {
+    let clusters: Vec<_> = (0..9).map(|i| tangle(40, [18; 3], i)).collect();
+    let page = page(clusters);
+    let frame = installed(&page);
+    let view = FrameView::new(&frame);
+    assert_eq!(view.root_count(), 2);
+    assert!(view.root(0).is_cluster());
+    let top = view.node(view.root(1));
+    let below = view.node(FrameRef(top.child[1]));
+    assert_eq!((top.child_count, below.child_count), (2, 7));
+    for (i, cluster) in page.clusters.iter().enumerate().skip(2) {
+        let shift = crate::layout::node_shift(LATTICE_BITS);
+        for holder in [top.child_box(1, shift), below.child_box(i - 2, shift)] {
+            assert_eq!(holder.join(&cluster.bounds()), holder, "cluster {i}");
+        }
+    }
+}
+
+/// Each shape at a bound of the codec, alone and behind others.
+#[test]
+fn shapes_at_the_bounds_survive() {
+    let line = |n: i64| [n * n % 97, n * 3, n];
+    let of = |triangles: Vec<[[i64; 3]; 3]>| cluster(&triangles, &vec![3; triangles.len()]);
+    let strip = (0..126).map(|n| [line(n), line(n + 1), line(n + 2)]);
+    let full = of(strip.chain([[line(0), line(127), line(64)], [line(9), line(64), line(0)]]).collect());
+    assert_eq!((full.triangles.len(), full.vertices.len()), (128, 128));
+    let apart = of((0..42).map(|n| [line(3 * n), line(3 * n + 1), line(3 * n + 2)]).collect());
+    assert_eq!((apart.triangles.len(), apart.vertices.len()), (42, 126));
+    // As wide as a compact cluster may be, and one step more; the whole lattice.
+    let span = |side: [i64; 3]| of(vec![[[5; 3], [5 + side[0], 5, 5 + side[2]], [5, 5 + side[1], 6]]; 2]);
+    let compact = span([(1 << 24) - 1, (1 << 24) - 1, (1 << 9) - 1]);
+    let wide = span([(1 << 24) - 1, (1 << 24) - 1, 1 << 9]);
+    assert_eq!((compact.widths().wide, wide.widths().wide), (false, true));
+    let end = (1 << LATTICE_BITS) - 1;
+    let shapes = [
+        of(vec![[line(0), line(1), line(2)]]),
+        full,
+        apart,
+        compact,
+        wide,
+        span([1 << 24, 1, 1]),
+        of(vec![[[0; 3], [end; 3], [0, end, 0]]]),
+        of(vec![[[end; 3], [end - 1, end, end], [end, end - 9, end]]]),
+        // No axis has any extent; two corners are one; all three are.
+        of(vec![[[7; 3]; 3]]),
+        of(vec![[line(1), line(1), line(2)], [line(1), line(2), line(1)], [line(2), line(1), line(1)]]),
+        // An edge with 100 triangles, of both orientations; one triangle 128 times; a vertex with 60 fans.
+        of((2..102).map(|n| [line(n % 2), line(1 - n % 2), line(n)]).collect()),
+        of(vec![[line(4), line(5), line(6)]; 128]),
+        of((0..60).map(|n| [line(0), line(2 * n + 1), line(2 * n + 2)]).collect()),
+    ];
+    shapes.iter().for_each(|shape| check(vec![shape.clone()]));
+    shapes.chunks(8).for_each(|some| check(some.to_vec()));
+}
+
+#[test]
+fn palettes_of_all_lengths_survive() {
+    let corners = vec![[[0; 3], [9, 0, 4], [0, 7, 2]]; 128];
+    for len in [1, 2, 3, 4, 5, 15, 16, 17, 127, 128u16] {
+        // Up to the last material, and in an order that is not the palette's.
+        let materials: Vec<u16> = (0..128).map(|i| u16::MAX - (i * 7 % len) * 512).collect();
+        let mesh = cluster(&corners, &materials);
+        assert_eq!(mesh.palette().len(), usize::from(len));
+        check(vec![mesh, cluster(&corners[..1], &[0])]);
+    }
+}
+
+/// A quad that was packed with pencil and paper from `docs/format.md`: the bytes of version 1 stay what they are.
+#[test]
+fn the_bytes_of_a_tiny_page_are_these() {
+    let [a, b, c, d] = [[100, 200, 300], [108, 200, 300], [100, 206, 300], [109, 207, 301]];
+    let page = page(vec![cluster(&[[a, b, c], [c, b, d]], &[5, 2])]);
+    let (packed, spent) = page.encode();
+    assert_eq!(
+        packed,
+        [
+            1, 0, 0, 0, 1, 0, 0, 0,
+            3, // One cluster, no node, one root; no offsets; materials of three bits.
+            100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, // The anchor.
+            0, // The root is a cluster.
+            0x81, 0x81, 0xc4, 0x10, 0x00, 0x20, 0x02, 0x6a, 0x14, 0xe0, 0x45, 0x00, 0x7b,
+        ]
+    );
+    assert_eq!(spent, DiskBits { tree: 8, heads: 24 * 8 + 66, topology: 9, vertices: 29 });
+    check(page.clusters);
+}
+
+/// Bits of the axes of a box: mostly such that a cluster is compact.
+fn any_box_bits() -> impl Strategy<Value = [u32; 3]> {
+    prop_oneof![
+        3 => prop::array::uniform3(0u32..=19),
+        1 => (0u32..=24, 0u32..=9, 0u32..=24).prop_map(|(x, y, z)| [x, y, z]),
+        1 => prop::array::uniform3(0u32..=40),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn what_is_encoded_is_installed(
+        seeds in prop::collection::vec((any::<u64>(), 1usize..200, any_box_bits()), 1..6),
+    ) {
+        check(seeds.into_iter().map(|(seed, points, bits)| tangle(points, bits, seed)).collect());
+    }
+}
