@@ -7,7 +7,7 @@ use super::pages::{self, ChunkPages, PackContext};
 use super::partition::{CHUNK_TRIANGLES, Chunk};
 use super::sah::{Prim, split};
 use super::scratch::{LatticeTriangle, Scratch};
-use crate::cluster::{ClusterMesh, LatticeBox};
+use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::error::Result;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
@@ -38,6 +38,7 @@ pub(super) struct Workspace {
     run: Vec<LatticeTriangle>,
     triangles: Vec<LatticeTriangle>,
     prims: Vec<Prim>,
+    orderer: Orderer,
 }
 
 impl Workspace {
@@ -69,6 +70,9 @@ impl Workspace {
         }));
         let mut out = Clusters::default();
         out.grow(&mut self.prims, &self.triangles);
+        for cluster in &mut out.clusters {
+            *cluster = self.orderer.ordered(cluster);
+        }
         out
     }
 }

@@ -17,6 +17,7 @@ mod install;
 mod install_cluster;
 mod lanes;
 mod node;
+mod order;
 #[cfg(test)]
 mod tests;
 mod topology;
@@ -26,6 +27,7 @@ mod view;
 pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
+pub(crate) use order::Orderer;
 pub use view::{ClusterView, FrameRef, FrameView, LeafBoxes};
 
 use crate::layout::{AXIS_BITS, CLUSTER_LEAVES, LEAF_TRIANGLES, VERTEX_BITS};

@@ -18,7 +18,7 @@
 //! | 7-bit corners, as in the frame | 21 | 21 | 21 |
 //!
 //! After Touma and Gotsman, "Triangle mesh compression", 1998, and the edge queue of meshoptimizer's index codec;
-//! the order of triangles is ours to choose within leaves only, so the gate is named each time.
+//! the order of triangles is ours to choose within leaves only (see `order.rs`), so the gate is named each time.
 //!
 //! Invariants: 1. encoder and decoder make the same `Walk`; 2. vertices are numbered in the order of first use;
 //! 3. what `decode` accepts holds corners below the count of vertices, and a guide for each of them; those that no
