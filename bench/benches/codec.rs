@@ -1,0 +1,133 @@
+//! Pages in memory: encoded, installed, and taken in as the pool does it. One core, no disk.
+//!
+//! ```text
+//! cargo bench -p trex-bench --bench codec
+//! gen:KIND:COUNT -> build -> all its pages -> encode | install | page (hash, unpack, install)
+//! ```
+//!
+//! Invariant: the unit is bytes of frames in use, whatever the pages are on disk: these are what rays wait for.
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use datasets_gen::{GenOptions, Spec};
+use std::hint::black_box;
+use std::time::Duration;
+use trex_store::build::{BuildOptions, Existing, Precision, build};
+use trex_store::cluster::{FrameRef, FrameView, PageContent, PageRef, install};
+use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::PageStore;
+use trex_store::{Budget, Interrupt, PageFile};
+
+/// A surface, a scan, and a model of small parts with several materials; more pages than the caches hold.
+const MODELS: [&str; 3] = ["gen:isosurface:1M", "gen:scan:1M", "gen:pipes:1M"];
+/// Memory for a build, bytes.
+const BUILD_LIMIT_BYTES: u64 = 1 << 30;
+/// Passes over all pages of a model; each takes tens of milliseconds.
+const SAMPLES: usize = 20;
+
+/// All pages of a model.
+struct Pages {
+    file: PageFile,
+    /// As they lie in the file.
+    stored: Vec<Vec<u8>>,
+    /// Unpacked.
+    packed: Vec<Vec<u8>>,
+    contents: Vec<PageContent>,
+    used_bytes: u64,
+}
+
+impl Pages {
+    fn of(model: &str) -> Pages {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("model.trex");
+        let spec = Spec::parse(model).expect("a specification");
+        let mut source = datasets_gen::open(&spec, &GenOptions::default()).expect("a generator");
+        let options = BuildOptions {
+            precision: Precision::Default,
+            threads: 1,
+            budget: Budget::new(BUILD_LIMIT_BYTES),
+            temp_dir: None,
+            existing: Existing::Keep,
+            interrupt: Interrupt::default(),
+        };
+        build(source.as_mut(), &path, &options, &|_| {}, &|_| {}).expect("a build");
+        let bytes = std::fs::read(&path).expect("the file");
+        let file = PageFile::open(&path, &Budget::unlimited()).expect("a page file");
+        let mut pages =
+            Pages { stored: Vec::new(), packed: Vec::new(), contents: Vec::new(), used_bytes: 0, file };
+        let (mut frame, mut scratch) = (vec![0; FRAME_BYTES], Vec::new());
+        for page in 0..pages.file.page_count() {
+            let extent = pages.file.extent(page);
+            let stored = bytes[extent.offset as usize..][..extent.stored_bytes as usize].to_vec();
+            pages.file.install(page, &stored, &mut frame, &mut scratch).expect("a sound page");
+            let view = FrameView::new(&frame);
+            let content = content(&view);
+            let (packed, _) = content.encode();
+            assert_eq!(packed.len(), pages.file.pages()[page as usize].unpacked_bytes as usize);
+            pages.used_bytes += view.used_bytes() as u64;
+            pages.stored.push(stored);
+            pages.packed.push(packed);
+            pages.contents.push(content);
+        }
+        pages
+    }
+}
+
+/// What was encoded: nodes and clusters stand in the order of the walk.
+fn content(view: &FrameView<'_>) -> PageContent {
+    let mut content = PageContent::default();
+    view.for_each_cluster(|cluster| content.clusters.push(cluster.decode()));
+    let mut clusters_met = 0;
+    for slot in 0..view.root_count() {
+        let root = walk(view, view.root(slot), &mut content, &mut clusters_met);
+        content.roots.push(root);
+    }
+    content
+}
+
+fn walk(view: &FrameView<'_>, at: FrameRef, content: &mut PageContent, clusters_met: &mut u16) -> PageRef {
+    if at.is_cluster() {
+        *clusters_met += 1;
+        return PageRef::Cluster(*clusters_met - 1);
+    }
+    let index = content.nodes.len();
+    content.nodes.push(Vec::new());
+    let node = view.node(at);
+    for &word in &node.child[..usize::from(node.child_count)] {
+        let child = walk(view, FrameRef(word), content, clusters_met);
+        content.nodes[index].push(child);
+    }
+    PageRef::Node(index as u16)
+}
+
+fn codec(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("codec");
+    group.sample_size(SAMPLES).measurement_time(Duration::from_secs(4));
+    for model in MODELS {
+        let pages = Pages::of(model);
+        let lattice_bits = pages.file.superblock().lattice_bits;
+        let (mut frame, mut scratch) = (vec![0; FRAME_BYTES], Vec::new());
+        group.throughput(Throughput::Bytes(pages.used_bytes));
+        group.bench_function(BenchmarkId::new("install", model), |bencher| {
+            bencher.iter(|| {
+                for packed in &pages.packed {
+                    install(black_box(packed), lattice_bits, &mut frame).expect("a sound page");
+                }
+            });
+        });
+        group.bench_function(BenchmarkId::new("page", model), |bencher| {
+            bencher.iter(|| {
+                for (page, stored) in pages.stored.iter().enumerate() {
+                    let result = pages.file.install(page as u32, black_box(stored), &mut frame, &mut scratch);
+                    result.expect("a sound page");
+                }
+            });
+        });
+        group.bench_function(BenchmarkId::new("encode", model), |bencher| {
+            bencher.iter(|| pages.contents.iter().map(|content| content.encode().0.len()).sum::<usize>());
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, codec);
+criterion_main!(benches);
