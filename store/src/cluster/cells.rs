@@ -5,9 +5,14 @@
 //!        x y z     255 - x, 255 - y, 255 - z    0
 //! ```
 //!
-//! So the box of two is the least of both, byte by byte.
+//! So the box of two is the least of both, byte by byte: one instruction on a register of SSE2, which every x86-64
+//! has. (In loops of bytes the compiler turns rows into columns and takes seventeen.)
+//!
+//! Why unsafe: that instruction as an intrinsic, which asks for nothing but SSE2.
 //!
 //! Invariant: `lo <= hi` on each axis, but for [`Cell::MOST`], which holds nothing.
+
+#![allow(unsafe_code)]
 
 /// A box in 256ths.
 #[derive(Clone, Copy, Default)]
@@ -26,6 +31,18 @@ impl Cell {
     /// The box of both.
     #[inline(always)]
     pub(super) fn min(self, other: Cell) -> Cell {
+        #[cfg(target_arch = "x86_64")]
+        {
+            use std::arch::x86_64::_mm_min_epu8;
+            // SAFETY: SSE2 is a part of x86-64.
+            Cell(bytemuck::cast(unsafe { _mm_min_epu8(bytemuck::cast(self.0), bytemuck::cast(other.0)) }))
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        self.min_in_bytes(other)
+    }
+
+    #[cfg(any(test, not(target_arch = "x86_64")))]
+    fn min_in_bytes(self, other: Cell) -> Cell {
         let (a, b) = (self.0.to_le_bytes(), other.0.to_le_bytes());
         Cell(u128::from_le_bytes(std::array::from_fn(|i| a[i].min(b[i]))))
     }
@@ -51,7 +68,8 @@ mod tests {
         fn the_least_of_two_cells_is_the_box_of_both(a in 0u64..1 << 24, b in 0u64..1 << 24) {
             let (one, two) = (Cell::new(a), Cell::new(b));
             let both = Cell::MOST.min(one).min(two);
-                        for axis in 0..3 {
+            prop_assert_eq!(both.0, one.min_in_bytes(two).0);
+            for axis in 0..3 {
                 let [a, b] = [a, b].map(|places| (places >> (8 * axis)) as u8);
                 prop_assert_eq!((both.lo(axis), both.hi(axis)), (a.min(b), a.max(b)));
             }
