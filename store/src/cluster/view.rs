@@ -213,8 +213,10 @@ impl<'a> ClusterView<'a> {
 
     /// The three corners of triangle `index`, lattice.
     pub fn triangle(&self, index: usize) -> [[i64; 3]; 3] {
-        let corners = self.leaf_corners(index / LEAF_TRIANGLES);
-        corners.map(|indices| self.vertex(usize::from(indices[index % LEAF_TRIANGLES])))
+        let at = CLUSTER_HEADER_BYTES + index / LEAF_TRIANGLES * LEAF_INDEX_BYTES;
+        let corner =
+            |corner: usize| bits::get(&self.bytes[at + 7 * corner..], 7 * (index % LEAF_TRIANGLES), 7);
+        std::array::from_fn(|i| self.vertex(corner(i) as usize))
     }
 
     /// Material of triangle `index`.
