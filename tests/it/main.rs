@@ -6,6 +6,7 @@ mod command;
 mod contract;
 mod damage;
 mod determinism;
+mod extremes;
 mod format;
 mod image_diff;
 mod inputs;

@@ -288,7 +288,7 @@ fn campaign_of_a_million_rays() {
 }
 
 /// Leaves what a campaign found where `bench/campaign.sh` looks for it.
-fn document(scene: &str, found: &Value) {
+pub(crate) fn document(scene: &str, found: &Value) {
     let name: String = scene.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let name = format!("hits-{}.json", name.trim_start_matches('-').rsplit("scans-").next().unwrap());
     let mut document = json!({ "schema": "trex.hits/1", "scene": scene });

@@ -12,7 +12,7 @@ use super::bvh::{Found, Goal, Missing, Scene, Stack};
 use super::kernel::{Kernel, Lanes};
 use super::pages::Pages;
 use super::ray::{Frame, LatticeRay};
-use super::scalar::Scalar;
+use super::scalar::{Real, Scalar};
 use std::arch::x86_64::*;
 use trex_store::cluster::{CLUSTER_HEADER_BYTES, ClusterView, LEAF_INDEX_BYTES, Node};
 
@@ -111,6 +111,33 @@ impl Avx2 {
         }
     }
 
+    /// See `Scalar::is_surely_off`.
+    #[inline(always)]
+    fn surely_off(&self, [a, b, c]: [[__m256; 3]; 3], [u, v, w]: [__m256; 3], t_max: f32) -> __m256 {
+        // SAFETY: registers only; the caller runs with AVX2.
+        unsafe {
+            let sign = _mm256_set1_ps(-0.0);
+            let sum = _mm256_add_ps(_mm256_add_ps(u, v), w);
+            let two = _mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2]));
+            let volume = _mm256_add_ps(two, _mm256_mul_ps(w, c[2]));
+            let volume = _mm256_xor_ps(volume, _mm256_and_ps(sum, sign));
+            let sum = _mm256_andnot_ps(sign, sum);
+            let mut size = _mm256_setzero_ps();
+            for p in [a, b, c].as_flattened() {
+                size = _mm256_max_ps(size, _mm256_andnot_ps(sign, *p));
+            }
+            let share = _mm256_set1_ps(<f32 as Real>::VOLUME as f32);
+            let error = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(share, size), size), size);
+            let blurred = _mm256_mul_ps(_mm256_set1_ps(self.ray.blur), sum);
+            let least = _mm256_andnot_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(error, blurred), error);
+            let behind = _mm256_sub_ps(volume, _mm256_mul_ps(_mm256_set1_ps(t_max), sum));
+            _mm256_or_ps(
+                _mm256_cmp_ps::<_CMP_LT_OQ>(volume, _mm256_xor_ps(least, sign)),
+                _mm256_cmp_ps::<_CMP_GT_OQ>(behind, least),
+            )
+        }
+    }
+
     #[inline(never)]
     fn fetch_wide(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
         let base = cluster.view.base();
@@ -175,6 +202,16 @@ fn fetch_compact(cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
 fn cross(p: __m256, q: __m256, r: __m256, s: __m256) -> __m256 {
     // SAFETY: registers only; the caller runs with AVX2.
     unsafe { _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s)) }
+}
+
+/// [`cross`] of what the roundings of its products have lost.
+#[inline(always)]
+fn cross_of_lost(p: __m256, q: __m256, r: __m256, s: __m256) -> __m256 {
+    // SAFETY: registers only; the caller runs with AVX2 and FMA.
+    unsafe {
+        let (pq, rs) = (_mm256_mul_ps(p, q), _mm256_mul_ps(r, s));
+        _mm256_sub_ps(_mm256_fmsub_ps(p, q, pq), _mm256_fmsub_ps(r, s, rs))
+    }
 }
 
 /// Lanes where all three compare with zero as `ORDER` says.
@@ -251,7 +288,7 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> Lanes<f32> {
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
         let (base, cell) = (cluster.base(), self.ray.cell);
         let fetch = Fetch {
             view: cluster,
@@ -268,23 +305,28 @@ impl Kernel for Avx2 {
             let a = self.corner(&fetch, _pdep_u64(word(words, 0), SPREAD));
             let b = self.corner(&fetch, _pdep_u64(word(words, 7), SPREAD));
             let c = self.corner(&fetch, _pdep_u64(word(words, 14), SPREAD));
-            let u = cross(c[0], b[1], c[1], b[0]);
-            let v = cross(a[0], c[1], a[1], c[0]);
-            let w = cross(b[0], a[1], b[1], a[0]);
+            let mut u = cross(c[0], b[1], c[1], b[0]);
+            let mut v = cross(a[0], c[1], a[1], c[0]);
+            let mut w = cross(b[0], a[1], b[1], a[0]);
+            let mut flat = all_three::<_CMP_EQ_OQ>(u, v, w);
+            if _mm256_movemask_ps(flat) != 0 {
+                u = _mm256_blendv_ps(u, cross_of_lost(c[0], b[1], c[1], b[0]), flat);
+                v = _mm256_blendv_ps(v, cross_of_lost(a[0], c[1], a[1], c[0]), flat);
+                w = _mm256_blendv_ps(w, cross_of_lost(b[0], a[1], b[1], a[0]), flat);
+                flat = all_three::<_CMP_EQ_OQ>(u, v, w);
+            }
             let inside = _mm256_or_ps(all_three::<_CMP_GE_OQ>(u, v, w), all_three::<_CMP_LE_OQ>(u, v, w));
-            let sum = _mm256_add_ps(_mm256_add_ps(u, v), w);
-            let two = _mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2]));
-            let t = _mm256_div_ps(_mm256_add_ps(two, _mm256_mul_ps(w, c[2])), sum);
-            let zero = _mm256_setzero_ps();
+            let near = _mm256_min_ps(_mm256_min_ps(a[2], b[2]), c[2]);
+            let far = _mm256_max_ps(_mm256_max_ps(a[2], b[2]), c[2]);
             let in_range = _mm256_and_ps(
-                _mm256_cmp_ps::<_CMP_GE_OQ>(t, zero),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_max)),
+                _mm256_cmp_ps::<_CMP_GE_OQ>(far, _mm256_setzero_ps()),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_set1_ps(t_max)),
             );
-            let not_flat = _mm256_and_ps(inside, _mm256_cmp_ps::<_CMP_NEQ_OQ>(sum, zero));
-            let met = _mm256_and_ps(not_flat, in_range);
-            let mut lanes = Lanes { mask: _mm256_movemask_ps(met) as u32, t: [0.0; 8] };
-            _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
-            lanes
+            let met = _mm256_andnot_ps(flat, _mm256_and_ps(inside, in_range));
+            if _mm256_movemask_ps(met) == 0 {
+                return 0;
+            }
+            _mm256_movemask_ps(_mm256_andnot_ps(self.surely_off([a, b, c], [u, v, w], t_max), met)) as u32
         }
     }
 }

@@ -11,7 +11,8 @@
 //!
 //! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others may
 //! move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`);
-//! 4. of hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order.
+//! 4. of hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order;
+//! 5. what kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
 use super::kernel::{Kernel, Lanes};
 use super::pages::{Page, Pages};
@@ -24,10 +25,6 @@ use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH};
 const MISSING_PER_RAY: usize = 16;
 /// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves.
 const STACK: usize = 2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + 2 * NODE_WIDTH;
-
-/// Lattice steps from the entry up to which a closest hit is refined before it counts: a ray that starts on a surface
-/// must not end at it by rounding. Hits of any-hit rays are always refined, since such a ray ends near a light.
-const NEAR: f64 = 64.0;
 
 /// What the traversal of one ray looks for.
 #[derive(Clone, Copy, PartialEq)]
@@ -66,12 +63,12 @@ pub(super) struct Scene<'a> {
     pub(super) frame: Frame,
 }
 
-/// The best hit so far, as lattice t and place.
+/// The best hit so far.
 #[derive(Clone, Copy)]
 struct Best<T> {
+    /// Its t or the ray's end, rounded up.
     t: T,
-    /// Triangle id, corners and material of the hit.
-    found: Option<(u32, [[i64; 3]; 3], u16)>,
+    found: Option<Found>,
 }
 
 /// Traces one ray. `missing` is filled; a hit in front of all missing boxes is exact.
@@ -110,12 +107,13 @@ pub(super) fn trace<K: Kernel, P: Pages>(
             },
         }
     }
-    best.found.map(|(triangle, corners, material)| Found { t: best.t.into(), triangle, corners, material })
+    best.found
 }
 
-/// A kernel's hit, before refinement.
+/// A hit.
 #[derive(Clone, Copy)]
 pub(super) struct Found {
+    /// Lattice t, refined.
     pub(super) t: f64,
     pub(super) triangle: u32,
     pub(super) corners: [[i64; 3]; 3],
@@ -173,21 +171,16 @@ impl PageVisit<'_> {
             if t > best.t {
                 continue;
             }
-            let lanes = kernel.triangles(&cluster, leaf as usize, best.t);
-            let mut mask = lanes.mask;
+            let mut mask = kernel.triangles(&cluster, leaf as usize, best.t);
             while mask != 0 {
-                let lane = mask.trailing_zeros() as usize;
+                let index = leaf as usize * LEAF_TRIANGLES + mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                let index = leaf as usize * LEAF_TRIANGLES + lane;
+                let corners = cluster.triangle(index);
+                let Some(t) = self.ray.reach(corners) else { continue };
                 let triangle = self.first_triangle + (cluster.first_triangle() + index) as u32;
-                let t = lanes.t[lane];
-                if t < best.t || best.found.is_none_or(|(id, ..)| t == best.t && triangle < id) {
-                    let corners = cluster.triangle(index);
-                    if (self.goal == Goal::Any || t.into() < NEAR) && !self.ray.reaches(corners) {
-                        continue;
-                    }
-                    best.t = t;
-                    best.found = Some((triangle, corners, cluster.material(index)));
+                if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
+                    best.t = K::t_end(t);
+                    best.found = Some(Found { t, triangle, corners, material: cluster.material(index) });
                     if self.goal == Goal::Any {
                         stack.entries.truncate(floor);
                         return;

@@ -10,7 +10,9 @@
 //! Invariants: 1. a vertex's place relative to the ray is one function of its lattice integers and the ray,
 //! whatever the cluster: tests are watertight across clusters; 2. edge functions are two products and their
 //! difference, never fused: a shared edge gives exactly opposite values to its two triangles, and a sign that is
-//! not zero is right; 3. zero counts as inside on both sides; 4. boxes are tested with outward slack.
+//! not zero is right; 3. zero counts as inside on both sides; where all three are zero, they are made again from what the
+//! products lost, so that a needle is only a line when it is one; 4. boxes are tested with outward slack; 5. a kernel
+//! says which triangles a ray meets, not where: along a needle its weights can be off by any share.
 
 use super::ray::{Frame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};
@@ -38,6 +40,6 @@ pub(super) trait Kernel: Sized {
     /// Leaves `8 * half ..` of a cluster whose box meets the ray before `t_max`; t = entry.
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: Self::T) -> Lanes<Self::T>;
 
-    /// Triangles of a leaf that the ray meets at `0 <= t <= t_max`.
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: Self::T) -> Lanes<Self::T>;
+    /// Triangles of a leaf that the ray's line meets and that reach into `0 <= t <= t_max`, a bit each.
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: Self::T) -> u32;
 }

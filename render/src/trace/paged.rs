@@ -1,16 +1,15 @@
 //! `PagedMesh`: the tracer of page files. Chooses the kernel, refines the hit, keeps the list of missing pages.
 //!
 //! Error of a hit, in lattice steps: corners as seen from the entry are exact but for the fraction; the refined t is
-//! f64. What is left is the model's own coordinate rounding, and, for rays that start on the surface, the f32
-//! triangle test: its plane distance is wrong by at most a few 2^-24 of the triangle's size, so that an origin
-//! 2^-18 of that size off the surface cannot meet its own triangle again.
+//! f64, and it alone decides whether a ray meets the triangle that it left. What is left is the model's own coordinate
+//! rounding, and the kernel's across the ray: 2^-18 of the triangle's size holds both.
 //!
 //! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. `wanted` holds each page once,
 //! with the number of rays that it blocked.
 
 use super::bvh::{Goal, Missing, Scene, Stack, trace};
 use super::pages::Pages;
-use super::ray::{Frame, LatticeRay};
+use super::ray::{Frame, LatticeRay, normal};
 use super::scalar::Scalar;
 use super::{Answer, Hit, Ray, Tracer};
 use trex_store::PageFile;
@@ -128,12 +127,11 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     fn hit(&self, ray: &Ray, local: &LatticeRay, found: &super::bvh::Found) -> Hit {
         let frame = &self.scene.frame;
         let q = found.corners;
-        let t = local.model_t(local.refine(q));
-        let edge = |i: usize| std::array::from_fn::<f64, 3, _>(|a| (q[i][a] - q[0][a]) as f64);
-        let (e, f) = (edge(1), edge(2));
-        let n = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+        let t = local.model_t(found.t);
+        let n = normal(q);
         let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let size = e.iter().chain(&f).fold(1.0f64, |m, x| m.max(x.abs()));
+        let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
+        let size = edges.fold(1.0f64, |m, x| m.max(x.abs() as f64));
         let reach = (0..3).map(|a| ray.origin[a].abs() + (t * ray.direction[a]).abs()).fold(0.0, f64::max);
         Hit {
             t,

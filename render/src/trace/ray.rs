@@ -12,6 +12,7 @@
 //! direction is 1; 3. the entry lies outside of all geometry or is the ray's own origin: no hit has t < 0 by the move.
 
 use super::Ray;
+use crate::math::dot;
 use trex_store::PageFile;
 
 /// What rays need of a model: the lattice and the box.
@@ -26,6 +27,8 @@ pub(super) struct Frame {
     pub(super) node_shift: u32,
     /// What box planes move outward, lattice steps, so that rounding in the node test loses no hit.
     pub(super) slack: f64,
+    /// Error of a kernel's t that may decide: half of what a hit may be off, lattice steps.
+    pub(super) blur: f64,
 }
 
 /// Steps around the box that the entry stays away from it, and that kernels look beyond the end.
@@ -40,6 +43,7 @@ pub(super) struct LatticeRay {
     pub(super) fraction: [f64; 3],
     /// Longest component 1 or -1.
     pub(super) direction: [f64; 3],
+    pub(super) shear: Shear,
     /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
     /// the kernels' t.
     pub(super) t_max: f64,
@@ -70,6 +74,7 @@ impl Frame {
             hi: hi.map(|q| q as f64 + MARGIN),
             node_shift: block.node_shift,
             slack: 12.0 * ulp * side,
+            blur: 4.0 * ulp * side,
         }
     }
 
@@ -110,6 +115,7 @@ impl Frame {
             cell: cell.map(|v| v as i64),
             fraction: std::array::from_fn(|a| entry[a] - cell[a]),
             direction,
+            shear: Shear::of(direction),
             t_max: (t_out - t_in).max(0.0) + MARGIN,
             t_end: t_end - t_in,
             t_entry: t_in,
@@ -132,14 +138,17 @@ impl LatticeRay {
     /// t of the entry's ray on a triangle that a kernel has reported, in f64. Where the ray passes beside it (the
     /// kernel's rounding, at an edge): at the point of its edges that is nearest to the ray.
     pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> f64 {
-        let shear = Shear::of(self.direction);
-        let [a, b, c] = q.map(|q| shear.apply(self.seen_from_entry(q)));
+        let seen = q.map(|q| self.seen_from_entry(q));
+        let [a, b, c] = seen.map(|p| self.shear.apply(p));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let sum = u + v + w;
-        if sum != 0.0 && [u, v, w].iter().all(|x| x * sum >= 0.0) {
-            return (u * a[2] + v * b[2] + w * c[2]) / sum;
+        let n = normal(q);
+        let across = dot(n, self.direction);
+        if across != 0.0 && ([u, v, w].iter().all(|&x| x >= 0.0) || [u, v, w].iter().all(|&x| x <= 0.0)) {
+            // From the plane: weights of a needle's corners would be off by any share.
+            let (near, far) = (a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2]));
+            return (dot(n, seen[0]) / across).clamp(near, far);
         }
         let on_edges = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
         on_edges
@@ -148,10 +157,25 @@ impl LatticeRay {
             .1
     }
 
-    /// True when the refined hit of a kernel's triangle lies on the ray: neither behind its start nor behind its end.
-    pub(super) fn reaches(&self, q: [[i64; 3]; 3]) -> bool {
-        (0.0..=self.t_end).contains(&self.refine(q))
+    /// The refined hit of a kernel's triangle, where it lies on the ray: neither behind its start nor behind its end.
+    /// Not inlined: the kernels need the registers.
+    #[inline(never)]
+    pub(super) fn reach(&self, q: [[i64; 3]; 3]) -> Option<f64> {
+        Some(self.refine(q)).filter(|t| (0.0..=self.t_end).contains(t))
     }
+}
+
+/// The normal of a lattice triangle, as long as twice its area: exact but for one rounding, however thin it is.
+pub(super) fn normal(q: [[i64; 3]; 3]) -> [f64; 3] {
+    let edge = |i: usize| -> [i64; 3] { std::array::from_fn(|a| q[i][a] - q[0][a]) };
+    let (e, f) = (edge(1), edge(2));
+    let axes = [(1, 2), (2, 0), (0, 1)];
+    // Products of edges of up to 30 bits and their difference fit 64 bits.
+    if e.iter().chain(&f).all(|x| x.unsigned_abs() >> 30 == 0) {
+        return axes.map(|(a, b)| (e[a] * f[b] - e[b] * f[a]) as f64);
+    }
+    let product = |x: i64, y: i64| i128::from(x) * i128::from(y);
+    axes.map(|(a, b)| (product(e[a], f[b]) - product(e[b], f[a])) as f64)
 }
 
 /// Of a segment, the point nearest to the z axis: squared distance, z.

@@ -2,7 +2,7 @@
 //! does, in the same order, so that both give the same bits.
 
 use super::kernel::{Kernel, Lanes};
-use super::ray::{Frame, LatticeRay, Shear};
+use super::ray::{Frame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH};
 
@@ -21,6 +21,9 @@ pub(super) trait Real:
     const FAR: Self;
     /// Least size of a direction component in the slab test; its inverse does not overflow with 40-bit planes.
     const TINY: f64;
+    /// Error of a triangle's volume (t times twice its area across the ray), as a share of the cube of its largest
+    /// coordinate: 3 x 28 for three products of edge functions, each wrong by 24, and depths, 18 for sums; rounded up.
+    const VOLUME: f64;
     fn of(value: f64) -> Self;
     fn of_int(value: i64) -> Self;
     fn up(value: f64) -> Self;
@@ -30,11 +33,12 @@ pub(super) trait Real:
 }
 
 macro_rules! real {
-    ($real:ty, $far:expr, $tiny:expr) => {
+    ($real:ty, $tiny:expr) => {
         impl Real for $real {
             const ZERO: $real = 0.0;
-            const FAR: $real = $far;
+            const FAR: $real = 1.0 + 8.0 * <$real>::EPSILON;
             const TINY: f64 = $tiny;
+            const VOLUME: f64 = 64.0 * <$real>::EPSILON as f64;
             fn of(value: f64) -> $real {
                 value as $real
             }
@@ -57,8 +61,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, 1.0 + 8.0 * f32::EPSILON, 1e-25);
-real!(f64, 1.0 + 8.0 * f64::EPSILON, 1e-250);
+real!(f32, 1e-25);
+real!(f64, 1e-250);
 
 /// A ray set up for the plain kernel.
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +77,7 @@ pub(super) struct Scalar<T> {
     pub(super) k: [usize; 3],
     pub(super) s: [T; 3],
     pub(super) node_shift: u32,
+    pub(super) blur: T,
 }
 
 impl<T: Real> Scalar<T> {
@@ -112,7 +117,6 @@ impl<T: Real> Kernel for Scalar<T> {
     type T = T;
 
     fn new(frame: &Frame, ray: &LatticeRay) -> Scalar<T> {
-        let shear = Shear::of(ray.direction);
         let slab_direction = ray.direction.map(|d| if d.abs() < T::TINY { T::TINY.copysign(d) } else { d });
         Scalar {
             cell: ray.cell,
@@ -121,9 +125,10 @@ impl<T: Real> Kernel for Scalar<T> {
             fraction_hi: ray.fraction.map(|f| T::of(f - frame.slack)),
             inverse: slab_direction.map(|d| T::of(1.0 / d)),
             negative: ray.direction.map(f64::is_sign_negative),
-            k: shear.k,
-            s: shear.s.map(T::of),
+            k: ray.shear.k,
+            s: ray.shear.s.map(T::of),
             node_shift: frame.node_shift,
+            blur: T::of(frame.blur),
         }
     }
 
@@ -154,9 +159,9 @@ impl<T: Real> Kernel for Scalar<T> {
         Scalar::answer(slabs, cluster.leaf_count().saturating_sub(8 * half).min(8), t_max)
     }
 
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: T) -> Lanes<T> {
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: T) -> u32 {
         let corners = cluster.leaf_corners(leaf);
-        let mut lanes = Lanes { mask: 0, t: [T::ZERO; 8] };
+        let mut mask = 0;
         for i in 0..LEAF_TRIANGLES {
             let [a, b, c] = std::array::from_fn(|corner| {
                 let q = cluster.vertex(usize::from(corners[corner][i]));
@@ -165,16 +170,35 @@ impl<T: Real> Kernel for Scalar<T> {
                 let shear = |x: usize| (T::ZERO - self.s[x]).fused(z, p[self.k[x]]);
                 [shear(0), shear(1), self.s[2] * z]
             });
-            let u = c[0] * b[1] - c[1] * b[0];
-            let v = a[0] * c[1] - a[1] * c[0];
-            let w = b[0] * a[1] - b[1] * a[0];
             let zero = T::ZERO;
-            let inside = (u >= zero && v >= zero && w >= zero) || (u <= zero && v <= zero && w <= zero);
-            let sum = u + v + w;
-            let t = (u * a[2] + v * b[2] + w * c[2]) / sum;
-            lanes.t[i] = t;
-            lanes.mask |= u32::from(inside && sum != zero && t >= zero && t <= t_max) << i;
+            let mut uvw = [(c, b), (a, c), (b, a)].map(|(p, q)| p[0] * q[1] - p[1] * q[0]);
+            if uvw.iter().all(|&x| x == zero) {
+                uvw = [(c, b), (a, c), (b, a)].map(|(p, q)| lost(p[0], q[1]) - lost(p[1], q[0]));
+            }
+            let inside = uvw.iter().all(|&x| x >= zero) || uvw.iter().all(|&x| x <= zero);
+            let flat = uvw.iter().all(|&x| x == zero);
+            let (near, far) = (a[2].least(b[2]).least(c[2]), a[2].most(b[2]).most(c[2]));
+            let met = inside && !flat && far >= zero && near <= t_max;
+            mask |= u32::from(met && !self.is_surely_off([a, b, c], uvw, t_max)) << i;
         }
-        lanes
+        mask
     }
+}
+
+impl<T: Real> Scalar<T> {
+    /// Whether `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
+    fn is_surely_off(&self, [a, b, c]: [[T; 3]; 3], [u, v, w]: [T; 3], t_max: T) -> bool {
+        let zero = T::ZERO;
+        let (sum, volume) = (u + v + w, u * a[2] + v * b[2] + w * c[2]);
+        let (sum, volume) = if sum < zero { (zero - sum, zero - volume) } else { (sum, volume) };
+        let size = [a, b, c].as_flattened().iter().fold(zero, |most, &x| most.most(x).most(zero - x));
+        let error = T::of(T::VOLUME) * size * size * size;
+        let least = if error <= self.blur * sum { zero } else { error };
+        volume < zero - least || volume - t_max * sum > least
+    }
+}
+
+/// What rounding takes from a product.
+fn lost<T: Real>(p: T, q: T) -> T {
+    p.fused(q, T::ZERO - p * q)
 }

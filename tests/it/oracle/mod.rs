@@ -1,4 +1,5 @@
 //! Oracles: plain and slow, sharing no code with what they test.
 
+pub(crate) mod exact;
 pub(crate) mod mesh;
 pub(crate) mod pictures;
