@@ -12,6 +12,7 @@
 //! fails where too few rays were decided.
 
 mod boxes;
+mod cameras;
 mod closed;
 mod leaving;
 mod shapes;

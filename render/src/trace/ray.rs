@@ -21,6 +21,8 @@ pub(super) struct Frame {
     /// Model position of lattice point 0.
     origin: [f64; 3],
     step: f64,
+    /// Lattice steps from 0 to the end of the lattice.
+    side: f64,
     lo: [f64; 3],
     hi: [f64; 3],
     /// Lattice shift of node origins.
@@ -31,8 +33,12 @@ pub(super) struct Frame {
     pub(super) blur: f64,
 }
 
-/// Steps around the box that the entry stays away from it, and that kernels look beyond the end.
+/// Steps around the box that the entry stays away from it, and that kernels look beyond the end; at least, see `FAR`.
 const MARGIN: f64 = 2.0;
+/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: twice what the way there is
+/// rounded by (origin, quotient, product, sum: half an ulp each). On a lattice of 40 bits it is more than `MARGIN` from
+/// 2^11 sizes on.
+const FAR: f64 = 1.0 / (1u64 << 50) as f64;
 
 /// A ray in lattice units.
 #[derive(Clone, Copy, Debug)]
@@ -70,8 +76,9 @@ impl Frame {
         Frame {
             origin: block.lattice.origin,
             step: block.lattice.step(),
-            lo: lo.map(|q| q as f64 - MARGIN),
-            hi: hi.map(|q| q as f64 + MARGIN),
+            side,
+            lo: lo.map(|q| q as f64),
+            hi: hi.map(|q| q as f64),
             node_shift: block.node_shift,
             slack: 12.0 * ulp * side,
             blur: 4.0 * ulp * side,
@@ -83,7 +90,8 @@ impl Frame {
         self.step
     }
 
-    /// Moves a ray to the lattice; `None` when it misses the model's box.
+    /// Moves a ray to the lattice; `None` when it misses the model's box, or comes from so far that its rounding is
+    /// larger than the model.
     pub(super) fn enter(&self, ray: &Ray) -> Option<LatticeRay> {
         let longest = ray.direction.iter().fold(0.0f64, |m, d| m.max(d.abs()));
         let from: [f64; 3] = std::array::from_fn(|a| (ray.origin[a] - self.origin[a]) / self.step);
@@ -91,22 +99,26 @@ impl Frame {
             return None;
         }
         let direction = ray.direction.map(|d| d / longest);
+        let margin = from.iter().fold(MARGIN, |most, v| most.max(v.abs() * FAR));
+        if margin > self.side.max(MARGIN) {
+            return None;
+        }
         let t_end = ray.t_max / self.step * longest;
         let (mut t_in, mut t_out) = (0.0f64, t_end);
         for axis in 0..3 {
             if direction[axis] == 0.0 {
-                if from[axis] < self.lo[axis] || from[axis] > self.hi[axis] {
+                if from[axis] < self.lo[axis] - margin || from[axis] > self.hi[axis] + margin {
                     return None;
                 }
                 continue;
             }
-            let a = (self.lo[axis] - from[axis]) / direction[axis];
-            let b = (self.hi[axis] - from[axis]) / direction[axis];
+            let a = (self.lo[axis] - margin - from[axis]) / direction[axis];
+            let b = (self.hi[axis] + margin - from[axis]) / direction[axis];
             t_in = t_in.max(a.min(b));
             t_out = t_out.min(a.max(b));
         }
         // Half of the margin pays for the rounding of t_in.
-        if t_in > t_out + MARGIN / 2.0 {
+        if t_in > t_out + margin / 2.0 {
             return None;
         }
         let entry: [f64; 3] = std::array::from_fn(|a| from[a] + t_in * direction[a]);
