@@ -63,7 +63,7 @@ for kind in isosurface pipes scan; do
 done
 record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 --integrator path
 
-# Rays against the oracle: some five minutes.
+# Rays against the oracle, and 10^8 rays at the edges and vertices of a closed mesh: some ten minutes.
 (cd "$root" && cargo test --release --test it -- --ignored campaign)
 for document in "$root"/target/tmp/hits-*.json; do
     "$root/target/release/trex-bench" --root "$root" record --name "$(basename "$document" .json)" \
