@@ -4,12 +4,14 @@
 //! check only what needs a file; 3. the same flag has the same name and meaning at every verb.
 
 mod image;
+mod render;
 
 use crate::progress::Mode;
-use crate::values::{self, Input, MemoryLimit, Resolution, Seconds, Vec3};
+use crate::values::{self, Bytes, Input, MemoryLimit, Resolution};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
+pub use render::{CameraArgs, GRayArgs, Integrator, Layer, NearArg, OccludersArg, RenderArgs};
 use std::path::PathBuf;
 use trex_store::io::{DirectChoice, IoChoice};
 
@@ -313,11 +315,28 @@ pub struct BuildArgs {
     #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
     pub error: Option<f64>,
     #[command(flatten)]
+    pub voxels: VoxelArgs,
+    #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// The voxel octree of a build.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Voxel options")]
+pub struct VoxelArgs {
+    /// Leaf voxels along the model's longest side (default: as many as the mesh's own size and --upper-budget allow)
+    #[arg(long, value_name = "RU", value_parser = ["64", "256", "512", "1024"], conflicts_with = "no_asvo")]
+    pub voxels: Option<String>,
+    /// Most memory that the voxel octree may take while rendering, without light
+    #[arg(long, value_name = "SIZE", value_parser = values::bytes, default_value = "64MiB")]
+    pub upper_budget: Bytes,
+    /// Leave the voxel octree out: smaller, but without global illumination
+    #[arg(long)]
+    pub no_asvo: bool,
 }
 
 const AFTER_BUILD: &str = "\
@@ -361,58 +380,6 @@ Reads every byte. Exit status 0: clean. 1: damaged; pages, offsets and boxes are
 
 Example:
   trex verify statue.trex";
-
-/// `trex render`
-#[derive(Debug, Args)]
-#[command(after_help = AFTER_RENDER)]
-pub struct RenderArgs {
-    /// A page file, or a scene (.toml) that names one
-    #[arg(value_name = "FILE")]
-    pub file: PathBuf,
-    /// The picture: .png, or .exr for linear values and layers
-    #[arg(short, long, value_name = "PICTURE")]
-    pub output: PathBuf,
-    /// How light is computed (default: the scene's, else direct)
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub integrator: Option<Integrator>,
-    /// Size of the picture, pixels (default: the scene's, else 1024x1024)
-    #[arg(long, value_name = "WxH", value_parser = values::resolution)]
-    pub resolution: Option<Resolution>,
-    /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    pub spp: Option<u32>,
-    /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
-    #[arg(long, value_name = "TIME", value_parser = values::seconds)]
-    pub time_limit: Option<Seconds>,
-    /// Shadow rays per hit (default: the scene's, else 2)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    pub n_shadow: Option<u32>,
-    /// Seed of the samples (default: the scene's, else 1)
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
-    #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
-    pub exposure: Option<f64>,
-    /// Further layers of an EXR
-    #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
-    pub layers: Vec<Layer>,
-    #[command(flatten)]
-    pub camera: CameraArgs,
-    #[command(flatten)]
-    pub overwrite: OverwriteArgs,
-    #[command(flatten)]
-    pub disk: DiskArgs,
-    #[command(flatten)]
-    pub common: CommonArgs,
-}
-
-const AFTER_RENDER: &str = "\
-The picture depends on scene, seed and samples alone, not on the memory limit or the thread count.
-
-Examples:
-  trex render statue.trex -o statue.png
-  trex render iso.trex -o iso.exr --layers depth,normal --memory-limit 128MiB
-  trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64";
 
 /// `trex bench`
 #[derive(Debug, Args)]
@@ -477,51 +444,6 @@ pub struct BenchBuildArgs {
     pub common: CommonArgs,
 }
 
-/// The view. What is not given comes from the scene, else from a camera that frames the model.
-#[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Camera options (default: the scene's, else one that frames the model)")]
-pub struct CameraArgs {
-    /// Where the camera stands, model units
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
-    pub camera_position: Option<Vec3>,
-    /// The point it looks at, model units
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
-    pub camera_target: Option<Vec3>,
-    /// Which way is up
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
-    pub camera_up: Option<Vec3>,
-    /// Field of view across, degrees
-    #[arg(long, value_name = "DEG", value_parser = values::degrees, conflicts_with = "fov_y")]
-    pub fov_x: Option<f64>,
-    /// Field of view from bottom to top, degrees
-    #[arg(long, value_name = "DEG", value_parser = values::degrees)]
-    pub fov_y: Option<f64>,
-}
-
-/// `--integrator`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Integrator {
-    /// Direct light and perfect mirrors on the exact mesh
-    Direct,
-    /// All light, unbiased, on the exact mesh
-    Path,
-    /// Ambient occlusion on the exact mesh: white light from all sides on white surfaces
-    Ao,
-}
-
-/// `--layers`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Layer {
-    /// Distance from the camera, model units
-    Depth,
-    /// Normal in model space
-    Normal,
-    /// Colour without light
-    Albedo,
-    /// Store id of the triangle
-    Id,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -552,7 +474,7 @@ mod tests {
     fn render_takes_negative_coordinates_and_layers() {
         let line = "trex render m.trex -o m.exr --camera-position -1,-2.5,3 --layers depth,id --fov-y 40";
         let Verb::Render(args) = parse(line).unwrap() else { panic!("not a render") };
-        assert_eq!(args.camera.camera_position, Some(Vec3([-1.0, -2.5, 3.0])));
+        assert_eq!(args.camera.camera_position, Some(values::Vec3([-1.0, -2.5, 3.0])));
         assert_eq!(args.layers, [Layer::Depth, Layer::Id]);
         assert!(parse("trex render m.trex -o m.png --fov-x 40 --fov-y 40").is_err());
         assert!(parse("trex render m.trex -o m.png --spp 0").is_err());

@@ -182,8 +182,8 @@ pub fn number(text: &str) -> Result<f64, String> {
 /// Parses a field of view, degrees.
 pub fn degrees(text: &str) -> Result<f64, String> {
     finite(text)
-        .filter(|x| (0.1..=179.0).contains(x))
-        .ok_or_else(|| "accepted is an angle from 0.1 to 179 degrees".into())
+        .filter(|x| (0.001..=179.0).contains(x))
+        .ok_or_else(|| "accepted is an angle from 0.001 to 179 degrees".into())
 }
 
 /// A finite float.

@@ -11,7 +11,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use datasets_gen::{GenOptions, Spec};
 use std::hint::black_box;
 use std::time::Duration;
-use trex_store::build::{BuildOptions, Existing, Precision, build};
+use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::cluster::{FrameRef, FrameView, PageContent, PageRef, install};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::PageStore;
@@ -43,6 +43,7 @@ impl Pages {
         let mut source = datasets_gen::open(&spec, &GenOptions::default()).expect("a generator");
         let options = BuildOptions {
             precision: Precision::Default,
+            voxels: Voxels::None,
             threads: 1,
             budget: Budget::new(BUILD_LIMIT_BYTES),
             temp_dir: None,

@@ -8,6 +8,7 @@ use crate::model::{Surroundings, build, temporary_folder};
 use anyhow::ensure;
 use datasets_gen::Spec;
 use serde::Serialize;
+use trex_store::build::Voxels;
 
 /// What the rounds gave: medians.
 #[derive(Clone, Debug, Serialize)]
@@ -61,7 +62,7 @@ pub fn run(spec: &str, rounds: usize, around: &Surroundings) -> anyhow::Result<B
     let mut reports = Vec::with_capacity(rounds);
     for _ in 0..rounds {
         let folder = temporary_folder(&around.folder)?;
-        reports.push(build(&parsed, &folder.path().join("model.trex"), around)?);
+        reports.push(build(&parsed, &folder.path().join("model.trex"), Voxels::None, around)?);
     }
     let last = &reports[rounds - 1];
     ensure!(reports.iter().all(|report| report.file_id == last.file_id), "two builds of {spec} differ");

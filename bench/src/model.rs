@@ -7,7 +7,7 @@ use datasets_gen::{GenOptions, Spec};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use trex_render::camera::{Camera, Fov};
-use trex_store::build::{BuildOptions, BuildReport, Existing, Precision};
+use trex_store::build::{BuildOptions, BuildReport, Existing, Precision, Voxels};
 use trex_store::{Budget, Interrupt};
 
 /// What a workload runs on.
@@ -48,7 +48,7 @@ impl Model {
         let spec = Spec::parse(name)?;
         let folder = temporary_folder(&around.folder)?;
         let path = folder.path().join("model.trex");
-        build(&spec, &path, around)?;
+        build(&spec, &path, Voxels::Resolution(1024), around)?;
         let view = datasets_gen::views(&spec).into_iter().next().map(|view| Camera {
             position: view.position,
             target: view.target,
@@ -66,12 +66,18 @@ pub(crate) fn temporary_folder(parent: &Path) -> anyhow::Result<TempDir> {
 }
 
 /// Generates `spec` and builds it at the default precision.
-pub(crate) fn build(spec: &Spec, path: &Path, around: &Surroundings) -> anyhow::Result<BuildReport> {
+pub(crate) fn build(
+    spec: &Spec,
+    path: &Path,
+    voxels: Voxels,
+    around: &Surroundings,
+) -> anyhow::Result<BuildReport> {
     let Surroundings { threads, budget, interrupt, .. } = around.clone();
     let options = GenOptions { threads, budget: budget.clone(), interrupt: interrupt.clone() };
     let mut source = datasets_gen::open(spec, &options)?;
     let options = BuildOptions {
         precision: Precision::Default,
+        voxels,
         threads,
         budget,
         temp_dir: None,

@@ -6,7 +6,7 @@
 //!             -> miss: 1
 //! ```
 //!
-//! Materials and lights play no part. S. Zhukov, A. Iones, G. Kronin, "An ambient light illumination model" (1998).
+//! Where the file has voxels these rays are G-rays, else they go through the mesh. Materials and lights play no part. S. Zhukov, A. Iones, G. Kronin, "An ambient light illumination model" (1998).
 
 use crate::integrator::{Integrator, Path, Stage};
 use crate::light::cosine_direction;
@@ -40,8 +40,10 @@ impl Integrator<'_> {
         let count = self.world.n_shadow;
         let u = path.sampler.draw(Decision::Gather { vertex: 0, index, count });
         let direction = cosine_direction(surface.normal, [u[0], u[1]]);
-        let ray = surface.ray_to(direction, self.world.ao_radius, None);
-        let Answer::Exact(occluded) = tracer.occluded(&ray) else { return Answer::Blocked };
+        let radius = self.world.ao_radius;
+        let Answer::Exact(occluded) = self.occluded(surface, direction, radius, None, tracer) else {
+            return Answer::Blocked;
+        };
         path.sample.rays.gather += 1;
         if !occluded {
             path.gain([1.0 / count as f32; 3]);

@@ -9,7 +9,7 @@ use crate::picture::write_exr;
 use crate::sampler::mix;
 use crate::trace::naive::{NaiveMesh, NaiveTriangle};
 use crate::trace::{Hit, Ray};
-use crate::world::{Model, View, World};
+use crate::world::{GRays, Model, View, World};
 use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
 use trex_store::{Aabb, Budget, Material};
@@ -37,12 +37,24 @@ fn soup() -> Vec<NaiveTriangle> {
 fn world(method: Method) -> World {
     let mirror = Material { ks: [0.6; 3], kd: [0.2; 3], mirror: true, ..Material::default() };
     let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
-    let model = Model { bounds, materials: vec![Material::default(), mirror], emitters: vec![] };
+    let model =
+        Model { bounds, materials: vec![Material::default(), mirror], emitters: vec![], voxels: None };
     let camera = Camera::framing(&bounds, RESOLUTION, None, None);
     let point = Light::Point { position: [2.0, 3.0, 2.0], intensity: [9.0; 3] };
     let lights = vec![point, Light::Sky { radiance: [0.3; 3] }];
-    World::new(&model, &View { camera, resolution: RESOLUTION, lights, n_shadow: 2, seed: 11, method })
-        .unwrap()
+    World::new(
+        &model,
+        &View {
+            camera,
+            resolution: RESOLUTION,
+            lights,
+            n_shadow: 2,
+            seed: 11,
+            method,
+            g_rays: GRays::default(),
+        },
+    )
+    .unwrap()
 }
 
 /// Renders to 7 samples in passes to `targets`, and gives the film's bytes.

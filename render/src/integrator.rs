@@ -1,8 +1,9 @@
-//! `Integrator`: a sample of a pixel, a ray at a time. What `direct`, `path` and `ao` share, and where they part.
+//! `Integrator`: a sample of a pixel, a ray at a time. What the integrators share, and where they part.
 //!
 //! ```text
 //! primary ray -> hit --direct--> n_shadow shadow rays -> mirror? -> mirror ray -> hit -> ...
 //!             |      --path----> n_shadow shadow rays -> a bounce by chance    -> hit -> ...
+//!             |      --photon--> n_shadow shadow rays -> n_gather gather rays -> mirror? -> ...
 //!             |      --ao------> n_shadow rays by the cosine
 //!             -> miss: sky
 //! ```
@@ -22,6 +23,7 @@ use crate::path::light_share;
 use crate::sampler::{Decision, Sampler};
 use crate::surface::Surface;
 use crate::trace::{Answer, Hit, Ray, Tracer};
+use crate::voxel::GScene;
 use crate::world::World;
 
 /// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
@@ -41,6 +43,17 @@ pub enum Method {
     Path,
     /// Ambient occlusion: see `ao.rs`.
     Ao,
+    /// Photon mapping on voxels: see `photon.rs`.
+    Photon,
+    /// The leaves of the voxel octree: see `debug.rs`.
+    #[serde(rename = "debug-upper")]
+    DebugUpper,
+    /// Their bitmaps.
+    #[serde(rename = "debug-occluders")]
+    DebugOccluders,
+    /// The pages of the mesh.
+    #[serde(rename = "debug-pages")]
+    DebugPages,
 }
 
 impl Method {
@@ -50,7 +63,21 @@ impl Method {
             Method::Direct => "direct",
             Method::Path => "path",
             Method::Ao => "ao",
+            Method::Photon => "photon",
+            Method::DebugUpper => "debug-upper",
+            Method::DebugOccluders => "debug-occluders",
+            Method::DebugPages => "debug-pages",
         }
+    }
+
+    /// Whether nothing can be drawn without voxels.
+    pub fn needs_voxels(self) -> bool {
+        matches!(self, Method::Photon | Method::DebugUpper | Method::DebugOccluders)
+    }
+
+    /// Whether voxels are asked where there are any.
+    pub fn asks_voxels(self) -> bool {
+        self.needs_voxels() || self == Method::Ao
     }
 }
 
@@ -63,8 +90,10 @@ pub struct RayCounts {
     pub mirror: u64,
     /// Rays towards lights.
     pub shadow: u64,
-    /// Rays that gather light by chance: bounces of `path`, rays of `ao`.
+    /// Rays that gather light by chance: bounces of `path`, gather rays of `photon`, rays of `ao`.
     pub gather: u64,
+    /// Rays of photons; these are no part of a sample.
+    pub photon: u64,
 }
 
 /// What one finished sample says of its pixel.
@@ -83,6 +112,8 @@ pub struct Sample {
 pub struct Integrator<'a> {
     pub(crate) world: &'a World,
     layers: bool,
+    /// What answers G-rays; without, the mesh does.
+    pub(crate) voxels: Option<GScene<'a>>,
 }
 
 /// One sample of one pixel on its way: all that a retry needs.
@@ -110,6 +141,11 @@ pub(crate) enum Stage {
         surface: Surface,
         index: u32,
     },
+    /// Ray `index` from a surface that gathers light.
+    Gather {
+        surface: Surface,
+        index: u32,
+    },
     /// What comes after these.
     Bounce(Surface),
     Done,
@@ -134,11 +170,12 @@ impl RayCounts {
         self.mirror += other.mirror;
         self.shadow += other.shadow;
         self.gather += other.gather;
+        self.photon += other.photon;
     }
 
     /// All kinds together.
     pub fn total(&self) -> u64 {
-        self.primary + self.mirror + self.shadow + self.gather
+        self.primary + self.mirror + self.shadow + self.gather + self.photon
     }
 }
 
@@ -170,7 +207,12 @@ impl Path {
 impl<'a> Integrator<'a> {
     /// The integrator of `world`; with `layers` the first sample of each pixel also says what its centre shows.
     pub fn new(world: &'a World, layers: bool) -> Integrator<'a> {
-        Integrator { world, layers }
+        Integrator { world, layers, voxels: None }
+    }
+
+    /// The same, with G-rays answered by voxels.
+    pub(crate) fn with_voxels(self, voxels: Option<GScene<'a>>) -> Integrator<'a> {
+        Integrator { voxels, ..self }
     }
 
     /// A new sample of `pixel` (x, y).
@@ -200,6 +242,7 @@ impl<'a> Integrator<'a> {
                 Stage::Layers => self.layers_step(path, tracer),
                 Stage::CRay(ray) => self.c_ray_step(path, &ray, tracer),
                 Stage::Shadow { surface, index } => self.shadow_step(path, &surface, index, tracer),
+                Stage::Gather { surface, index } => self.gather_step(path, &surface, index, tracer),
                 Stage::Bounce(surface) => Answer::Exact(self.bounce(path, &surface)),
                 Stage::Done => panic!("a finished sample was asked again"),
             };
@@ -237,6 +280,9 @@ impl<'a> Integrator<'a> {
     }
 
     fn c_ray_step<T: Tracer>(&self, path: &mut Path, ray: &Ray, tracer: &mut T) -> Answer<Stage> {
+        if matches!(self.world.method, Method::DebugUpper | Method::DebugOccluders) {
+            return Answer::Exact(self.voxel_shown(path, ray));
+        }
         let Answer::Exact(hit) = tracer.intersect(ray) else { return Answer::Blocked };
         let rays = &mut path.sample.rays;
         *match path.origin {
@@ -246,6 +292,7 @@ impl<'a> Integrator<'a> {
         } += 1;
         Answer::Exact(match (self.world.method, path.origin) {
             (Method::Ao, _) => self.unlit(path, ray, hit),
+            (Method::DebugPages, _) => self.page_shown(path, ray, hit),
             (_, Origin::Scattered { from, density }) => self.gathered(path, ray, hit, &from, density),
             _ => self.seen(path, ray, hit),
         })
@@ -269,8 +316,17 @@ impl<'a> Integrator<'a> {
     /// What follows at a surface: shadow rays, where they can bring anything.
     pub(crate) fn lit(&self, surface: Surface) -> Stage {
         let material = &self.world.materials[surface.material as usize];
-        let lit = self.world.n_shadow > 0 && takes_shadow_rays(material);
-        if lit { Stage::Shadow { surface, index: 0 } } else { Stage::Bounce(surface) }
+        match takes_shadow_rays(material) {
+            true if self.world.n_shadow > 0 => Stage::Shadow { surface, index: 0 },
+            true => self.after_shadow_rays(surface),
+            false => Stage::Bounce(surface),
+        }
+    }
+
+    /// What follows the last shadow ray.
+    fn after_shadow_rays(&self, surface: Surface) -> Stage {
+        let gathers = self.world.method == Method::Photon && self.world.n_gather > 0;
+        if gathers { Stage::Gather { surface, index: 0 } } else { Stage::Bounce(surface) }
     }
 
     fn shadow_step<T: Tracer>(
@@ -283,13 +339,17 @@ impl<'a> Integrator<'a> {
         let count = self.world.n_shadow;
         let answer = match self.world.method {
             Method::Ao => self.openness(path, surface, index, tracer),
-            Method::Direct | Method::Path => self.light_from(path, surface, index, tracer),
+            _ => self.light_from(path, surface, index, tracer),
         };
         if answer == Answer::Blocked {
             return Answer::Blocked;
         }
         let (index, surface) = (index + 1, *surface);
-        Answer::Exact(if index < count { Stage::Shadow { surface, index } } else { Stage::Bounce(surface) })
+        Answer::Exact(if index < count {
+            Stage::Shadow { surface, index }
+        } else {
+            self.after_shadow_rays(surface)
+        })
     }
 
     /// One light sample.
@@ -307,14 +367,39 @@ impl<'a> Integrator<'a> {
         };
         let light = scale_rgb(1.0 / count as f32, self.scattered(surface, &sample));
         if max_rgb(light) > 0.0 {
-            let shadow_ray = surface.ray_to(sample.direction, sample.distance, sample.front);
-            let Answer::Exact(occluded) = tracer.occluded(&shadow_ray) else { return Answer::Blocked };
+            let LightSample { direction, distance, front, .. } = sample;
+            let Answer::Exact(occluded) = self.occluded(surface, direction, distance, front, tracer) else {
+                return Answer::Blocked;
+            };
             path.sample.rays.shadow += 1;
             if !occluded {
                 path.gain(light);
             }
         }
         Answer::Exact(())
+    }
+
+    /// Whether anything stands between a surface and a place `distance` away, whose own front is `front`.
+    pub(crate) fn occluded<T: Tracer>(
+        &self,
+        surface: &Surface,
+        direction: [f64; 3],
+        distance: f64,
+        front: Option<[f64; 3]>,
+        tracer: &mut T,
+    ) -> Answer<bool> {
+        let Some(voxels) = &self.voxels else {
+            return tracer.occluded(&surface.ray_to(direction, distance, front));
+        };
+        if let Some(near) = voxels.near_length(surface, direction) {
+            let (end, front) = if near < distance { (near, None) } else { (distance, front) };
+            match tracer.occluded(&surface.ray_to(direction, end, front)) {
+                Answer::Exact(false) => {}
+                answer => return answer,
+            }
+        }
+        let on = voxels.leave(surface, direction, distance, front);
+        Answer::Exact(on.is_some_and(|ray| voxels.voxels.occluded(&ray)))
     }
 
     /// What a surface returns of a light sample that nothing stops.
@@ -325,16 +410,16 @@ impl<'a> Integrator<'a> {
         let cos = dot(normal, sample.direction) as f32;
         let share = match self.world.method {
             Method::Path => light_share(material, surface, sample, self.world.n_shadow),
-            Method::Direct | Method::Ao => 1.0,
+            _ => 1.0,
         };
         scale_rgb(cos * share, mul_rgb(returned, sample.weight))
     }
 
     fn bounce(&self, path: &mut Path, surface: &Surface) -> Stage {
         match self.world.method {
-            Method::Direct => self.mirror_bounce(path, surface),
+            Method::Direct | Method::Photon => self.mirror_bounce(path, surface),
             Method::Path => self.chance_bounce(path, surface),
-            Method::Ao => Stage::Done,
+            _ => Stage::Done,
         }
     }
 }

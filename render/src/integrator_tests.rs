@@ -6,7 +6,7 @@ use crate::emitter::Emitter;
 use crate::light::Light;
 use crate::math::{along, length, sub, unit};
 use crate::trace::naive::{NaiveMesh, NaiveTriangle};
-use crate::world::{Model, View};
+use crate::world::{GRays, Model, View};
 use std::f64::consts::PI;
 use trex_store::{Aabb, Material};
 
@@ -62,7 +62,7 @@ impl Case {
         let emits = |t: &&NaiveTriangle| self.materials[t.material as usize].emits();
         let emitter = |t: &NaiveTriangle| Emitter { corners: t.corners, material: t.material };
         let emitters = self.triangles.iter().filter(emits).map(emitter).collect();
-        let model = Model { bounds, materials: self.materials.clone(), emitters };
+        let model = Model { bounds, materials: self.materials.clone(), emitters, voxels: None };
         let camera = Camera {
             position: self.position,
             target: self.target,
@@ -72,7 +72,15 @@ impl Case {
         let (lights, n_shadow, method) = (self.lights.clone(), self.n_shadow, self.method);
         let mut world = World::new(
             &model,
-            &View { camera, resolution: [1, 1], lights, n_shadow, seed: self.seed, method },
+            &View {
+                camera,
+                resolution: [1, 1],
+                lights,
+                n_shadow,
+                seed: self.seed,
+                method,
+                g_rays: GRays::default(),
+            },
         )
         .unwrap();
         world.ao_radius = self.ao_radius.unwrap_or(world.ao_radius);

@@ -1,7 +1,7 @@
 //! trex-render: rays to picture.
 //!
 //! Life of a sample: the [`scene`] text and the model make a [`world`]; the [`frame`] loop hands out tiles
-//! ([`tile`]); for each pixel and sample index the [`integrator`] (`direct`, `path` or `ao`) draws numbers ([`sampler`]), asks the
+//! ([`tile`]); for each pixel and sample index the [`integrator`] draws numbers ([`sampler`]), asks the
 //! [`camera`] for a ray and a [`trace::Tracer`] for what it meets, sums [`light`] over the [`material`], and
 //! adds the radiance to the [`film`], which [`picture`] encodes. A [`session`] holds all of it while the user
 //! edits.
@@ -10,6 +10,7 @@
 
 mod ao;
 pub mod camera;
+mod debug;
 mod direct;
 pub mod emitter;
 pub mod film;
@@ -19,6 +20,7 @@ pub mod light;
 pub mod material;
 mod math;
 mod path;
+mod photon;
 pub mod picture;
 pub mod sampler;
 pub mod scene;
@@ -26,4 +28,5 @@ pub mod session;
 mod surface;
 pub mod tile;
 pub mod trace;
+pub mod voxel;
 pub mod world;

@@ -8,6 +8,8 @@
 //! 2. a sample is drawn on the side of the surface that its normal shows; 3. rectangles and emitters give light
 //! on one side only; 4. rectangles are seen by C-rays and shade nothing: they are no part of the model.
 
+mod emit;
+
 use crate::camera::ground_axes;
 use crate::emitter::{Emitter, Emitters, brightness};
 use crate::material::{rough_density, scatter_rough};
@@ -15,6 +17,8 @@ use crate::math::{add_rgb, along, basis, cross, dot, length, scale, scale_rgb, s
 use crate::trace::Ray;
 use std::f64::consts::{PI, TAU};
 use trex_store::{Code, Error, Material, Result};
+
+pub(crate) use emit::PhotonSources;
 
 /// Where the sun of models without lights stands: towards it along (right, up, front). To the left of the default
 /// camera and behind it, 30 degrees high, so that relief throws shadows.
@@ -95,6 +99,16 @@ pub struct Lights {
     lights: Vec<Light>,
     emitters: Emitters,
     sky: [f32; 3],
+    sky_by: SkyBy,
+}
+
+/// Which rays bring the sky's light to a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SkyBy {
+    /// Light samples, as any light's.
+    LightSamples,
+    /// Gather rays that leave the model; light samples leave it out.
+    GatherRays,
 }
 
 /// The sources in the order in which they are picked.
@@ -165,7 +179,7 @@ impl Lights {
         let emitters = Emitters::new(emitters, materials);
         let defaults = default_lights(up);
         let lights = if lights.is_empty() && emitters.is_empty() { &defaults[..] } else { lights };
-        let mut all = Lights { lights: vec![], emitters, sky: [0.0; 3] };
+        let mut all = Lights { lights: vec![], emitters, sky: [0.0; 3], sky_by: SkyBy::LightSamples };
         for light in lights {
             match *light {
                 Light::Sky { radiance } => all.sky = add_rgb(all.sky, radiance),
@@ -173,6 +187,11 @@ impl Lights {
             }
         }
         Ok(all)
+    }
+
+    /// The same lights, with the sky brought by these rays.
+    pub fn with_sky_by(self, sky_by: SkyBy) -> Lights {
+        Lights { sky_by, ..self }
     }
 
     /// Radiance from where nothing is hit.
@@ -266,7 +285,8 @@ impl Lights {
 
     fn sources(&self) -> impl Iterator<Item = Source<'_>> {
         let emitters = (!self.emitters.is_empty()).then_some(Source::Emitters(&self.emitters));
-        self.lights.iter().map(Source::Light).chain(emitters).chain([Source::Sky(self.sky)])
+        let sky = (self.sky_by == SkyBy::LightSamples).then_some(Source::Sky(self.sky));
+        self.lights.iter().map(Source::Light).chain(emitters).chain(sky)
     }
 }
 

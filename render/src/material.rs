@@ -16,6 +16,13 @@ pub fn bsdf(material: &Material, normal: [f64; 3], to_viewer: [f64; 3], to_light
     std::array::from_fn(|c| material.kd[c] * FRAC_1_PI + material.ks[c] * glossy)
 }
 
+/// The BSDF of a diffuse surface that reflects as much as this one's Kd and lobe together: what a place looks like to a ray
+/// that asks only for its irradiance.
+pub(crate) fn bsdf_of_all(material: &Material) -> [f32; 3] {
+    let glossy = if material.mirror { 0.0 } else { 1.0 };
+    std::array::from_fn(|c| (material.kd[c] + glossy * material.ks[c]) * FRAC_1_PI)
+}
+
 /// `(n + 2) / (2 pi) cos^n` of the angle between `to_light` and the mirror image of `to_viewer`.
 fn lobe(ns: f32, normal: [f64; 3], to_viewer: [f64; 3], to_light: [f64; 3]) -> f32 {
     let cos = -dot(reflect(to_viewer, normal), to_light);

@@ -42,6 +42,10 @@ pub enum Decision {
         /// Rays at this vertex.
         count: u32,
     },
+    /// Which light a photon leaves, and where on it (3 numbers).
+    PhotonStart,
+    /// Whither it leaves (2 numbers).
+    PhotonDirection,
 }
 
 impl Sampler {
@@ -63,6 +67,8 @@ impl Sampler {
             Decision::Gather { vertex, index, count } => {
                 (3 | u64::from(vertex) << 8, sample * u64::from(count) + u64::from(index))
             }
+            Decision::PhotonStart => (4, sample),
+            Decision::PhotonDirection => (5, sample),
         };
         let block = index >> SEQUENCE_BITS;
         let seed = mix(mix(self.pixel_seed ^ kind).wrapping_add(block)) as u32;

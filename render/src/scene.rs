@@ -6,7 +6,8 @@
 use crate::camera::{Camera, Fov, SIDE_MAX_PIXELS};
 use crate::integrator::Method;
 use crate::light::Light;
-use crate::world::{MaterialEdit, Model, N_SHADOW_MAX, View};
+use crate::voxel::{Near, Occluders};
+use crate::world::{GRays, MaterialEdit, Model, N_GATHER_MAX, N_SHADOW_MAX, PHOTONS_MAX, View};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -58,6 +59,14 @@ pub struct RenderKeys {
     pub spp: u32,
     /// Shadow rays at a surface point.
     pub n_shadow: u32,
+    /// Gather rays at a surface point.
+    pub n_gather: u32,
+    /// Photons.
+    pub photons: u64,
+    /// How shadow and gather rays leave a surface.
+    pub near: Near,
+    /// Whether the bitmaps of voxels count.
+    pub occluders: Occluders,
     /// Factor before clamping to PNG.
     pub exposure: f32,
     /// Names the random numbers.
@@ -66,7 +75,12 @@ pub struct RenderKeys {
 
 impl Default for RenderKeys {
     fn default() -> RenderKeys {
+        let GRays { n_gather, photons, near, occluders } = GRays::default();
         RenderKeys {
+            n_gather,
+            photons,
+            near,
+            occluders,
             integrator: Method::Direct,
             resolution: [1024, 1024],
             spp: 16,
@@ -101,8 +115,10 @@ impl Scene {
             model.edit(model.material_index(name)?, edit)?;
         }
         let RenderKeys { integrator: method, resolution, n_shadow, seed, .. } = self.render;
+        let RenderKeys { n_gather, photons, near, occluders, .. } = self.render;
+        let g_rays = GRays { n_gather, photons, near, occluders };
         let camera = self.camera.camera(model, resolution);
-        Ok(View { camera, resolution, lights: self.lights.clone(), n_shadow, seed, method })
+        Ok(View { camera, resolution, lights: self.lights.clone(), n_shadow, seed, method, g_rays })
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -124,7 +140,7 @@ impl Scene {
                 "give one angle of view",
             );
         }
-        let RenderKeys { resolution, spp, n_shadow, exposure, .. } = self.render;
+        let RenderKeys { resolution, spp, n_shadow, n_gather, photons, exposure, .. } = self.render;
         if resolution.iter().any(|side| !(1..=SIDE_MAX_PIXELS).contains(side)) {
             let next = format!("give a width and a height in 1..={SIDE_MAX_PIXELS}");
             return bad("render.resolution", format!("{resolution:?}"), &next);
@@ -138,6 +154,14 @@ impl Scene {
                 n_shadow.to_string(),
                 &format!("give a number in 0..={N_SHADOW_MAX}"),
             );
+        }
+        if n_gather > N_GATHER_MAX {
+            let next = format!("give a number in 0..={N_GATHER_MAX}");
+            return bad("render.n_gather", n_gather.to_string(), &next);
+        }
+        if !(1..=PHOTONS_MAX).contains(&photons) {
+            let next = format!("give a number in 1..={PHOTONS_MAX}");
+            return bad("render.photons", photons.to_string(), &next);
         }
         if !(exposure > 0.0 && exposure.is_finite()) {
             return bad("render.exposure", exposure.to_string(), "give a finite number > 0");
@@ -245,7 +269,8 @@ mod tests {
         let scene = parse(text).unwrap();
         assert_eq!((scene.model.as_str(), scene.lights.len()), ("bunny.trex", 4));
         let bounds = Aabb { lo: [-1.0; 3], hi: [1.0; 3] };
-        let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![] };
+        let mut model =
+            Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
         let view = scene.view(&mut model).unwrap();
         assert_eq!(model.materials[0].ns, 40.0);
         assert_eq!((view.resolution, view.camera.fov), ([1280, 720], Fov::Y(35.0)));
@@ -260,7 +285,7 @@ mod tests {
         let manual = include_str!("../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow exposure seed";
+                    integrator resolution spp n_shadow n_gather photons near occluders exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }
@@ -271,7 +296,8 @@ mod tests {
         let scene = parse("model = 'x.ply'").unwrap();
         assert_eq!(scene, Scene { model: "x.ply".into(), ..Scene::default() });
         let bounds = Aabb { lo: [0.0; 3], hi: [9.0, 9.0, 1.0] };
-        let view = scene.view(&mut Model { bounds, materials: vec![], emitters: vec![] }).unwrap();
+        let view =
+            scene.view(&mut Model { bounds, materials: vec![], emitters: vec![], voxels: None }).unwrap();
         assert_eq!(view.camera.up, [0.0, 0.0, 1.0]);
         assert!(view.camera.project(view.resolution).is_ok());
     }

@@ -1,7 +1,7 @@
 //! `Session`: a model on show. Takes events, yields pictures; headless.
 //!
 //! ```text
-//! Session::new(model, setup, budget, tracers) -> render(stop, after_pass) -> film() -> picture::write_png
+//! Session::new(model, setup, budget, tracers) -> illuminate -> render(stop, after_pass) -> film() -> picture::write_png
 //!                                             <- apply(Event)
 //! ```
 //!
@@ -11,10 +11,11 @@
 use crate::camera::Camera;
 use crate::film::{Film, Layers};
 use crate::frame::{PASS_SAMPLES_MAX, PagedTracer, PassStats, frame_bytes, render_pass};
-use crate::integrator::Integrator;
+use crate::integrator::{Integrator, Method};
 use crate::light::Light;
 use crate::tile::Tiles;
-use crate::world::{MaterialEdit, Model, View, World};
+use crate::voxel::{GScene, Occluders, PhotonMap, PhotonStats, PhotonWorld};
+use crate::world::{GRays, MaterialEdit, Model, View, World};
 use std::ops::ControlFlow;
 use trex_store::{Budget, Lease, Result};
 
@@ -45,7 +46,7 @@ pub enum Event {
 /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 /// let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
 /// let bounds = Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] };
-/// let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![] };
+/// let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
 ///
 /// let text = "model = 'one.ply'\n[render]\nresolution = [32, 32]";
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;
@@ -66,6 +67,9 @@ pub struct Session<T> {
     tracers: Vec<T>,
     tiles: Tiles,
     film: Film,
+    /// Light in the voxels; of `photon` alone.
+    photons: Option<PhotonMap>,
+    budget: Budget,
     _lease: Lease,
 }
 
@@ -102,7 +106,14 @@ impl<T: PagedTracer + Send> Session<T> {
         let lease = budget.lease("the frame loop", frame_bytes(view.resolution, tracers.len()))?;
         let film = Film::new(view.resolution, layers, budget)?;
         let tiles = Tiles::z_curve(view.resolution);
-        Ok(Session { model, view, world, tracers, tiles, film, _lease: lease })
+        let photons = match &model.voxels {
+            Some(voxels) if view.method == Method::Photon => {
+                Some(PhotonMap::new(voxels.facet_count(), budget)?)
+            }
+            _ => None,
+        };
+        let budget = budget.clone();
+        Ok(Session { model, view, world, tracers, tiles, film, photons, budget, _lease: lease })
     }
 
     /// Changes camera, lights or a material.
@@ -111,6 +122,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// Those of [`World::new`] and [`Model::edit`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
         let (mut model, mut view) = (None, self.view.clone());
+        let changes_light = !matches!(event, Event::Camera(_));
         match event {
             Event::Camera(camera) => view.camera = camera,
             Event::Lights(lights) => view.lights = lights,
@@ -122,10 +134,40 @@ impl<T: PagedTracer + Send> Session<T> {
             self.model = model;
         }
         self.film.clear();
+        if let Some(photons) = &mut self.photons
+            && changes_light
+        {
+            photons.clear();
+        }
         Ok(())
     }
 
-    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `stop` is asked between tiles,
+    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without. `stop` is
+    /// asked in between; `tell` hears how many are done, and of how many.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons.
+    pub fn illuminate(
+        &mut self,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        let (Some(map), Some(voxels)) = (&mut self.photons, &self.model.voxels) else {
+            return Ok(PhotonStats::default());
+        };
+        let g_rays = self.view.g_rays;
+        let all = PhotonWorld {
+            world: &self.world,
+            bounds: &self.model.bounds,
+            voxels: voxels.scene(g_rays.occluders),
+            threads: self.tracers.len(),
+            budget: &self.budget,
+        };
+        all.trace(map, g_rays.photons, stop, &mut |done| tell(done, g_rays.photons))
+    }
+
+    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` has the indirect light that
+    /// [`Session::illuminate`] brought up to then. `stop` is asked between tiles,
     /// `after_pass` looks at the film and may end the work; what is on the film stays, and a later call goes on.
     pub fn render(
         &mut self,
@@ -133,7 +175,13 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
-        let integrator = Integrator::new(&self.world, self.film.layers().any());
+        let GRays { occluders, near, .. } = self.view.g_rays;
+        let occluders = if self.view.method == Method::DebugUpper { Occluders::Off } else { occluders };
+        let voxels = self.model.voxels.as_ref().filter(|_| self.view.method.asks_voxels());
+        let irradiance = self.photons.as_ref().map_or(&[][..], PhotonMap::irradiance);
+        let g_scene = voxels.map(|voxels| GScene { voxels: voxels.scene(occluders), irradiance, near });
+        let layers = self.film.layers().any();
+        let integrator = Integrator::new(&self.world, layers).with_voxels(g_scene);
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));

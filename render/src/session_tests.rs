@@ -11,11 +11,19 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let corners = [[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [0.0, 9.0, 0.0]];
     let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
     let bounds = Aabb { lo: [-9.0, -9.0, 0.0], hi: [9.0, 9.0, 0.0] };
-    let model = Model { bounds, materials: vec![Material::default()], emitters: vec![] };
+    let model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
     let camera =
         Camera { position: [0.0, 0.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: Fov::X(30.0) };
     let lights = vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [1.0; 3] }];
-    let view = View { camera, resolution: [16, 16], lights, n_shadow: 1, seed: 0, method: Method::Direct };
+    let view = View {
+        camera,
+        resolution: [16, 16],
+        lights,
+        n_shadow: 1,
+        seed: 0,
+        method: Method::Direct,
+        g_rays: GRays::default(),
+    };
     Session::new(model, view, Layers::default(), budget, vec![mesh; 2])
 }
 

@@ -45,10 +45,15 @@ impl Surface {
         Receiver { point: self.point, normal, to_viewer, material: &materials[self.material as usize] }
     }
 
+    /// How far off the surface rays start, for the error of the hit, model units.
+    pub(crate) fn offset(&self) -> f64 {
+        OFFSET_ERRORS * self.error
+    }
+
     /// A ray off this surface in unit `direction`; where the other end, `distance` away, lies on a surface with
     /// normal `front`, it leaves that one too.
     pub(crate) fn ray_to(&self, direction: [f64; 3], distance: f64, front: Option<[f64; 3]>) -> Ray {
-        let offset = OFFSET_ERRORS * self.error;
+        let offset = self.offset();
         let origin = along(self.point, offset, self.normal);
         if distance == f64::INFINITY {
             return Ray { origin, direction, t_max: distance };

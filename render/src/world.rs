@@ -5,11 +5,17 @@
 use crate::camera::{Camera, Projection, up_axis};
 use crate::emitter::Emitter;
 use crate::integrator::Method;
-use crate::light::{Light, Lights};
+use crate::light::{Light, Lights, SkyBy};
+use crate::voxel::{Near, Occluders, Voxels};
+use std::sync::Arc;
 use trex_store::{Aabb, Code, Error, Material, Result};
 
 /// Most shadow rays at one path vertex.
 pub const N_SHADOW_MAX: u32 = 4096;
+/// Most gather rays at one surface point.
+pub const N_GATHER_MAX: u32 = 4096;
+/// Most photons.
+pub const PHOTONS_MAX: u64 = 1 << 40;
 /// Most names of materials that a message lists.
 const NAMES_SHOWN: usize = 8;
 
@@ -22,6 +28,27 @@ pub struct Model {
     pub materials: Vec<Material>,
     /// The triangles whose material gives light.
     pub emitters: Vec<Emitter>,
+    /// The second form of the model, which G-rays ask; `None` for a file without.
+    pub voxels: Option<Arc<Voxels>>,
+}
+
+/// How G-rays work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GRays {
+    /// Gather rays at a surface point, 0 (no indirect light) to [`N_GATHER_MAX`].
+    pub n_gather: u32,
+    /// Photons in all, 1 to [`PHOTONS_MAX`].
+    pub photons: u64,
+    /// How rays leave a surface.
+    pub near: Near,
+    /// Whether bitmaps count.
+    pub occluders: Occluders,
+}
+
+impl Default for GRays {
+    fn default() -> GRays {
+        GRays { n_gather: 2, photons: 1 << 21, near: Near::Voxel, occluders: Occluders::On }
+    }
 }
 
 /// Changes to one material; what is `None` stays.
@@ -51,6 +78,8 @@ pub struct World {
     pub materials: Vec<Material>,
     /// Shadow rays at a path vertex.
     pub n_shadow: u32,
+    /// Gather rays at a surface point.
+    pub n_gather: u32,
     /// Names the random numbers.
     pub seed: u64,
     /// How light is computed.
@@ -74,6 +103,8 @@ pub struct View {
     pub seed: u64,
     /// How light is computed.
     pub method: Method,
+    /// How G-rays work; for methods that have any.
+    pub g_rays: GRays,
 }
 
 impl Model {
@@ -140,15 +171,23 @@ impl World {
                 .numbers(format!("{} asked, {N_SHADOW_MAX} at most", view.n_shadow))
                 .next("raise spp instead"));
         }
+        if view.method.needs_voxels() && model.voxels.is_none() {
+            return Err(Error::new(Code::SceneFormat, "this file has no voxels for the integrator")
+                .at_place("render.integrator")
+                .numbers(format!("{} needs them", view.method.as_str()))
+                .next("build the file without --no-asvo, or use direct or path"));
+        }
         let materials: Vec<Material> =
             model.materials.iter().map(|material| material.clone().checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
         let up = up_axis(&model.bounds);
+        let sky_by = if view.method == Method::Photon { SkyBy::GatherRays } else { SkyBy::LightSamples };
         Ok(World {
             projection: view.camera.project(view.resolution)?,
-            lights: Lights::new(&view.lights, &model.emitters, &materials, up)?,
+            lights: Lights::new(&view.lights, &model.emitters, &materials, up)?.with_sky_by(sky_by),
             materials,
             n_shadow: view.n_shadow,
+            n_gather: view.g_rays.n_gather,
             seed: view.seed,
             method: view.method,
             ao_radius: 0.5 * model.bounds.diagonal(),
@@ -163,7 +202,12 @@ mod tests {
     fn model() -> Model {
         let lamp = Material { name: "lamp".into(), ke: [1.0; 3], ..Material::default() };
         let emitter = Emitter { corners: [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], material: 1 };
-        Model { bounds: Aabb::EMPTY, materials: vec![Material::default(), lamp], emitters: vec![emitter] }
+        Model {
+            bounds: Aabb::EMPTY,
+            materials: vec![Material::default(), lamp],
+            emitters: vec![emitter],
+            voxels: None,
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `trex build`: meshes to a page file.
 
 use super::inputs;
-use crate::args::BuildArgs;
+use crate::args::{BuildArgs, VoxelArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -9,7 +9,7 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision};
+use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Voxels};
 use trex_store::{Result, TriangleSource};
 
 /// Runs `trex build`.
@@ -24,9 +24,18 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         temp_dir: args.scratch.temp_dir.as_deref(),
         existing: existing(args.overwrite.overwrite),
         precision,
+        voxels: voxels(&args.voxels),
     };
     let mut source = inputs::open(&args.inputs, &work.scratch_folder(), build::smallest_bytes(), ctx)?;
     ctx.done(&work.build(&mut *source, ctx)?)
+}
+
+fn voxels(args: &VoxelArgs) -> Voxels {
+    match &args.voxels {
+        _ if args.no_asvo => Voxels::None,
+        Some(resolution) => Voxels::Resolution(resolution.parse().expect("one of the listed values")),
+        None => Voxels::Within { upper_bytes: args.upper_budget.0 },
+    }
 }
 
 /// What to do with an output that exists.
@@ -40,6 +49,7 @@ pub struct Work<'a> {
     pub temp_dir: Option<&'a Path>,
     pub existing: Existing,
     pub precision: Precision,
+    pub voxels: Voxels,
 }
 
 impl Work<'_> {
@@ -53,6 +63,7 @@ impl Work<'_> {
     pub fn build(&self, source: &mut dyn TriangleSource, ctx: &Context) -> Result<Built> {
         let options = BuildOptions {
             precision: self.precision,
+            voxels: self.voxels,
             threads: ctx.threads,
             budget: ctx.budget.clone(),
             temp_dir: self.temp_dir.map(Path::to_path_buf),

@@ -11,8 +11,9 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use trex_render::film::Layers;
+use trex_render::integrator::Method;
 use trex_render::scene::Scene;
-use trex_store::build::{self, Existing, Precision};
+use trex_store::build::{self, Existing, Precision, Voxels};
 use trex_store::{Code, Error};
 
 /// Folder of the demo's files when no other is named; it is the demo's own.
@@ -41,6 +42,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         temp_dir: args.scratch.temp_dir.as_deref(),
         existing: if overwrite { Existing::Replace } else { Existing::Keep },
         precision: Precision::Default,
+        voxels: Voxels::default(),
     };
     let build = work.build(&mut *inputs::generate(&spec, build::smallest_bytes(), ctx)?, ctx)?;
     ctx.console.finish();
@@ -53,6 +55,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene.camera.fov_x = Some(view.fov_x_deg);
     }
     scene.render.resolution = [args.resolution.width, args.resolution.height];
+    scene.render.integrator = Method::Photon;
     scene.render.spp = args.spp;
     scene.render.seed = args.seed;
     let job = Job {

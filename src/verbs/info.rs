@@ -113,6 +113,19 @@ struct Grid {
 }
 
 #[derive(Serialize)]
+struct Asvo {
+    r_u: u32,
+    r_finest: u32,
+    leaf_count_upper: u32,
+    leaf_count_lower: u32,
+    facet_count: u32,
+    /// Side of a leaf, model units.
+    leaf_side: f64,
+    bytes_per_leaf_disk: f64,
+    bytes_per_leaf_resident: f64,
+}
+
+#[derive(Serialize)]
 struct Rejected {
     degenerate: u64,
     non_finite: u64,
@@ -134,7 +147,7 @@ struct Stored {
     bytes_per_triangle: BytesPerTriangle,
     section_bytes: SectionBytes,
     grid: Grid,
-    asvo: Option<()>,
+    asvo: Option<Asvo>,
     bounds: Aabb,
     rejected: Rejected,
     smallest_limit_bytes: u64,
@@ -147,7 +160,9 @@ impl Stored {
         let block = file.superblock();
         let mesh_and_tree: u64 = file.pages().iter().map(|page| u64::from(page.stored_bytes)).sum();
         let top = size_of_val(file.top()) as u64;
-        let tables = block.file_bytes - mesh_and_tree - top;
+        let upper = file.upper_size()?;
+        let upper_bytes = upper.map_or(0, |upper| upper.stored_bytes);
+        let tables = block.file_bytes - mesh_and_tree - top - upper_bytes;
         let resident = (file.pages().len() * FRAME_BYTES) as u64 + file.resident_table_bytes();
         let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
         Ok(Stored {
@@ -163,14 +178,14 @@ impl Stored {
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
-                disk: per(block.file_bytes),
+                disk: per(block.file_bytes - upper_bytes),
                 resident: per(resident),
                 file: per(block.file_bytes),
             },
             section_bytes: SectionBytes {
                 mesh: mesh_and_tree - block.page_tree_bytes.min(mesh_and_tree),
                 tree: block.page_tree_bytes.min(mesh_and_tree) + top,
-                asvo_upper: 0,
+                asvo_upper: upper_bytes,
                 asvo_lower: 0,
                 tables,
             },
@@ -180,7 +195,16 @@ impl Stored {
                 origin: block.lattice.origin,
                 error_bound: block.error_bound,
             },
-            asvo: None,
+            asvo: upper.map(|upper| Asvo {
+                r_u: upper.resolution,
+                r_finest: upper.resolution,
+                leaf_count_upper: upper.leaf_count,
+                leaf_count_lower: 0,
+                facet_count: upper.facet_count,
+                leaf_side: upper.leaf_steps as f64 * block.lattice.step(),
+                bytes_per_leaf_disk: upper.stored_bytes as f64 / f64::from(upper.leaf_count),
+                bytes_per_leaf_resident: upper.resident_bytes as f64 / f64::from(upper.leaf_count),
+            }),
             bounds: block.bounds,
             rejected: Rejected {
                 degenerate: block.rejected_degenerate,
@@ -215,12 +239,28 @@ impl fmt::Display for Stored {
             self.emitter_count
         )?;
         let per = &self.bytes_per_triangle;
-        writeln!(f, "bytes per triangle: {:.2} on disk, {:.2} resident", per.disk, per.resident)?;
+        writeln!(
+            f,
+            "bytes per triangle: {:.2} on disk ({:.2} with voxels), {:.2} resident",
+            per.disk, per.file, per.resident
+        )?;
         writeln!(
             f,
             "lattice of {} bits, step {:e}, vertices within {:e} of the input",
             self.grid.bits, self.grid.step, self.grid.error_bound
         )?;
+        match &self.asvo {
+            Some(asvo) => writeln!(
+                f,
+                "voxels: {} leaves of {}^3, side {:.4}; {:.1} bytes per leaf on disk, {:.1} resident",
+                size::count(u64::from(asvo.leaf_count_upper)),
+                asvo.r_u,
+                asvo.leaf_side,
+                asvo.bytes_per_leaf_disk,
+                asvo.bytes_per_leaf_resident
+            )?,
+            None => writeln!(f, "no voxels")?,
+        }
         writeln!(f, "box {:?} to {:?}", self.bounds.lo, self.bounds.hi)?;
         writeln!(f, "memory for 1024x1024: {}", self.shares)?;
         write!(f, "smallest limit for 1024x1024: {}", size::bytes(self.smallest_limit_bytes))

@@ -2,7 +2,7 @@
 
 use super::picture_file::PictureFile;
 use super::shares::{Picture, Shares, model_bytes};
-use crate::args::{CameraArgs, DiskArgs, Integrator, Layer, RenderArgs};
+use crate::args::{CameraArgs, DiskArgs, GRayArgs, Integrator, Layer, NearArg, OccludersArg, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -19,6 +19,7 @@ use trex_render::integrator::{Method, RayCounts};
 use trex_render::scene::Scene;
 use trex_render::session::Session;
 use trex_render::trace::tracers;
+use trex_render::voxel::{Near, Occluders, PhotonStats, Voxels};
 use trex_render::world::Model;
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::pool::{PagePool, PoolStats};
@@ -72,10 +73,25 @@ fn override_scene(scene: &mut Scene, args: &RenderArgs) {
         Integrator::Direct => Method::Direct,
         Integrator::Path => Method::Path,
         Integrator::Ao => Method::Ao,
+        Integrator::Photon => Method::Photon,
+        Integrator::DebugUpper => Method::DebugUpper,
+        Integrator::DebugOccluders => Method::DebugOccluders,
+        Integrator::DebugPages => Method::DebugPages,
     });
     render.resolution = args.resolution.as_ref().map_or(render.resolution, |r| [r.width, r.height]);
     render.spp = args.spp.unwrap_or(render.spp);
     render.n_shadow = args.n_shadow.unwrap_or(render.n_shadow);
+    let GRayArgs { n_gather, photons, near, occluders } = &args.g_rays;
+    render.n_gather = n_gather.unwrap_or(render.n_gather);
+    render.photons = photons.unwrap_or(render.photons);
+    render.near = near.map_or(render.near, |near| match near {
+        NearArg::Voxel => Near::Voxel,
+        NearArg::Exact => Near::Exact,
+    });
+    render.occluders = occluders.map_or(render.occluders, |occluders| match occluders {
+        OccludersArg::On => Occluders::On,
+        OccludersArg::Off => Occluders::Off,
+    });
     render.seed = args.seed.unwrap_or(render.seed);
     render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
 }
@@ -102,15 +118,18 @@ impl Job<'_> {
         let start = Instant::now();
         let target = PictureFile::check(self.output, self.overwrite, self.layers)?;
         let keys = &self.scene.render;
-        let picture = Picture { resolution: keys.resolution, layers: self.layers, workers: ctx.threads };
+        let (layers, method) = (self.layers, keys.integrator);
+        let picture = Picture { resolution: keys.resolution, layers, workers: ctx.threads, method };
         let file = Arc::new(open_for(self.file, &picture, ctx)?);
         let shares = Shares::for_picture(&file, &picture, ctx.budget.limit_bytes())?;
+        let voxels = if method.asks_voxels() { Voxels::of(&file, &ctx.budget)? } else { None };
         let pool_options = trex_store::pool::PoolOptions { io: self.io.clone(), ..shares.pool_options() };
         let pool = PagePool::open(file.clone(), self.file, &ctx.budget, &pool_options)?;
         tracing::info!("{:?}; {shares}", pool.io());
 
         let _model_lease = ctx.budget.lease("materials and emitters", model_bytes(&file))?;
         let mut model = model_of(&file);
+        model.voxels = voxels.map(Arc::new);
         let view = self.scene.view(&mut model)?;
         let tracers = tracers(&file, &pool, ctx.threads);
         let arithmetic = tracers[0].arithmetic().name();
@@ -119,11 +138,19 @@ impl Job<'_> {
         let late = || self.time_limit.is_some_and(|limit| start.elapsed() >= limit);
         let stop = || ctx.interrupt.is_raised() || late();
         let show = ctx.report();
+        let photon_start = Instant::now();
+        let mut tell_photons = |done, total| {
+            let memory_bytes = ctx.budget.used_bytes();
+            show(Progress { phase: "photons", done, total, unit: "photons", memory_bytes });
+        };
+        let photons = session.illuminate(&stop, &mut tell_photons)?;
+        let photon_seconds = photon_start.elapsed().as_secs_f64();
         let mut first_pass_ms = None;
         let mut after_pass = |_: &_, stats: &trex_render::session::RenderStats| {
             first_pass_ms.get_or_insert(start.elapsed().as_millis() as u64);
             let memory_bytes = ctx.budget.used_bytes();
-            let (done, total) = (u64::from(stats.spp), u64::from(keys.spp));
+            let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
+            let (done, total) = (u64::from(stats.spp) * pixels, u64::from(keys.spp) * pixels);
             show(Progress { phase: "render", done, total, unit: "samples", memory_bytes });
             ControlFlow::Continue(())
         };
@@ -133,6 +160,8 @@ impl Job<'_> {
             ctx.console.note("note: the time limit came before every pixel had a sample; the rest is black");
         }
         let seconds = start.elapsed().as_secs_f64();
+        let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
+        let per_s = |rays: u64| rays as f64 / (seconds - photon_seconds);
         target.write(session.film(), keys.exposure)?;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
@@ -142,7 +171,6 @@ impl Job<'_> {
                 error.place()
             ));
         }
-        let rays = stats.total.rays;
         Ok(Rendered {
             scene: self.file.display().to_string(),
             output: self.output.display().to_string(),
@@ -150,11 +178,14 @@ impl Job<'_> {
             spp: stats.spp,
             rays,
             rays_per_s: RaysPerS {
-                primary: rays.primary as f64 / seconds,
-                mirror: rays.mirror as f64 / seconds,
-                shadow: rays.shadow as f64 / seconds,
-                gather: rays.gather as f64 / seconds,
+                primary: per_s(rays.primary),
+                mirror: per_s(rays.mirror),
+                shadow: per_s(rays.shadow),
+                gather: per_s(rays.gather),
+                photon: rays.photon as f64 / photon_seconds.max(1e-9),
             },
+            photons,
+            photons_ms: (photon_seconds * 1e3) as u64,
             time_ms: (seconds * 1e3) as u64,
             first_picture_ms: first_pass_ms,
             complete_ms: stats.complete.then(|| start.elapsed().as_millis() as u64),
@@ -200,6 +231,7 @@ fn model_of(file: &PageFile) -> Model {
         bounds: block.bounds,
         materials: file.materials().to_vec(),
         emitters: file.emitters().iter().map(emitter).collect(),
+        voxels: None,
     }
 }
 
@@ -212,6 +244,8 @@ pub struct Rendered {
     pub spp: u32,
     pub rays: RayCounts,
     pub rays_per_s: RaysPerS,
+    pub photons: PhotonStats,
+    pub photons_ms: u64,
     pub time_ms: u64,
     pub first_picture_ms: Option<u64>,
     pub complete_ms: Option<u64>,
@@ -234,6 +268,7 @@ pub struct RaysPerS {
     pub mirror: f64,
     pub shadow: f64,
     pub gather: f64,
+    pub photon: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -258,12 +293,13 @@ impl fmt::Display for Rendered {
         )?;
         writeln!(
             f,
-            "{} ({} primary, {} mirror, {} shadow, {} gather), {}",
+            "{} ({} primary, {} mirror, {} shadow, {} gather, {} photon), {}",
             size::count(total),
             size::count(rays.primary),
             size::count(rays.mirror),
             size::count(rays.shadow),
             size::count(rays.gather),
+            size::count(rays.photon),
             size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
         )?;
         if !self.damaged_pages.is_empty() {

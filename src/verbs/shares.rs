@@ -1,7 +1,7 @@
 //! How a memory limit is shared out for a picture, and the smallest limit that works.
 //!
 //! ```text
-//! limit = reserve + tables + film + frame loop + encoder + pins + staging (at most a tenth) + frames (the rest)
+//! limit = reserve + tables + voxels + film + frame loop + encoder + pins + staging (at most a tenth) + frames (the rest)
 //! smallest: 4 staging slots, 32 frames a worker
 //! ```
 
@@ -11,8 +11,10 @@ use serde::Serialize;
 use std::fmt;
 use trex_render::film::{Layers, film_bytes};
 use trex_render::frame::frame_bytes;
+use trex_render::integrator::Method;
 use trex_render::picture::encoder_bytes;
 use trex_render::trace::PooledPages;
+use trex_render::voxel::PhotonMap;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Code, Error, PageFile, RESERVE_BYTES, Result};
@@ -29,6 +31,8 @@ pub struct Shares {
     pub reserve_bytes: u64,
     /// Page table, top tree, materials, emitters.
     pub tables_bytes: u64,
+    /// The upper octree and the light in it; 0 for integrators that ask no voxels.
+    pub voxels_bytes: u64,
     /// Film, frame loop, encoder.
     pub film_bytes: u64,
     /// Staging buffers, the pool's tables, the workers' pins.
@@ -45,12 +49,20 @@ pub struct Picture {
     pub resolution: [u32; 2],
     pub layers: Layers,
     pub workers: usize,
+    pub method: Method,
+}
+
+impl Picture {
+    /// Direct light, no layers.
+    fn plain(resolution: [u32; 2], workers: usize) -> Picture {
+        Picture { resolution, layers: Layers::default(), workers, method: Method::Direct }
+    }
 }
 
 impl Shares {
     /// The shares of `ctx`'s limit for a picture without layers.
     pub fn of(file: &PageFile, resolution: [u32; 2], ctx: &Context) -> Result<Shares> {
-        let picture = Picture { resolution, layers: Layers::default(), workers: ctx.threads };
+        let picture = Picture::plain(resolution, ctx.threads);
         Shares::for_picture(file, &picture, ctx.budget.limit_bytes())
     }
 
@@ -83,7 +95,7 @@ impl Shares {
 
     /// The smallest limit for a picture without layers.
     pub fn smallest_limit_bytes(file: &PageFile, resolution: [u32; 2], workers: usize) -> Result<u64> {
-        Shares::smallest(file, &Picture { resolution, layers: Layers::default(), workers })
+        Shares::smallest(file, &Picture::plain(resolution, workers))
     }
 
     /// Options of the pool for these shares.
@@ -102,6 +114,7 @@ impl Shares {
         Ok(Shares {
             reserve_bytes: RESERVE_BYTES,
             tables_bytes: file.resident_table_bytes() + model_bytes(file),
+            voxels_bytes: voxels_bytes(file, picture.method)?,
             film_bytes: film_bytes(picture.resolution, picture.layers)
                 + frame_bytes(picture.resolution, picture.workers)
                 + encoder_bytes(picture.resolution, picture.layers),
@@ -112,13 +125,26 @@ impl Shares {
     }
 
     fn sum(&self) -> u64 {
-        self.reserve_bytes + self.tables_bytes + self.film_bytes + self.staging_bytes + self.frames_bytes
+        let Shares { reserve_bytes, tables_bytes, voxels_bytes, film_bytes, .. } = *self;
+        reserve_bytes + tables_bytes + voxels_bytes + film_bytes + self.staging_bytes + self.frames_bytes
     }
 }
 
 /// What the renderer's copy of materials and emitters takes.
 pub fn model_bytes(file: &PageFile) -> u64 {
     (file.materials().len() * 2 * size_of::<trex_store::Material>() + file.emitters().len() * 256) as u64
+}
+
+/// What the octree takes, with its light; or while it is read, with its stored form.
+fn voxels_bytes(file: &PageFile, method: Method) -> Result<u64> {
+    if !method.asks_voxels() {
+        return Ok(0);
+    }
+    let Some(size) = file.upper_size()? else { return Ok(0) };
+    let is_lit = method == Method::Photon;
+    // The map, and the sums of a pass.
+    let light = if is_lit { 2 * PhotonMap::bytes(size.facet_count as usize) } else { 0 };
+    Ok(size.resident_bytes + light.max(size.reading_bytes))
 }
 
 fn pool_options(staging_slots: u64) -> PoolOptions {
@@ -129,9 +155,10 @@ impl fmt::Display for Shares {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "reserve {}, tables {}, film {}, staging {}, frames {}",
+            "reserve {}, tables {}, voxels {}, film {}, staging {}, frames {}",
             size::bytes(self.reserve_bytes),
             size::bytes(self.tables_bytes),
+            size::bytes(self.voxels_bytes),
             size::bytes(self.film_bytes),
             size::bytes(self.staging_bytes),
             size::bytes(self.frames_bytes)

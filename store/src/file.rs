@@ -11,6 +11,7 @@ use crate::error::{Code, Error, Result};
 use crate::io::Extent;
 use crate::layout::*;
 use crate::material::Material;
+use crate::octree::{UpperOctree, UpperSize, VoxelGrid};
 use crate::pool::PageStore;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -107,6 +108,39 @@ impl PageFile {
         &self.emitters
     }
 
+    /// What the resident octree takes, by its head; `None` for a file without.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`], [`Code::Io`].
+    pub fn upper_size(&self) -> Result<Option<UpperSize>> {
+        upper_size(&self.file, &self.block, &self.path)
+    }
+
+    /// Reads the resident octree; `None` for a file without. Its memory is leased from `budget`.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`], [`Code::MemoryLimit`], [`Code::Io`].
+    pub fn upper(&self, budget: &Budget) -> Result<Option<(UpperOctree, Lease)>> {
+        let kind = SectionKind::Upper;
+        let (Some(section), Some(size)) = (self.block.find_section(kind), self.upper_size()?) else {
+            return Ok(None);
+        };
+        let _stored = budget.lease("the stored octree", size.reading_bytes)?;
+        let mut bytes = vec![0; section.bytes as usize];
+        self.file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", &self.path, &e))?;
+        let damaged = |what| damaged_section(section, kind, &self.path, what);
+        if section_hash(&bytes, self.block.file_id, section.kind) != section.hash {
+            return Err(damaged("does not match its hash"));
+        }
+        let lease = budget.lease("the upper octree", size.resident_bytes)?;
+        let [lo, hi] = self.block.lattice_bounds;
+        let octree = UpperOctree::parse(&bytes, self.materials.len())
+            // Where the cube stands follows from the model's box.
+            .filter(|octree| *octree.grid() == VoxelGrid::over(lo, hi, octree.grid().resolution))
+            .ok_or_else(|| damaged("holds a number out of its range"))?;
+        Ok(Some((octree, lease)))
+    }
+
     /// Bytes of memory that the tables keep.
     pub fn resident_table_bytes(&self) -> u64 {
         kept_bytes(&self.block)
@@ -183,6 +217,19 @@ impl PageStore for PageFile {
     }
 }
 
+/// See [`PageFile::upper_size`].
+pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<UpperSize>> {
+    let kind = SectionKind::Upper;
+    let Some(section) = block.find_section(kind) else { return Ok(None) };
+    let mut head = [0; UpperOctree::HEAD_BYTES];
+    let length = (section.bytes as usize).min(head.len());
+    file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
+    UpperOctree::peek(&head[..length], section.bytes)
+        .filter(|size| size.leaf_count == section.count)
+        .map(Some)
+        .ok_or_else(|| damaged_section(section, kind, path, "holds a number out of its range"))
+}
+
 /// Opens a regular file.
 pub(crate) fn open_regular(path: &Path) -> Result<File> {
     let file = File::open(path).map_err(|e| Error::io("open", path, &e))?;
@@ -224,7 +271,8 @@ pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
 
 /// Memory while the tables are read: each section once raw and once parsed.
 pub(crate) fn table_bytes(block: &Superblock) -> u64 {
-    let sections: u64 = block.sections.iter().map(|s| s.bytes).sum();
+    let is_table = |s: &&Section| s.kind != SectionKind::Upper as u32;
+    let sections: u64 = block.sections.iter().filter(is_table).map(|s| s.bytes).sum();
     3 * sections
 }
 

@@ -12,7 +12,7 @@
 use crate::error::{Code, Error, Result};
 use crate::geom::{Aabb, Lattice};
 use std::path::Path;
-use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
+use xxhash_rust::xxh3::{Xxh3, xxh3_64, xxh3_64_with_seed};
 
 /// First bytes of a file. The line ends show a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"TREX\r\n\x1a\n";
@@ -116,12 +116,19 @@ pub enum SectionKind {
     Materials = 3,
     /// Emissive triangles.
     Emitters = 4,
+    /// The resident voxel octree; a file may be without.
+    Upper = 5,
 }
 
 impl SectionKind {
     /// Every section that a file of this version has, in file order.
     pub const ALL: [SectionKind; 4] =
         [SectionKind::PageTable, SectionKind::TopTree, SectionKind::Materials, SectionKind::Emitters];
+
+    /// The kind of a section that a file may have.
+    pub fn from_word(word: u32) -> Option<SectionKind> {
+        SectionKind::ALL.into_iter().chain([SectionKind::Upper]).find(|kind| *kind as u32 == word)
+    }
 
     /// The name for messages.
     pub fn name(self) -> &'static str {
@@ -130,6 +137,7 @@ impl SectionKind {
             SectionKind::TopTree => "top tree",
             SectionKind::Materials => "materials",
             SectionKind::Emitters => "emitters",
+            SectionKind::Upper => "upper octree",
         }
     }
 }
@@ -312,9 +320,14 @@ impl Superblock {
         Ok(block)
     }
 
-    /// The section of `kind`.
+    /// The section of `kind`, if the file has it.
+    pub fn find_section(&self, kind: SectionKind) -> Option<Section> {
+        self.sections.iter().find(|s| s.kind == kind as u32).copied()
+    }
+
+    /// The section of `kind`, one of [`SectionKind::ALL`].
     pub fn section(&self, kind: SectionKind) -> Section {
-        *self.sections.iter().find(|s| s.kind == kind as u32).expect("checked by parse")
+        self.find_section(kind).expect("checked by parse")
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -392,7 +405,16 @@ pub fn page_hash(stored: &[u8], file_id: u64, page: u32) -> u64 {
 
 /// The hash of a section's bytes.
 pub fn section_hash(bytes: &[u8], file_id: u64, kind: u32) -> u64 {
-    xxh3_64_with_seed(bytes, file_id ^ u64::from(kind) << 32)
+    xxh3_64_with_seed(bytes, section_seed(file_id, kind))
+}
+
+/// The same, piece by piece.
+pub(crate) fn section_hasher(file_id: u64, kind: u32) -> Xxh3 {
+    Xxh3::with_seed(section_seed(file_id, kind))
+}
+
+fn section_seed(file_id: u64, kind: u32) -> u64 {
+    file_id ^ u64::from(kind) << 32
 }
 
 /// How far lattice coordinates are shifted in node origins, so that they fit 31 bits.

@@ -21,6 +21,7 @@ pub mod import;
 pub mod io;
 pub mod layout;
 mod material;
+pub mod octree;
 pub mod pool;
 mod progress;
 mod source;

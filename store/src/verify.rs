@@ -7,7 +7,7 @@
 use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Error, Result};
-use crate::file::{PageFile, open_regular, read_superblock, table_bytes};
+use crate::file::{PageFile, open_regular, read_superblock, table_bytes, upper_size};
 use crate::geom::Aabb;
 use crate::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
 use std::os::unix::fs::FileExt;
@@ -67,9 +67,13 @@ pub struct Verdict {
 /// and [`Code::Io`], [`Code::MemoryLimit`].
 pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
     let mut verdict = Verdict::default();
-    // With the tables that are leased next, so that a limit too small for both is named at once.
+    // With the tables and the octree that are leased next, so that a limit too small for all is named at once.
     let frame_bytes = 4 * FRAME_BYTES as u64;
-    let tables_bytes = read_superblock(&open_regular(path)?, path).map_or(0, |block| table_bytes(&block));
+    let opened = open_regular(path)?;
+    let tables_bytes = read_superblock(&opened, path).map_or(0, |block| {
+        let upper = upper_size(&opened, &block, path).ok().flatten();
+        table_bytes(&block) + upper.map_or(0, |size| size.resident_bytes + size.reading_bytes)
+    });
     let mut lease = budget.lease("the tables of the file and a frame", frame_bytes + tables_bytes)?;
     lease.shrink_to(frame_bytes);
     let file = match PageFile::open(path, budget) {
@@ -100,6 +104,14 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
         if page % 64 == 0 {
             report(verdict.bytes_read, total)?;
         }
+    }
+    if let Err(error) = file.upper(budget) {
+        if error.code() != Code::Damaged {
+            return Err(error);
+        }
+        let section = file.superblock().find_section(SectionKind::Upper).expect("it could not be read");
+        let (what, bounds) = (error.what().to_owned(), None);
+        verdict.add(Damage { what, page: None, offset: section.offset, bytes: section.bytes, bounds });
     }
     verdict.bytes_read = total;
     report(total, total)?;
@@ -173,7 +185,7 @@ fn check_tables(path: &Path, error: &Error, budget: &Budget, verdict: &mut Verdi
             let mut bytes = vec![0; section.bytes as usize];
             file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
             if section_hash(&bytes, block.file_id, section.kind) != section.hash {
-                let kind = SectionKind::ALL.into_iter().find(|kind| *kind as u32 == section.kind);
+                let kind = SectionKind::from_word(section.kind);
                 let name = kind.map_or("unknown", SectionKind::name);
                 let what = format!("the section `{name}` does not match its hash");
                 let (offset, bytes) = (section.offset, section.bytes);

@@ -64,7 +64,7 @@ fn usage_errors_exit_2_name_the_value_and_leave_stdout_empty() {
         ("gen soup --triangles 0 -o a.ply", "--triangles"),
         ("render a.trex -o a.png --resolution 0x5", "WIDTHxHEIGHT"),
         ("render a.trex -o a.png --camera-position 1,2", "x,y,z"),
-        ("render a.trex -o a.png --integrator photon", "direct"),
+        ("render a.trex -o a.png --integrator phonon", "photon"),
         ("render a.trex -o a.png --fov-x 40 --fov-y 40", "--fov-y"),
         ("image", "Usage"),
         ("image diff a.png", "<B>"),

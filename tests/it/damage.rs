@@ -4,6 +4,7 @@
 use crate::command::{document_in, folder, listing, pixels, run_in};
 use serde_json::Value;
 use std::path::Path;
+use trex_store::layout::SectionKind;
 use trex_store::verify::page_boxes;
 use trex_store::{Budget, PageFile};
 
@@ -143,11 +144,43 @@ fn a_head_or_a_tail_alone_will_do() {
 #[test]
 fn damaged_tables_are_an_error_and_no_picture() {
     let victim = Victim::build("gen:pipes:20k");
-    for section in victim.file.superblock().sections.iter().filter(|section| section.bytes > 0) {
+    let sections = SectionKind::ALL.map(|kind| victim.file.superblock().section(kind));
+    for section in sections.into_iter().filter(|section| section.bytes > 0) {
         victim.flip(&[section.offset + section.bytes / 2]);
         let damage = victim.damage();
         assert_eq!(damage["damage"][0]["offset"], section.offset, "section {}: {damage:#}", section.kind);
         victim.refused("damaged");
+    }
+}
+
+/// The octree is read by those who use it: they refuse, the others draw what they drew before.
+#[test]
+fn a_damaged_octree_is_refused_by_those_who_read_it() {
+    let victim = Victim::build("gen:pipes:20k --voxels 64");
+    let section = victim.file.superblock().find_section(SectionKind::Upper).unwrap();
+    let picture = |file: &str, integrator: &str| {
+        format!(
+            "render {file} -o out.png --overwrite --resolution 16x16 --spp 1 --photons 1k --integrator {integrator}"
+        )
+    };
+    let whole = document_in(victim.folder(), &picture("whole.trex", "direct"));
+    // Head: resolution, leaves, facets, steps, place, nodes; then streams.
+    let head = [0, 4, 8, 12, 20, 44];
+    for at in head.into_iter().chain([52, 60, section.bytes / 2, section.bytes - 1]) {
+        victim.flip(&[section.offset + at]);
+        let document = victim.damage();
+        assert_eq!(document["damage_count"], 1, "byte {at}: {document:#}");
+        let damage = &document["damage"][0];
+        assert!(damage["what"].as_str().unwrap().contains("upper octree"), "byte {at}: {damage}");
+        assert_eq!((&damage["offset"], &damage["bytes"]), (&section.offset.into(), &section.bytes.into()));
+        for integrator in ["photon", "ao", "debug-upper", "debug-occluders"] {
+            let ran = run_in(victim.folder(), &format!("{} --json -q", picture("bad.trex", integrator)));
+            let error = ran.expect_error(3, "damaged");
+            assert!(error["what"].as_str().unwrap().contains("upper octree"), "byte {at}: {error:#}");
+        }
+        let drawn = document_in(victim.folder(), &picture("bad.trex", "direct"));
+        assert_eq!(drawn["image"]["mean"], whole["image"]["mean"], "byte {at}");
+        assert_eq!(drawn["exact"], true, "byte {at}");
     }
 }
 

@@ -1,17 +1,17 @@
 //! A reader of page files written from `docs/format.md` alone, compared with the store's. It shares no code with it: only
-//! the LZ4 and XXH3 of the crates that the page names.
+//! the LZ4 and XXH3 of the crates that the page names. The upper octree is read in `format_octree.rs`.
 
 use crate::support::{Built, build_spec};
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
 /// Numbers from a place on.
-struct Reader<'a> {
-    bytes: &'a [u8],
-    at: usize,
+pub(crate) struct Reader<'a> {
+    pub(crate) bytes: &'a [u8],
+    pub(crate) at: usize,
 }
 
 impl Reader<'_> {
-    fn number(&mut self, width: usize) -> u64 {
+    pub(crate) fn number(&mut self, width: usize) -> u64 {
         let value = self.bytes[self.at..self.at + width].iter().rev().fold(0, |n, &b| n << 8 | u64::from(b));
         self.at += width;
         value
@@ -32,8 +32,20 @@ fn number_at(bytes: &[u8], at: usize, width: usize) -> u64 {
 
 type Corners = [[f64; 3]; 3];
 
-/// All triangles with their materials, in the order of their ids.
-fn read(bytes: &[u8]) -> Vec<(Corners, u64)> {
+/// A file, read.
+pub(crate) struct Model<'a> {
+    origin: [f64; 3],
+    step: f64,
+    /// Box of the vertices: least corner, greatest corner.
+    pub(crate) lattice_box: [[u64; 3]; 2],
+    /// All triangles on the lattice with their materials, in the order of their ids.
+    pub(crate) triangles: Vec<([[u64; 3]; 3], u64)>,
+    pub(crate) material_count: u64,
+    /// Item count and bytes of section 5.
+    pub(crate) upper: Option<(u64, &'a [u8])>,
+}
+
+pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     let head = &bytes[..1024];
     assert_eq!(&head[..8], b"TREX\r\n\x1a\n");
     assert_eq!(head, &bytes[bytes.len() - 1024..]);
@@ -42,17 +54,18 @@ fn read(bytes: &[u8]) -> Vec<(Corners, u64)> {
     assert!(head[656..1016].iter().all(|&b| b == 0));
     let file_id = number_at(head, 40, 8);
     let mut end = 1024;
+    // Item count, offset, bytes.
     let section = |kind: u64| {
-        let slot = (0..12).map(|i| 272 + 32 * i).find(|&at| number_at(head, at, 4) == kind).unwrap();
+        let slot = (0..12).map(|i| 272 + 32 * i).find(|&at| number_at(head, at, 4) == kind)?;
         let [offset, length] = [8, 16].map(|field| number_at(head, slot + field, 8) as usize);
         let content = &bytes[offset..offset + length];
         assert_eq!(number_at(head, slot + 24, 8), xxh3_64_with_seed(content, file_id ^ kind << 32));
-        (offset, content)
+        Some((number_at(head, slot + 4, 4), offset, content))
     };
     let origin: [f64; 3] = std::array::from_fn(|a| f64::from_bits(number_at(head, 48 + 8 * a, 8)));
     let step = 2f64.powi(number_at(head, 72, 4) as i32);
     let mut triangles = Vec::new();
-    for (page, entry) in section(1).1.chunks(40).enumerate() {
+    for (page, entry) in section(1).unwrap().2.chunks(40).enumerate() {
         let [offset, hash] = [0, 8].map(|at| number_at(entry, at, 8));
         let [stored, unpacked, first, count, kind] = [16, 20, 24, 28, 32].map(|at| number_at(entry, at, 4));
         assert_eq!((offset, first), (end, triangles.len() as u64));
@@ -66,19 +79,27 @@ fn read(bytes: &[u8]) -> Vec<(Corners, u64)> {
             _ => panic!("kind and packing {kind:x}"),
         };
         assert_eq!(content.len() as u64, unpacked);
-        for (corners, material) in read_page(&content) {
-            let place = |q: [u64; 3]| std::array::from_fn(|a| origin[a] + q[a] as f64 * step);
-            triangles.push((corners.map(place), material));
-        }
+        triangles.extend(read_page(&content));
         assert_eq!(triangles.len() as u64, first + count);
     }
-    for kind in 1..=4 {
-        let (offset, content) = section(kind);
+    for kind in 1..=5 {
+        let Some((_, offset, content)) = section(kind) else {
+            assert_eq!(kind, 5, "a section is missing");
+            continue;
+        };
         assert_eq!(offset as u64, end, "a gap before section {kind}");
         end += content.len() as u64;
     }
     assert_eq!(end + 1024, bytes.len() as u64);
-    triangles
+    let corner = |at: usize| std::array::from_fn(|a| number_at(head, at + 8 * a, 8));
+    Model {
+        origin,
+        step,
+        lattice_box: [corner(152), corner(176)],
+        triangles,
+        material_count: section(3).unwrap().0,
+        upper: section(5).map(|(count, _, content)| (count, content)),
+    }
 }
 
 /// Triangles of a page on the lattice.
@@ -271,11 +292,14 @@ fn the_documented_format_is_the_one_that_is_written() {
     // Many materials and wide clusters; far from the origin; one material.
     for spec in ["gen:pipes:60k:3", "gen:soup:20k:3", "gen:isosurface:40k:3"] {
         let built: Built = build_spec(spec);
-        let found = read(&std::fs::read(built.file.path()).unwrap());
-        let corners: Vec<Corners> = found.iter().map(|t| t.0).collect();
+        let bytes = std::fs::read(built.file.path()).unwrap();
+        let found = read(&bytes);
+        let place = |q: [u64; 3]| std::array::from_fn(|a| found.origin[a] + q[a] as f64 * found.step);
+        let corners: Vec<Corners> = found.triangles.iter().map(|t| t.0.map(place)).collect();
         assert!(corners == built.decode(), "{spec}: other triangles");
         let materials = built.file.materials().len() as u64;
-        assert!(found.iter().all(|t| t.1 < materials), "{spec}: a material that is not there");
-        assert_eq!(found.iter().any(|t| t.1 > 0), materials > 1, "{spec}");
+        assert_eq!(found.material_count, materials, "{spec}");
+        assert!(found.triangles.iter().all(|t| t.1 < materials), "{spec}: a material that is not there");
+        assert_eq!(found.triangles.iter().any(|t| t.1 > 0), materials > 1, "{spec}");
     }
 }

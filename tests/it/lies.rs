@@ -1,8 +1,10 @@
 //! Page files whose hashes are right and whose tables lie, as a program of ill will would write them. Damage by chance
 //! never gets past the hashes, so these are sealed by hand. Nothing may panic, hang or be drawn wrongly in silence.
 
-use crate::command::{document_in, folder, run_in};
+use crate::command::{TREX, document_in, folder, ran, run_in};
+use crate::format_octree::Upper;
 use std::path::Path;
+use std::process::Command;
 use trex_store::PageFile;
 use trex_store::cluster::{Node, TopRef};
 use trex_store::layout::{SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
@@ -38,6 +40,57 @@ impl Forger {
         bytes[..SUPERBLOCK_BYTES].copy_from_slice(&head);
         bytes[tail..].copy_from_slice(&head);
         std::fs::write(self.inside.path().join("lie.trex"), bytes).unwrap();
+    }
+
+    /// Writes `lie.trex` with other words in the octree, and the section's own count to match.
+    fn seal_octree(&self, change: impl FnOnce(&mut Upper)) {
+        let section = self.block.find_section(SectionKind::Upper).unwrap();
+        let mut upper = Upper::read(&self.bytes[section.offset as usize..][..section.bytes as usize]);
+        change(&mut upper);
+        self.seal_octree_bytes(&upper.to_bytes(), upper.leaf_count);
+    }
+
+    /// Writes `lie.trex` with these bytes as its octree, which is the last section.
+    fn seal_octree_bytes(&self, octree: &[u8], leaf_count: u64) {
+        let mut block = self.block.clone();
+        let section = block.sections.iter_mut().find(|s| s.kind == SectionKind::Upper as u32).unwrap();
+        let begin = section.offset as usize;
+        (section.bytes, section.count) = (octree.len() as u64, leaf_count as u32);
+        section.hash = section_hash(octree, block.file_id, section.kind);
+        block.file_bytes = (begin + octree.len() + SUPERBLOCK_BYTES) as u64;
+        let head = block.to_bytes();
+        let bytes = [&head, &self.bytes[SUPERBLOCK_BYTES..begin], octree, &head].concat();
+        std::fs::write(self.inside.path().join("lie.trex"), bytes).unwrap();
+    }
+
+    /// The octree is named as damaged by `verify`, and those who read it refuse the file.
+    #[track_caller]
+    fn octree_refused(&self, lie: &str) {
+        let verified = run_in(self.inside.path(), "verify lie.trex --json -q");
+        verified.expect(1);
+        let damage = &verified.document()["damage"];
+        assert_eq!(damage.as_array().unwrap().len(), 1, "{lie}: {damage:#}");
+        assert!(damage[0]["what"].as_str().unwrap().contains("upper octree"), "{lie}: {damage:#}");
+        for integrator in ["photon", "debug-upper"] {
+            let line = format!("render lie.trex -o out.png --resolution 8x8 --integrator {integrator}");
+            let error = run_in(self.inside.path(), &format!("{line} --json -q")).expect_error(3, "damaged");
+            assert!(error["what"].as_str().unwrap().contains("upper octree"), "{lie}: {error:#}");
+        }
+    }
+
+    /// Those who read the octree refuse it, as damaged or for want of room, in an address space of 2 GB.
+    #[track_caller]
+    fn octree_takes_no_room(&self, lie: &str) {
+        let render = "render lie.trex -o out.png --resolution 8x8 --integrator";
+        for line in ["verify lie.trex", &format!("{render} photon"), &format!("{render} debug-upper")] {
+            let line = format!("{line} --memory-limit 256MiB --json -q");
+            let script = format!("ulimit -v 2000000 && exec '{TREX}' {line}");
+            let mut shell = Command::new("sh");
+            let refused =
+                ran(&line, shell.args(["-c", &script]).current_dir(self.inside.path()).output().unwrap());
+            let is_told = matches!(refused.code, Some(1 | 3 | 4)) && !refused.stderr.contains("panicked");
+            assert!(is_told, "{lie}: {line}: {:?}\n{}{}", refused.code, refused.stdout, refused.stderr);
+        }
     }
 
     /// The file is refused when it is opened.
@@ -149,4 +202,101 @@ fn counts_that_lie() {
     }
     forger.seal(SectionKind::PageTable, |_, block| block.triangle_count += 1);
     forger.refused();
+}
+
+#[test]
+fn the_forger_seals_octrees_well() {
+    let forger = Forger::new();
+    forger.seal_octree(|_| {});
+    assert_eq!(std::fs::read(forger.inside.path().join("lie.trex")).unwrap(), forger.bytes);
+}
+
+/// What is told, and how.
+type Lie<'a> = (&'a str, &'a dyn Fn(&mut Upper));
+
+#[test]
+fn octrees_that_are_none() {
+    let forger = Forger::new();
+    let material_count = u64::from(forger.block.section(SectionKind::Materials).count);
+    let lies: [Lie<'_>; 22] = [
+        ("no such resolution", &|upper| upper.resolution = 128),
+        ("no resolution at all", &|upper| upper.resolution = 0),
+        ("a resolution beyond all", &|upper| upper.resolution = u64::from(u32::MAX)),
+        ("another depth", &|upper| upper.resolution = if upper.resolution == 64 { 256 } else { 64 }),
+        ("no steps", &|upper| upper.subvoxel_steps = 0),
+        ("steps beyond the lattice", &|upper| upper.subvoxel_steps = 1 << 40),
+        ("steps backwards", &|upper| upper.subvoxel_steps = u64::MAX),
+        ("a cube beyond the lattice", &|upper| upper.lo[1] = 1 << 40),
+        ("a cube before the lattice", &|upper| upper.lo[2] = u64::MAX),
+        ("a leaf more", &|upper| upper.leaf_count += 1),
+        ("a leaf less", &|upper| upper.leaf_count -= 1),
+        ("a facet more", &|upper| upper.facet_count += 1),
+        ("facets for all", &|upper| upper.facet_count = upper.leaf_count),
+        ("a node more", &|upper| upper.node_count += 1),
+        ("a node less", &|upper| upper.node_count -= 1),
+        ("a mask of zero", &|upper| *upper.streams[0].last_mut().unwrap() = 0),
+        ("a root of zero", &|upper| upper.streams[0][0] = 0),
+        ("a full root", &|upper| upper.streams[0][0] = u64::MAX),
+        ("a bitmap of zero", &|upper| upper.streams[1][7] = 0),
+        ("a material too many", &|upper| upper.streams[4][3] = material_count),
+        ("the greatest material", &|upper| upper.streams[4][3] = 0xffff),
+        // All leaves look down z: fewer facets.
+        ("normals of zero", &|upper| upper.streams[2].fill(0)),
+    ];
+    for (lie, change) in lies {
+        forger.seal_octree(change);
+        forger.octree_refused(lie);
+    }
+}
+
+/// Streams that end early, go on, or whose blocks are of another length than they must be.
+#[test]
+fn octrees_whose_bytes_lie() {
+    let forger = Forger::new();
+    let section = forger.block.find_section(SectionKind::Upper).unwrap();
+    let whole = &forger.bytes[section.offset as usize..][..section.bytes as usize];
+    let count = u64::from(section.count);
+    for left in [0, 1, 51, 52, 55, 56, 1000, whole.len() - 1] {
+        forger.seal_octree_bytes(&whole[..left], count);
+        forger.octree_refused(&format!("cut to {left} bytes"));
+    }
+    forger.seal_octree_bytes(&[whole, &[0]].concat(), count);
+    forger.octree_refused("a byte more");
+    for length in [0, 1, u32::MAX, whole.len() as u32] {
+        let mut bytes = whole.to_vec();
+        bytes[52..56].copy_from_slice(&length.to_le_bytes());
+        forger.seal_octree_bytes(&bytes, count);
+        forger.octree_refused(&format!("a block of {length} bytes"));
+    }
+    // The section's count and the head's.
+    forger.seal_octree_bytes(whole, count + 1);
+    forger.octree_refused("another count of items");
+}
+
+/// Counts far above what is there: nothing of their size is allocated. The wall is an address space without room for it.
+#[test]
+fn octrees_that_claim_to_be_huge() {
+    let forger = Forger::new();
+    let beyond = u64::from(u32::MAX);
+    let lies: [Lie<'_>; 5] = [
+        ("nodes beyond all", &|upper| upper.node_count = u64::MAX),
+        ("nodes beyond memory", &|upper| upper.node_count = 1 << 40),
+        ("leaves beyond all", &|upper| upper.leaf_count = beyond),
+        ("facets beyond all", &|upper| upper.facet_count = beyond),
+        ("all beyond all", &|upper| {
+            (upper.leaf_count, upper.facet_count, upper.node_count) = (beyond, beyond, u64::MAX);
+        }),
+    ];
+    for (lie, change) in lies {
+        forger.seal_octree(change);
+        forger.octree_refused(lie);
+        forger.octree_takes_no_room(lie);
+    }
+    // Leaves for which so many bytes would do, if they were zeros and packed well, but not with all their nodes.
+    forger.seal_octree(|upper| {
+        upper.leaf_count = 250 * upper.to_bytes().len() as u64;
+        (upper.facet_count, upper.node_count) = (upper.leaf_count, 5 * upper.leaf_count);
+    });
+    forger.octree_refused("what would fit zeros");
+    forger.octree_takes_no_room("what would fit zeros");
 }

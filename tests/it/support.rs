@@ -1,7 +1,7 @@
 //! What the tests share: building generated models in a temporary folder, decoding them.
 //! What they share of the command is in `command.rs`.
 
-use trex_store::build::{BuildOptions, Existing, Precision, build};
+use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Budget, Interrupt, PageFile, TriangleSource};
@@ -17,6 +17,7 @@ pub(crate) struct Built {
 pub(crate) fn build_options() -> BuildOptions {
     BuildOptions {
         precision: Precision::Default,
+        voxels: Voxels::default(),
         threads: 2,
         budget: Budget::new(1 << 30),
         temp_dir: None,

@@ -96,7 +96,8 @@ pub(super) fn trace<K: Kernel, P: Pages>(
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
                     let first = scene.file.pages()[page as usize].first_triangle;
-                    let seen = PageVisit { frame: FrameView::new(frame), first_triangle: first, ray, goal };
+                    let frame = FrameView::new(frame);
+                    let seen = PageVisit { frame, page, first_triangle: first, ray, goal };
                     seen.root(&kernel, slot, stack, &mut best);
                     if goal == Goal::Any && best.found.is_some() {
                         break;
@@ -115,6 +116,8 @@ pub(super) fn trace<K: Kernel, P: Pages>(
 pub(super) struct Found {
     /// Lattice t, refined.
     pub(super) t: f64,
+    pub(super) page: u32,
+    /// Store id.
     pub(super) triangle: u32,
     pub(super) corners: [[i64; 3]; 3],
     pub(super) material: u16,
@@ -123,6 +126,7 @@ pub(super) struct Found {
 /// A page while a ray is in it.
 struct PageVisit<'a> {
     frame: FrameView<'a>,
+    page: u32,
     /// Store id of its first triangle.
     first_triangle: u32,
     ray: &'a LatticeRay,
@@ -180,7 +184,8 @@ impl PageVisit<'_> {
                 let triangle = self.first_triangle + (cluster.first_triangle() + index) as u32;
                 if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
                     best.t = K::t_end(t);
-                    best.found = Some(Found { t, triangle, corners, material: cluster.material(index) });
+                    let (page, material) = (self.page, cluster.material(index));
+                    best.found = Some(Found { t, page, triangle, corners, material });
                     if self.goal == Goal::Any {
                         stack.entries.truncate(floor);
                         return;

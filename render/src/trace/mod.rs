@@ -33,6 +33,8 @@ pub struct Hit {
     pub t: f64,
     /// Store id of the triangle: the page's first id + index within the page.
     pub triangle: u32,
+    /// Index of the page that holds it; 0 where there are no pages.
+    pub page: u32,
     /// Index into the store's materials.
     pub material: u32,
     /// Unit normal of the counter-clockwise side, model space (f64 cross product of the decoded corners).

@@ -60,6 +60,7 @@ impl NaiveMesh {
         Hit {
             t,
             triangle: index as u32,
+            page: 0,
             material: triangle.material,
             normal: normal.map(|x| x as f32),
             error: ERROR_ULPS * f64::EPSILON * magnitude,

@@ -136,6 +136,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         Hit {
             t,
             triangle: found.triangle,
+            page: found.page,
             material: u32::from(found.material),
             normal: n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 }),
             error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,

@@ -59,6 +59,11 @@ impl Workspace {
         Ok(pages::pack(clusters, context))
     }
 
+    /// The triangles of the chunk that was built last.
+    pub(super) fn triangles(&self) -> &[LatticeTriangle] {
+        &self.triangles
+    }
+
     fn cluster_all(&mut self) -> Clusters {
         let mut all = LatticeBox::EMPTY;
         self.triangles.iter().for_each(|t| t.q.iter().for_each(|&q| all.add(q)));

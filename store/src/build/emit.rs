@@ -9,17 +9,20 @@ use super::pages::{ChunkPages, PackContext, Wide, WideRef};
 use super::partition::Partition;
 use super::publish::DraftFile;
 use super::sah::{Prim, split};
-use super::{BuildOptions, BuildReport};
+use super::scratch::LatticeTriangle;
+use super::voxels::VoxelWork;
+use super::{BuildOptions, BuildReport, Voxels};
 use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::{Code, Error, Result};
 use crate::geom::Aabb;
 use crate::layout::*;
 use crate::material::Material;
+use crate::octree::Voxelizer;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Condvar, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Chunks that may be finished ahead of the writer, per worker.
@@ -27,7 +30,7 @@ const WINDOW: usize = 3;
 
 /// Writes everything between the two superblocks and the superblocks themselves.
 pub(super) fn emit(
-    (parted, scan): (&Partition, &Scan),
+    (parted, scan, voxels): (&Partition, &Scan, Option<VoxelWork>),
     materials: &[Material],
     options: &BuildOptions,
     mut file: DraftFile<'_>,
@@ -35,13 +38,13 @@ pub(super) fn emit(
     out: &mut BuildReport,
 ) -> Result<Superblock> {
     let workers = worker_count(options).min(parted.chunks.len()).max(1);
-    let _lease = options.budget.lease("the cluster builders", worker_bytes() * workers as u64)?;
+    let lease = options.budget.lease("the cluster builders", needed_bytes(options) * workers as u64)?;
     let node_shift = node_shift(parted.grid.bits);
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
     let context = PackContext { emissive: &emissive };
     let materials_json = serde_json::to_vec(materials).expect("materials are plain data");
     let mut writer = Writer {
-        file_id: file_id(parted, &materials_json),
+        file_id: file_id(parted, voxels.as_ref(), &materials_json),
         node_shift,
         block: superblock_of(parted, scan),
         pages: Vec::new(),
@@ -52,7 +55,7 @@ pub(super) fn emit(
         scratch_bytes: parted.scratch.bytes(),
     };
     file.append(&[0; SUPERBLOCK_BYTES])?;
-    in_order(parted, workers, context, &options.interrupt, |chunk, pages| {
+    in_order(parted, voxels.as_ref(), workers, context, &options.interrupt, |chunk, pages| {
         writer.add_chunk(pages, &mut file)?;
         for piece in &parted.chunks[chunk].pieces {
             parted.scratch.consume(&piece.run, piece.take);
@@ -60,18 +63,36 @@ pub(super) fn emit(
         tell("clusters", "triangles", writer.block.triangle_count, parted.triangle_count);
         Ok(())
     })?;
+    drop(lease);
     out.scratch_peak_bytes = writer.scratch_bytes;
-    writer.finish(&mut file, &materials_json, materials.len(), out)
+    writer.write_tables(&mut file, &materials_json, materials.len())?;
+    let start = Instant::now();
+    if let Some(work) = voxels {
+        out.upper_resolution = work.grid.resolution;
+        let tell = |done| tell("voxels", "records", done, 0);
+        let (section, scratch_bytes) = work.finish(&mut file, writer.file_id, &options.budget, &tell)?;
+        out.scratch_peak_bytes = out.scratch_peak_bytes.max(scratch_bytes);
+        out.upper_leaf_count = u64::from(section.count);
+        writer.block.sections[SectionKind::ALL.len()] = section;
+    }
+    out.phase_ms.voxels = start.elapsed().as_millis() as u64;
+    writer.seal(&mut file, out)
+}
+
+/// What one worker needs.
+pub(super) fn needed_bytes(options: &BuildOptions) -> u64 {
+    worker_bytes() + if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES }
 }
 
 /// As many workers as there is room for: the result does not depend on it.
 pub(super) fn worker_count(options: &BuildOptions) -> usize {
-    options.threads.min((options.budget.free_bytes() / worker_bytes()) as usize).max(1)
+    options.threads.min((options.budget.free_bytes() / needed_bytes(options)) as usize).max(1)
 }
 
 /// Builds all chunks on `workers` threads and hands the results to `take`, in order.
 fn in_order(
     parted: &Partition,
+    voxels: Option<&VoxelWork>,
     workers: usize,
     context: PackContext<'_>,
     interrupt: &crate::Interrupt,
@@ -86,6 +107,7 @@ fn in_order(
             let (sender, next, stop, written) = (sender.clone(), &next, &stop, &written);
             let work = move || {
                 let mut workspace = Workspace::default();
+                let mut voxelizer = voxels.map(|work| Voxelizer::new(work.grid, &work.runs));
                 loop {
                     let index = next.fetch_add(1, Ordering::Relaxed);
                     if index >= parted.chunks.len() || stop.load(Ordering::Relaxed) {
@@ -96,7 +118,11 @@ fn in_order(
                         done = written.1.wait_timeout(done, Duration::from_millis(100)).expect("as above").0;
                     }
                     drop(done);
-                    let result = workspace.build(&parted.chunks[index], &parted.scratch, context);
+                    let built = workspace.build(&parted.chunks[index], &parted.scratch, context);
+                    let result = built.and_then(|pages| {
+                        voxelizer.as_mut().map_or(Ok(()), |v| voxelize(v, index, workspace.triangles()))?;
+                        Ok(pages)
+                    });
                     if sender.send((index, result)).is_err() {
                         return;
                     }
@@ -138,13 +164,21 @@ fn in_order(
     })
 }
 
+/// Makes voxel records of a chunk.
+fn voxelize(voxelizer: &mut Voxelizer<'_>, chunk: usize, triangles: &[LatticeTriangle]) -> Result<()> {
+    voxelizer.begin(chunk);
+    triangles.iter().for_each(|triangle| voxelizer.add(triangle.q, triangle.material));
+    voxelizer.finish()
+}
+
 /// The file id: what was read and what was asked.
-fn file_id(parted: &Partition, materials_json: &[u8]) -> u64 {
+fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_json: &[u8]) -> u64 {
     let mut bytes = Vec::from(materials_json);
     bytes.extend(parted.content_hash.to_le_bytes());
     bytes.extend(parted.grid.lattice.exponent.to_le_bytes());
     parted.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
     bytes.extend(VERSION.to_le_bytes());
+    bytes.extend(voxels.map_or(0, |work| work.grid.resolution).to_le_bytes());
     xxh3_64(&bytes)
 }
 
@@ -235,14 +269,13 @@ impl Writer {
         Ok(())
     }
 
-    /// Joins the chunks' trees, writes the sections and both superblocks.
-    fn finish(
-        mut self,
+    /// Joins the chunks' trees and writes the tables.
+    fn write_tables(
+        &mut self,
         file: &mut DraftFile<'_>,
         materials_json: &[u8],
         material_count: usize,
-        out: &mut BuildReport,
-    ) -> Result<Superblock> {
+    ) -> Result<()> {
         let bounds = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
         self.block.root = self.join_roots().to_word();
         self.block.lattice_bounds = [bounds.lo, bounds.hi];
@@ -264,6 +297,11 @@ impl Writer {
             self.block.sections[slot] =
                 Section { kind: kind as u32, count: count as u32, offset, bytes: bytes.len() as u64, hash };
         }
+        Ok(())
+    }
+
+    /// Writes both superblocks.
+    fn seal(mut self, file: &mut DraftFile<'_>, out: &mut BuildReport) -> Result<Superblock> {
         self.block.file_bytes = file.bytes() + SUPERBLOCK_BYTES as u64;
         let head = self.block.to_bytes();
         file.append(&head)?;

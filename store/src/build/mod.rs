@@ -6,7 +6,8 @@
 //! partition   snap, weld by integers, sort into cells: runs in a scratch file beside the output
 //! chunks      cells in Hilbert order, up to 2^17 triangles each
 //! clusters    per chunk: SAH tree, clusters of 128, 8-wide nodes, pages       (threads, in order)
-//! emit        pages, page table, top tree, materials, emitters, superblocks
+//! voxels      per chunk: records of the leaf voxels that its triangles touch; merged into the octree at the end
+//! emit        pages, page table, top tree, materials, emitters, octree, superblocks
 //! publish     fsync, read back, rename, fsync the folder
 //! ```
 //!
@@ -24,11 +25,13 @@ mod sah;
 mod scratch;
 #[cfg(test)]
 mod tests;
+mod voxels;
 
 pub use lattice::Scan;
 
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
+use crate::octree::Voxelizer;
 use crate::progress::{Interrupt, Progress, Report};
 use crate::source::{SourceStats, TriangleSource};
 use serde::Serialize;
@@ -55,11 +58,33 @@ pub enum Precision {
     Error(f64),
 }
 
-/// Options of a build. The bytes of the output depend on `precision` alone.
+/// Which voxel octree goes into the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Voxels {
+    /// None: no global illumination from this file.
+    None,
+    /// As fine as the model's own bytes and this much resident memory allow.
+    Within {
+        /// Most bytes of the resident octree, without light.
+        upper_bytes: u64,
+    },
+    /// So many leaves along the longest side: 64, 256, 512 or 1024.
+    Resolution(u32),
+}
+
+impl Default for Voxels {
+    fn default() -> Voxels {
+        Voxels::Within { upper_bytes: 64 << 20 }
+    }
+}
+
+/// Options of a build. The bytes of the output depend on `precision` and `voxels` alone.
 #[derive(Clone, Debug)]
 pub struct BuildOptions {
     /// The lattice.
     pub precision: Precision,
+    /// The voxel octree.
+    pub voxels: Voxels,
     /// Worker threads, at least 1.
     pub threads: usize,
     /// Where memory is leased from.
@@ -112,6 +137,10 @@ pub struct BuildReport {
     pub output_bytes: u64,
     /// Most scratch bytes alive at once.
     pub scratch_peak_bytes: u64,
+    /// Leaves of the voxel octree along an axis, 0 without, and how many there are.
+    pub upper_resolution: u32,
+    /// See `upper_resolution`.
+    pub upper_leaf_count: u64,
     /// File id.
     pub file_id: String,
     /// Milliseconds per phase.
@@ -134,8 +163,10 @@ pub struct PhaseMs {
     pub scan: u64,
     /// Snap and sort into cells.
     pub partition: u64,
-    /// Clusters, pages, emit.
+    /// Clusters, pages, voxel records, emit.
     pub clusters: u64,
+    /// Merge of voxel records.
+    pub voxels: u64,
     /// fsync, read back, rename.
     pub publish: u64,
     /// All of it.
@@ -186,8 +217,10 @@ pub fn build(
 
     // Clusters and pages, chunk by chunk, in order.
     let draft = publish::Draft::create(output, &folder)?;
-    let block = emit::emit((&parted, &scan), source.materials(), options, draft.file(), &tell, &mut out)?;
-    out.phase_ms.clusters = lap();
+    let voxels = voxels::begin(&parted, options.voxels, &scratch_folder)?;
+    let work = (&parted, &scan, voxels);
+    let block = emit::emit(work, source.materials(), options, draft.file(), &tell, &mut out)?;
+    out.phase_ms.clusters = lap() - out.phase_ms.voxels;
 
     // Publish.
     draft.publish(output, &block, options, &tell)?;
@@ -202,7 +235,7 @@ const SOURCE_BYTES: u64 = 1 << 20;
 
 /// Least bytes that a build leases beside what its source has leased when it is opened, whatever the model's size.
 pub fn smallest_bytes() -> u64 {
-    partition::SMALLEST_BYTES.max(chunk::worker_bytes()) + SOURCE_BYTES
+    partition::SMALLEST_BYTES.max(chunk::worker_bytes() + Voxelizer::BYTES) + SOURCE_BYTES
 }
 
 /// Scratch and output per triangle, for the plan: measured on iso-surfaces and CAD models, rounded up.
@@ -217,7 +250,7 @@ fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Pl
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
             + partition::phase_bytes(options.budget.free_bytes())
-                .max(chunk::worker_bytes() * emit::worker_count(options) as u64),
+                .max(emit::needed_bytes(options) * emit::worker_count(options) as u64),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: scan.triangle_count * PLAN_SCRATCH_BYTES,
         output_bytes: scan.triangle_count * PLAN_OUTPUT_BYTES,

@@ -12,6 +12,7 @@
 use super::lattice::{Grid, Scan, Tell};
 use super::scratch::{LatticeTriangle, Run, Scratch, encode};
 use super::{BuildOptions, no_triangles};
+use crate::cluster::LatticeBox;
 use crate::error::{Code, Error, Result};
 use crate::geom::hilbert_key;
 use crate::layout::{MATERIALS, TRIANGLES};
@@ -68,6 +69,10 @@ pub(super) struct Partition {
     pub(super) rejected_degenerate: u64,
     pub(super) rejected_non_finite: u64,
     pub(super) error_bound: f64,
+    /// Box of the triangles on the lattice: least corner, greatest corner.
+    pub(super) lattice_bounds: [[i64; 3]; 2],
+    /// Their area, in squares of the lattice step.
+    pub(super) area: f64,
     pub(super) content_hash: u64,
     pub(super) wait_ms: u64,
 }
@@ -135,6 +140,8 @@ pub(super) fn partition(
         rejected_degenerate: snapper.rejected_degenerate,
         rejected_non_finite: snapper.rejected_non_finite,
         error_bound: if snapper.exact { 0.0 } else { grid.lattice.step() / 2.0 },
+        lattice_bounds: [snapper.bounds.lo, snapper.bounds.hi],
+        area: snapper.area,
         content_hash: snapper.hasher.digest(),
         wait_ms: waited.as_millis() as u64,
     };
@@ -170,6 +177,8 @@ struct Snapper {
     rejected_degenerate: u64,
     rejected_non_finite: u64,
     exact: bool,
+    bounds: LatticeBox,
+    area: f64,
 }
 
 impl Snapper {
@@ -182,6 +191,8 @@ impl Snapper {
             rejected_degenerate: 0,
             rejected_non_finite: 0,
             exact: true,
+            bounds: LatticeBox::EMPTY,
+            area: 0.0,
         }
     }
 
@@ -213,6 +224,8 @@ impl Snapper {
             let Ok(material) = u16::try_from(material) else {
                 return Err(self.too_many("materials", MATERIALS as u64));
             };
+            q.iter().for_each(|&q| self.bounds.add(q));
+            self.area += area(&q);
             cells.push(LatticeTriangle { q, material })?;
         }
         Ok(())
@@ -224,6 +237,14 @@ impl Snapper {
             .numbers(format!("at most {most}"))
             .next("cut the input in parts and build each")
     }
+}
+
+/// Area in squares of the lattice step.
+fn area(q: &[[i64; 3]; 3]) -> f64 {
+    let edge = |i: usize, a: usize| (q[i][a] - q[0][a]) as f64;
+    let cross = |a: usize, b: usize| edge(1, a) * edge(2, b) - edge(1, b) * edge(2, a);
+    let (x, y, z) = (cross(1, 2), cross(2, 0), cross(0, 1));
+    0.5 * (x * x + y * y + z * z).sqrt()
 }
 
 /// A cell: its place on the curve, its runs so far, and the buffered end.

@@ -51,6 +51,7 @@ impl TriangleSource for Mesh {
 fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
     BuildOptions {
         precision: Precision::Default,
+        voxels: Voxels::default(),
         threads,
         budget: Budget::new(limit_bytes),
         temp_dir: None,

@@ -1,0 +1,76 @@
+//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it. Paper,
+//! section 5. Perfect mirrors carry the view on, as in `direct`.
+//!
+//! ```text
+//! surface -> gather ray -> leaf: irradiance * (Kd + Ks) / pi     (emitters left out: shadow rays bring their light)
+//!                       -> nothing: the sky                     (left out by the shadow rays)
+//! ```
+//!
+//! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), so it can be blocked by few pages.
+
+use crate::integrator::{Integrator, Path, Stage};
+use crate::material::{bsdf, scatter_rough};
+use crate::math::{dot, max_rgb, mul_rgb, scale_rgb};
+use crate::sampler::Decision;
+use crate::surface::Surface;
+use crate::trace::{Answer, Tracer};
+use crate::voxel::{GScene, Gathered};
+
+impl Integrator<'_> {
+    /// One gather ray.
+    pub(crate) fn gather_step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        surface: &Surface,
+        index: u32,
+        tracer: &mut T,
+    ) -> Answer<Stage> {
+        let world = self.world;
+        let (count, voxels) = (world.n_gather, self.voxels.expect("`photon` has voxels"));
+        let material = &world.materials[surface.material as usize];
+        let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index, count });
+        let (normal, to_viewer) = (surface.normal, surface.to_viewer);
+        if let Some((direction, density)) = scatter_rough(material, normal, to_viewer, [u[0], u[1], u[2]]) {
+            let cos = dot(normal, direction);
+            let weight = (cos / (density * f64::from(count))) as f32;
+            let weight = scale_rgb(weight, bsdf(material, normal, to_viewer, direction));
+            if max_rgb(weight) > 0.0 {
+                let Answer::Exact(found) = self.gathered_along(&voxels, surface, direction, tracer) else {
+                    return Answer::Blocked;
+                };
+                path.sample.rays.gather += found.rays;
+                path.gain(mul_rgb(weight, found.radiance));
+            }
+        }
+        let (index, surface) = (index + 1, *surface);
+        Answer::Exact(if index < count { Stage::Gather { surface, index } } else { Stage::Bounce(surface) })
+    }
+
+    /// What arrives at a surface from unit `direction`.
+    fn gathered_along<T: Tracer>(
+        &self,
+        voxels: &GScene<'_>,
+        surface: &Surface,
+        direction: [f64; 3],
+        tracer: &mut T,
+    ) -> Answer<Gathered> {
+        let world = self.world;
+        if let Some(near) = voxels.near_length(surface, direction) {
+            let ray = surface.ray_to(direction, near, None);
+            match tracer.intersect(&ray) {
+                Answer::Blocked => return Answer::Blocked,
+                Answer::Exact(None) => {}
+                Answer::Exact(Some(hit)) => {
+                    let met = Surface::new(&ray, &hit);
+                    let material = &world.materials[met.material as usize];
+                    let radiance = voxels.leaving_surface(&met, material).unwrap_or([0.0; 3]);
+                    return Answer::Exact(Gathered { radiance, rays: 1 });
+                }
+            }
+        }
+        Answer::Exact(match voxels.leave(surface, direction, f64::INFINITY, None) {
+            Some(ray) => voxels.gather(ray, &world.materials, world.lights.sky()),
+            None => Gathered { radiance: [0.0; 3], rays: 0 },
+        })
+    }
+}

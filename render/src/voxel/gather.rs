@@ -1,0 +1,127 @@
+//! Rays between a surface of the exact mesh and the voxels: how they leave it, what stops them, what they bring back.
+//!
+//! ```text
+//! voxel   surface --clearance along the normal--> voxels
+//! exact   surface --mesh for some leaves' length--> voxels          (`--near exact`: no boxes in corners; Fig. 8)
+//! ```
+//!
+//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. nothing here reads pages.
+
+use super::photons::LeafHit;
+use super::traverse::{GRay, VoxelScene};
+use crate::material::bsdf_of_all;
+use crate::math::{add_rgb, along, dot, length, max_rgb, mul_rgb, reflect, sub, unit};
+use crate::surface::Surface;
+use trex_store::Material;
+
+/// Length of the part of a ray that `near = exact` takes from the mesh, in leaves.
+const NEAR_LEAVES: f64 = 2.0;
+/// Most of that where a ray grazes its surface.
+const NEAR_LEAVES_MAX: f64 = 16.0;
+/// Mirrors that a gather ray follows; what lies behind more of them is dark.
+const MIRRORS_MAX: u32 = 8;
+
+/// How shadow and gather rays begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Near {
+    /// Off the surface by a voxel.
+    #[default]
+    Voxel,
+    /// On the exact mesh for some leaves' length.
+    Exact,
+}
+
+/// Voxels, and the light in them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GScene<'a> {
+    pub(crate) voxels: VoxelScene<'a>,
+    /// Irradiance per facet; empty where nothing gathers.
+    pub(crate) irradiance: &'a [[f32; 3]],
+    pub(crate) near: Near,
+}
+
+/// What a gather ray brought.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gathered {
+    /// Radiance, emitters left out.
+    pub(crate) radiance: [f32; 3],
+    pub(crate) rays: u64,
+}
+
+impl<'a> GScene<'a> {
+    /// Length of the part of a ray from `surface` in unit `direction` that the mesh answers; `None` for none.
+    pub(crate) fn near_length(&self, surface: &Surface, direction: [f64; 3]) -> Option<f64> {
+        let leaf = self.voxels.leaf_side();
+        let clear = self.voxels.clearance(surface.normal) / dot(surface.normal, direction).max(1e-9);
+        (self.near == Near::Exact).then(|| clear.clamp(NEAR_LEAVES * leaf, NEAR_LEAVES_MAX * leaf))
+    }
+
+    /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it leaves
+    /// that one's voxels, too. `None` when nothing is left of it.
+    pub(crate) fn leave(
+        &self,
+        surface: &Surface,
+        direction: [f64; 3],
+        distance: f64,
+        front: Option<[f64; 3]>,
+    ) -> Option<GRay> {
+        let clearance = self.voxels.clearance(surface.normal);
+        let near = self.near_length(surface, direction).unwrap_or(0.0);
+        if distance <= near {
+            return None;
+        }
+        let height = near * dot(surface.normal, direction);
+        let start = along(surface.point, near, direction);
+        let origin = along(start, (clearance - height).max(0.0) + surface.offset(), surface.normal);
+        if distance == f64::INFINITY {
+            return Some(GRay { origin, direction, t_max: distance });
+        }
+        let mut end = along(surface.point, distance, direction);
+        if let Some(front) = front {
+            end = along(end, self.voxels.clearance(front), front);
+        }
+        let way = sub(end, origin);
+        if dot(way, direction) <= 0.0 {
+            return None;
+        }
+        Some(GRay { origin, direction: unit(way)?, t_max: length(way) })
+    }
+
+    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky.
+    pub(crate) fn gather(&self, mut ray: GRay, materials: &'a [Material], sky: [f32; 3]) -> Gathered {
+        let (mut radiance, mut throughput) = ([0.0; 3], [1.0; 3]);
+        let mut rays = 0;
+        while rays <= u64::from(MIRRORS_MAX) {
+            rays += 1;
+            let Some(hit) = self.voxels.leaf_hit(&ray, materials) else {
+                radiance = add_rgb(radiance, mul_rgb(throughput, sky));
+                break;
+            };
+            radiance = add_rgb(radiance, mul_rgb(throughput, self.leaving(&hit)));
+            if !hit.material.mirror {
+                break;
+            }
+            throughput = mul_rgb(throughput, hit.material.ks);
+            if max_rgb(throughput) == 0.0 {
+                break;
+            }
+            ray = self.voxels.ray_from_leaf(&hit, reflect(ray.direction, hit.normal));
+        }
+        Gathered { radiance, rays }
+    }
+
+    /// What leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
+    pub(crate) fn leaving_surface(&self, surface: &Surface, material: &Material) -> Option<[f32; 3]> {
+        let step = 0.5 * self.voxels.clearance(surface.normal);
+        let (node, leaf) = [0.0, -step, step]
+            .into_iter()
+            .find_map(|offset| self.voxels.leaf_at(along(surface.point, offset, surface.normal)))?;
+        let facet = self.voxels.octree().facet(node, leaf);
+        Some(mul_rgb(bsdf_of_all(material), self.irradiance[facet as usize]))
+    }
+
+    fn leaving(&self, hit: &LeafHit<'_>) -> [f32; 3] {
+        mul_rgb(bsdf_of_all(hit.material), self.irradiance[hit.facet as usize])
+    }
+}

@@ -1,0 +1,227 @@
+//! One traversal for nodes, leaves and occluder bitmaps: from cell to cell, each as large as the octree allows.
+//!
+//! ```text
+//! go down from the node at hand while the child of the ray's cell is there
+//!   a bit of a bitmap is set  -> hit
+//!   the child is missing      -> the ray leaves that empty cube; up to the node that holds the next cell too
+//! ```
+//!
+//! Units are subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a cube the
+//! axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side. So each step
+//! goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a corner's width.
+//!
+//! A ray leaves its own voxels by its start: a cube of side `s` that a plane of unit normal `n` touches lies within
+//! `s * (|n.x| + |n.y| + |n.z|)` of the plane, so from beyond that distance a ray that does not come back meets none of the
+//! plane's voxels. [`VoxelScene::clearance`] is that distance; it holds at the end of a shadow ray, too.
+//!
+//! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
+
+use trex_store::Lattice;
+use trex_store::octree::{LEAF_SIDE, MAX_DEPTH, UpperOctree, VoxelGrid};
+
+/// Whether leaves are whole cubes or what their bitmaps say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Occluders {
+    /// Leaves are cubes.
+    Off,
+    /// Bitmaps count.
+    #[default]
+    On,
+}
+
+/// A ray through the octree, model units.
+#[derive(Clone, Copy, Debug)]
+pub struct GRay {
+    /// Where it starts.
+    pub origin: [f64; 3],
+    /// Unit direction.
+    pub direction: [f64; 3],
+    /// Where it ends.
+    pub t_max: f64,
+}
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VoxelHit {
+    /// Distance to where the subvoxel (or leaf) is entered, model units.
+    pub t: f64,
+    /// Index of the leaf.
+    pub leaf: u32,
+    /// Index of the node above it.
+    pub node: u32,
+    /// Axis of the face by which it is entered.
+    pub axis: usize,
+}
+
+/// An octree and where it stands.
+#[derive(Clone, Copy, Debug)]
+pub struct VoxelScene<'a> {
+    octree: &'a UpperOctree,
+    /// Model position of the cube's corner.
+    corner: [f64; 3],
+    /// Side of a subvoxel, model units.
+    subvoxel: f64,
+    occluders: Occluders,
+}
+
+/// Least component of a direction: one that would be 0 ends no cell before the cube's end, and divides.
+const STEEPEST: f32 = 1e-12;
+
+/// Places of the first 2x2x2 children of a node; shifted by the upper bits of a place, those around it.
+const EIGHTH: u64 = 0x33_0033;
+
+/// The ray in subvoxels, mirrored to go up along every axis.
+struct Local {
+    origin: [f32; 3],
+    direction: [f32; 3],
+    inverse: [f32; 3],
+}
+
+impl<'a> VoxelScene<'a> {
+    /// An octree on a lattice.
+    pub fn on(octree: &'a UpperOctree, lattice: &Lattice, occluders: Occluders) -> VoxelScene<'a> {
+        let VoxelGrid { lo, subvoxel_steps, .. } = *octree.grid();
+        // Boundaries stand half a step before the lattice points.
+        let corner = lattice.position(lo).map(|v| v - 0.5 * lattice.step());
+        VoxelScene { octree, corner, subvoxel: subvoxel_steps as f64 * lattice.step(), occluders }
+    }
+
+    /// The octree.
+    pub(crate) fn octree(&self) -> &'a UpperOctree {
+        self.octree
+    }
+
+    /// The leaf that holds `point`, after the node above it.
+    pub(crate) fn leaf_at(&self, point: [f64; 3]) -> Option<(u32, u32)> {
+        let depth = self.octree.grid().depth();
+        let side = f64::from(4u32.pow(depth as u32));
+        let at: [f64; 3] = std::array::from_fn(|a| (point[a] - self.corner[a]) / self.leaf_side());
+        if !at.iter().all(|&v| v >= 0.0 && v < side) {
+            return None;
+        }
+        let at = at.map(|v| v as u32);
+        (0..depth).rev().try_fold((0, 0), |(_, index), level| {
+            let part = |axis: usize| at[axis] >> (2 * level) & 3;
+            let place = part(0) | part(1) << 2 | part(2) << 4;
+            Some((index, self.octree.nodes()[index as usize].child(place)?))
+        })
+    }
+
+    /// Side of a leaf, model units.
+    pub fn leaf_side(&self) -> f64 {
+        self.subvoxel * f64::from(LEAF_SIDE)
+    }
+
+    /// How far off a surface of unit `normal` a ray starts or ends free of that surface's own voxels, model units.
+    pub fn clearance(&self, normal: [f64; 3]) -> f64 {
+        let side = match self.occluders {
+            Occluders::On => self.subvoxel,
+            Occluders::Off => self.leaf_side(),
+        };
+        side * normal.iter().map(|n| n.abs()).sum::<f64>()
+    }
+
+    /// The first voxel that the ray meets.
+    pub fn intersect(&self, ray: &GRay) -> Option<VoxelHit> {
+        let depth = self.octree.grid().depth();
+        let side = 4u32.pow(depth as u32 + 1);
+        let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
+        for a in 0..3 {
+            let at = ray.origin[a] - self.corner[a];
+            if ray.direction[a] == 0.0 {
+                if at < 0.0 || at >= f64::from(side) * self.subvoxel {
+                    return None;
+                }
+                continue;
+            }
+            let (lo, hi) =
+                (-at / ray.direction[a], (f64::from(side) * self.subvoxel - at) / ray.direction[a]);
+            if lo.min(hi) > t_in {
+                (t_in, axis) = (lo.min(hi), a);
+            }
+            t_out = t_out.min(lo.max(hi));
+        }
+        if t_in > t_out {
+            return None;
+        }
+        // Mirrored so that it goes up along every axis: cell c is then cell `side - 1 - c`.
+        let mut flip = 0;
+        let mut local = Local { origin: [0.0; 3], direction: [0.0; 3], inverse: [0.0; 3] };
+        for a in 0..3 {
+            let at = (ray.origin[a] + t_in * ray.direction[a] - self.corner[a]) / self.subvoxel;
+            let is_down = ray.direction[a] < 0.0;
+            flip |= if is_down { 3 << (2 * a) } else { 0 };
+            local.origin[a] = if is_down { f64::from(side) - at } else { at } as f32;
+            local.direction[a] = (ray.direction[a].abs() as f32).max(STEEPEST);
+            local.inverse[a] = 1.0 / local.direction[a];
+        }
+        let t_max = ((t_out - t_in) / self.subvoxel) as f32;
+        let (t, [node, leaf], axis) = self.walk(&local, flip, t_max, axis)?;
+        Some(VoxelHit { t: t_in + f64::from(t) * self.subvoxel, leaf, node, axis })
+    }
+
+    /// True when the ray meets any voxel.
+    pub fn occluded(&self, ray: &GRay) -> bool {
+        self.intersect(ray).is_some()
+    }
+
+    /// From the cube's side on, entered along `axis`: t in subvoxels, node and leaf, the axis of its face. The ray goes up;
+    /// `flip` makes places of the mirrored cube those of the octree.
+    #[inline(always)]
+    fn walk(&self, ray: &Local, flip: u32, t_max: f32, mut axis: usize) -> Option<(f32, [u32; 2], usize)> {
+        let (nodes, bitmaps) = (self.octree.nodes(), self.octree.bitmaps());
+        let depth = self.octree.grid().depth();
+        let last = 4u32.pow(depth as u32 + 1) - 1;
+        let mut cell = ray.origin.map(|v| (v.max(0.0) as u32).min(last));
+        let mut t = 0.0f32;
+        // Node of each level over the cell; at `depth` the leaf.
+        let mut path = [0u32; MAX_DEPTH + 1];
+        let mut level = 0;
+        loop {
+            // Down to the leaf, or to a child that is missing. Children of a node of `level` have 4^(depth - level) cells.
+            let (shift, place, bits) = loop {
+                let shift = 2 * (depth - level) as u32;
+                let place =
+                    (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4) ^ flip;
+                if level == depth {
+                    let leaf = path[depth];
+                    let bits = bitmaps[leaf as usize];
+                    if self.occluders == Occluders::Off || bits >> place & 1 == 1 {
+                        return Some((t, [path[depth - 1], leaf], axis));
+                    }
+                    break (shift, place, bits);
+                }
+                let node = &nodes[path[level] as usize];
+                let Some(child) = node.child(place) else { break (shift, place, node.bits()) };
+                level += 1;
+                path[level] = child;
+            };
+            // The eighth of the node around it may be empty, too.
+            let is_eighth_empty = bits & EIGHTH << (place & 0b10_1010) == 0;
+            let within = (1u32 << (shift + u32::from(is_eighth_empty))) - 1;
+            // Out of the empty cube.
+            let end = cell.map(|c| (c | within) + 1);
+            let t_axis: [f32; 3] =
+                std::array::from_fn(|a| (end[a] as i32 as f32 - ray.origin[a]) * ray.inverse[a]);
+            axis = usize::from(t_axis[1] < t_axis[0]);
+            axis = if t_axis[2] < t_axis[axis] { 2 } else { axis };
+            t = t.max(t_axis[axis]);
+            if t > t_max {
+                return None;
+            }
+            let next: [u32; 3] = std::array::from_fn(|a| {
+                let at = (ray.origin[a] + t * ray.direction[a]) as i32 as u32;
+                if a == axis { end[a] } else { at.max(cell[a]).min(end[a] - 1) }
+            });
+            if next[axis] > last {
+                return None;
+            }
+            // Up to the node that holds both.
+            let apart = (next[0] ^ cell[0]) | (next[1] ^ cell[1]) | (next[2] ^ cell[2]);
+            let above = (31 - apart.leading_zeros()) / 2;
+            level = level.min(depth - (above as usize).min(depth));
+            cell = next;
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! Records in key order to the stored octree, without holding it: its streams go to scratch files, block by block.
+//!
+//! ```text
+//! record -> leaf -> bitmap, normal, area, material -> their streams' blocks -> scratch files -> the section
+//!                -> masks of its nodes, which stay in memory: about a byte a leaf
+//! ```
+//!
+//! Invariants: 1. memory is a block for each stream and the masks; 2. scratch files are unlinked from the start.
+
+use super::payload::{LeafNormal, pack_area};
+use super::stored::{BLOCK_BYTES, head, packed_planes};
+use super::voxelize::Record;
+use super::{MAX_DEPTH, VoxelGrid};
+use crate::error::{Error, Result};
+use std::fs::File;
+use std::io::{Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+/// Bytes of memory that the blocks of all streams take, with what packing takes.
+pub(crate) const STREAM_BYTES: u64 = 16 * BLOCK_BYTES as u64;
+
+/// Makes the stored form of records in key order.
+pub(crate) struct UpperBuilder {
+    grid: VoxelGrid,
+    /// Masks per level, the root's first, and the key of the last node of each.
+    masks: [Vec<u64>; MAX_DEPTH],
+    last: [Option<u32>; MAX_DEPTH],
+    bitmaps: Stream,
+    normals: Stream,
+    areas: Stream,
+    materials: Stream,
+    leaf_count: u32,
+    facet_count: u32,
+    /// Facets of the last node, as bits.
+    facets: u8,
+    /// The leaf at hand: all of it, and its material of most area.
+    open: Option<(Record, f32)>,
+}
+
+impl UpperBuilder {
+    /// An empty octree; scratch files go to `folder`.
+    pub(crate) fn new(grid: VoxelGrid, folder: &Path) -> Result<UpperBuilder> {
+        Ok(UpperBuilder {
+            grid,
+            masks: Default::default(),
+            last: [None; MAX_DEPTH],
+            bitmaps: Stream::new(8, folder)?,
+            normals: Stream::new(2, folder)?,
+            areas: Stream::new(1, folder)?,
+            materials: Stream::new(2, folder)?,
+            leaf_count: 0,
+            facet_count: 0,
+            facets: 0,
+            open: None,
+        })
+    }
+
+    /// Adds what one material brings to a leaf; keys never go back.
+    pub(crate) fn push(&mut self, record: Record) -> Result<()> {
+        match &mut self.open {
+            Some((open, most)) if open.key == record.key => {
+                open.add(&record);
+                if record.area > *most {
+                    (open.material, *most) = (record.material, record.area);
+                }
+                Ok(())
+            }
+            _ => {
+                let closed = self.close();
+                self.open = Some((record, record.area));
+                closed
+            }
+        }
+    }
+
+    fn close(&mut self) -> Result<()> {
+        let Some((leaf, _)) = self.open.take() else { return Ok(()) };
+        let depth = self.grid.depth();
+        for level in 0..depth {
+            let below = 6 * (depth - 1 - level);
+            let (node, child) = (leaf.key.checked_shr(below as u32 + 6).unwrap_or(0), leaf.key >> below & 63);
+            if self.last[level] != Some(node) {
+                self.last[level] = Some(node);
+                self.masks[level].push(0);
+                if level + 1 == depth {
+                    self.facets = 0;
+                }
+            }
+            *self.masks[level].last_mut().expect("just pushed") |= 1 << child;
+        }
+        let normal = LeafNormal::pack(leaf.normal, leaf.area);
+        let facet = 1 << normal.facet();
+        self.facet_count += u32::from(self.facets & facet == 0);
+        self.facets |= facet;
+        self.leaf_count += 1;
+        self.bitmaps.push(leaf.bitmap)?;
+        self.normals.push(u64::from(normal.0))?;
+        self.areas.push(u64::from(pack_area(leaf.area)))?;
+        self.materials.push(u64::from(leaf.material))
+    }
+
+    /// Bytes of memory that the masks take.
+    pub(crate) fn masks_bytes(&self) -> u64 {
+        self.masks.iter().map(|masks| 8 * masks.capacity() as u64).sum()
+    }
+
+    /// Gives the bytes of the section, piece by piece, and the count of leaves. Panics when there was no record.
+    pub(crate) fn finish(mut self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<u32> {
+        self.close()?;
+        assert!(self.leaf_count > 0, "an octree has a leaf");
+        let node_count = self.masks.iter().map(Vec::len).sum();
+        put(&head(&self.grid, self.leaf_count, self.facet_count, node_count))?;
+        let all: Vec<u64> = self.masks.concat();
+        for masks in all.chunks(BLOCK_BYTES / 8) {
+            put(&packed_planes(masks, 8))?;
+        }
+        for stream in [self.bitmaps, self.normals, self.areas, self.materials] {
+            stream.finish(put)?;
+        }
+        Ok(self.leaf_count)
+    }
+}
+
+/// Words of so many bytes on their way to a scratch file.
+struct Stream {
+    bytes: usize,
+    block: Vec<u64>,
+    file: File,
+    folder: PathBuf,
+}
+
+impl Stream {
+    fn new(bytes: usize, folder: &Path) -> Result<Stream> {
+        let file =
+            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
+        Ok(Stream { bytes, block: Vec::new(), file, folder: folder.to_path_buf() })
+    }
+
+    fn push(&mut self, word: u64) -> Result<()> {
+        self.block.push(word);
+        if self.block.len() == BLOCK_BYTES / self.bytes { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        if self.block.is_empty() {
+            return Ok(());
+        }
+        let packed = packed_planes(&self.block, self.bytes);
+        self.block.clear();
+        self.file
+            .write_all(&packed)
+            .map_err(|e| Error::writing("write to the scratch file", &self.folder, &e))
+    }
+
+    fn finish(mut self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        self.flush()?;
+        let failed = |e: &std::io::Error| Error::io("read the scratch file", &self.folder, e);
+        self.file.rewind().map_err(|e| failed(&e))?;
+        let mut piece = vec![0; BLOCK_BYTES];
+        loop {
+            match self.file.read(&mut piece).map_err(|e| failed(&e))? {
+                0 => return Ok(()),
+                count => put(&piece[..count])?,
+            }
+        }
+    }
+}

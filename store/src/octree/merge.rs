@@ -1,0 +1,157 @@
+//! Runs of records in a scratch file, and their merge into leaves.
+//!
+//! ```text
+//! run = blocks of up to 128 records, LZ4;   merge: a heap over the runs' next records, equal ones summed
+//! ```
+//!
+//! Invariants: 1. the file is unlinked from the start; 2. records of one leaf and material are summed in the order of
+//! runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
+
+use super::voxelize::Record;
+use crate::error::{Code, Error, Result};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Records of a block.
+const BLOCK: usize = 128;
+/// Bytes of memory per run while runs are merged.
+pub(crate) const RUN_BYTES: u64 = (BLOCK * size_of::<Record>() * 2) as u64;
+
+/// The runs of all chunks.
+pub(crate) struct VoxelRuns {
+    file: File,
+    folder: PathBuf,
+    written: Mutex<Written>,
+}
+
+#[derive(Default)]
+struct Written {
+    end: u64,
+    runs: Vec<Run>,
+}
+
+/// A run: its place in the order, and where its blocks stand.
+struct Run {
+    order: (u32, u32),
+    offset: u64,
+    /// Bytes of each block.
+    blocks: Vec<u32>,
+    record_count: usize,
+}
+
+impl VoxelRuns {
+    /// Makes the scratch file in `folder`.
+    pub(crate) fn create(folder: &Path) -> Result<VoxelRuns> {
+        let file =
+            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
+        Ok(VoxelRuns { file, folder: folder.to_path_buf(), written: Mutex::default() })
+    }
+
+    /// Bytes written, runs, and records.
+    pub(crate) fn size(&self) -> (u64, u64, u64) {
+        let written = self.written.lock().expect("no panic while held");
+        let records = written.runs.iter().map(|run| run.record_count as u64).sum();
+        (written.end, written.runs.len() as u64, records)
+    }
+
+    /// Appends records that are in order.
+    pub(super) fn append(&self, order: (u32, u32), records: &[Record]) -> Result<()> {
+        let mut bytes = Vec::new();
+        let mut blocks = Vec::new();
+        for block in records.chunks(BLOCK) {
+            let packed = lz4_flex::block::compress(bytemuck::cast_slice(block));
+            blocks.push(packed.len() as u32);
+            bytes.extend(packed);
+        }
+        let mut written = self.written.lock().expect("no panic while held");
+        let offset = written.end;
+        self.file.write_all_at(&bytes, offset).map_err(|e| {
+            let failed = Error::writing("write to the scratch file", &self.folder, &e);
+            if e.kind() == std::io::ErrorKind::StorageFull {
+                return failed.next("free space there, or name another folder with --temp-dir");
+            }
+            failed
+        })?;
+        written.end += bytes.len() as u64;
+        written.runs.push(Run { order, offset, blocks, record_count: records.len() });
+        drop(written);
+        // Started, not waited for: the pages leave the cache when they are clean and dropped after the merge.
+        let _ = rustix::fs::fadvise(
+            &self.file,
+            offset,
+            std::num::NonZeroU64::new(bytes.len() as u64),
+            rustix::fs::Advice::DontNeed,
+        );
+        Ok(())
+    }
+}
+
+/// A run while it is merged.
+struct Reader {
+    run: Run,
+    next_block: usize,
+    block: Vec<Record>,
+    at: usize,
+}
+
+impl Reader {
+    /// The next record, if there is one.
+    fn next(&mut self, runs: &VoxelRuns) -> Result<Option<Record>> {
+        if self.at == self.block.len() {
+            let Some(&bytes) = self.run.blocks.get(self.next_block) else { return Ok(None) };
+            let count = (self.run.record_count - self.next_block * BLOCK).min(BLOCK);
+            let mut packed = vec![0; bytes as usize];
+            runs.file
+                .read_exact_at(&mut packed, self.run.offset)
+                .map_err(|e| Error::io("read the scratch file", &runs.folder, &e))?;
+            self.block.resize(count, Record::default());
+            let unpacked =
+                lz4_flex::block::decompress_into(&packed, bytemuck::cast_slice_mut(&mut self.block));
+            if unpacked.ok() != Some(count * size_of::<Record>()) {
+                return Err(Error::new(Code::Io, "the scratch file gave back other bytes than were written")
+                    .at_byte(&runs.folder, self.run.offset)
+                    .next("check the disk"));
+            }
+            self.run.offset += u64::from(bytes);
+            (self.next_block, self.at) = (self.next_block + 1, 0);
+        }
+        self.at += 1;
+        Ok(Some(self.block[self.at - 1]))
+    }
+}
+
+/// Calls `take` for each pair of leaf and material, in order, summed.
+pub(crate) fn merge(mut runs: VoxelRuns, mut take: impl FnMut(Record) -> Result<()>) -> Result<()> {
+    let mut all = std::mem::take(&mut runs.written.get_mut().expect("no panic while held").runs);
+    all.sort_unstable_by_key(|run| run.order);
+    let mut readers: Vec<Reader> =
+        all.into_iter().map(|run| Reader { run, next_block: 0, block: Vec::new(), at: 0 }).collect();
+    let mut heads = Vec::with_capacity(readers.len());
+    let mut heap = BinaryHeap::with_capacity(readers.len());
+    for (index, reader) in readers.iter_mut().enumerate() {
+        let head = reader.next(&runs)?.expect("runs are not empty");
+        heap.push(Reverse((head.key, head.material, index)));
+        heads.push(head);
+    }
+    let mut sum: Option<Record> = None;
+    while let Some(Reverse((key, material, index))) = heap.pop() {
+        let record = heads[index];
+        if let Some(head) = readers[index].next(&runs)? {
+            heads[index] = head;
+            heap.push(Reverse((head.key, head.material, index)));
+        }
+        match &mut sum {
+            Some(sum) if (sum.key, sum.material) == (key, material) => sum.add(&record),
+            _ => {
+                if let Some(whole) = sum.replace(record) {
+                    take(whole)?;
+                }
+            }
+        }
+    }
+    sum.map_or(Ok(()), take)
+}

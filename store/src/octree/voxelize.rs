@@ -1,0 +1,354 @@
+//! Triangles to records: which leaf voxels a triangle touches, which of their subvoxels, and with how much area.
+//!
+//! ```text
+//! small triangle (most of them)   the few leaves of its box, one after the other
+//! large triangle                  down from the root, into children that it touches
+//! ```
+//!
+//! A record is what one material brings to one leaf. Records pile up to [`PILE`], are then sorted and those of the same
+//! leaf and material summed; what is still many goes to the scratch file as a run, so that memory does not grow with what
+//! a triangle covers.
+//!
+//! Invariants: 1. in a run records are in order of leaf and material, each pair once; 2. sums depend on the order of
+//! triangles alone.
+
+use super::merge::VoxelRuns;
+use super::overlap::{NARROW_REACH, Triangle, Wide};
+use super::{LEAF_SIDE, NODE_SIDE, VoxelGrid, leaf_key};
+use crate::error::Result;
+
+/// What one material brings to one leaf.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(crate) struct Record {
+    /// The leaf: see `leaf_key`.
+    pub(crate) key: u32,
+    pub(crate) material: u32,
+    /// Subvoxels touched: bit `x + 4 y + 16 z`.
+    pub(crate) bitmap: u64,
+    /// Area inside of the leaf, in squares of its side.
+    pub(crate) area: f32,
+    /// Sum of unit normals weighted by area.
+    pub(crate) normal: [f32; 3],
+}
+
+/// Records after which the pile is sorted and summed; when half of that is left, it goes out as a run.
+const PILE: usize = 1 << 17;
+/// Leaves along an axis of a triangle's box up to which they are asked one after the other.
+const FEW: i64 = 4;
+
+/// Makes records of triangles.
+pub(crate) struct Voxelizer<'a> {
+    grid: VoxelGrid,
+    runs: &'a VoxelRuns,
+    /// Chunk and number of the next run.
+    order: (u32, u32),
+    pile: Vec<Record>,
+    /// The first error of writing a run.
+    outcome: Result<()>,
+}
+
+/// A triangle on its way.
+struct Job {
+    /// Corners in half-steps from the cube's corner.
+    corner: [[i64; 3]; 3],
+    unit_normal: [f64; 3],
+    material: u32,
+}
+
+impl<'a> Voxelizer<'a> {
+    /// Runs go to `runs`.
+    pub(crate) fn new(grid: VoxelGrid, runs: &'a VoxelRuns) -> Voxelizer<'a> {
+        Voxelizer { grid, runs, order: (0, 0), pile: Vec::new(), outcome: Ok(()) }
+    }
+
+    /// Most bytes that a voxelizer holds: the pile, and what sorting and packing take.
+    pub(crate) const BYTES: u64 = 2 * (PILE * size_of::<Record>()) as u64;
+
+    /// Begins the chunk `index`.
+    pub(crate) fn begin(&mut self, index: usize) {
+        self.order = (index as u32, 0);
+    }
+
+    /// Writes what is left of the chunk.
+    ///
+    /// # Errors
+    /// Those of writing the scratch file, also of runs before.
+    pub(crate) fn finish(&mut self) -> Result<()> {
+        self.sum();
+        self.write();
+        std::mem::replace(&mut self.outcome, Ok(()))
+    }
+
+    /// Adds a triangle on the lattice.
+    pub(crate) fn add(&mut self, q: [[i64; 3]; 3], material: u16) {
+        let corner = q.map(|q| std::array::from_fn(|a| 2 * (q[a] - self.grid.lo[a]) + 1));
+        let job = Job { corner, unit_normal: unit_normal(&corner), material: u32::from(material) };
+        let lo: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).min().expect("three"));
+        let hi: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).max().expect("three"));
+        let leaf = 2 * self.grid.leaf_steps();
+        let (first, last) = (lo.map(|v| v / leaf), hi.map(|v| v / leaf));
+        let reach = (0..3).map(|a| hi[a] - lo[a]).max().expect("three") + leaf;
+        if (0..3).all(|a| last[a] - first[a] < FEW) {
+            if reach < NARROW_REACH {
+                self.few(&job, &Triangle::<i64>::new(corner), first, last);
+            } else {
+                self.few(&job, &Triangle::<i128>::new(corner), first, last);
+            }
+        } else {
+            self.descend(&job, &Triangle::<i128>::new(corner), [0; 3], self.grid.depth());
+        }
+    }
+
+    /// All leaves from `first` to `last`.
+    fn few<T: Wide>(&mut self, job: &Job, triangle: &Triangle<T>, first: [i64; 3], last: [i64; 3]) {
+        let is_inside = first == last;
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                for x in first[0]..=last[0] {
+                    self.leaf(job, triangle, [x, y, z], is_inside);
+                }
+            }
+        }
+    }
+
+    /// The children of a node `level` levels above the leaves whose least leaf is `at`.
+    fn descend(&mut self, job: &Job, triangle: &Triangle<i128>, at: [i64; 3], level: usize) {
+        let leaf = 2 * self.grid.leaf_steps();
+        let side = 1i64 << (2 * level);
+        if !triangle.touches(at.map(|v| v * leaf), side * leaf) {
+            return;
+        }
+        if level == 0 {
+            return self.leaf(job, triangle, at, false);
+        }
+        let below = side / i64::from(NODE_SIDE);
+        for child in 0..64 {
+            let step = [child & 3, child >> 2 & 3, child >> 4];
+            self.descend(job, triangle, std::array::from_fn(|a| at[a] + step[a] * below), level - 1);
+        }
+    }
+
+    fn leaf<T: Wide>(&mut self, job: &Job, triangle: &Triangle<T>, at: [i64; 3], is_inside: bool) {
+        let subvoxel = 2 * self.grid.subvoxel_steps;
+        let leaf = subvoxel * i64::from(LEAF_SIDE);
+        let origin = at.map(|v| v * leaf);
+        let bitmap = subvoxels(triangle, &job.corner, origin, subvoxel);
+        if bitmap == 0 {
+            return;
+        }
+        let area = if is_inside { area(&job.corner) } else { area_inside(&job.corner, origin, leaf) };
+        let area = area / (leaf as f64).powi(2);
+        let key = leaf_key(at.map(|v| v as u32), self.grid.depth());
+        let normal = job.unit_normal.map(|n| (n * area) as f32);
+        self.pile.push(Record { key, material: job.material, bitmap, area: area as f32, normal });
+        if self.pile.len() >= PILE {
+            self.sum();
+            if self.pile.len() >= PILE / 2 {
+                self.write();
+            }
+        }
+    }
+
+    /// Sorts the pile and sums what belongs together.
+    fn sum(&mut self) {
+        // Stable: records of one leaf and material keep the order of their triangles.
+        self.pile.sort_by_key(|record| (record.key, record.material));
+        self.pile.dedup_by(|next, sum| {
+            let is_same = (next.key, next.material) == (sum.key, sum.material);
+            if is_same {
+                sum.add(next);
+            }
+            is_same
+        });
+    }
+
+    fn write(&mut self) {
+        if !self.pile.is_empty() && self.outcome.is_ok() {
+            self.outcome = self.runs.append(self.order, &self.pile);
+        }
+        self.order.1 += 1;
+        self.pile.clear();
+    }
+}
+
+impl Record {
+    /// Sums another record of the same leaf.
+    pub(crate) fn add(&mut self, other: &Record) {
+        self.bitmap |= other.bitmap;
+        self.area += other.area;
+        (0..3).for_each(|a| self.normal[a] += other.normal[a]);
+    }
+}
+
+/// The subvoxels of the leaf at `origin` that a triangle touches.
+fn subvoxels<T: Wide>(triangle: &Triangle<T>, corner: &[[i64; 3]; 3], origin: [i64; 3], side: i64) -> u64 {
+    let last = i64::from(LEAF_SIDE) - 1;
+    let range: [(i64, i64); 3] = std::array::from_fn(|a| {
+        let of = |v: i64| ((v - origin[a]).div_euclid(side)).clamp(0, last);
+        let (lo, hi) = corner.iter().fold((i64::MAX, i64::MIN), |(lo, hi), c| (lo.min(c[a]), hi.max(c[a])));
+        (of(lo), of(hi))
+    });
+    let mut bitmap = 0;
+    for z in range[2].0..=range[2].1 {
+        for y in range[1].0..=range[1].1 {
+            for x in range[0].0..=range[0].1 {
+                let step = [x, y, z];
+                if triangle.touches(std::array::from_fn(|a| origin[a] + step[a] * side), side) {
+                    bitmap |= 1 << (x + 4 * y + 16 * z);
+                }
+            }
+        }
+    }
+    bitmap
+}
+
+fn cross_sum(corner: &[[i64; 3]; 3]) -> [f64; 3] {
+    let edge = |i: usize, a: usize| (corner[i][a] - corner[0][a]) as f64;
+    std::array::from_fn(|a| {
+        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+        edge(1, b) * edge(2, c) - edge(1, c) * edge(2, b)
+    })
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn area(corner: &[[i64; 3]; 3]) -> f64 {
+    0.5 * length(cross_sum(corner))
+}
+
+fn unit_normal(corner: &[[i64; 3]; 3]) -> [f64; 3] {
+    let n = cross_sum(corner);
+    let length = length(n);
+    n.map(|v| if length > 0.0 { v / length } else { 0.0 })
+}
+
+/// Most corners of a triangle cut by six planes.
+const CORNERS: usize = 9;
+
+/// Area of the part of a triangle inside a box: cut by the six planes (Sutherland and Hodgman), in f64.
+fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
+    let mut polygon = [[0f64; 3]; CORNERS];
+    let mut count = 3;
+    for (p, c) in polygon.iter_mut().zip(corner) {
+        *p = std::array::from_fn(|a| (c[a] - lo[a]) as f64);
+    }
+    for a in 0..3 {
+        for (sign, bound) in [(1.0, 0.0), (-1.0, side as f64)] {
+            let mut left = [[0f64; 3]; CORNERS];
+            let mut kept = 0;
+            for i in 0..count {
+                let (p, next) = (polygon[i], polygon[(i + 1) % count]);
+                let (d, e) = (sign * (p[a] - bound), sign * (next[a] - bound));
+                if d >= 0.0 && kept < CORNERS {
+                    left[kept] = p;
+                    kept += 1;
+                }
+                if (d > 0.0 && e < 0.0 || d < 0.0 && e > 0.0) && kept < CORNERS {
+                    let part = d / (d - e);
+                    left[kept] = std::array::from_fn(|k| p[k] + part * (next[k] - p[k]));
+                    kept += 1;
+                }
+            }
+            (polygon, count) = (left, kept);
+        }
+    }
+    let mut sum = [0.0; 3];
+    for i in 1..count.saturating_sub(1) {
+        let edge = |k: usize| -> [f64; 3] { std::array::from_fn(|a| polygon[k][a] - polygon[0][a]) };
+        let (e, f) = (edge(i), edge(i + 1));
+        for a in 0..3 {
+            let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+            sum[a] += e[b] * f[c] - e[c] * f[b];
+        }
+    }
+    0.5 * length(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::merge::merge;
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    fn grid(resolution: u32) -> VoxelGrid {
+        VoxelGrid::over([0; 3], [4095; 3], resolution)
+    }
+
+    fn records(grid: VoxelGrid, triangles: &[[[i64; 3]; 3]]) -> Vec<Record> {
+        let runs = VoxelRuns::create(&std::env::temp_dir()).unwrap();
+        let mut voxelizer = Voxelizer::new(grid, &runs);
+        triangles.iter().for_each(|q| voxelizer.add(*q, 0));
+        voxelizer.finish().unwrap();
+        let mut all = Vec::new();
+        merge(runs, |leaf| {
+            all.push(leaf);
+            Ok(())
+        })
+        .unwrap();
+        all
+    }
+
+    fn corners() -> impl Strategy<Value = [[i64; 3]; 3]> {
+        let small = (
+            proptest::array::uniform3(0i64..4000),
+            proptest::array::uniform3(proptest::array::uniform3(0i64..90)),
+        )
+            .prop_map(|(at, c)| c.map(|c| std::array::from_fn(|a| at[a] + c[a])));
+        prop_oneof![small, proptest::array::uniform3(proptest::array::uniform3(0i64..4096))]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+        /// Against every subvoxel of the cube, asked by itself.
+        #[test]
+        fn all_subvoxels_that_a_triangle_touches_are_set(q in corners()) {
+            let grid = grid(64);
+            let found: BTreeMap<u32, u64> = records(grid, &[q]).iter().map(|r| (r.key, r.bitmap)).collect();
+            let triangle = Triangle::<i128>::new(q.map(|q| q.map(|v| 2 * v + 1)));
+            let side = 2 * grid.subvoxel_steps;
+            let range: [(i64, i64); 3] = std::array::from_fn(|a| {
+                let values = q.map(|q| (2 * q[a] + 1) / side);
+                (*values.iter().min().unwrap(), *values.iter().max().unwrap())
+            });
+            let mut expected = BTreeMap::<u32, u64>::new();
+            for z in range[2].0..=range[2].1 {
+                for y in range[1].0..=range[1].1 {
+                    for x in range[0].0..=range[0].1 {
+                        if triangle.touches([x, y, z].map(|v| v * side), side) {
+                            let key = leaf_key([x, y, z].map(|v| (v / 4) as u32), grid.depth());
+                            *expected.entry(key).or_default() |= 1 << (x % 4 + 4 * (y % 4) + 16 * (z % 4));
+                        }
+                    }
+                }
+            }
+            prop_assert_eq!(found, expected);
+        }
+
+        #[test]
+        fn parts_of_the_area_add_up(triangles in proptest::collection::vec(corners(), 1..5)) {
+            let grid = grid(256);
+            let all = records(grid, &triangles);
+            let side = (2 * grid.leaf_steps()) as f64;
+            let expected: f64 = triangles.iter().map(|q| area(&q.map(|q| q.map(|v| 2 * v + 1)))).sum::<f64>() / (side * side);
+            let found: f64 = all.iter().map(|r| f64::from(r.area)).sum();
+            prop_assert!((found - expected).abs() <= 1e-4 * expected + 1e-6, "{} for {}", found, expected);
+            prop_assert!(all.windows(2).all(|pair| pair[0].key < pair[1].key));
+        }
+    }
+
+    #[test]
+    fn a_wall_on_a_grid_plane_marks_one_layer() {
+        let grid = grid(256);
+        let at = grid.leaf_steps() * 7;
+        let wall =
+            [[[0, 0, at], [4095, 0, at], [0, 4095, at]], [[4095, 0, at], [4095, 4095, at], [0, 4095, at]]];
+        let all = records(grid, &wall);
+        assert_eq!(all.len(), 256 * 256);
+        assert!(all.iter().all(|r| r.bitmap == 0xffff));
+    }
+}

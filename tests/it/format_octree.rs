@@ -1,0 +1,384 @@
+//! The upper octree, read from `docs/format.md` alone and held against the triangles of the same file: overlap in exact
+//! integers, by another way than the store's; areas, normals and materials from triangles cut at the sides of a leaf.
+//!
+//! Coordinates of the oracle are half lattice steps from the cube's corner: sides of voxels are even, vertices odd.
+
+use crate::format::{Model, Reader, read};
+use crate::support::{Built, build_options, build_source, source};
+use std::collections::BTreeMap;
+use trex_store::Budget;
+use trex_store::build::{BuildOptions, Voxels};
+
+const BLOCK_BYTES: usize = 65536;
+/// Bytes of a word of each stream: masks, bitmaps, normals, areas, materials.
+const WORD_BYTES: [usize; 5] = [8, 8, 2, 1, 2];
+
+/// Section 5 as words; whether they make sense is another question.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Upper {
+    pub(crate) resolution: u64,
+    pub(crate) leaf_count: u64,
+    pub(crate) facet_count: u64,
+    pub(crate) subvoxel_steps: u64,
+    pub(crate) lo: [u64; 3],
+    pub(crate) node_count: u64,
+    /// Masks, bitmaps, normals, areas, materials.
+    pub(crate) streams: [Vec<u64>; 5],
+}
+
+impl Upper {
+    pub(crate) fn read(bytes: &[u8]) -> Upper {
+        let mut r = Reader { bytes, at: 0 };
+        let [resolution, leaf_count, facet_count] = [4; 3].map(|width| r.number(width));
+        let subvoxel_steps = r.number(8);
+        let lo = [8; 3].map(|width| r.number(width));
+        let node_count = r.number(8);
+        let counts = [node_count, leaf_count, leaf_count, leaf_count, leaf_count];
+        let streams = std::array::from_fn(|stream| {
+            let (mut words, width) = (Vec::new(), WORD_BYTES[stream]);
+            while words.len() < counts[stream] as usize {
+                let count = (counts[stream] as usize - words.len()).min(BLOCK_BYTES / width);
+                let packed = r.number(4) as usize;
+                let planes = lz4_flex::block::decompress(&bytes[r.at..r.at + packed], count * width).unwrap();
+                r.at += packed;
+                assert_eq!(planes.len(), count * width);
+                let byte = |i: usize, p: usize| u64::from(planes[p * count + i]) << (8 * p);
+                let word = |i: usize| -> u64 { (0..width).map(|p| byte(i, p)).sum() };
+                words.extend((0..count).map(word));
+            }
+            words
+        });
+        assert_eq!(r.at, bytes.len(), "bytes behind the last stream");
+        Upper { resolution, leaf_count, facet_count, subvoxel_steps, lo, node_count, streams }
+    }
+
+    /// The section of these words, for those who forge one.
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        for number in [self.resolution, self.leaf_count, self.facet_count] {
+            bytes.extend((number as u32).to_le_bytes());
+        }
+        for number in [self.subvoxel_steps, self.lo[0], self.lo[1], self.lo[2], self.node_count] {
+            bytes.extend(number.to_le_bytes());
+        }
+        for (words, width) in self.streams.iter().zip(WORD_BYTES) {
+            for block in words.chunks(BLOCK_BYTES / width) {
+                let plane = |p: usize| block.iter().map(move |word| word.to_le_bytes()[p]);
+                let planes: Vec<u8> = (0..width).flat_map(plane).collect();
+                let packed = lz4_flex::block::compress(&planes);
+                bytes.extend((packed.len() as u32).to_le_bytes());
+                bytes.extend(packed);
+            }
+        }
+        bytes
+    }
+
+    /// Places of the leaves in their order, from the root down.
+    fn places(&self) -> Vec<[i64; 3]> {
+        let levels = match self.resolution {
+            64 => 3,
+            256 => 4,
+            512 | 1024 => 5,
+            other => panic!("a resolution of {other}"),
+        };
+        let mut masks = self.streams[0].iter();
+        let mut level = vec![[0i64; 3]];
+        for _ in 0..levels {
+            let mut below = Vec::new();
+            for at in level {
+                let mask = *masks.next().expect("a mask for each child");
+                assert_ne!(mask, 0);
+                let child = |place: i64| [place & 3, place >> 2 & 3, place >> 4];
+                let there = (0..64).filter(|place| mask >> place & 1 == 1).map(child);
+                below.extend(there.map(|step| [0, 1, 2].map(|a| 4 * at[a] + step[a])));
+            }
+            level = below;
+        }
+        assert!(masks.next().is_none(), "masks that nobody asks for");
+        assert_eq!(level.len() as u64, self.leaf_count);
+        assert!(level.as_flattened().iter().all(|&v| v < self.resolution as i64), "a leaf beside the model");
+        level
+    }
+}
+
+/// What the direction of a normal's word is, times 62: in integers.
+fn direction(word: u64) -> [f32; 3] {
+    let [u, v] = [word & 63, word >> 6 & 63].map(|k| 2 * k as i32 - 62);
+    let z = 62 - u.abs() - v.abs();
+    let fold = |k: i32| match (z >= 0, k >= 0) {
+        (true, _) => k,
+        (false, true) => k + z,
+        (false, false) => k - z,
+    };
+    [fold(u), fold(v), z].map(|k| k as f32)
+}
+
+/// Which facet of its node a leaf with this normal belongs to.
+fn facet(word: u64) -> usize {
+    let n = direction(word);
+    let longest = n.iter().fold(0f32, |most, v| most.max(v.abs()));
+    let axis = n.iter().position(|v| v.abs() == longest).unwrap();
+    2 * axis + usize::from(n[axis] < 0.0)
+}
+
+fn area(word: u64) -> f64 {
+    2f64.powi((word >> 4) as i32 - 10) * (1.0 + (word & 15) as f64 / 16.0)
+}
+
+/// Area of each facet that is there, in order.
+fn facet_areas(upper: &Upper, places: &[[i64; 3]]) -> Vec<f64> {
+    let [_, bitmaps, normals, areas, _] = &upper.streams;
+    let mut nodes: Vec<([i64; 3], [f64; 6])> = Vec::new();
+    for (leaf, at) in places.iter().enumerate() {
+        let node = at.map(|v| v / 4);
+        if nodes.last().is_none_or(|last| last.0 != node) {
+            nodes.push((node, [0.0; 6]));
+        }
+        let least = 0.6 / 16.0 * f64::from(bitmaps[leaf].count_ones());
+        nodes.last_mut().unwrap().1[facet(normals[leaf])] += area(areas[leaf]).max(least);
+    }
+    nodes.iter().flat_map(|node| node.1).filter(|&area| area > 0.0).collect()
+}
+
+type Triangle = [[i64; 3]; 3];
+
+/// What the triangles leave in a leaf. Areas in squares of its side.
+#[derive(Default)]
+struct Touched {
+    bitmap: u64,
+    /// Per material.
+    areas: BTreeMap<u64, f64>,
+    /// Sum of unit normals times area.
+    normal: [f64; 3],
+}
+
+/// The leaves that `is_asked` for, from the triangles one by one.
+fn touched(
+    model: &Model<'_>,
+    upper: &Upper,
+    is_asked: &dyn Fn([i64; 3]) -> bool,
+) -> BTreeMap<[i64; 3], Touched> {
+    let side = 2 * upper.subvoxel_steps as i64;
+    let leaf_side = 4 * side;
+    let mut leaves: BTreeMap<[i64; 3], Touched> = BTreeMap::new();
+    for (corners, material) in &model.triangles {
+        let triangle = corners.map(|q| [0, 1, 2].map(|a| 2 * (q[a] as i64 - upper.lo[a] as i64) + 1));
+        let (lo, hi) = ends(&triangle);
+        for at in cells(lo.map(|v| v / leaf_side), hi.map(|v| v / leaf_side)).filter(|&at| is_asked(at)) {
+            let origin = at.map(|v| v * leaf_side);
+            if !overlap(&triangle, origin, leaf_side) {
+                continue;
+            }
+            let leaf = leaves.entry(at).or_default();
+            for step in cells([0; 3], [3; 3]) {
+                let corner = [0, 1, 2].map(|a| origin[a] + step[a] * side);
+                let is_set = overlap(&triangle, corner, side);
+                leaf.bitmap |= u64::from(is_set) << (step[0] + 4 * step[1] + 16 * step[2]);
+            }
+            // Half of the cross product: as long as the area, as the triangle looks.
+            let inside = cut(&triangle, origin, leaf_side).map(|v| v / (leaf_side as f64).powi(2));
+            *leaf.areas.entry(*material).or_default() += length(inside);
+            (0..3).for_each(|a| leaf.normal[a] += inside[a]);
+        }
+    }
+    leaves
+}
+
+fn cells(first: [i64; 3], last: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
+    let row = move |z, y| (first[0]..=last[0]).map(move |x| [x, y, z]);
+    (first[2]..=last[2]).flat_map(move |z| (first[1]..=last[1]).flat_map(move |y| row(z, y)))
+}
+
+fn ends(triangle: &Triangle) -> ([i64; 3], [i64; 3]) {
+    let of = |a: usize| triangle.map(|corner| corner[a]);
+    ([0, 1, 2].map(|a| of(a).into_iter().min().unwrap()), [0, 1, 2].map(|a| of(a).into_iter().max().unwrap()))
+}
+
+/// True when a triangle and a closed cube have a point in common: then an edge of the triangle meets the cube, or, where all
+/// edges pass beside it, an edge of the cube meets the triangle.
+fn overlap(triangle: &Triangle, lo: [i64; 3], side: i64) -> bool {
+    let (least, most) = ends(triangle);
+    (0..3).all(|a| least[a] <= lo[a] + side && lo[a] <= most[a])
+        && ((0..3).any(|i| segment_meets(triangle[i], triangle[(i + 1) % 3], lo, side))
+            || (0..3).any(|axis| pierced(triangle, lo, side, axis)))
+}
+
+/// True when the way from `a` to `b` comes into the cube: entries and exits are fractions of the way.
+fn segment_meets(a: [i64; 3], b: [i64; 3], lo: [i64; 3], side: i64) -> bool {
+    let (mut enter, mut leave) = ((0i128, 1i128), (1i128, 1i128));
+    let less = |p: (i128, i128), q: (i128, i128)| p.0 * q.1 < q.0 * p.1;
+    for axis in 0..3 {
+        let way = i128::from(b[axis] - a[axis]);
+        let [near, far] = [lo[axis], lo[axis] + side].map(|plane| i128::from(plane - a[axis]));
+        let (first, last) = match way {
+            0 if near <= 0 && far >= 0 => continue,
+            0 => return false,
+            1.. => ((near, way), (far, way)),
+            _ => ((-far, -way), (-near, -way)),
+        };
+        enter = if less(enter, first) { first } else { enter };
+        leave = if less(last, leave) { last } else { leave };
+    }
+    !less(leave, enter)
+}
+
+/// True when one of the cube's four edges along `axis` meets the triangle. An edge parallel to its plane is left to the
+/// other axes: where it lies in the triangle, so do its ends, which are ends of theirs.
+fn pierced(triangle: &Triangle, lo: [i64; 3], side: i64, axis: usize) -> bool {
+    let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+    let wide = triangle.map(|corner| corner.map(i128::from));
+    // Twice the area that `p`, `q` and a point span, seen along `axis`.
+    let span = |p: [i128; 3], q: [i128; 3], at: [i128; 2]| {
+        (q[b] - p[b]) * (at[1] - p[c]) - (q[c] - p[c]) * (at[0] - p[b])
+    };
+    let [p, q, r] = wide;
+    let whole = span(p, q, [r[b], r[c]]);
+    let places = [[0, 0], [0, side], [side, 0], [side, side]];
+    whole != 0
+        && places.into_iter().any(|step| {
+            let at = [i128::from(lo[b] + step[0]), i128::from(lo[c] + step[1])];
+            let parts = [span(q, r, at), span(r, p, at), span(p, q, at)].map(|part| part * whole.signum());
+            // The triangle's height at this place, times its size; held against both ends of the edge.
+            let height: i128 = (0..3).map(|i| parts[i] * wide[i][axis]).sum();
+            let [from, to] = [lo[axis], lo[axis] + side].map(|end| i128::from(end) * whole.abs());
+            parts.iter().all(|&part| part >= 0) && from <= height && height <= to
+        })
+}
+
+/// Half the cross product of what is left of a triangle inside a cube.
+fn cut(triangle: &Triangle, lo: [i64; 3], side: i64) -> [f64; 3] {
+    let mut polygon: Vec<[f64; 3]> = triangle.map(|p| [0, 1, 2].map(|a| (p[a] - lo[a]) as f64)).to_vec();
+    for axis in 0..3 {
+        for (bound, sign) in [(0.0, 1.0), (side as f64, -1.0)] {
+            let inner = |p: &[f64; 3]| sign * (p[axis] - bound);
+            let mut left = Vec::new();
+            for (i, from) in polygon.iter().enumerate() {
+                let to = &polygon[(i + 1) % polygon.len()];
+                if inner(from) >= 0.0 {
+                    left.push(*from);
+                }
+                if inner(from) * inner(to) < 0.0 {
+                    let part = inner(from) / (inner(from) - inner(to));
+                    left.push([0, 1, 2].map(|a| from[a] + part * (to[a] - from[a])));
+                }
+            }
+            polygon = left;
+        }
+    }
+    let mut sum = [0.0; 3];
+    for pair in polygon.windows(2).skip(1) {
+        let [e, f] = [0, 1].map(|i| [0, 1, 2].map(|a| pair[i][a] - polygon[0][a]));
+        for a in 0..3 {
+            let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+            sum[a] += 0.5 * (e[b] * f[c] - e[c] * f[b]);
+        }
+    }
+    sum
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// Builds `spec`, reads the octree of the file and compares one of `every` leaves with the triangles, all with the store.
+fn check(spec: &str, resolution: u32, every: i64) {
+    let options = BuildOptions { voxels: Voxels::Resolution(resolution), ..build_options() };
+    let built = build_source(&mut *source(spec), &options);
+    let bytes = std::fs::read(built.file.path()).unwrap();
+    let model = read(&bytes);
+    let (item_count, section) = model.upper.expect("an octree was asked for");
+    let upper = Upper::read(section);
+    assert!(upper.to_bytes() == section, "{spec}: our own writer disagrees");
+    assert_eq!((upper.resolution, upper.leaf_count), (u64::from(resolution), item_count), "{spec}");
+    let [lo, hi] = model.lattice_box;
+    let points = (0..3).map(|a| hi[a] - lo[a] + 1).max().unwrap();
+    assert_eq!((upper.lo, upper.subvoxel_steps), (lo, points.div_ceil(4 * upper.resolution)), "{spec}");
+
+    let places = upper.places();
+    let is_asked = |at: [i64; 3]| (at[0] * 7919 + at[1] * 104_729 + at[2] * 1_299_709) % every == 0;
+    let mut expected = touched(&model, &upper, &is_asked);
+    for (leaf, at) in places.iter().enumerate().filter(|(_, at)| is_asked(**at)) {
+        let found = upper.streams.each_ref().map(|words| words.get(leaf).copied().unwrap_or(0));
+        let truth = expected.remove(at).unwrap_or_else(|| panic!("{spec}: no triangle is in leaf {at:?}"));
+        check_leaf(&format!("{spec}, leaf {at:?}"), &model, found, &truth);
+    }
+    assert!(
+        expected.is_empty(),
+        "{spec}: {} leaves are missing: {:?}",
+        expected.len(),
+        expected.keys().next()
+    );
+
+    check_store(spec, &built, &upper, &facet_areas(&upper, &places));
+}
+
+/// What the store has read of the same bytes.
+fn check_store(spec: &str, built: &Built, upper: &Upper, facets: &[f64]) {
+    assert_eq!(facets.len() as u64, upper.facet_count, "{spec}");
+    let (octree, _) = built.file.upper(&Budget::unlimited()).unwrap().unwrap();
+    let [masks, bitmaps, normals, _, materials] = &upper.streams;
+    assert!(octree.nodes().iter().map(|node| node.bits()).eq(masks.iter().copied()), "{spec}: masks");
+    assert!(octree.bitmaps() == bitmaps, "{spec}: bitmaps");
+    for (leaf, (&word, &material)) in normals.iter().zip(materials).enumerate() {
+        let voxel = octree.leaf(leaf);
+        let along = direction(word).map(f64::from);
+        let mean = length(voxel.normal.map(f64::from));
+        let cos: f64 = (0..3).map(|a| f64::from(voxel.normal[a]) * along[a] / length(along)).sum();
+        assert_eq!(mean > 0.5, word >> 12 > 0, "{spec}: the normal of leaf {leaf}");
+        assert!((cos - mean).abs() < 1e-5, "{spec}: the normal of leaf {leaf}");
+        assert!((f64::from(voxel.flatness) - (word >> 12) as f64 / 15.0).abs() < 1e-6);
+        assert_eq!(u64::from(voxel.material), material, "{spec}: the material of leaf {leaf}");
+    }
+    for (index, &area) in facets.iter().enumerate() {
+        assert!((f64::from(octree.facets().area(index)) / area - 1.0).abs() < 1e-5, "{spec}: facet {index}");
+    }
+}
+
+/// One leaf: its words of all streams (the first is none of its own) and what the triangles say.
+fn check_leaf(
+    leaf: &str,
+    model: &Model<'_>,
+    [_, bitmap, normal, area_word, material]: [u64; 5],
+    truth: &Touched,
+) {
+    assert_eq!(bitmap, truth.bitmap, "{leaf}: {bitmap:016x}, not {:016x}", truth.bitmap);
+    // Four bits behind the point: at most a 32nd of it off. The sums are kept in f32.
+    let covered: f64 = truth.areas.values().sum();
+    let (found, wanted) = (area(area_word), covered.clamp(area(0), area(255)));
+    assert!((found / wanted - 1.0).abs() < 1.0 / 32.0 + 1e-4, "{leaf}: area {found}, not {wanted}");
+    let most = truth.areas.values().fold(0f64, |most, &area| most.max(area));
+    let own =
+        truth.areas.get(&material).unwrap_or_else(|| panic!("{leaf}: material {material} is not in it"));
+    assert!(material < model.material_count && *own >= most * (1.0 - 1e-4), "{leaf}: material {material}");
+    // What is grazed has an area of rounding errors.
+    if covered < 1e-9 {
+        return;
+    }
+    let mean = truth.normal.map(|v| v / covered);
+    // One step at least where there is a mean at all: sides that look away from each other may leave none.
+    let flat = (normal >> 12) as f64 / 15.0;
+    let is_none = normal == 0 && length(mean) < 1e-5;
+    let is_near = (flat - length(mean).max(1.0 / 15.0)).abs() < 0.5 / 15.0 + 1e-3;
+    assert!(is_none || is_near, "{leaf}: a mean as long as {flat}, not {mean:?}");
+    if length(mean) > 0.3 {
+        let along = direction(normal).map(f64::from);
+        let cos: f64 = (0..3).map(|a| along[a] * mean[a]).sum::<f64>() / (length(along) * length(mean));
+        assert!(cos > 4f64.to_radians().cos(), "{leaf}: looks along {along:?}, not {mean:?}");
+    }
+}
+
+#[test]
+fn octrees_hold_what_the_triangles_touch() {
+    // Smooth; plates and bolts of many materials; slivers and needles far from the origin.
+    check("gen:isosurface:10k:3", 64, 1);
+    check("gen:pipes:10k:3", 64, 1);
+    check("gen:soup:10k:3", 64, 10);
+}
+
+#[test]
+fn octrees_of_all_depths_hold_what_the_triangles_touch() {
+    check("gen:pipes:20k:3", 256, 50);
+    // One octant of the cube of 1024.
+    check("gen:scan:10k:3", 512, 400);
+    check("gen:scan:10k:3", 1024, 2000);
+}

@@ -1,0 +1,210 @@
+//! Pictures whose light is known from a formula or from a reference picture, by every integrator that claims them.
+
+use crate::command::{document_in, folder, models, run_in};
+use serde_json::Value;
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+/// A file that says what it holds: corners, then faces that turn counter-clockwise on the side that is meant.
+fn write_obj(folder: &Path, corners: &[[f64; 3]], faces: &[Vec<usize>], material: &str) {
+    let mut text = "mtllib m.mtl\nusemtl m\n".to_owned();
+    corners.iter().for_each(|[x, y, z]| writeln!(text, "v {x} {y} {z}").unwrap());
+    for face in faces {
+        let indices: Vec<String> = face.iter().map(|i| (i + 1).to_string()).collect();
+        writeln!(text, "f {}", indices.join(" ")).unwrap();
+    }
+    fs::write(folder.join("m.obj"), text).unwrap();
+    fs::write(folder.join("m.mtl"), format!("newmtl m\n{material}\n")).unwrap();
+}
+
+/// The cube from -1 to 1, seen from inside.
+fn cube() -> (Vec<[f64; 3]>, Vec<Vec<usize>>) {
+    let corners = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|bit| f64::from(2 * bit) - 1.0)).collect();
+    let faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+    (corners, faces.iter().map(|face| face.to_vec()).collect())
+}
+
+/// The unit sphere in `2 n^2` quads.
+fn sphere(n: usize) -> (Vec<[f64; 3]>, Vec<Vec<usize>>) {
+    let angle = |i: usize, count: usize| std::f64::consts::PI * i as f64 / count as f64;
+    let mut corners = vec![[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]];
+    for j in 1..n {
+        for i in 0..2 * n {
+            let (theta, phi) = (angle(j, n), angle(i, n));
+            corners.push([theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()]);
+        }
+    }
+    let at = |i: usize, j: usize| match j {
+        0 => 0,
+        j if j == n => 1,
+        j => 2 + (j - 1) * 2 * n + i % (2 * n),
+    };
+    let mut faces = Vec::new();
+    for j in 0..n {
+        for i in 0..2 * n {
+            let mut face = vec![at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            face.dedup();
+            face.truncate(if face.first() == face.last() { face.len() - 1 } else { 4 });
+            faces.push(face);
+        }
+    }
+    (corners, faces)
+}
+
+/// Builds `m.obj` and renders `scene` (camera, lights, render keys) with each integrator; the mean of the picture's first
+/// channel must be `expected` within the share given.
+fn check(folder: &Path, voxels: &str, scene: &str, expected: f64, integrators: &[(&str, f64)]) {
+    document_in(folder, &format!("build m.obj -o m.trex --voxels {voxels} --overwrite"));
+    fs::write(folder.join("m.toml"), format!("model = 'm.trex'\n{scene}")).unwrap();
+    for (options, share) in integrators {
+        let line = format!("render m.toml -o m.exr --overwrite --integrator {options}");
+        let found = document_in(folder, &line)["image"]["mean"][0].as_f64().unwrap();
+        assert!((found / expected - 1.0).abs() < *share, "{options}: {found} for {expected}\n{scene}");
+    }
+}
+
+const INSIDE: &str = "[camera]\nposition = [0.2, 0.1, 0.3]\ntarget = [1.0, 0.2, 0.1]\nfov_x = 90\n\
+                      [render]\nresolution = [32, 32]\nseed = 5\n";
+
+/// Closed diffuse box, albedo rho, uniform emission Le: L = Le / (1 - rho).
+#[test]
+fn the_white_furnace() {
+    let folder = folder();
+    let (corners, faces) = cube();
+    write_obj(folder.path(), &corners, &faces, "Kd 0.5 0.5 0.5\nKe 1 1 1");
+    let integrators = [("path --spp 256", 0.005), ("photon --spp 16 --photons 1M", 0.02)];
+    check(folder.path(), "64", INSIDE, 2.0, &integrators);
+}
+
+/// A light in the centre of a diffuse sphere: L = rho / pi * I / (1 - rho) everywhere.
+#[test]
+fn the_sphere_around_a_light() {
+    let folder = folder();
+    let (corners, faces) = sphere(64);
+    write_obj(folder.path(), &corners, &faces, "Kd 0.6 0.6 0.6");
+    let scene = format!("{INSIDE}[[light]]\ntype = 'point'\nposition = [0, 0, 0]\nintensity = [2, 2, 2]\n");
+    let expected = 0.6 / std::f64::consts::PI * 2.0 / 0.4;
+    for voxels in ["64", "256"] {
+        let integrators = [("photon --spp 16 --n-gather 8 --photons 1M", 0.02)];
+        check(folder.path(), voxels, &scene, expected, &integrators);
+    }
+    check(folder.path(), "64", &scene, expected, &[("path --spp 256", 0.005)]);
+}
+
+/// A plane under a sun: L = rho / pi * E * cos.
+#[test]
+fn the_plane_under_a_sun() {
+    let folder = folder();
+    let corners = [[-1.0, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]];
+    write_obj(folder.path(), &corners, &[vec![0, 1, 2, 3]], "Kd 0.7 0.7 0.7");
+    let scene = "[camera]\nposition = [1, 2, 0.5]\ntarget = [0, 0, 0]\nfov_x = 10\n\
+                 [render]\nresolution = [32, 32]\nspp = 4\n\
+                 [[light]]\ntype = 'directional'\ndirection = [0.6, -0.8, 0]\nirradiance = [3, 3, 3]\n";
+    let expected = 0.7 / std::f64::consts::PI * 3.0 * 0.8;
+    let integrators =
+        [("direct", 1e-4), ("path", 1e-4), ("photon", 1e-4), ("photon --near exact --occluders off", 1e-4)];
+    check(folder.path(), "256", scene, expected, &integrators);
+}
+
+/// Two facing mirrors of reflectance 0.8: after k bounces the view comes out with 0.8^k of the sky, without noise up to
+/// the fourth, where roulette begins.
+#[test]
+fn the_mirror_corridor() {
+    let folder = folder();
+    let wall = |x: f64| [[x, -9.0, -9.0], [x, -9.0, 9.0], [x, 9.0, 9.0], [x, 9.0, -9.0]];
+    let corners = [wall(-1.0), wall(1.0)].concat();
+    let faces = [vec![0, 1, 2, 3], vec![4, 5, 6, 7]];
+    write_obj(folder.path(), &corners, &faces, "Kd 0 0 0\nKs 0.8 0.8 0.8\nillum 3");
+    for (slope, bounces) in [(0.05, 0), (0.2, 1), (0.4, 2), (0.8, 4)] {
+        // From the middle, out of the open end at z = 9: the walls are met at x = 1, 3, 5, ... of the unfolded way.
+        assert_eq!((slope * 9.0 + 1.0) as i32 / 2, bounces);
+        let scene = format!(
+            "[camera]\nposition = [0, 0, 0]\ntarget = [{slope}, 0, 1]\nfov_x = 0.01\n\
+             [render]\nresolution = [4, 4]\nspp = 1\n[[light]]\ntype = 'sky'\nradiance = [2, 2, 2]\n"
+        );
+        let exact = [("direct", 1e-5), ("path", 1e-5), ("photon", 1e-5)];
+        check(folder.path(), "64", &scene, 2.0 * 0.8f64.powi(bounces), &exact);
+    }
+}
+
+/// The picture depends on scene, seed and samples alone.
+#[test]
+fn photons_give_the_same_picture_whatever_threads_and_limit() {
+    let folder = folder();
+    document_in(folder.path(), "build gen:pipes:30k:3 -o p.trex");
+    let mut first = None;
+    for options in ["--threads 1", "--threads 2", "--threads 2 --memory-limit 48MiB"] {
+        let line = format!(
+            "render p.trex -o p.exr --overwrite --integrator photon --near exact --resolution 64x64 --spp 3 --photons 30k {options}"
+        );
+        let document = document_in(folder.path(), &line);
+        for kind in ["primary", "shadow", "gather", "photon"] {
+            assert!(document["rays"][kind].as_u64().unwrap() > 0, "{kind}: {}", document["rays"]);
+        }
+        let bytes = fs::read(folder.path().join("p.exr")).unwrap();
+        assert!(first.get_or_insert(bytes.clone()) == &bytes, "{options}");
+    }
+}
+
+#[test]
+fn what_needs_voxels_says_so() {
+    let folder = folder();
+    document_in(folder.path(), "build gen:pipes:10k -o p.trex --no-asvo");
+    for integrator in ["photon", "debug-upper", "debug-occluders"] {
+        let line = format!("render p.trex -o p.png --integrator {integrator} --json");
+        run_in(folder.path(), &line).expect_error(3, "scene-format");
+    }
+    for integrator in ["ao", "debug-pages"] {
+        let line =
+            format!("render p.trex -o {integrator}.png --integrator {integrator} --resolution 32x32 --spp 1");
+        document_in(folder.path(), &line);
+    }
+}
+
+/// Mean of a box of pixels, first channel to third.
+fn region(picture: &exr::image::FlatImage, [x0, y0, x1, y1]: [usize; 4]) -> [f64; 3] {
+    let layer = &picture.layer_data[0];
+    ["R", "G", "B"].map(|name| {
+        let channel = layer.channel_data.list.iter().find(|c| c.name.eq(name)).unwrap();
+        let values: Vec<f64> = channel.sample_data.values_as_f32().map(f64::from).collect();
+        let inside = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+        inside.map(|(x, y)| values[y * layer.size.width() + x]).sum::<f64>() / ((x1 - x0) * (y1 - y0)) as f64
+    })
+}
+
+/// The Cornell box against the means that an independent renderer found.
+#[test]
+fn the_cornell_box_has_the_light_of_its_reference() {
+    let Some(models) = models() else { return };
+    let text = fs::read_to_string(models.join("cornell/cornell-reference.md")).unwrap();
+    let folder = folder();
+    document_in(folder.path(), &format!("build {}/cornell/cornell.obj -o c.trex", models.display()));
+    let camera = "--camera-position 278,273,-800 --camera-target 278,273,0 --camera-up 0,1,0 --fov-x 39.3077";
+    let check = |options: &str, share: f64| {
+        let line = format!("render c.trex -o c.exr --overwrite --resolution 256x256 {camera} {options}");
+        let document: Value = document_in(folder.path(), &line);
+        assert_eq!(document["exact"], true);
+        let picture = exr::prelude::read_all_flat_layers_from_file(folder.path().join("c.exr")).unwrap();
+        let mut count = 0;
+        for line in text.lines() {
+            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let numbers =
+                |cell: &str| -> Option<Vec<f64>> { cell.split(',').map(|n| n.parse().ok()).collect() };
+            let Some(place) = cells.get(2).and_then(|cell| numbers(cell)).filter(|n| n.len() == 4) else {
+                continue;
+            };
+            let found = region(&picture, std::array::from_fn(|i| place[i] as usize));
+            for c in 0..3 {
+                let expected: f64 = cells[3 + c].parse().unwrap();
+                // Three of a thousand are the reference's own.
+                let apart = (found[c] / expected - 1.0).abs();
+                assert!(apart < share + 0.003, "{options}: {} {found:?} for {expected}", cells[1]);
+            }
+            count += 1;
+        }
+        assert_eq!(count, 10, "regions in the reference");
+    };
+    check("--integrator photon --spp 16 --photons 1M", 0.10);
+    check("--integrator photon --spp 16 --photons 1M --near exact", 0.03);
+}

@@ -1,0 +1,146 @@
+//! The voxel octree: what is in it against the triangles, what rays meet in it against all of its voxels, one by one.
+
+use crate::support::{Built, build_options, build_source, source};
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+use trex_render::voxel::{GRay, Occluders, VoxelScene};
+use trex_store::Budget;
+use trex_store::build::{BuildOptions, Voxels};
+use trex_store::octree::UpperOctree;
+
+fn build(spec: &str, resolution: u32) -> (Built, UpperOctree) {
+    let options = BuildOptions { voxels: Voxels::Resolution(resolution), ..build_options() };
+    let built = build_source(&mut *source(spec), &options);
+    let (octree, _) = built.file.upper(&Budget::unlimited()).unwrap().unwrap();
+    (built, octree)
+}
+
+/// Every box that is solid, in units of its own side: subvoxels, or leaves when bitmaps are off. With its leaf.
+fn boxes(octree: &UpperOctree, occluders: Occluders) -> Vec<([u32; 3], u32)> {
+    let depth = octree.grid().depth();
+    let step = |place: u32| [place & 3, place >> 2 & 3, place >> 4];
+    let below = |at: [u32; 3], place: u32| std::array::from_fn(|a| 4 * at[a] + step(place)[a]);
+    let (mut all, mut stack) = (Vec::new(), vec![(0u32, [0u32; 3], 0usize)]);
+    while let Some((index, at, level)) = stack.pop() {
+        let is_leaf = level == depth;
+        let bits =
+            if is_leaf { octree.bitmaps()[index as usize] } else { octree.nodes()[index as usize].bits() };
+        if is_leaf && occluders == Occluders::Off {
+            all.push((at, index));
+            continue;
+        }
+        let mut child = if is_leaf { index } else { octree.nodes()[index as usize].first };
+        for place in (0..64).filter(|place| bits >> place & 1 == 1) {
+            match is_leaf {
+                true => all.push((below(at, place), index)),
+                false => {
+                    stack.push((child, below(at, place), level + 1));
+                    child += 1;
+                }
+            }
+        }
+    }
+    all
+}
+
+fn number(rng: &mut Pcg64) -> f64 {
+    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Entry and exit of a ray and a box of `side` at `at`.
+fn slab(ray: &GRay, corner: [f64; 3], at: [u32; 3], side: f64) -> (f64, f64) {
+    let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+    for a in 0..3 {
+        let lo = corner[a] + f64::from(at[a]) * side - ray.origin[a];
+        let (t0, t1) = (lo / ray.direction[a], (lo + side) / ray.direction[a]);
+        near = near.max(t0.min(t1));
+        far = far.min(t0.max(t1));
+    }
+    (near, far)
+}
+
+fn check_rays(spec: &str, resolution: u32, ray_count: usize) {
+    let (built, octree) = build(spec, resolution);
+    let block = built.file.superblock();
+    let lattice = block.lattice;
+    let corner = lattice.position(octree.grid().lo).map(|v| v - 0.5 * lattice.step());
+    let mut rng = Pcg64::seed_from_u64(7);
+    for occluders in [Occluders::On, Occluders::Off] {
+        let scene = VoxelScene::on(&octree, &built.file.superblock().lattice, occluders);
+        let boxes = boxes(&octree, occluders);
+        let side = if occluders == Occluders::On { scene.leaf_side() / 4.0 } else { scene.leaf_side() };
+        let mut hit_count = 0;
+        for _ in 0..ray_count {
+            let inside = |rng: &mut Pcg64, a: usize| {
+                block.bounds.lo[a] + (1.4 * number(rng) - 0.2) * (block.bounds.hi[a] - block.bounds.lo[a])
+            };
+            let origin: [f64; 3] = std::array::from_fn(|a| inside(&mut rng, a));
+            let target: [f64; 3] = std::array::from_fn(|a| inside(&mut rng, a));
+            let way: [f64; 3] = std::array::from_fn(|a| target[a] - origin[a]);
+            let length = way.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let ray = GRay { origin, direction: way.map(|v| v / length), t_max: 2.0 * length };
+            let found = scene.intersect(&ray);
+            // Boxes that the ray is in for long enough to be sure of, and those that it may graze.
+            let grazed = 2e-3 * side;
+            let (mut sure, mut near_found) = (f64::INFINITY, false);
+            for &(at, leaf) in &boxes {
+                let (near, far) = slab(&ray, corner, at, side);
+                let (near, far) = (near.max(0.0), far.min(ray.t_max));
+                if far - near > grazed {
+                    sure = sure.min(near);
+                }
+                near_found |= found.is_some_and(|hit| {
+                    hit.leaf == leaf && (hit.t - near).abs() < grazed && far - near > -grazed
+                });
+            }
+            match found {
+                Some(hit) => {
+                    assert!(near_found, "{spec} {occluders:?}: no voxel at {hit:?} of {ray:?}");
+                    assert!(
+                        hit.t <= sure + grazed,
+                        "{spec} {occluders:?}: {hit:?} of {ray:?} overlooks {sure}"
+                    );
+                    hit_count += 1;
+                }
+                None => assert!(sure == f64::INFINITY, "{spec} {occluders:?}: {ray:?} overlooks {sure}"),
+            }
+        }
+        assert!(hit_count * 10 > ray_count, "{spec}: only {hit_count} of {ray_count} rays hit");
+    }
+}
+
+#[test]
+fn rays_meet_what_all_voxels_say() {
+    check_rays("gen:isosurface:20k:2", 64, 150);
+    check_rays("gen:pipes:30k:2", 64, 150);
+}
+
+#[test]
+fn rays_meet_what_all_voxels_say_in_an_octant() {
+    // 512 leaves use one octant of a cube of 1024.
+    check_rays("gen:scan:10k:2", 512, 10);
+}
+
+/// Every triangle's corners and centre lie in voxels that are set.
+#[test]
+fn surfaces_are_in_their_voxels() {
+    for (spec, resolution) in
+        [("gen:isosurface:50k:1", 256), ("gen:soup:10k:1", 64), ("gen:pipes:30k:1", 1024)]
+    {
+        let (built, octree) = build(spec, resolution);
+        let scene = VoxelScene::on(&octree, &built.file.superblock().lattice, Occluders::On);
+        let side = scene.leaf_side() / 4.0;
+        for triangle in built.decode() {
+            let center = std::array::from_fn(|a| (triangle[0][a] + triangle[1][a] + triangle[2][a]) / 3.0);
+            for point in [triangle[0], triangle[1], triangle[2], center] {
+                // A ray that begins in a voxel that is set hits at once.
+                let ray = GRay { origin: point, direction: [0.0, 0.0, 1.0], t_max: 1e-3 * side };
+                let near = [[0.0; 3], [1e-4; 3], [-1e-4; 3]].iter().any(|d| {
+                    let origin = std::array::from_fn(|a| point[a] + d[a] * side);
+                    scene.occluded(&GRay { origin, ..ray })
+                });
+                assert!(near, "{spec}: {point:?} lies in an empty voxel");
+            }
+        }
+    }
+}
