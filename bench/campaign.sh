@@ -63,6 +63,18 @@ for kind in isosurface pipes scan; do
 done
 record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 --integrator path
 
+# Light in the Cornell box against an unbiased picture of it.
+models=$root/../shared/models
+if [ -d "$models" ]; then
+    record build-cornell build "$models/cornell/cornell.obj" -o cornell.trex --overwrite
+    box="cornell.trex --overwrite --resolution 256x256 --camera-position 278,273,-800 --camera-target 278,273,0 --fov-x 39.3077"
+    record render-cornell-path render $box -o path.exr --integrator path --spp 1024
+    for variant in voxel:--near=voxel exact:--near=exact cubes:--occluders=off; do
+        record render-cornell-${variant%%:*} render $box -o photon.exr --integrator photon --spp 256 ${variant#*:}
+        record light-cornell-${variant%%:*} image diff photon.exr path.exr
+    done
+fi
+
 # Rays against the oracle, and 10^8 rays at the edges and vertices of a closed mesh: some ten minutes.
 (cd "$root" && cargo test --release --test it -- --ignored campaign)
 for document in "$root"/target/tmp/hits-*.json; do

@@ -75,7 +75,13 @@ impl fmt::Display for RaysMeasured {
         )?;
         writeln!(f, "{}", line("primary", &figures.primary))?;
         writeln!(f, "{}", line("shadow", &figures.shadow))?;
-        write!(f, "{}", line("incoherent", &figures.incoherent))
+        write!(f, "{}", line("incoherent", &figures.incoherent))?;
+        for (name, set) in [("gray", &figures.gray), ("gray, shadow", &figures.gray_shadow)] {
+            if let Some(set) = set {
+                write!(f, "\n{}", line(name, set))?;
+            }
+        }
+        Ok(())
     }
 }
 

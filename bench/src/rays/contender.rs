@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use std::time::Duration;
 use trex_render::frame::PagedTracer;
 use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Tracer};
+use trex_render::voxel::VoxelScene;
 
 /// Rays that a worker takes at a time.
 const CHUNK_RAYS: usize = 4096;
@@ -155,6 +156,34 @@ impl Pooled<'_> {
             Some(hit) => hit,
             None => alone(tracer, |tracer| exact(tracer.intersect(&ray))),
         }
+    }
+}
+
+/// Ours, through the voxels: rays learn of a leaf, not of a triangle.
+pub(super) struct Gray<'a> {
+    pub(super) space: Space,
+    pub(super) scene: VoxelScene<'a>,
+    pub(super) workers: Vec<()>,
+}
+
+impl Contender for Gray<'_> {
+    fn label(&self) -> &str {
+        "trex"
+    }
+
+    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+        let Gray { space, scene, .. } = *self;
+        spread(&mut self.workers, set, answers, |(), rays, answers| {
+            for (ray, answer) in rays.iter().zip(answers) {
+                let ray = space.to_gray(ray);
+                *answer = match set.query {
+                    Query::Any => Answer::of_occlusion(scene.occluded(&ray)),
+                    Query::Closest => scene
+                        .intersect(&ray)
+                        .map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.leaf }),
+                };
+            }
+        })
     }
 }
 

@@ -15,13 +15,13 @@ pub mod contender;
 pub mod sets;
 
 pub use contender::{Answer, Contender};
-pub use sets::{BenchRay, Query, RaySet, RaySets};
+pub use sets::{BenchRay, GraySets, Query, RaySet, RaySets};
 
 use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use compare::Agreement;
-use contender::{Pooled, Resident};
+use contender::{Gray, Pooled, Resident};
 use serde::Serialize;
 use sets::Space;
 use std::collections::BTreeMap;
@@ -29,6 +29,7 @@ use std::sync::Arc;
 use std::time::Instant;
 use trex_render::camera::Camera;
 use trex_render::trace::{AllResident, PagedMesh, PooledPages, tracers};
+use trex_render::voxel::{Occluders, Voxels};
 use trex_store::io::IoOptions;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
@@ -89,6 +90,10 @@ pub struct RayFigures {
     pub shadow: SetFigures,
     /// Cosine-distributed, closest hit.
     pub incoherent: SetFigures,
+    /// The same through the voxels, against the peer's rays on the mesh; `None` for a file without voxels.
+    pub gray: Option<SetFigures>,
+    /// Shadow rays through the voxels.
+    pub gray_shadow: Option<SetFigures>,
     /// The peer, where one was asked for.
     pub peer: Option<PeerFigures>,
 }
@@ -182,10 +187,15 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     let frames_bytes = (file.pages().len() * FRAME_BYTES) as u64;
     if let Ok(_pages_lease) = budget.lease("all pages", frames_bytes) {
         let pages = AllResident::load(&file);
+        let voxels = Voxels::of(&file, budget)?;
         let workers = (0..around.threads).map(|_| PagedMesh::new(&file, &pages)).collect();
         let mut ours = Resident { space, workers };
-        let sets = make_sets(&file, model, options, |ray| ours.hit(ray))?;
-        let mut figures = compete(&mut ours, &sets, &file, options, around)?;
+        let scene = voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
+        let mut gray = scene.map(|scene| Gray { space, scene, workers: vec![(); around.threads] });
+        let clearance =
+            scene.map(|scene| scene.clearance([1.0, 0.0, 0.0]) / file.superblock().lattice.step());
+        let sets = make_sets(&file, model, options, clearance, |ray| ours.hit(ray))?;
+        let mut figures = compete((&mut ours, gray.as_mut()), &sets, &file, options, around)?;
         figures.pages = "resident".to_owned();
         figures.scene.clone_from(&model.scene);
         return Ok(figures);
@@ -196,8 +206,8 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     );
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
     let mut ours = Pooled { space, workers: tracers(&file, &pool, around.threads) };
-    let sets = make_sets(&file, model, options, |ray| ours.hit(ray))?;
-    let mut figures = compete(&mut ours, &sets, &file, options, around)?;
+    let sets = make_sets(&file, model, options, None, |ray| ours.hit(ray))?;
+    let mut figures = compete((&mut ours, None), &sets, &file, options, around)?;
     figures.pages = "pooled".to_owned();
     figures.scene.clone_from(&model.scene);
     figures.resident_bytes = file.resident_table_bytes() + (pool.frames().frames * FRAME_BYTES) as u64;
@@ -226,6 +236,7 @@ fn make_sets(
     file: &PageFile,
     model: &Model,
     options: &RayOptions,
+    clearance: Option<f64>,
     mut hit: impl FnMut(&BenchRay) -> Option<trex_render::trace::Hit>,
 ) -> anyhow::Result<RaySets> {
     let (block, space) = (file.superblock(), Space::of(file.superblock()));
@@ -236,12 +247,17 @@ fn make_sets(
     ensure!(!points.is_empty(), "the camera sees nothing of {}", model.scene);
     let shadow = sets::shadow(space, block, &points);
     let incoherent = sets::incoherent(&points, options.seed);
-    Ok(RaySets { primary, shadow, incoherent })
+    let gray = clearance.map(|clearance| {
+        let points: Vec<_> = points.iter().map(|point| sets::lifted(point, clearance)).collect();
+        let (gather, shadow) = (sets::incoherent(&points, options.seed), sets::shadow(space, block, &points));
+        GraySets { gather, shadow }
+    });
+    Ok(RaySets { primary, shadow, incoherent, gray })
 }
 
 /// Times all contenders on all sets.
 fn compete(
-    ours: &mut dyn Contender,
+    (ours, gray): (&mut dyn Contender, Option<&mut Gray<'_>>),
     sets: &RaySets,
     file: &PageFile,
     options: &RayOptions,
@@ -253,7 +269,10 @@ fn compete(
     let mut hash = Xxh3::new();
     let mut agreement = Agreement::default();
     let mut shadow_difference_count = 0;
-    let mut measure = |name: &'static str, set: &RaySet| -> anyhow::Result<SetFigures> {
+    let mut measure = |name: &'static str,
+                       ours: &mut dyn Contender,
+                       set: &RaySet|
+     -> anyhow::Result<SetFigures> {
         around.interrupt.check()?;
         let turn = take_turns(ours, peer.as_mut(), set, options.rounds);
         turn.ours.iter().for_each(|answer| hash.update(&answer.triangle.to_le_bytes()));
@@ -266,6 +285,8 @@ fn compete(
                 }
             }
             match set.query {
+                // Voxels are not the mesh: how far they lie is no matter of speed.
+                _ if name.starts_with("gray") => {}
                 Query::Closest => agreement.add(&compare::closest(file, set, &turn.ours, &turn.reference)),
                 Query::Any => {
                     let both = turn.ours.iter().zip(&turn.reference);
@@ -282,9 +303,14 @@ fn compete(
             ratio,
         })
     };
-    let primary = measure("primary", &sets.primary)?;
-    let shadow = measure("shadow", &sets.shadow)?;
-    let incoherent = measure("incoherent", &sets.incoherent)?;
+    let primary = measure("primary", ours, &sets.primary)?;
+    let shadow = measure("shadow", ours, &sets.shadow)?;
+    let incoherent = measure("incoherent", ours, &sets.incoherent)?;
+    let (mut gray_gather, mut gray_shadow) = (None, None);
+    if let (Some(gray), Some(sets)) = (gray, &sets.gray) {
+        gray_gather = Some(measure("gray", gray, &sets.gather)?);
+        gray_shadow = Some(measure("gray_shadow", gray, &sets.shadow)?);
+    }
     let peer = peer.map(|peer| PeerFigures {
         name: peer.name,
         version: peer.version,
@@ -318,6 +344,8 @@ fn compete(
         primary,
         shadow,
         incoherent,
+        gray: gray_gather,
+        gray_shadow,
         peer,
     })
 }

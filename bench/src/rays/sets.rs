@@ -14,6 +14,7 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use trex_render::camera::{Camera, Projection, up_axis};
 use trex_render::trace::{Hit, Ray};
+use trex_render::voxel::GRay;
 use trex_store::layout::Superblock;
 
 /// A ray in lattice units.
@@ -56,10 +57,22 @@ pub struct RaySets {
     pub shadow: RaySet,
     /// From visible points to where light could come from.
     pub incoherent: RaySet,
+    /// The same and shadow rays, from so far off the surface that they are free of its own voxels; none where the file has
+    /// no voxels.
+    pub gray: Option<GraySets>,
 }
 
-/// Bytes that a pixel takes at most: three rays, an answer, and a visible point while the sets are made.
-pub(super) const BYTES_PER_PIXEL: u64 = (4 * size_of::<BenchRay>() + size_of::<super::Answer>()) as u64;
+/// Rays for voxels.
+#[derive(Clone, Debug)]
+pub struct GraySets {
+    /// Directions of the incoherent rays.
+    pub gather: RaySet,
+    /// Directions of the shadow rays.
+    pub shadow: RaySet,
+}
+
+/// Bytes that a pixel takes at most: five rays, an answer, and a visible point while the sets are made.
+pub(super) const BYTES_PER_PIXEL: u64 = (6 * size_of::<BenchRay>() + size_of::<super::Answer>()) as u64;
 /// How far off the surface secondary rays start, in units of the last place of the largest lattice coordinate.
 const LIFT_ULPS: f64 = 4.0;
 /// Where the light stands: diagonals of the model from its centre, along up and along the other two axes.
@@ -93,6 +106,14 @@ impl Space {
             model.direction[a] = f64::from(ray.direction[a]) * self.step;
         }
         model
+    }
+
+    /// The same for voxels, with a unit direction.
+    pub(super) fn to_gray(self, ray: &BenchRay) -> GRay {
+        let model = self.to_model(ray);
+        let length = model.direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+        let direction = model.direction.map(|d| d / length);
+        GRay { origin: model.origin, direction, t_max: model.t_max * length }
     }
 
     fn to_lattice(self, point: [f64; 3]) -> [f64; 3] {
@@ -145,6 +166,14 @@ pub(super) fn visible(space: Space, ray: &BenchRay, hit: &Hit) -> Visible {
         (point + lift * normal[a]) as f32
     });
     Visible { origin, normal: normal.map(|n| n as f32) }
+}
+
+/// The same point `clearance` (lattice steps along each axis of the normal) farther off its surface.
+pub(super) fn lifted(point: &Visible, clearance: f64) -> Visible {
+    let height = clearance * point.normal.iter().map(|n| f64::from(n.abs())).sum::<f64>();
+    let origin =
+        std::array::from_fn(|a| (f64::from(point.origin[a]) + height * f64::from(point.normal[a])) as f32);
+    Visible { origin, normal: point.normal }
 }
 
 /// A ray from each visible point to the light.
