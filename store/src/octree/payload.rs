@@ -137,7 +137,8 @@ mod tests {
             let packed = LeafNormal::pack(unit.map(|v| v * area * 0.8), area);
             let (back, flatness) = packed.unpack();
             let cos: f32 = (0..3).map(|a| back[a] * unit[a]).sum();
-            prop_assert!(cos > 0.998 && (flatness - 0.8).abs() < 0.04, "{} {}", cos, flatness);
+            // Half a step in two coordinates, both in the third, on a vector no shorter than 1 / sqrt(3): sqrt(18) / 62 rad.
+            prop_assert!(cos > 0.9976 && (flatness - 0.8).abs() < 0.04, "{} {}", cos, flatness);
             prop_assert!((unpack_area(pack_area(area)) / area - 1.0).abs() < 0.035);
             let longest = unit.iter().fold(0f32, |m, v| m.max(v.abs()));
             let [axis, sign] = [packed.facet() / 2, packed.facet() % 2];
