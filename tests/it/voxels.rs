@@ -3,7 +3,7 @@
 use crate::support::{Built, build_options, build_source, source};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
-use trex_render::voxel::{GRay, Occluders, VoxelScene};
+use trex_render::voxel::{GRay, Occluders, VoxelHit, VoxelScene};
 use trex_store::Budget;
 use trex_store::build::{BuildOptions, Voxels};
 use trex_store::octree::UpperOctree;
@@ -119,6 +119,85 @@ fn rays_meet_what_all_voxels_say() {
 fn rays_meet_what_all_voxels_say_in_an_octant() {
     // 512 leaves use one octant of a cube of 1024.
     check_rays("gen:scan:10k:2", 512, 10);
+}
+
+/// Rays of all kinds: between points in and around the box, along axes, on boundaries of voxels, and such as are none.
+fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<GRay> {
+    let block = built.file.superblock();
+    let (bounds, lattice) = (block.bounds, block.lattice);
+    let corner = lattice.position(octree.grid().lo).map(|v| v - 0.5 * lattice.step());
+    let subvoxel = octree.grid().subvoxel_steps as f64 * lattice.step();
+    let size = bounds.diagonal();
+    let mut rng = Pcg64::seed_from_u64(11);
+    let mut rays: Vec<GRay> = (0..count)
+        .map(|index| {
+            let mut point = || -> [f64; 3] {
+                std::array::from_fn(|a| {
+                    bounds.lo[a] + (1.4 * number(&mut rng) - 0.2) * (bounds.hi[a] - bounds.lo[a])
+                })
+            };
+            let (mut origin, target) = (point(), point());
+            let mut way: [f64; 3] = std::array::from_fn(|a| target[a] - origin[a]);
+            if index % 8 == 1 {
+                way[index / 8 % 3] = 0.0;
+            }
+            if index % 8 == 2 {
+                (way[index / 8 % 3], way[(index / 8 + 1) % 3]) = (0.0, -0.0);
+            }
+            if index % 8 == 3 {
+                origin = std::array::from_fn(|a| {
+                    corner[a] + ((origin[a] - corner[a]) / subvoxel).round() * subvoxel
+                });
+                way = way.map(f64::signum);
+            }
+            let length = way.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let t_max = [f64::INFINITY, 2.0 * length, 0.5 * length, 1e-3 * size, 0.0][index % 5];
+            GRay { origin, direction: way.map(|v| v / length), t_max }
+        })
+        .collect();
+    let center = bounds.center();
+    for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 1e-300, 1e300, f64::MAX] {
+        rays.push(GRay { origin: [center[0], odd, center[2]], direction: [0.6, 0.8, 0.0], t_max: size });
+        rays.push(GRay { origin: center, direction: [0.6, 0.8, odd], t_max: f64::INFINITY });
+        rays.push(GRay { origin: center, direction: [odd; 3], t_max: size });
+        rays.push(GRay { origin: center, direction: [0.6, -0.8, 0.0], t_max: odd });
+    }
+    rays
+}
+
+/// Lanes walk as single rays do: the same bits, whatever else is in the batch.
+fn check_batches(spec: &str, resolution: u32) {
+    let (built, octree) = build(spec, resolution);
+    let rays = rays_of_all_kinds(&built, &octree, 6000);
+    for occluders in [Occluders::On, Occluders::Off] {
+        let scene = VoxelScene::on(&octree, &built.file.superblock().lattice, occluders);
+        let bits = |hit: Option<VoxelHit>| hit.map(|hit| (hit.t.to_bits(), hit.leaf, hit.node, hit.axis));
+        let single: Vec<_> = rays.iter().map(|ray| bits(scene.intersect(ray))).collect();
+        let hit_count = single.iter().flatten().count();
+        assert!(hit_count * 10 > rays.len() && hit_count < rays.len(), "{spec}: {hit_count} hits");
+        for batch in [1, 5, 32, 33, 128, rays.len()] {
+            let mut hits = vec![None; rays.len()];
+            let mut occluded = vec![false; rays.len()];
+            for at in (0..rays.len()).step_by(batch) {
+                let part = at..rays.len().min(at + batch);
+                scene.intersect_batch(&rays[part.clone()], &mut hits[part.clone()]);
+                scene.occluded_batch(&rays[part.clone()], &mut occluded[part]);
+            }
+            for (at, ray) in rays.iter().enumerate() {
+                assert_eq!(bits(hits[at]), single[at], "{spec} {occluders:?}, {batch} at once: {ray:?}");
+                assert_eq!(occluded[at], single[at].is_some(), "{spec} {occluders:?}: {ray:?}");
+            }
+        }
+        scene.intersect_batch(&[], &mut []);
+    }
+}
+
+#[test]
+fn batches_meet_what_single_rays_meet() {
+    check_batches("gen:isosurface:20k:3", 64);
+    check_batches("gen:pipes:30k:3", 256);
+    check_batches("gen:scan:10k:3", 512);
+    check_batches("gen:soup:10k:3", 64);
 }
 
 /// Every triangle's corners and centre lie in voxels that are set.

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::time::Duration;
 use trex_render::frame::PagedTracer;
 use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Tracer};
-use trex_render::voxel::VoxelScene;
+use trex_render::voxel::{GRay, VoxelHit, VoxelScene};
 
 /// Rays that a worker takes at a time.
 const CHUNK_RAYS: usize = 4096;
@@ -35,6 +35,10 @@ impl Answer {
 
     fn of_hit(hit: Option<Hit>) -> Answer {
         hit.map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.triangle })
+    }
+
+    fn of_voxel(hit: Option<VoxelHit>) -> Answer {
+        hit.map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.leaf })
     }
 
     fn of_occlusion(occluded: bool) -> Answer {
@@ -163,7 +167,25 @@ impl Pooled<'_> {
 pub(super) struct Gray<'a> {
     pub(super) space: Space,
     pub(super) scene: VoxelScene<'a>,
-    pub(super) workers: Vec<()>,
+    pub(super) calls: GrayCalls,
+    pub(super) workers: Vec<GrayWorker>,
+}
+
+/// How rays are handed to the voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum GrayCalls {
+    /// A chunk in one call.
+    Batch,
+    /// One by one.
+    Single,
+}
+
+/// A chunk of rays, and answers.
+#[derive(Clone, Default)]
+pub(super) struct GrayWorker {
+    rays: Vec<GRay>,
+    hits: Vec<Option<VoxelHit>>,
+    occluded: Vec<bool>,
 }
 
 impl Contender for Gray<'_> {
@@ -172,18 +194,40 @@ impl Contender for Gray<'_> {
     }
 
     fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
-        let Gray { space, scene, .. } = *self;
-        spread(&mut self.workers, set, answers, |(), rays, answers| {
-            for (ray, answer) in rays.iter().zip(answers) {
-                let ray = space.to_gray(ray);
-                *answer = match set.query {
-                    Query::Any => Answer::of_occlusion(scene.occluded(&ray)),
-                    Query::Closest => scene
-                        .intersect(&ray)
-                        .map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.leaf }),
-                };
+        let Gray { space, scene, calls, .. } = *self;
+        spread(&mut self.workers, set, answers, |worker, rays, answers| {
+            worker.rays.clear();
+            worker.rays.extend(rays.iter().map(|ray| space.to_gray(ray)));
+            worker.hits.resize(rays.len(), None);
+            worker.occluded.resize(rays.len(), false);
+            worker.answer(&scene, (set.query, calls));
+            match set.query {
+                Query::Any => {
+                    let pairs = answers.iter_mut().zip(&worker.occluded);
+                    pairs.for_each(|(answer, occluded)| *answer = Answer::of_occlusion(*occluded));
+                }
+                Query::Closest => {
+                    let pairs = answers.iter_mut().zip(&worker.hits);
+                    pairs.for_each(|(answer, hit)| *answer = Answer::of_voxel(*hit));
+                }
             }
         })
+    }
+}
+
+impl GrayWorker {
+    fn answer(&mut self, scene: &VoxelScene<'_>, how: (Query, GrayCalls)) {
+        let GrayWorker { rays, hits, occluded } = self;
+        match how {
+            (Query::Any, GrayCalls::Batch) => scene.occluded_batch(rays, occluded),
+            (Query::Closest, GrayCalls::Batch) => scene.intersect_batch(rays, hits),
+            (Query::Any, GrayCalls::Single) => {
+                rays.iter().zip(occluded).for_each(|(ray, occluded)| *occluded = scene.occluded(ray));
+            }
+            (Query::Closest, GrayCalls::Single) => {
+                rays.iter().zip(hits).for_each(|(ray, hit)| *hit = scene.intersect(ray));
+            }
+        }
     }
 }
 

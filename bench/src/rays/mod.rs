@@ -21,7 +21,7 @@ use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use compare::Agreement;
-use contender::{Gray, Pooled, Resident};
+use contender::{Gray, GrayCalls, GrayWorker, Pooled, Resident};
 use serde::Serialize;
 use sets::Space;
 use std::collections::BTreeMap;
@@ -90,7 +90,7 @@ pub struct RayFigures {
     pub shadow: SetFigures,
     /// Cosine-distributed, closest hit.
     pub incoherent: SetFigures,
-    /// The same through the voxels, against the peer's rays on the mesh; `None` for a file without voxels.
+    /// The same through the voxels, in batches, against the peer's rays on the mesh; `None` for a file without voxels.
     pub gray: Option<SetFigures>,
     /// Shadow rays through the voxels.
     pub gray_shadow: Option<SetFigures>,
@@ -111,6 +111,17 @@ pub struct SetFigures {
     pub per_core_s: f64,
     /// Ours over the peer's reference mode, by processor time.
     pub ratio: Option<f64>,
+    /// Of rays that go in batches: the same rays one by one.
+    pub single: Option<SingleFigures>,
+}
+
+/// Rays one by one.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SingleFigures {
+    /// Rays per second of wall time, median.
+    pub per_s: f64,
+    /// Rays per second of processor time, median.
+    pub per_core_s: f64,
 }
 
 /// Figures of a peer.
@@ -191,7 +202,12 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         let workers = (0..around.threads).map(|_| PagedMesh::new(&file, &pages)).collect();
         let mut ours = Resident { space, workers };
         let scene = voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
-        let mut gray = scene.map(|scene| Gray { space, scene, workers: vec![(); around.threads] });
+        let mut gray = scene.map(|scene| {
+            [GrayCalls::Batch, GrayCalls::Single].map(|calls| {
+                let workers = vec![GrayWorker::default(); around.threads];
+                Gray { space, scene, calls, workers }
+            })
+        });
         let clearance =
             scene.map(|scene| scene.clearance([1.0, 0.0, 0.0]) / file.superblock().lattice.step());
         let sets = make_sets(&file, model, options, clearance, |ray| ours.hit(ray))?;
@@ -257,7 +273,7 @@ fn make_sets(
 
 /// Times all contenders on all sets.
 fn compete(
-    (ours, gray): (&mut dyn Contender, Option<&mut Gray<'_>>),
+    (ours, gray): (&mut dyn Contender, Option<&mut [Gray<'_>; 2]>),
     sets: &RaySets,
     file: &PageFile,
     options: &RayOptions,
@@ -269,10 +285,7 @@ fn compete(
     let mut hash = Xxh3::new();
     let mut agreement = Agreement::default();
     let mut shadow_difference_count = 0;
-    let mut measure = |name: &'static str,
-                       ours: &mut dyn Contender,
-                       set: &RaySet|
-     -> anyhow::Result<SetFigures> {
+    let mut measure = |name: &'static str, ours: Ours<'_>, set: &RaySet| -> anyhow::Result<SetFigures> {
         around.interrupt.check()?;
         let turn = take_turns(ours, peer.as_mut(), set, options.rounds);
         turn.ours.iter().for_each(|answer| hash.update(&answer.triangle.to_le_bytes()));
@@ -301,15 +314,18 @@ fn compete(
             per_s: turn.per_s,
             per_core_s: turn.per_core_s,
             ratio,
+            single: turn.single,
         })
     };
-    let primary = measure("primary", ours, &sets.primary)?;
-    let shadow = measure("shadow", ours, &sets.shadow)?;
-    let incoherent = measure("incoherent", ours, &sets.incoherent)?;
+    let primary = measure("primary", Ours::of(ours), &sets.primary)?;
+    let shadow = measure("shadow", Ours::of(ours), &sets.shadow)?;
+    let incoherent = measure("incoherent", Ours::of(ours), &sets.incoherent)?;
     let (mut gray_gather, mut gray_shadow) = (None, None);
-    if let (Some(gray), Some(sets)) = (gray, &sets.gray) {
-        gray_gather = Some(measure("gray", gray, &sets.gather)?);
-        gray_shadow = Some(measure("gray_shadow", gray, &sets.shadow)?);
+    if let (Some([batch, single]), Some(sets)) = (gray, &sets.gray) {
+        let ours = Ours { contender: batch, single: Some(single) };
+        gray_gather = Some(measure("gray", ours, &sets.gather)?);
+        let ours = Ours { contender: batch, single: Some(single) };
+        gray_shadow = Some(measure("gray_shadow", ours, &sets.shadow)?);
     }
     let peer = peer.map(|peer| PeerFigures {
         name: peer.name,
@@ -350,10 +366,23 @@ fn compete(
     })
 }
 
+/// Ours, and where it takes batches, the same for single rays.
+struct Ours<'a> {
+    contender: &'a mut dyn Contender,
+    single: Option<&'a mut dyn Contender>,
+}
+
+impl<'a> Ours<'a> {
+    fn of(contender: &'a mut dyn Contender) -> Ours<'a> {
+        Ours { contender, single: None }
+    }
+}
+
 /// What the rounds on one set gave.
 struct Turns {
     per_s: f64,
     per_core_s: f64,
+    single: Option<SingleFigures>,
     modes: Vec<ModeSet>,
     ours: Vec<Answer>,
     /// Answers of the peer's reference mode.
@@ -361,17 +390,14 @@ struct Turns {
 }
 
 /// One round to warm up, then measured rounds; in each, ours and every mode in turn.
-fn take_turns(
-    ours: &mut dyn Contender,
-    mut peer: Option<&mut PeerSetup>,
-    set: &RaySet,
-    rounds: usize,
-) -> Turns {
+fn take_turns(ours: Ours<'_>, mut peer: Option<&mut PeerSetup>, set: &RaySet, rounds: usize) -> Turns {
+    let Ours { contender: ours, mut single } = ours;
     let mode_count = peer.as_ref().map_or(0, |peer| peer.modes.len());
     let mut first = vec![Answer::NONE; set.rays.len()];
     let mut answers = first.clone();
     let mut reference = Vec::new();
     let mut our_speeds = Vec::with_capacity(rounds);
+    let mut single_speeds = Vec::with_capacity(rounds);
     let mut mode_speeds = vec![Vec::with_capacity(rounds); mode_count];
     ours.trace(set, &mut first);
     for round in 0..=rounds {
@@ -379,6 +405,13 @@ fn take_turns(
         assert!(answers == first, "a round gave other answers than the first");
         if round > 0 {
             our_speeds.push(speed);
+        }
+        if let Some(single) = &mut single {
+            let speed = timed(&mut **single, set, &mut answers);
+            assert!(answers == first, "single rays have other answers than batches");
+            if round > 0 {
+                single_speeds.push(speed);
+            }
         }
         let Some(peer) = &mut peer else { continue };
         for ((mode, _), speeds) in peer.modes.iter_mut().zip(&mut mode_speeds) {
@@ -399,6 +432,10 @@ fn take_turns(
     Turns {
         per_s: middle(&our_speeds, |speed| speed.wall),
         per_core_s: middle(&our_speeds, |speed| speed.core),
+        single: single.map(|_| SingleFigures {
+            per_s: middle(&single_speeds, |speed| speed.wall),
+            per_core_s: middle(&single_speeds, |speed| speed.core),
+        }),
         modes: modes.collect(),
         ours: first,
         reference,

@@ -1,8 +1,11 @@
 //! The voxel octree at work: G-rays on it, and photons. What the CPU does, and the twin of each shader to come. Paper,
 //! section 5.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
 mod gather;
 mod map;
+mod packet;
 mod photons;
 mod traverse;
 

@@ -69,13 +69,38 @@ pub struct VoxelScene<'a> {
 const STEEPEST: f32 = 1e-12;
 
 /// Places of the first 2x2x2 children of a node; shifted by the upper bits of a place, those around it.
-const EIGHTH: u64 = 0x33_0033;
+pub(super) const EIGHTH: u64 = 0x33_0033;
 
-/// The ray in subvoxels, mirrored to go up along every axis.
-struct Local {
-    origin: [f32; 3],
-    direction: [f32; 3],
-    inverse: [f32; 3],
+/// A ray from where it enters the cube, in subvoxels, mirrored to go up along every axis.
+pub(super) struct Entry {
+    pub(super) origin: [f32; 3],
+    pub(super) direction: [f32; 3],
+    pub(super) inverse: [f32; 3],
+    pub(super) t_max: f32,
+    /// Makes places of the mirrored cube those of the octree.
+    pub(super) flip: u32,
+    /// Axis of the cube's face.
+    pub(super) axis: usize,
+    /// Distance to the cube, model units.
+    pub(super) t_in: f64,
+}
+
+/// Where a walk ended.
+pub(super) struct Found {
+    /// Subvoxels from the entry.
+    pub(super) t: f32,
+    pub(super) node: u32,
+    pub(super) leaf: u32,
+    /// Axis of the face by which the voxel is entered.
+    pub(super) axis: usize,
+}
+
+impl Entry {
+    /// The subvoxel in which the walk begins; `last` is the last one along an axis.
+    #[inline(always)]
+    pub(super) fn first_cell(&self, last: u32) -> [u32; 3] {
+        self.origin.map(|v| (v.max(0.0) as u32).min(last))
+    }
 }
 
 impl<'a> VoxelScene<'a> {
@@ -90,6 +115,11 @@ impl<'a> VoxelScene<'a> {
     /// The octree.
     pub(crate) fn octree(&self) -> &'a UpperOctree {
         self.octree
+    }
+
+    /// What leaves are.
+    pub(super) fn occluders(&self) -> Occluders {
+        self.occluders
     }
 
     /// The leaf that holds `point`, after the node above it.
@@ -124,19 +154,23 @@ impl<'a> VoxelScene<'a> {
 
     /// The first voxel that the ray meets.
     pub fn intersect(&self, ray: &GRay) -> Option<VoxelHit> {
-        let depth = self.octree.grid().depth();
-        let side = 4u32.pow(depth as u32 + 1);
+        let entry = self.enter(ray)?;
+        Some(self.hit_of(entry.t_in, &self.walk(&entry)?))
+    }
+
+    /// `None` for a ray that passes the cube by, or whose numbers are not finite.
+    pub(super) fn enter(&self, ray: &GRay) -> Option<Entry> {
+        let side = f64::from(4u32.pow(self.octree.grid().depth() as u32 + 1));
         let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
         for a in 0..3 {
             let at = ray.origin[a] - self.corner[a];
             if ray.direction[a] == 0.0 {
-                if at < 0.0 || at >= f64::from(side) * self.subvoxel {
+                if at < 0.0 || at >= side * self.subvoxel {
                     return None;
                 }
                 continue;
             }
-            let (lo, hi) =
-                (-at / ray.direction[a], (f64::from(side) * self.subvoxel - at) / ray.direction[a]);
+            let (lo, hi) = (-at / ray.direction[a], (side * self.subvoxel - at) / ray.direction[a]);
             if lo.min(hi) > t_in {
                 (t_in, axis) = (lo.min(hi), a);
             }
@@ -146,19 +180,24 @@ impl<'a> VoxelScene<'a> {
             return None;
         }
         // Mirrored so that it goes up along every axis: cell c is then cell `side - 1 - c`.
-        let mut flip = 0;
-        let mut local = Local { origin: [0.0; 3], direction: [0.0; 3], inverse: [0.0; 3] };
+        let t_max = ((t_out - t_in) / self.subvoxel) as f32;
+        let mut entry =
+            Entry { origin: [0.0; 3], direction: [0.0; 3], inverse: [0.0; 3], t_max, flip: 0, axis, t_in };
         for a in 0..3 {
             let at = (ray.origin[a] + t_in * ray.direction[a] - self.corner[a]) / self.subvoxel;
             let is_down = ray.direction[a] < 0.0;
-            flip |= if is_down { 3 << (2 * a) } else { 0 };
-            local.origin[a] = if is_down { f64::from(side) - at } else { at } as f32;
-            local.direction[a] = (ray.direction[a].abs() as f32).max(STEEPEST);
-            local.inverse[a] = 1.0 / local.direction[a];
+            entry.flip |= if is_down { 3 << (2 * a) } else { 0 };
+            entry.origin[a] = if is_down { side - at } else { at } as f32;
+            entry.direction[a] = (ray.direction[a].abs() as f32).max(STEEPEST);
+            entry.inverse[a] = 1.0 / entry.direction[a];
         }
-        let t_max = ((t_out - t_in) / self.subvoxel) as f32;
-        let (t, [node, leaf], axis) = self.walk(&local, flip, t_max, axis)?;
-        Some(VoxelHit { t: t_in + f64::from(t) * self.subvoxel, leaf, node, axis })
+        entry.origin.iter().chain(&entry.direction).all(|v| v.is_finite()).then_some(entry)
+    }
+
+    /// What a walk found that began at `t_in`.
+    pub(super) fn hit_of(&self, t_in: f64, found: &Found) -> VoxelHit {
+        let Found { t, node, leaf, axis } = *found;
+        VoxelHit { t: t_in + f64::from(t) * self.subvoxel, leaf, node, axis }
     }
 
     /// True when the ray meets any voxel.
@@ -166,15 +205,14 @@ impl<'a> VoxelScene<'a> {
         self.intersect(ray).is_some()
     }
 
-    /// From the cube's side on, entered along `axis`: t in subvoxels, node and leaf, the axis of its face. The ray goes up;
-    /// `flip` makes places of the mirrored cube those of the octree.
+    /// From the cube's side on.
     #[inline(always)]
-    fn walk(&self, ray: &Local, flip: u32, t_max: f32, mut axis: usize) -> Option<(f32, [u32; 2], usize)> {
+    fn walk(&self, ray: &Entry) -> Option<Found> {
         let (nodes, bitmaps) = (self.octree.nodes(), self.octree.bitmaps());
         let depth = self.octree.grid().depth();
         let last = 4u32.pow(depth as u32 + 1) - 1;
-        let mut cell = ray.origin.map(|v| (v.max(0.0) as u32).min(last));
-        let mut t = 0.0f32;
+        let mut cell = ray.first_cell(last);
+        let (mut t, mut axis) = (0.0f32, ray.axis);
         // Node of each level over the cell; at `depth` the leaf.
         let mut path = [0u32; MAX_DEPTH + 1];
         let mut level = 0;
@@ -183,12 +221,13 @@ impl<'a> VoxelScene<'a> {
             let (shift, place, bits) = loop {
                 let shift = 2 * (depth - level) as u32;
                 let place =
-                    (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4) ^ flip;
+                    (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4)
+                        ^ ray.flip;
                 if level == depth {
                     let leaf = path[depth];
                     let bits = bitmaps[leaf as usize];
                     if self.occluders == Occluders::Off || bits >> place & 1 == 1 {
-                        return Some((t, [path[depth - 1], leaf], axis));
+                        return Some(Found { t, node: path[depth - 1], leaf, axis });
                     }
                     break (shift, place, bits);
                 }
@@ -207,7 +246,7 @@ impl<'a> VoxelScene<'a> {
             axis = usize::from(t_axis[1] < t_axis[0]);
             axis = if t_axis[2] < t_axis[axis] { 2 } else { axis };
             t = t.max(t_axis[axis]);
-            if t > t_max {
+            if t > ray.t_max {
                 return None;
             }
             let next: [u32; 3] = std::array::from_fn(|a| {
