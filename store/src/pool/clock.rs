@@ -17,8 +17,11 @@
 #![allow(unsafe_code)]
 
 use super::frames::FrameArena;
+use super::want::PREDICTORS;
 use super::word::{Cooled, Word};
 use crate::budget::Lease;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Frames that a prefetch or background want may look at, and so age. Enough to find a frame in a pool that is half
 /// cold; few enough that a burst of wrong guesses does not age what is in use.
@@ -30,7 +33,8 @@ const NOBODY: u32 = u32::MAX;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Swept {
     pub(super) evicted: u64,
-    pub(super) wasted: u64,
+    /// By predictor; the last is for all others.
+    pub(super) wasted: [u64; PREDICTORS + 1],
 }
 
 /// The frames and the hand.
@@ -42,6 +46,8 @@ pub(super) struct Clock {
     hand: usize,
     owed: usize,
     lease: Lease,
+    /// By frame: the predictor that its page was read for.
+    guessed_by: Arc<[AtomicU8]>,
     pub(super) swept: Swept,
 }
 
@@ -56,12 +62,18 @@ impl Clock {
             hand: 0,
             owed: 0,
             lease,
+            guessed_by: (0..frames_max).map(|_| AtomicU8::new(PREDICTORS as u8)).collect(),
             swept: Swept::default(),
         }
     }
 
     /// Bytes of this struct's tables for one frame.
-    pub(super) const BYTES_PER_FRAME: u64 = 16;
+    pub(super) const BYTES_PER_FRAME: u64 = 17;
+
+    /// By frame: the predictor that its page was read for, written when a frame is given.
+    pub(super) fn guessed_by(&self) -> Arc<[AtomicU8]> {
+        Arc::clone(&self.guessed_by)
+    }
 
     /// Frames that memory is leased for.
     pub(super) fn live(&self) -> usize {
@@ -151,7 +163,10 @@ impl Clock {
             match words[self.owner[self.ring[at] as usize] as usize].cool() {
                 Cooled::Evicted { wasted } => {
                     self.swept.evicted += 1;
-                    self.swept.wasted += u64::from(wasted);
+                    if wasted {
+                        let by = self.guessed_by[self.ring[at] as usize].load(Ordering::Relaxed);
+                        self.swept.wasted[usize::from(by)] += 1;
+                    }
                     return Some(at);
                 }
                 Cooled::Warm => busy_in_a_row = 0,

@@ -277,14 +277,17 @@ impl Shared {
 
     /// QUEUED to READING.
     fn begin(&self, requests: &mut Requests, slot: &mut Slot, part: Part) {
-        requests.take(part.page, part.frame, &self.words);
+        let by = requests.take(part.page, part.frame, &self.words);
         let view = self.words[part.page as usize].view();
         count(&self.counters.pages_read);
         if view.generation != 0 {
             count(&self.counters.refaults);
         }
         if view.class == Class::Prefetch {
-            count(&self.counters.prefetch_issued);
+            count(&self.counters.issued[usize::from(by)]);
+        }
+        if !view.class.is_low() {
+            count(&self.counters.demand_reads);
         }
         slot.parts.push(part);
     }

@@ -43,8 +43,8 @@ mod word;
 
 pub use pin::{Pin, PinToken};
 pub use requests::ORIGINS_MAX;
-pub use stats::PoolStats;
-pub use want::{Class, PageStore, Want};
+pub use stats::{GuessStats, PoolStats};
+pub use want::{Class, PREDICTOR_ORIGINS, PREDICTORS, PageStore, Want};
 pub use word::PageState;
 
 use crate::budget::{Budget, Lease, RESERVE_BYTES};
@@ -57,7 +57,7 @@ use requests::Requests;
 use signal::{Bell, Progress, lock};
 use stats::Counters;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -179,6 +179,8 @@ struct Shared {
     arena: FrameArena,
     clock: Mutex<Clock>,
     requests: Mutex<Requests>,
+    /// By frame: see [`Clock`].
+    guessed_by: Arc<[AtomicU8]>,
     idle: Mutex<Vec<Slot>>,
     jobs: JobQueue,
     bell: Bell,
@@ -267,11 +269,13 @@ impl PagePool {
         let reader = Reader::new(backend, path);
         let slots: Result<Vec<Slot>> =
             (0..options.staging_slots).map(|id| Slot::new(id as u32, plan.slot_bytes)).collect();
+        let clock = Clock::new(plan.frames_max, frames_lease);
         let shared = Arc::new(Shared {
             words: (0..store.page_count()).map(|_| Word::absent()).collect(),
             arena: FrameArena::reserve(plan.frames_max, store.frame_bytes())?,
-            clock: Mutex::new(Clock::new(plan.frames_max, frames_lease)),
-            requests: Mutex::new(Requests::new(options.queue_capacity)),
+            requests: Mutex::new(Requests::new(options.queue_capacity, clock.guessed_by())),
+            guessed_by: clock.guessed_by(),
+            clock: Mutex::new(clock),
             idle: Mutex::new(slots?),
             jobs: JobQueue::default(),
             bell: Bell::default(),
@@ -487,17 +491,21 @@ impl PagePool {
         let (counts, queued) = (requests.counts(), requests.len() as u64);
         drop(requests);
         let clock = lock(&self.shared.clock);
+        let mut stats = self.shared.counters.snapshot();
+        for (by, guess) in stats.guesses.iter_mut().enumerate() {
+            (guess.late, guess.wasted) = (counts.late[by], clock.swept.wasted[by]);
+        }
         PoolStats {
             evictions: clock.swept.evicted,
-            prefetch_wasted: clock.swept.wasted,
+            prefetch_wasted: clock.swept.wasted.iter().sum(),
             frames: clock.live() as u64,
             frames_owed: clock.owed() as u64,
             wants_dropped: counts.dropped,
             wants_refused: counts.refused,
-            prefetch_late: counts.late,
+            prefetch_late: counts.late.iter().sum(),
             queue_peak: counts.peak,
             queued,
-            ..self.shared.counters.snapshot()
+            ..stats
         }
     }
 }

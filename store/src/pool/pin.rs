@@ -10,6 +10,7 @@
 use super::{PagePool, Shared};
 use std::ops::Deref;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 /// A pinned page, as bytes of its frame. Unpins on drop.
 pub struct Pin<'pool> {
@@ -102,7 +103,8 @@ impl PagePool {
     pub(super) fn pin_uncounted(&self, page: u32) -> Option<PinToken> {
         let pinned = self.shared.words[page as usize].try_pin()?;
         if pinned.first_use {
-            super::stats::count(&self.shared.counters.prefetch_used);
+            let by = self.shared.guessed_by[pinned.frame as usize].load(Ordering::Relaxed);
+            super::stats::count(&self.shared.counters.used[usize::from(by)]);
         }
         Some(PinToken { page, frame: pinned.frame, pool: self.key() })
     }
@@ -125,7 +127,7 @@ impl PagePool {
 
 impl Shared {
     fn unpin(&self, page: u32) {
-        if self.words[page as usize].unpin() && self.starved.load(std::sync::atomic::Ordering::SeqCst) {
+        if self.words[page as usize].unpin() && self.starved.load(Ordering::SeqCst) {
             self.bell.ring();
         }
     }

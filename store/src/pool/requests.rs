@@ -13,11 +13,13 @@
 //! 3. `order` holds every page of the table, best last, or is marked dirty; it may hold pages that have left.
 //! 4. Nothing is allocated after `new`.
 
-use super::want::{Class, Want};
+use super::want::{Class, PREDICTORS, Want, predictor_of};
 use super::word::{PageState, Word};
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Origins (callers with want-lists of their own) are `0 .. ORIGINS_MAX`: one bit each.
 pub const ORIGINS_MAX: usize = 64;
@@ -30,6 +32,8 @@ struct Request {
     before: u64,
     /// Somebody sleeps until it comes: never dropped.
     held: bool,
+    /// Who asked first.
+    by: u8,
 }
 
 /// Sorted ascending: the best comes last. Ties go to the lower page, which is the earlier one on disk.
@@ -42,6 +46,8 @@ pub(super) struct Requests {
     dirty: bool,
     capacity: usize,
     counts: Counts,
+    /// By frame: see [`super::clock::Clock`].
+    guessed_by: Arc<[AtomicU8]>,
 }
 
 /// What became of wants.
@@ -49,7 +55,8 @@ pub(super) struct Requests {
 pub(super) struct Counts {
     pub(super) dropped: u64,
     pub(super) refused: u64,
-    pub(super) late: u64,
+    /// By predictor; the last is for all others.
+    pub(super) late: [u64; PREDICTORS + 1],
     pub(super) peak: u64,
 }
 
@@ -57,13 +64,14 @@ impl Requests {
     /// Bytes of the tables for one queued page.
     pub(super) const BYTES_PER_WANT: u64 = 80;
 
-    pub(super) fn new(capacity: usize) -> Requests {
+    pub(super) fn new(capacity: usize, guessed_by: Arc<[AtomicU8]>) -> Requests {
         Requests {
             table: HashMap::with_capacity(capacity),
             order: Vec::with_capacity(capacity),
             dirty: false,
             capacity,
             counts: Counts::default(),
+            guessed_by,
         }
     }
 
@@ -76,7 +84,7 @@ impl Requests {
             request.now &= !bit;
         }
         for want in wants {
-            self.add(want, bit, words);
+            self.add(want, (bit, predictor_of(origin)), words);
         }
         let before = self.table.len();
         self.table.retain(|&page, request| {
@@ -93,7 +101,7 @@ impl Requests {
 
     /// Wants `page` until it has been read, whatever the rounds say. False when there is no room.
     pub(super) fn hold(&mut self, page: u32, words: &[Word]) -> bool {
-        self.add(&Want { page, class: Class::Urgent, weight: 0 }, 0, words);
+        self.add(&Want { page, class: Class::Urgent, weight: 0 }, (0, PREDICTORS as u8), words);
         match self.table.get_mut(&page) {
             Some(request) => {
                 request.held = true;
@@ -104,13 +112,14 @@ impl Requests {
         }
     }
 
-    fn add(&mut self, want: &Want, bit: u64, words: &[Word]) {
+    fn add(&mut self, want: &Want, (bit, by): (u64, u8), words: &[Word]) {
         let word = &words[want.page as usize];
         let room = if want.class.is_low() { self.capacity / 2 } else { self.capacity };
         match word.view().state {
             PageState::Resident | PageState::Damaged => return,
             PageState::Reading => {
-                self.counts.late += u64::from(word.promote(want.class));
+                let by = self.guessed_by[word.view().frame as usize].load(Ordering::Relaxed);
+                self.counts.late[usize::from(by)] += u64::from(word.promote(want.class));
                 return;
             }
             PageState::Absent if self.table.len() >= room => {
@@ -122,7 +131,8 @@ impl Requests {
         match self.table.entry(want.page) {
             Entry::Occupied(entry) => {
                 let request = entry.into_mut();
-                self.counts.late += u64::from(request.class == Class::Prefetch && !want.class.is_low());
+                let is_late = request.class == Class::Prefetch && !want.class.is_low();
+                self.counts.late[usize::from(request.by)] += u64::from(is_late);
                 // The only origin may change its mind; several are merged to the strongest.
                 let alone =
                     (request.now | request.before) & !bit == 0 && request.now & bit == 0 && !request.held;
@@ -137,7 +147,7 @@ impl Requests {
                 let queued = word.enqueue();
                 assert!(queued.is_ok(), "a page that is not in the table is {queued:?}");
                 let Want { class, weight, .. } = *want;
-                entry.insert(Request { class, weight, now: bit, before: 0, held: false });
+                entry.insert(Request { class, weight, now: bit, before: 0, held: false, by });
                 self.counts.peak = self.counts.peak.max(self.table.len() as u64);
             }
         }
@@ -166,10 +176,12 @@ impl Requests {
         self.table.get(&page).map(|request| request.class)
     }
 
-    /// Takes `page` out, to be read into `frame`.
-    pub(super) fn take(&mut self, page: u32, frame: u32, words: &[Word]) {
+    /// Takes `page` out, to be read into `frame`. The predictor that asked first.
+    pub(super) fn take(&mut self, page: u32, frame: u32, words: &[Word]) -> u8 {
         let request = self.table.remove(&page).expect("a page that is not queued");
+        self.guessed_by[frame as usize].store(request.by, Ordering::Relaxed);
         words[page as usize].begin_read(frame, request.class);
+        request.by
     }
 
     /// Pages queued now.
@@ -191,6 +203,10 @@ mod tests {
         (0..100).map(|_| Word::absent()).collect()
     }
 
+    fn requests() -> Requests {
+        Requests::new(10, (0..100).map(|_| AtomicU8::new(PREDICTORS as u8)).collect())
+    }
+
     fn want(page: u32, class: Class, weight: u32) -> Want {
         Want { page, class, weight }
     }
@@ -206,7 +222,7 @@ mod tests {
 
     #[test]
     fn class_then_weight_then_place_on_disk() {
-        let (mut requests, words) = (Requests::new(10), words());
+        let (mut requests, words) = (requests(), words());
         let wants = [
             want(1, Class::Background, 9),
             want(2, Class::Urgent, 1),
@@ -221,7 +237,7 @@ mod tests {
 
     #[test]
     fn unwanted_for_two_rounds_is_dropped() {
-        let (mut requests, words) = (Requests::new(10), words());
+        let (mut requests, words) = (requests(), words());
         requests.submit(0, &[want(1, Class::Normal, 0), want(2, Class::Normal, 0)], &words);
         requests.submit(1, &[want(2, Class::Urgent, 0)], &words);
         assert!(requests.hold(3, &words));
@@ -237,7 +253,7 @@ mod tests {
 
     #[test]
     fn the_bound_holds_and_leaves_room_for_demand() {
-        let (mut requests, words) = (Requests::new(10), words());
+        let (mut requests, words) = (requests(), words());
         let wants = |class, pages: std::ops::Range<u32>| -> Vec<Want> {
             pages.map(|page| want(page, class, 0)).collect()
         };
@@ -250,15 +266,15 @@ mod tests {
 
     #[test]
     fn demand_for_a_queued_prefetch_is_late() {
-        let (mut requests, words) = (Requests::new(10), words());
+        let (mut requests, words) = (requests(), words());
         requests.submit(0, &[want(1, Class::Prefetch, 0), want(2, Class::Prefetch, 1)], &words);
         requests.submit(1, &[want(1, Class::Urgent, 0)], &words);
-        assert_eq!((requests.best(), requests.counts().late), (Some((1, Class::Urgent)), 1));
+        assert_eq!((requests.best(), requests.counts().late), (Some((1, Class::Urgent)), [0, 0, 0, 1]));
     }
 
     #[test]
     fn the_only_origin_may_change_its_mind() {
-        let (mut requests, words) = (Requests::new(10), words());
+        let (mut requests, words) = (requests(), words());
         requests.submit(0, &[want(1, Class::Urgent, 9), want(2, Class::Normal, 0)], &words);
         requests.submit(0, &[want(1, Class::Background, 1), want(2, Class::Normal, 0)], &words);
         assert_eq!(drain(&mut requests, &words), [2, 1]);

@@ -1,5 +1,6 @@
 //! What callers ask for: `Want`, its `Class`; and what the pool asks of a file: `PageStore`.
 
+use super::requests::ORIGINS_MAX;
 use crate::error::Result;
 use crate::io::Extent;
 use serde::Serialize;
@@ -34,6 +35,16 @@ impl Class {
             _ => Class::Background,
         }
     }
+}
+
+/// Predictors whose guesses are counted apart.
+pub const PREDICTORS: usize = 3;
+/// Want-lists of these predictors: what they ask for as [`Class::Prefetch`] is counted as theirs.
+pub const PREDICTOR_ORIGINS: std::ops::Range<usize> = ORIGINS_MAX - PREDICTORS..ORIGINS_MAX;
+
+/// The predictor behind an origin; [`PREDICTORS`] for all others.
+pub(super) fn predictor_of(origin: usize) -> u8 {
+    origin.checked_sub(PREDICTOR_ORIGINS.start).unwrap_or(PREDICTORS) as u8
 }
 
 /// One entry of a want-list.
