@@ -13,7 +13,7 @@ use crate::{GenOptions, Spec, View};
 use parts::{MAX_DETAIL, Part};
 use plant::Plant;
 use std::sync::Arc;
-use trex_store::{Aabb, Code, Error, Result, ScanHint, TriangleBatch, TriangleSource};
+use trex_store::{Code, Error, Result, ScanHint, TriangleBatch, TriangleSource};
 
 /// Triangles of the smallest plant at the coarsest detail, roughly.
 const TRIANGLES_PER_BAY: f64 = 10_000.0;
@@ -127,10 +127,8 @@ impl Pipes {
     }
 
     fn hint(&self) -> ScanHint {
-        let ([w, d], h) = (self.plant.floor(), self.plant.height());
-        let bounds = Aabb { lo: [-2.0, -2.0, -1.0], hi: [w + 2.0, d + 2.0, h + 1.0] };
         ScanHint {
-            bounds,
+            bounds: self.plant.bounds(),
             median_edge: MEDIAN_SAFETY * self.sample_median_edge(),
             triangle_count: self.triangle_count,
         }

@@ -13,6 +13,7 @@
 use super::palette::*;
 use super::parts::{Part, Shape};
 use crate::dice::Dice;
+use trex_store::Aabb;
 
 /// Side of a bay, metres.
 pub(super) const BAY: f64 = 12.0;
@@ -43,6 +44,18 @@ impl Plant {
     pub(super) fn height(&self) -> f64 {
         let [width, depth] = self.floor();
         (0.22 * (width * depth).sqrt()).max(11.0)
+    }
+
+    /// Holds all parts: walls stand 1 m off the floor's edge, flanges reach a little further, and columns of large halls
+    /// further still; a whole number of metres, which f32 corners do not round past.
+    pub(super) fn bounds(&self) -> Aabb {
+        let ([w, d], h, aside) = (self.floor(), self.height(), self.beam().ceil().max(2.0));
+        Aabb { lo: [-aside, -aside, -1.0], hi: [w + aside, d + aside, h + 1.0] }
+    }
+
+    /// Width of the beams that carry the roof; columns are twice as wide.
+    pub(super) fn beam(&self) -> f64 {
+        (0.02 * self.height()).max(0.2)
     }
 
     /// Count of groups of parts: the hall and each bay.
@@ -79,7 +92,7 @@ impl Plant {
         block([w + 1.0 - thick, -1.0, 0.0], [w + 1.0, d + 1.0, h], WALL);
         block([-1.0, d + 1.0 - thick, 0.0], [w + 1.0, d + 1.0, h], WALL);
         // Trusses below the roof: chords along y and x.
-        let beam = (0.02 * h).max(0.2);
+        let beam = self.beam();
         for i in 0..=self.bays[0].min(40) {
             let x = w * i as f64 / self.bays[0].min(40) as f64;
             block([x - 0.5 * beam, 0.0, h - 3.0 * beam], [x + 0.5 * beam, d, h - 2.0 * beam], STEEL);
@@ -306,6 +319,20 @@ impl Bay<'_> {
 mod tests {
     use super::*;
     use trex_store::TriangleBatch;
+
+    #[test]
+    fn halls_of_all_sizes_are_within_bounds() {
+        for bays in [[1, 1], [5, 4], [49, 32], [400, 300]] {
+            let plant = Plant { seed: 1, bays };
+            let (mut parts, mut out) = (Vec::new(), TriangleBatch::default());
+            plant.group(0, &mut parts);
+            parts.iter().for_each(|part| part.tessellate(0, &mut out));
+            let Aabb { lo, hi } = plant.bounds();
+            for corner in out.corners.as_flattened() {
+                assert!((0..3).all(|a| (lo[a]..=hi[a]).contains(&corner[a])), "{bays:?}: {corner:?}");
+            }
+        }
+    }
 
     #[test]
     fn aisles_are_free() {
