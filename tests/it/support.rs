@@ -13,11 +13,12 @@ pub(crate) struct Built {
     _folder: tempfile::TempDir,
 }
 
-/// Options for a build without a tight limit.
+/// Options for a build without a tight limit, and without voxels: tests that need them ask for them, since on small
+/// models they take most of the time.
 pub(crate) fn build_options() -> BuildOptions {
     BuildOptions {
         precision: Precision::Default,
-        voxels: Voxels::default(),
+        voxels: Voxels::None,
         threads: 2,
         budget: Budget::new(1 << 30),
         temp_dir: None,
