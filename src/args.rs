@@ -5,14 +5,16 @@
 
 mod image;
 mod render;
+mod stress;
 
 use crate::progress::Mode;
 use crate::values::{self, Bytes, Input, MemoryLimit, Resolution};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
-pub use render::{CameraArgs, GRayArgs, Integrator, Layer, NearArg, OccludersArg, RenderArgs};
+pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
 use std::path::PathBuf;
+pub use stress::StressArgs;
 use trex_store::io::{DirectChoice, IoChoice};
 
 /// Opens triangle meshes far larger than memory and renders them under a memory limit.
@@ -31,6 +33,7 @@ Examples:
   trex build gen:isosurface:20M -o iso.trex --memory-limit 512MiB
   trex info statue.trex                                what is inside
   trex render statue.trex -o statue.png --memory-limit 128MiB
+  trex stress statue.trex --scenario flip              two views in turn: how fast it responds
   trex image diff a.exr reference.exr                  how far apart two pictures are
 
 Results go to stdout, all else to stderr; --json makes the result one JSON document.
@@ -52,6 +55,8 @@ pub enum Verb {
     Verify(VerifyArgs),
     /// Render a page file or a scene
     Render(RenderArgs),
+    /// Change views, lights or limits faster than a model likes, and judge the responses
+    Stress(StressArgs),
     /// Measure this machine on a model
     Bench(BenchArgs),
     /// Compare pictures
@@ -68,6 +73,7 @@ impl Verb {
             Verb::Info(_) => "info",
             Verb::Verify(_) => "verify",
             Verb::Render(_) => "render",
+            Verb::Stress(_) => "stress",
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
@@ -83,6 +89,7 @@ impl Verb {
             Verb::Info(args) => &args.common,
             Verb::Verify(args) => &args.common,
             Verb::Render(args) => &args.common,
+            Verb::Stress(args) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
@@ -474,7 +481,7 @@ mod tests {
     fn render_takes_negative_coordinates_and_layers() {
         let line = "trex render m.trex -o m.exr --camera-position -1,-2.5,3 --layers depth,id --fov-y 40";
         let Verb::Render(args) = parse(line).unwrap() else { panic!("not a render") };
-        assert_eq!(args.camera.camera_position, Some(values::Vec3([-1.0, -2.5, 3.0])));
+        assert_eq!(args.picture.camera.camera_position, Some(values::Vec3([-1.0, -2.5, 3.0])));
         assert_eq!(args.layers, [Layer::Depth, Layer::Id]);
         assert!(parse("trex render m.trex -o m.png --fov-x 40 --fov-y 40").is_err());
         assert!(parse("trex render m.trex -o m.png --spp 0").is_err());

@@ -35,6 +35,11 @@ impl Memory {
     }
 }
 
+/// Bytes that the process holds now; `None` where the system does not tell.
+pub fn resident_bytes() -> Option<u64> {
+    kib_field(&fs::read_to_string("/proc/self/status").unwrap_or_default(), "VmRSS:")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -56,6 +56,14 @@ pub struct Vec3(pub [f64; 3]);
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds(pub f64);
 
+/// A time, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Milliseconds(pub f64);
+
+/// Three times, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triple(pub [f64; 3]);
+
 /// What `build` reads: a file, or a generator's name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
@@ -167,6 +175,29 @@ pub fn seconds(text: &str) -> Result<Seconds, String> {
         .filter(|seconds| *seconds > 0.0)
         .map(Seconds)
         .ok_or_else(|| "accepted is a time above zero: 1500ms, 90s, 2min, or seconds as a bare number".into())
+}
+
+/// Parses a time in milliseconds: `33`, `33ms`.
+pub fn milliseconds(text: &str) -> Result<Milliseconds, String> {
+    let number = text.trim().strip_suffix("ms").unwrap_or(text.trim());
+    finite(number.trim())
+        .filter(|ms| (0.1..=3_600_000.0).contains(ms))
+        .map(Milliseconds)
+        .ok_or_else(|| "accepted are milliseconds from 0.1 to 3600000, like 33 or 33ms".into())
+}
+
+/// Parses three times in milliseconds above zero.
+pub fn triple(text: &str) -> Result<Triple, String> {
+    let parts: Result<Vec<f64>, String> =
+        text.split(',').map(|part| milliseconds(part).map(|ms| ms.0)).collect();
+    <[f64; 3]>::try_from(parts?).map(Triple).map_err(|_| "accepted are three times, like 20,33,100".into())
+}
+
+/// Parses an error of the footprint rule, pixels.
+pub fn pixels(text: &str) -> Result<f64, String> {
+    finite(text)
+        .filter(|x| (0.0..=1024.0).contains(x))
+        .ok_or_else(|| "accepted is a number of pixels from 0 to 1024".into())
 }
 
 /// Parses a finite number above zero (a length, an exposure).
@@ -288,6 +319,14 @@ mod tests {
         for text in ["", "0", "-1s", "nan", "inf", "1h"] {
             assert!(seconds(text).is_err(), "{text}");
         }
+        assert_eq!(
+            (milliseconds("33"), milliseconds("1.5ms")),
+            (Ok(Milliseconds(33.0)), Ok(Milliseconds(1.5)))
+        );
+        assert!(milliseconds("0").is_err() && milliseconds("1s").is_err());
+        assert_eq!(triple("20,33,100"), Ok(Triple([20.0, 33.0, 100.0])));
+        assert!(triple("20,33").is_err() && triple("20,33,x").is_err());
+        assert!(pixels("0").is_ok() && pixels("-1").is_err() && pixels("1e9").is_err());
         assert_eq!(positive("0.001"), Ok(0.001));
         assert!(positive("0").is_err() && positive("inf").is_err() && positive("x").is_err());
         assert_eq!(degrees("45"), Ok(45.0));

@@ -3,6 +3,7 @@
 //! ```text
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
+//!   ^ stress: a session under views and limits that change
 //!   ^ image: two pictures, compared
 //! ```
 //!
@@ -17,3 +18,4 @@ pub mod model;
 mod peers;
 pub mod rays;
 pub mod record;
+pub mod stress;

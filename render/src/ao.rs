@@ -8,11 +8,11 @@
 //!
 //! Where the file has voxels these rays are G-rays, else they go through the mesh. Materials and lights play no part. S. Zhukov, A. Iones, G. Kronin, "An ambient light illumination model" (1998).
 
-use crate::integrator::{Integrator, Path, Stage};
+use crate::integrator::{Integrator, Path, ShadowQuery, Stage};
 use crate::light::cosine_direction;
 use crate::sampler::Decision;
 use crate::surface::Surface;
-use crate::trace::{Answer, Hit, Ray, Tracer};
+use crate::trace::{Hit, Ray};
 
 impl Integrator<'_> {
     /// The end of a primary ray.
@@ -30,24 +30,11 @@ impl Integrator<'_> {
     }
 
     /// One ray of those that look around.
-    pub(crate) fn openness<T: Tracer>(
-        &self,
-        path: &mut Path,
-        surface: &Surface,
-        index: u32,
-        tracer: &mut T,
-    ) -> Answer<()> {
+    pub(crate) fn openness_query(&self, path: &Path, surface: &Surface, index: u32) -> ShadowQuery {
         let count = self.world.n_shadow;
         let u = path.sampler.draw(Decision::Gather { vertex: 0, index, count });
         let direction = cosine_direction(surface.normal, [u[0], u[1]]);
-        let radius = self.world.ao_radius;
-        let Answer::Exact(occluded) = self.occluded(surface, direction, radius, None, tracer) else {
-            return Answer::Blocked;
-        };
-        path.sample.rays.gather += 1;
-        if !occluded {
-            path.gain([1.0 / count as f32; 3]);
-        }
-        Answer::Exact(())
+        let light = [1.0 / count as f32; 3];
+        ShadowQuery { direction, distance: self.world.ao_radius, front: None, light }
     }
 }

@@ -10,7 +10,7 @@
 //! not along it and an angle in [0.001, 179] degrees; 2. rays are unit, set up in f64, and start at the position;
 //! 3. a framed camera sees the whole box.
 
-use crate::math::{along, cross, dot, scale, sub, unit};
+use crate::math::{along, cross, dot, length, scale, sub, unit};
 use crate::trace::Ray;
 use trex_store::{Aabb, Code, Error, Result};
 
@@ -43,6 +43,9 @@ pub enum Fov {
     /// Across the height.
     Y(f64),
 }
+
+/// Cosine of 30 degrees.
+const NEAR_VIEWS_COS: f64 = 0.866;
 
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -172,6 +175,28 @@ impl Projection {
     /// Width and height, pixels.
     pub fn resolution(&self) -> [u32; 2] {
         self.resolution
+    }
+
+    /// Whether a camera has hardly turned: by less than 30 degrees.
+    pub(crate) fn is_near(&self, other: &Projection) -> bool {
+        dot(self.forward, other.forward) > NEAR_VIEWS_COS
+    }
+
+    /// `steps` of the way from this camera to `other`, and on beyond 1.
+    pub(crate) fn towards(&self, other: &Projection, steps: f64) -> Projection {
+        let mix = |a: [f64; 3], b: [f64; 3]| along(a, steps, sub(b, a));
+        Projection {
+            position: mix(self.position, other.position),
+            forward: mix(self.forward, other.forward),
+            right: mix(self.right, other.right),
+            down: mix(self.down, other.down),
+            resolution: other.resolution,
+        }
+    }
+
+    /// Width of a pixel in the middle of the picture, radians: model units at distance 1.
+    pub fn pixel_angle(&self) -> f64 {
+        2.0 * length(self.right) / f64::from(self.resolution[0])
     }
 
     /// The ray through film position (`x`, `y`), pixels from the top left corner.

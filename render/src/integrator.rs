@@ -16,6 +16,7 @@
 //! was answered, and reported with the finished sample; 3. a path has at most [`BOUNCES_MAX`] bounces.
 
 use crate::film::{LayerPixel, NO_ID};
+use crate::g_batch::{GBatches, Place};
 use crate::light::LightSample;
 use crate::material::{bsdf, takes_shadow_rays};
 use crate::math::{add_rgb, dot, max_rgb, mul_rgb, scale_rgb, to_f64};
@@ -96,6 +97,15 @@ pub struct RayCounts {
     pub photon: u64,
 }
 
+/// How far a step took a sample.
+pub(crate) enum Step {
+    /// The next ray waits for pages.
+    Blocked,
+    /// Rays are in the batch.
+    Asks,
+    Done(Sample),
+}
+
 /// What one finished sample says of its pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
@@ -114,6 +124,8 @@ pub struct Integrator<'a> {
     layers: bool,
     /// What answers G-rays; without, the mesh does.
     pub(crate) voxels: Option<GScene<'a>>,
+    /// What stands for the mesh where it is far or missing.
+    pub(crate) stand_in: Option<GScene<'a>>,
 }
 
 /// One sample of one pixel on its way: all that a retry needs.
@@ -124,13 +136,17 @@ pub struct Path {
     stage: Stage,
     /// Index of the path vertex at the end of the current C-ray.
     pub(crate) vertex: u32,
+    /// Length of the C-rays before the current one, model units.
+    pub(crate) travelled: f64,
+    /// Whether the current C-ray leaves a place that voxels answered for.
+    pub(crate) is_far: bool,
     pub(crate) throughput: [f32; 3],
     /// How the current C-ray came about.
     pub(crate) origin: Origin,
     pub(crate) sample: Sample,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) enum Stage {
     /// The ray through the pixel's centre, for the layers.
     Layers,
@@ -146,9 +162,24 @@ pub(crate) enum Stage {
         surface: Surface,
         index: u32,
     },
+    /// Shadow rays have been asked in a batch.
+    TakeShadow(Place),
+    /// Gather rays have.
+    TakeGather(Place),
     /// What comes after these.
     Bounce(Surface),
     Done,
+}
+
+/// A ray from a surface that asks whether anything is hit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ShadowQuery {
+    pub(crate) direction: [f64; 3],
+    pub(crate) distance: f64,
+    /// Normal of the surface at the other end, if there is one.
+    pub(crate) front: Option<[f64; 3]>,
+    /// What is gained when nothing is.
+    pub(crate) light: [f32; 3],
 }
 
 /// How a C-ray came about: what it sees has another weight where light samples could have found it too.
@@ -207,12 +238,17 @@ impl Path {
 impl<'a> Integrator<'a> {
     /// The integrator of `world`; with `layers` the first sample of each pixel also says what its centre shows.
     pub fn new(world: &'a World, layers: bool) -> Integrator<'a> {
-        Integrator { world, layers, voxels: None }
+        Integrator { world, layers, voxels: None, stand_in: None }
     }
 
     /// The same, with G-rays answered by voxels.
     pub(crate) fn with_voxels(self, voxels: Option<GScene<'a>>) -> Integrator<'a> {
         Integrator { voxels, ..self }
+    }
+
+    /// The same, with voxels for what is beyond the cut of [`World::voxels_from`], and for stand-ins.
+    pub(crate) fn with_stand_in(self, stand_in: Option<GScene<'a>>) -> Integrator<'a> {
+        Integrator { stand_in, ..self }
     }
 
     /// A new sample of `pixel` (x, y).
@@ -222,6 +258,8 @@ impl<'a> Integrator<'a> {
             sampler: Sampler::new(self.world.seed, pixel, sample),
             stage: Stage::Layers,
             vertex: 0,
+            travelled: 0.0,
+            is_far: false,
             throughput: [1.0; 3],
             origin: Origin::Camera,
             sample: Sample::default(),
@@ -232,39 +270,79 @@ impl<'a> Integrator<'a> {
         path
     }
 
-    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked.
+    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it asks
+    /// of `batches`, where there are any.
     ///
     /// # Panics
     /// When the sample is finished already.
-    pub fn advance<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Sample> {
+    pub(crate) fn step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        tracer: &mut T,
+        mut batches: Option<&mut GBatches>,
+    ) -> Step {
         loop {
-            let next = match path.stage {
-                Stage::Layers => self.layers_step(path, tracer),
-                Stage::CRay(ray) => self.c_ray_step(path, &ray, tracer),
-                Stage::Shadow { surface, index } => self.shadow_step(path, &surface, index, tracer),
-                Stage::Gather { surface, index } => self.gather_step(path, &surface, index, tracer),
-                Stage::Bounce(surface) => Answer::Exact(self.bounce(path, &surface)),
-                Stage::Done => panic!("a finished sample was asked again"),
+            let stage = std::mem::replace(&mut path.stage, Stage::Done);
+            let next = match (&stage, batches.as_deref_mut()) {
+                (Stage::Layers, _) => self.layers_step(path, tracer),
+                (Stage::CRay(ray), _) => self.c_ray_step(path, ray, tracer),
+                (Stage::Shadow { surface, index }, Some(all)) => {
+                    path.stage = self.ask_shadow(path, (surface, *index), &mut all.asked);
+                    return Step::Asks;
+                }
+                (Stage::Gather { surface, index }, Some(all)) => {
+                    path.stage = self.ask_gather(path, (surface, *index), &mut all.asked);
+                    return Step::Asks;
+                }
+                (Stage::Shadow { surface, index }, None) => self.shadow_step(path, surface, *index, tracer),
+                (Stage::Gather { surface, index }, None) => self.gather_step(path, surface, *index, tracer),
+                (Stage::TakeShadow(place), Some(all)) => {
+                    Answer::Exact(self.take_shadow(path, place, &all.answered))
+                }
+                (Stage::TakeGather(place), Some(all)) => {
+                    Answer::Exact(self.take_gather(path, place, &all.answered))
+                }
+                (Stage::Bounce(surface), _) => Answer::Exact(self.bounce(path, surface)),
+                (Stage::TakeShadow(_) | Stage::TakeGather(_), None) => panic!("answers without a batch"),
+                (Stage::Done, _) => panic!("a finished sample was asked again"),
             };
             match next {
-                Answer::Blocked => return Answer::Blocked,
+                Answer::Blocked => {
+                    path.stage = stage;
+                    return Step::Blocked;
+                }
+                Answer::Exact(Stage::Done) => return Step::Done(path.sample),
                 Answer::Exact(stage) => path.stage = stage,
-            }
-            if matches!(path.stage, Stage::Done) {
-                return Answer::Exact(path.sample);
             }
         }
     }
 
+    /// The same with rays asked one by one.
+    ///
+    /// # Panics
+    /// When the sample is finished already.
+    pub fn advance<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Sample> {
+        match self.step(path, tracer, None) {
+            Step::Blocked => Answer::Blocked,
+            Step::Done(sample) => Answer::Exact(sample),
+            Step::Asks => unreachable!("there is no batch to ask"),
+        }
+    }
+
     fn primary(&self, path: &Path) -> Stage {
+        Stage::CRay(self.primary_ray(path))
+    }
+
+    /// The ray from the camera that the path begins with.
+    pub(crate) fn primary_ray(&self, path: &Path) -> Ray {
         let [dx, dy, ..] = path.sampler.draw(Decision::Pixel);
         let [x, y] = path.pixel.map(f64::from);
-        Stage::CRay(self.world.projection.ray(x + f64::from(dx), y + f64::from(dy)))
+        self.world.projection.ray(x + f64::from(dx), y + f64::from(dy))
     }
 
     fn layers_step<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Stage> {
         let [x, y] = path.pixel.map(|x| f64::from(x) + 0.5);
-        let Answer::Exact(hit) = tracer.intersect(&self.world.projection.ray(x, y)) else {
+        let Answer::Exact(hit) = self.closest(&self.world.projection.ray(x, y), path, tracer) else {
             return Answer::Blocked;
         };
         path.sample.rays.primary += 1;
@@ -283,7 +361,9 @@ impl<'a> Integrator<'a> {
         if matches!(self.world.method, Method::DebugUpper | Method::DebugOccluders) {
             return Answer::Exact(self.voxel_shown(path, ray));
         }
-        let Answer::Exact(hit) = tracer.intersect(ray) else { return Answer::Blocked };
+        let Answer::Exact(hit) = self.closest(ray, path, tracer) else { return Answer::Blocked };
+        path.travelled += hit.map_or(0.0, |hit| hit.t);
+        path.is_far = hit.is_some_and(|hit| hit.triangle == NO_ID);
         let rays = &mut path.sample.rays;
         *match path.origin {
             Origin::Camera => &mut rays.primary,
@@ -317,14 +397,16 @@ impl<'a> Integrator<'a> {
     pub(crate) fn lit(&self, surface: Surface) -> Stage {
         let material = &self.world.materials[surface.material as usize];
         match takes_shadow_rays(material) {
-            true if self.world.n_shadow > 0 => Stage::Shadow { surface, index: 0 },
-            true => self.after_shadow_rays(surface),
+            true => self.after_shadow_ray(surface, 0),
             false => Stage::Bounce(surface),
         }
     }
 
-    /// What follows the last shadow ray.
-    fn after_shadow_rays(&self, surface: Surface) -> Stage {
+    /// What follows the shadow rays before number `index`.
+    pub(crate) fn after_shadow_ray(&self, surface: Surface, index: u32) -> Stage {
+        if index < self.world.n_shadow {
+            return Stage::Shadow { surface, index };
+        }
         let gathers = self.world.method == Method::Photon && self.world.n_gather > 0;
         if gathers { Stage::Gather { surface, index: 0 } } else { Stage::Bounce(surface) }
     }
@@ -336,58 +418,40 @@ impl<'a> Integrator<'a> {
         index: u32,
         tracer: &mut T,
     ) -> Answer<Stage> {
-        let count = self.world.n_shadow;
-        let answer = match self.world.method {
-            Method::Ao => self.openness(path, surface, index, tracer),
-            _ => self.light_from(path, surface, index, tracer),
-        };
-        if answer == Answer::Blocked {
-            return Answer::Blocked;
-        }
-        let (index, surface) = (index + 1, *surface);
-        Answer::Exact(if index < count {
-            Stage::Shadow { surface, index }
-        } else {
-            self.after_shadow_rays(surface)
-        })
-    }
-
-    /// One light sample.
-    fn light_from<T: Tracer>(
-        &self,
-        path: &mut Path,
-        surface: &Surface,
-        index: u32,
-        tracer: &mut T,
-    ) -> Answer<()> {
-        let count = self.world.n_shadow;
-        let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
-        let Some(sample) = self.world.lights.sample(&surface.receiver(&self.world.materials), u) else {
-            return Answer::Exact(());
-        };
-        let light = scale_rgb(1.0 / count as f32, self.scattered(surface, &sample));
-        if max_rgb(light) > 0.0 {
-            let LightSample { direction, distance, front, .. } = sample;
-            let Answer::Exact(occluded) = self.occluded(surface, direction, distance, front, tracer) else {
+        if let Some(query) = self.shadow_query(path, surface, index) {
+            let Answer::Exact(occluded) = self.occluded(surface, &query, tracer) else {
                 return Answer::Blocked;
             };
-            path.sample.rays.shadow += 1;
+            self.count_shadow_ray(path);
             if !occluded {
-                path.gain(light);
+                path.gain(query.light);
             }
         }
-        Answer::Exact(())
+        Answer::Exact(self.after_shadow_ray(*surface, index + 1))
     }
 
-    /// Whether anything stands between a surface and a place `distance` away, whose own front is `front`.
-    pub(crate) fn occluded<T: Tracer>(
-        &self,
-        surface: &Surface,
-        direction: [f64; 3],
-        distance: f64,
-        front: Option<[f64; 3]>,
-        tracer: &mut T,
-    ) -> Answer<bool> {
+    /// What shadow ray `index` asks; `None` where it could bring nothing.
+    pub(crate) fn shadow_query(&self, path: &Path, surface: &Surface, index: u32) -> Option<ShadowQuery> {
+        if self.world.method == Method::Ao {
+            return Some(self.openness_query(path, surface, index));
+        }
+        let count = self.world.n_shadow;
+        let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
+        let sample = self.world.lights.sample(&surface.receiver(&self.world.materials), u)?;
+        let light = scale_rgb(1.0 / count as f32, self.scattered(surface, &sample));
+        let LightSample { direction, distance, front, .. } = sample;
+        (max_rgb(light) > 0.0).then_some(ShadowQuery { direction, distance, front, light })
+    }
+
+    /// Counts a shadow ray that was answered.
+    pub(crate) fn count_shadow_ray(&self, path: &mut Path) {
+        let rays = &mut path.sample.rays;
+        *if self.world.method == Method::Ao { &mut rays.gather } else { &mut rays.shadow } += 1;
+    }
+
+    /// Whether anything stands between a surface and the place that a query names.
+    fn occluded<T: Tracer>(&self, surface: &Surface, query: &ShadowQuery, tracer: &mut T) -> Answer<bool> {
+        let ShadowQuery { direction, distance, front, .. } = *query;
         let Some(voxels) = &self.voxels else {
             return tracer.occluded(&surface.ray_to(direction, distance, front));
         };

@@ -80,6 +80,7 @@ impl Case {
                 seed: self.seed,
                 method,
                 g_rays: GRays::default(),
+                lod_error_pixels: 0.0,
             },
         )
         .unwrap();

@@ -25,25 +25,37 @@ impl Integrator<'_> {
         index: u32,
         tracer: &mut T,
     ) -> Answer<Stage> {
-        let world = self.world;
-        let (count, voxels) = (world.n_gather, self.voxels.expect("`photon` has voxels"));
+        if let Some((direction, weight)) = self.gather_query(path, surface, index) {
+            let voxels = self.voxels.expect("`photon` has voxels");
+            let Answer::Exact(found) = self.gathered_along(&voxels, surface, direction, tracer) else {
+                return Answer::Blocked;
+            };
+            path.sample.rays.gather += found.rays;
+            path.gain(mul_rgb(weight, found.radiance));
+        }
+        Answer::Exact(self.after_gather_ray(*surface, index + 1))
+    }
+
+    /// What follows the gather rays before number `index`.
+    pub(crate) fn after_gather_ray(&self, surface: Surface, index: u32) -> Stage {
+        if index < self.world.n_gather { Stage::Gather { surface, index } } else { Stage::Bounce(surface) }
+    }
+
+    /// Direction and weight of gather ray `index`; `None` where it could bring nothing.
+    pub(crate) fn gather_query(
+        &self,
+        path: &Path,
+        surface: &Surface,
+        index: u32,
+    ) -> Option<([f64; 3], [f32; 3])> {
+        let (world, count) = (self.world, self.world.n_gather);
         let material = &world.materials[surface.material as usize];
         let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index, count });
         let (normal, to_viewer) = (surface.normal, surface.to_viewer);
-        if let Some((direction, density)) = scatter_rough(material, normal, to_viewer, [u[0], u[1], u[2]]) {
-            let cos = dot(normal, direction);
-            let weight = (cos / (density * f64::from(count))) as f32;
-            let weight = scale_rgb(weight, bsdf(material, normal, to_viewer, direction));
-            if max_rgb(weight) > 0.0 {
-                let Answer::Exact(found) = self.gathered_along(&voxels, surface, direction, tracer) else {
-                    return Answer::Blocked;
-                };
-                path.sample.rays.gather += found.rays;
-                path.gain(mul_rgb(weight, found.radiance));
-            }
-        }
-        let (index, surface) = (index + 1, *surface);
-        Answer::Exact(if index < count { Stage::Gather { surface, index } } else { Stage::Bounce(surface) })
+        let (direction, density) = scatter_rough(material, normal, to_viewer, [u[0], u[1], u[2]])?;
+        let weight = (dot(normal, direction) / (density * f64::from(count))) as f32;
+        let weight = scale_rgb(weight, bsdf(material, normal, to_viewer, direction));
+        (max_rgb(weight) > 0.0).then_some((direction, weight))
     }
 
     /// What arrives at a surface from unit `direction`.

@@ -6,6 +6,8 @@
 //! Invariants: 1. an encoder holds at most [`encoder_bytes`]; 2. the same film gives the same bytes.
 
 use crate::film::{Film, Layers};
+use crate::frame::PagedTracer;
+use crate::session::Session;
 use exr::block::UncompressedBlock;
 use exr::block::lines::LineRefMut;
 use exr::block::writer::ChunksWriter;
@@ -22,6 +24,35 @@ const EXR_COPIES: u64 = 4;
 /// What zlib and the buffers around it take.
 const ENCODER_FIXED_BYTES: u64 = 1 << 20;
 
+/// A picture to be written: a film, or a session that shows more than its film.
+pub trait Image {
+    /// Its size and its layers.
+    fn film(&self) -> &Film;
+
+    /// Radiance of a pixel (x, y), linear RGB.
+    fn radiance(&self, pixel: [u32; 2]) -> [f32; 3];
+}
+
+impl Image for Film {
+    fn film(&self) -> &Film {
+        self
+    }
+
+    fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
+        Film::radiance(self, pixel)
+    }
+}
+
+impl<T: PagedTracer + Send> Image for Session<T> {
+    fn film(&self) -> &Film {
+        Session::film(self)
+    }
+
+    fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
+        self.shown(pixel)
+    }
+}
+
 /// Bytes that [`write_png`] or [`write_exr`] takes at `resolution` (width, height; pixels), writer not counted.
 pub fn encoder_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
     let [width, height] = resolution.map(u64::from);
@@ -30,12 +61,12 @@ pub fn encoder_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
     ENCODER_FIXED_BYTES + EXR_COPIES * block + offsets
 }
 
-/// Writes `film` as PNG: sRGB of `clamp(exposure * radiance)`.
+/// Writes `image` as PNG: sRGB of `clamp(exposure * radiance)`.
 ///
 /// # Errors
 /// Those of the writer.
-pub fn write_png<W: Write>(film: &Film, exposure: f32, writer: W) -> Result<()> {
-    let [width, height] = film.resolution();
+pub fn write_png<W: Write>(image: &impl Image, exposure: f32, writer: W) -> Result<()> {
+    let [width, height] = image.film().resolution();
     let mut encoder = png::Encoder::new(writer, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
@@ -45,7 +76,7 @@ pub fn write_png<W: Write>(film: &Film, exposure: f32, writer: W) -> Result<()> 
     let mut line = vec![0u8; width as usize * 3];
     for y in 0..height {
         for (x, pixel) in line.chunks_exact_mut(3).enumerate() {
-            pixel.copy_from_slice(&film.radiance([x as u32, y]).map(|value| to_srgb(exposure * value)));
+            pixel.copy_from_slice(&image.radiance([x as u32, y]).map(|value| to_srgb(exposure * value)));
         }
         stream.write_all(&line)?;
     }
@@ -54,11 +85,12 @@ pub fn write_png<W: Write>(film: &Film, exposure: f32, writer: W) -> Result<()> 
     Ok(())
 }
 
-/// Writes `film` as EXR, with its layers.
+/// Writes `image` as EXR, with the layers of its film.
 ///
 /// # Errors
 /// Those of the writer.
-pub fn write_exr<W: Write + Seek>(film: &Film, writer: W) -> Result<()> {
+pub fn write_exr<W: Write + Seek>(image: &impl Image, writer: W) -> Result<()> {
+    let film = image.film();
     let channels = channels(film.layers());
     let [width, height] = film.resolution().map(|side| side as usize);
     let list = channels
@@ -76,7 +108,7 @@ pub fn write_exr<W: Write + Seek>(film: &Film, writer: W) -> Result<()> {
         for (place, index) in exr::block::enumerate_ordered_header_block_indices(&meta.headers) {
             let list = &meta.headers[index.layer].channels;
             let block = UncompressedBlock::from_lines(list, index, |line| {
-                channels[line.location.channel].fill(film, line);
+                channels[line.location.channel].fill(image, line);
             });
             compressor.compress_block(place, block)?;
         }
@@ -139,11 +171,12 @@ impl Channel {
         if self == Channel::Id { SampleType::U32 } else { SampleType::F32 }
     }
 
-    fn fill(self, film: &Film, line: LineRefMut<'_>) {
+    fn fill(self, image: &impl Image, line: LineRefMut<'_>) {
+        let film = image.film();
         let start = line.location.position;
         let pixel = |x: usize| [(start.0 + x) as u32, start.1 as u32];
         let filled = match self {
-            Channel::Radiance(c) => line.write_samples(|x| film.radiance(pixel(x))[c]),
+            Channel::Radiance(c) => line.write_samples(|x| image.radiance(pixel(x))[c]),
             Channel::Depth => line.write_samples(|x| film.depth(pixel(x))),
             Channel::Albedo(c) => line.write_samples(|x| film.albedo(pixel(x))[c]),
             Channel::Id => line.write_samples(|x| film.id(pixel(x))),

@@ -7,7 +7,9 @@ use crate::camera::{Camera, Fov, SIDE_MAX_PIXELS};
 use crate::integrator::Method;
 use crate::light::Light;
 use crate::voxel::{Near, Occluders};
-use crate::world::{GRays, MaterialEdit, Model, N_GATHER_MAX, N_SHADOW_MAX, PHOTONS_MAX, View};
+use crate::world::{
+    GRays, LOD_ERROR_MAX_PIXELS, MaterialEdit, Model, N_GATHER_MAX, N_SHADOW_MAX, PHOTONS_MAX, View,
+};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -67,6 +69,8 @@ pub struct RenderKeys {
     pub near: Near,
     /// Whether the bitmaps of voxels count.
     pub occluders: Occluders,
+    /// Pixels that a leaf voxel may cover where it stands for the mesh; 0 for the exact mesh.
+    pub lod_error: f64,
     /// Factor before clamping to PNG.
     pub exposure: f32,
     /// Names the random numbers.
@@ -81,6 +85,7 @@ impl Default for RenderKeys {
             photons,
             near,
             occluders,
+            lod_error: 0.0,
             integrator: Method::Direct,
             resolution: [1024, 1024],
             spp: 16,
@@ -115,10 +120,11 @@ impl Scene {
             model.edit(model.material_index(name)?, edit)?;
         }
         let RenderKeys { integrator: method, resolution, n_shadow, seed, .. } = self.render;
-        let RenderKeys { n_gather, photons, near, occluders, .. } = self.render;
+        let RenderKeys { n_gather, photons, near, occluders, lod_error, .. } = self.render;
         let g_rays = GRays { n_gather, photons, near, occluders };
         let camera = self.camera.camera(model, resolution);
-        Ok(View { camera, resolution, lights: self.lights.clone(), n_shadow, seed, method, g_rays })
+        let (lights, lod_error_pixels) = (self.lights.clone(), lod_error);
+        Ok(View { camera, resolution, lights, n_shadow, seed, method, g_rays, lod_error_pixels })
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -140,7 +146,8 @@ impl Scene {
                 "give one angle of view",
             );
         }
-        let RenderKeys { resolution, spp, n_shadow, n_gather, photons, exposure, .. } = self.render;
+        let RenderKeys { resolution, spp, n_shadow, n_gather, photons, lod_error, exposure, .. } =
+            self.render;
         if resolution.iter().any(|side| !(1..=SIDE_MAX_PIXELS).contains(side)) {
             let next = format!("give a width and a height in 1..={SIDE_MAX_PIXELS}");
             return bad("render.resolution", format!("{resolution:?}"), &next);
@@ -162,6 +169,10 @@ impl Scene {
         if !(1..=PHOTONS_MAX).contains(&photons) {
             let next = format!("give a number in 1..={PHOTONS_MAX}");
             return bad("render.photons", photons.to_string(), &next);
+        }
+        if !(0.0..=LOD_ERROR_MAX_PIXELS).contains(&lod_error) {
+            let next = format!("give a number of pixels in 0..={LOD_ERROR_MAX_PIXELS}");
+            return bad("render.lod_error", lod_error.to_string(), &next);
         }
         if !(exposure > 0.0 && exposure.is_finite()) {
             return bad("render.exposure", exposure.to_string(), "give a finite number > 0");
@@ -285,7 +296,7 @@ mod tests {
         let manual = include_str!("../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow n_gather photons near occluders exposure seed";
+                    integrator resolution spp n_shadow n_gather photons near occluders lod_error exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

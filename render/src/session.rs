@@ -2,19 +2,25 @@
 //!
 //! ```text
 //! Session::new(model, setup, budget, tracers) -> illuminate -> render(stop, after_pass) -> film() -> picture::write_png
+//!                                             -> go_live(options) -> frame(stop) -> frame(stop) ... -> picture()
 //!                                             <- apply(Event)
 //! ```
+//!
+//! Two ways to a picture: [`Session::render`] takes what it takes; [`Session::frame`] goes on for as long as a deadline
+//! allows and tells what there is ([`crate::live`]).
 //!
 //! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film, so all samples of a
 //! film are of one state; 3. film and frame loop are leased from the budget for the life of the session.
 
 use crate::camera::Camera;
 use crate::film::{Film, Layers};
-use crate::frame::{PASS_SAMPLES_MAX, PagedTracer, PassStats, frame_bytes, render_pass};
+use crate::frame::{PASS_SAMPLES_MAX, PagedTracer, Pass, PassStats, Until, frame_bytes};
+use crate::frames::Changes;
 use crate::integrator::{Integrator, Method};
 use crate::light::Light;
+use crate::live::Live;
 use crate::tile::Tiles;
-use crate::voxel::{GScene, Occluders, PhotonMap, PhotonStats, PhotonWorld};
+use crate::voxel::{GScene, Irradiance, Occluders, PhotonMap, PhotonStats, PhotonWork, PhotonWorld};
 use crate::world::{GRays, MaterialEdit, Model, View, World};
 use std::ops::ControlFlow;
 use trex_store::{Budget, Lease, Result};
@@ -61,15 +67,17 @@ pub enum Event {
 /// ```
 #[derive(Debug)]
 pub struct Session<T> {
-    model: Model,
-    view: View,
-    world: World,
-    tracers: Vec<T>,
-    tiles: Tiles,
-    film: Film,
+    pub(crate) model: Model,
+    pub(crate) view: View,
+    pub(crate) world: World,
+    pub(crate) tracers: Vec<T>,
+    pub(crate) tiles: Tiles,
+    pub(crate) film: Film,
     /// Light in the voxels; of `photon` alone.
-    photons: Option<PhotonMap>,
-    budget: Budget,
+    pub(crate) photons: Option<PhotonMap>,
+    /// Frames with a deadline.
+    pub(crate) live: Option<Live>,
+    pub(crate) budget: Budget,
     _lease: Lease,
 }
 
@@ -113,7 +121,8 @@ impl<T: PagedTracer + Send> Session<T> {
             _ => None,
         };
         let budget = budget.clone();
-        Ok(Session { model, view, world, tracers, tiles, film, photons, budget, _lease: lease })
+        let live = None;
+        Ok(Session { model, view, world, tracers, tiles, film, photons, live, budget, _lease: lease })
     }
 
     /// Changes camera, lights or a material.
@@ -128,17 +137,18 @@ impl<T: PagedTracer + Send> Session<T> {
             Event::Lights(lights) => view.lights = lights,
             Event::Material { index, edit } => model.insert(self.model.clone()).edit(index, &edit)?,
         }
-        self.world = World::new(model.as_ref().unwrap_or(&self.model), &view)?;
+        let world = World::new(model.as_ref().unwrap_or(&self.model), &view)?;
+        let before = std::mem::replace(&mut self.world, world).projection;
         self.view = view;
         if let Some(model) = model {
             self.model = model;
         }
-        self.film.clear();
-        if let Some(photons) = &mut self.photons
-            && changes_light
-        {
+        if self.live.is_some() {
+            self.begin_state(&before, if changes_light { Changes::Light } else { Changes::Camera });
+        } else if let Some(photons) = self.photons.as_mut().filter(|_| changes_light) {
             photons.clear();
         }
+        self.film.clear();
         Ok(())
     }
 
@@ -152,18 +162,27 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        let (Some(map), Some(voxels)) = (&mut self.photons, &self.model.voxels) else {
-            return Ok(PhotonStats::default());
-        };
-        let g_rays = self.view.g_rays;
-        let all = PhotonWorld {
+        let Some(mut map) = self.photons.take() else { return Ok(PhotonStats::default()) };
+        let target = self.view.g_rays.photons;
+        let stats = self.photon_world().map_or(Ok(None), |all| all.begin()).map(|work| {
+            let mut work: PhotonWork = work?;
+            let all = self.photon_world()?;
+            Some(all.trace((&mut work, &mut map), target, stop, &mut |done| tell(done, target)))
+        });
+        self.photons = Some(map);
+        Ok(stats?.unwrap_or_default())
+    }
+
+    /// What photons go through; `None` for a model without voxels.
+    pub(crate) fn photon_world(&self) -> Option<PhotonWorld<'_>> {
+        let voxels = self.model.voxels.as_ref()?;
+        Some(PhotonWorld {
             world: &self.world,
             bounds: &self.model.bounds,
-            voxels: voxels.scene(g_rays.occluders),
+            voxels: voxels.scene(self.view.g_rays.occluders),
             threads: self.tracers.len(),
             budget: &self.budget,
-        };
-        all.trace(map, g_rays.photons, stop, &mut |done| tell(done, g_rays.photons))
+        })
     }
 
     /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` has the indirect light that
@@ -175,18 +194,15 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
-        let GRays { occluders, near, .. } = self.view.g_rays;
-        let occluders = if self.view.method == Method::DebugUpper { Occluders::Off } else { occluders };
-        let voxels = self.model.voxels.as_ref().filter(|_| self.view.method.asks_voxels());
-        let irradiance = self.photons.as_ref().map_or(&[][..], PhotonMap::irradiance);
-        let g_scene = voxels.map(|voxels| GScene { voxels: voxels.scene(occluders), irradiance, near });
-        let layers = self.film.layers().any();
-        let integrator = Integrator::new(&self.world, layers).with_voxels(g_scene);
+        let irradiance = self.photons.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
+        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance);
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));
-            let pass = render_pass(&integrator, &mut self.film, &self.tiles, &mut self.tracers, target, stop);
-            stats.total.add(&pass);
+            let until = Until { stop, deadline: None, tiles: u32::MAX };
+            let mut pass = Pass::new(target, self.tracers.len());
+            let film = (&mut self.film, None);
+            stats.total.add(&pass.run((&integrator, &self.tiles), film, &mut self.tracers, &until));
             stats.passes += 1;
             stats.spp = self.film.samples();
             if after_pass(&self.film, &stats).is_break() {
@@ -216,6 +232,21 @@ impl<T: PagedTracer + Send> Session<T> {
     pub fn tracers(&self) -> &[T] {
         &self.tracers
     }
+}
+
+/// The integrator of a view, with the voxels where it asks them.
+pub(crate) fn integrator<'a>(
+    world: &'a World,
+    (model, view): (&'a Model, &View),
+    layers: Layers,
+    irradiance: Irradiance<'a>,
+) -> Integrator<'a> {
+    let GRays { occluders, near, .. } = view.g_rays;
+    let occluders = if view.method == Method::DebugUpper { Occluders::Off } else { occluders };
+    let scene =
+        model.voxels.as_ref().map(|voxels| GScene { voxels: voxels.scene(occluders), irradiance, near });
+    let for_g_rays = scene.filter(|_| view.method.asks_voxels());
+    Integrator::new(world, layers.any()).with_voxels(for_g_rays).with_stand_in(scene)
 }
 
 #[cfg(test)]

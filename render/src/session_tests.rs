@@ -23,6 +23,7 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
         seed: 0,
         method: Method::Direct,
         g_rays: GRays::default(),
+        lod_error_pixels: 0.0,
     };
     Session::new(model, view, Layers::default(), budget, vec![mesh; 2])
 }

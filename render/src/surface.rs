@@ -10,7 +10,7 @@ use trex_store::Material;
 
 /// Secondary rays start off the surface by this many bounds on the error of the hit: one for the point itself, one
 /// for the rounding of the next ray's test against the same plane, doubled since neither bound is along the normal.
-const OFFSET_ERRORS: f64 = 4.0;
+pub(crate) const OFFSET_ERRORS: f64 = 4.0;
 /// A shadow ray ends before the light by this share of its length: some f32 ulps, the rounding of a tracer that
 /// works in f32 relative to the ray, whose error at the far end no hit has told.
 const END_SHARE: f64 = 1.0 / (1 << 20) as f64;

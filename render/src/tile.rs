@@ -3,6 +3,9 @@
 //! Invariants: 1. the tiles cover each pixel once; 2. a tile has fewer than 100 pixels; 3. the index of a tile is
 //! its place in rows, whatever the order of work.
 
+use crate::saliency::{Reduced, Saliency};
+use crate::sampler::mix;
+
 /// Side of a tile, pixels. 64 pixels: small enough that its rays want few pages, a whole number of SIMD packets.
 pub const TILE_SIDE_PIXELS: u32 = 8;
 
@@ -17,6 +20,25 @@ pub struct Tile {
     pub first: [u32; 2],
     /// Width and height, pixels; smaller than the side at the right and lower edge.
     pub size: [u32; 2],
+}
+
+/// In which order tiles are worked on. Paper, section 5.2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TileOrder {
+    /// Along a z-curve: neighbours share pages. What pictures without a deadline use.
+    ZCurve,
+    /// Row by row.
+    Row,
+    /// By chance, the same for every picture of a size.
+    Random,
+    /// What catches the eye in the last picture first.
+    Saliency(Saliency),
+}
+
+impl Default for TileOrder {
+    fn default() -> TileOrder {
+        TileOrder::Saliency(Saliency::Achanta)
+    }
 }
 
 /// The tiles of a picture.
@@ -45,6 +67,27 @@ impl Tiles {
         let mut order: Vec<u32> = (0..tile_count(resolution)).collect();
         order.sort_unstable_by_key(|index| interleave(index % columns) | interleave(index / columns) << 1);
         Tiles { resolution, order }
+    }
+
+    /// The same tiles in `order`; `eye` is what the last picture was like, for saliency.
+    pub(crate) fn ordered(&self, order: TileOrder, eye: &Reduced) -> Tiles {
+        let mut tiles = Tiles::z_curve(self.resolution);
+        match order {
+            TileOrder::ZCurve => {}
+            TileOrder::Row => tiles.order.sort_unstable(),
+            TileOrder::Random => tiles.order.sort_unstable_by_key(|&index| mix(u64::from(index))),
+            TileOrder::Saliency(metric) => {
+                // A stable sort: tiles alike stay on the z-curve.
+                let score = metric.tiles(eye);
+                tiles.order.sort_by(|&a, &b| score[b as usize].total_cmp(&score[a as usize]));
+            }
+        }
+        tiles
+    }
+
+    /// Tile `index`, whatever the order.
+    pub(crate) fn tile(&self, index: u32) -> Tile {
+        tile(self.resolution, index)
     }
 
     /// How many tiles.

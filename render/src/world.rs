@@ -14,6 +14,8 @@ use trex_store::{Aabb, Code, Error, Material, Result};
 pub const N_SHADOW_MAX: u32 = 4096;
 /// Most gather rays at one surface point.
 pub const N_GATHER_MAX: u32 = 4096;
+/// Greatest error of the footprint rule.
+pub const LOD_ERROR_MAX_PIXELS: f64 = 1024.0;
 /// Most photons.
 pub const PHOTONS_MAX: u64 = 1 << 40;
 /// Most names of materials that a message lists.
@@ -86,6 +88,8 @@ pub struct World {
     pub method: Method,
     /// Length of the rays of `ao`, model units: half of the model's diagonal.
     pub ao_radius: f64,
+    /// Length of the way from the camera from which voxels answer C-rays, model units; infinite for the exact mesh.
+    pub voxels_from: f64,
 }
 
 /// What a [`World`] is built from, beside the model.
@@ -105,6 +109,9 @@ pub struct View {
     pub method: Method,
     /// How G-rays work; for methods that have any.
     pub g_rays: GRays,
+    /// The footprint rule: pixels that a leaf voxel may cover where it stands for the mesh; 0 for the exact mesh, 0 to
+    /// [`LOD_ERROR_MAX_PIXELS`].
+    pub lod_error_pixels: f64,
 }
 
 impl Model {
@@ -177,13 +184,25 @@ impl World {
                 .numbers(format!("{} needs them", view.method.as_str()))
                 .next("build the file without --no-asvo, or use direct or path"));
         }
+        let lod_error = view.lod_error_pixels;
+        if !(0.0..=LOD_ERROR_MAX_PIXELS).contains(&lod_error) || lod_error > 0.0 && model.voxels.is_none() {
+            return Err(Error::new(Code::SceneFormat, "this error of the footprint rule cannot be had")
+                .at_place("render.lod_error")
+                .numbers(format!(
+                    "{lod_error} pixels of 0 to {LOD_ERROR_MAX_PIXELS}; the file {} voxels",
+                    if model.voxels.is_some() { "has" } else { "has no" }
+                ))
+                .next("give 0 for the exact mesh, or build the file without --no-asvo"));
+        }
+        let projection = view.camera.project(view.resolution)?;
         let materials: Vec<Material> =
             model.materials.iter().map(|material| material.clone().checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
         let up = up_axis(&model.bounds);
         let sky_by = if view.method == Method::Photon { SkyBy::GatherRays } else { SkyBy::LightSamples };
         Ok(World {
-            projection: view.camera.project(view.resolution)?,
+            voxels_from: World::voxels_from(model, &projection, lod_error),
+            projection,
             lights: Lights::new(&view.lights, &model.emitters, &materials, up)?.with_sky_by(sky_by),
             materials,
             n_shadow: view.n_shadow,
@@ -192,6 +211,12 @@ impl World {
             method: view.method,
             ao_radius: 0.5 * model.bounds.diagonal(),
         })
+    }
+
+    /// The cut of the footprint rule: where a leaf voxel covers `error_pixels`; infinite for 0 and without voxels.
+    pub(crate) fn voxels_from(model: &Model, projection: &Projection, error_pixels: f64) -> f64 {
+        let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
+        leaf_side.map_or(f64::INFINITY, |side| side / (error_pixels * projection.pixel_angle()))
     }
 }
 

@@ -1,9 +1,16 @@
-//! The command line of `trex render`.
+//! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
 use super::{CommonArgs, DiskArgs, OverwriteArgs};
-use crate::values::{self, Resolution, Seconds, Vec3};
+use crate::values::{self, Milliseconds, Resolution, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use std::time::Duration;
+use trex_render::integrator::Method;
+use trex_render::live::{FrameOptions, Prefetch};
+use trex_render::saliency::Saliency;
+use trex_render::scene::Scene;
+use trex_render::tile::TileOrder;
+use trex_render::voxel::{Near, Occluders};
 
 /// `trex render`
 #[derive(Debug, Args)]
@@ -15,26 +22,12 @@ pub struct RenderArgs {
     /// The picture: .png, or .exr for linear values and layers
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
-    /// How light is computed (default: the scene's, else direct)
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub integrator: Option<Integrator>,
-    /// Size of the picture, pixels (default: the scene's, else 1024x1024)
-    #[arg(long, value_name = "WxH", value_parser = values::resolution)]
-    pub resolution: Option<Resolution>,
     /// Samples per pixel (default: the scene's, else 16)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub spp: Option<u32>,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     pub time_limit: Option<Seconds>,
-    /// Shadow rays per hit (default: the scene's, else 2)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
-    pub n_shadow: Option<u32>,
-    #[command(flatten)]
-    pub g_rays: GRayArgs,
-    /// Seed of the samples (default: the scene's, else 1)
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
     /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
     #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,
@@ -42,7 +35,9 @@ pub struct RenderArgs {
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
     #[command(flatten)]
-    pub camera: CameraArgs,
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    pub deadline: DeadlineArgs,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
@@ -57,24 +52,153 @@ The picture depends on scene, seed and samples alone, not on the memory limit or
 Examples:
   trex render statue.trex -o statue.png
   trex render iso.trex -o iso.exr --layers depth,normal --memory-limit 128MiB
-  trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64";
+  trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64
+  trex render ship.trex -o hull.png --integrator photon --t-max 33 --lod-error 1 --time-limit 2s";
 
-/// How indirect light is found.
+/// What a picture is of. What is not given comes from the scene.
 #[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Options of photon and ao (default: the scene's)")]
-pub struct GRayArgs {
-    /// Gather rays per hit (else 2)
+#[command(next_help_heading = "Picture options (default: the scene's)")]
+pub struct PictureArgs {
+    /// How light is computed (else direct; stress: photon)
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub integrator: Option<Integrator>,
+    /// Size of the picture, pixels (else 1024x1024; stress: 512x512)
+    #[arg(long, value_name = "WxH", value_parser = values::resolution)]
+    pub resolution: Option<Resolution>,
+    /// Shadow rays per hit (else 2)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
+    pub n_shadow: Option<u32>,
+    /// Gather rays per hit, of photon (else 2)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
     pub n_gather: Option<u32>,
     /// Photons in all (else 2M)
     #[arg(long, value_name = "N", value_parser = values::count)]
     pub photons: Option<u64>,
-    /// How shadow and gather rays begin: a voxel off the surface, or on the exact mesh (else voxel)
+    /// How shadow and gather rays of photon and ao begin: a voxel off the surface, or on the exact mesh (else voxel)
     #[arg(long, value_enum, value_name = "HOW")]
     pub near: Option<NearArg>,
     /// Whether voxels are what their bitmaps say, or whole cubes (else on)
     #[arg(long, value_enum, value_name = "WHETHER")]
-    pub occluders: Option<OccludersArg>,
+    pub occluders: Option<Switch>,
+    /// Where a leaf voxel covers at most this many pixels it stands for the mesh; 0 = the exact mesh everywhere (else 0; stress: 1)
+    #[arg(long, value_name = "PX", value_parser = values::pixels)]
+    pub lod_error: Option<f64>,
+    /// Seed of the samples (else 1)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    #[command(flatten)]
+    pub camera: CameraArgs,
+}
+
+/// Frames with a deadline.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Options of frames with a deadline")]
+pub struct DeadlineArgs {
+    /// Longest time of a frame: the picture is made in frames, as a viewer would show them (stress: 100; render: none)
+    #[arg(long, value_name = "MS", value_parser = values::milliseconds)]
+    pub t_max: Option<Milliseconds>,
+    /// Most tiles that are shown together; less where they take more than half of the frame
+    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    pub fetch_block: u32,
+    /// Which tiles come first
+    #[arg(long, value_enum, value_name = "ORDER", default_value_t = TileOrderArg::Saliency)]
+    pub tile_order: TileOrderArg,
+    /// What catches the eye
+    #[arg(long, value_enum, value_name = "METRIC", default_value_t = SaliencyArg::Achanta)]
+    pub saliency: SaliencyArg,
+    /// Whether pages are read ahead of rays
+    #[arg(long, value_enum, value_name = "WHETHER", default_value_t = Switch::On)]
+    pub prefetch: Switch,
+}
+
+/// `--tile-order`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TileOrderArg {
+    /// Neighbours after each other: the fastest
+    Zcurve,
+    /// Row by row
+    Row,
+    /// By chance
+    Random,
+    /// What catches the eye in the last picture
+    Saliency,
+}
+
+/// `--saliency`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SaliencyArg {
+    /// Colours far from the mean colour (Achanta et al. 2009)
+    Achanta,
+    /// Contrast of intensity, colour and orientation (Itti et al. 1998)
+    Itti,
+}
+
+impl PictureArgs {
+    /// What is given goes before what the scene says.
+    pub fn override_scene(&self, scene: &mut Scene) {
+        let CameraArgs { camera_position, camera_target, camera_up, fov_x, fov_y } = &self.camera;
+        let camera = &mut scene.camera;
+        camera.position = camera_position.as_ref().map(|v| v.0).or(camera.position);
+        camera.target = camera_target.as_ref().map(|v| v.0).or(camera.target);
+        camera.up = camera_up.as_ref().map(|v| v.0).or(camera.up);
+        if fov_x.is_some() || fov_y.is_some() {
+            (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
+        }
+        let render = &mut scene.render;
+        render.integrator = self.integrator.map_or(render.integrator, Integrator::method);
+        render.resolution = self.resolution.as_ref().map_or(render.resolution, |r| [r.width, r.height]);
+        render.n_shadow = self.n_shadow.unwrap_or(render.n_shadow);
+        render.n_gather = self.n_gather.unwrap_or(render.n_gather);
+        render.photons = self.photons.unwrap_or(render.photons);
+        render.near = self.near.map_or(render.near, |near| match near {
+            NearArg::Voxel => Near::Voxel,
+            NearArg::Exact => Near::Exact,
+        });
+        render.occluders = self.occluders.map_or(render.occluders, |occluders| match occluders {
+            Switch::On => Occluders::On,
+            Switch::Off => Occluders::Off,
+        });
+        render.lod_error = self.lod_error.unwrap_or(render.lod_error);
+        render.seed = self.seed.unwrap_or(render.seed);
+    }
+}
+
+impl DeadlineArgs {
+    /// The library's form, for frames of `t_max`.
+    pub fn options(&self, t_max: &Milliseconds) -> FrameOptions {
+        let saliency = match self.saliency {
+            SaliencyArg::Achanta => Saliency::Achanta,
+            SaliencyArg::Itti => Saliency::Itti,
+        };
+        FrameOptions {
+            t_max: Duration::from_secs_f64(t_max.0 / 1e3),
+            fetch_block: self.fetch_block,
+            order: match self.tile_order {
+                TileOrderArg::Zcurve => TileOrder::ZCurve,
+                TileOrderArg::Row => TileOrder::Row,
+                TileOrderArg::Random => TileOrder::Random,
+                TileOrderArg::Saliency => TileOrder::Saliency(saliency),
+            },
+            prefetch: match self.prefetch {
+                Switch::On => Prefetch::On,
+                Switch::Off => Prefetch::Off,
+            },
+        }
+    }
+}
+
+impl Integrator {
+    fn method(self) -> Method {
+        match self {
+            Integrator::Direct => Method::Direct,
+            Integrator::Path => Method::Path,
+            Integrator::Ao => Method::Ao,
+            Integrator::Photon => Method::Photon,
+            Integrator::DebugUpper => Method::DebugUpper,
+            Integrator::DebugOccluders => Method::DebugOccluders,
+            Integrator::DebugPages => Method::DebugPages,
+        }
+    }
 }
 
 /// `--near`.
@@ -86,12 +210,12 @@ pub enum NearArg {
     Exact,
 }
 
-/// `--occluders`.
+/// `--occluders`, `--prefetch`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum OccludersArg {
-    /// Bitmaps count
+pub enum Switch {
+    /// It does
     On,
-    /// Voxels are cubes
+    /// It does not
     Off,
 }
 

@@ -1,6 +1,6 @@
 //! `trex bench rays`, `trex bench build`: the workloads of `trex-bench` without its peers.
 
-use super::render::io_options;
+use super::stage::io_options;
 use crate::args::{BenchArgs, BenchBuildArgs, BenchRaysArgs, BenchVerb};
 use crate::context::Context;
 use crate::failure::Exit;

@@ -2,7 +2,8 @@
 
 use super::build::{Built, Work};
 use super::inputs;
-use super::render::{Job, Rendered, io_options};
+use super::render::{Job, Rendered};
+use super::stage::io_options;
 use crate::args::DemoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -66,6 +67,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         layers: Layers::default(),
         io: io_options(&args.disk),
         time_limit: None,
+        live: None,
     };
     let render = job.render(ctx)?;
     ctx.done(&Demo { build, render })

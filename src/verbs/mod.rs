@@ -13,6 +13,8 @@ mod inputs;
 mod picture_file;
 mod render;
 mod shares;
+mod stage;
+mod stress;
 mod verify;
 
 use crate::args::{ImageArgs, ImageVerb, Verb};
@@ -28,6 +30,7 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::Info(args) => info::run(args, ctx),
         Verb::Verify(args) => verify::run(args, ctx),
         Verb::Render(args) => render::run(args, ctx),
+        Verb::Stress(args) => stress::run(args, ctx),
         Verb::Bench(args) => bench::run(args, ctx),
         Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => image_diff::run(args, ctx),
     }

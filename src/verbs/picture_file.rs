@@ -3,8 +3,8 @@
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use trex_render::film::{Film, Layers};
-use trex_render::picture::{write_exr, write_png};
+use trex_render::film::Layers;
+use trex_render::picture::{Image, write_exr, write_png};
 use trex_store::{Code, Error, Result};
 
 /// Where a picture goes; checked before any work.
@@ -54,13 +54,11 @@ impl PictureFile {
         Ok(file)
     }
 
-    /// Encodes the film; nothing is left behind when that fails.
-    pub fn write(&self, film: &Film, exposure: f32) -> Result<()> {
-        self.write_with(
-            |writer| {
-                if self.is_exr { write_exr(film, writer) } else { write_png(film, exposure, writer) }
-            },
-        )
+    /// Encodes the picture; nothing is left behind when that fails.
+    pub fn write(&self, image: &impl Image, exposure: f32) -> Result<()> {
+        self.write_with(|writer| {
+            if self.is_exr { write_exr(image, writer) } else { write_png(image, exposure, writer) }
+        })
     }
 
     /// Publishes what `encode` writes; nothing is left behind when that fails.

@@ -1,8 +1,9 @@
 //! `trex render`: a page file or a scene to a picture.
 
 use super::picture_file::PictureFile;
-use super::shares::{Picture, Shares, model_bytes};
-use crate::args::{CameraArgs, DiskArgs, GRayArgs, Integrator, Layer, NearArg, OccludersArg, RenderArgs};
+use super::shares::Shares;
+use super::stage::{Play, Stage, io_options, open_scene};
+use crate::args::{Layer, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -10,20 +11,19 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 use std::time::{Duration, Instant};
-use trex_render::emitter::Emitter;
+use trex_bench::stress::Times;
 use trex_render::film::Layers;
-use trex_render::integrator::{Method, RayCounts};
+use trex_render::frame::PagedTracer;
+use trex_render::integrator::RayCounts;
+use trex_render::live::{self, FrameOptions};
 use trex_render::scene::Scene;
-use trex_render::session::Session;
-use trex_render::trace::tracers;
-use trex_render::voxel::{Near, Occluders, PhotonStats, Voxels};
-use trex_render::world::Model;
+use trex_render::session::{RenderStats, Session};
+use trex_render::voxel::PhotonStats;
 use trex_store::io::{IoDescription, IoOptions};
-use trex_store::pool::{PagePool, PoolStats};
-use trex_store::{Budget, Code, Error, PageFile, Progress, Result};
+use trex_store::pool::PoolStats;
+use trex_store::{Progress, Result};
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -43,62 +43,17 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         layers,
         io: io_options(&args.disk),
         time_limit: args.time_limit.as_ref().map(|limit| Duration::from_secs_f64(limit.0)),
+        live: args.deadline.t_max.as_ref().map(|t_max| args.deadline.options(t_max)),
     };
     ctx.done(&job.render(ctx)?)
 }
 
-/// A `.toml` is a scene that names a page file; anything else is a page file with the default scene.
-fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
-    if !file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        return Ok((Scene::default(), file.to_path_buf()));
-    }
-    let text = std::fs::read_to_string(file).map_err(|error| Error::io("read the scene", file, &error))?;
-    let scene = Scene::parse(&text, file)?;
-    let model = file.parent().unwrap_or(Path::new("")).join(&scene.model);
-    Ok((scene, model))
-}
-
 /// What the command line says goes before what the scene says.
 fn override_scene(scene: &mut Scene, args: &RenderArgs) {
-    let CameraArgs { camera_position, camera_target, camera_up, fov_x, fov_y } = &args.camera;
-    let camera = &mut scene.camera;
-    camera.position = camera_position.as_ref().map(|v| v.0).or(camera.position);
-    camera.target = camera_target.as_ref().map(|v| v.0).or(camera.target);
-    camera.up = camera_up.as_ref().map(|v| v.0).or(camera.up);
-    if fov_x.is_some() || fov_y.is_some() {
-        (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
-    }
+    args.picture.override_scene(scene);
     let render = &mut scene.render;
-    render.integrator = args.integrator.map_or(render.integrator, |integrator| match integrator {
-        Integrator::Direct => Method::Direct,
-        Integrator::Path => Method::Path,
-        Integrator::Ao => Method::Ao,
-        Integrator::Photon => Method::Photon,
-        Integrator::DebugUpper => Method::DebugUpper,
-        Integrator::DebugOccluders => Method::DebugOccluders,
-        Integrator::DebugPages => Method::DebugPages,
-    });
-    render.resolution = args.resolution.as_ref().map_or(render.resolution, |r| [r.width, r.height]);
     render.spp = args.spp.unwrap_or(render.spp);
-    render.n_shadow = args.n_shadow.unwrap_or(render.n_shadow);
-    let GRayArgs { n_gather, photons, near, occluders } = &args.g_rays;
-    render.n_gather = n_gather.unwrap_or(render.n_gather);
-    render.photons = photons.unwrap_or(render.photons);
-    render.near = near.map_or(render.near, |near| match near {
-        NearArg::Voxel => Near::Voxel,
-        NearArg::Exact => Near::Exact,
-    });
-    render.occluders = occluders.map_or(render.occluders, |occluders| match occluders {
-        OccludersArg::On => Occluders::On,
-        OccludersArg::Off => Occluders::Off,
-    });
-    render.seed = args.seed.unwrap_or(render.seed);
     render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
-}
-
-/// The libraries' form of `--io` and `--direct`.
-pub fn io_options(disk: &DiskArgs) -> IoOptions {
-    IoOptions { io: disk.io.choice(), direct: disk.direct.choice(), ..IoOptions::default() }
 }
 
 /// One picture, as `render` and `demo` ask for it.
@@ -110,6 +65,8 @@ pub struct Job<'a> {
     pub layers: Layers,
     pub io: IoOptions,
     pub time_limit: Option<Duration>,
+    /// How frames with a deadline are made, if there is one.
+    pub live: Option<FrameOptions>,
 }
 
 impl Job<'_> {
@@ -118,22 +75,10 @@ impl Job<'_> {
         let start = Instant::now();
         let target = PictureFile::check(self.output, self.overwrite, self.layers)?;
         let keys = &self.scene.render;
-        let (layers, method) = (self.layers, keys.integrator);
-        let picture = Picture { resolution: keys.resolution, layers, workers: ctx.threads, method };
-        let file = Arc::new(open_for(self.file, &picture, ctx)?);
-        let shares = Shares::for_picture(&file, &picture, ctx.budget.limit_bytes())?;
-        let voxels = if method.asks_voxels() { Voxels::of(&file, &ctx.budget)? } else { None };
-        let pool_options = trex_store::pool::PoolOptions { io: self.io.clone(), ..shares.pool_options() };
-        let pool = PagePool::open(file.clone(), self.file, &ctx.budget, &pool_options)?;
-        tracing::info!("{:?}; {shares}", pool.io());
-
-        let _model_lease = ctx.budget.lease("materials and emitters", model_bytes(&file))?;
-        let mut model = model_of(&file);
-        model.voxels = voxels.map(Arc::new);
-        let view = self.scene.view(&mut model)?;
-        let tracers = tracers(&file, &pool, ctx.threads);
-        let arithmetic = tracers[0].arithmetic().name();
-        let mut session = Session::new(model, view, self.layers, &ctx.budget, tracers)?;
+        let Job { scene, file, layers, io, live, .. } = self;
+        let stage = Stage::open(&Play { scene, file, layers: *layers, io, live: *live }, ctx)?;
+        let pool = &stage.pool;
+        let mut session = stage.session(ctx)?;
 
         let late = || self.time_limit.is_some_and(|limit| start.elapsed() >= limit);
         let stop = || ctx.interrupt.is_raised() || late();
@@ -145,24 +90,36 @@ impl Job<'_> {
         };
         let photons = session.illuminate(&stop, &mut tell_photons)?;
         let photon_seconds = photon_start.elapsed().as_secs_f64();
-        let mut first_pass_ms = None;
-        let mut after_pass = |_: &_, stats: &trex_render::session::RenderStats| {
-            first_pass_ms.get_or_insert(start.elapsed().as_millis() as u64);
+        let mut first_picture_ms = None;
+        let mut tell = |spp: u32| {
+            first_picture_ms.get_or_insert(start.elapsed().as_millis() as u64);
             let memory_bytes = ctx.budget.used_bytes();
             let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
-            let (done, total) = (u64::from(stats.spp) * pixels, u64::from(keys.spp) * pixels);
+            let (done, total) = (u64::from(spp) * pixels, u64::from(keys.spp) * pixels);
             show(Progress { phase: "render", done, total, unit: "samples", memory_bytes });
-            ControlFlow::Continue(())
         };
-        let stats = session.render(keys.spp, &stop, &mut after_pass);
+        let mut frames = None;
+        let stats = match self.live {
+            None => session.render(keys.spp, &stop, &mut |_, stats| {
+                tell(stats.spp);
+                ControlFlow::Continue(())
+            }),
+            Some(options) => {
+                let log = frames.insert(Frames::default());
+                log.render(&mut session, (options, keys.spp), &stop, &mut tell)?
+            }
+        };
         ctx.interrupt.check()?;
         if stats.spp == 0 {
-            ctx.console.note("note: the time limit came before every pixel had a sample; the rest is black");
+            let rest = if frames.is_some() { "a stand-in" } else { "black" };
+            ctx.console.note(&format!(
+                "note: the time limit came before every pixel had a sample; the rest is {rest}"
+            ));
         }
         let seconds = start.elapsed().as_secs_f64();
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let per_s = |rays: u64| rays as f64 / (seconds - photon_seconds);
-        target.write(session.film(), keys.exposure)?;
+        target.write(&session, keys.exposure)?;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
             ctx.console.note(&format!(
@@ -187,9 +144,11 @@ impl Job<'_> {
             photons,
             photons_ms: (photon_seconds * 1e3) as u64,
             time_ms: (seconds * 1e3) as u64,
-            first_picture_ms: first_pass_ms,
+            first_picture_ms,
+            frames,
             complete_ms: stats.complete.then(|| start.elapsed().as_millis() as u64),
-            exact: pool.stats().damaged == 0,
+            exact: pool.stats().damaged == 0 && stats.spp > 0 && keys.lod_error == 0.0,
+            lod_error_px: keys.lod_error,
             damaged_pages: damage.iter().map(|(page, _)| *page).collect(),
             image: Image {
                 mean: session.film().mean(),
@@ -199,39 +158,50 @@ impl Job<'_> {
             waits: stats.total.waits,
             narrow_samples: stats.total.narrow_samples,
             pool: pool.stats(),
-            shares,
+            shares: stage.shares,
             memory: Memory::of(&ctx.budget),
             io_backend: pool.io().clone(),
             device: "cpu",
-            arithmetic,
+            arithmetic: session.tracers()[0].arithmetic().name(),
         })
     }
 }
 
-/// Opens a file to be rendered. A limit that is too small for its tables is told as too small for the picture: the
-/// limit that is named must do for all of it.
-fn open_for(path: &Path, picture: &Picture, ctx: &Context) -> Result<PageFile> {
-    PageFile::open(path, &ctx.budget).map_err(|error| match error.code() {
-        Code::MemoryLimit => PageFile::open(path, &Budget::unlimited())
-            .and_then(|file| Shares::for_picture(&file, picture, ctx.budget.limit_bytes()))
-            .err()
-            .unwrap_or(error),
-        _ => error,
-    })
+/// Frames with a deadline: their times.
+#[derive(Debug, Default, Serialize)]
+pub struct Frames {
+    /// From the start to the first whole fetch block.
+    pub response_ms: Times,
+    pub frame_ms: Times,
+    pub block_tiles: u32,
 }
 
-/// What the renderer is told of a file.
-fn model_of(file: &PageFile) -> Model {
-    let block = file.superblock();
-    let emitter = |e: &trex_store::Emitter| Emitter {
-        corners: e.corners.map(|q| block.lattice.position(q)),
-        material: e.material,
-    };
-    Model {
-        bounds: block.bounds,
-        materials: file.materials().to_vec(),
-        emitters: file.emitters().iter().map(emitter).collect(),
-        voxels: None,
+impl Frames {
+    /// Frames until every pixel has `spp` samples, or `stop`.
+    fn render<T: PagedTracer + Send>(
+        &mut self,
+        session: &mut Session<T>,
+        (options, spp): (FrameOptions, u32),
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u32),
+    ) -> Result<RenderStats> {
+        let start = Instant::now();
+        session.go_live(options)?;
+        let mut stats = RenderStats::default();
+        while !stats.complete && !stop() {
+            let begin = Instant::now();
+            let report = session.frame(spp, stop);
+            self.frame_ms.add(begin.elapsed());
+            if report.progress >= live::Progress::Block && self.response_ms.count() == 0 {
+                self.response_ms.add(start.elapsed());
+                self.block_tiles = report.block_tiles;
+            }
+            stats.total.add(&report.pass);
+            stats.spp = session.film().samples();
+            stats.complete = report.progress == live::Progress::Done;
+            tell(stats.spp);
+        }
+        Ok(stats)
     }
 }
 
@@ -248,8 +218,12 @@ pub struct Rendered {
     pub photons_ms: u64,
     pub time_ms: u64,
     pub first_picture_ms: Option<u64>,
+    /// Of frames with a deadline.
+    #[serde(flatten)]
+    pub frames: Option<Frames>,
     pub complete_ms: Option<u64>,
     pub exact: bool,
+    pub lod_error_px: f64,
     pub damaged_pages: Vec<u32>,
     pub image: Image,
     pub waits: u64,

@@ -5,6 +5,7 @@
 //! smallest: 4 staging slots, 32 frames a worker
 //! ```
 
+use super::stage::Play;
 use crate::context::Context;
 use crate::size;
 use serde::Serialize;
@@ -12,6 +13,7 @@ use std::fmt;
 use trex_render::film::{Layers, film_bytes};
 use trex_render::frame::frame_bytes;
 use trex_render::integrator::Method;
+use trex_render::live::Shown;
 use trex_render::picture::encoder_bytes;
 use trex_render::trace::PooledPages;
 use trex_render::voxel::PhotonMap;
@@ -46,16 +48,39 @@ pub struct Shares {
 /// A picture to be rendered.
 #[derive(Clone, Copy)]
 pub struct Picture {
-    pub resolution: [u32; 2],
-    pub layers: Layers,
-    pub workers: usize,
-    pub method: Method,
+    resolution: [u32; 2],
+    layers: Layers,
+    workers: usize,
+    method: Method,
+    /// Voxels stand in for the mesh where it is far.
+    has_far: bool,
+    /// It is made in frames with a deadline.
+    is_live: bool,
 }
 
 impl Picture {
+    /// What `play` shows, by so many workers.
+    pub fn of(play: &Play<'_>, workers: usize) -> Picture {
+        let keys = &play.scene.render;
+        Picture {
+            resolution: keys.resolution,
+            layers: play.layers,
+            workers,
+            method: keys.integrator,
+            has_far: keys.lod_error > 0.0,
+            is_live: play.live.is_some(),
+        }
+    }
+
     /// Direct light, no layers.
     fn plain(resolution: [u32; 2], workers: usize) -> Picture {
-        Picture { resolution, layers: Layers::default(), workers, method: Method::Direct }
+        let (layers, method) = (Layers::default(), Method::Direct);
+        Picture { resolution, layers, workers, method, has_far: false, is_live: false }
+    }
+
+    /// Whether voxels are needed in memory.
+    pub fn asks_voxels(&self) -> bool {
+        self.method.asks_voxels() || self.has_far || self.is_live
     }
 }
 
@@ -114,8 +139,9 @@ impl Shares {
         Ok(Shares {
             reserve_bytes: RESERVE_BYTES,
             tables_bytes: file.resident_table_bytes() + model_bytes(file),
-            voxels_bytes: voxels_bytes(file, picture.method)?,
+            voxels_bytes: voxels_bytes(file, picture)?,
             film_bytes: film_bytes(picture.resolution, picture.layers)
+                + if picture.is_live { Shown::bytes(picture.resolution) } else { 0 }
                 + frame_bytes(picture.resolution, picture.workers)
                 + encoder_bytes(picture.resolution, picture.layers),
             staging_bytes: overhead + pins,
@@ -136,14 +162,18 @@ pub fn model_bytes(file: &PageFile) -> u64 {
 }
 
 /// What the octree takes, with its light; or while it is read, with its stored form.
-fn voxels_bytes(file: &PageFile, method: Method) -> Result<u64> {
-    if !method.asks_voxels() {
+fn voxels_bytes(file: &PageFile, picture: &Picture) -> Result<u64> {
+    if !picture.asks_voxels() {
         return Ok(0);
     }
     let Some(size) = file.upper_size()? else { return Ok(0) };
-    let is_lit = method == Method::Photon;
-    // The map, and the sums of a pass.
-    let light = if is_lit { 2 * PhotonMap::bytes(size.facet_count as usize) } else { 0 };
+    // The map, the sums of a pass, and the map that comes when light changes.
+    let maps = match picture.method {
+        Method::Photon if picture.is_live => 3,
+        Method::Photon => 2,
+        _ => 0,
+    };
+    let light = maps * PhotonMap::bytes(size.facet_count as usize);
     Ok(size.resident_bytes + light.max(size.reading_bytes))
 }
 

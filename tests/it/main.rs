@@ -14,6 +14,7 @@ mod inputs;
 mod lies;
 mod light;
 mod limits;
+mod live;
 mod memory;
 mod oracle;
 mod outputs;

@@ -10,6 +10,9 @@ use trex_render::frame::PagedTracer;
 use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Tracer};
 use trex_render::voxel::{GRay, VoxelHit, VoxelScene};
 
+/// Longest sleep for pages; arrivals wake it earlier.
+const WAIT: Duration = Duration::from_millis(50);
+
 /// Rays that a worker takes at a time.
 const CHUNK_RAYS: usize = 4096;
 /// `triangle` of a miss.
@@ -145,7 +148,7 @@ impl Contender for Pooled<'_> {
                     answers[at] = alone(tracer, |tracer| ask(tracer, space, query, &rays[at]));
                 } else if !pending.is_empty() {
                     tracer.request_missing();
-                    tracer.wait();
+                    tracer.wait(WAIT);
                 }
             }
         })
@@ -249,7 +252,7 @@ fn alone<T: PagedTracer, A>(tracer: &mut T, mut ask: impl FnMut(&mut T) -> Optio
             return answer;
         }
         tracer.request_missing();
-        tracer.wait();
+        tracer.wait(WAIT);
     }
 }
 

@@ -8,6 +8,7 @@ use super::{Answer, Hit, Ray, Tracer};
 use crate::frame::PagedTracer;
 use crate::math::{along, cross, dot, length, sub, unit};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Rounding of the hit point in ulps of its largest operand: a few operations, doubled.
 const ERROR_ULPS: f64 = 32.0;
@@ -109,7 +110,7 @@ impl PagedTracer for NaiveMesh {
         0
     }
 
-    fn wait(&mut self) {}
+    fn wait(&mut self, _longest: Duration) {}
 }
 
 #[cfg(test)]

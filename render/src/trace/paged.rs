@@ -89,6 +89,11 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     }
 
     /// The pages.
+    pub fn pages(&self) -> &P {
+        &self.pages
+    }
+
+    /// The pages.
     pub fn pages_mut(&mut self) -> &mut P {
         &mut self.pages
     }

@@ -9,15 +9,17 @@
 
 use super::paged::PagedMesh;
 use super::pages::{Page, Pages};
-use crate::frame::PagedTracer;
+use crate::frame::{PagedTracer, Predictor};
 use std::time::Duration;
 use trex_store::PageFile;
-use trex_store::pool::{Class, PagePool, PageState, PinToken, Want};
+use trex_store::pool::{Class, PREDICTOR_ORIGINS, PREDICTORS, PagePool, PageState, PinToken, Want};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
-/// Longest sleep of `wait`: arrivals wake it earlier.
-const WAIT: Duration = Duration::from_millis(50);
+/// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon over.
+const GUESSES_MAX: usize = 64;
+
+const _: () = assert!(Predictor::Tiles as usize + 1 == PREDICTORS);
 
 /// Pages of a pool, pinned by one worker.
 pub struct PooledPages<'a> {
@@ -26,34 +28,39 @@ pub struct PooledPages<'a> {
     pinned: Vec<u16>,
     pins: Vec<PinToken>,
     pins_max: usize,
+    workers: usize,
     /// The worker's number: the origin of its want-list.
     origin: usize,
     wants: Vec<(u32, u32)>,
+    /// Pages asked for since demand was forgotten, a bit each.
+    used: Vec<u64>,
     epoch: u64,
 }
 
 impl<'a> PooledPages<'a> {
-    /// Pages for worker `origin`, which may pin `pins_max` pages at a time.
+    /// Pages for worker `origin` of so many, which may pin its share of the frames.
     ///
     /// # Panics
-    /// When `pins_max` is 0.
-    pub fn new(pool: &'a PagePool, origin: usize, pins_max: usize) -> PooledPages<'a> {
-        assert!(pins_max > 0, "a ray needs a page");
-        let pins_max = pins_max.min(usize::from(u16::MAX) - 1);
+    /// When there is no worker.
+    pub fn new(pool: &'a PagePool, origin: usize, workers: usize) -> PooledPages<'a> {
+        let pins_max = pins_max(pool, workers);
         PooledPages {
             pool,
             pinned: vec![0; pool.page_count() as usize],
             pins: Vec::with_capacity(pins_max.min(pool.page_count() as usize)),
             pins_max,
+            workers,
             origin,
             wants: Vec::new(),
+            used: vec![0; (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
         }
     }
 
     /// Bytes that one worker's table takes for a file of `page_count` pages.
     pub fn bytes(page_count: usize, pins_max: usize) -> u64 {
-        (2 * page_count + size_of::<PinToken>() * pins_max.min(page_count) + 16 * WANTS_MAX) as u64
+        (2 * page_count + page_count / 8 + size_of::<PinToken>() * pins_max.min(page_count) + 16 * WANTS_MAX)
+            as u64
     }
 
     fn unpin_all(&mut self) {
@@ -84,6 +91,38 @@ impl<'a> PooledPages<'a> {
         pool.submit(self.origin, &list);
         list.len()
     }
+
+    /// Asks for pages that no ray needs yet.
+    fn guess(&mut self, predictor: Predictor, guessed: &[(u32, u32)]) {
+        let pool = self.pool;
+        let mut list: Vec<Want> = match predictor {
+            Predictor::Neighbours => self.neighbours().map(|page| (page, 0)).collect(),
+            Predictor::Camera | Predictor::Tiles => guessed.to_vec(),
+        }
+        .into_iter()
+        .filter(|&(page, _)| pool.state(page) != PageState::Resident)
+        .map(|(page, weight)| Want { page, class: Class::Prefetch, weight })
+        .collect();
+        list.sort_unstable_by_key(|want| (std::cmp::Reverse(want.weight), want.page));
+        list.truncate(GUESSES_MAX);
+        pool.submit(PREDICTOR_ORIGINS.start + predictor as usize, &list);
+    }
+
+    /// Pages between two, on disk, that are in use.
+    fn neighbours(&self) -> impl Iterator<Item = u32> + '_ {
+        let is_used = |page: u32| self.used[page as usize / 64] >> (page % 64) & 1 == 1;
+        let inner = 1..self.pool.page_count().saturating_sub(1);
+        inner.filter(move |&page| !is_used(page) && is_used(page - 1) && is_used(page + 1))
+    }
+
+    fn demand(&self, pages: &mut Vec<u64>) -> usize {
+        pages.resize(self.used.len(), 0);
+        for (sum, used) in pages.iter_mut().zip(&self.used) {
+            *sum |= used;
+        }
+        let frames = self.pool.frames().frames;
+        if frames < self.pool.page_count() as usize { frames } else { 0 }
+    }
 }
 
 impl Pages for PooledPages<'_> {
@@ -93,7 +132,8 @@ impl Pages for PooledPages<'_> {
         if place > 0 {
             return Page::Ready(self.pool.bytes(&self.pins[place - 1]));
         }
-        if self.pins.len() == self.pins_max {
+        self.used[page as usize / 64] |= 1 << (page % 64);
+        if self.pins.len() >= self.pins_max {
             self.unpin_all();
         }
         let Some(token) = self.pool.try_pin(page) else {
@@ -113,7 +153,10 @@ impl Drop for PooledPages<'_> {
 
 impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
     fn begin_tile(&mut self, _tile: u32) {
-        self.pages_mut().unpin_all();
+        let pages = self.pages_mut();
+        pages.unpin_all();
+        // The limit may have changed.
+        pages.pins_max = pins_max(pages.pool, pages.workers);
     }
 
     fn request_missing(&mut self) -> usize {
@@ -122,9 +165,23 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
         self.pages_mut().submit(&blocked)
     }
 
-    fn wait(&mut self) {
+    fn wait(&mut self, longest: Duration) {
         let pages = self.pages_mut();
-        pages.epoch = pages.pool.wait_for_progress(pages.epoch, WAIT);
+        pages.epoch = pages.pool.wait_for_progress(pages.epoch, longest);
+    }
+
+    fn prefetch(&mut self, predictor: Predictor) {
+        let mut guessed = Vec::new();
+        self.take_wanted(&mut guessed);
+        self.pages_mut().guess(predictor, &guessed);
+    }
+
+    fn demand(&self, pages: &mut Vec<u64>) -> usize {
+        self.pages().demand(pages)
+    }
+
+    fn forget_demand(&mut self) {
+        self.pages_mut().used.fill(0);
     }
 }
 
@@ -134,6 +191,9 @@ pub fn tracers<'a>(
     pool: &'a PagePool,
     workers: usize,
 ) -> Vec<PagedMesh<'a, PooledPages<'a>>> {
-    let pins_max = (pool.frames().frames.saturating_sub(2) / workers).max(1);
-    (0..workers).map(|worker| PagedMesh::new(file, PooledPages::new(pool, worker, pins_max))).collect()
+    (0..workers).map(|worker| PagedMesh::new(file, PooledPages::new(pool, worker, workers))).collect()
+}
+
+fn pins_max(pool: &PagePool, workers: usize) -> usize {
+    (pool.frames().frames.saturating_sub(2) / workers).clamp(1, usize::from(u16::MAX) - 1)
 }

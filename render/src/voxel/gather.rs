@@ -7,8 +7,9 @@
 //!
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. nothing here reads pages.
 
+use super::map::Irradiance;
 use super::photons::LeafHit;
-use super::traverse::{GRay, VoxelScene};
+use super::traverse::{GRay, VoxelHit, VoxelScene};
 use crate::material::bsdf_of_all;
 use crate::math::{add_rgb, along, dot, length, max_rgb, mul_rgb, reflect, sub, unit};
 use crate::surface::Surface;
@@ -36,8 +37,7 @@ pub enum Near {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GScene<'a> {
     pub(crate) voxels: VoxelScene<'a>,
-    /// Irradiance per facet; empty where nothing gathers.
-    pub(crate) irradiance: &'a [[f32; 3]],
+    pub(crate) irradiance: Irradiance<'a>,
     pub(crate) near: Near,
 }
 
@@ -89,12 +89,22 @@ impl<'a> GScene<'a> {
     }
 
     /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky.
-    pub(crate) fn gather(&self, mut ray: GRay, materials: &'a [Material], sky: [f32; 3]) -> Gathered {
+    pub(crate) fn gather(&self, ray: GRay, materials: &'a [Material], sky: [f32; 3]) -> Gathered {
+        self.gather_from((ray, self.voxels.intersect(&ray)), materials, sky)
+    }
+
+    /// The same, when the first voxel that `ray` meets is known.
+    pub(crate) fn gather_from(
+        &self,
+        (mut ray, mut found): (GRay, Option<VoxelHit>),
+        materials: &'a [Material],
+        sky: [f32; 3],
+    ) -> Gathered {
         let (mut radiance, mut throughput) = ([0.0; 3], [1.0; 3]);
         let mut rays = 0;
         while rays <= u64::from(MIRRORS_MAX) {
             rays += 1;
-            let Some(hit) = self.voxels.leaf_hit(&ray, materials) else {
+            let Some(hit) = found.map(|found| self.voxels.leaf_hit(&ray, &found, materials)) else {
                 radiance = add_rgb(radiance, mul_rgb(throughput, sky));
                 break;
             };
@@ -107,6 +117,7 @@ impl<'a> GScene<'a> {
                 break;
             }
             ray = self.voxels.ray_from_leaf(&hit, reflect(ray.direction, hit.normal));
+            found = self.voxels.intersect(&ray);
         }
         Gathered { radiance, rays }
     }
@@ -118,10 +129,10 @@ impl<'a> GScene<'a> {
             .into_iter()
             .find_map(|offset| self.voxels.leaf_at(along(surface.point, offset, surface.normal)))?;
         let facet = self.voxels.octree().facet(node, leaf);
-        Some(mul_rgb(bsdf_of_all(material), self.irradiance[facet as usize]))
+        Some(mul_rgb(bsdf_of_all(material), self.irradiance.at(facet)))
     }
 
     fn leaving(&self, hit: &LeafHit<'_>) -> [f32; 3] {
-        mul_rgb(bsdf_of_all(hit.material), self.irradiance[hit.facet as usize])
+        mul_rgb(bsdf_of_all(hit.material), self.irradiance.at(hit.facet))
     }
 }

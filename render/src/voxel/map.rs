@@ -1,7 +1,7 @@
 //! `PhotonMap`: the light that photons brought to the surface, per facet of the octree. Paper, sections 4.2 and 5.1.
 //!
 //! ```text
-//! pass of 2^20 photons -> sums (u32 fixed point per facet and channel) -> folded into the mean irradiance (f32) -> next pass
+//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel) -> folded into the mean irradiance (f32) -> next pass
 //! irradiance = flux / covered area
 //! ```
 //!
@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use trex_store::octree::Facets;
 use trex_store::{Budget, Lease, Result};
 
-/// Photons of a pass.
-pub const PASS_PHOTONS: u64 = 1 << 20;
+/// Photons of a pass: few enough for changed light to be seen within a second, enough for the fold to cost little.
+pub const PASS_PHOTONS: u64 = 1 << 18;
 /// Units of a sum that an average photon brings: its rounding is below a thousandth. All photons of a pass in one facet
 /// fill a sum to a quarter.
 const UNITS_PER_PHOTON: f32 = 1024.0;
@@ -27,6 +27,43 @@ pub struct PhotonMap {
     irradiance: Vec<[f32; 3]>,
     photons: u64,
     _lease: Lease,
+}
+
+/// The light that gather rays find: of one map, or of two while light changes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Irradiance<'a> {
+    shown: &'a [[f32; 3]],
+    /// What comes, and its share.
+    next: Option<(&'a [[f32; 3]], f32)>,
+}
+
+impl<'a> Irradiance<'a> {
+    /// No light; what does not gather asks for none.
+    pub(crate) const NONE: Irradiance<'static> = Irradiance { shown: &[], next: None };
+
+    /// `shown` alone, or blended with `next` by its share, 0 to 1.
+    pub(crate) fn new(shown: &'a PhotonMap, next: Option<(&'a PhotonMap, f32)>) -> Irradiance<'a> {
+        let next = next.filter(|(_, share)| *share > 0.0);
+        Irradiance { shown: shown.irradiance(), next: next.map(|(map, share)| (map.irradiance(), share)) }
+    }
+
+    /// Whether there is no map.
+    pub(crate) fn is_none(&self) -> bool {
+        self.shown.is_empty()
+    }
+
+    /// W/m^2 in linear RGB.
+    #[inline]
+    pub(crate) fn at(&self, facet: u32) -> [f32; 3] {
+        let shown = self.shown[facet as usize];
+        match self.next {
+            None => shown,
+            Some((next, share)) => {
+                let next = next[facet as usize];
+                std::array::from_fn(|c| shown[c] + share * (next[c] - shown[c]))
+            }
+        }
+    }
 }
 
 /// The sums of a pass.
@@ -95,8 +132,20 @@ impl PhotonPass {
     pub(crate) fn new(facet_count: usize, flux: [f32; 3], budget: &Budget) -> Result<PhotonPass> {
         let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
         let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();
-        let per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
-        Ok(PhotonPass { sums, unit: flux.map(|flux| flux / UNITS_PER_PHOTON), per_flux, _lease: lease })
+        let mut pass = PhotonPass { sums, unit: [0.0; 3], per_flux: [0.0; 3], _lease: lease };
+        pass.set_flux(flux);
+        Ok(pass)
+    }
+
+    /// Empties the sums, for photons of another mean flux.
+    pub(crate) fn reset(&mut self, flux: [f32; 3]) {
+        self.sums.iter_mut().for_each(|sum| *sum.get_mut() = 0);
+        self.set_flux(flux);
+    }
+
+    fn set_flux(&mut self, flux: [f32; 3]) {
+        self.unit = flux.map(|flux| flux / UNITS_PER_PHOTON);
+        self.per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
     }
 
     /// Adds a photon's flux to `facet`. Full sums stay full.

@@ -11,9 +11,10 @@ mod traverse;
 
 pub use gather::Near;
 pub(crate) use gather::{GScene, Gathered};
+pub(crate) use map::Irradiance;
 pub use map::{PASS_PHOTONS, PhotonMap};
 pub use photons::PhotonStats;
-pub(crate) use photons::PhotonWorld;
+pub(crate) use photons::{PhotonWork, PhotonWorld};
 pub use traverse::{GRay, Occluders, VoxelHit, VoxelScene};
 
 use trex_store::octree::UpperOctree;

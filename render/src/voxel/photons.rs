@@ -12,21 +12,22 @@
 //! at most [`BOUNCES_MAX`] bounces.
 
 use super::map::{PASS_PHOTONS, PhotonMap, PhotonPass};
-use super::traverse::{GRay, VoxelScene};
+use super::traverse::{GRay, VoxelHit, VoxelScene};
 use crate::light::PhotonSources;
 use crate::material::scatter;
 use crate::math::{along, dot, max_rgb, mul_rgb, scale, scale_rgb, to_f64};
 use crate::sampler::{Decision, Sampler};
 use crate::world::World;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 use trex_store::{Aabb, Budget, Material, Result};
 
 /// Chance to go on after a hit, at most: three hits of a photon on average, as the paper has it.
 const ROULETTE_MAX: f32 = 2.0 / 3.0;
 /// Most bounces of a photon: one in 10^11 gets so far.
 const BOUNCES_MAX: u32 = 64;
-/// Photons that a worker takes at a time.
-const BATCH: u64 = 4096;
+/// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
+const BATCH: u64 = 512;
 /// Keeps photons apart from the pixels that use the same seed.
 const SEED_OF_PHOTONS: u64 = 0x7068_6f74_6f6e_7331;
 
@@ -62,16 +63,15 @@ pub(crate) struct PhotonWorld<'a> {
 }
 
 impl<'a> VoxelScene<'a> {
-    /// The surface in the leaf that `ray` meets.
-    pub(super) fn leaf_hit(&self, ray: &GRay, materials: &'a [Material]) -> Option<LeafHit<'a>> {
-        let hit = self.intersect(ray)?;
+    /// The surface in the leaf that `ray` has met.
+    pub(super) fn leaf_hit(&self, ray: &GRay, hit: &VoxelHit, materials: &'a [Material]) -> LeafHit<'a> {
         let voxel = self.octree().leaf(hit.leaf as usize);
         let normal = to_f64(voxel.normal);
         let facing = dot(normal, ray.direction);
         let normal = if facing == 0.0 { scale(-1.0, ray.direction) } else { scale(-facing.signum(), normal) };
         let point = along(ray.origin, hit.t, ray.direction);
         let facet = self.octree().facet(hit.node, hit.leaf);
-        Some(LeafHit { facet, point, normal, material: &materials[usize::from(voxel.material)] })
+        LeafHit { facet, point, normal, material: &materials[usize::from(voxel.material)] }
     }
 
     /// A ray that leaves a leaf: it starts where no voxel of the plane through any point of the subvoxel can be.
@@ -81,86 +81,173 @@ impl<'a> VoxelScene<'a> {
     }
 }
 
+/// A photon on its way.
+#[derive(Clone, Copy, Debug)]
+struct Photon {
+    sampler: Sampler,
+    flux: [f32; 3],
+}
+
+/// Photons side by side; a worker's, at most [`BATCH`], too small for the ledger.
+#[derive(Debug, Default)]
+struct Flock {
+    photons: Vec<Photon>,
+    rays: Vec<GRay>,
+    hits: Vec<Option<VoxelHit>>,
+}
+
+/// A pass in work.
+#[derive(Debug)]
+pub(crate) struct PhotonWork {
+    pass: PhotonPass,
+    /// Photons of the pass that are done.
+    done: u64,
+}
+
 impl PhotonWorld<'_> {
-    /// Sends photons until `map` has those of `target`, pass by pass. `stop` is asked between batches; `tell` hears how many photons are done.
+    /// Empty sums; `None` when nothing gives light.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
+    pub(crate) fn begin(&self) -> Result<Option<PhotonWork>> {
+        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else { return Ok(None) };
+        let pass = PhotonPass::new(self.voxels.octree().facets().count(), sources.flux(), self.budget)?;
+        Ok(Some(PhotonWork { pass, done: 0 }))
+    }
+
+    /// Empties the sums, for lights that have changed.
+    pub(crate) fn restart(&self, work: &mut PhotonWork) {
+        let flux =
+            PhotonSources::new(&self.world.lights, self.bounds).map_or([0.0; 3], |sources| sources.flux());
+        work.pass.reset(flux);
+        work.done = 0;
+    }
+
+    /// Whether anything sends photons.
+    pub(crate) fn is_lit(&self) -> bool {
+        PhotonSources::new(&self.world.lights, self.bounds).is_some()
+    }
+
+    /// Sends photons until `map` has those of `target`, pass by pass, or `stop`, asked between batches, says true; what is
+    /// done by then stays in `work`, and a later call goes on. `tell` hears how many photons are in the map.
     pub(crate) fn trace(
         &self,
-        map: &mut PhotonMap,
+        (work, map): (&mut PhotonWork, &mut PhotonMap),
         target: u64,
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64),
-    ) -> Result<PhotonStats> {
+    ) -> PhotonStats {
         let mut stats = PhotonStats::default();
-        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else { return Ok(stats) };
-        let octree = self.voxels.octree();
-        let mut pass = PhotonPass::new(octree.facets().count(), sources.flux(), self.budget)?;
+        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else { return stats };
         while map.photons() < target {
             let first = map.photons();
             let count = PASS_PHOTONS.min(target - first);
-            let (next, stopped) = (AtomicU64::new(0), AtomicBool::new(false));
-            let work = || {
-                let mut mine = PhotonStats::default();
-                loop {
+            let (next, pass) = (AtomicU64::new(work.done), &work.pass);
+            let run = || {
+                let (mut mine, mut flock) = (PhotonStats::default(), Flock::default());
+                while !stop() {
                     let from = next.fetch_add(BATCH, Ordering::Relaxed);
                     if from >= count {
-                        return mine;
+                        break;
                     }
-                    if stop() {
-                        stopped.store(true, Ordering::Relaxed);
-                        return mine;
-                    }
-                    for index in from..count.min(from + BATCH) {
-                        self.photon(first + index, &sources, &pass, &mut mine);
-                    }
+                    let indices = first + from..first + count.min(from + BATCH);
+                    self.photons(indices, (&sources, pass), &mut flock, &mut mine);
                 }
+                mine
             };
             let done: Vec<PhotonStats> = std::thread::scope(|scope| {
-                let workers: Vec<_> = (0..self.threads.max(1)).map(|_| scope.spawn(work)).collect();
+                let workers: Vec<_> = (0..self.threads.max(1)).map(|_| scope.spawn(run)).collect();
                 workers.into_iter().map(|worker| worker.join().expect("a worker panicked")).collect()
             });
-            if stopped.into_inner() {
-                break;
-            }
             for mine in done {
+                stats.photons += mine.photons;
                 stats.rays += mine.rays;
                 stats.deposits += mine.deposits;
             }
-            stats.photons += count;
-            map.fold(&mut pass, count, octree.facets(), self.voxels.leaf_side());
+            // Batches that were taken are done.
+            work.done = next.into_inner().min(count);
+            if work.done < count {
+                break;
+            }
+            work.done = 0;
+            map.fold(&mut work.pass, count, self.voxels.octree().facets(), self.voxels.leaf_side());
             tell(map.photons());
         }
-        Ok(stats)
+        stats
     }
 
-    /// One photon.
-    fn photon(&self, index: u64, sources: &PhotonSources<'_>, pass: &PhotonPass, stats: &mut PhotonStats) {
-        let block = [(index >> 16) as u32, (index >> 48) as u32];
-        let sampler = Sampler::new(self.world.seed ^ SEED_OF_PHOTONS, block, index as u32 & 0xffff);
-        let Some(start) = sources.emit(&sampler) else { return };
-        let off = start.front.map_or([0.0; 3], |front| scale(self.voxels.clearance(front), front));
-        let origin = along(start.origin, 1.0, off);
-        let mut ray = GRay { origin, direction: start.direction, t_max: f64::INFINITY };
-        let mut flux = start.flux;
-        for vertex in 0..=BOUNCES_MAX {
-            stats.rays += 1;
-            let Some(hit) = self.voxels.leaf_hit(&ray, &self.world.materials) else { return };
-            let is_pure_mirror = hit.material.mirror && hit.material.kd == [0.0; 3];
-            if !is_pure_mirror {
-                pass.add(hit.facet, flux);
-                stats.deposits += 1;
+    /// The photons of some indices, side by side: a ray of each, then another of those that go on.
+    fn photons(
+        &self,
+        indices: Range<u64>,
+        (sources, pass): (&PhotonSources<'_>, &PhotonPass),
+        flock: &mut Flock,
+        stats: &mut PhotonStats,
+    ) {
+        stats.photons += indices.end - indices.start;
+        let Flock { photons, rays, hits } = flock;
+        photons.clear();
+        rays.clear();
+        for index in indices {
+            if let Some((photon, ray)) = self.start(index, sources) {
+                photons.push(photon);
+                rays.push(ray);
             }
-            let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
-            let to_viewer = scale(-1.0, ray.direction);
-            let Some(bounce) = scatter(hit.material, hit.normal, to_viewer, u) else { return };
-            let chance = max_rgb(bounce.weight).min(ROULETTE_MAX);
-            if sampler.draw(Decision::Roulette(vertex))[0] >= chance {
+        }
+        for vertex in 0..=BOUNCES_MAX {
+            stats.rays += rays.len() as u64;
+            hits.clear();
+            hits.resize(rays.len(), None);
+            self.voxels.intersect_batch(rays, hits);
+            let mut kept = 0;
+            for at in 0..rays.len() {
+                let Some(hit) = &hits[at] else { continue };
+                let mut photon = photons[at];
+                if let Some(ray) = self.bounce((&mut photon, vertex), (&rays[at], hit), pass, stats) {
+                    (photons[kept], rays[kept]) = (photon, ray);
+                    kept += 1;
+                }
+            }
+            photons.truncate(kept);
+            rays.truncate(kept);
+            if rays.is_empty() {
                 return;
             }
-            flux = scale_rgb(1.0 / chance, mul_rgb(flux, bounce.weight));
-            ray = self.voxels.ray_from_leaf(&hit, bounce.direction);
         }
+    }
+
+    /// A photon as it leaves its light.
+    fn start(&self, index: u64, sources: &PhotonSources<'_>) -> Option<(Photon, GRay)> {
+        let block = [(index >> 16) as u32, (index >> 48) as u32];
+        let sampler = Sampler::new(self.world.seed ^ SEED_OF_PHOTONS, block, index as u32 & 0xffff);
+        let start = sources.emit(&sampler)?;
+        let off = start.front.map_or([0.0; 3], |front| scale(self.voxels.clearance(front), front));
+        let origin = along(start.origin, 1.0, off);
+        let ray = GRay { origin, direction: start.direction, t_max: f64::INFINITY };
+        Some((Photon { sampler, flux: start.flux }, ray))
+    }
+
+    /// Leaves the flux of a photon where it hit. The ray on, if it goes on.
+    fn bounce(
+        &self,
+        (photon, vertex): (&mut Photon, u32),
+        (ray, hit): (&GRay, &VoxelHit),
+        pass: &PhotonPass,
+        stats: &mut PhotonStats,
+    ) -> Option<GRay> {
+        let hit = self.voxels.leaf_hit(ray, hit, &self.world.materials);
+        let is_pure_mirror = hit.material.mirror && hit.material.kd == [0.0; 3];
+        if !is_pure_mirror {
+            pass.add(hit.facet, photon.flux);
+            stats.deposits += 1;
+        }
+        let u = photon.sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
+        let bounce = scatter(hit.material, hit.normal, scale(-1.0, ray.direction), u)?;
+        let chance = max_rgb(bounce.weight).min(ROULETTE_MAX);
+        if photon.sampler.draw(Decision::Roulette(vertex))[0] >= chance {
+            return None;
+        }
+        photon.flux = scale_rgb(1.0 / chance, mul_rgb(photon.flux, bounce.weight));
+        Some(self.voxels.ray_from_leaf(&hit, bounce.direction))
     }
 }

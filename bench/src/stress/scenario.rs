@@ -1,0 +1,313 @@
+//! Scenarios: which viewpoint, light or limit comes next.
+//!
+//! ```text
+//! flip       two views from opposite sides          light-edit  the light goes round, a material with it
+//! inside     overview and interior                  squeeze     flip, with half of the frames every other time
+//! pingpong   overview and close-up                  soak        flip, inside and poses in turn; memory is watched
+//! teleport   poses by chance                        sweep       an orbit, a step a response
+//! ```
+//!
+//! Invariant: step `n` of a script is a function of the model, the options and `n`.
+
+use super::StressOptions;
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+use serde::Deserialize;
+use trex_render::camera::{Camera, up_axis};
+use trex_render::frame::PagedTracer;
+use trex_render::light::Light;
+use trex_render::session::{Event, Session};
+use trex_render::voxel::{GRay, Occluders, VoxelScene};
+use trex_render::world::{MaterialEdit, Model};
+use trex_store::layout::FRAME_BYTES;
+
+/// Places that are tried for an interior, and rays from each.
+const INTERIORS: u32 = 64;
+const INTERIOR_RAYS: u32 = 32;
+/// Steps of an orbit.
+const ORBIT_STEPS: u32 = 48;
+/// Distance of the close-up from the surface, as a share of the model's diagonal.
+const CLOSE_SHARE: f64 = 0.01;
+/// Irradiance of the light that goes round, as strong as the default sun.
+const SUN: f32 = 3.0;
+
+/// What happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scenario {
+    /// Two views from opposite sides.
+    Flip,
+    /// Overview and interior.
+    Inside,
+    /// Overview and close-up.
+    Pingpong,
+    /// Poses by chance.
+    Teleport,
+    /// An orbit faster than the disk.
+    Sweep,
+    /// Lights and materials.
+    LightEdit,
+    /// Flip, while the limit is halved and restored.
+    Squeeze,
+    /// All viewpoints in turn, while memory is watched.
+    Soak,
+}
+
+impl Scenario {
+    /// The name as typed.
+    pub fn name(self) -> &'static str {
+        match self {
+            Scenario::Flip => "flip",
+            Scenario::Inside => "inside",
+            Scenario::Pingpong => "pingpong",
+            Scenario::Teleport => "teleport",
+            Scenario::Sweep => "sweep",
+            Scenario::LightEdit => "light-edit",
+            Scenario::Squeeze => "squeeze",
+            Scenario::Soak => "soak",
+        }
+    }
+}
+
+/// One thing that is done.
+pub(super) enum Step {
+    Event(Box<Event>),
+    FrameBytes(u64),
+}
+
+/// The steps of a run.
+pub(super) struct Script {
+    scenario: Scenario,
+    seed: u64,
+    model: Model,
+    /// Overview first.
+    views: Vec<Camera>,
+    frames: u64,
+}
+
+/// Why a list of views was refused.
+#[derive(Debug)]
+pub struct ViewError(String);
+
+impl std::fmt::Display for ViewError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewsText {
+    view: Vec<ViewText>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewText {
+    position: [f64; 3],
+    target: [f64; 3],
+    up: Option<[f64; 3]>,
+}
+
+/// The viewpoints of a TOML text: `[[view]]` with `position`, `target` and, if not that of `camera`, `up`.
+///
+/// # Errors
+/// What the parser says, with the line; no view at all.
+pub fn views(text: &str, camera: &Camera) -> Result<Vec<Camera>, ViewError> {
+    let text: ViewsText = toml::from_str(text).map_err(|error| ViewError(error.to_string()))?;
+    if text.view.is_empty() {
+        return Err(ViewError("there is no [[view]]".into()));
+    }
+    let camera = |view: &ViewText| Camera {
+        position: view.position,
+        target: view.target,
+        up: view.up.unwrap_or(camera.up),
+        fov: camera.fov,
+    };
+    Ok(text.view.iter().map(camera).collect())
+}
+
+impl Script {
+    pub(super) fn new<T: PagedTracer + Send>(
+        session: &Session<T>,
+        options: &StressOptions,
+        frames: u64,
+    ) -> Script {
+        let model = session.model().clone();
+        let overview = session.view().camera;
+        let mut views = options.views.clone();
+        if views.is_empty() {
+            let voxels = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
+            let other = match (options.scenario, &voxels) {
+                (Scenario::Inside | Scenario::Soak, Some(voxels)) => interior(&model, &overview, voxels),
+                (Scenario::Pingpong, Some(voxels)) => close_up(&model, &overview, voxels),
+                _ => around(&model, &overview, 0.5),
+            };
+            views = vec![overview, other];
+        }
+        Script { scenario: options.scenario, seed: options.seed, model, views, frames }
+    }
+
+    /// What is done at switch `index`.
+    pub(super) fn steps(&self, index: u32) -> Vec<Step> {
+        let look = |camera: Camera| Step::Event(Box::new(Event::Camera(camera)));
+        let view = self.views[index as usize % self.views.len()];
+        match self.scenario {
+            Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
+            Scenario::Teleport => vec![look(self.pose(index))],
+            Scenario::Sweep => {
+                vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
+            }
+            Scenario::LightEdit => vec![self.light(index)],
+            Scenario::Squeeze => {
+                let frames = if index % 4 < 2 { self.frames } else { self.frames / 2 };
+                vec![Step::FrameBytes(frames * FRAME_BYTES as u64), look(view)]
+            }
+            Scenario::Soak => vec![look(if index % 3 == 2 { self.pose(index) } else { view })],
+        }
+    }
+
+    /// Bytes of frames that the run began with, where it changes them.
+    pub(super) fn frame_bytes_at_rest(&self) -> Option<u64> {
+        (self.scenario == Scenario::Squeeze).then(|| self.frames * FRAME_BYTES as u64)
+    }
+
+    /// A pose by chance: in the model's box, looking anywhere.
+    fn pose(&self, index: u32) -> Camera {
+        let mut numbers = Numbers::new(self.seed, index);
+        let bounds = &self.model.bounds;
+        let position: [f64; 3] =
+            std::array::from_fn(|a| bounds.lo[a] + numbers.next() * (bounds.hi[a] - bounds.lo[a]));
+        let target = along(position, 1.0, numbers.direction());
+        Camera { position, target, ..self.views[0] }
+    }
+
+    /// The sun goes round; every fourth time a material changes instead.
+    fn light(&self, index: u32) -> Step {
+        if index % 4 == 3 {
+            let shade = if index % 8 == 3 { 0.2 } else { 0.7 };
+            let edit = MaterialEdit { kd: Some([shade; 3]), ..MaterialEdit::default() };
+            return Step::Event(Box::new(Event::Material { index: 0, edit }));
+        }
+        let up = up_axis(&self.model.bounds);
+        let angle = f64::from(index) * 0.7;
+        let side =
+            if up[1] > 0.5 { [angle.cos(), 0.0, angle.sin()] } else { [angle.cos(), angle.sin(), 0.0] };
+        let direction = std::array::from_fn(|a| -up[a] + 0.6 * side[a]);
+        let sun = Light::Directional { direction, irradiance: [SUN; 3] };
+        Step::Event(Box::new(Event::Lights(vec![sun, Light::Sky { radiance: [0.3; 3] }])))
+    }
+}
+
+/// The camera after `turns` of the way round the model.
+fn around(model: &Model, camera: &Camera, turns: f64) -> Camera {
+    let (up, center) = (up_axis(&model.bounds), model.bounds.center());
+    let (sin, cos) = (turns * std::f64::consts::TAU).sin_cos();
+    // Rodrigues, about the axis through the middle of the box.
+    let turn = |point: [f64; 3]| {
+        let v: [f64; 3] = std::array::from_fn(|a| point[a] - center[a]);
+        let lift: f64 = (0..3).map(|a| v[a] * up[a]).sum();
+        let across = [up[1] * v[2] - up[2] * v[1], up[2] * v[0] - up[0] * v[2], up[0] * v[1] - up[1] * v[0]];
+        std::array::from_fn(|a| center[a] + cos * v[a] + sin * across[a] + (1.0 - cos) * lift * up[a])
+    };
+    Camera { position: turn(camera.position), target: turn(camera.target), ..*camera }
+}
+
+/// Near the surface that the overview has in its middle.
+fn close_up(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera {
+    let way: [f64; 3] = std::array::from_fn(|a| overview.target[a] - overview.position[a]);
+    let direction = unit(way);
+    let ray = GRay { origin: overview.position, direction, t_max: f64::INFINITY };
+    let distance = voxels.intersect(&ray).map_or(length(way), |hit| hit.t);
+    let position = along(overview.position, distance - CLOSE_SHARE * model.bounds.diagonal(), direction);
+    Camera { position, target: along(overview.position, distance, direction), ..*overview }
+}
+
+/// Of some places about the middle the one with most of the model around it at a good distance, looking where it is far.
+fn interior(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera {
+    let bounds = &model.bounds;
+    let best = (0..INTERIORS).map(|place| {
+        let mut numbers = Numbers::new(0x1d5, place);
+        let position: [f64; 3] = std::array::from_fn(|a| {
+            bounds.lo[a] + (0.25 + 0.5 * numbers.next()) * (bounds.hi[a] - bounds.lo[a])
+        });
+        // Rays that leave the model count for nothing.
+        let (mut sum, mut farthest) = (0.0, (0.0, [1.0, 0.0, 0.0]));
+        for _ in 0..INTERIOR_RAYS {
+            let direction = numbers.direction();
+            let ray = GRay { origin: position, direction, t_max: f64::INFINITY };
+            if let Some(hit) = voxels.intersect(&ray) {
+                sum += hit.t.sqrt();
+                if hit.t > farthest.0 {
+                    farthest = (hit.t, direction);
+                }
+            }
+        }
+        (sum, position, farthest.1)
+    });
+    let (_, position, direction) = best.max_by(|a, b| a.0.total_cmp(&b.0)).expect("some places are tried");
+    Camera { position, target: along(position, 1.0, direction), ..*overview }
+}
+
+/// Numbers by chance for one purpose.
+struct Numbers(Pcg64);
+
+impl Numbers {
+    fn new(seed: u64, index: u32) -> Numbers {
+        Numbers(Pcg64::seed_from_u64(seed << 32 ^ u64::from(index)))
+    }
+
+    /// In [0, 1).
+    fn next(&mut self) -> f64 {
+        (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Not quite up or down, where a camera has no side.
+    fn direction(&mut self) -> [f64; 3] {
+        loop {
+            let v: [f64; 3] = std::array::from_fn(|_| 2.0 * self.next() - 1.0);
+            let size = length(v);
+            if size > 0.1 && size <= 1.0 && v.iter().all(|x| x.abs() < 0.95 * size) {
+                return unit(v);
+            }
+        }
+    }
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    v.map(|x| x / length(v))
+}
+
+fn along(origin: [f64; 3], t: f64, direction: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| origin[a] + t * direction[a])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use trex_store::Aabb;
+
+    #[test]
+    fn half_a_turn_is_the_other_side_and_a_whole_one_is_none() {
+        let bounds = Aabb { lo: [0.0, 0.0, 0.0], hi: [2.0, 4.0, 2.0] };
+        let model = Model { bounds, materials: vec![], emitters: vec![], voxels: None };
+        let camera = Camera { position: [5.0, 6.0, 1.0], ..Camera::framing(&bounds, [64, 64], None, None) };
+        let near = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 1e-9);
+        assert!(near(around(&model, &camera, 0.5).position, [-3.0, 6.0, 1.0]));
+        assert!(near(around(&model, &camera, 1.0).position, camera.position));
+    }
+
+    #[test]
+    fn views_are_read_and_refused() {
+        let camera = Camera::framing(&Aabb { lo: [0.0; 3], hi: [1.0; 3] }, [64, 64], None, None);
+        let text = "[[view]]\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\n[[view]]\nposition = [1, 0, 0]\n\
+                    target = [0, 0, 0]\nup = [0, 0, 1]";
+        let list = views(text, &camera).unwrap();
+        assert_eq!((list.len(), list[0].position, list[1].up), (2, [1.0, 2.0, 3.0], [0.0, 0.0, 1.0]));
+        assert!(views("", &camera).is_err() && views("view = 3", &camera).is_err());
+        assert!(views("[[view]]\nposition = [1, 2, 3]", &camera).unwrap_err().to_string().contains("target"));
+    }
+}

@@ -1,0 +1,107 @@
+//! Frames with a deadline, and the stress that is put on them: the picture that comes in frames is the one that comes
+//! without, and a verdict is one.
+
+use crate::command::{document_in, folder, hash_of, run_in};
+use serde_json::Value;
+
+const SMALL: &str = "--resolution 96x72 --photons 20k --memory-limit 128MiB";
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn frames_come_to_the_picture_without_a_deadline() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:60k -o iso.trex");
+    for picture in ["--integrator photon", "--integrator photon --lod-error 2", "--integrator direct"] {
+        let line = format!("render iso.trex {picture} {SMALL} --spp 3 --overwrite");
+        let plain = document_in(inside.path(), &format!("{line} -o plain.exr"));
+        assert_eq!(plain["exact"], !picture.contains("lod-error"), "{picture}");
+        for how in
+            ["--t-max 5 --tile-order row", "--t-max 200 --tile-order saliency --saliency itti --threads 1"]
+        {
+            let live = document_in(inside.path(), &format!("{line} {how} --fetch-block 16 -o live.exr"));
+            let [plain_hash, live_hash] =
+                ["plain.exr", "live.exr"].map(|name| hash_of(&inside.path().join(name)));
+            assert_eq!(plain_hash, live_hash, "{picture} {how}");
+            assert_eq!(live["rays"]["primary"], plain["rays"]["primary"], "{picture} {how}");
+            assert_eq!(live["response_ms"]["count"], 1, "{live}");
+        }
+    }
+}
+
+#[test]
+fn the_footprint_rule_saves_pages_and_stays_near() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:scan:300k -o scan.trex --upper-budget 64MiB");
+    let line = format!("render scan.trex --integrator photon {SMALL} --spp 4 --overwrite");
+    let pages = |document: &Value| document["pool"]["pages_read"].as_u64().unwrap();
+    let exact = document_in(inside.path(), &format!("{line} -o exact.exr"));
+    let near = document_in(inside.path(), &format!("{line} --lod-error 0.2 -o near.exr"));
+    let far = document_in(inside.path(), &format!("{line} --lod-error 2 -o far.exr"));
+    assert!(pages(&exact) >= pages(&near) && pages(&far) == 0, "{near} {far}");
+    for name in ["near.exr", "far.exr"] {
+        let diff = document_in(inside.path(), &format!("image diff {name} exact.exr"));
+        // Means of noisy pixels on edges: a wrong surface, light or offset is off by tens of percents.
+        assert!(
+            number(&diff["all"]["rmse"]) < 0.15 * number(&exact["image"]["mean"][0]) + 0.05,
+            "{name}: {diff}"
+        );
+    }
+    for channel in 0..3 {
+        let [a, b] = [&exact, &far].map(|document| number(&document["image"]["mean"][channel]));
+        assert!((a - b).abs() < 0.02 * a, "{a} {b}");
+    }
+}
+
+#[test]
+fn every_scenario_passes_on_a_small_model() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:pipes:80k -o pipes.trex");
+    let scenarios = ["flip", "inside", "pingpong", "teleport", "sweep", "light-edit", "squeeze", "soak"];
+    for scenario in scenarios {
+        let line =
+            format!("stress pipes.trex --scenario {scenario} {SMALL} --switches 8 --hold 60 --t-max 50");
+        let document = document_in(inside.path(), &line);
+        assert_eq!(document["verdict"], "pass", "{document}");
+        assert_eq!((&document["holes"], &document["livelock"]), (&0.into(), &false.into()), "{scenario}");
+        assert_eq!(document["response_ms"]["count"], 8, "{scenario}: {document}");
+        let peak = document["memory"]["peak_rss_bytes"].as_u64().unwrap();
+        assert!(peak <= 128 << 20, "{scenario}: {peak}");
+    }
+}
+
+#[test]
+fn a_verdict_can_be_no() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:20k -o iso.trex");
+    let line = format!("stress iso.trex --scenario flip {SMALL} --switches 2 --hold 1 --require 0.1,0.1,0.1");
+    let ran = run_in(inside.path(), &format!("{line} --json -q"));
+    ran.expect(1);
+    let document = ran.document();
+    assert_eq!(document["verdict"], "fail");
+    assert!(document["failures"][0].as_str().unwrap().contains("median response"), "{document}");
+}
+
+#[test]
+fn what_cannot_be_live_is_refused() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:20k -o bare.trex --no-asvo");
+    for line in [
+        "render bare.trex -o x.png --t-max 33",
+        "render bare.trex -o x.png --lod-error 1",
+        "stress bare.trex --scenario flip --integrator direct",
+        "stress bare.trex --scenario flip",
+    ] {
+        let ran = run_in(inside.path(), &format!("{line} --json -q"));
+        assert!(
+            ran.expect_error(3, "scene-format")["next_step"].as_str().unwrap().contains("--no-asvo"),
+            "{line}"
+        );
+    }
+    std::fs::write(inside.path().join("views.toml"), "[[view]]\nposition = [1, 2]").unwrap();
+    document_in(inside.path(), "build gen:isosurface:20k -o iso.trex");
+    let ran = run_in(inside.path(), "stress iso.trex --scenario flip --views views.toml --json -q");
+    ran.expect_error(3, "scene-format");
+}
