@@ -14,10 +14,10 @@
 use crate::film::NO_ID;
 use crate::integrator::{Integrator, Path};
 use crate::material::bsdf;
-use crate::math::{add_rgb, dot, mul_rgb, scale_rgb, to_f64};
+use crate::math::{add_rgb, along, dot, mul_rgb, scale_rgb, to_f64};
 use crate::surface::{OFFSET_ERRORS, Surface};
 use crate::trace::{Answer, Hit, Ray, Tracer};
-use crate::voxel::{GRay, VoxelScene};
+use crate::voxel::{GRay, GScene, VoxelHit, VoxelScene};
 
 /// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing angles.
 const MIRROR_LEAVES: f64 = 16.0;
@@ -26,11 +26,54 @@ const CLEARANCES: f64 = 2.0;
 /// The sample of the lights that stands for all of them, its middle.
 const MIDDLE: [f32; 4] = [0.5; 4];
 
+/// What is known of the first thing that a C-ray meets.
+pub(crate) enum Closest {
+    /// A page is missing.
+    Blocked,
+    /// It is on the mesh, or there is nothing.
+    Known(Option<Hit>),
+    /// It is what this ray, the part behind the cut, meets in the voxels.
+    Far(FarRay),
+}
+
+/// The part of a C-ray behind the cut.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FarRay {
+    pub(crate) ray: GRay,
+    /// Where it begins on the C-ray.
+    cut: f64,
+}
+
+impl FarRay {
+    fn new(ray: &Ray, cut: f64) -> FarRay {
+        let origin = along(ray.origin, cut, ray.direction);
+        FarRay { ray: GRay { origin, direction: ray.direction, t_max: ray.t_max - cut }, cut }
+    }
+
+    /// What it met, as a hit of the C-ray.
+    pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelHit>) -> Option<Hit> {
+        let found = found?;
+        let leaf = voxels.octree().leaf(found.leaf as usize);
+        let clearance = voxels.clearance(to_f64(leaf.normal));
+        Some(Hit {
+            t: self.cut + found.t,
+            triangle: NO_ID,
+            page: u32::MAX,
+            material: leaf.material.into(),
+            normal: leaf.normal,
+            error: CLEARANCES * clearance / OFFSET_ERRORS,
+        })
+    }
+}
+
 impl Integrator<'_> {
-    /// What the C-ray at hand meets first: on the mesh before the cut, in the voxels beyond.
-    pub(crate) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Answer<Option<Hit>> {
+    /// What the C-ray at hand meets first: on the mesh before the cut, in the voxels behind.
+    pub(crate) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
         let Some(far) = self.stand_in.filter(|_| self.world.voxels_from < f64::INFINITY) else {
-            return tracer.intersect(ray);
+            return match tracer.intersect(ray) {
+                Answer::Blocked => Closest::Blocked,
+                Answer::Exact(hit) => Closest::Known(hit),
+            };
         };
         let cut = match path.vertex {
             _ if path.is_far => 0.0,
@@ -39,52 +82,64 @@ impl Integrator<'_> {
         };
         if cut > 0.0 {
             match tracer.intersect(&Ray { t_max: ray.t_max.min(cut), ..*ray }) {
+                Answer::Blocked => return Closest::Blocked,
                 Answer::Exact(None) if cut < ray.t_max => {}
-                answer => return answer,
+                Answer::Exact(hit) => return Closest::Known(hit),
             }
         }
-        Answer::Exact(voxel_hit(&far.voxels, ray, cut))
+        Closest::Far(FarRay::new(ray, cut))
     }
 
-    /// What the first ray of `path` sees, without pages and shadows; `None` without voxels.
-    pub(crate) fn preview(&self, path: &Path) -> Option<[f32; 3]> {
-        let scene = self.stand_in?;
-        let ray = self.primary_ray(path);
-        let (lights, materials) = (&self.world.lights, &self.world.materials);
-        let hit = voxel_hit(&scene.voxels, &ray, 0.0);
-        if let Some(light) = lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) {
-            return Some(light);
+    /// The same for one ray, whatever answers it.
+    pub(crate) fn closest_alone<T: Tracer>(
+        &self,
+        ray: &Ray,
+        path: &Path,
+        tracer: &mut T,
+    ) -> Answer<Option<Hit>> {
+        match self.closest(ray, path, tracer) {
+            Closest::Blocked => Answer::Blocked,
+            Closest::Known(hit) => Answer::Exact(hit),
+            Closest::Far(far) => Answer::Exact(self.far_hit(&far)),
         }
-        let Some(hit) = hit else { return Some(lights.sky()) };
+    }
+
+    /// What a ray behind the cut meets.
+    pub(crate) fn far_hit(&self, far: &FarRay) -> Option<Hit> {
+        let voxels = &self.stand_in.expect("what is far is in voxels").voxels;
+        far.hit(voxels, voxels.intersect(&far.ray))
+    }
+
+    /// What the first rays of some paths see, without pages and shadows; `None` without voxels.
+    pub(crate) fn previews<'p>(&self, paths: impl Iterator<Item = &'p Path>) -> Option<Vec<[f32; 3]>> {
+        let scene = self.stand_in?;
+        let far: Vec<_> = paths.map(|path| FarRay::new(&self.primary_ray(path), 0.0)).collect();
+        let rays: Vec<_> = far.iter().map(|far| far.ray).collect();
+        let mut found = vec![None; rays.len()];
+        scene.voxels.intersect_batch(&rays, &mut found);
+        Some(far.iter().zip(found).map(|(far, found)| self.preview(&scene, far, found)).collect())
+    }
+
+    fn preview(&self, scene: &GScene<'_>, far: &FarRay, found: Option<VoxelHit>) -> [f32; 3] {
+        let GRay { origin, direction, t_max } = far.ray;
+        let ray = Ray { origin, direction, t_max };
+        let (lights, materials) = (&self.world.lights, &self.world.materials);
+        let hit = far.hit(&scene.voxels, found);
+        if let Some(light) = lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) {
+            return light;
+        }
+        let Some(hit) = hit else { return lights.sky() };
         let surface = Surface::new(&ray, &hit);
         let material = &materials[surface.material as usize];
         let is_front = dot(to_f64(hit.normal), ray.direction) < 0.0;
         let own = if is_front { material.ke } else { [0.0; 3] };
         if !scene.irradiance.is_none() {
-            let Ray { origin, direction, t_max } = ray;
-            let found = scene.gather(GRay { origin, direction, t_max }, materials, lights.sky());
-            return Some(add_rgb(own, found.radiance));
+            return add_rgb(own, scene.gather_from((far.ray, found), materials, lights.sky()).radiance);
         }
         let direct = lights.sample(&surface.receiver(materials), MIDDLE).map_or([0.0; 3], |sample| {
             let returned = bsdf(material, surface.normal, surface.to_viewer, sample.direction);
             scale_rgb(dot(surface.normal, sample.direction) as f32, mul_rgb(returned, sample.weight))
         });
-        Some(add_rgb(own, direct))
+        add_rgb(own, direct)
     }
-}
-
-/// The first voxel that `ray` meets from `t` on, as a hit.
-fn voxel_hit(voxels: &VoxelScene<'_>, ray: &Ray, t: f64) -> Option<Hit> {
-    let origin = crate::math::along(ray.origin, t, ray.direction);
-    let hit = voxels.intersect(&GRay { origin, direction: ray.direction, t_max: ray.t_max - t })?;
-    let leaf = voxels.octree().leaf(hit.leaf as usize);
-    let clearance = voxels.clearance(to_f64(leaf.normal));
-    Some(Hit {
-        t: t + hit.t,
-        triangle: NO_ID,
-        page: u32::MAX,
-        material: leaf.material.into(),
-        normal: leaf.normal,
-        error: CLEARANCES * clearance / OFFSET_ERRORS,
-    })
 }

@@ -338,17 +338,15 @@ impl Piece<'_> {
         if shown.lock().expect("a worker panicked").has_stand_in(&job.tile) {
             return;
         }
-        let stand_ins: Vec<_> =
-            job.pending.iter().map(|waiting| self.integrator.preview(&waiting.path)).collect();
+        let paths = job.pending.iter().map(|waiting| &waiting.path);
+        let Some(stand_ins) = self.integrator.previews(paths) else { return };
         let mut shown = shown.lock().expect("a worker panicked");
         let pixels = job.tile.pixel_count();
         for (pixel, radiance) in job.radiances[..pixels as usize].iter().enumerate() {
             shown.set(job.tile.pixel(pixel as u32), *radiance);
         }
         for (waiting, radiance) in job.pending.iter().zip(stand_ins) {
-            if let Some(radiance) = radiance {
-                shown.set(job.tile.pixel(waiting.slot % pixels), radiance);
-            }
+            shown.set(job.tile.pixel(waiting.slot % pixels), radiance);
         }
         shown.mark_stand_in(&job.tile);
     }

@@ -166,10 +166,10 @@ impl<T: PagedTracer + Send> Session<T> {
                 if from >= tiles.count() {
                     return mine;
                 }
-                for tile in (from..tiles.count().min(from + PREVIEW_TILES)).map(|turn| tiles.nth(turn)) {
-                    let path = integrator.start(middle(&tile), 0);
-                    mine.push((tile, integrator.preview(&path).unwrap_or_default()));
-                }
+                let end = tiles.count().min(from + PREVIEW_TILES);
+                let some: Vec<_> = (from..end).map(|turn| tiles.nth(turn)).collect();
+                let paths: Vec<_> = some.iter().map(|tile| integrator.start(middle(tile), 0)).collect();
+                mine.extend(some.into_iter().zip(integrator.previews(paths.iter()).unwrap_or_default()));
             }
         };
         let previews: Vec<_> = std::thread::scope(|scope| {

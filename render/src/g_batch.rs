@@ -1,4 +1,4 @@
-//! G-rays of many samples, traced together: what one sample asks for after a hit is too little to keep a processor busy.
+//! Rays of many samples through the voxels, traced together: what one sample asks for after a hit is too little to keep a processor busy.
 //!
 //! ```text
 //! path at a surface -> asks: its shadow (or gather) rays go to the batch, the path waits
@@ -10,9 +10,11 @@
 //! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same order;
 //! 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most [`ASKED_MAX`] at a time.
 
+use crate::footprint::FarRay;
 use crate::integrator::{Integrator, Path, Stage};
 use crate::math::mul_rgb;
 use crate::surface::Surface;
+use crate::trace::Hit;
 use crate::voxel::{GRay, Near, VoxelHit};
 use std::ops::Range;
 
@@ -22,6 +24,8 @@ const ASKED_MAX: u32 = 16;
 /// Rays that ask the voxels, and their answers.
 #[derive(Debug, Default)]
 pub(crate) struct GBatch {
+    /// C-rays behind the cut of the footprint rule; without entries.
+    far: Asked<Option<VoxelHit>>,
     shadow: Asked<bool>,
     gather: Asked<Option<VoxelHit>>,
 }
@@ -68,7 +72,14 @@ impl<A> Asked<A> {
 }
 
 impl GBatch {
+    /// Asks for the rest of a C-ray. Its place.
+    pub(crate) fn push_far(&mut self, far: &FarRay) -> u32 {
+        self.far.rays.push(far.ray);
+        self.far.rays.len() as u32 - 1
+    }
+
     fn clear(&mut self) {
+        self.far.clear();
         self.shadow.clear();
         self.gather.clear();
     }
@@ -79,8 +90,9 @@ impl GBatches {
     pub(crate) fn bytes(path_count: usize) -> u64 {
         let entry = size_of::<(Option<u32>, [f32; 3])>() + size_of::<GRay>();
         let both = 2 * entry + size_of::<bool>() + size_of::<Option<VoxelHit>>();
+        let far = size_of::<GRay>() + size_of::<Option<VoxelHit>>();
         // Two batches, of vectors that grow by doubling.
-        (4 * path_count * ASKED_MAX as usize * both) as u64
+        (4 * path_count * (far + ASKED_MAX as usize * both)) as u64
     }
 
     /// Forgets all.
@@ -91,17 +103,30 @@ impl GBatches {
 }
 
 impl Integrator<'_> {
-    /// Whether G-rays are asked in batches.
+    /// Whether any rays are asked in batches.
     pub(crate) fn has_batches(&self) -> bool {
+        self.stand_in.is_some()
+    }
+
+    /// Whether shadow and gather rays are.
+    pub(crate) fn batches_g_rays(&self) -> bool {
         self.voxels.is_some_and(|scene| scene.near == Near::Voxel)
+    }
+
+    /// Takes what a ray behind the cut has met.
+    pub(crate) fn take_far(&self, far: &FarRay, place: u32, batch: &GBatch) -> Option<Hit> {
+        let voxels = &self.stand_in.expect("batches have voxels").voxels;
+        far.hit(voxels, batch.far.answers[place as usize])
     }
 
     /// Answers what has been asked, so that it can be taken.
     pub(crate) fn answer(&self, batches: &mut GBatches) {
-        let scene = self.voxels.expect("batches have voxels");
+        let scene = self.stand_in.expect("batches have voxels");
         batches.answered.clear();
         std::mem::swap(&mut batches.asked, &mut batches.answered);
-        let GBatch { shadow, gather } = &mut batches.answered;
+        let GBatch { far, shadow, gather } = &mut batches.answered;
+        far.answers.resize(far.rays.len(), None);
+        scene.voxels.intersect_batch(&far.rays, &mut far.answers);
         shadow.answers.resize(shadow.rays.len(), false);
         scene.voxels.occluded_batch(&shadow.rays, &mut shadow.answers);
         gather.answers.resize(gather.rays.len(), None);

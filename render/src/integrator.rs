@@ -16,6 +16,7 @@
 //! was answered, and reported with the finished sample; 3. a path has at most [`BOUNCES_MAX`] bounces.
 
 use crate::film::{LayerPixel, NO_ID};
+use crate::footprint::{Closest, FarRay};
 use crate::g_batch::{GBatches, Place};
 use crate::light::LightSample;
 use crate::material::{bsdf, takes_shadow_rays};
@@ -162,6 +163,12 @@ pub(crate) enum Stage {
         surface: Surface,
         index: u32,
     },
+    /// The part of a C-ray behind the cut has been asked in a batch.
+    TakeFar {
+        ray: Ray,
+        far: FarRay,
+        place: u32,
+    },
     /// Shadow rays have been asked in a batch.
     TakeShadow(Place),
     /// Gather rays have.
@@ -285,17 +292,19 @@ impl<'a> Integrator<'a> {
             let stage = std::mem::replace(&mut path.stage, Stage::Done);
             let next = match (&stage, batches.as_deref_mut()) {
                 (Stage::Layers, _) => self.layers_step(path, tracer),
-                (Stage::CRay(ray), _) => self.c_ray_step(path, ray, tracer),
-                (Stage::Shadow { surface, index }, Some(all)) => {
-                    path.stage = self.ask_shadow(path, (surface, *index), &mut all.asked);
-                    return Step::Asks;
+                (Stage::CRay(ray), all) => self.c_ray_step(path, ray, tracer, all),
+                (Stage::Shadow { surface, index }, Some(all)) if self.batches_g_rays() => {
+                    Answer::Exact(self.ask_shadow(path, (surface, *index), &mut all.asked))
                 }
-                (Stage::Gather { surface, index }, Some(all)) => {
-                    path.stage = self.ask_gather(path, (surface, *index), &mut all.asked);
-                    return Step::Asks;
+                (Stage::Gather { surface, index }, Some(all)) if self.batches_g_rays() => {
+                    Answer::Exact(self.ask_gather(path, (surface, *index), &mut all.asked))
                 }
-                (Stage::Shadow { surface, index }, None) => self.shadow_step(path, surface, *index, tracer),
-                (Stage::Gather { surface, index }, None) => self.gather_step(path, surface, *index, tracer),
+                (Stage::Shadow { surface, index }, _) => self.shadow_step(path, surface, *index, tracer),
+                (Stage::Gather { surface, index }, _) => self.gather_step(path, surface, *index, tracer),
+                (Stage::TakeFar { ray, far, place }, Some(all)) => {
+                    let hit = self.take_far(far, *place, &all.answered);
+                    Answer::Exact(self.c_ray_end(path, ray, hit))
+                }
                 (Stage::TakeShadow(place), Some(all)) => {
                     Answer::Exact(self.take_shadow(path, place, &all.answered))
                 }
@@ -303,7 +312,9 @@ impl<'a> Integrator<'a> {
                     Answer::Exact(self.take_gather(path, place, &all.answered))
                 }
                 (Stage::Bounce(surface), _) => Answer::Exact(self.bounce(path, surface)),
-                (Stage::TakeShadow(_) | Stage::TakeGather(_), None) => panic!("answers without a batch"),
+                (Stage::TakeFar { .. } | Stage::TakeShadow(_) | Stage::TakeGather(_), None) => {
+                    panic!("answers without a batch")
+                }
                 (Stage::Done, _) => panic!("a finished sample was asked again"),
             };
             match next {
@@ -312,7 +323,14 @@ impl<'a> Integrator<'a> {
                     return Step::Blocked;
                 }
                 Answer::Exact(Stage::Done) => return Step::Done(path.sample),
-                Answer::Exact(stage) => path.stage = stage,
+                Answer::Exact(stage) => {
+                    let asks =
+                        matches!(stage, Stage::TakeFar { .. } | Stage::TakeShadow(_) | Stage::TakeGather(_));
+                    path.stage = stage;
+                    if asks {
+                        return Step::Asks;
+                    }
+                }
             }
         }
     }
@@ -342,7 +360,8 @@ impl<'a> Integrator<'a> {
 
     fn layers_step<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Stage> {
         let [x, y] = path.pixel.map(|x| f64::from(x) + 0.5);
-        let Answer::Exact(hit) = self.closest(&self.world.projection.ray(x, y), path, tracer) else {
+        let ray = self.world.projection.ray(x, y);
+        let Answer::Exact(hit) = self.closest_alone(&ray, path, tracer) else {
             return Answer::Blocked;
         };
         path.sample.rays.primary += 1;
@@ -357,11 +376,28 @@ impl<'a> Integrator<'a> {
         Answer::Exact(self.primary(path))
     }
 
-    fn c_ray_step<T: Tracer>(&self, path: &mut Path, ray: &Ray, tracer: &mut T) -> Answer<Stage> {
+    fn c_ray_step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        ray: &Ray,
+        tracer: &mut T,
+        batches: Option<&mut GBatches>,
+    ) -> Answer<Stage> {
         if matches!(self.world.method, Method::DebugUpper | Method::DebugOccluders) {
             return Answer::Exact(self.voxel_shown(path, ray));
         }
-        let Answer::Exact(hit) = self.closest(ray, path, tracer) else { return Answer::Blocked };
+        match (self.closest(ray, path, tracer), batches) {
+            (Closest::Blocked, _) => Answer::Blocked,
+            (Closest::Known(hit), _) => Answer::Exact(self.c_ray_end(path, ray, hit)),
+            (Closest::Far(far), None) => Answer::Exact(self.c_ray_end(path, ray, self.far_hit(&far))),
+            (Closest::Far(far), Some(batches)) => {
+                Answer::Exact(Stage::TakeFar { ray: *ray, far, place: batches.asked.push_far(&far) })
+            }
+        }
+    }
+
+    /// What follows the end of a C-ray.
+    fn c_ray_end(&self, path: &mut Path, ray: &Ray, hit: Option<Hit>) -> Stage {
         path.travelled += hit.map_or(0.0, |hit| hit.t);
         path.is_far = hit.is_some_and(|hit| hit.triangle == NO_ID);
         let rays = &mut path.sample.rays;
@@ -370,12 +406,12 @@ impl<'a> Integrator<'a> {
             Origin::Mirror => &mut rays.mirror,
             Origin::Scattered { .. } => &mut rays.gather,
         } += 1;
-        Answer::Exact(match (self.world.method, path.origin) {
+        match (self.world.method, path.origin) {
             (Method::Ao, _) => self.unlit(path, ray, hit),
             (Method::DebugPages, _) => self.page_shown(path, ray, hit),
             (_, Origin::Scattered { from, density }) => self.gathered(path, ray, hit, &from, density),
             _ => self.seen(path, ray, hit),
-        })
+        }
     }
 
     /// The end of a ray that no light sample could have been: all that it sees counts.
