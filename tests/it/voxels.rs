@@ -1,9 +1,10 @@
 //! The voxel octree: what is in it against the triangles, what rays meet in it against all of its voxels, one by one.
+#![allow(clippy::print_stderr)]
 
 use crate::support::{Built, build_options, build_source, source};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
-use trex_render::voxel::{GRay, Occluders, VoxelHit, VoxelScene};
+use trex_render::voxel::{GRay, Occluders, VoxelHit, VoxelScene, Width};
 use trex_store::Budget;
 use trex_store::build::{BuildOptions, Voxels};
 use trex_store::octree::UpperOctree;
@@ -175,7 +176,18 @@ fn check_batches(spec: &str, resolution: u32) {
         let single: Vec<_> = rays.iter().map(|ray| bits(scene.intersect(ray))).collect();
         let hit_count = single.iter().flatten().count();
         assert!(hit_count * 10 > rays.len() && hit_count < rays.len(), "{spec}: {hit_count} hits");
-        for batch in [1, 5, 32, 33, 128, rays.len()] {
+        for width in Width::ALL {
+            if !width.is_available() {
+                eprintln!("not tested, the machine has no such lanes: {width:?}");
+                continue;
+            }
+            let mut hits = vec![None; rays.len()];
+            scene.intersect_batch_with(width, &rays, &mut hits);
+            for (at, ray) in rays.iter().enumerate() {
+                assert_eq!(bits(hits[at]), single[at], "{spec} {occluders:?} {width:?}: {ray:?}");
+            }
+        }
+        for batch in [1, 5, 32, 65, 128, rays.len()] {
             let mut hits = vec![None; rays.len()];
             let mut occluded = vec![false; rays.len()];
             for at in (0..rays.len()).step_by(batch) {

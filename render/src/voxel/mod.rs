@@ -3,7 +3,11 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod gather;
+#[cfg(target_arch = "x86_64")]
+mod lanes;
 mod map;
 mod packet;
 mod photons;
@@ -13,6 +17,7 @@ pub use gather::Near;
 pub(crate) use gather::{GScene, Gathered};
 pub(crate) use map::Irradiance;
 pub use map::{PASS_PHOTONS, PhotonMap};
+pub use packet::Width;
 pub use photons::PhotonStats;
 pub(crate) use photons::{PhotonWork, PhotonWorld};
 pub use traverse::{GRay, Occluders, VoxelHit, VoxelScene};
