@@ -87,6 +87,8 @@ pub trait PagedTracer: Tracer {
 pub struct PassStats {
     /// Rays of finished samples.
     pub rays: RayCounts,
+    /// Look-ups of photons of finished samples.
+    pub look_ups: u64,
     /// Samples that reached the film.
     pub samples: u64,
     /// Times that a tile had to be parked.
@@ -107,6 +109,7 @@ impl PassStats {
     /// Adds another pass or worker.
     pub fn add(&mut self, other: &PassStats) {
         self.rays.add(&other.rays);
+        self.look_ups += other.look_ups;
         self.samples += other.samples;
         self.parked += other.parked;
         self.waits += other.waits;
@@ -251,6 +254,7 @@ struct Job {
     radiances: Vec<[f32; 3]>,
     layers: Vec<([u32; 2], LayerPixel)>,
     rays: RayCounts,
+    look_ups: u64,
     not_finite: u64,
 }
 
@@ -328,6 +332,7 @@ impl Piece<'_> {
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],
             rays: RayCounts::default(),
+            look_ups: 0,
             not_finite: 0,
         }
     }
@@ -502,6 +507,7 @@ impl<T: PagedTracer> Worker<'_, T> {
         self.stats.samples += job.radiances.len() as u64;
         self.stats.not_finite += job.not_finite;
         self.stats.rays.add(&job.rays);
+        self.stats.look_ups += job.look_ups;
     }
 }
 
@@ -511,6 +517,7 @@ impl Job {
         self.not_finite += u64::from(!finite);
         self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };
         self.rays.add(&sample.rays);
+        self.look_ups += sample.look_ups;
         if let Some(seen) = sample.layers {
             self.layers.push((self.tile.pixel(slot % self.tile.pixel_count()), seen));
         }

@@ -19,6 +19,7 @@ use crate::frames::Changes;
 use crate::integrator::{Integrator, Method};
 use crate::light::Light;
 use crate::live::Live;
+use crate::photon_tree::PhotonTree;
 use crate::tile::Tiles;
 use crate::voxel::{GScene, Irradiance, Occluders, PhotonMap, PhotonStats, PhotonWork, PhotonWorld};
 use crate::world::{GRays, MaterialEdit, Model, View, World};
@@ -75,6 +76,8 @@ pub struct Session<T> {
     pub(crate) film: Film,
     /// Light in the voxels; of `photon` alone.
     pub(crate) photons: Option<PhotonMap>,
+    /// Photons one by one; of `full-gi` alone, once they were sent.
+    pub(crate) tree: Option<PhotonTree>,
     /// Frames with a deadline.
     pub(crate) live: Option<Live>,
     pub(crate) budget: Budget,
@@ -121,8 +124,8 @@ impl<T: PagedTracer + Send> Session<T> {
             _ => None,
         };
         let budget = budget.clone();
-        let live = None;
-        Ok(Session { model, view, world, tracers, tiles, film, photons, live, budget, _lease: lease })
+        let (tree, live) = (None, None);
+        Ok(Session { model, view, world, tracers, tiles, film, photons, tree, live, budget, _lease: lease })
     }
 
     /// Changes camera, lights or a material.
@@ -148,6 +151,9 @@ impl<T: PagedTracer + Send> Session<T> {
         } else if let Some(photons) = self.photons.as_mut().filter(|_| changes_light) {
             photons.clear();
         }
+        if changes_light {
+            self.tree = None;
+        }
         self.film.clear();
         Ok(())
     }
@@ -156,12 +162,15 @@ impl<T: PagedTracer + Send> Session<T> {
     /// asked in between; `tell` hears how many are done, and of how many.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons.
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons, or for all of `full-gi`.
     pub fn illuminate(
         &mut self,
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
+        if self.view.method == Method::FullGi && self.tree.is_none() {
+            return self.grow_tree(stop, tell);
+        }
         let Some(mut map) = self.photons.take() else { return Ok(PhotonStats::default()) };
         let target = self.view.g_rays.photons;
         let stats = self.photon_world().map_or(Ok(None), |all| all.begin()).map(|work| {
@@ -185,7 +194,7 @@ impl<T: PagedTracer + Send> Session<T> {
         })
     }
 
-    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` has the indirect light that
+    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the indirect light that
     /// [`Session::illuminate`] brought up to then. `stop` is asked between tiles,
     /// `after_pass` looks at the film and may end the work; what is on the film stays, and a later call goes on.
     pub fn render(
@@ -195,7 +204,8 @@ impl<T: PagedTracer + Send> Session<T> {
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
         let irradiance = self.photons.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
-        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance);
+        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance)
+            .with_photons(self.tree.as_ref());
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));

@@ -74,6 +74,9 @@ pub struct PictureArgs {
     /// Photons in all (else 2M)
     #[arg(long, value_name = "N", value_parser = values::count)]
     pub photons: Option<u64>,
+    /// Photons that tell the light of a place, of full-gi (else 50)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1024))]
+    pub k_nearest: Option<u32>,
     /// How shadow and gather rays of photon and ao begin: a voxel off the surface, or on the exact mesh (else voxel)
     #[arg(long, value_enum, value_name = "HOW")]
     pub near: Option<NearArg>,
@@ -150,6 +153,7 @@ impl PictureArgs {
         render.n_shadow = self.n_shadow.unwrap_or(render.n_shadow);
         render.n_gather = self.n_gather.unwrap_or(render.n_gather);
         render.photons = self.photons.unwrap_or(render.photons);
+        render.k_nearest = self.k_nearest.unwrap_or(render.k_nearest);
         render.near = self.near.map_or(render.near, |near| match near {
             NearArg::Voxel => Near::Voxel,
             NearArg::Exact => Near::Exact,
@@ -193,7 +197,8 @@ impl Integrator {
             Integrator::Direct => Method::Direct,
             Integrator::Path => Method::Path,
             Integrator::Ao => Method::Ao,
-            Integrator::Photon => Method::Photon,
+            Integrator::Photon | Integrator::CpuGi => Method::Photon,
+            Integrator::FullGi => Method::FullGi,
             Integrator::DebugUpper => Method::DebugUpper,
             Integrator::DebugOccluders => Method::DebugOccluders,
             Integrator::DebugPages => Method::DebugPages,
@@ -249,6 +254,10 @@ pub enum Integrator {
     Path,
     /// All light but caustics of lobes, by photons and voxels: what is seen and its mirrors on the exact mesh
     Photon,
+    /// As photon, with everything on the CPU: the same as photon as long as that has no other device
+    CpuGi,
+    /// All light but some caustics, by photons in a kd-tree: everything on the exact mesh
+    FullGi,
     /// Ambient occlusion: white light from all sides on white surfaces, by voxels where the file has them
     Ao,
     /// The voxels, as cubes

@@ -143,6 +143,8 @@ impl Job<'_> {
             },
             photons,
             photons_ms: (photon_seconds * 1e3) as u64,
+            look_ups: stats.total.look_ups,
+            look_ups_per_s: per_s(stats.total.look_ups),
             time_ms: (seconds * 1e3) as u64,
             first_picture_ms,
             frames,
@@ -216,6 +218,9 @@ pub struct Rendered {
     pub rays_per_s: RaysPerS,
     pub photons: PhotonStats,
     pub photons_ms: u64,
+    /// Look-ups of the photons nearest to a place; of `full-gi`.
+    pub look_ups: u64,
+    pub look_ups_per_s: f64,
     pub time_ms: u64,
     pub first_picture_ms: Option<u64>,
     /// Of frames with a deadline.
@@ -276,6 +281,15 @@ impl fmt::Display for Rendered {
             size::count(rays.photon),
             size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
         )?;
+        if self.look_ups > 0 {
+            writeln!(
+                f,
+                "{} photons stored, {} look-ups of the nearest, {}",
+                size::count(self.photons.deposits),
+                size::count(self.look_ups),
+                size::rate(self.look_ups_per_s, "look-ups")
+            )?;
+        }
         if !self.damaged_pages.is_empty() {
             writeln!(
                 f,

@@ -20,7 +20,7 @@ const NEAR_LEAVES: f64 = 2.0;
 /// Most of that where a ray grazes its surface.
 const NEAR_LEAVES_MAX: f64 = 16.0;
 /// Mirrors that a gather ray follows; what lies behind more of them is dark.
-const MIRRORS_MAX: u32 = 8;
+pub(crate) const MIRRORS_MAX: u32 = 8;
 
 /// How shadow and gather rays begin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

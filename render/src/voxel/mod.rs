@@ -9,11 +9,11 @@ mod packet;
 mod photons;
 mod traverse;
 
+pub use crate::photon_flight::PhotonStats;
 pub use gather::Near;
-pub(crate) use gather::{GScene, Gathered};
+pub(crate) use gather::{GScene, Gathered, MIRRORS_MAX};
 pub(crate) use map::Irradiance;
 pub use map::{PASS_PHOTONS, PhotonMap};
-pub use photons::PhotonStats;
 pub(crate) use photons::{PhotonWork, PhotonWorld};
 pub use traverse::{GRay, Occluders, VoxelHit, VoxelScene};
 
