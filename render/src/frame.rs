@@ -123,7 +123,7 @@ impl PassStats {
 /// Bytes that the frame loop takes for `worker_count` workers and the tile order, films not counted.
 pub fn frame_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
     let samples = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS * PASS_SAMPLES_MAX) as usize;
-    let job = samples * (size_of::<Pending>() + size_of::<[f32; 3]>())
+    let job = samples * (size_of::<Pending>() + 2 * size_of::<[f32; 3]>())
         + (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize * size_of::<([u32; 2], LayerPixel)>();
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution)
@@ -252,6 +252,8 @@ struct Job {
     pending: Vec<Pending>,
     /// By sample, then by pixel.
     radiances: Vec<[f32; 3]>,
+    /// Of these what is indirect.
+    indirect: Vec<[f32; 3]>,
     layers: Vec<([u32; 2], LayerPixel)>,
     rays: RayCounts,
     look_ups: u64,
@@ -330,6 +332,7 @@ impl Piece<'_> {
             from,
             pending: (0..count * pixels).map(pending).collect(),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
+            indirect: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],
             rays: RayCounts::default(),
             look_ups: 0,
@@ -498,6 +501,9 @@ impl<T: PagedTracer> Worker<'_, T> {
     fn commit(&mut self, job: &Job) {
         let mut film = self.piece.film.lock().expect("a worker panicked");
         film.add(&job.tile, &job.radiances);
+        if film.layers().filter {
+            film.add_indirect(&job.tile, &job.indirect);
+        }
         for (pixel, seen) in &job.layers {
             film.set_layers(*pixel, seen);
         }
@@ -516,6 +522,7 @@ impl Job {
         let finite = sample.radiance.iter().all(|x| x.is_finite());
         self.not_finite += u64::from(!finite);
         self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };
+        self.indirect[slot as usize] = if finite { sample.indirect } else { [0.0; 3] };
         self.rays.add(&sample.rays);
         self.look_ups += sample.look_ups;
         if let Some(seen) = sample.layers {

@@ -45,17 +45,17 @@ impl Integrator<'_> {
         let lights = &self.world.lights;
         let lamp = if mirrors > 0 { lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) } else { None };
         let Some(hit) = hit.filter(|_| lamp.is_none()) else {
-            path.gain(mul_rgb(weight, lamp.unwrap_or(lights.sky())));
+            path.gain_indirect(mul_rgb(weight, lamp.unwrap_or(lights.sky())));
             return done;
         };
         let material = &self.world.materials[hit.material as usize];
         if mirrors > 0 && dot(to_f64(hit.normal), ray.direction) < 0.0 {
-            path.gain(mul_rgb(weight, material.ke));
+            path.gain_indirect(mul_rgb(weight, material.ke));
         }
         let met = Surface::new(&ray, &hit);
         if let Some(photons) = self.photons {
             path.sample.look_ups += 1;
-            path.gain(mul_rgb(weight, photons.radiance(&met, material, self.world.k_nearest)));
+            path.gain_indirect(mul_rgb(weight, photons.radiance(&met, material, self.world.k_nearest)));
         }
         let weight = mul_rgb(weight, material.ks);
         if !material.mirror || mirrors == MIRRORS_MAX || max_rgb(weight) == 0.0 {

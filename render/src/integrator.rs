@@ -123,6 +123,8 @@ pub(crate) enum Step {
 pub struct Sample {
     /// Radiance, linear RGB.
     pub radiance: [f32; 3],
+    /// Of this, what gather rays brought to the surface that is seen.
+    pub indirect: [f32; 3],
     /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
     pub layers: Option<LayerPixel>,
     /// Rays that this sample took.
@@ -237,6 +239,14 @@ impl Path {
     /// Adds radiance that arrives at the current vertex.
     pub(crate) fn gain(&mut self, radiance: [f32; 3]) {
         self.sample.radiance = add_rgb(self.sample.radiance, mul_rgb(self.throughput, radiance));
+    }
+
+    /// The same for radiance that gather rays brought: what the filter may smooth, unless a mirror shows it.
+    pub(crate) fn gain_indirect(&mut self, radiance: [f32; 3]) {
+        self.gain(radiance);
+        if self.vertex == 0 {
+            self.sample.indirect = add_rgb(self.sample.indirect, mul_rgb(self.throughput, radiance));
+        }
     }
 
     /// Whether the path goes on after its vertex: roulette, by what it can still bring.

@@ -14,6 +14,7 @@ mod debug;
 mod direct;
 pub mod emitter;
 pub mod film;
+pub mod filter;
 mod footprint;
 pub mod frame;
 mod frames;

@@ -41,7 +41,7 @@ impl Integrator<'_> {
                 return Answer::Blocked;
             };
             path.sample.rays.gather += found.rays;
-            path.gain(mul_rgb(weight, found.radiance));
+            path.gain_indirect(mul_rgb(weight, found.radiance));
         }
         Answer::Exact(self.after_gather_ray(*surface, index + 1))
     }

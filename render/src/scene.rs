@@ -4,6 +4,7 @@
 //! work; 3. parsing opens nothing: the model's path is a string for the command to resolve.
 
 use crate::camera::{Camera, Fov, SIDE_MAX_PIXELS};
+use crate::filter::Filter;
 use crate::integrator::Method;
 use crate::light::Light;
 use crate::photon_tree::{K_NEAREST_MAX, K_NEAREST_MIN};
@@ -74,6 +75,8 @@ pub struct RenderKeys {
     pub occluders: Occluders,
     /// Pixels that a leaf voxel may cover where it stands for the mesh; 0 for the exact mesh.
     pub lod_error: f64,
+    /// Whether indirect light is smoothed.
+    pub filter: Filter,
     /// Factor before clamping to PNG.
     pub exposure: f32,
     /// Names the random numbers.
@@ -94,6 +97,7 @@ impl Default for RenderKeys {
             resolution: [1024, 1024],
             spp: 16,
             n_shadow: 2,
+            filter: Filter::Off,
             exposure: 1.0,
             seed: 1,
         }
@@ -126,8 +130,15 @@ impl Scene {
     /// Applies the material edits to `model` and gives the view of it that this scene describes.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`]: a material that the model has not, or that cannot be edited so.
+    /// [`Code::SceneFormat`]: a material that the model has not, or that cannot be edited so; a filter beside
+    /// an integrator that gathers no light.
     pub fn view(&self, model: &mut Model) -> Result<View> {
+        if self.render.filter == Filter::On && !self.render.integrator.gathers() {
+            return Err(Error::new(Code::SceneFormat, "there is no indirect light to be filtered")
+                .at_place("render.filter")
+                .numbers(format!("\"on\" beside the integrator {:?}", self.render.integrator.as_str()))
+                .next("use photon or full-gi, whose gather rays the filter smooths"));
+        }
         for (name, edit) in &self.materials {
             model.edit(model.material_index(name)?, edit)?;
         }
@@ -312,7 +323,7 @@ mod tests {
         let manual = include_str!("../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error exposure seed";
+                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error filter exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

@@ -14,6 +14,7 @@
 
 use crate::camera::Camera;
 use crate::film::{Film, Layers};
+use crate::filter;
 use crate::frame::{PASS_SAMPLES_MAX, PagedTracer, Pass, PassStats, Until, frame_bytes};
 use crate::frames::Changes;
 use crate::integrator::{Integrator, Method};
@@ -223,6 +224,18 @@ impl<T: PagedTracer + Send> Session<T> {
         stats
     }
 
+    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see [`crate::filter`]. Does
+    /// nothing for others.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the filter's work.
+    pub fn smooth(&mut self) -> Result<()> {
+        if !self.film.layers().filter {
+            return Ok(());
+        }
+        filter::smooth(&mut self.film, &self.world.projection, self.tracers.len(), &self.budget)
+    }
+
     /// What has been collected.
     pub fn film(&self) -> &Film {
         &self.film
@@ -256,7 +269,7 @@ pub(crate) fn integrator<'a>(
     let scene =
         model.voxels.as_ref().map(|voxels| GScene { voxels: voxels.scene(occluders), irradiance, near });
     let for_g_rays = scene.filter(|_| view.method.asks_voxels());
-    Integrator::new(world, layers.any()).with_voxels(for_g_rays).with_stand_in(scene)
+    Integrator::new(world, layers.kept().any()).with_voxels(for_g_rays).with_stand_in(scene)
 }
 
 #[cfg(test)]

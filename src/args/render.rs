@@ -31,6 +31,9 @@ pub struct RenderArgs {
     /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
     #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,
+    /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else off)
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub filter: Option<Switch>,
     /// Further layers of an EXR
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
@@ -215,7 +218,7 @@ pub enum NearArg {
     Exact,
 }
 
-/// `--occluders`, `--prefetch`.
+/// `--occluders`, `--prefetch`, `--filter`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Switch {
     /// It does

@@ -3,7 +3,7 @@
 use super::picture_file::PictureFile;
 use super::shares::Shares;
 use super::stage::{Play, Stage, io_options, open_scene};
-use crate::args::{Layer, RenderArgs};
+use crate::args::{Layer, RenderArgs, Switch};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -15,6 +15,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use trex_bench::stress::Times;
 use trex_render::film::Layers;
+use trex_render::filter::Filter;
 use trex_render::frame::PagedTracer;
 use trex_render::integrator::RayCounts;
 use trex_render::live::{self, FrameOptions};
@@ -34,6 +35,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         normal: args.layers.contains(&Layer::Normal),
         albedo: args.layers.contains(&Layer::Albedo),
         id: args.layers.contains(&Layer::Id),
+        filter: scene.render.filter == Filter::On,
     };
     let job = Job {
         scene: &scene,
@@ -53,6 +55,10 @@ fn override_scene(scene: &mut Scene, args: &RenderArgs) {
     args.picture.override_scene(scene);
     let render = &mut scene.render;
     render.spp = args.spp.unwrap_or(render.spp);
+    render.filter = args.filter.map_or(render.filter, |filter| match filter {
+        Switch::On => Filter::On,
+        Switch::Off => Filter::Off,
+    });
     render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
 }
 
@@ -119,6 +125,7 @@ impl Job<'_> {
         let seconds = start.elapsed().as_secs_f64();
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let per_s = |rays: u64| rays as f64 / (seconds - photon_seconds);
+        session.smooth()?;
         target.write(&session, keys.exposure)?;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {

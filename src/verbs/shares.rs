@@ -12,6 +12,7 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use trex_render::film::{Layers, film_bytes};
+use trex_render::filter::filter_bytes;
 use trex_render::frame::frame_bytes;
 use trex_render::indirect::mesh_photons_bytes;
 use trex_render::integrator::Method;
@@ -40,7 +41,7 @@ pub struct Shares {
     pub voxels_bytes: u64,
     /// Photons that are kept each by itself, and those under way on the mesh; of `full-gi`.
     pub photons_bytes: u64,
-    /// Film, frame loop, encoder.
+    /// Film, frame loop, encoder, filter.
     pub film_bytes: u64,
     /// Staging buffers, the pool's tables, the workers' pins.
     pub staging_bytes: u64,
@@ -152,7 +153,8 @@ impl Shares {
             film_bytes: film_bytes(picture.resolution, picture.layers)
                 + if picture.is_live { Shown::bytes(picture.resolution) } else { 0 }
                 + frame_bytes(picture.resolution, picture.workers)
-                + encoder_bytes(picture.resolution, picture.layers),
+                + encoder_bytes(picture.resolution, picture.layers)
+                + if picture.layers.filter { filter_bytes(picture.resolution) } else { 0 },
             staging_bytes: overhead + pins,
             frames_bytes: 0,
             staging_slots,
