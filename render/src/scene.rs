@@ -69,6 +69,8 @@ pub struct RenderKeys {
     pub photons: u64,
     /// Photons of a look-up.
     pub k_nearest: u32,
+    /// Whether the photons of `photon` go through the exact mesh.
+    pub bake: bool,
     /// How shadow and gather rays leave a surface.
     pub near: Near,
     /// Whether the bitmaps of voxels count.
@@ -85,11 +87,12 @@ pub struct RenderKeys {
 
 impl Default for RenderKeys {
     fn default() -> RenderKeys {
-        let GRays { n_gather, photons, near, occluders, k_nearest } = GRays::default();
+        let GRays { n_gather, photons, near, occluders, k_nearest, bake } = GRays::default();
         RenderKeys {
             n_gather,
             photons,
             k_nearest,
+            bake,
             near,
             occluders,
             lod_error: 0.0,
@@ -107,8 +110,8 @@ impl Default for RenderKeys {
 impl RenderKeys {
     /// How G-rays and photons work.
     pub fn g_rays(&self) -> GRays {
-        let RenderKeys { n_gather, photons, near, occluders, k_nearest, .. } = *self;
-        GRays { n_gather, photons, near, occluders, k_nearest }
+        let RenderKeys { n_gather, photons, near, occluders, k_nearest, bake, .. } = *self;
+        GRays { n_gather, photons, near, occluders, k_nearest, bake }
     }
 }
 
@@ -130,14 +133,20 @@ impl Scene {
     /// Applies the material edits to `model` and gives the view of it that this scene describes.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`]: a material that the model has not, or that cannot be edited so; a filter beside
-    /// an integrator that gathers no light.
+    /// [`Code::SceneFormat`]: a material that the model has not, or that cannot be edited so; a filter or a bake beside
+    /// an integrator that has none.
     pub fn view(&self, model: &mut Model) -> Result<View> {
         if self.render.filter == Filter::On && !self.render.integrator.gathers() {
             return Err(Error::new(Code::SceneFormat, "there is no indirect light to be filtered")
                 .at_place("render.filter")
                 .numbers(format!("\"on\" beside the integrator {:?}", self.render.integrator.as_str()))
                 .next("use photon or full-gi, whose gather rays the filter smooths"));
+        }
+        if self.render.bake && self.render.integrator != Method::Photon {
+            return Err(Error::new(Code::SceneFormat, "there are no facets to bake light into")
+                .at_place("render.bake")
+                .numbers(format!("true beside the integrator {:?}", self.render.integrator.as_str()))
+                .next("use photon; photons of full-gi go through the mesh anyway"));
         }
         for (name, edit) in &self.materials {
             model.edit(model.material_index(name)?, edit)?;
@@ -323,7 +332,7 @@ mod tests {
         let manual = include_str!("../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error filter exposure seed";
+                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error bake filter exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

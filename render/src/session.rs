@@ -172,6 +172,9 @@ impl<T: PagedTracer + Send> Session<T> {
         if self.view.method == Method::FullGi && self.tree.is_none() {
             return self.grow_tree(stop, tell);
         }
+        if self.view.g_rays.bake {
+            return self.bake(stop, tell);
+        }
         let Some(mut map) = self.photons.take() else { return Ok(PhotonStats::default()) };
         let target = self.view.g_rays.photons;
         let stats = self.photon_world().map_or(Ok(None), |all| all.begin()).map(|work| {

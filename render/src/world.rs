@@ -49,6 +49,8 @@ pub struct GRays {
     /// Photons of a look-up of `full-gi`, [`crate::photon_tree::K_NEAREST_MIN`] to
     /// [`crate::photon_tree::K_NEAREST_MAX`].
     pub k_nearest: u32,
+    /// Whether the photons of `photon` go through the exact mesh.
+    pub bake: bool,
 }
 
 impl Default for GRays {
@@ -60,6 +62,7 @@ impl Default for GRays {
             occluders: Occluders::On,
             // H. W. Jensen's own number for pictures with final gathering.
             k_nearest: 50,
+            bake: false,
         }
     }
 }

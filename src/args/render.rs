@@ -80,6 +80,9 @@ pub struct PictureArgs {
     /// Photons that tell the light of a place, of full-gi (else 50)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1024))]
     pub k_nearest: Option<u32>,
+    /// Send the photons of photon through the exact mesh: slower, and closer to it
+    #[arg(long)]
+    pub bake: bool,
     /// How shadow and gather rays of photon and ao begin: a voxel off the surface, or on the exact mesh (else voxel)
     #[arg(long, value_enum, value_name = "HOW")]
     pub near: Option<NearArg>,
@@ -157,6 +160,7 @@ impl PictureArgs {
         render.n_gather = self.n_gather.unwrap_or(render.n_gather);
         render.photons = self.photons.unwrap_or(render.photons);
         render.k_nearest = self.k_nearest.unwrap_or(render.k_nearest);
+        render.bake |= self.bake;
         render.near = self.near.map_or(render.near, |near| match near {
             NearArg::Voxel => Near::Voxel,
             NearArg::Exact => Near::Exact,

@@ -39,7 +39,7 @@ pub struct Shares {
     pub tables_bytes: u64,
     /// The upper octree and the light in it; 0 for integrators that ask no voxels.
     pub voxels_bytes: u64,
-    /// Photons that are kept each by itself, and those under way on the mesh; of `full-gi`.
+    /// Photons that are kept each by itself (`full-gi`), and those under way on the mesh.
     pub photons_bytes: u64,
     /// Film, frame loop, encoder, filter.
     pub film_bytes: u64,

@@ -89,7 +89,8 @@ fn the_sphere_around_a_light() {
     let scene = format!("{INSIDE}[[light]]\ntype = 'point'\nposition = [0, 0, 0]\nintensity = [2, 2, 2]\n");
     let expected = 0.6 / std::f64::consts::PI * 2.0 / 0.4;
     for voxels in ["64", "256"] {
-        let integrators = [("photon --spp 16 --n-gather 8 --photons 1M", 0.02)];
+        let photon = "photon --spp 16 --n-gather 8 --photons 1M";
+        let integrators = [(photon, 0.02), (&format!("{photon} --bake"), 0.02)];
         check(folder.path(), voxels, &scene, expected, &integrators);
     }
     let full = ("full-gi --spp 16 --n-gather 8 --photons 500k", 0.005);
@@ -142,7 +143,7 @@ fn the_mirror_corridor() {
 fn photons_give_the_same_picture_whatever_threads_and_limit() {
     let folder = folder();
     document_in(folder.path(), "build gen:pipes:30k:3 -o p.trex");
-    for integrator in ["photon --near exact", "full-gi"] {
+    for integrator in ["photon --near exact", "photon --bake --filter on", "full-gi"] {
         same_picture(folder.path(), integrator);
     }
 }
@@ -168,6 +169,10 @@ fn what_needs_voxels_says_so() {
     document_in(folder.path(), "build gen:pipes:10k -o p.trex --no-asvo");
     for integrator in ["photon", "debug-upper", "debug-occluders"] {
         let line = format!("render p.trex -o p.png --integrator {integrator} --json");
+        run_in(folder.path(), &line).expect_error(3, "scene-format");
+    }
+    for flags in ["direct --bake", "full-gi --bake", "path --filter on"] {
+        let line = format!("render p.trex -o p.png --integrator {flags} --json");
         run_in(folder.path(), &line).expect_error(3, "scene-format");
     }
     for integrator in ["ao", "debug-pages"] {
@@ -222,5 +227,6 @@ fn the_cornell_box_has_the_light_of_its_reference() {
     };
     check("--integrator photon --spp 16 --photons 1M", 0.10);
     check("--integrator photon --spp 16 --photons 1M --near exact", 0.03);
+    check("--integrator photon --spp 16 --photons 1M --near exact --bake", 0.03);
     check("--integrator full-gi --spp 8 --photons 300k", 0.03);
 }

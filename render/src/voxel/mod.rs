@@ -3,6 +3,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod bake;
 mod gather;
 mod map;
 mod packet;
@@ -10,6 +11,7 @@ mod photons;
 mod traverse;
 
 pub use crate::photon_flight::PhotonStats;
+pub(crate) use bake::Baking;
 pub use gather::Near;
 pub(crate) use gather::{GScene, Gathered, MIRRORS_MAX};
 pub(crate) use map::Irradiance;
