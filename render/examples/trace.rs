@@ -6,6 +6,7 @@
 mod tiny;
 
 use std::sync::Arc;
+use std::time::Duration;
 use trex_render::camera::Camera;
 use trex_render::frame::PagedTracer;
 use trex_render::trace::{Answer, Tracer, tracers};
@@ -28,7 +29,7 @@ fn main() -> Result<(), Error> {
             Answer::Exact(hit) => break hit,
             Answer::Blocked => {
                 tracer.request_missing();
-                tracer.wait();
+                tracer.wait(Duration::from_millis(50));
                 asked += 1;
             }
         }

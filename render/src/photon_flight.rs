@@ -454,7 +454,7 @@ mod tests {
     fn the_flux_that_first_arrives_is_what_the_sun_sends() {
         let (found, _) = trace(vec![model().1], 3 * BATCH);
         let direction = crate::math::unit([0.3, 0.2, -1.0]).unwrap();
-        let first = |d: &&Deposit| d.key % (1 << VERTEX_BITS) == 0 && d.normal[2] > 0.9;
+        let first = |d: &&Deposit| d.key.trailing_zeros() >= VERTEX_BITS && d.normal[2] > 0.9;
         let on_floor: f64 = found.iter().flatten().filter(first).map(|d| f64::from(d.flux[0])).sum();
         // The open top passes it all; the walls throw their shadows on the floor, but for mirrors, which take none.
         let lit = (1.0 - 0.3) * (1.0 - 0.2) * -direction[2] * 2.0;
