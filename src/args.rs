@@ -12,7 +12,7 @@ use crate::values::{self, Bytes, Input, MemoryLimit, Resolution};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
-pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
+pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs, Switch};
 use std::path::PathBuf;
 pub use stress::StressArgs;
 use trex_store::io::{DirectChoice, IoChoice};

@@ -46,6 +46,8 @@ pub struct EmitterPoint {
     pub radiance: [f32; 3],
     /// Density of this point, per area in square model units.
     pub density: f64,
+    /// Longest edge of its triangle, model units.
+    pub size: f64,
 }
 
 impl Emitters {
@@ -121,6 +123,7 @@ impl Emitters {
             normal: scale(1.0 / doubled, normal),
             radiance,
             density: (self.cumulated[index] - before) / (0.5 * doubled),
+            size: [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max),
         }
     }
 }

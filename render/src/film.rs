@@ -21,6 +21,8 @@ pub struct Layers {
     pub albedo: bool,
     /// Store id of the triangle, [`NO_ID`] for none.
     pub id: bool,
+    /// What the filter works on: depth, normal, albedo, and indirect light apart. None of it is written for that.
+    pub filter: bool,
 }
 
 /// What a ray through the centre of a pixel meets.
@@ -49,12 +51,21 @@ pub struct Film {
     normal: Vec<[f32; 3]>,
     albedo: Vec<[f32; 3]>,
     id: Vec<u32>,
+    /// Of the light in `sums`, what the filter is to smooth.
+    indirect: Vec<[f64; 3]>,
+    /// Its smoothed mean, as of the last time that it was smoothed.
+    smoothed: Vec<[f32; 3]>,
+    /// Whether `smoothed` is of all samples.
+    is_smooth: bool,
     _lease: Lease,
 }
 
 /// Bytes that a film takes at `resolution` (width, height; pixels).
 pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
+    let is_filtered = layers.filter;
+    let layers = layers.kept();
     let per_pixel = size_of::<[f64; 3]>()
+        + if is_filtered { size_of::<[f64; 3]>() + size_of::<[f32; 3]>() } else { 0 }
         + if layers.depth { 4 } else { 0 }
         + if layers.normal { 12 } else { 0 }
         + if layers.albedo { 12 } else { 0 }
@@ -64,9 +75,15 @@ pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
 }
 
 impl Layers {
-    /// True when any is asked for.
+    /// True when any is asked for, to be written.
     pub fn any(&self) -> bool {
         self.depth || self.normal || self.albedo || self.id
+    }
+
+    /// Those that are asked for, or that the filter takes.
+    pub(crate) fn kept(self) -> Layers {
+        let Layers { depth, normal, albedo, filter, .. } = self;
+        Layers { depth: depth || filter, normal: normal || filter, albedo: albedo || filter, ..self }
     }
 }
 
@@ -79,15 +96,19 @@ impl Film {
         let lease = budget.lease("the film", film_bytes(resolution, layers))?;
         let pixels = resolution[0] as usize * resolution[1] as usize;
         let if_asked = |asked: bool| if asked { pixels } else { 0 };
+        let kept = layers.kept();
         Ok(Film {
             resolution,
             layers,
             sums: vec![[0.0; 3]; pixels],
             counts: vec![0; tile_count(resolution) as usize],
-            depth: vec![f32::INFINITY; if_asked(layers.depth)],
-            normal: vec![[0.0; 3]; if_asked(layers.normal)],
-            albedo: vec![[0.0; 3]; if_asked(layers.albedo)],
+            depth: vec![f32::INFINITY; if_asked(kept.depth)],
+            normal: vec![[0.0; 3]; if_asked(kept.normal)],
+            albedo: vec![[0.0; 3]; if_asked(kept.albedo)],
             id: vec![NO_ID; if_asked(layers.id)],
+            indirect: vec![[0.0; 3]; if_asked(layers.filter)],
+            smoothed: vec![[0.0; 3]; if_asked(layers.filter)],
+            is_smooth: false,
             _lease: lease,
         })
     }
@@ -110,6 +131,8 @@ impl Film {
         self.normal.fill([0.0; 3]);
         self.albedo.fill([0.0; 3]);
         self.id.fill(NO_ID);
+        self.indirect.fill([0.0; 3]);
+        self.is_smooth = false;
     }
 
     /// Adds the next samples of `tile`: the first of all its pixels, the second of all its pixels, and so on.
@@ -126,18 +149,43 @@ impl Film {
             }
         }
         self.counts[tile.index as usize] += (radiances.len() / pixels) as u32;
+        self.is_smooth = false;
+    }
+
+    /// Adds the share of indirect light of the samples that [`Film::add`] got, in the same order; only with
+    /// [`Layers::filter`].
+    pub(crate) fn add_indirect(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
+        for (index, radiance) in radiances.iter().enumerate() {
+            let at = self.place(tile.pixel((index % tile.pixel_count() as usize) as u32));
+            for (sum, &value) in self.indirect[at].iter_mut().zip(radiance) {
+                *sum += f64::from(value);
+            }
+        }
+    }
+
+    /// Mean indirect radiance of a pixel (x, y), not smoothed; only with [`Layers::filter`].
+    pub(crate) fn indirect(&self, pixel: [u32; 2]) -> [f32; 3] {
+        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
+        self.indirect[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
+    }
+
+    /// Where the smoothed indirect light goes, by rows; it counts in place of the other until samples are added.
+    pub(crate) fn smoothed_mut(&mut self) -> &mut [[f32; 3]] {
+        assert!(self.layers.filter, "this film keeps no indirect light");
+        self.is_smooth = true;
+        &mut self.smoothed
     }
 
     /// Sets the layers of one pixel (x, y).
     pub fn set_layers(&mut self, pixel: [u32; 2], seen: &LayerPixel) {
         let at = self.place(pixel);
-        if self.layers.depth {
+        if self.layers.kept().depth {
             self.depth[at] = seen.depth;
         }
-        if self.layers.normal {
+        if self.layers.kept().normal {
             self.normal[at] = seen.normal;
         }
-        if self.layers.albedo {
+        if self.layers.kept().albedo {
             self.albedo[at] = seen.albedo;
         }
         if self.layers.id {
@@ -155,10 +203,15 @@ impl Film {
         self.counts.iter().copied().min().unwrap_or(0)
     }
 
-    /// Mean radiance of a pixel (x, y), linear RGB; black without samples.
+    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the film was.
     pub fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
-        self.sums[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
+        let at = self.place(pixel);
+        if !self.is_smooth {
+            return self.sums[at].map(|sum| (sum * per_sample) as f32);
+        }
+        let rest = |c: usize| (self.sums[at][c] - self.indirect[at][c]) * per_sample;
+        std::array::from_fn(|c| (rest(c) + f64::from(self.smoothed[at][c])) as f32)
     }
 
     /// Mean radiance over all pixels, linear RGB, unclamped.
@@ -176,17 +229,17 @@ impl Film {
         mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
     }
 
-    /// Distance; only with [`Layers::depth`].
+    /// Distance; only with [`Layers::depth`] or [`Layers::filter`].
     pub fn depth(&self, pixel: [u32; 2]) -> f32 {
         self.depth[self.place(pixel)]
     }
 
-    /// Normal; only with [`Layers::normal`].
+    /// Normal; only with [`Layers::normal`] or [`Layers::filter`].
     pub fn normal(&self, pixel: [u32; 2]) -> [f32; 3] {
         self.normal[self.place(pixel)]
     }
 
-    /// Albedo; only with [`Layers::albedo`].
+    /// Albedo; only with [`Layers::albedo`] or [`Layers::filter`].
     pub fn albedo(&self, pixel: [u32; 2]) -> [f32; 3] {
         self.albedo[self.place(pixel)]
     }
@@ -227,7 +280,7 @@ mod tests {
 
     #[test]
     fn memory_is_leased_and_given_back() {
-        let layers = Layers { depth: true, normal: true, albedo: true, id: true };
+        let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
         let budget = Budget::unlimited();
         let film = Film::new([100, 50], layers, &budget).unwrap();
         assert_eq!(budget.used_bytes(), 100 * 50 * (24 + 32) + 13 * 7 * 4);

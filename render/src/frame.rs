@@ -87,6 +87,8 @@ pub trait PagedTracer: Tracer {
 pub struct PassStats {
     /// Rays of finished samples.
     pub rays: RayCounts,
+    /// Look-ups of photons of finished samples.
+    pub look_ups: u64,
     /// Samples that reached the film.
     pub samples: u64,
     /// Times that a tile had to be parked.
@@ -107,6 +109,7 @@ impl PassStats {
     /// Adds another pass or worker.
     pub fn add(&mut self, other: &PassStats) {
         self.rays.add(&other.rays);
+        self.look_ups += other.look_ups;
         self.samples += other.samples;
         self.parked += other.parked;
         self.waits += other.waits;
@@ -120,7 +123,7 @@ impl PassStats {
 /// Bytes that the frame loop takes for `worker_count` workers and the tile order, films not counted.
 pub fn frame_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
     let samples = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS * PASS_SAMPLES_MAX) as usize;
-    let job = samples * (size_of::<Pending>() + size_of::<[f32; 3]>())
+    let job = samples * (size_of::<Pending>() + 2 * size_of::<[f32; 3]>())
         + (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize * size_of::<([u32; 2], LayerPixel)>();
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution)
@@ -249,8 +252,11 @@ struct Job {
     pending: Vec<Pending>,
     /// By sample, then by pixel.
     radiances: Vec<[f32; 3]>,
+    /// Of these what is indirect.
+    indirect: Vec<[f32; 3]>,
     layers: Vec<([u32; 2], LayerPixel)>,
     rays: RayCounts,
+    look_ups: u64,
     not_finite: u64,
 }
 
@@ -326,8 +332,10 @@ impl Piece<'_> {
             from,
             pending: (0..count * pixels).map(pending).collect(),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
+            indirect: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],
             rays: RayCounts::default(),
+            look_ups: 0,
             not_finite: 0,
         }
     }
@@ -491,6 +499,9 @@ impl<T: PagedTracer> Worker<'_, T> {
     fn commit(&mut self, job: &Job) {
         let mut film = self.piece.film.lock().expect("a worker panicked");
         film.add(&job.tile, &job.radiances);
+        if film.layers().filter {
+            film.add_indirect(&job.tile, &job.indirect);
+        }
         for (pixel, seen) in &job.layers {
             film.set_layers(*pixel, seen);
         }
@@ -500,6 +511,7 @@ impl<T: PagedTracer> Worker<'_, T> {
         self.stats.samples += job.radiances.len() as u64;
         self.stats.not_finite += job.not_finite;
         self.stats.rays.add(&job.rays);
+        self.stats.look_ups += job.look_ups;
     }
 }
 
@@ -508,7 +520,9 @@ impl Job {
         let finite = sample.radiance.iter().all(|x| x.is_finite());
         self.not_finite += u64::from(!finite);
         self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };
+        self.indirect[slot as usize] = if finite { sample.indirect } else { [0.0; 3] };
         self.rays.add(&sample.rays);
+        self.look_ups += sample.look_ups;
         if let Some(seen) = sample.layers {
             self.layers.push((self.tile.pixel(slot % self.tile.pixel_count()), seen));
         }

@@ -15,7 +15,7 @@ use std::io::Cursor;
 use trex_store::{Aabb, Budget, Material};
 
 const RESOLUTION: [u32; 2] = [37, 21];
-const LAYERS: Layers = Layers { depth: true, normal: true, albedo: true, id: true };
+const LAYERS: Layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
 
 /// Triangles strewn over the unit cube, some of them mirrors.
 fn soup() -> Vec<NaiveTriangle> {

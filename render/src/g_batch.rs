@@ -193,7 +193,7 @@ impl Integrator<'_> {
             let found =
                 scene.gather_from((rays[ray], answers[ray]), &self.world.materials, self.world.lights.sky());
             path.sample.rays.gather += found.rays;
-            path.gain(mul_rgb(weight, found.radiance));
+            path.gain_indirect(mul_rgb(weight, found.radiance));
         }
         self.after_gather_ray(place.surface, place.next)
     }

@@ -3,7 +3,7 @@
 //! ```text
 //! primary ray -> hit --direct--> n_shadow shadow rays -> mirror? -> mirror ray -> hit -> ...
 //!             |      --path----> n_shadow shadow rays -> a bounce by chance    -> hit -> ...
-//!             |      --photon--> n_shadow shadow rays -> n_gather gather rays -> mirror? -> ...
+//!             |      --photon--> n_shadow shadow rays -> n_gather gather rays -> mirror? -> ...   (`full-gi` alike)
 //!             |      --ao------> n_shadow rays by the cosine
 //!             -> miss: sky
 //! ```
@@ -17,11 +17,13 @@
 
 use crate::film::{LayerPixel, NO_ID};
 use crate::footprint::{Closest, FarRay};
+use crate::full_gi::GatherRay;
 use crate::g_batch::{GBatches, Place};
 use crate::light::LightSample;
 use crate::material::{bsdf, takes_shadow_rays};
 use crate::math::{add_rgb, dot, max_rgb, mul_rgb, scale_rgb, to_f64};
 use crate::path::light_share;
+use crate::photon_tree::PhotonTree;
 use crate::sampler::{Decision, Sampler};
 use crate::surface::Surface;
 use crate::trace::{Answer, Hit, Ray, Tracer};
@@ -45,8 +47,12 @@ pub enum Method {
     Path,
     /// Ambient occlusion: see `ao.rs`.
     Ao,
-    /// Photon mapping on voxels: see `photon.rs`.
+    /// Photon mapping on voxels: see `photon.rs`. As `cpu-gi` with all of it on the CPU, where all of it runs.
+    #[serde(alias = "cpu-gi")]
     Photon,
+    /// Photon mapping on the exact mesh: see `full_gi.rs`.
+    #[serde(rename = "full-gi")]
+    FullGi,
     /// The leaves of the voxel octree: see `debug.rs`.
     #[serde(rename = "debug-upper")]
     DebugUpper,
@@ -66,6 +72,7 @@ impl Method {
             Method::Path => "path",
             Method::Ao => "ao",
             Method::Photon => "photon",
+            Method::FullGi => "full-gi",
             Method::DebugUpper => "debug-upper",
             Method::DebugOccluders => "debug-occluders",
             Method::DebugPages => "debug-pages",
@@ -75,6 +82,11 @@ impl Method {
     /// Whether nothing can be drawn without voxels.
     pub fn needs_voxels(self) -> bool {
         matches!(self, Method::Photon | Method::DebugUpper | Method::DebugOccluders)
+    }
+
+    /// Whether indirect light is gathered from photons.
+    pub fn gathers(self) -> bool {
+        matches!(self, Method::Photon | Method::FullGi)
     }
 
     /// Whether voxels are asked where there are any.
@@ -92,7 +104,7 @@ pub struct RayCounts {
     pub mirror: u64,
     /// Rays towards lights.
     pub shadow: u64,
-    /// Rays that gather light by chance: bounces of `path`, gather rays of `photon`, rays of `ao`.
+    /// Rays that gather light by chance: bounces of `path`, gather rays of photon mapping, rays of `ao`.
     pub gather: u64,
     /// Rays of photons; these are no part of a sample.
     pub photon: u64,
@@ -112,10 +124,14 @@ pub(crate) enum Step {
 pub struct Sample {
     /// Radiance, linear RGB.
     pub radiance: [f32; 3],
+    /// Of this, what gather rays brought to the surface that is seen.
+    pub indirect: [f32; 3],
     /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
     pub layers: Option<LayerPixel>,
     /// Rays that this sample took.
     pub rays: RayCounts,
+    /// Look-ups of the photons next to a place; of `full-gi`.
+    pub look_ups: u64,
 }
 
 /// The integrator that a world asks for.
@@ -127,6 +143,8 @@ pub struct Integrator<'a> {
     pub(crate) voxels: Option<GScene<'a>>,
     /// What stands for the mesh where it is far or missing.
     pub(crate) stand_in: Option<GScene<'a>>,
+    /// The photons of `full-gi`; without, surfaces are dark to gather rays.
+    pub(crate) photons: Option<&'a PhotonTree>,
 }
 
 /// One sample of one pixel on its way: all that a retry needs.
@@ -173,6 +191,8 @@ pub(crate) enum Stage {
     TakeShadow(Place),
     /// Gather rays have.
     TakeGather(Place),
+    /// A ray that gathers light on the exact mesh, on its way.
+    GatherRay(GatherRay),
     /// What comes after these.
     Bounce(Surface),
     Done,
@@ -228,6 +248,14 @@ impl Path {
         self.sample.radiance = add_rgb(self.sample.radiance, mul_rgb(self.throughput, radiance));
     }
 
+    /// The same for radiance that gather rays brought: what the filter may smooth, unless a mirror shows it.
+    pub(crate) fn gain_indirect(&mut self, radiance: [f32; 3]) {
+        self.gain(radiance);
+        if self.vertex == 0 {
+            self.sample.indirect = add_rgb(self.sample.indirect, mul_rgb(self.throughput, radiance));
+        }
+    }
+
     /// Whether the path goes on after its vertex: roulette, by what it can still bring.
     pub(crate) fn survives(&mut self) -> bool {
         if self.vertex < BOUNCES_SURE {
@@ -245,7 +273,7 @@ impl Path {
 impl<'a> Integrator<'a> {
     /// The integrator of `world`; with `layers` the first sample of each pixel also says what its centre shows.
     pub fn new(world: &'a World, layers: bool) -> Integrator<'a> {
-        Integrator { world, layers, voxels: None, stand_in: None }
+        Integrator { world, layers, voxels: None, stand_in: None, photons: None }
     }
 
     /// The same, with G-rays answered by voxels.
@@ -256,6 +284,11 @@ impl<'a> Integrator<'a> {
     /// The same, with voxels for what is beyond the cut of [`World::voxels_from`], and for stand-ins.
     pub(crate) fn with_stand_in(self, stand_in: Option<GScene<'a>>) -> Integrator<'a> {
         Integrator { stand_in, ..self }
+    }
+
+    /// The same, with these photons for `full-gi`.
+    pub(crate) fn with_photons(self, photons: Option<&'a PhotonTree>) -> Integrator<'a> {
+        Integrator { photons, ..self }
     }
 
     /// A new sample of `pixel` (x, y).
@@ -311,6 +344,7 @@ impl<'a> Integrator<'a> {
                 (Stage::TakeGather(place), Some(all)) => {
                     Answer::Exact(self.take_gather(path, place, &all.answered))
                 }
+                (Stage::GatherRay(gather), _) => self.gather_ray_step(path, gather, tracer),
                 (Stage::Bounce(surface), _) => Answer::Exact(self.bounce(path, surface)),
                 (Stage::TakeFar { .. } | Stage::TakeShadow(_) | Stage::TakeGather(_), None) => {
                     panic!("answers without a batch")
@@ -443,7 +477,7 @@ impl<'a> Integrator<'a> {
         if index < self.world.n_shadow {
             return Stage::Shadow { surface, index };
         }
-        let gathers = self.world.method == Method::Photon && self.world.n_gather > 0;
+        let gathers = self.world.method.gathers() && self.world.n_gather > 0;
         if gathers { Stage::Gather { surface, index: 0 } } else { Stage::Bounce(surface) }
     }
 
@@ -517,7 +551,7 @@ impl<'a> Integrator<'a> {
 
     fn bounce(&self, path: &mut Path, surface: &Surface) -> Stage {
         match self.world.method {
-            Method::Direct | Method::Photon => self.mirror_bounce(path, surface),
+            Method::Direct | Method::Photon | Method::FullGi => self.mirror_bounce(path, surface),
             Method::Path => self.chance_bounce(path, surface),
             _ => Stage::Done,
         }

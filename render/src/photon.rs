@@ -1,5 +1,5 @@
 //! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it. Paper,
-//! section 5. Perfect mirrors carry the view on, as in `direct`.
+//! section 5. Perfect mirrors carry the view on, as in `direct`. Directions are drawn here for `full-gi`, too.
 //!
 //! ```text
 //! surface -> gather ray -> leaf: irradiance * (Kd + Ks) / pi     (emitters left out: shadow rays bring their light)
@@ -8,6 +8,7 @@
 //!
 //! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), so it can be blocked by few pages.
 
+use crate::full_gi::GatherRay;
 use crate::integrator::{Integrator, Path, Stage};
 use crate::material::{bsdf, scatter_rough};
 use crate::math::{dot, max_rgb, mul_rgb, scale_rgb};
@@ -26,12 +27,21 @@ impl Integrator<'_> {
         tracer: &mut T,
     ) -> Answer<Stage> {
         if let Some((direction, weight)) = self.gather_query(path, surface, index) {
-            let voxels = self.voxels.expect("`photon` has voxels");
+            let Some(voxels) = self.voxels else {
+                let (surface, ray) = (*surface, surface.ray_to(direction, f64::INFINITY, None));
+                return Answer::Exact(Stage::GatherRay(GatherRay {
+                    surface,
+                    index,
+                    ray,
+                    weight,
+                    mirrors: 0,
+                }));
+            };
             let Answer::Exact(found) = self.gathered_along(&voxels, surface, direction, tracer) else {
                 return Answer::Blocked;
             };
             path.sample.rays.gather += found.rays;
-            path.gain(mul_rgb(weight, found.radiance));
+            path.gain_indirect(mul_rgb(weight, found.radiance));
         }
         Answer::Exact(self.after_gather_ray(*surface, index + 1))
     }

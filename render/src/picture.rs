@@ -194,7 +194,7 @@ mod tests {
     use std::io::Cursor;
     use trex_store::Budget;
 
-    const ALL: Layers = Layers { depth: true, normal: true, albedo: true, id: true };
+    const ALL: Layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
 
     /// A film whose pixels say where they are; 37 lines are three EXR blocks.
     fn film(layers: Layers) -> Film {

@@ -4,8 +4,10 @@
 //! work; 3. parsing opens nothing: the model's path is a string for the command to resolve.
 
 use crate::camera::{Camera, Fov, SIDE_MAX_PIXELS};
+use crate::filter::Filter;
 use crate::integrator::Method;
 use crate::light::Light;
+use crate::photon_tree::{K_NEAREST_MAX, K_NEAREST_MIN};
 use crate::voxel::{Near, Occluders};
 use crate::world::{
     GRays, LOD_ERROR_MAX_PIXELS, MaterialEdit, Model, N_GATHER_MAX, N_SHADOW_MAX, PHOTONS_MAX, View,
@@ -65,12 +67,18 @@ pub struct RenderKeys {
     pub n_gather: u32,
     /// Photons.
     pub photons: u64,
+    /// Photons of a look-up.
+    pub k_nearest: u32,
+    /// Whether the photons of `photon` go through the exact mesh.
+    pub bake: bool,
     /// How shadow and gather rays leave a surface.
     pub near: Near,
     /// Whether the bitmaps of voxels count.
     pub occluders: Occluders,
     /// Pixels that a leaf voxel may cover where it stands for the mesh; 0 for the exact mesh.
     pub lod_error: f64,
+    /// Whether indirect light is smoothed.
+    pub filter: Filter,
     /// Factor before clamping to PNG.
     pub exposure: f32,
     /// Names the random numbers.
@@ -79,10 +87,12 @@ pub struct RenderKeys {
 
 impl Default for RenderKeys {
     fn default() -> RenderKeys {
-        let GRays { n_gather, photons, near, occluders } = GRays::default();
+        let GRays { n_gather, photons, near, occluders, k_nearest, bake } = GRays::default();
         RenderKeys {
             n_gather,
             photons,
+            k_nearest,
+            bake,
             near,
             occluders,
             lod_error: 0.0,
@@ -90,9 +100,18 @@ impl Default for RenderKeys {
             resolution: [1024, 1024],
             spp: 16,
             n_shadow: 2,
+            filter: Filter::Off,
             exposure: 1.0,
             seed: 1,
         }
+    }
+}
+
+impl RenderKeys {
+    /// How G-rays and photons work.
+    pub fn g_rays(&self) -> GRays {
+        let RenderKeys { n_gather, photons, near, occluders, k_nearest, bake, .. } = *self;
+        GRays { n_gather, photons, near, occluders, k_nearest, bake }
     }
 }
 
@@ -114,14 +133,26 @@ impl Scene {
     /// Applies the material edits to `model` and gives the view of it that this scene describes.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`]: a material that the model has not, or that cannot be edited so.
+    /// [`Code::SceneFormat`]: a material that the model has not, or that cannot be edited so; a filter or a bake beside
+    /// an integrator that has none.
     pub fn view(&self, model: &mut Model) -> Result<View> {
+        if self.render.filter == Filter::On && !self.render.integrator.gathers() {
+            return Err(Error::new(Code::SceneFormat, "there is no indirect light to be filtered")
+                .at_place("render.filter")
+                .numbers(format!("\"on\" beside the integrator {:?}", self.render.integrator.as_str()))
+                .next("use photon or full-gi, whose gather rays the filter smooths"));
+        }
+        if self.render.bake && self.render.integrator != Method::Photon {
+            return Err(Error::new(Code::SceneFormat, "there are no facets to bake light into")
+                .at_place("render.bake")
+                .numbers(format!("true beside the integrator {:?}", self.render.integrator.as_str()))
+                .next("use photon; photons of full-gi go through the mesh anyway"));
+        }
         for (name, edit) in &self.materials {
             model.edit(model.material_index(name)?, edit)?;
         }
         let RenderKeys { integrator: method, resolution, n_shadow, seed, .. } = self.render;
-        let RenderKeys { n_gather, photons, near, occluders, lod_error, .. } = self.render;
-        let g_rays = GRays { n_gather, photons, near, occluders };
+        let (g_rays, lod_error) = (self.render.g_rays(), self.render.lod_error);
         let camera = self.camera.camera(model, resolution);
         let (lights, lod_error_pixels) = (self.lights.clone(), lod_error);
         Ok(View { camera, resolution, lights, n_shadow, seed, method, g_rays, lod_error_pixels })
@@ -146,8 +177,9 @@ impl Scene {
                 "give one angle of view",
             );
         }
-        let RenderKeys { resolution, spp, n_shadow, n_gather, photons, lod_error, exposure, .. } =
-            self.render;
+        let RenderKeys {
+            resolution, spp, n_shadow, n_gather, photons, lod_error, k_nearest, exposure, ..
+        } = self.render;
         if resolution.iter().any(|side| !(1..=SIDE_MAX_PIXELS).contains(side)) {
             let next = format!("give a width and a height in 1..={SIDE_MAX_PIXELS}");
             return bad("render.resolution", format!("{resolution:?}"), &next);
@@ -173,6 +205,10 @@ impl Scene {
         if !(0.0..=LOD_ERROR_MAX_PIXELS).contains(&lod_error) {
             let next = format!("give a number of pixels in 0..={LOD_ERROR_MAX_PIXELS}");
             return bad("render.lod_error", lod_error.to_string(), &next);
+        }
+        if !(K_NEAREST_MIN..=K_NEAREST_MAX).contains(&k_nearest) {
+            let next = format!("give a number in {K_NEAREST_MIN}..={K_NEAREST_MAX}");
+            return bad("render.k_nearest", k_nearest.to_string(), &next);
         }
         if !(exposure > 0.0 && exposure.is_finite()) {
             return bad("render.exposure", exposure.to_string(), "give a finite number > 0");
@@ -296,7 +332,7 @@ mod tests {
         let manual = include_str!("../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow n_gather photons near occluders lod_error exposure seed";
+                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error bake filter exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

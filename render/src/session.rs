@@ -14,11 +14,13 @@
 
 use crate::camera::Camera;
 use crate::film::{Film, Layers};
+use crate::filter;
 use crate::frame::{PASS_SAMPLES_MAX, PagedTracer, Pass, PassStats, Until, frame_bytes};
 use crate::frames::Changes;
 use crate::integrator::{Integrator, Method};
 use crate::light::Light;
 use crate::live::Live;
+use crate::photon_tree::PhotonTree;
 use crate::tile::Tiles;
 use crate::voxel::{GScene, Irradiance, Occluders, PhotonMap, PhotonStats, PhotonWork, PhotonWorld};
 use crate::world::{GRays, MaterialEdit, Model, View, World};
@@ -75,6 +77,8 @@ pub struct Session<T> {
     pub(crate) film: Film,
     /// Light in the voxels; of `photon` alone.
     pub(crate) photons: Option<PhotonMap>,
+    /// Photons one by one; of `full-gi` alone, once they were sent.
+    pub(crate) tree: Option<PhotonTree>,
     /// Frames with a deadline.
     pub(crate) live: Option<Live>,
     pub(crate) budget: Budget,
@@ -121,8 +125,8 @@ impl<T: PagedTracer + Send> Session<T> {
             _ => None,
         };
         let budget = budget.clone();
-        let live = None;
-        Ok(Session { model, view, world, tracers, tiles, film, photons, live, budget, _lease: lease })
+        let (tree, live) = (None, None);
+        Ok(Session { model, view, world, tracers, tiles, film, photons, tree, live, budget, _lease: lease })
     }
 
     /// Changes camera, lights or a material.
@@ -148,6 +152,9 @@ impl<T: PagedTracer + Send> Session<T> {
         } else if let Some(photons) = self.photons.as_mut().filter(|_| changes_light) {
             photons.clear();
         }
+        if changes_light {
+            self.tree = None;
+        }
         self.film.clear();
         Ok(())
     }
@@ -156,12 +163,18 @@ impl<T: PagedTracer + Send> Session<T> {
     /// asked in between; `tell` hears how many are done, and of how many.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons.
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons, or for all of `full-gi`.
     pub fn illuminate(
         &mut self,
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
+        if self.view.method == Method::FullGi && self.tree.is_none() {
+            return self.grow_tree(stop, tell);
+        }
+        if self.view.g_rays.bake {
+            return self.bake(stop, tell);
+        }
         let Some(mut map) = self.photons.take() else { return Ok(PhotonStats::default()) };
         let target = self.view.g_rays.photons;
         let stats = self.photon_world().map_or(Ok(None), |all| all.begin()).map(|work| {
@@ -185,7 +198,7 @@ impl<T: PagedTracer + Send> Session<T> {
         })
     }
 
-    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` has the indirect light that
+    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the indirect light that
     /// [`Session::illuminate`] brought up to then. `stop` is asked between tiles,
     /// `after_pass` looks at the film and may end the work; what is on the film stays, and a later call goes on.
     pub fn render(
@@ -195,7 +208,8 @@ impl<T: PagedTracer + Send> Session<T> {
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
         let irradiance = self.photons.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
-        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance);
+        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance)
+            .with_photons(self.tree.as_ref());
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));
@@ -211,6 +225,18 @@ impl<T: PagedTracer + Send> Session<T> {
         }
         stats.complete = stats.spp >= spp;
         stats
+    }
+
+    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see [`crate::filter`]. Does
+    /// nothing for others.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the filter's work.
+    pub fn smooth(&mut self) -> Result<()> {
+        if !self.film.layers().filter {
+            return Ok(());
+        }
+        filter::smooth(&mut self.film, &self.world.projection, self.tracers.len(), &self.budget)
     }
 
     /// What has been collected.
@@ -246,7 +272,7 @@ pub(crate) fn integrator<'a>(
     let scene =
         model.voxels.as_ref().map(|voxels| GScene { voxels: voxels.scene(occluders), irradiance, near });
     let for_g_rays = scene.filter(|_| view.method.asks_voxels());
-    Integrator::new(world, layers.any()).with_voxels(for_g_rays).with_stand_in(scene)
+    Integrator::new(world, layers.kept().any()).with_voxels(for_g_rays).with_stand_in(scene)
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::camera::{Camera, Projection, up_axis};
 use crate::emitter::Emitter;
 use crate::integrator::Method;
 use crate::light::{Light, Lights, SkyBy};
+use crate::photon_tree::TREE_PHOTONS_MAX;
 use crate::voxel::{Near, Occluders, Voxels};
 use std::sync::Arc;
 use trex_store::{Aabb, Code, Error, Material, Result};
@@ -45,11 +46,24 @@ pub struct GRays {
     pub near: Near,
     /// Whether bitmaps count.
     pub occluders: Occluders,
+    /// Photons of a look-up of `full-gi`, [`crate::photon_tree::K_NEAREST_MIN`] to
+    /// [`crate::photon_tree::K_NEAREST_MAX`].
+    pub k_nearest: u32,
+    /// Whether the photons of `photon` go through the exact mesh.
+    pub bake: bool,
 }
 
 impl Default for GRays {
     fn default() -> GRays {
-        GRays { n_gather: 2, photons: 1 << 21, near: Near::Voxel, occluders: Occluders::On }
+        GRays {
+            n_gather: 2,
+            photons: 1 << 21,
+            near: Near::Voxel,
+            occluders: Occluders::On,
+            // H. W. Jensen's own number for pictures with final gathering.
+            k_nearest: 50,
+            bake: false,
+        }
     }
 }
 
@@ -82,6 +96,8 @@ pub struct World {
     pub n_shadow: u32,
     /// Gather rays at a surface point.
     pub n_gather: u32,
+    /// Photons of a look-up of `full-gi`.
+    pub k_nearest: u32,
     /// Names the random numbers.
     pub seed: u64,
     /// How light is computed.
@@ -184,6 +200,12 @@ impl World {
                 .numbers(format!("{} needs them", view.method.as_str()))
                 .next("build the file without --no-asvo, or use direct or path"));
         }
+        if view.method == Method::FullGi && view.g_rays.photons > TREE_PHOTONS_MAX {
+            return Err(Error::new(Code::SceneFormat, "too many photons to keep each by itself")
+                .at_place("render.photons")
+                .numbers(format!("{} asked, {TREE_PHOTONS_MAX} at most", view.g_rays.photons))
+                .next("send fewer, or use photon, which sums them up"));
+        }
         let lod_error = view.lod_error_pixels;
         if !(0.0..=LOD_ERROR_MAX_PIXELS).contains(&lod_error) || lod_error > 0.0 && model.voxels.is_none() {
             return Err(Error::new(Code::SceneFormat, "this error of the footprint rule cannot be had")
@@ -199,7 +221,7 @@ impl World {
             model.materials.iter().map(|material| material.clone().checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
         let up = up_axis(&model.bounds);
-        let sky_by = if view.method == Method::Photon { SkyBy::GatherRays } else { SkyBy::LightSamples };
+        let sky_by = if view.method.gathers() { SkyBy::GatherRays } else { SkyBy::LightSamples };
         Ok(World {
             voxels_from: World::voxels_from(model, &projection, lod_error),
             projection,
@@ -207,6 +229,7 @@ impl World {
             materials,
             n_shadow: view.n_shadow,
             n_gather: view.g_rays.n_gather,
+            k_nearest: view.g_rays.k_nearest,
             seed: view.seed,
             method: view.method,
             ao_radius: 0.5 * model.bounds.diagonal(),

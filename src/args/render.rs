@@ -31,6 +31,9 @@ pub struct RenderArgs {
     /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
     #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,
+    /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else off)
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub filter: Option<Switch>,
     /// Further layers of an EXR
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
@@ -74,6 +77,12 @@ pub struct PictureArgs {
     /// Photons in all (else 2M)
     #[arg(long, value_name = "N", value_parser = values::count)]
     pub photons: Option<u64>,
+    /// Photons that tell the light of a place, of full-gi (else 50)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1024))]
+    pub k_nearest: Option<u32>,
+    /// Send the photons of photon through the exact mesh: slower, and closer to it
+    #[arg(long)]
+    pub bake: bool,
     /// How shadow and gather rays of photon and ao begin: a voxel off the surface, or on the exact mesh (else voxel)
     #[arg(long, value_enum, value_name = "HOW")]
     pub near: Option<NearArg>,
@@ -150,6 +159,8 @@ impl PictureArgs {
         render.n_shadow = self.n_shadow.unwrap_or(render.n_shadow);
         render.n_gather = self.n_gather.unwrap_or(render.n_gather);
         render.photons = self.photons.unwrap_or(render.photons);
+        render.k_nearest = self.k_nearest.unwrap_or(render.k_nearest);
+        render.bake |= self.bake;
         render.near = self.near.map_or(render.near, |near| match near {
             NearArg::Voxel => Near::Voxel,
             NearArg::Exact => Near::Exact,
@@ -193,7 +204,8 @@ impl Integrator {
             Integrator::Direct => Method::Direct,
             Integrator::Path => Method::Path,
             Integrator::Ao => Method::Ao,
-            Integrator::Photon => Method::Photon,
+            Integrator::Photon | Integrator::CpuGi => Method::Photon,
+            Integrator::FullGi => Method::FullGi,
             Integrator::DebugUpper => Method::DebugUpper,
             Integrator::DebugOccluders => Method::DebugOccluders,
             Integrator::DebugPages => Method::DebugPages,
@@ -210,7 +222,7 @@ pub enum NearArg {
     Exact,
 }
 
-/// `--occluders`, `--prefetch`.
+/// `--occluders`, `--prefetch`, `--filter`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Switch {
     /// It does
@@ -249,6 +261,10 @@ pub enum Integrator {
     Path,
     /// All light but caustics of lobes, by photons and voxels: what is seen and its mirrors on the exact mesh
     Photon,
+    /// As photon, with everything on the CPU: the same as photon as long as that has no other device
+    CpuGi,
+    /// All light but some caustics, by photons in a kd-tree: everything on the exact mesh
+    FullGi,
     /// Ambient occlusion: white light from all sides on white surfaces, by voxels where the file has them
     Ao,
     /// The voxels, as cubes

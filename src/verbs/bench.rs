@@ -79,6 +79,11 @@ impl fmt::Display for RaysMeasured {
         for (name, set) in [("gray", &figures.gray), ("gray, shadow", &figures.gray_shadow)] {
             if let Some(set) = set {
                 write!(f, "\n{}", line(name, set))?;
+                if let Some(against) = set.against_mesh {
+                    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+                    let (hit, miss) = (percent(against.false_hit_share), percent(against.false_miss_share));
+                    write!(f, "; false: {hit} hits, {miss} misses")?;
+                }
             }
         }
         Ok(())

@@ -3,7 +3,7 @@
 use super::picture_file::PictureFile;
 use super::shares::Shares;
 use super::stage::{Play, Stage, io_options, open_scene};
-use crate::args::{Layer, RenderArgs};
+use crate::args::{Layer, RenderArgs, Switch};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -15,6 +15,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use trex_bench::stress::Times;
 use trex_render::film::Layers;
+use trex_render::filter::Filter;
 use trex_render::frame::PagedTracer;
 use trex_render::integrator::RayCounts;
 use trex_render::live::{self, FrameOptions};
@@ -34,6 +35,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         normal: args.layers.contains(&Layer::Normal),
         albedo: args.layers.contains(&Layer::Albedo),
         id: args.layers.contains(&Layer::Id),
+        filter: scene.render.filter == Filter::On,
     };
     let job = Job {
         scene: &scene,
@@ -53,6 +55,10 @@ fn override_scene(scene: &mut Scene, args: &RenderArgs) {
     args.picture.override_scene(scene);
     let render = &mut scene.render;
     render.spp = args.spp.unwrap_or(render.spp);
+    render.filter = args.filter.map_or(render.filter, |filter| match filter {
+        Switch::On => Filter::On,
+        Switch::Off => Filter::Off,
+    });
     render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
 }
 
@@ -119,6 +125,7 @@ impl Job<'_> {
         let seconds = start.elapsed().as_secs_f64();
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let per_s = |rays: u64| rays as f64 / (seconds - photon_seconds);
+        session.smooth()?;
         target.write(&session, keys.exposure)?;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
@@ -143,6 +150,8 @@ impl Job<'_> {
             },
             photons,
             photons_ms: (photon_seconds * 1e3) as u64,
+            look_ups: stats.total.look_ups,
+            look_ups_per_s: per_s(stats.total.look_ups),
             time_ms: (seconds * 1e3) as u64,
             first_picture_ms,
             frames,
@@ -216,6 +225,9 @@ pub struct Rendered {
     pub rays_per_s: RaysPerS,
     pub photons: PhotonStats,
     pub photons_ms: u64,
+    /// Look-ups of the photons nearest to a place; of `full-gi`.
+    pub look_ups: u64,
+    pub look_ups_per_s: f64,
     pub time_ms: u64,
     pub first_picture_ms: Option<u64>,
     /// Of frames with a deadline.
@@ -276,6 +288,15 @@ impl fmt::Display for Rendered {
             size::count(rays.photon),
             size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
         )?;
+        if self.look_ups > 0 {
+            writeln!(
+                f,
+                "{} photons stored, {} look-ups of the nearest, {}",
+                size::count(self.photons.deposits),
+                size::count(self.look_ups),
+                size::rate(self.look_ups_per_s, "look-ups")
+            )?;
+        }
         if !self.damaged_pages.is_empty() {
             writeln!(
                 f,

@@ -1,7 +1,8 @@
 //! How a memory limit is shared out for a picture, and the smallest limit that works.
 //!
 //! ```text
-//! limit = reserve + tables + voxels + film + frame loop + encoder + pins + staging (at most a tenth) + frames (the rest)
+//! limit = reserve + tables + voxels + photons + film + frame loop + encoder + pins + staging (at most a tenth)
+//!         + frames (the rest)
 //! smallest: 4 staging slots, 32 frames a worker
 //! ```
 
@@ -11,12 +12,15 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use trex_render::film::{Layers, film_bytes};
+use trex_render::filter::filter_bytes;
 use trex_render::frame::frame_bytes;
+use trex_render::indirect::mesh_photons_bytes;
 use trex_render::integrator::Method;
 use trex_render::live::Shown;
 use trex_render::picture::encoder_bytes;
 use trex_render::trace::PooledPages;
 use trex_render::voxel::PhotonMap;
+use trex_render::world::GRays;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Code, Error, PageFile, RESERVE_BYTES, Result};
@@ -35,7 +39,9 @@ pub struct Shares {
     pub tables_bytes: u64,
     /// The upper octree and the light in it; 0 for integrators that ask no voxels.
     pub voxels_bytes: u64,
-    /// Film, frame loop, encoder.
+    /// Photons that are kept each by itself (`full-gi`), and those under way on the mesh.
+    pub photons_bytes: u64,
+    /// Film, frame loop, encoder, filter.
     pub film_bytes: u64,
     /// Staging buffers, the pool's tables, the workers' pins.
     pub staging_bytes: u64,
@@ -52,6 +58,8 @@ pub struct Picture {
     layers: Layers,
     workers: usize,
     method: Method,
+    /// How G-rays and photons work.
+    g_rays: GRays,
     /// Voxels stand in for the mesh where it is far.
     has_far: bool,
     /// It is made in frames with a deadline.
@@ -67,6 +75,7 @@ impl Picture {
             layers: play.layers,
             workers,
             method: keys.integrator,
+            g_rays: keys.g_rays(),
             has_far: keys.lod_error > 0.0,
             is_live: play.live.is_some(),
         }
@@ -74,8 +83,8 @@ impl Picture {
 
     /// Direct light, no layers.
     fn plain(resolution: [u32; 2], workers: usize) -> Picture {
-        let (layers, method) = (Layers::default(), Method::Direct);
-        Picture { resolution, layers, workers, method, has_far: false, is_live: false }
+        let (layers, method, g_rays) = (Layers::default(), Method::Direct, GRays::default());
+        Picture { resolution, layers, workers, method, g_rays, has_far: false, is_live: false }
     }
 
     /// Whether voxels are needed in memory.
@@ -140,10 +149,12 @@ impl Shares {
             reserve_bytes: RESERVE_BYTES,
             tables_bytes: file.resident_table_bytes() + model_bytes(file),
             voxels_bytes: voxels_bytes(file, picture)?,
+            photons_bytes: mesh_photons_bytes(picture.method, &picture.g_rays, picture.workers),
             film_bytes: film_bytes(picture.resolution, picture.layers)
                 + if picture.is_live { Shown::bytes(picture.resolution) } else { 0 }
                 + frame_bytes(picture.resolution, picture.workers)
-                + encoder_bytes(picture.resolution, picture.layers),
+                + encoder_bytes(picture.resolution, picture.layers)
+                + if picture.layers.filter { filter_bytes(picture.resolution) } else { 0 },
             staging_bytes: overhead + pins,
             frames_bytes: 0,
             staging_slots,
@@ -151,8 +162,10 @@ impl Shares {
     }
 
     fn sum(&self) -> u64 {
-        let Shares { reserve_bytes, tables_bytes, voxels_bytes, film_bytes, .. } = *self;
-        reserve_bytes + tables_bytes + voxels_bytes + film_bytes + self.staging_bytes + self.frames_bytes
+        let Shares { reserve_bytes, tables_bytes, voxels_bytes, photons_bytes, .. } = *self;
+        let Shares { film_bytes, staging_bytes, frames_bytes, .. } = *self;
+        let light = voxels_bytes + photons_bytes;
+        reserve_bytes + tables_bytes + light + film_bytes + staging_bytes + frames_bytes
     }
 }
 
@@ -185,10 +198,11 @@ impl fmt::Display for Shares {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "reserve {}, tables {}, voxels {}, film {}, staging {}, frames {}",
+            "reserve {}, tables {}, voxels {}, photons {}, film {}, staging {}, frames {}",
             size::bytes(self.reserve_bytes),
             size::bytes(self.tables_bytes),
             size::bytes(self.voxels_bytes),
+            size::bytes(self.photons_bytes),
             size::bytes(self.film_bytes),
             size::bytes(self.staging_bytes),
             size::bytes(self.frames_bytes)

@@ -6,6 +6,7 @@ mod command;
 mod contract;
 mod damage;
 mod determinism;
+mod examples;
 mod extremes;
 mod format;
 mod format_octree;

@@ -71,6 +71,20 @@ fn generating_stays_within_a_group_of_its_limit() {
     }
 }
 
+/// Every photon by itself, its tree, and those under way: all of it is foreseen.
+#[test]
+fn photons_in_a_tree_stay_within_a_group_of_their_limit() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:300k -o iso.trex");
+    let line = "render iso.trex -o p.png --integrator full-gi --photons 500k --resolution 64x64 --spp 1 --overwrite --threads 2";
+    let least = smallest(inside.path(), line);
+    let Some(tight) = confined(inside.path(), "photons", least, line) else { return };
+    let roomy = document_in(inside.path(), &format!("{line} --memory-limit 1GiB"));
+    assert!(tight["photons"]["deposits"].as_u64().unwrap() > 200_000, "{}", tight["photons"]);
+    assert_eq!(tight["photons"]["lost"], 0);
+    assert_eq!(tight["image"]["mean"], roomy["image"]["mean"]);
+}
+
 #[test]
 fn a_picture_under_the_smallest_limit_has_the_same_bytes() {
     let inside = folder();

@@ -12,6 +12,7 @@
 
 pub mod compare;
 pub mod contender;
+pub mod falsehood;
 pub mod sets;
 
 pub use contender::{Answer, Contender};
@@ -22,6 +23,7 @@ use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use compare::Agreement;
 use contender::{Gray, GrayCalls, GrayWorker, Pooled, Resident};
+use falsehood::AgainstMesh;
 use serde::Serialize;
 use sets::Space;
 use std::collections::BTreeMap;
@@ -90,6 +92,8 @@ pub struct RayFigures {
     pub shadow: SetFigures,
     /// Cosine-distributed, closest hit.
     pub incoherent: SetFigures,
+    /// Leaves of the voxels along the model's longest side; `None` for a file without, or where they did not fit.
+    pub voxel_resolution: Option<u32>,
     /// The same through the voxels, in batches, against the peer's rays on the mesh; `None` for a file without voxels.
     pub gray: Option<SetFigures>,
     /// Shadow rays through the voxels.
@@ -113,6 +117,9 @@ pub struct SetFigures {
     pub ratio: Option<f64>,
     /// Of rays that go in batches: the same rays one by one.
     pub single: Option<SingleFigures>,
+    /// How often voxels answered falsely; `None` for sets that ask the mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub against_mesh: Option<AgainstMesh>,
 }
 
 /// Rays one by one.
@@ -212,6 +219,14 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
             scene.map(|scene| scene.clearance([1.0, 0.0, 0.0]) / file.superblock().lattice.step());
         let sets = make_sets(&file, model, options, clearance, |ray| ours.hit(ray))?;
         let mut figures = compete((&mut ours, gray.as_mut()), &sets, &file, options, around)?;
+        if let (Some(gray), Some(rays)) = (&mut gray, &sets.gray) {
+            let sets = [(&mut figures.gray, &rays.gather), (&mut figures.gray_shadow, &rays.shadow)];
+            for (figures, set) in sets {
+                let against = falsehood::against(&mut ours, &mut gray[0], set);
+                figures.iter_mut().for_each(|figures| figures.against_mesh = Some(against));
+            }
+        }
+        figures.voxel_resolution = file.upper_size()?.map(|size| size.resolution);
         figures.pages = "resident".to_owned();
         figures.scene.clone_from(&model.scene);
         return Ok(figures);
@@ -315,6 +330,7 @@ fn compete(
             per_core_s: turn.per_core_s,
             ratio,
             single: turn.single,
+            against_mesh: None,
         })
     };
     let primary = measure("primary", Ours::of(ours), &sets.primary)?;
@@ -360,6 +376,7 @@ fn compete(
         primary,
         shadow,
         incoherent,
+        voxel_resolution: None,
         gray: gray_gather,
         gray_shadow,
         peer,

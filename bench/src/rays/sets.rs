@@ -71,8 +71,8 @@ pub struct GraySets {
     pub shadow: RaySet,
 }
 
-/// Bytes that a pixel takes at most: five rays, an answer, and a visible point while the sets are made.
-pub(super) const BYTES_PER_PIXEL: u64 = (6 * size_of::<BenchRay>() + size_of::<super::Answer>()) as u64;
+/// Bytes that a pixel takes at most: five rays, two answers, and a visible point while the sets are made.
+pub(super) const BYTES_PER_PIXEL: u64 = (6 * size_of::<BenchRay>() + 2 * size_of::<super::Answer>()) as u64;
 /// How far off the surface secondary rays start, in units of the last place of the largest lattice coordinate.
 const LIFT_ULPS: f64 = 4.0;
 /// Where the light stands: diagonals of the model from its centre, along up and along the other two axes.

@@ -28,6 +28,8 @@ pub(crate) struct Emission {
     pub(crate) origin: [f64; 3],
     /// Unit normal of the light's front where it is a surface of the model.
     pub(crate) front: Option<[f64; 3]>,
+    /// Longest edge of its triangle, model units; 0 where the light is none.
+    pub(crate) size: f64,
     /// Unit.
     pub(crate) direction: [f64; 3],
     /// Flux over the photon's chance, W in linear RGB; the mean over photons is the flux of all lights.
@@ -93,6 +95,7 @@ impl<'a> PhotonSources<'a> {
             Kind::Light(Light::Point { position, intensity }) => Emission {
                 origin: *position,
                 front: None,
+                size: 0.0,
                 direction: sphere_direction([u, v]),
                 flux: scale_rgb(4.0 * PI as f32, *intensity),
             },
@@ -105,6 +108,7 @@ impl<'a> PhotonSources<'a> {
                 Emission {
                     origin: along(along(*corner, f64::from(a), *edge_u), f64::from(b), *edge_v),
                     front: None,
+                    size: 0.0,
                     direction: cosine_direction(unit(normal)?, [u, v]),
                     flux: scale_rgb((PI * area) as f32, *radiance),
                 }
@@ -114,6 +118,7 @@ impl<'a> PhotonSources<'a> {
                 Emission {
                     origin: on.point,
                     front: Some(on.normal),
+                    size: on.size,
                     direction: cosine_direction(on.normal, [u, v]),
                     flux: scale_rgb((PI / on.density) as f32, on.radiance),
                 }
@@ -134,6 +139,7 @@ impl<'a> PhotonSources<'a> {
         Emission {
             origin: along(along(back, on(a, reach_e), e), on(b, reach_f), f),
             front: None,
+            size: 0.0,
             direction,
             flux: scale_rgb((4.0 * reach_e * reach_f) as f32, irradiance),
         }

@@ -20,7 +20,7 @@ const NEAR_LEAVES: f64 = 2.0;
 /// Most of that where a ray grazes its surface.
 const NEAR_LEAVES_MAX: f64 = 16.0;
 /// Mirrors that a gather ray follows; what lies behind more of them is dark.
-const MIRRORS_MAX: u32 = 8;
+pub(crate) const MIRRORS_MAX: u32 = 8;
 
 /// How shadow and gather rays begin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -124,11 +124,7 @@ impl<'a> GScene<'a> {
 
     /// What leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
     pub(crate) fn leaving_surface(&self, surface: &Surface, material: &Material) -> Option<[f32; 3]> {
-        let step = 0.5 * self.voxels.clearance(surface.normal);
-        let (node, leaf) = [0.0, -step, step]
-            .into_iter()
-            .find_map(|offset| self.voxels.leaf_at(along(surface.point, offset, surface.normal)))?;
-        let facet = self.voxels.octree().facet(node, leaf);
+        let facet = self.voxels.facet_at(surface.point, surface.normal)?;
         Some(mul_rgb(bsdf_of_all(material), self.irradiance.at(facet)))
     }
 

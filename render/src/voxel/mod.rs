@@ -5,6 +5,7 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod bake;
 mod gather;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
@@ -13,12 +14,13 @@ mod packet;
 mod photons;
 mod traverse;
 
+pub use crate::photon_flight::PhotonStats;
+pub(crate) use bake::Baking;
 pub use gather::Near;
-pub(crate) use gather::{GScene, Gathered};
+pub(crate) use gather::{GScene, Gathered, MIRRORS_MAX};
 pub(crate) use map::Irradiance;
 pub use map::{PASS_PHOTONS, PhotonMap};
 pub use packet::Width;
-pub use photons::PhotonStats;
 pub(crate) use photons::{PhotonWork, PhotonWorld};
 pub use traverse::{GRay, Occluders, VoxelHit, VoxelScene};
 

@@ -1,5 +1,5 @@
-//! Photons through the voxels: from a light, from leaf to leaf, until roulette ends them. Paper, section 5.1; H. W. Jensen,
-//! "Realistic image synthesis using photon mapping" (2001).
+//! Photons through the voxels: from a light, from leaf to leaf, until roulette ends them. Paper, section 5.1. What a photon
+//! is, and how it bounces, stands in `photon_flight.rs`.
 //!
 //! ```text
 //! emit -> leaf: deposit the flux that arrives in its facet (also from the first) -> roulette -> diffuse, glossy or mirror bounce -> leaf ...
@@ -14,33 +14,16 @@
 use super::map::{PASS_PHOTONS, PhotonMap, PhotonPass};
 use super::traverse::{GRay, VoxelHit, VoxelScene};
 use crate::light::PhotonSources;
-use crate::material::scatter;
-use crate::math::{along, dot, max_rgb, mul_rgb, scale, scale_rgb, to_f64};
-use crate::sampler::{Decision, Sampler};
+use crate::math::{along, dot, scale, to_f64};
+use crate::photon_flight::{BOUNCES_MAX, Met, PhotonStats, photon_sampler};
+use crate::sampler::Sampler;
 use crate::world::World;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use trex_store::{Aabb, Budget, Material, Result};
 
-/// Chance to go on after a hit, at most: three hits of a photon on average, as the paper has it.
-const ROULETTE_MAX: f32 = 2.0 / 3.0;
-/// Most bounces of a photon: one in 10^11 gets so far.
-const BOUNCES_MAX: u32 = 64;
 /// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
 const BATCH: u64 = 512;
-/// Keeps photons apart from the pixels that use the same seed.
-const SEED_OF_PHOTONS: u64 = 0x7068_6f74_6f6e_7331;
-
-/// What photon tracing did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct PhotonStats {
-    /// Photons sent.
-    pub photons: u64,
-    /// Rays that they took.
-    pub rays: u64,
-    /// Hits whose flux was added to a facet.
-    pub deposits: u64,
-}
 
 /// Where a photon or a gather ray met the voxels.
 #[derive(Clone, Copy, Debug)]
@@ -159,11 +142,7 @@ impl PhotonWorld<'_> {
                 let workers: Vec<_> = (0..self.threads.max(1)).map(|_| scope.spawn(run)).collect();
                 workers.into_iter().map(|worker| worker.join().expect("a worker panicked")).collect()
             });
-            for mine in done {
-                stats.photons += mine.photons;
-                stats.rays += mine.rays;
-                stats.deposits += mine.deposits;
-            }
+            done.iter().for_each(|mine| stats.add(mine));
             // Batches that were taken are done.
             work.done = next.into_inner().min(count);
             if work.done < count {
@@ -218,8 +197,7 @@ impl PhotonWorld<'_> {
 
     /// A photon as it leaves its light.
     fn start(&self, index: u64, sources: &PhotonSources<'_>) -> Option<(Photon, GRay)> {
-        let block = [(index >> 16) as u32, (index >> 48) as u32];
-        let sampler = Sampler::new(self.world.seed ^ SEED_OF_PHOTONS, block, index as u32 & 0xffff);
+        let sampler = photon_sampler(self.world.seed, index);
         let start = sources.emit(&sampler)?;
         let off = start.front.map_or([0.0; 3], |front| scale(self.voxels.clearance(front), front));
         let origin = along(start.origin, 1.0, off);
@@ -236,18 +214,13 @@ impl PhotonWorld<'_> {
         stats: &mut PhotonStats,
     ) -> Option<GRay> {
         let hit = self.voxels.leaf_hit(ray, hit, &self.world.materials);
-        let is_pure_mirror = hit.material.mirror && hit.material.kd == [0.0; 3];
-        if !is_pure_mirror {
+        let met = Met { material: hit.material, normal: hit.normal, to_viewer: scale(-1.0, ray.direction) };
+        if met.keeps_light() {
             pass.add(hit.facet, photon.flux);
             stats.deposits += 1;
         }
-        let u = photon.sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
-        let bounce = scatter(hit.material, hit.normal, scale(-1.0, ray.direction), u)?;
-        let chance = max_rgb(bounce.weight).min(ROULETTE_MAX);
-        if photon.sampler.draw(Decision::Roulette(vertex))[0] >= chance {
-            return None;
-        }
-        photon.flux = scale_rgb(1.0 / chance, mul_rgb(photon.flux, bounce.weight));
-        Some(self.voxels.ray_from_leaf(&hit, bounce.direction))
+        let (direction, flux) = met.bounce(&photon.sampler, vertex, photon.flux)?;
+        photon.flux = flux;
+        Some(self.voxels.ray_from_leaf(&hit, direction))
     }
 }
