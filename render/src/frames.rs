@@ -62,7 +62,8 @@ impl<T: PagedTracer + Send> Session<T> {
     }
 
     /// Goes on with the picture until a fetch block is done or `t_max` has passed. `spp`: samples that are enough. `stop` is
-    /// asked between tiles.
+    /// asked between tiles. Light that has changed comes by voxels, whether it was baked or not; for `full-gi` it comes when
+    /// [`Session::illuminate`] is called again.
     ///
     /// # Panics
     /// When the session is not live.
@@ -209,7 +210,8 @@ impl<T: PagedTracer + Send> Session<T> {
         let Live { next, shown, pass, block, finished, options, .. } =
             self.live.as_mut().expect("it is live");
         let irradiance = irradiance(self.photons.as_ref(), next.as_ref());
-        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance);
+        let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance)
+            .with_photons(self.tree.as_ref());
         let begin = Instant::now();
         let mut total = PassStats::default();
         let whole = u64::from(block.tiles());
