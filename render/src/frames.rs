@@ -8,7 +8,10 @@
 
 use crate::camera::Projection;
 use crate::frame::{PagedTracer, Pass, PassStats, Predictor, Until};
-use crate::live::{FrameOptions, FrameReport, Live, NextLight, Prefetch, Progress, irradiance, middle};
+use crate::live::{
+    BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, FrameOptions, FrameReport, Live, NextLight, Nth, Prefetch,
+    Progress, irradiance, middle,
+};
 use crate::saliency::{Reduced, SAMPLES_PER_SIDE};
 use crate::session::{Session, integrator};
 use crate::tile::{TILE_SIDE_PIXELS, TileOrder};
@@ -20,8 +23,8 @@ use trex_store::{Code, Error, Result};
 
 /// Tiles that a worker previews at a time.
 const PREVIEW_TILES: u32 = 64;
-/// Share of a frame that photons take while light changes.
-const PHOTON_SHARE: u32 = 2;
+/// Photons take this part of a frame while light changes.
+const PHOTON_PART: u32 = 2;
 /// Tiles ahead whose pages are guessed.
 const TILES_AHEAD: u32 = 64;
 /// Rays along each side of the picture through the camera that is guessed.
@@ -77,24 +80,21 @@ impl<T: PagedTracer + Send> Session<T> {
         let t_max = live.options.t_max;
         let mut photon_rays = 0;
         // The response comes first, unless there is no light at all.
-        if live.finished > 0 || self.photons.as_ref().is_some_and(|map| map.photons() == 0) {
-            photon_rays = self.illuminate_until(begin + t_max / PHOTON_SHARE, stop);
+        if live.first_block.is_some() || self.photons.as_ref().is_some_and(|map| map.photons() == 0) {
+            photon_rays = self.illuminate_until(begin + t_max / PHOTON_PART, stop);
         }
-        let pass = self.run_tiles(spp, begin + t_max, stop);
+        let pass = self.run_tiles(spp, begin, stop);
         let samples = self.film.samples();
         self.govern(samples);
         self.predict();
-        let live = self.live.as_mut().expect("it is live");
+        let live = self.live.as_ref().expect("it is live");
         let is_lit = live.next.as_ref().is_none_or(NextLight::is_idle);
-        let progress = match live.finished {
+        let progress = match live.first_block {
             _ if self.film.samples() >= spp && is_lit => Progress::Done,
             _ if samples > 0 => Progress::Complete,
-            tiles if tiles >= u64::from(live.block.tiles()) => Progress::Block,
-            _ => Progress::Part,
+            Some(_) => Progress::Block,
+            None => Progress::Part,
         };
-        if progress >= Progress::Block {
-            live.learn_response();
-        }
         self.report(progress, (pass, photon_rays))
     }
 
@@ -124,7 +124,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let demand = live.demand(&self.tracers);
         live.governor.lower(demand);
         live.pass = None;
-        live.finished = 0;
+        (live.finished, live.first_block) = (0, None);
         live.learn_event(before, &self.world.projection);
         let next = match changes {
             Changes::Camera => {
@@ -206,17 +206,27 @@ impl<T: PagedTracer + Send> Session<T> {
         self.film.clear();
     }
 
-    fn run_tiles(&mut self, spp: u32, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
-        let Live { next, shown, pass, block, finished, options, .. } =
-            self.live.as_mut().expect("it is live");
+    fn run_tiles(&mut self, spp: u32, begin: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
+        let live = self.live.as_ref().expect("it is live");
+        let t_max = live.options.t_max;
+        let nth = if live.first_block.is_some() { Nth::Later } else { Nth::First };
+        // The first block counts from the event.
+        let passed = if nth == Nth::First { live.since_event() } else { begin.elapsed() };
+        let least = t_max / BLOCK_PART_LEAST;
+        let deadline = Instant::now() + t_max.saturating_sub(passed).max(least);
+        let allowed = (t_max / BLOCK_PART).saturating_sub(passed).max(least);
+        let whole = live.block.tiles(nth);
+
+        let Live { next, shown, pass, block, finished, .. } = self.live.as_mut().expect("it is live");
         let irradiance = irradiance(self.photons.as_ref(), next.as_ref());
         let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance)
             .with_photons(self.tree.as_ref());
         let begin = Instant::now();
         let mut total = PassStats::default();
-        let whole = u64::from(block.tiles());
-        // The response needs a block in all; later frames one each.
-        let mut wanted = if *finished < whole { whole - *finished } else { whole };
+        let mut wanted = u64::from(whole);
+        if nth == Nth::First {
+            wanted = wanted.saturating_sub(*finished).max(1);
+        }
         while wanted > 0 && Instant::now() < deadline && !stop() {
             let samples = self.film.samples();
             if pass.as_ref().is_none_or(|pass| pass.is_done(&self.tiles)) {
@@ -233,7 +243,13 @@ impl<T: PagedTracer + Send> Session<T> {
             wanted = wanted.saturating_sub(stats.tiles_finished);
             *finished += stats.tiles_finished;
         }
-        block.learn(total.tiles_finished, begin.elapsed(), options.t_max);
+        block.learn(nth, total.tiles_finished, begin.elapsed(), allowed);
+        // Past the deadline the block is what there is.
+        let shrunk = u64::from(BLOCK_TILES_MIN).min(self.tiles.count().into());
+        if wanted == 0 || *finished >= shrunk {
+            let tiles = (*finished).min(whole.into()) as u32;
+            self.live.as_mut().expect("it is live").learn_response(tiles);
+        }
         total
     }
 
@@ -291,7 +307,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let [stand_in_tiles, hole_tiles] = live.shown.count(&self.film);
         FrameReport {
             progress,
-            block_tiles: live.block.tiles(),
+            block_tiles: live.first_block.unwrap_or(live.block.tiles(Nth::First)),
             stand_in_tiles,
             hole_tiles,
             error_pixels: live.governor.error(),

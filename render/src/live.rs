@@ -8,7 +8,7 @@
 //! ```
 //!
 //! The fetch block is what the user asks for, or as many tiles as take half of `t_max` at the speed of late, whichever is
-//! less: it shrinks at once and grows by a quarter. On the CPU a tile goes through C-rays and G-rays in one go, so the
+//! less: it shrinks at once, also when `t_max` has passed, and grows by a quarter. The first one counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
 //! job queue between them is the worker's own; the block is what is shown together.
 //!
 //! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule, until every
@@ -28,8 +28,10 @@ use trex_store::{Budget, Lease, Result};
 
 /// Fewest tiles of a fetch block: what a picture needs to be seen to change.
 pub const BLOCK_TILES_MIN: u32 = 16;
-/// Share of `t_max` that a block is made to take: the rest is for what varies.
-const BLOCK_SHARE: f64 = 0.5;
+/// A block is made to take this part of `t_max`: the rest is for what varies.
+pub(crate) const BLOCK_PART: u32 = 2;
+/// Part of `t_max` that the first block gets at least, whatever the event and the preview took.
+pub(crate) const BLOCK_PART_LEAST: u32 = 8;
 /// A block grows by this much a frame.
 const BLOCK_GROWTH: f64 = 1.25;
 /// Share of the frames in demand above which the governor raises the error, and below which it lowers it.
@@ -95,7 +97,7 @@ pub enum Progress {
 pub struct FrameReport {
     /// What the picture shows now.
     pub progress: Progress,
-    /// Tiles of the fetch block.
+    /// Tiles of the first fetch block since the event; until it is done, of the block that is made.
     pub block_tiles: u32,
     /// Tiles that show a stand-in for pages on their way.
     pub stand_in_tiles: u32,
@@ -197,30 +199,36 @@ impl Shown {
     }
 }
 
-/// The size of the fetch block.
+/// The size of the fetch block: of the first block after an event, and of those that follow. They differ, since an order
+/// by saliency begins with what is hard.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Block {
     most: u32,
-    tiles: f64,
+    tiles: [f64; 2],
+}
+
+/// Which block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Nth {
+    First,
+    Later,
 }
 
 impl Block {
     pub(crate) fn new(most: u32) -> Block {
-        Block { most: most.max(BLOCK_TILES_MIN), tiles: f64::from(most) }
+        let most = most.max(BLOCK_TILES_MIN);
+        Block { most, tiles: [f64::from(most); 2] }
     }
 
-    pub(crate) fn tiles(&self) -> u32 {
-        (self.tiles as u32).clamp(BLOCK_TILES_MIN, self.most)
+    pub(crate) fn tiles(&self, nth: Nth) -> u32 {
+        (self.tiles[nth as usize] as u32).clamp(BLOCK_TILES_MIN, self.most)
     }
 
-    /// After `finished` tiles took `time`.
-    pub(crate) fn learn(&mut self, finished: u64, time: Duration, t_max: Duration) {
-        if finished > 0 {
-            let fit = finished as f64 * BLOCK_SHARE * t_max.as_secs_f64() / time.as_secs_f64().max(1e-9);
-            self.tiles = fit.min(self.tiles * BLOCK_GROWTH).clamp(1.0, f64::from(self.most));
-        } else if time >= t_max {
-            self.tiles *= BLOCK_SHARE;
-        }
+    /// After `finished` tiles took `time`, which should be `allowed`: shrinks at once, grows slowly.
+    pub(crate) fn learn(&mut self, nth: Nth, finished: u64, time: Duration, allowed: Duration) {
+        let tiles = &mut self.tiles[nth as usize];
+        let fit = finished as f64 * allowed.as_secs_f64() / time.as_secs_f64().max(1e-9);
+        *tiles = fit.min(*tiles * BLOCK_GROWTH).clamp(f64::from(BLOCK_TILES_MIN), f64::from(self.most));
     }
 }
 
@@ -349,6 +357,8 @@ pub(crate) struct Live {
     pub(crate) governor: Governor,
     /// Tiles done since the event.
     pub(crate) finished: u64,
+    /// Tiles of the first block since the event, once it is done.
+    pub(crate) first_block: Option<u32>,
     /// A preview is due.
     pub(crate) is_new: bool,
     motion: Motion,
@@ -381,6 +391,7 @@ impl Live {
             block: Block::new(options.fetch_block),
             governor: Governor::new(error_pixels),
             finished: 0,
+            first_block: None,
             is_new: true,
             motion: Motion { at: Instant::now(), response: None, step: None },
             demand: Vec::new(),
@@ -402,9 +413,15 @@ impl Live {
         (self.motion.at, self.motion.response) = (now, None);
     }
 
-    /// The picture holds a fetch block.
-    pub(crate) fn learn_response(&mut self) {
+    /// The picture holds a fetch block of so many tiles.
+    pub(crate) fn learn_response(&mut self, tiles: u32) {
+        self.first_block.get_or_insert(tiles);
         self.motion.response.get_or_insert(self.motion.at.elapsed());
+    }
+
+    /// Time since the last event.
+    pub(crate) fn since_event(&self) -> Duration {
+        self.motion.at.elapsed()
     }
 
     /// The camera two responses after the last event, should it go on as it went; `None` where it stands or jumps.
