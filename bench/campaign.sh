@@ -86,11 +86,27 @@ if [ -d "$models" ]; then
     record build-cornell build "$models/cornell/cornell.obj" -o cornell.trex --overwrite
     box="cornell.trex --overwrite --resolution 256x256 --camera-position 278,273,-800 --camera-target 278,273,0 --fov-x 39.3077"
     record render-cornell-path render $box -o path.exr --integrator path --spp 1024
-    for variant in voxel:--near=voxel exact:--near=exact cubes:--occluders=off; do
+    for variant in voxel:--near=voxel exact:--near=exact cubes:--occluders=off bake:--bake; do
         record render-cornell-${variant%%:*} render $box -o photon.exr --integrator photon --spp 256 ${variant#*:}
         record light-cornell-${variant%%:*} image diff photon.exr path.exr
     done
+    record render-cornell-full-gi render $box -o photon.exr --integrator full-gi --spp 256
+    record light-cornell-full-gi image diff photon.exr path.exr
+    for integrator in photon full-gi; do
+        for filter in off on; do
+            record render-filter-$integrator-$filter render $box -o few.exr --integrator $integrator --spp 4 --filter $filter
+            record light-filter-$integrator-$filter image diff few.exr path.exr
+        done
+    done
 fi
+
+# How often voxels answer falsely, by their resolution.
+for kind in isosurface pipes; do
+    for side in 256 512 1024; do
+        record build-$kind-2m-voxels-$side build gen:$kind:2M -o voxels.trex --overwrite --voxels $side
+        record false-$kind-2m-$side bench rays voxels.trex --rounds 1
+    done
+done
 
 # Rays against the oracle, and 10^8 rays at the edges and vertices of a closed mesh: some ten minutes.
 (cd "$root" && cargo test --release --test it -- --ignored campaign)
