@@ -10,6 +10,7 @@ mod examples;
 mod extremes;
 mod format;
 mod format_octree;
+mod format_units;
 mod image_diff;
 mod inputs;
 mod lies;
