@@ -335,10 +335,11 @@ pub struct BuildArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Voxel options")]
 pub struct VoxelArgs {
-    /// Leaf voxels along the model's longest side (default: as many as the mesh's own size and --upper-budget allow)
-    #[arg(long, value_name = "RU", value_parser = ["64", "256", "512", "1024"], conflicts_with = "no_asvo")]
-    pub voxels: Option<String>,
-    /// Most memory that the voxel octree may take while rendering, without light
+    /// Leaf voxels along the model's longest side: RU in the resident octree, RFINEST (1, 4 or 16 times RU) in units
+    /// below it that are read when rays ask for them (default: as many as the mesh's own size and --upper-budget allow)
+    #[arg(long, value_name = "RU[/RFINEST]", value_parser = values::voxels, conflicts_with = "no_asvo")]
+    pub voxels: Option<values::Voxels>,
+    /// Most memory that the resident voxel octree may take while rendering, without light
     #[arg(long, value_name = "SIZE", value_parser = values::bytes, default_value = "64MiB")]
     pub upper_budget: Bytes,
     /// Leave the voxel octree out: smaller, but without global illumination

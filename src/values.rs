@@ -5,6 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+use trex_store::octree::Refinement;
 
 /// Widest or tallest picture, pixels: what PNG viewers and a film of strips still handle.
 pub const MAX_SIDE: u32 = 32_768;
@@ -63,6 +64,15 @@ pub struct Milliseconds(pub f64);
 /// Three times, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triple(pub [f64; 3]);
+
+/// `--voxels`: leaves of the resident octree along the longest side, and how much finer the finest ones are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Voxels {
+    /// 64, 256, 512 or 1024.
+    pub upper: u32,
+    /// By 1, 4 or 16.
+    pub refinement: Refinement,
+}
 
 /// What `build` reads: a file, or a generator's name.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -153,6 +163,21 @@ pub fn resolution(text: &str) -> Result<Resolution, String> {
     text.split_once(['x', 'X'])
         .and_then(|(width, height)| Some(Resolution { width: side(width)?, height: side(height)? }))
         .ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, 1 to {MAX_SIDE} each, like 1024x768"))
+}
+
+/// Parses `512` or `512/2048`.
+pub fn voxels(text: &str) -> Result<Voxels, String> {
+    let (upper, finest) = text.split_once('/').unwrap_or((text, text));
+    let number = |text: &str| text.parse::<u32>().ok();
+    let parsed = || {
+        let upper = number(upper).filter(|upper| [64, 256, 512, 1024].contains(upper))?;
+        let finest = number(finest).filter(|finest| finest.is_multiple_of(upper))?;
+        Some(Voxels { upper, refinement: Refinement::of(finest / upper)? })
+    };
+    parsed().ok_or_else(|| {
+        "accepted is RU or RU/RFINEST, RU one of 64, 256, 512, 1024 and RFINEST 1, 4 or 16 times that, like 512/2048"
+            .into()
+    })
 }
 
 /// Parses `x,y,z`, for example `1.5,-2,0.25`.
@@ -300,6 +325,31 @@ mod tests {
         assert_eq!(resolution("1X32768"), Ok(Resolution { width: 1, height: 32_768 }));
         for text in ["", "x", "1024", "0x5", "5x0", "32769x1", "5x5x5", "-5x5", "1024 x 768"] {
             assert!(resolution(text).unwrap_err().contains("WIDTHxHEIGHT"), "{text}");
+        }
+    }
+
+    #[test]
+    fn voxels_are_one_or_two_resolutions() {
+        let voxels_of = |upper, factor| Ok(Voxels { upper, refinement: Refinement::of(factor).unwrap() });
+        for (text, upper, factor) in
+            [("64", 64, 1), ("512/512", 512, 1), ("256/1024", 256, 4), ("1024/16384", 1024, 16)]
+        {
+            assert_eq!(voxels(text), voxels_of(upper, factor), "{text}");
+        }
+        for text in [
+            "",
+            "0",
+            "128",
+            "512/",
+            "/512",
+            "512/1024",
+            "512/4096/1",
+            "1024/512",
+            "256/16384",
+            "512/0",
+            "-64",
+        ] {
+            assert!(voxels(text).unwrap_err().contains("RU/RFINEST"), "{text}");
         }
     }
 

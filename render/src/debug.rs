@@ -1,7 +1,8 @@
-//! `debug-upper`, `debug-occluders`, `debug-pages`: what the other integrators work with, drawn. Paper, Fig. 4.
+//! `debug-upper`, `debug-lower`, `debug-occluders`, `debug-pages`: what the other integrators work with, drawn. Paper, Fig. 4.
 //!
 //! ```text
 //! debug-upper      the leaves of the octree as cubes     shade by the face that is seen
+//! debug-lower      the finest leaves, of its units
 //! debug-occluders  the subvoxels of their bitmaps
 //! debug-pages      the mesh, a colour per page           shade by the cosine to the viewer
 //! ```
@@ -9,7 +10,7 @@
 use crate::integrator::{Integrator, Path, Stage};
 use crate::math::{add_rgb, dot, scale_rgb, to_f64};
 use crate::sampler::mix;
-use crate::trace::{Hit, Ray};
+use crate::trace::{Answer, Hit, Ray, Tracer, UnitPages};
 use crate::voxel::GRay;
 
 /// Light on faces across x, y and z.
@@ -25,13 +26,37 @@ impl Integrator<'_> {
         let Ray { origin, direction, t_max } = *ray;
         path.gain(match voxels.intersect(&GRay { origin, direction, t_max }) {
             None => BACKGROUND,
-            Some(hit) => {
-                let material = usize::from(voxels.octree().material(hit.leaf as usize));
-                let material = &self.world.materials[material];
-                scale_rgb(FACE_SHADE[hit.axis], add_rgb(material.kd, material.ks))
-            }
+            Some(hit) => self.face_shown(voxels.octree().material(hit.leaf as usize), hit.axis),
         });
         Stage::Done
+    }
+
+    /// The same through units, where there are any.
+    pub(crate) fn finest_shown<T: Tracer>(
+        &self,
+        path: &mut Path,
+        ray: &Ray,
+        tracer: &mut T,
+    ) -> Answer<Stage> {
+        let Some(lower) = self.voxels.and_then(|voxels| voxels.lower) else {
+            return Answer::Exact(self.voxel_shown(path, ray));
+        };
+        let Ray { origin, direction, t_max } = *ray;
+        let pages = &mut UnitPages(tracer);
+        let Answer::Exact(found) = lower.intersect(&GRay { origin, direction, t_max }, pages) else {
+            return Answer::Blocked;
+        };
+        path.sample.rays.gather += 1;
+        path.gain(match found {
+            None => BACKGROUND,
+            Some(hit) => self.face_shown(lower.material(&hit, pages), hit.upper.axis),
+        });
+        Answer::Exact(Stage::Done)
+    }
+
+    fn face_shown(&self, material: u16, axis: usize) -> [f32; 3] {
+        let material = &self.world.materials[usize::from(material)];
+        scale_rgb(FACE_SHADE[axis], add_rgb(material.kd, material.ks))
     }
 
     /// The end of a ray from the camera.

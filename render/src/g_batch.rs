@@ -5,7 +5,8 @@
 //!                      all paths of a tile have asked or ended -> the batch is traced -> each takes its answers, in order
 //! ```
 //!
-//! Only rays that voxels answer from their beginning go here: with `near = exact` a ray may be blocked, and is asked alone.
+//! Only rays that the resident octree answers go here: with `near = exact`, or with units, a ray may be blocked, and is asked
+//! alone.
 //!
 //! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same order;
 //! 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most [`ASKED_MAX`] at a time.
@@ -110,7 +111,7 @@ impl Integrator<'_> {
 
     /// Whether shadow and gather rays are.
     pub(crate) fn batches_g_rays(&self) -> bool {
-        self.voxels.is_some_and(|scene| scene.near == Near::Voxel)
+        self.voxels.is_some_and(|scene| scene.near == Near::Voxel && scene.lower.is_none())
     }
 
     /// Takes what a ray behind the cut has met.

@@ -56,7 +56,10 @@ pub enum Method {
     /// The leaves of the voxel octree: see `debug.rs`.
     #[serde(rename = "debug-upper")]
     DebugUpper,
-    /// Their bitmaps.
+    /// The finest voxels, through the units below it.
+    #[serde(rename = "debug-lower")]
+    DebugLower,
+    /// The bitmaps of the resident octree.
     #[serde(rename = "debug-occluders")]
     DebugOccluders,
     /// The pages of the mesh.
@@ -74,6 +77,7 @@ impl Method {
             Method::Photon => "photon",
             Method::FullGi => "full-gi",
             Method::DebugUpper => "debug-upper",
+            Method::DebugLower => "debug-lower",
             Method::DebugOccluders => "debug-occluders",
             Method::DebugPages => "debug-pages",
         }
@@ -81,7 +85,7 @@ impl Method {
 
     /// Whether nothing can be drawn without voxels.
     pub fn needs_voxels(self) -> bool {
-        matches!(self, Method::Photon | Method::DebugUpper | Method::DebugOccluders)
+        matches!(self, Method::Photon | Method::DebugUpper | Method::DebugLower | Method::DebugOccluders)
     }
 
     /// Whether indirect light is gathered from photons.
@@ -417,8 +421,10 @@ impl<'a> Integrator<'a> {
         tracer: &mut T,
         batches: Option<&mut GBatches>,
     ) -> Answer<Stage> {
-        if matches!(self.world.method, Method::DebugUpper | Method::DebugOccluders) {
-            return Answer::Exact(self.voxel_shown(path, ray));
+        match self.world.method {
+            Method::DebugUpper | Method::DebugOccluders => return Answer::Exact(self.voxel_shown(path, ray)),
+            Method::DebugLower => return self.finest_shown(path, ray, tracer),
+            _ => {}
         }
         match (self.closest(ray, path, tracer), batches) {
             (Closest::Blocked, _) => Answer::Blocked,
@@ -533,7 +539,7 @@ impl<'a> Integrator<'a> {
             }
         }
         let on = voxels.leave(surface, direction, distance, front);
-        Answer::Exact(on.is_some_and(|ray| voxels.voxels.occluded(&ray)))
+        on.map_or(Answer::Exact(false), |ray| voxels.occluded(&ray, tracer))
     }
 
     /// What a surface returns of a light sample that nothing stops.

@@ -6,7 +6,8 @@
 //!                       -> nothing: the sky                     (left out by the shadow rays)
 //! ```
 //!
-//! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), so it can be blocked by few pages.
+//! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it meets, so
+//! it can be blocked by few pages.
 
 use crate::full_gi::GatherRay;
 use crate::integrator::{Integrator, Path, Stage};
@@ -90,9 +91,9 @@ impl Integrator<'_> {
                 }
             }
         }
-        Answer::Exact(match voxels.leave(surface, direction, f64::INFINITY, None) {
-            Some(ray) => voxels.gather(ray, &world.materials, world.lights.sky()),
-            None => Gathered { radiance: [0.0; 3], rays: 0 },
-        })
+        match voxels.leave(surface, direction, f64::INFINITY, None) {
+            Some(ray) => voxels.gather_finest(ray, (&world.materials, world.lights.sky()), tracer),
+            None => Answer::Exact(Gathered { radiance: [0.0; 3], rays: 0 }),
+        }
     }
 }

@@ -268,10 +268,14 @@ pub(crate) fn integrator<'a>(
     irradiance: Irradiance<'a>,
 ) -> Integrator<'a> {
     let GRays { occluders, near, .. } = view.g_rays;
-    let occluders = if view.method == Method::DebugUpper { Occluders::Off } else { occluders };
+    let is_cubes = matches!(view.method, Method::DebugUpper | Method::DebugLower);
+    let occluders = if is_cubes { Occluders::Off } else { occluders };
+    let voxels = model.voxels.as_ref();
+    // What stands in for pages needs none itself.
     let scene =
-        model.voxels.as_ref().map(|voxels| GScene { voxels: voxels.scene(occluders), irradiance, near });
-    let for_g_rays = scene.filter(|_| view.method.asks_voxels());
+        voxels.map(|voxels| GScene { voxels: voxels.scene(occluders), lower: None, irradiance, near });
+    let lower = voxels.and_then(|voxels| voxels.lower_scene(occluders));
+    let for_g_rays = scene.filter(|_| view.method.asks_voxels()).map(|scene| GScene { lower, ..scene });
     Integrator::new(world, layers.kept().any()).with_voxels(for_g_rays).with_stand_in(scene)
 }
 

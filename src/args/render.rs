@@ -207,6 +207,7 @@ impl Integrator {
             Integrator::Photon | Integrator::CpuGi => Method::Photon,
             Integrator::FullGi => Method::FullGi,
             Integrator::DebugUpper => Method::DebugUpper,
+            Integrator::DebugLower => Method::DebugLower,
             Integrator::DebugOccluders => Method::DebugOccluders,
             Integrator::DebugPages => Method::DebugPages,
         }
@@ -267,9 +268,11 @@ pub enum Integrator {
     FullGi,
     /// Ambient occlusion: white light from all sides on white surfaces, by voxels where the file has them
     Ao,
-    /// The voxels, as cubes
+    /// The voxels of the resident octree, as cubes
     DebugUpper,
-    /// The voxels' bitmaps
+    /// The finest voxels, as cubes
+    DebugLower,
+    /// Their bitmaps
     DebugOccluders,
     /// The mesh, a colour per page
     DebugPages,

@@ -33,7 +33,7 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
 fn voxels(args: &VoxelArgs) -> Voxels {
     match &args.voxels {
         _ if args.no_asvo => Voxels::None,
-        Some(resolution) => Voxels::Resolution(resolution.parse().expect("one of the listed values")),
+        Some(voxels) => Voxels::Refined { upper: voxels.upper, refinement: voxels.refinement },
         None => Voxels::Within { upper_bytes: args.upper_budget.0 },
     }
 }

@@ -13,7 +13,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 use trex_store::import::{self, Encoding, Format, InputInfo};
-use trex_store::layout::{FRAME_BYTES, MAGIC};
+use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
 use trex_store::{Aabb, PageFile};
 
 /// Runs `trex info`.
@@ -117,7 +117,9 @@ struct Asvo {
     r_u: u32,
     r_finest: u32,
     leaf_count_upper: u32,
-    leaf_count_lower: u32,
+    leaf_count_lower: u64,
+    /// Pages that hold the finer leaves.
+    unit_page_count: usize,
     facet_count: u32,
     /// Side of a leaf, model units.
     leaf_side: f64,
@@ -158,12 +160,18 @@ struct Stored {
 impl Stored {
     fn of(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
         let block = file.superblock();
-        let mesh_and_tree: u64 = file.pages().iter().map(|page| u64::from(page.stored_bytes)).sum();
+        let stored_pages = |kind| -> (usize, u64) {
+            let pages = file.pages().iter().filter(|page| page.kind == kind);
+            (pages.clone().count(), pages.map(|page| u64::from(page.stored_bytes)).sum())
+        };
+        let (mesh_page_count, mesh_and_tree) = stored_pages(PageKind::Mesh);
+        let (unit_page_count, unit_bytes) = stored_pages(PageKind::Units);
         let top = size_of_val(file.top()) as u64;
-        let upper = file.upper_size()?;
+        let (upper, lower) = (file.upper_size()?, file.lower_size()?);
         let upper_bytes = upper.map_or(0, |upper| upper.stored_bytes);
-        let tables = block.file_bytes - mesh_and_tree - top - upper_bytes;
-        let resident = (file.pages().len() * FRAME_BYTES) as u64 + file.resident_table_bytes();
+        let lower_bytes = unit_bytes + lower.map_or(0, |lower| lower.stored_bytes);
+        let tables = block.file_bytes - mesh_and_tree - top - upper_bytes - lower_bytes;
+        let resident = (mesh_page_count * FRAME_BYTES) as u64 + file.resident_table_bytes();
         let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
         Ok(Stored {
             scene: file.path().display().to_string(),
@@ -178,7 +186,7 @@ impl Stored {
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
-                disk: per(block.file_bytes - upper_bytes),
+                disk: per(block.file_bytes - upper_bytes - lower_bytes),
                 resident: per(resident),
                 file: per(block.file_bytes),
             },
@@ -186,7 +194,7 @@ impl Stored {
                 mesh: mesh_and_tree - block.page_tree_bytes.min(mesh_and_tree),
                 tree: block.page_tree_bytes.min(mesh_and_tree) + top,
                 asvo_upper: upper_bytes,
-                asvo_lower: 0,
+                asvo_lower: lower_bytes,
                 tables,
             },
             grid: Grid {
@@ -195,15 +203,24 @@ impl Stored {
                 origin: block.lattice.origin,
                 error_bound: block.error_bound,
             },
-            asvo: upper.map(|upper| Asvo {
-                r_u: upper.resolution,
-                r_finest: upper.resolution,
-                leaf_count_upper: upper.leaf_count,
-                leaf_count_lower: 0,
-                facet_count: upper.facet_count,
-                leaf_side: upper.leaf_steps as f64 * block.lattice.step(),
-                bytes_per_leaf_disk: upper.stored_bytes as f64 / f64::from(upper.leaf_count),
-                bytes_per_leaf_resident: upper.resident_bytes as f64 / f64::from(upper.leaf_count),
+            asvo: upper.map(|upper| {
+                let leaf_count_lower = lower.map_or(0, |lower| lower.leaf_count);
+                let unit_frames = (unit_page_count * FRAME_BYTES) as u64;
+                let resident =
+                    upper.resident_bytes + lower.map_or(0, |lower| lower.resident_bytes) + unit_frames;
+                let per_leaf =
+                    |bytes: u64| bytes as f64 / (f64::from(upper.leaf_count) + leaf_count_lower as f64);
+                Asvo {
+                    r_u: upper.resolution,
+                    r_finest: upper.resolution * lower.map_or(1, |lower| lower.refinement.factor()),
+                    leaf_count_upper: upper.leaf_count,
+                    leaf_count_lower,
+                    unit_page_count,
+                    facet_count: upper.facet_count,
+                    leaf_side: upper.leaf_steps as f64 * block.lattice.step(),
+                    bytes_per_leaf_disk: per_leaf(upper_bytes + lower_bytes),
+                    bytes_per_leaf_resident: per_leaf(resident),
+                }
             }),
             bounds: block.bounds,
             rejected: Rejected {
@@ -252,10 +269,12 @@ impl fmt::Display for Stored {
         match &self.asvo {
             Some(asvo) => writeln!(
                 f,
-                "voxels: {} leaves of {}^3, side {:.4}; {:.1} bytes per leaf on disk, {:.1} resident",
+                "voxels: {} leaves of {}^3, side {:.4}, {} in units up to {}^3; {:.1} bytes per leaf on disk, {:.1} resident",
                 size::count(u64::from(asvo.leaf_count_upper)),
                 asvo.r_u,
                 asvo.leaf_side,
+                size::count(asvo.leaf_count_lower),
+                asvo.r_finest,
                 asvo.bytes_per_leaf_disk,
                 asvo.bytes_per_leaf_resident
             )?,

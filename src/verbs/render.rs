@@ -129,8 +129,9 @@ impl Job<'_> {
         target.write(&session, keys.exposure)?;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
+            let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
             ctx.console.note(&format!(
-                "damaged page {page}, drawn as empty: {} {}",
+                "damaged page {page}, drawn {drawn}: {} {}",
                 error.what(),
                 error.place()
             ));
@@ -300,7 +301,7 @@ impl fmt::Display for Rendered {
         if !self.damaged_pages.is_empty() {
             writeln!(
                 f,
-                "not whole: {} damaged pages, drawn as empty; see `trex verify`",
+                "not whole: {} damaged pages, left out; see `trex verify`",
                 self.damaged_pages.len()
             )?;
         }

@@ -180,6 +180,7 @@ fn voxels_bytes(file: &PageFile, picture: &Picture) -> Result<u64> {
         return Ok(0);
     }
     let Some(size) = file.upper_size()? else { return Ok(0) };
+    let links = file.lower_size()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
     // The map, the sums of a pass, and the map that comes when light changes.
     let maps = match picture.method {
         Method::Photon if picture.is_live => 3,
@@ -187,7 +188,7 @@ fn voxels_bytes(file: &PageFile, picture: &Picture) -> Result<u64> {
         _ => 0,
     };
     let light = maps * PhotonMap::bytes(size.facet_count as usize);
-    Ok(size.resident_bytes + light.max(size.reading_bytes))
+    Ok(size.resident_bytes + links + light.max(size.reading_bytes))
 }
 
 fn pool_options(staging_slots: u64) -> PoolOptions {

@@ -11,7 +11,9 @@ use crate::error::{Code, Error, Result};
 use crate::io::Extent;
 use crate::layout::*;
 use crate::material::Material;
-use crate::octree::{UpperOctree, UpperSize, VoxelGrid};
+use crate::octree::{
+    LowerLinks, LowerSize, Refinement, UnitsContext, UpperOctree, UpperSize, VoxelGrid, install_units,
+};
 use crate::pool::PageStore;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -34,7 +36,7 @@ pub struct PageFile {
     file: File,
     block: Superblock,
     pages: Vec<PageEntry>,
-    /// Roots that the top tree asks of each page.
+    /// Roots that the top tree asks of each page of the mesh.
     root_counts: Vec<u8>,
     top: Vec<Node>,
     materials: Vec<Material>,
@@ -61,13 +63,11 @@ impl PageFile {
             }
             Ok(bytes)
         };
-        let out_of_range =
-            |kind| damaged_section(block.section(kind), kind, path, "holds a number out of its range");
+        let out_of_range = |kind| out_of_range(block.section(kind), kind, path);
         let kind = SectionKind::PageTable;
         let pages = parse_pages(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::TopTree;
-        let (top, root_counts) =
-            parse_top(&read(kind)?, &block, pages.len()).ok_or_else(|| out_of_range(kind))?;
+        let (top, root_counts) = parse_top(&read(kind)?, &block, &pages).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::Materials;
         let materials = parse_materials(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::Emitters;
@@ -126,19 +126,62 @@ impl PageFile {
             return Ok(None);
         };
         let _stored = budget.lease("the stored octree", size.reading_bytes)?;
+        let bytes = self.checked_section(section, kind)?;
+        let lease = budget.lease("the upper octree", size.resident_bytes)?;
+        let octree = UpperOctree::parse(&bytes, self.materials.len())
+            .filter(|octree| Refinement::ALL.iter().any(|&refinement| self.has_grid(octree, refinement)))
+            .ok_or_else(|| out_of_range(section, kind, &self.path))?;
+        Ok(Some((octree, lease)))
+    }
+
+    /// What the links to units take, by the head of their section; `None` for a file whose upper leaves are the finest.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`], [`Code::Io`].
+    pub fn lower_size(&self) -> Result<Option<LowerSize>> {
+        lower_size(&self.file, &self.block, &self.path)
+    }
+
+    /// Reads the links to the units below `upper`, which is this file's; `None` for a file whose upper leaves are the
+    /// finest. Their memory is leased from `budget`. The units themselves are pages.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`], [`Code::MemoryLimit`], [`Code::Io`].
+    pub fn lower(&self, upper: &UpperOctree, budget: &Budget) -> Result<Option<(LowerLinks, Lease)>> {
+        let kind = SectionKind::Lower;
+        let (Some(section), Some(size)) = (self.block.find_section(kind), self.lower_size()?) else {
+            return Ok(None);
+        };
+        let _stored = budget.lease("the stored links to units", size.reading_bytes)?;
+        let bytes = self.checked_section(section, kind)?;
+        let lease = budget.lease("the links to units", size.resident_bytes)?;
+        let link_count = upper.last_nodes().len();
+        let links = (link_count == size.link_count as usize && self.has_grid(upper, size.refinement))
+            .then(|| LowerLinks::parse(&bytes, link_count, |page| self.has_units(page)))
+            .flatten()
+            .ok_or_else(|| out_of_range(section, kind, &self.path))?;
+        Ok(Some((links, lease)))
+    }
+
+    /// Where the cube stands follows from the model's box.
+    fn has_grid(&self, octree: &UpperOctree, refinement: Refinement) -> bool {
+        let [lo, hi] = self.block.lattice_bounds;
+        *octree.grid() == VoxelGrid::over(lo, hi, octree.grid().resolution, refinement)
+    }
+
+    /// The bytes of a section, which match its hash.
+    fn checked_section(&self, section: Section, kind: SectionKind) -> Result<Vec<u8>> {
         let mut bytes = vec![0; section.bytes as usize];
         self.file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", &self.path, &e))?;
-        let damaged = |what| damaged_section(section, kind, &self.path, what);
         if section_hash(&bytes, self.block.file_id, section.kind) != section.hash {
-            return Err(damaged("does not match its hash"));
+            return Err(damaged_section(section, kind, &self.path, "does not match its hash"));
         }
-        let lease = budget.lease("the upper octree", size.resident_bytes)?;
-        let [lo, hi] = self.block.lattice_bounds;
-        let octree = UpperOctree::parse(&bytes, self.materials.len())
-            // Where the cube stands follows from the model's box.
-            .filter(|octree| *octree.grid() == VoxelGrid::over(lo, hi, octree.grid().resolution))
-            .ok_or_else(|| damaged("holds a number out of its range"))?;
-        Ok(Some((octree, lease)))
+        Ok(bytes)
+    }
+
+    /// Whether `page` is a page of units.
+    pub fn has_units(&self, page: u32) -> bool {
+        self.pages.get(page as usize).is_some_and(|entry| entry.kind == PageKind::Units)
     }
 
     /// Bytes of memory that the tables keep.
@@ -169,6 +212,11 @@ impl PageFile {
         };
         if raw.len() != entry.unpacked_bytes as usize {
             return Err(self.damaged_page(page, "a page has another length than its table says"));
+        }
+        if entry.kind == PageKind::Units {
+            let is_units = &|page| self.has_units(page);
+            let context = UnitsContext { material_count: self.materials.len(), is_units };
+            return install_units(raw, &context, frame).map_err(|what| self.damaged_page(page, what));
         }
         install(raw, self.block.lattice_bits, frame).map_err(|what| self.damaged_page(page, what))?;
         let view = FrameView::new(frame);
@@ -227,7 +275,19 @@ pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result
     UpperOctree::peek(&head[..length], section.bytes)
         .filter(|size| size.leaf_count == section.count)
         .map(Some)
-        .ok_or_else(|| damaged_section(section, kind, path, "holds a number out of its range"))
+        .ok_or_else(|| out_of_range(section, kind, path))
+}
+
+/// See [`PageFile::lower_size`].
+pub(crate) fn lower_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<LowerSize>> {
+    let kind = SectionKind::Lower;
+    let Some(section) = block.find_section(kind) else { return Ok(None) };
+    let mut head = [0; LowerLinks::HEAD_BYTES];
+    let length = (section.bytes as usize).min(head.len());
+    file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
+    LowerLinks::peek(&head[..length], section.count, section.bytes)
+        .map(Some)
+        .ok_or_else(|| out_of_range(section, kind, path))
 }
 
 /// Opens a regular file.
@@ -271,7 +331,8 @@ pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
 
 /// Memory while the tables are read: each section once raw and once parsed.
 pub(crate) fn table_bytes(block: &Superblock) -> u64 {
-    let is_table = |s: &&Section| s.kind != SectionKind::Upper as u32;
+    let is_table =
+        |s: &&Section| ![SectionKind::Upper, SectionKind::Lower].iter().any(|&k| s.kind == k as u32);
     let sections: u64 = block.sections.iter().filter(is_table).map(|s| s.bytes).sum();
     3 * sections
 }
@@ -300,21 +361,28 @@ fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEntry>> {
         if entry.offset != end || u64::from(entry.first_triangle) != triangles {
             return None;
         }
+        // Those of the mesh first: so neither kind is read with the other.
+        if pages.last().is_some_and(|last: &PageEntry| last.kind as u8 > entry.kind as u8) {
+            return None;
+        }
         end += u64::from(entry.stored_bytes);
         triangles += u64::from(entry.triangle_count);
         pages.push(entry);
     }
-    (triangles == block.triangle_count && end == block.section(SectionKind::PageTable).offset)
-        .then_some(pages)
+    let has_units = pages.last().is_some_and(|last| last.kind == PageKind::Units);
+    let sound = triangles == block.triangle_count
+        && end == block.section(SectionKind::PageTable).offset
+        && has_units == block.find_section(SectionKind::Lower).is_some();
+    sound.then_some(pages)
 }
 
 /// Checks every reference, and that the tree is a tree of bounded depth. The nodes, and how many roots they ask of
 /// each page.
-fn parse_top(bytes: &[u8], block: &Superblock, page_count: usize) -> Option<(Vec<Node>, Vec<u8>)> {
+fn parse_top(bytes: &[u8], block: &Superblock, pages: &[PageEntry]) -> Option<(Vec<Node>, Vec<u8>)> {
     if bytes.len() != block.section(SectionKind::TopTree).count as usize * Node::BYTES {
         return None;
     }
-    let mut root_counts = vec![0u8; page_count];
+    let mut root_counts = vec![0u8; pages.partition_point(|entry| entry.kind == PageKind::Mesh)];
     let top: Vec<Node> = bytemuck::allocation::pod_collect_to_vec(bytes);
     let mut seen = vec![false; top.len()];
     let mut stack = vec![(block.root, 0)];
@@ -362,6 +430,10 @@ fn parse_emitters(bytes: &[u8], block: &Superblock, material_count: usize) -> Op
     let counted = records.len() == block.section(SectionKind::Emitters).count as usize;
     let sound = counted && rest.is_empty() && emitters.iter().all(|e| (e.material as usize) < material_count);
     sound.then_some(emitters)
+}
+
+fn out_of_range(section: Section, kind: SectionKind, path: &Path) -> Error {
+    damaged_section(section, kind, path, "holds a number out of its range")
 }
 
 fn damaged_section(section: Section, kind: SectionKind, path: &Path, what: &str) -> Error {

@@ -18,8 +18,10 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64, xxh3_64_with_seed};
 pub const MAGIC: [u8; 8] = *b"TREX\r\n\x1a\n";
 /// Version of the format; another one is refused.
 pub const VERSION: u32 = 1;
-/// Required features that this build knows: none yet. A bit that is not known here refuses the file.
-pub const REQUIRED_FEATURES: u64 = 0;
+/// Required features that this build knows. A bit that is not known here refuses the file.
+pub const REQUIRED_FEATURES: u64 = FEATURE_LOWER;
+/// The file has pages of units, and the section that links them.
+pub const FEATURE_LOWER: u64 = 1;
 
 /// Bytes of a frame: the memory of one page, whatever its size on disk.
 pub const FRAME_BYTES: usize = 64 << 10;
@@ -71,6 +73,15 @@ const _: () = assert!(CLUSTER_LEAVES <= 2 * NODE_WIDTH);
 pub enum PageKind {
     /// Clusters and the tree above them.
     Mesh = 0,
+    /// Units of the lower octrees.
+    Units = 1,
+}
+
+impl PageKind {
+    /// The kind of a byte.
+    fn of(byte: u32) -> Option<PageKind> {
+        [PageKind::Mesh, PageKind::Units].into_iter().find(|kind| *kind as u32 == byte)
+    }
 }
 
 /// How a page or section is stored.
@@ -118,6 +129,8 @@ pub enum SectionKind {
     Emitters = 4,
     /// The resident voxel octree; a file may be without.
     Upper = 5,
+    /// Where the units of its linking nodes are; a file may be without.
+    Lower = 6,
 }
 
 impl SectionKind {
@@ -127,7 +140,10 @@ impl SectionKind {
 
     /// The kind of a section that a file may have.
     pub fn from_word(word: u32) -> Option<SectionKind> {
-        SectionKind::ALL.into_iter().chain([SectionKind::Upper]).find(|kind| *kind as u32 == word)
+        SectionKind::ALL
+            .into_iter()
+            .chain([SectionKind::Upper, SectionKind::Lower])
+            .find(|kind| *kind as u32 == word)
     }
 
     /// The name for messages.
@@ -138,6 +154,7 @@ impl SectionKind {
             SectionKind::Materials => "materials",
             SectionKind::Emitters => "emitters",
             SectionKind::Upper => "upper octree",
+            SectionKind::Lower => "lower octrees",
         }
     }
 }
@@ -192,7 +209,7 @@ pub struct Superblock {
     pub rejected_degenerate: u64,
     /// Triangles left out: a coordinate is no finite number.
     pub rejected_non_finite: u64,
-    /// Frame bytes in use, summed over pages.
+    /// Frame bytes in use, summed over the pages of the mesh.
     pub resident_bytes: u64,
     /// Bytes of in-page nodes, on disk before packing.
     pub page_tree_bytes: u64,
@@ -209,7 +226,7 @@ impl Superblock {
         w.0.extend_from_slice(&MAGIC);
         w.u32(VERSION);
         w.u32(FRAME_BYTES as u32);
-        w.u64(REQUIRED_FEATURES);
+        w.u64(if self.has_lower() { FEATURE_LOWER } else { 0 });
         w.u64(0); // optional features
         w.u64(self.file_bytes);
         w.u64(self.file_id);
@@ -316,6 +333,10 @@ impl Superblock {
             *section =
                 Section { kind: r.u32(), count: r.u32(), offset: r.u64(), bytes: r.u64(), hash: r.u64() };
         }
+        if block.has_lower() != (required & FEATURE_LOWER != 0) {
+            return Err(damaged("the superblock's features are not those of its sections", path)
+                .numbers(format!("features {required:x}")));
+        }
         block.check(path)?;
         Ok(block)
     }
@@ -323,6 +344,10 @@ impl Superblock {
     /// The section of `kind`, if the file has it.
     pub fn find_section(&self, kind: SectionKind) -> Option<Section> {
         self.sections.iter().find(|s| s.kind == kind as u32).copied()
+    }
+
+    fn has_lower(&self) -> bool {
+        self.find_section(SectionKind::Lower).is_some()
     }
 
     /// The section of `kind`, one of [`SectionKind::ALL`].
@@ -381,8 +406,9 @@ impl PageEntry {
             1 => Packing::Lz4,
             _ => return None,
         };
-        let sound = kind & 0xff == PageKind::Mesh as u32
-            && reserved == 0
+        let page_kind = PageKind::of(kind & 0xff)?;
+        let sound = reserved == 0
+            && (page_kind == PageKind::Mesh || triangle_count == 0)
             && (1..=STORED_BYTES as u32).contains(&stored_bytes)
             && (1..=FRAME_BYTES as u32).contains(&unpacked_bytes);
         sound.then_some(PageEntry {
@@ -392,7 +418,7 @@ impl PageEntry {
             unpacked_bytes,
             first_triangle,
             triangle_count,
-            kind: PageKind::Mesh,
+            kind: page_kind,
             packing,
         })
     }
@@ -420,6 +446,14 @@ fn section_seed(file_id: u64, kind: u32) -> u64 {
 /// How far lattice coordinates are shifted in node origins, so that they fit 31 bits.
 pub fn node_shift(lattice_bits: u32) -> u32 {
     lattice_bits.saturating_sub(30)
+}
+
+/// The error of a model that needs more than [`PAGES`].
+pub(crate) fn too_many_pages() -> Error {
+    Error::new(Code::InputRange, "the model needs more pages than a trex file can have")
+        .at_place("the input")
+        .numbers(format!("at most {PAGES}"))
+        .next("cut the input in parts and build each")
 }
 
 fn damaged(what: &str, path: &Path) -> Error {

@@ -4,12 +4,14 @@
 //! Invariants: 1. damage is an answer, not an error; 2. memory does not grow with the file: the list of damage
 //! is bounded, its count is not.
 
+mod voxels;
+
 use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Error, Result};
-use crate::file::{PageFile, open_regular, read_superblock, table_bytes, upper_size};
+use crate::file::{PageFile, lower_size, open_regular, read_superblock, table_bytes, upper_size};
 use crate::geom::Aabb;
-use crate::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
+use crate::layout::{FRAME_BYTES, PageKind, SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
@@ -72,7 +74,10 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
     let opened = open_regular(path)?;
     let tables_bytes = read_superblock(&opened, path).map_or(0, |block| {
         let upper = upper_size(&opened, &block, path).ok().flatten();
-        table_bytes(&block) + upper.map_or(0, |size| size.resident_bytes + size.reading_bytes)
+        let lower = lower_size(&opened, &block, path).ok().flatten();
+        table_bytes(&block)
+            + upper.map_or(0, |size| size.resident_bytes + size.reading_bytes)
+            + lower.map_or(0, |size| size.resident_bytes + size.reading_bytes)
     });
     let mut lease = budget.lease("the tables of the file and a frame", frame_bytes + tables_bytes)?;
     lease.shrink_to(frame_bytes);
@@ -90,6 +95,7 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
     let total = file.superblock().file_bytes;
     for (page, entry) in (0..).zip(file.pages()) {
         match file.read_page(page, &mut frame, &mut buffers) {
+            Ok(()) if entry.kind == PageKind::Units => {}
             Ok(()) if FrameView::new(&frame).triangle_count() == entry.triangle_count as usize => {
                 verdict.triangle_count += u64::from(entry.triangle_count);
             }
@@ -105,14 +111,7 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
             report(verdict.bytes_read, total)?;
         }
     }
-    if let Err(error) = file.upper(budget) {
-        if error.code() != Code::Damaged {
-            return Err(error);
-        }
-        let section = file.superblock().find_section(SectionKind::Upper).expect("it could not be read");
-        let (what, bounds) = (error.what().to_owned(), None);
-        verdict.add(Damage { what, page: None, offset: section.offset, bytes: section.bytes, bounds });
-    }
+    voxels::check(&file, budget, &mut verdict)?;
     verdict.bytes_read = total;
     report(total, total)?;
     Ok(verdict)
@@ -134,15 +133,16 @@ impl Verdict {
             page: Some(page),
             offset: entry.offset,
             bytes: u64::from(entry.stored_bytes),
-            bounds: Some(boxes[page as usize]),
+            bounds: boxes.get(page as usize).copied(),
         });
     }
 }
 
-/// Box of each page, from the top tree (8-bit boxes: a little larger than the triangles).
+/// Box of each page of the mesh, from the top tree (8-bit boxes: a little larger than the triangles).
 pub fn page_boxes(file: &PageFile) -> Vec<Aabb> {
     let block = file.superblock();
-    let mut boxes = vec![Aabb::EMPTY; file.pages().len()];
+    let mesh_count = file.pages().partition_point(|entry| entry.kind == PageKind::Mesh);
+    let mut boxes = vec![Aabb::EMPTY; mesh_count];
     if let TopRef::Page { page, .. } = TopRef::from_word(block.root) {
         boxes[page as usize] = block.bounds;
     }

@@ -4,7 +4,7 @@
 use crate::command::{document_in, folder, listing, pixels, run_in};
 use serde_json::Value;
 use std::path::Path;
-use trex_store::layout::SectionKind;
+use trex_store::layout::{PageKind, SectionKind};
 use trex_store::verify::page_boxes;
 use trex_store::{Budget, PageFile};
 
@@ -181,6 +181,61 @@ fn a_damaged_octree_is_refused_by_those_who_read_it() {
         let drawn = document_in(victim.folder(), &picture("bad.trex", "direct"));
         assert_eq!(drawn["image"]["mean"], whole["image"]["mean"], "byte {at}");
         assert_eq!(drawn["exact"], true, "byte {at}");
+    }
+}
+
+/// A damaged page of units is named with its box; rays go on in the octree above it, and the picture says so.
+#[test]
+fn damaged_units_fall_back_to_the_upper_octree() {
+    let victim = Victim::build("gen:pipes:20k --voxels 64/256");
+    let (pages, bounds) = (victim.file.pages(), victim.file.superblock().bounds);
+    let units: Vec<usize> = (0..pages.len()).filter(|&page| pages[page].kind == PageKind::Units).collect();
+    let picture = |file: &str, integrator: &str| {
+        format!(
+            "render {file} -o out.png --overwrite --resolution 32x32 --spp 2 --photons 1k --integrator {integrator}"
+        )
+    };
+    victim.flip(&[pages[units[1]].offset + 9]);
+    let damage = &victim.damage()["damage"][0];
+    assert_eq!(damage["page"], units[1], "{damage}");
+    for axis in 0..3 {
+        let [lo, hi] = ["lo", "hi"].map(|end| damage["bounds"][end][axis].as_f64().unwrap());
+        assert!(lo < hi && hi >= bounds.lo[axis] && lo <= bounds.hi[axis], "{damage}");
+    }
+    // All of them: what is left is the upper octree.
+    victim.flip(&units.iter().map(|&page| pages[page].offset + 9).collect::<Vec<_>>());
+    assert_eq!(victim.damage()["damage_count"], units.len());
+    for integrator in ["photon", "ao", "debug-lower"] {
+        let drawn = document_in(victim.folder(), &picture("bad.trex", integrator));
+        assert_eq!(drawn["exact"], false, "{integrator}");
+        let named = drawn["damaged_pages"].as_array().unwrap();
+        assert!(named.iter().all(|page| units.iter().any(|unit| page == unit)), "{named:?}");
+    }
+    let [lower, upper] =
+        [("bad.trex", "debug-lower"), ("whole.trex", "debug-upper")].map(|(file, integrator)| {
+            let drawn = document_in(victim.folder(), &picture(file, integrator));
+            drawn["image"]["mean"][0].as_f64().unwrap()
+        });
+    // Rays go by other cells: those that graze an edge may part.
+    assert!((lower / upper - 1.0).abs() < 2e-3, "{lower}, not {upper}");
+    let [bad, whole] = ["bad.trex", "whole.trex"]
+        .map(|file| document_in(victim.folder(), &picture(file, "direct"))["image"]["mean"].clone());
+    assert_eq!(bad, whole);
+}
+
+/// The links are read by those who use them, as the octree is.
+#[test]
+fn damaged_links_are_refused_by_those_who_read_them() {
+    let victim = Victim::build("gen:pipes:20k --voxels 64/256");
+    let section = victim.file.superblock().find_section(SectionKind::Lower).unwrap();
+    for at in [0, 4, 12, section.bytes - 1] {
+        victim.flip(&[section.offset + at]);
+        let damage = &victim.damage()["damage"][0];
+        assert!(damage["what"].as_str().unwrap().contains("lower octrees"), "byte {at}: {damage}");
+        let line = "render bad.trex -o out.png --overwrite --resolution 8x8 --spp 1";
+        let ran = run_in(victim.folder(), &format!("{line} --integrator ao --json -q"));
+        assert!(ran.expect_error(3, "damaged")["what"].as_str().unwrap().contains("lower octrees"));
+        assert_eq!(document_in(victim.folder(), line)["exact"], true, "byte {at}");
     }
 }
 

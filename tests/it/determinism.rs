@@ -30,6 +30,14 @@ fn generated_models_give_the_same_bytes() {
 }
 
 #[test]
+fn units_are_the_same_bytes() {
+    let inside = folder();
+    for input in ["gen:isosurface:100k:2 --voxels 64/256", "gen:scan:10k:2 --voxels 64/1024"] {
+        check(inside.path(), input, "96MiB");
+    }
+}
+
+#[test]
 fn files_give_the_same_bytes() {
     let inside = folder();
     document_in(inside.path(), "gen isosurface --triangles 300k -o iso.ply");

@@ -1,7 +1,9 @@
 //! A reader of page files written from `docs/format.md` alone, compared with the store's. It shares no code with it: only
-//! the LZ4 and XXH3 of the crates that the page names. The upper octree is read in `format_octree.rs`.
+//! the LZ4 and XXH3 of the crates that the page names. The upper octree is read in `format_octree.rs`, units in
+//! `format_units.rs`.
 
 use crate::support::{Built, build_spec};
+use std::collections::BTreeMap;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
 /// Numbers from a place on.
@@ -43,6 +45,10 @@ pub(crate) struct Model<'a> {
     pub(crate) material_count: u64,
     /// Item count and bytes of section 5.
     pub(crate) upper: Option<(u64, &'a [u8])>,
+    /// The same of section 6.
+    pub(crate) lower: Option<(u64, &'a [u8])>,
+    /// Pages of units, unpacked, by number.
+    pub(crate) units: BTreeMap<u64, Vec<u8>>,
 }
 
 pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
@@ -64,7 +70,8 @@ pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     };
     let origin: [f64; 3] = std::array::from_fn(|a| f64::from_bits(number_at(head, 48 + 8 * a, 8)));
     let step = 2f64.powi(number_at(head, 72, 4) as i32);
-    let mut triangles = Vec::new();
+    assert_eq!(number_at(head, 16, 8), u64::from(section(6).is_some()), "required features");
+    let (mut triangles, mut units) = (Vec::new(), BTreeMap::new());
     for (page, entry) in section(1).unwrap().2.chunks(40).enumerate() {
         let [offset, hash] = [0, 8].map(|at| number_at(entry, at, 8));
         let [stored, unpacked, first, count, kind] = [16, 20, 24, 28, 32].map(|at| number_at(entry, at, 4));
@@ -73,18 +80,24 @@ pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
         let stored = &bytes[offset as usize..end as usize];
         let seed = file_id ^ (page as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         assert_eq!(hash, xxh3_64_with_seed(stored, seed));
-        let content = match kind {
+        let content = match kind & !1 {
             0 => stored.to_vec(),
             0x100 => lz4_flex::block::decompress(stored, unpacked as usize).unwrap(),
             _ => panic!("kind and packing {kind:x}"),
         };
         assert_eq!(content.len() as u64, unpacked);
-        triangles.extend(read_page(&content));
+        if kind & 1 == 0 {
+            assert!(units.is_empty(), "a page of the mesh behind one of units");
+            triangles.extend(read_page(&content));
+        } else {
+            units.insert(page as u64, content);
+        }
         assert_eq!(triangles.len() as u64, first + count);
     }
-    for kind in 1..=5 {
+    assert_eq!(units.is_empty(), section(6).is_none());
+    for kind in 1..=6 {
         let Some((_, offset, content)) = section(kind) else {
-            assert_eq!(kind, 5, "a section is missing");
+            assert!(kind >= 5, "a section is missing");
             continue;
         };
         assert_eq!(offset as u64, end, "a gap before section {kind}");
@@ -99,6 +112,8 @@ pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
         triangles,
         material_count: section(3).unwrap().0,
         upper: section(5).map(|(count, _, content)| (count, content)),
+        lower: section(6).map(|(count, _, content)| (count, content)),
+        units,
     }
 }
 

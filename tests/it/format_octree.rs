@@ -4,10 +4,12 @@
 //! Coordinates of the oracle are half lattice steps from the cube's corner: sides of voxels are even, vertices odd.
 
 use crate::format::{Model, Reader, read};
+use crate::format_units;
 use crate::support::{Built, build_options, build_source, source};
 use std::collections::BTreeMap;
 use trex_store::Budget;
 use trex_store::build::{BuildOptions, Voxels};
+use trex_store::octree::Refinement;
 
 const BLOCK_BYTES: usize = 65536;
 /// Bytes of a word of each stream: masks, bitmaps, normals, areas, materials.
@@ -74,7 +76,7 @@ impl Upper {
     }
 
     /// Places of the leaves in their order, from the root down.
-    fn places(&self) -> Vec<[i64; 3]> {
+    pub(crate) fn places(&self) -> Vec<[i64; 3]> {
         let levels = match self.resolution {
             64 => 3,
             256 => 4,
@@ -144,7 +146,7 @@ type Triangle = [[i64; 3]; 3];
 
 /// What the triangles leave in a leaf. Areas in squares of its side.
 #[derive(Default)]
-struct Touched {
+pub(crate) struct Touched {
     bitmap: u64,
     /// Per material.
     areas: BTreeMap<u64, f64>,
@@ -166,22 +168,41 @@ fn touched(
         let (lo, hi) = ends(&triangle);
         for at in cells(lo.map(|v| v / leaf_side), hi.map(|v| v / leaf_side)).filter(|&at| is_asked(at)) {
             let origin = at.map(|v| v * leaf_side);
-            if !overlap(&triangle, origin, leaf_side) {
-                continue;
+            if overlap(&triangle, origin, leaf_side) {
+                leaves.entry(at).or_default().add(&triangle, *material, (origin, side));
             }
-            let leaf = leaves.entry(at).or_default();
-            for step in cells([0; 3], [3; 3]) {
-                let corner = [0, 1, 2].map(|a| origin[a] + step[a] * side);
-                let is_set = overlap(&triangle, corner, side);
-                leaf.bitmap |= u64::from(is_set) << (step[0] + 4 * step[1] + 16 * step[2]);
-            }
-            // Half of the cross product: as long as the area, as the triangle looks.
-            let inside = cut(&triangle, origin, leaf_side).map(|v| v / (leaf_side as f64).powi(2));
-            *leaf.areas.entry(*material).or_default() += length(inside);
-            (0..3).for_each(|a| leaf.normal[a] += inside[a]);
         }
     }
     leaves
+}
+
+/// What the triangles leave in the leaf at one place; nothing where they do not touch it.
+pub(crate) fn touched_at(model: &Model<'_>, upper: &Upper, at: [i64; 3]) -> Touched {
+    let side = 2 * upper.subvoxel_steps as i64;
+    let origin = at.map(|v| v * 4 * side);
+    let mut leaf = Touched::default();
+    for (corners, material) in &model.triangles {
+        let triangle = corners.map(|q| [0, 1, 2].map(|a| 2 * (q[a] as i64 - upper.lo[a] as i64) + 1));
+        if overlap(&triangle, origin, 4 * side) {
+            leaf.add(&triangle, *material, (origin, side));
+        }
+    }
+    leaf
+}
+
+impl Touched {
+    /// A triangle that touches the leaf whose least corner is `origin`, of subvoxels of `side`.
+    fn add(&mut self, triangle: &Triangle, material: u64, (origin, side): ([i64; 3], i64)) {
+        for step in cells([0; 3], [3; 3]) {
+            let corner = [0, 1, 2].map(|a| origin[a] + step[a] * side);
+            let is_set = overlap(triangle, corner, side);
+            self.bitmap |= u64::from(is_set) << (step[0] + 4 * step[1] + 16 * step[2]);
+        }
+        // Half of the cross product: as long as the area, as the triangle looks.
+        let inside = cut(triangle, origin, 4 * side).map(|v| v / ((4 * side) as f64).powi(2));
+        *self.areas.entry(material).or_default() += length(inside);
+        (0..3).for_each(|a| self.normal[a] += inside[a]);
+    }
 }
 
 fn cells(first: [i64; 3], last: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
@@ -281,8 +302,10 @@ fn length(v: [f64; 3]) -> f64 {
 }
 
 /// Builds `spec`, reads the octree of the file and compares one of `every` leaves with the triangles, all with the store.
-fn check(spec: &str, resolution: u32, every: i64) {
-    let options = BuildOptions { voxels: Voxels::Resolution(resolution), ..build_options() };
+pub(crate) fn check(spec: &str, (resolution, factor): (u32, u32), every: i64) {
+    let refinement = Refinement::of(factor).unwrap();
+    let options =
+        BuildOptions { voxels: Voxels::Refined { upper: resolution, refinement }, ..build_options() };
     let built = build_source(&mut *source(spec), &options);
     let bytes = std::fs::read(built.file.path()).unwrap();
     let model = read(&bytes);
@@ -292,7 +315,8 @@ fn check(spec: &str, resolution: u32, every: i64) {
     assert_eq!((upper.resolution, upper.leaf_count), (u64::from(resolution), item_count), "{spec}");
     let [lo, hi] = model.lattice_box;
     let points = (0..3).map(|a| hi[a] - lo[a] + 1).max().unwrap();
-    assert_eq!((upper.lo, upper.subvoxel_steps), (lo, points.div_ceil(4 * upper.resolution)), "{spec}");
+    let steps = points.div_ceil(4 * upper.resolution).next_multiple_of(u64::from(factor));
+    assert_eq!((upper.lo, upper.subvoxel_steps), (lo, steps), "{spec}");
 
     let places = upper.places();
     let is_asked = |at: [i64; 3]| (at[0] * 7919 + at[1] * 104_729 + at[2] * 1_299_709) % every == 0;
@@ -300,7 +324,9 @@ fn check(spec: &str, resolution: u32, every: i64) {
     for (leaf, at) in places.iter().enumerate().filter(|(_, at)| is_asked(**at)) {
         let found = upper.streams.each_ref().map(|words| words.get(leaf).copied().unwrap_or(0));
         let truth = expected.remove(at).unwrap_or_else(|| panic!("{spec}: no triangle is in leaf {at:?}"));
-        check_leaf(&format!("{spec}, leaf {at:?}"), &model, found, &truth);
+        let leaf = format!("{spec}, leaf {at:?}");
+        check_area(&leaf, found[3], &truth);
+        check_leaf(&leaf, &model, [found[1], found[2], found[4]], &truth);
     }
     assert!(
         expected.is_empty(),
@@ -310,6 +336,7 @@ fn check(spec: &str, resolution: u32, every: i64) {
     );
 
     check_store(spec, &built, &upper, &facet_areas(&upper, &places));
+    format_units::check(spec, (&built, &model), &upper, every);
 }
 
 /// What the store has read of the same bytes.
@@ -334,18 +361,23 @@ fn check_store(spec: &str, built: &Built, upper: &Upper, facets: &[f64]) {
     }
 }
 
-/// One leaf: its words of all streams (the first is none of its own) and what the triangles say.
-fn check_leaf(
+/// The area of a leaf and what the triangles say.
+fn check_area(leaf: &str, word: u64, truth: &Touched) {
+    // Four bits behind the point: at most a 32nd of it off. The sums are kept in f32.
+    let covered: f64 = truth.areas.values().sum();
+    let (found, wanted) = (area(word), covered.clamp(area(0), area(255)));
+    assert!((found / wanted - 1.0).abs() < 1.0 / 32.0 + 1e-4, "{leaf}: area {found}, not {wanted}");
+}
+
+/// One leaf, its bitmap, normal and material, and what the triangles say.
+pub(crate) fn check_leaf(
     leaf: &str,
     model: &Model<'_>,
-    [_, bitmap, normal, area_word, material]: [u64; 5],
+    [bitmap, normal, material]: [u64; 3],
     truth: &Touched,
 ) {
     assert_eq!(bitmap, truth.bitmap, "{leaf}: {bitmap:016x}, not {:016x}", truth.bitmap);
-    // Four bits behind the point: at most a 32nd of it off. The sums are kept in f32.
     let covered: f64 = truth.areas.values().sum();
-    let (found, wanted) = (area(area_word), covered.clamp(area(0), area(255)));
-    assert!((found / wanted - 1.0).abs() < 1.0 / 32.0 + 1e-4, "{leaf}: area {found}, not {wanted}");
     let most = truth.areas.values().fold(0f64, |most, &area| most.max(area));
     let own =
         truth.areas.get(&material).unwrap_or_else(|| panic!("{leaf}: material {material} is not in it"));
@@ -370,15 +402,23 @@ fn check_leaf(
 #[test]
 fn octrees_hold_what_the_triangles_touch() {
     // Smooth; plates and bolts of many materials; slivers and needles far from the origin.
-    check("gen:isosurface:10k:3", 64, 1);
-    check("gen:pipes:10k:3", 64, 1);
-    check("gen:soup:10k:3", 64, 10);
+    check("gen:isosurface:10k:3", (64, 1), 1);
+    check("gen:pipes:10k:3", (64, 1), 1);
+    check("gen:soup:10k:3", (64, 1), 10);
 }
 
 #[test]
 fn octrees_of_all_depths_hold_what_the_triangles_touch() {
-    check("gen:pipes:20k:3", 256, 50);
+    check("gen:pipes:20k:3", (256, 1), 50);
     // One octant of the cube of 1024.
-    check("gen:scan:10k:3", 512, 400);
-    check("gen:scan:10k:3", 1024, 2000);
+    check("gen:scan:10k:3", (512, 1), 400);
+    check("gen:scan:10k:3", (1024, 1), 2000);
+}
+
+#[test]
+fn units_hold_what_the_triangles_touch() {
+    check("gen:isosurface:10k:3", (64, 4), 500);
+    check("gen:pipes:10k:3", (64, 4), 500);
+    // Units that nest.
+    check("gen:scan:10k:3", (64, 16), 20_000);
 }

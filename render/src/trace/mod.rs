@@ -10,10 +10,12 @@ mod pages;
 mod pooled;
 mod ray;
 mod scalar;
+mod unit_pages;
 
 pub use paged::{Arithmetic, PagedMesh};
 pub use pages::{AllResident, Page, Pages};
 pub use pooled::{PooledPages, tracers};
+pub(crate) use unit_pages::UnitPages;
 
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
 #[derive(Clone, Copy, Debug)]
@@ -61,4 +63,10 @@ pub trait Tracer {
 
     /// Whether anything is hit.
     fn occluded(&mut self, ray: &Ray) -> Answer<bool>;
+
+    /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer without
+    /// pages has none.
+    fn unit_page(&mut self, _page: u32) -> Page<'_> {
+        Page::Damaged
+    }
 }

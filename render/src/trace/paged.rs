@@ -8,7 +8,7 @@
 //! with the number of rays that it blocked.
 
 use super::bvh::{Goal, Missing, Scene, Stack, trace};
-use super::pages::Pages;
+use super::pages::{Page, Pages};
 use super::ray::{Frame, LatticeRay, normal};
 use super::scalar::Scalar;
 use super::{Answer, Hit, Ray, Tracer};
@@ -122,10 +122,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
 
     fn note(&mut self, missing: &Missing, before: f64) {
         for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
-            match self.wanted.iter_mut().find(|(wanted, _)| *wanted == page) {
-                Some((_, rays)) => *rays += 1,
-                None => self.wanted.push((page, 1)),
-            }
+            want(&mut self.wanted, page);
         }
     }
 
@@ -149,7 +146,24 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     }
 }
 
+/// One ray more that a page blocks.
+fn want(wanted: &mut Vec<(u32, u32)>, page: u32) {
+    match wanted.iter_mut().find(|(wanted, _)| *wanted == page) {
+        Some((_, rays)) => *rays += 1,
+        None => wanted.push((page, 1)),
+    }
+}
+
 impl<P: Pages> Tracer for PagedMesh<'_, P> {
+    #[inline]
+    fn unit_page(&mut self, page: u32) -> Page<'_> {
+        let found = self.pages.page(page);
+        if matches!(found, Page::Missing) {
+            want(&mut self.wanted, page);
+        }
+        found
+    }
+
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         let Some(local) = self.scene.frame.enter(ray) else { return Answer::Exact(None) };
         let mut missing = Missing::none();

@@ -5,14 +5,17 @@
 //! exact   surface --mesh for some leaves' length--> voxels          (`--near exact`: no boxes in corners; Fig. 8)
 //! ```
 //!
-//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. nothing here reads pages.
+//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are units, rays wait
+//! for those that they need; light is kept by the facets of the upper leaves above them.
 
+use super::lower::LowerScene;
 use super::map::Irradiance;
 use super::photons::LeafHit;
 use super::traverse::{GRay, VoxelHit, VoxelScene};
 use crate::material::bsdf_of_all;
 use crate::math::{add_rgb, along, dot, length, max_rgb, mul_rgb, reflect, sub, unit};
 use crate::surface::Surface;
+use crate::trace::{Answer, Tracer, UnitPages};
 use trex_store::Material;
 
 /// Length of the part of a ray that `near = exact` takes from the mesh, in leaves.
@@ -37,6 +40,8 @@ pub enum Near {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GScene<'a> {
     pub(crate) voxels: VoxelScene<'a>,
+    /// The same with units, for rays that may ask for them.
+    pub(crate) lower: Option<LowerScene<'a>>,
     pub(crate) irradiance: Irradiance<'a>,
     pub(crate) near: Near,
 }
@@ -52,9 +57,22 @@ pub(crate) struct Gathered {
 impl<'a> GScene<'a> {
     /// Length of the part of a ray from `surface` in unit `direction` that the mesh answers; `None` for none.
     pub(crate) fn near_length(&self, surface: &Surface, direction: [f64; 3]) -> Option<f64> {
-        let leaf = self.voxels.leaf_side();
-        let clear = self.voxels.clearance(surface.normal) / dot(surface.normal, direction).max(1e-9);
+        let leaf = self.lower.map_or(self.voxels.leaf_side(), |lower| lower.leaf_side());
+        let clear = self.clearance(surface.normal) / dot(surface.normal, direction).max(1e-9);
         (self.near == Near::Exact).then(|| clear.clamp(NEAR_LEAVES * leaf, NEAR_LEAVES_MAX * leaf))
+    }
+
+    /// How far off a surface rays start and end.
+    fn clearance(&self, normal: [f64; 3]) -> f64 {
+        self.lower.map_or(self.voxels.clearance(normal), |lower| lower.clearance(normal))
+    }
+
+    /// Whether `ray` meets anything.
+    pub(crate) fn occluded<T: Tracer>(&self, ray: &GRay, tracer: &mut T) -> Answer<bool> {
+        match &self.lower {
+            Some(lower) => lower.occluded(ray, &mut UnitPages(tracer)),
+            None => Answer::Exact(self.voxels.occluded(ray)),
+        }
     }
 
     /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it leaves
@@ -66,7 +84,7 @@ impl<'a> GScene<'a> {
         distance: f64,
         front: Option<[f64; 3]>,
     ) -> Option<GRay> {
-        let clearance = self.voxels.clearance(surface.normal);
+        let clearance = self.clearance(surface.normal);
         let near = self.near_length(surface, direction).unwrap_or(0.0);
         if distance <= near {
             return None;
@@ -79,7 +97,7 @@ impl<'a> GScene<'a> {
         }
         let mut end = along(surface.point, distance, direction);
         if let Some(front) = front {
-            end = along(end, self.voxels.clearance(front), front);
+            end = along(end, self.clearance(front), front);
         }
         let way = sub(end, origin);
         if dot(way, direction) <= 0.0 {
@@ -88,7 +106,7 @@ impl<'a> GScene<'a> {
         Some(GRay { origin, direction: unit(way)?, t_max: length(way) })
     }
 
-    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky.
+    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In the upper octree alone.
     pub(crate) fn gather(&self, ray: GRay, materials: &'a [Material], sky: [f32; 3]) -> Gathered {
         self.gather_from((ray, self.voxels.intersect(&ray)), materials, sky)
     }
@@ -96,15 +114,49 @@ impl<'a> GScene<'a> {
     /// The same, when the first voxel that `ray` meets is known.
     pub(crate) fn gather_from(
         &self,
-        (mut ray, mut found): (GRay, Option<VoxelHit>),
+        (ray, found): (GRay, Option<VoxelHit>),
         materials: &'a [Material],
         sky: [f32; 3],
     ) -> Gathered {
+        let mut first = Some(found);
+        let meet = |ray: &GRay| {
+            let found = first.take().unwrap_or_else(|| self.voxels.intersect(ray));
+            Answer::Exact(found.map(|found| self.voxels.leaf_hit(ray, &found, materials)))
+        };
+        match self.collect(ray, sky, meet) {
+            Answer::Exact(gathered) => gathered,
+            Answer::Blocked => unreachable!("the upper octree is resident"),
+        }
+    }
+
+    /// The same through units, where there are any.
+    pub(crate) fn gather_finest<T: Tracer>(
+        &self,
+        ray: GRay,
+        (materials, sky): (&'a [Material], [f32; 3]),
+        tracer: &mut T,
+    ) -> Answer<Gathered> {
+        match &self.lower {
+            Some(lower) => {
+                self.collect(ray, sky, |ray| lower.leaf_hit(ray, materials, &mut UnitPages(tracer)))
+            }
+            None => Answer::Exact(self.gather(ray, materials, sky)),
+        }
+    }
+
+    /// The light that leaves the leaves which `meet` gives.
+    fn collect(
+        &self,
+        mut ray: GRay,
+        sky: [f32; 3],
+        mut meet: impl FnMut(&GRay) -> Answer<Option<LeafHit<'a>>>,
+    ) -> Answer<Gathered> {
         let (mut radiance, mut throughput) = ([0.0; 3], [1.0; 3]);
         let mut rays = 0;
         while rays <= u64::from(MIRRORS_MAX) {
+            let Answer::Exact(found) = meet(&ray) else { return Answer::Blocked };
             rays += 1;
-            let Some(hit) = found.map(|found| self.voxels.leaf_hit(&ray, &found, materials)) else {
+            let Some(hit) = found else {
                 radiance = add_rgb(radiance, mul_rgb(throughput, sky));
                 break;
             };
@@ -116,10 +168,13 @@ impl<'a> GScene<'a> {
             if max_rgb(throughput) == 0.0 {
                 break;
             }
-            ray = self.voxels.ray_from_leaf(&hit, reflect(ray.direction, hit.normal));
-            found = self.voxels.intersect(&ray);
+            let direction = reflect(ray.direction, hit.normal);
+            ray = match &self.lower {
+                Some(lower) => lower.ray_from_leaf(&hit, direction),
+                None => self.voxels.ray_from_leaf(&hit, direction),
+            };
         }
-        Gathered { radiance, rays }
+        Answer::Exact(Gathered { radiance, rays })
     }
 
     /// What leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.

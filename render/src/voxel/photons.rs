@@ -20,6 +20,7 @@ use crate::sampler::Sampler;
 use crate::world::World;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
+use trex_store::octree::LeafVoxel;
 use trex_store::{Aabb, Budget, Material, Result};
 
 /// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
@@ -48,7 +49,17 @@ pub(crate) struct PhotonWorld<'a> {
 impl<'a> VoxelScene<'a> {
     /// The surface in the leaf that `ray` has met.
     pub(super) fn leaf_hit(&self, ray: &GRay, hit: &VoxelHit, materials: &'a [Material]) -> LeafHit<'a> {
-        let voxel = self.octree().leaf(hit.leaf as usize);
+        self.surface_of(&self.octree().leaf(hit.leaf as usize), ray, hit, materials)
+    }
+
+    /// The surface in `voxel`, which `ray` has met, and which is `hit.leaf` or in it.
+    pub(super) fn surface_of(
+        &self,
+        voxel: &LeafVoxel,
+        ray: &GRay,
+        hit: &VoxelHit,
+        materials: &'a [Material],
+    ) -> LeafHit<'a> {
         let normal = to_f64(voxel.normal);
         let facing = dot(normal, ray.direction);
         let normal = if facing == 0.0 { scale(-1.0, ray.direction) } else { scale(-facing.signum(), normal) };

@@ -65,6 +65,16 @@ pub struct VoxelScene<'a> {
     occluders: Occluders,
 }
 
+/// The cube of an octree in model space, in cells of some level.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cube {
+    pub(super) corner: [f64; 3],
+    /// Side of a cell, model units.
+    pub(super) cell: f64,
+    /// Levels of nodes and leaves above the cells.
+    pub(super) levels: u32,
+}
+
 /// Least component of a direction: one that would be 0 ends no cell before the cube's end, and divides.
 const STEEPEST: f32 = 1e-12;
 
@@ -96,10 +106,98 @@ pub(super) struct Found {
 }
 
 impl Entry {
+    /// Which child of a node whose children have `4^(shift / 2)` cells holds `cell`.
+    #[inline(always)]
+    pub(super) fn place(&self, cell: [u32; 3], shift: u32) -> u32 {
+        (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4) ^ self.flip
+    }
+
+    /// Of the child around `cell`, which is not there, the cells along an axis, less one; of the eighth of the node around it
+    /// when that is empty, too. `bits` is the node's mask.
+    #[inline(always)]
+    pub(super) fn within(&self, cell: [u32; 3], shift: u32, bits: u64) -> u32 {
+        let place = self.place(cell, shift);
+        let is_eighth_empty = bits & EIGHTH << (place & 0b10_1010) == 0;
+        (1u32 << (shift + u32::from(is_eighth_empty))) - 1
+    }
+
+    /// Out of the empty cube around a cell, `within + 1` cells along an axis: the next cell, and how many levels above the cells
+    /// the node is that holds both. `t` and `axis` go on to its face; `None` behind the ray's end.
+    #[inline(always)]
+    pub(super) fn leave(
+        &self,
+        (cell, within): ([u32; 3], u32),
+        t: &mut f32,
+        axis: &mut usize,
+    ) -> Option<([u32; 3], u32)> {
+        let end = cell.map(|c| (c | within) + 1);
+        let t_axis: [f32; 3] =
+            std::array::from_fn(|a| (end[a] as i32 as f32 - self.origin[a]) * self.inverse[a]);
+        *axis = usize::from(t_axis[1] < t_axis[0]);
+        *axis = if t_axis[2] < t_axis[*axis] { 2 } else { *axis };
+        *t = t.max(t_axis[*axis]);
+        if *t > self.t_max {
+            return None;
+        }
+        let next: [u32; 3] = std::array::from_fn(|a| {
+            let at = (self.origin[a] + *t * self.direction[a]) as i32 as u32;
+            if a == *axis { end[a] } else { at.max(cell[a]).min(end[a] - 1) }
+        });
+        let apart = (next[0] ^ cell[0]) | (next[1] ^ cell[1]) | (next[2] ^ cell[2]);
+        Some((next, (31 - apart.leading_zeros()) / 2))
+    }
+
     /// The subvoxel in which the walk begins; `last` is the last one along an axis.
     #[inline(always)]
     pub(super) fn first_cell(&self, last: u32) -> [u32; 3] {
         self.origin.map(|v| (v.max(0.0) as u32).min(last))
+    }
+}
+
+impl Cube {
+    /// Side of the cube, model units.
+    pub(super) fn side(&self) -> f64 {
+        self.cells() * self.cell
+    }
+
+    fn cells(&self) -> f64 {
+        f64::from(4u32.pow(self.levels))
+    }
+
+    /// `None` for a ray that passes the cube by, or whose numbers are not finite.
+    pub(super) fn enter(&self, ray: &GRay) -> Option<Entry> {
+        let side = self.cells();
+        let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
+        for a in 0..3 {
+            let at = ray.origin[a] - self.corner[a];
+            if ray.direction[a] == 0.0 {
+                if at < 0.0 || at >= side * self.cell {
+                    return None;
+                }
+                continue;
+            }
+            let (lo, hi) = (-at / ray.direction[a], (side * self.cell - at) / ray.direction[a]);
+            if lo.min(hi) > t_in {
+                (t_in, axis) = (lo.min(hi), a);
+            }
+            t_out = t_out.min(lo.max(hi));
+        }
+        if t_in > t_out {
+            return None;
+        }
+        // Mirrored so that it goes up along every axis: cell c is then cell `side - 1 - c`.
+        let t_max = ((t_out - t_in) / self.cell) as f32;
+        let mut entry =
+            Entry { origin: [0.0; 3], direction: [0.0; 3], inverse: [0.0; 3], t_max, flip: 0, axis, t_in };
+        for a in 0..3 {
+            let at = (ray.origin[a] + t_in * ray.direction[a] - self.corner[a]) / self.cell;
+            let is_down = ray.direction[a] < 0.0;
+            entry.flip |= if is_down { 3 << (2 * a) } else { 0 };
+            entry.origin[a] = if is_down { side - at } else { at } as f32;
+            entry.direction[a] = (ray.direction[a].abs() as f32).max(STEEPEST);
+            entry.inverse[a] = 1.0 / entry.direction[a];
+        }
+        entry.origin.iter().chain(&entry.direction).all(|v| v.is_finite()).then_some(entry)
     }
 }
 
@@ -152,6 +250,11 @@ impl<'a> VoxelScene<'a> {
         side * normal.iter().map(|n| n.abs()).sum::<f64>()
     }
 
+    /// The cube in subvoxels.
+    pub(super) fn cube(&self) -> Cube {
+        Cube { corner: self.corner, cell: self.subvoxel, levels: self.octree.grid().depth() as u32 + 1 }
+    }
+
     /// The first voxel that the ray meets.
     pub fn intersect(&self, ray: &GRay) -> Option<VoxelHit> {
         let entry = self.enter(ray)?;
@@ -160,38 +263,7 @@ impl<'a> VoxelScene<'a> {
 
     /// `None` for a ray that passes the cube by, or whose numbers are not finite.
     pub(super) fn enter(&self, ray: &GRay) -> Option<Entry> {
-        let side = f64::from(4u32.pow(self.octree.grid().depth() as u32 + 1));
-        let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
-        for a in 0..3 {
-            let at = ray.origin[a] - self.corner[a];
-            if ray.direction[a] == 0.0 {
-                if at < 0.0 || at >= side * self.subvoxel {
-                    return None;
-                }
-                continue;
-            }
-            let (lo, hi) = (-at / ray.direction[a], (side * self.subvoxel - at) / ray.direction[a]);
-            if lo.min(hi) > t_in {
-                (t_in, axis) = (lo.min(hi), a);
-            }
-            t_out = t_out.min(lo.max(hi));
-        }
-        if t_in > t_out {
-            return None;
-        }
-        // Mirrored so that it goes up along every axis: cell c is then cell `side - 1 - c`.
-        let t_max = ((t_out - t_in) / self.subvoxel) as f32;
-        let mut entry =
-            Entry { origin: [0.0; 3], direction: [0.0; 3], inverse: [0.0; 3], t_max, flip: 0, axis, t_in };
-        for a in 0..3 {
-            let at = (ray.origin[a] + t_in * ray.direction[a] - self.corner[a]) / self.subvoxel;
-            let is_down = ray.direction[a] < 0.0;
-            entry.flip |= if is_down { 3 << (2 * a) } else { 0 };
-            entry.origin[a] = if is_down { side - at } else { at } as f32;
-            entry.direction[a] = (ray.direction[a].abs() as f32).max(STEEPEST);
-            entry.inverse[a] = 1.0 / entry.direction[a];
-        }
-        entry.origin.iter().chain(&entry.direction).all(|v| v.is_finite()).then_some(entry)
+        self.cube().enter(ray)
     }
 
     /// What a walk found that began at `t_in`.
@@ -218,48 +290,28 @@ impl<'a> VoxelScene<'a> {
         let mut level = 0;
         loop {
             // Down to the leaf, or to a child that is missing. Children of a node of `level` have 4^(depth - level) cells.
-            let (shift, place, bits) = loop {
+            let (shift, bits) = loop {
                 let shift = 2 * (depth - level) as u32;
-                let place =
-                    (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4)
-                        ^ ray.flip;
+                let place = ray.place(cell, shift);
                 if level == depth {
                     let leaf = path[depth];
                     let bits = bitmaps[leaf as usize];
                     if self.occluders == Occluders::Off || bits >> place & 1 == 1 {
                         return Some(Found { t, node: path[depth - 1], leaf, axis });
                     }
-                    break (shift, place, bits);
+                    break (shift, bits);
                 }
                 let node = &nodes[path[level] as usize];
-                let Some(child) = node.child(place) else { break (shift, place, node.bits()) };
+                let Some(child) = node.child(place) else { break (shift, node.bits()) };
                 level += 1;
                 path[level] = child;
             };
-            // The eighth of the node around it may be empty, too.
-            let is_eighth_empty = bits & EIGHTH << (place & 0b10_1010) == 0;
-            let within = (1u32 << (shift + u32::from(is_eighth_empty))) - 1;
-            // Out of the empty cube.
-            let end = cell.map(|c| (c | within) + 1);
-            let t_axis: [f32; 3] =
-                std::array::from_fn(|a| (end[a] as i32 as f32 - ray.origin[a]) * ray.inverse[a]);
-            axis = usize::from(t_axis[1] < t_axis[0]);
-            axis = if t_axis[2] < t_axis[axis] { 2 } else { axis };
-            t = t.max(t_axis[axis]);
-            if t > ray.t_max {
-                return None;
-            }
-            let next: [u32; 3] = std::array::from_fn(|a| {
-                let at = (ray.origin[a] + t * ray.direction[a]) as i32 as u32;
-                if a == axis { end[a] } else { at.max(cell[a]).min(end[a] - 1) }
-            });
+            let (next, apart) = ray.leave((cell, ray.within(cell, shift, bits)), &mut t, &mut axis)?;
             if next[axis] > last {
                 return None;
             }
             // Up to the node that holds both.
-            let apart = (next[0] ^ cell[0]) | (next[1] ^ cell[1]) | (next[2] ^ cell[2]);
-            let above = (31 - apart.leading_zeros()) / 2;
-            level = level.min(depth - (above as usize).min(depth));
+            level = level.min(depth - (apart as usize).min(depth));
             cell = next;
         }
     }

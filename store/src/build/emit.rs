@@ -5,7 +5,7 @@
 
 use super::chunk::{Workspace, worker_bytes};
 use super::lattice::{Scan, Tell};
-use super::pages::{ChunkPages, PackContext, Wide, WideRef};
+use super::pages::{ChunkPages, PackContext, Wide, WideRef, packed};
 use super::partition::Partition;
 use super::publish::DraftFile;
 use super::sah::{Prim, split};
@@ -13,11 +13,11 @@ use super::scratch::LatticeTriangle;
 use super::voxels::VoxelWork;
 use super::{BuildOptions, BuildReport, Voxels};
 use crate::cluster::{LatticeBox, Node, TopRef};
-use crate::error::{Code, Error, Result};
+use crate::error::Result;
 use crate::geom::Aabb;
 use crate::layout::*;
 use crate::material::Material;
-use crate::octree::Voxelizer;
+use crate::octree::{Refinement, Voxelizer};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
@@ -65,15 +65,23 @@ pub(super) fn emit(
     })?;
     drop(lease);
     out.scratch_peak_bytes = writer.scratch_bytes;
-    writer.write_tables(&mut file, &materials_json, materials.len())?;
     let start = Instant::now();
-    if let Some(work) = voxels {
-        out.upper_resolution = work.grid.resolution;
-        let tell = |done| tell("voxels", "records", done, 0);
-        let (section, scratch_bytes) = work.finish(&mut file, writer.file_id, &options.budget, &tell)?;
-        out.scratch_peak_bytes = out.scratch_peak_bytes.max(scratch_bytes);
-        out.upper_leaf_count = u64::from(section.count);
-        writer.block.sections[SectionKind::ALL.len()] = section;
+    let merged = match voxels {
+        None => None,
+        Some(work) => {
+            (out.upper_resolution, out.finest_resolution) = (work.grid.resolution, work.finest().resolution);
+            let tell = |done| tell("voxels", "records", done, 0);
+            let pages = (writer.pages.len() as u32, materials.len());
+            let put = &mut |raw| writer.add_units(raw, &mut file);
+            Some(work.merge(pages, put, &options.budget, &tell)?)
+        }
+    };
+    writer.write_tables(&mut file, &materials_json, materials.len())?;
+    if let Some(merged) = merged {
+        out.scratch_peak_bytes = out.scratch_peak_bytes.max(merged.scratch_bytes);
+        out.lower_leaf_count = merged.lower_leaf_count();
+        let slots = &mut writer.block.sections[SectionKind::ALL.len()..];
+        out.upper_leaf_count = merged.write(&mut file, writer.file_id, slots)?;
     }
     out.phase_ms.voxels = start.elapsed().as_millis() as u64;
     writer.seal(&mut file, out)
@@ -107,7 +115,7 @@ fn in_order(
             let (sender, next, stop, written) = (sender.clone(), &next, &stop, &written);
             let work = move || {
                 let mut workspace = Workspace::default();
-                let mut voxelizer = voxels.map(|work| Voxelizer::new(work.grid, &work.runs));
+                let mut voxelizer = voxels.map(|work| Voxelizer::new(work.finest(), &work.runs));
                 loop {
                     let index = next.fetch_add(1, Ordering::Relaxed);
                     if index >= parted.chunks.len() || stop.load(Ordering::Relaxed) {
@@ -179,6 +187,9 @@ fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_json: &[u8]
     parted.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
     bytes.extend(VERSION.to_le_bytes());
     bytes.extend(voxels.map_or(0, |work| work.grid.resolution).to_le_bytes());
+    if let Some(work) = voxels.filter(|work| work.refinement != Refinement::None) {
+        bytes.extend(work.refinement.factor().to_le_bytes());
+    }
     xxh3_64(&bytes)
 }
 
@@ -225,10 +236,7 @@ impl Writer {
     fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
         let (first_page, first_node) = (self.pages.len() as u32, self.nodes.len() as u32);
         if self.pages.len() + chunk.pages.len() > PAGES as usize {
-            return Err(Error::new(Code::InputRange, "the model needs more pages than a trex file can have")
-                .at_place("the input")
-                .numbers(format!("at most {PAGES}"))
-                .next("cut the input in parts and build each"));
+            return Err(too_many_pages());
         }
         for page in chunk.pages {
             let (id, first_triangle) = (self.pages.len() as u32, self.block.triangle_count as u32);
@@ -266,6 +274,23 @@ impl Writer {
             self.nodes.push(Node::over(&children, self.node_shift));
         }
         self.roots.push((chunk.root.0, moved(chunk.root.1)));
+        Ok(())
+    }
+
+    /// Writes a page of units, given in its stored form before packing.
+    fn add_units(&mut self, raw: Vec<u8>, file: &mut DraftFile<'_>) -> Result<()> {
+        let (id, unpacked_bytes) = (self.pages.len() as u32, raw.len() as u32);
+        let (stored, packing) = packed(raw);
+        self.pages.push(PageEntry {
+            offset: file.append(&stored)?,
+            hash: page_hash(&stored, self.file_id, id),
+            stored_bytes: stored.len() as u32,
+            unpacked_bytes,
+            first_triangle: self.block.triangle_count as u32,
+            triangle_count: 0,
+            kind: PageKind::Units,
+            packing,
+        });
         Ok(())
     }
 

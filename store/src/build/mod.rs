@@ -7,7 +7,7 @@
 //! chunks      cells in Hilbert order, up to 2^17 triangles each
 //! clusters    per chunk: SAH tree, clusters of 128, 8-wide nodes, pages       (threads, in order)
 //! voxels      per chunk: records of the leaf voxels that its triangles touch; merged into the octree at the end
-//! emit        pages, page table, top tree, materials, emitters, octree, superblocks
+//! emit        pages, page table, top tree, materials, emitters, octree, links, superblocks
 //! publish     fsync, read back, rename, fsync the folder
 //! ```
 //!
@@ -31,7 +31,7 @@ pub use lattice::Scan;
 
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
-use crate::octree::Voxelizer;
+use crate::octree::{Refinement, Voxelizer};
 use crate::progress::{Interrupt, Progress, Report};
 use crate::source::{SourceStats, TriangleSource};
 use serde::Serialize;
@@ -63,13 +63,21 @@ pub enum Precision {
 pub enum Voxels {
     /// None: no global illumination from this file.
     None,
-    /// As fine as the model's own bytes and this much resident memory allow.
+    /// As fine as the model's own bytes and this much resident memory allow; finer leaves below these where all voxels
+    /// together still take fewer bytes than the mesh.
     Within {
         /// Most bytes of the resident octree, without light.
         upper_bytes: u64,
     },
     /// So many leaves along the longest side: 64, 256, 512 or 1024.
     Resolution(u32),
+    /// The same, with finer leaves below them that are read when they are asked for.
+    Refined {
+        /// Leaves of the resident octree along the longest side: 64, 256, 512 or 1024.
+        upper: u32,
+        /// How much finer the finest ones are.
+        refinement: Refinement,
+    },
 }
 
 impl Default for Voxels {
@@ -141,6 +149,10 @@ pub struct BuildReport {
     pub upper_resolution: u32,
     /// See `upper_resolution`.
     pub upper_leaf_count: u64,
+    /// The same of the finest leaves, and how many there are below the upper ones.
+    pub finest_resolution: u32,
+    /// See `finest_resolution`.
+    pub lower_leaf_count: u64,
     /// File id.
     pub file_id: String,
     /// Milliseconds per phase.

@@ -213,10 +213,8 @@ impl Packer<'_> {
             return;
         }
         let (raw, spent) = page.encode();
-        let packed = lz4_flex::block::compress(&raw);
-        let gains = packed.len() * 100 <= raw.len() * (100 - LZ4_GAIN_PERCENT);
         let unpacked_bytes = raw.len();
-        let (stored, packing) = if gains { (packed, Packing::Lz4) } else { (raw, Packing::Raw) };
+        let (stored, packing) = packed(raw);
         self.out.pages.push(PackedPage {
             stored,
             packing,
@@ -230,6 +228,13 @@ impl Packer<'_> {
             emitters: emitters_of(&page.clusters, self.context.emissive),
         });
     }
+}
+
+/// A page as it is stored.
+pub(super) fn packed(raw: Vec<u8>) -> (Vec<u8>, Packing) {
+    let packed = lz4_flex::block::compress(&raw);
+    let gains = packed.len() * 100 <= raw.len() * (100 - LZ4_GAIN_PERCENT);
+    if gains { (packed, Packing::Lz4) } else { (raw, Packing::Raw) }
 }
 
 fn emitters_of(clusters: &[ClusterMesh], emissive: &[bool]) -> Vec<PageEmitter> {

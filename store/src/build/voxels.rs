@@ -1,15 +1,19 @@
-//! Which voxel octree a model gets, and how the records of its chunks become a section of the file.
+//! Which voxel octree a model gets, and how the records of its chunks become pages and sections of the file.
 //!
 //! Invariants: 1. the choice depends on the input and the options alone, never on the memory limit; 2. memory of the
-//! merge is leased, and does not grow with the leaves but for their nodes' masks; 3. the section is written and hashed piece by piece.
+//! merge is leased, and does not grow with the leaves but for their nodes' masks and places; 3. sections are written and
+//! hashed piece by piece.
 
 use super::Voxels;
 use super::partition::Partition;
 use super::publish::DraftFile;
-use crate::budget::Budget;
+use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
-use crate::octree::{RUN_BYTES, STREAM_BYTES, UpperBuilder, VoxelGrid, VoxelRuns, leaf_bytes, merge};
+use crate::octree::{
+    Finished, LowerBuilder, RUN_BYTES, Refinement, STREAM_BYTES, VoxelGrid, VoxelRuns, family_bytes,
+    leaf_bytes, merge,
+};
 use std::path::{Path, PathBuf};
 
 /// Leaves per square of surface of a leaf's side: a plane of any direction meets 1 to 1.7 voxels per square, a rough one
@@ -24,7 +28,9 @@ const TELL_RECORDS: u64 = 1 << 16;
 
 /// Voxel records on their way.
 pub(super) struct VoxelWork {
+    /// The upper leaves.
     pub(super) grid: VoxelGrid,
+    pub(super) refinement: Refinement,
     pub(super) runs: VoxelRuns,
     /// Where scratch files go.
     folder: PathBuf,
@@ -33,71 +39,124 @@ pub(super) struct VoxelWork {
 /// The octree that the options ask for, and a scratch file for its records; `None` for none.
 pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result<Option<VoxelWork>> {
     let [lo, hi] = parted.lattice_bounds;
-    let resolution = match voxels {
+    let (resolution, refinement) = match voxels {
         Voxels::None => return Ok(None),
-        Voxels::Resolution(resolution) => resolution,
+        Voxels::Resolution(resolution) => (resolution, Refinement::None),
+        Voxels::Refined { upper, refinement } => (upper, refinement),
         Voxels::Within { upper_bytes } => choose(parted, upper_bytes),
     };
     Ok(Some(VoxelWork {
-        grid: VoxelGrid::over(lo, hi, resolution),
+        grid: VoxelGrid::over(lo, hi, resolution, refinement),
+        refinement,
         runs: VoxelRuns::create(folder)?,
         folder: folder.to_path_buf(),
     }))
 }
 
-/// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory. The coarser ones are
-/// for what is small: 256 as long as it is allowed, since a picture needs that much whatever the model has.
-fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
+/// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory; and finer leaves below
+/// it, while all of them take less than the mesh. The coarser ones are for what is small: 256 as long as it is allowed,
+/// since a picture needs that much whatever the model has.
+fn choose(parted: &Partition, upper_bytes: u64) -> (u32, Refinement) {
     let [lo, hi] = parted.lattice_bounds;
     let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;
     let leaves = |resolution: u32| {
-        let leaf = VoxelGrid::over(lo, hi, resolution).leaf_steps() as f64;
+        let leaf = VoxelGrid::over(lo, hi, resolution, Refinement::None).leaf_steps() as f64;
         LEAVES_PER_SQUARE * parted.area / (leaf * leaf)
     };
     let resident = |resolution| leaves(resolution) * leaf_bytes() as f64;
     let fits = |resolution: &u32| {
         resident(*resolution) <= upper_bytes as f64 && leaves(*resolution) * DISK_BYTES_PER_LEAF <= mesh_bytes
     };
-    match [1024, 512].into_iter().find(fits) {
+    let resolution = match [1024, 512].into_iter().find(fits) {
         Some(resolution) => resolution,
         None if resident(256) <= upper_bytes as f64 => 256,
         None => 64,
-    }
+    };
+    // A level that is four times as fine has sixteen times as many leaves.
+    let all = |refinement: &Refinement| -> f64 {
+        (0..=refinement.levels()).map(|level| leaves(resolution) * 16f64.powi(level as i32)).sum()
+    };
+    let fits = |refinement: &Refinement| all(refinement) * DISK_BYTES_PER_LEAF <= mesh_bytes;
+    let refinement = [Refinement::By16, Refinement::By4].into_iter().find(fits).unwrap_or_default();
+    (resolution, refinement)
+}
+
+/// Merged records whose pages are written, and what is left to be written.
+pub(super) struct Merged {
+    finished: Finished,
+    /// Bytes of scratch.
+    pub(super) scratch_bytes: u64,
+    _lease: Lease,
 }
 
 impl VoxelWork {
-    /// Merges the records, writes the octree to the end of `file`. The section, and bytes of scratch.
-    pub(super) fn finish(
+    /// The leaves that records are made of.
+    pub(super) fn finest(&self) -> VoxelGrid {
+        self.grid.refined(self.refinement)
+    }
+
+    /// Merges the records. The stored form of pages of units, before packing, goes to `put`; they are numbered from the
+    /// given page on, for a model with so many materials.
+    pub(super) fn merge(
         self,
-        file: &mut DraftFile<'_>,
-        file_id: u64,
+        pages: (u32, usize),
+        put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
         budget: &Budget,
         tell: &dyn Fn(u64),
-    ) -> Result<(Section, u64)> {
-        let (scratch_bytes, run_count, _) = self.runs.size();
+    ) -> Result<Merged> {
+        let (runs_bytes, run_count, _) = self.runs.size();
         let what = "the merge of voxels";
-        let mut lease = budget.lease(what, run_count * RUN_BYTES + STREAM_BYTES)?;
-        let mut builder = UpperBuilder::new(self.grid, &self.folder)?;
-        let (mut done, mut masks_bytes) = (0u64, 0);
+        let family_bytes =
+            if self.refinement == Refinement::None { 0 } else { family_bytes(self.refinement) };
+        let mut lease = budget.lease(what, run_count * RUN_BYTES + STREAM_BYTES + family_bytes)?;
+        let mut builder = LowerBuilder::new(self.grid, self.refinement, &self.folder)?;
+        let (mut done, mut grown_bytes) = (0u64, 0);
         merge(self.runs, |record| {
             builder.push(record)?;
             done += 1;
             if done.is_multiple_of(TELL_RECORDS) {
                 tell(done);
                 // Twice: once more when they are written.
-                lease.grow(what, 2 * (builder.masks_bytes() - masks_bytes))?;
-                masks_bytes = builder.masks_bytes();
+                lease.grow(what, 2 * (builder.grown_bytes() - grown_bytes))?;
+                grown_bytes = builder.grown_bytes();
             }
             Ok(())
         })?;
-        let (kind, mut hasher) =
-            (SectionKind::Upper as u32, section_hasher(file_id, SectionKind::Upper as u32));
-        let offset = file.bytes();
-        let count = builder.finish(&mut |piece| {
-            hasher.update(piece);
-            file.append(piece).map(drop)
-        })?;
-        let bytes = file.bytes() - offset;
-        Ok((Section { kind, count, offset, bytes, hash: hasher.digest() }, scratch_bytes))
+        lease.grow(what, builder.finish_bytes())?;
+        let scratch_bytes = runs_bytes + builder.scratch_bytes();
+        Ok(Merged { finished: builder.finish(pages, put)?, scratch_bytes, _lease: lease })
     }
+}
+
+impl Merged {
+    /// Leaves of all units.
+    pub(super) fn lower_leaf_count(&self) -> u64 {
+        self.finished.leaf_count
+    }
+
+    /// Writes the sections to the end of `file`; gives the count of upper leaves.
+    pub(super) fn write(self, file: &mut DraftFile<'_>, file_id: u64, slots: &mut [Section]) -> Result<u64> {
+        let (upper, links) = (self.finished.upper, self.finished.links);
+        slots[0] = section(SectionKind::Upper, file, file_id, |put| upper.finish(put))?;
+        if let Some((bytes, count)) = links {
+            slots[1] = section(SectionKind::Lower, file, file_id, |put| put(&bytes).map(|()| count as u32))?;
+        }
+        Ok(u64::from(slots[0].count))
+    }
+}
+
+/// Writes what `make` gives, piece by piece, and the count of items that it returns.
+fn section(
+    kind: SectionKind,
+    file: &mut DraftFile<'_>,
+    file_id: u64,
+    make: impl FnOnce(&mut dyn FnMut(&[u8]) -> Result<()>) -> Result<u32>,
+) -> Result<Section> {
+    let (kind, offset) = (kind as u32, file.bytes());
+    let mut hasher = section_hasher(file_id, kind);
+    let count = make(&mut |piece| {
+        hasher.update(piece);
+        file.append(piece).map(drop)
+    })?;
+    Ok(Section { kind, count, offset, bytes: file.bytes() - offset, hash: hasher.digest() })
 }

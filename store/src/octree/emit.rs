@@ -7,10 +7,11 @@
 //!
 //! Invariants: 1. memory is a block for each stream and the masks; 2. scratch files are unlinked from the start.
 
+use super::coarsen::OpenLeaf;
 use super::payload::{LeafNormal, pack_area};
 use super::stored::{BLOCK_BYTES, head, packed_planes};
 use super::voxelize::Record;
-use super::{MAX_DEPTH, VoxelGrid};
+use super::{KEY_BITS, MAX_DEPTH, VoxelGrid};
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{Read, Seek, Write};
@@ -24,7 +25,7 @@ pub(crate) struct UpperBuilder {
     grid: VoxelGrid,
     /// Masks per level, the root's first, and the key of the last node of each.
     masks: [Vec<u64>; MAX_DEPTH],
-    last: [Option<u32>; MAX_DEPTH],
+    last: [Option<u64>; MAX_DEPTH],
     bitmaps: Stream,
     normals: Stream,
     areas: Stream,
@@ -33,8 +34,7 @@ pub(crate) struct UpperBuilder {
     facet_count: u32,
     /// Facets of the last node, as bits.
     facets: u8,
-    /// The leaf at hand: all of it, and its material of most area.
-    open: Option<(Record, f32)>,
+    open: OpenLeaf,
 }
 
 impl UpperBuilder {
@@ -51,34 +51,20 @@ impl UpperBuilder {
             leaf_count: 0,
             facet_count: 0,
             facets: 0,
-            open: None,
+            open: OpenLeaf::default(),
         })
     }
 
     /// Adds what one material brings to a leaf; keys never go back.
     pub(crate) fn push(&mut self, record: Record) -> Result<()> {
-        match &mut self.open {
-            Some((open, most)) if open.key == record.key => {
-                open.add(&record);
-                if record.area > *most {
-                    (open.material, *most) = (record.material, record.area);
-                }
-                Ok(())
-            }
-            _ => {
-                let closed = self.close();
-                self.open = Some((record, record.area));
-                closed
-            }
-        }
+        self.open.push(record).map_or(Ok(()), |leaf| self.add(leaf))
     }
 
-    fn close(&mut self) -> Result<()> {
-        let Some((leaf, _)) = self.open.take() else { return Ok(()) };
+    fn add(&mut self, leaf: Record) -> Result<()> {
         let depth = self.grid.depth();
         for level in 0..depth {
-            let below = 6 * (depth - 1 - level);
-            let (node, child) = (leaf.key.checked_shr(below as u32 + 6).unwrap_or(0), leaf.key >> below & 63);
+            let child = leaf.key() >> (KEY_BITS as usize * (depth - 1 - level));
+            let node = child >> KEY_BITS;
             if self.last[level] != Some(node) {
                 self.last[level] = Some(node);
                 self.masks[level].push(0);
@@ -86,7 +72,7 @@ impl UpperBuilder {
                     self.facets = 0;
                 }
             }
-            *self.masks[level].last_mut().expect("just pushed") |= 1 << child;
+            *self.masks[level].last_mut().expect("just pushed") |= 1 << (child & 63);
         }
         let normal = LeafNormal::pack(leaf.normal, leaf.area);
         let facet = 1 << normal.facet();
@@ -96,7 +82,12 @@ impl UpperBuilder {
         self.bitmaps.push(leaf.bitmap)?;
         self.normals.push(u64::from(normal.0))?;
         self.areas.push(u64::from(pack_area(leaf.area)))?;
-        self.materials.push(u64::from(leaf.material))
+        self.materials.push(u64::from(leaf.material()))
+    }
+
+    /// Leaves up to now, the last one not counted.
+    pub(crate) fn leaf_count(&self) -> u32 {
+        self.leaf_count
     }
 
     /// Bytes of memory that the masks take.
@@ -106,7 +97,7 @@ impl UpperBuilder {
 
     /// Gives the bytes of the section, piece by piece, and the count of leaves. Panics when there was no record.
     pub(crate) fn finish(mut self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<u32> {
-        self.close()?;
+        self.open.close().map_or(Ok(()), |leaf| self.add(leaf))?;
         assert!(self.leaf_count > 0, "an octree has a leaf");
         let node_count = self.masks.iter().map(Vec::len).sum();
         put(&head(&self.grid, self.leaf_count, self.facet_count, node_count))?;

@@ -134,18 +134,18 @@ pub(crate) fn merge(mut runs: VoxelRuns, mut take: impl FnMut(Record) -> Result<
     let mut heap = BinaryHeap::with_capacity(readers.len());
     for (index, reader) in readers.iter_mut().enumerate() {
         let head = reader.next(&runs)?.expect("runs are not empty");
-        heap.push(Reverse((head.key, head.material, index)));
+        heap.push(Reverse((head.order, index)));
         heads.push(head);
     }
     let mut sum: Option<Record> = None;
-    while let Some(Reverse((key, material, index))) = heap.pop() {
+    while let Some(Reverse((order, index))) = heap.pop() {
         let record = heads[index];
         if let Some(head) = readers[index].next(&runs)? {
             heads[index] = head;
-            heap.push(Reverse((head.key, head.material, index)));
+            heap.push(Reverse((head.order, index)));
         }
         match &mut sum {
-            Some(sum) if (sum.key, sum.material) == (key, material) => sum.add(&record),
+            Some(sum) if sum.order == order => sum.add(&record),
             _ => {
                 if let Some(whole) = sum.replace(record) {
                     take(whole)?;

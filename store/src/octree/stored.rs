@@ -11,7 +11,7 @@
 
 use super::payload::{LeafNormal, Materials, unpack_area};
 use super::upper::{UpperOctree, UpperSize, link};
-use super::{Facets, MAX_DEPTH, VoxelGrid, depth_of};
+use super::{Facets, MAX_DEPTH, VoxelGrid, is_upper};
 
 /// Bytes of a leaf before packing: bitmap, normal, area, material.
 const STORED_LEAF_BYTES: u64 = 8 + 2 + 1 + 2;
@@ -95,13 +95,13 @@ pub(super) fn packed_planes(words: &[u64], bytes: usize) -> Vec<u8> {
 }
 
 /// What is left of a section.
-struct Reader<'a>(&'a [u8]);
+pub(super) struct Reader<'a>(pub(super) &'a [u8]);
 
 impl Reader<'_> {
     /// Grid, leaves, facets, nodes.
     fn head(&mut self) -> Option<(VoxelGrid, u32, u32, u64)> {
         let (resolution, leaf_count, facet_count) = (self.u32()?, self.u32()?, self.u32()?);
-        depth_of(resolution)?;
+        is_upper(resolution).then_some(())?;
         let subvoxel_steps = self.u64()? as i64;
         let lo = [self.u64()? as i64, self.u64()? as i64, self.u64()? as i64];
         let on_lattice = |v: i64| (0..1 << 40).contains(&v);
@@ -110,20 +110,20 @@ impl Reader<'_> {
         Some((grid, leaf_count, facet_count, self.u64()?)).filter(|_| sound)
     }
 
-    fn u32(&mut self) -> Option<u32> {
+    pub(super) fn u32(&mut self) -> Option<u32> {
         let (head, tail) = self.0.split_first_chunk()?;
         self.0 = tail;
         Some(u32::from_le_bytes(*head))
     }
 
-    fn u64(&mut self) -> Option<u64> {
+    pub(super) fn u64(&mut self) -> Option<u64> {
         let (head, tail) = self.0.split_first_chunk()?;
         self.0 = tail;
         Some(u64::from_le_bytes(*head))
     }
 
     /// A stream of `count` words of so many bytes.
-    fn planes(&mut self, count: usize, bytes: usize, mut take: impl FnMut(u64)) -> Option<()> {
+    pub(super) fn planes(&mut self, count: usize, bytes: usize, mut take: impl FnMut(u64)) -> Option<()> {
         let mut block = vec![0; BLOCK_BYTES];
         let mut left = count;
         while left > 0 {
@@ -148,20 +148,20 @@ impl Reader<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::emit::UpperBuilder;
-    use super::super::leaf_key;
     use super::super::voxelize::Record;
+    use super::super::{Refinement, leaf_key};
     use super::*;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
-    fn built(leaves: &BTreeMap<u32, u64>, grid: VoxelGrid) -> (UpperOctree, Vec<u8>) {
+    fn built(leaves: &BTreeMap<u64, u64>, grid: VoxelGrid) -> (UpperOctree, Vec<u8>) {
         let folder = tempfile::tempdir().unwrap();
         let mut builder = UpperBuilder::new(grid, folder.path()).unwrap();
         for (&key, &bitmap) in leaves {
             // Each leaf another normal and area, or streams that are read in another way than written pass.
             let turn = key as f32;
             let (area, normal) = (1.0 + 0.1 * turn.sin(), [turn.cos(), 0.6 * turn.sin(), 0.8 * turn.sin()]);
-            builder.push(Record { key, material: key % 3, bitmap, area, normal }).unwrap();
+            builder.push(Record { bitmap, area, normal, ..Record::at(key, (key % 3) as u16) }).unwrap();
         }
         let mut bytes = Vec::new();
         let mut put = |piece: &[u8]| {
@@ -183,17 +183,17 @@ mod tests {
         /// Every leaf is found from the root, and nothing else; and all of it comes back from disk.
         #[test]
         fn leaves_are_found_from_the_root((side, places) in places()) {
-            let grid = VoxelGrid::over([0; 3], [100_000; 3], side);
+            let grid = VoxelGrid::over([0; 3], [100_000; 3], side, Refinement::None);
             let depth = grid.depth();
-            let leaves: BTreeMap<u32, u64> =
+            let leaves: BTreeMap<u64, u64> =
                 places.iter().map(|&(at, bitmap)| (leaf_key(at, depth), bitmap)).collect();
             let (octree, bytes) = built(&leaves, grid);
             let mut found = BTreeMap::new();
-            let mut stack = vec![(0usize, 0u32, 0usize)];
+            let mut stack = vec![(0usize, 0u64, 0usize)];
             while let Some((index, key, level)) = stack.pop() {
                 if level == depth {
                     found.insert(key, octree.bitmaps()[index]);
-                    prop_assert_eq!(u32::from(octree.material(index)), key % 3);
+                    prop_assert_eq!(u64::from(octree.material(index)), key % 3);
                     continue;
                 }
                 let node = octree.nodes()[index];
@@ -201,7 +201,7 @@ mod tests {
                 for child in 0..64u32 {
                     if node.bits() >> child & 1 == 1 {
                         prop_assert_eq!(node.child(child), Some(next as u32));
-                        stack.push((next, key << 6 | child, level + 1));
+                        stack.push((next, key << 6 | u64::from(child), level + 1));
                         next += 1;
                     } else {
                         prop_assert_eq!(node.child(child), None);
@@ -217,8 +217,8 @@ mod tests {
         /// Nothing that comes from outside panics.
         #[test]
         fn garbage_is_refused(change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6), cut in 0usize..200) {
-            let grid = VoxelGrid::over([0; 3], [100_000; 3], 256);
-            let leaves = (0..50u32).map(|i| (i * 7919 % (1 << 24), u64::from(i) + 1)).collect();
+            let grid = VoxelGrid::over([0; 3], [100_000; 3], 256, Refinement::None);
+            let leaves = (0..50u64).map(|i| (i * 7919 % (1 << 24), i + 1)).collect();
             let (_, mut bytes) = built(&leaves, grid);
             for (at, value) in change {
                 let length = bytes.len();
@@ -232,8 +232,8 @@ mod tests {
     /// The facets against sums over all leaves of a node.
     #[test]
     fn facets_part_the_leaves_of_a_node() {
-        let grid = VoxelGrid::over([0; 3], [100_000; 3], 64);
-        let leaves = (0..900u32).map(|i| (i * 31 % (1 << 12), !0)).collect();
+        let grid = VoxelGrid::over([0; 3], [100_000; 3], 64, Refinement::None);
+        let leaves = (0..900u64).map(|i| (i * 31 % (1 << 12), !0)).collect();
         let (octree, _) = built(&leaves, grid);
         let mut area = vec![0.0f32; octree.facets().count()];
         for (number, node) in octree.last_nodes().iter().enumerate() {

@@ -21,9 +21,8 @@ use crate::error::Result;
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub(crate) struct Record {
-    /// The leaf: see `leaf_key`.
-    pub(crate) key: u32,
-    pub(crate) material: u32,
+    /// The leaf's key (see `leaf_key`) over 16 bits of the material: the order of records.
+    pub(super) order: u64,
     /// Subvoxels touched: bit `x + 4 y + 16 z`.
     pub(crate) bitmap: u64,
     /// Area inside of the leaf, in squares of its side.
@@ -53,7 +52,7 @@ struct Job {
     /// Corners in half-steps from the cube's corner.
     corner: [[i64; 3]; 3],
     unit_normal: [f64; 3],
-    material: u32,
+    material: u16,
 }
 
 impl<'a> Voxelizer<'a> {
@@ -83,7 +82,7 @@ impl<'a> Voxelizer<'a> {
     /// Adds a triangle on the lattice.
     pub(crate) fn add(&mut self, q: [[i64; 3]; 3], material: u16) {
         let corner = q.map(|q| std::array::from_fn(|a| 2 * (q[a] - self.grid.lo[a]) + 1));
-        let job = Job { corner, unit_normal: unit_normal(&corner), material: u32::from(material) };
+        let job = Job { corner, unit_normal: unit_normal(&corner), material };
         let lo: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).min().expect("three"));
         let hi: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).max().expect("three"));
         let leaf = 2 * self.grid.leaf_steps();
@@ -141,7 +140,7 @@ impl<'a> Voxelizer<'a> {
         let area = area / (leaf as f64).powi(2);
         let key = leaf_key(at.map(|v| v as u32), self.grid.depth());
         let normal = job.unit_normal.map(|n| (n * area) as f32);
-        self.pile.push(Record { key, material: job.material, bitmap, area: area as f32, normal });
+        self.pile.push(Record { bitmap, area: area as f32, normal, ..Record::at(key, job.material) });
         if self.pile.len() >= PILE {
             self.sum();
             if self.pile.len() >= PILE / 2 {
@@ -153,9 +152,9 @@ impl<'a> Voxelizer<'a> {
     /// Sorts the pile and sums what belongs together.
     fn sum(&mut self) {
         // Stable: records of one leaf and material keep the order of their triangles.
-        self.pile.sort_by_key(|record| (record.key, record.material));
+        self.pile.sort_by_key(|record| record.order);
         self.pile.dedup_by(|next, sum| {
-            let is_same = (next.key, next.material) == (sum.key, sum.material);
+            let is_same = next.order == sum.order;
             if is_same {
                 sum.add(next);
             }
@@ -173,6 +172,21 @@ impl<'a> Voxelizer<'a> {
 }
 
 impl Record {
+    /// An empty one.
+    pub(super) fn at(key: u64, material: u16) -> Record {
+        Record { order: key << 16 | u64::from(material), ..Record::default() }
+    }
+
+    /// The leaf.
+    pub(super) fn key(&self) -> u64 {
+        self.order >> 16
+    }
+
+    /// The material.
+    pub(super) fn material(&self) -> u16 {
+        self.order as u16
+    }
+
     /// Sums another record of the same leaf.
     pub(crate) fn add(&mut self, other: &Record) {
         self.bitmap |= other.bitmap;
@@ -269,13 +283,14 @@ fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Refinement;
     use super::super::merge::merge;
     use super::*;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
     fn grid(resolution: u32) -> VoxelGrid {
-        VoxelGrid::over([0; 3], [4095; 3], resolution)
+        VoxelGrid::over([0; 3], [4095; 3], resolution, Refinement::None)
     }
 
     fn records(grid: VoxelGrid, triangles: &[[[i64; 3]; 3]]) -> Vec<Record> {
@@ -308,14 +323,14 @@ mod tests {
         #[test]
         fn all_subvoxels_that_a_triangle_touches_are_set(q in corners()) {
             let grid = grid(64);
-            let found: BTreeMap<u32, u64> = records(grid, &[q]).iter().map(|r| (r.key, r.bitmap)).collect();
+            let found: BTreeMap<u64, u64> = records(grid, &[q]).iter().map(|r| (r.key(), r.bitmap)).collect();
             let triangle = Triangle::<i128>::new(q.map(|q| q.map(|v| 2 * v + 1)));
             let side = 2 * grid.subvoxel_steps;
             let range: [(i64, i64); 3] = std::array::from_fn(|a| {
                 let values = q.map(|q| (2 * q[a] + 1) / side);
                 (*values.iter().min().unwrap(), *values.iter().max().unwrap())
             });
-            let mut expected = BTreeMap::<u32, u64>::new();
+            let mut expected = BTreeMap::<u64, u64>::new();
             for z in range[2].0..=range[2].1 {
                 for y in range[1].0..=range[1].1 {
                     for x in range[0].0..=range[0].1 {
@@ -337,7 +352,7 @@ mod tests {
             let expected: f64 = triangles.iter().map(|q| area(&q.map(|q| q.map(|v| 2 * v + 1)))).sum::<f64>() / (side * side);
             let found: f64 = all.iter().map(|r| f64::from(r.area)).sum();
             prop_assert!((found - expected).abs() <= 1e-4 * expected + 1e-6, "{} for {}", found, expected);
-            prop_assert!(all.windows(2).all(|pair| pair[0].key < pair[1].key));
+            prop_assert!(all.windows(2).all(|pair| pair[0].key() < pair[1].key()));
         }
     }
 

@@ -1,0 +1,13 @@
+//! `UnitPages`: the pages of a tracer, for rays through the units of the lower octrees.
+
+use super::{Page, Pages, Tracer};
+
+/// Pages of units, looked up by a tracer.
+pub(crate) struct UnitPages<'t, T>(pub(crate) &'t mut T);
+
+impl<T: Tracer> Pages for UnitPages<'_, T> {
+    #[inline]
+    fn page(&mut self, page: u32) -> Page<'_> {
+        self.0.unit_page(page)
+    }
+}

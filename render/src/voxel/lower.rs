@@ -1,0 +1,249 @@
+//! Rays through the upper octree and the units below it, which come and go. Paper, sections 4.2 and 5.4.
+//!
+//! ```text
+//! as `traverse`, in subvoxels of the finest leaves, and
+//!   a bit of a leaf's bitmap is set  -> the leaf there, in its unit: go on down
+//!                                       the page is missing        -> blocked: it is asked for, the ray comes again
+//!                                       it can never be had        -> the coarser voxel is what there is
+//!   a bit of a finest bitmap is set  -> hit
+//! ```
+//!
+//! A unit is asked for where a ray meets a subvoxel of the leaves above it, not where it enters the linking node: what the ray
+//! passes by costs no page. With `occluders` off, leaves are cubes, so it is asked for where a leaf is entered.
+//!
+//! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what positions in
+//! f32 are rounded by.
+//!
+//! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of the upper
+//! octree; 3. no allocation; a page is in use until the next one is looked up.
+
+use super::photons::LeafHit;
+use super::traverse::{Cube, Entry, Found, GRay, Occluders, VoxelHit, VoxelScene};
+use crate::math::along;
+use crate::trace::{Answer, Page, Pages};
+use trex_store::Material;
+use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
+
+/// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by 2^-24 of it
+/// at most.
+const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
+
+/// The octree of a model with its units.
+#[derive(Clone, Copy, Debug)]
+pub struct LowerScene<'a> {
+    upper: VoxelScene<'a>,
+    links: &'a LowerLinks,
+}
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowerHit {
+    /// The voxel: where the finest one is entered, and the leaf and node of the upper octree that hold it.
+    pub upper: VoxelHit,
+    /// The leaf of a unit; `None` where there is none to be had.
+    pub lower: Option<LowerLeaf>,
+}
+
+/// A leaf of a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LowerLeaf {
+    /// Its page.
+    pub page: u32,
+    /// Its index within the page.
+    pub leaf: u32,
+}
+
+/// A leaf that the ray is in.
+#[derive(Clone, Copy, Default)]
+struct Open {
+    bitmap: u64,
+    /// The unit of its children, and which of that one's nodes it is.
+    unit: Option<UnitRef>,
+    rank: u32,
+    at: Option<LowerLeaf>,
+}
+
+/// What lies below a leaf.
+enum Below {
+    /// Its page is not there yet.
+    Missing,
+    /// There is nothing to be had.
+    Never,
+    /// The child asked for, if it is there.
+    Child(Option<Open>),
+}
+
+impl<'a> LowerScene<'a> {
+    /// `upper` with the units to which `links`, of the same file, lead.
+    pub fn new(upper: VoxelScene<'a>, links: &'a LowerLinks) -> LowerScene<'a> {
+        LowerScene { upper, links }
+    }
+
+    /// Side of a finest leaf, model units.
+    pub fn leaf_side(&self) -> f64 {
+        self.upper.leaf_side() / f64::from(self.links.refinement().factor())
+    }
+
+    /// As [`VoxelScene::clearance`], for the finest voxels.
+    pub fn clearance(&self, normal: [f64; 3]) -> f64 {
+        let cube = self.cube();
+        let side = match self.upper.occluders() {
+            Occluders::On => cube.cell,
+            Occluders::Off => self.leaf_side(),
+        };
+        (side + ROUNDING * cube.side()) * normal.iter().map(|n| n.abs()).sum::<f64>()
+    }
+
+    /// The cube in subvoxels of the finest leaves.
+    fn cube(&self) -> Cube {
+        let (upper, refinement) = (self.upper.cube(), self.links.refinement());
+        let cell = upper.cell / f64::from(refinement.factor());
+        Cube { cell, levels: upper.levels + refinement.levels() as u32, ..upper }
+    }
+
+    /// The first voxel that the ray meets; blocked where that depends on a page that is missing.
+    pub fn intersect(&self, ray: &GRay, pages: &mut impl Pages) -> Answer<Option<LowerHit>> {
+        let cube = self.cube();
+        let Some(entry) = cube.enter(ray) else { return Answer::Exact(None) };
+        match self.walk(&entry, pages) {
+            Answer::Blocked => Answer::Blocked,
+            Answer::Exact(found) => Answer::Exact(found.map(|(found, lower)| {
+                let Found { t, node, leaf, axis } = found;
+                let t = entry.t_in + f64::from(t) * cube.cell;
+                LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower }
+            })),
+        }
+    }
+
+    /// True when the ray meets any voxel.
+    pub fn occluded(&self, ray: &GRay, pages: &mut impl Pages) -> Answer<bool> {
+        match self.intersect(ray, pages) {
+            Answer::Exact(hit) => Answer::Exact(hit.is_some()),
+            Answer::Blocked => Answer::Blocked,
+        }
+    }
+
+    /// The surface in the first leaf that `ray` meets.
+    pub(super) fn leaf_hit(
+        &self,
+        ray: &GRay,
+        materials: &'a [Material],
+        pages: &mut impl Pages,
+    ) -> Answer<Option<LeafHit<'a>>> {
+        let hit = match self.intersect(ray, pages) {
+            Answer::Exact(Some(hit)) => hit,
+            Answer::Exact(None) => return Answer::Exact(None),
+            Answer::Blocked => return Answer::Blocked,
+        };
+        let octree = self.upper.octree();
+        let voxel = match hit.lower.map(|at| (at, pages.page(at.page))) {
+            Some((at, Page::Ready(frame))) => UnitsView::new(frame).leaf(at.leaf),
+            Some((_, Page::Missing)) => return Answer::Blocked,
+            Some((_, Page::Damaged)) | None => octree.leaf(hit.upper.leaf as usize),
+        };
+        Answer::Exact(Some(self.upper.surface_of(&voxel, ray, &hit.upper, materials)))
+    }
+
+    /// As `VoxelScene::ray_from_leaf`, for the finest voxels.
+    pub(super) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: [f64; 3]) -> GRay {
+        let origin = along(hit.point, 2.0 * self.clearance(hit.normal), hit.normal);
+        GRay { origin, direction, t_max: f64::INFINITY }
+    }
+
+    /// Material of the voxel that was met, for `debug-lower`; the upper leaf's where its page is gone.
+    pub(crate) fn material(&self, hit: &LowerHit, pages: &mut impl Pages) -> u16 {
+        match hit.lower.map(|at| (at, pages.page(at.page))) {
+            Some((at, Page::Ready(frame))) => UnitsView::new(frame).leaf(at.leaf).material,
+            _ => self.upper.octree().material(hit.upper.leaf as usize),
+        }
+    }
+
+    /// From the cube's side on.
+    fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<(Found, Option<LowerLeaf>)>> {
+        let octree = self.upper.octree();
+        let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());
+        let first_link = nodes.len() - octree.last_nodes().len();
+        let depth = octree.grid().depth();
+        let finest = depth + self.links.refinement().levels();
+        let is_whole = self.upper.occluders() == Occluders::Off;
+        let last = 4u32.pow(finest as u32 + 1) - 1;
+        let mut cell = ray.first_cell(last);
+        let (mut t, mut axis) = (0.0f32, ray.axis);
+        // Node of each level over the cell; from `depth` on leaves.
+        let mut path = [0u32; MAX_DEPTH + 1];
+        let mut open = [Open::default(); MAX_FINER + 1];
+        let mut level = 0;
+        loop {
+            // Down to a child that is missing, or to a voxel below which there is none.
+            let (shift, bits) = loop {
+                let shift = 2 * (finest - level) as u32;
+                let place = ray.place(cell, shift);
+                if level < depth {
+                    let node = &nodes[path[level] as usize];
+                    let Some(child) = node.child(place) else { break (shift, node.bits()) };
+                    level += 1;
+                    path[level] = child;
+                    if level == depth {
+                        let above = path[depth - 1] as usize;
+                        let unit = Some(self.links.unit(above - first_link));
+                        let rank = child - nodes[above].first;
+                        open[0] = Open { bitmap: bitmaps[child as usize], unit, rank, at: None };
+                    }
+                    continue;
+                }
+                let leaf = &open[level - depth];
+                let is_set = leaf.bitmap >> place & 1 == 1;
+                if !is_set && !is_whole {
+                    break (shift, leaf.bitmap);
+                }
+                let below = if level == finest { Below::Never } else { leaf.below(place, pages) };
+                match below {
+                    Below::Missing => return Answer::Blocked,
+                    Below::Never => {
+                        let found = Found { t, node: path[depth - 1], leaf: path[depth], axis };
+                        return Answer::Exact(Some((found, leaf.at)));
+                    }
+                    Below::Child(None) => break (shift, leaf.bitmap),
+                    Below::Child(Some(child)) => {
+                        level += 1;
+                        open[level - depth] = child;
+                    }
+                }
+            };
+            let Some((next, apart)) = ray.leave((cell, ray.within(cell, shift, bits)), &mut t, &mut axis)
+            else {
+                return Answer::Exact(None);
+            };
+            if next[axis] > last {
+                return Answer::Exact(None);
+            }
+            // Up to the node that holds both.
+            level = level.min(finest - (apart as usize).min(finest));
+            cell = next;
+        }
+    }
+}
+
+impl Open {
+    /// The child in `place`.
+    #[inline]
+    fn below(&self, place: u32, pages: &mut impl Pages) -> Below {
+        let Some(unit) = self.unit else { return Below::Never };
+        let view = match pages.page(unit.page()) {
+            Page::Missing => return Below::Missing,
+            Page::Damaged => return Below::Never,
+            Page::Ready(frame) => UnitsView::new(frame),
+        };
+        // A unit that is not what the leaf says is none.
+        let node = view.node(unit.unit(), self.rank);
+        let Some((node, leaf)) = node.and_then(|node| Some((node, node.leaf(self.bitmap, place)?))) else {
+            return Below::Never;
+        };
+        if self.bitmap >> place & 1 == 0 {
+            return Below::Child(None);
+        }
+        let at = Some(LowerLeaf { page: unit.page(), leaf });
+        let rank = leaf - node.first_leaf();
+        Below::Child(Some(Open { bitmap: view.bitmap(leaf), unit: node.link, rank, at }))
+    }
+}

@@ -1,0 +1,321 @@
+//! Finest records in key order to units, to pages, and to the records of the upper octree. Paper, section 4.2.
+//!
+//! ```text
+//! records of one linking node -> leaves of each level below the upper ones = a family -> scratch file, key order
+//!                             -> records of its upper leaves -> UpperBuilder
+//! families along the Hilbert curve: finest units -> pages;  then the units that lead to them -> pages
+//! ```
+//!
+//! Why the curve: keys follow rows of 4x4x4 nodes, which jump; along the curve neighbours share a page, and the next page
+//! lies beside it in the model.
+//!
+//! Invariants: 1. a page is filled until the next unit does not fit; 2. memory is a family, and for each linking node its
+//! place and word (and, where units nest, a word for each upper leaf while pages are made); 3. the scratch file is unlinked
+//! from the start.
+
+use super::coarsen::{Coarser, OpenLeaf};
+use super::links::{LowerLinks, PAGE_UNITS, UnitRef};
+use super::payload::LeafNormal;
+use super::units::{Counts, Stored, Units, material_bytes};
+use super::voxelize::Record;
+use super::{KEY_BITS, Refinement, UpperBuilder, VoxelGrid, place_of};
+use crate::error::{Code, Error, Result};
+use crate::geom::hilbert_key;
+use crate::layout::{FRAME_BYTES, PAGES, too_many_pages};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Bytes of a material in the scratch file.
+const SCRATCH_MATERIAL_BYTES: usize = 2;
+/// Bytes of a leaf's words, and how many copies of a family there are while it is packed.
+const WORK_LEAF_BYTES: u64 = 4 * (8 + 2 + 2);
+
+/// Makes units and upper records of the finest records.
+pub(crate) struct LowerBuilder {
+    upper: UpperBuilder,
+    grid: VoxelGrid,
+    refinement: Refinement,
+    /// From the one below the upper leaves to the finest.
+    levels: Vec<Level>,
+    /// Key of the linking node at hand.
+    open: Option<u64>,
+    families: Vec<Family>,
+    scratch: BufWriter<File>,
+    scratch_bytes: u64,
+    folder: PathBuf,
+    leaf_count: u64,
+}
+
+/// One level of leaves of the family at hand.
+#[derive(Default)]
+struct Level {
+    leaf: OpenLeaf,
+    coarser: Coarser,
+    units: Units,
+    /// Key of the last leaf in `units`.
+    last: Option<u64>,
+}
+
+/// A linking node: its place on the curve, and where its leaves stand in the scratch file.
+struct Family {
+    place: u64,
+    offset: u64,
+    bytes: u32,
+}
+
+/// What [`LowerBuilder::finish`] leaves to be written.
+pub(crate) struct Finished {
+    pub(crate) upper: UpperBuilder,
+    /// The section of links, and the count of its words; `None` where the upper leaves are the finest.
+    pub(crate) links: Option<(Vec<u8>, usize)>,
+    /// Leaves of all units.
+    pub(crate) leaf_count: u64,
+}
+
+/// Most bytes of memory that the family at hand takes.
+pub(crate) fn family_bytes(refinement: Refinement) -> u64 {
+    WORK_LEAF_BYTES << (KEY_BITS as usize * (refinement.levels() + 1))
+}
+
+impl LowerBuilder {
+    /// For an upper octree on `grid`; scratch files go to `folder`.
+    pub(crate) fn new(grid: VoxelGrid, refinement: Refinement, folder: &Path) -> Result<LowerBuilder> {
+        let file =
+            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
+        Ok(LowerBuilder {
+            upper: UpperBuilder::new(grid, folder)?,
+            grid,
+            refinement,
+            levels: (0..refinement.levels()).map(|_| Level::default()).collect(),
+            open: None,
+            families: Vec::new(),
+            scratch: BufWriter::new(file),
+            scratch_bytes: 0,
+            folder: folder.to_path_buf(),
+            leaf_count: 0,
+        })
+    }
+
+    /// Bytes of memory that grow with the model, while records are pushed and once more while they are written.
+    pub(crate) fn grown_bytes(&self) -> u64 {
+        self.upper.masks_bytes() + (self.families.capacity() * size_of::<Family>()) as u64
+    }
+
+    /// Bytes of memory that `finish` takes beside these: order and words of families, words of nested units.
+    pub(crate) fn finish_bytes(&self) -> u64 {
+        let nested = if self.levels.len() > 1 { u64::from(self.upper.leaf_count()) } else { 0 };
+        (2 * self.families.len() as u64 + nested) * size_of::<u32>() as u64
+    }
+
+    /// Bytes in the scratch file.
+    pub(crate) fn scratch_bytes(&self) -> u64 {
+        self.scratch_bytes
+    }
+
+    /// Adds what one material brings to a finest leaf; keys never go back.
+    pub(crate) fn push(&mut self, record: Record) -> Result<()> {
+        let Some(finest) = self.levels.len().checked_sub(1) else { return self.upper.push(record) };
+        let family = record.key() >> (KEY_BITS as usize * (self.levels.len() + 1));
+        if self.open != Some(family) {
+            self.end_family()?;
+            self.open = Some(family);
+        }
+        self.add(finest, record)
+    }
+
+    /// Adds a record of `level`, and to the level above it what that completes.
+    fn add(&mut self, level: usize, record: Record) -> Result<()> {
+        let Level { leaf, coarser, .. } = &mut self.levels[level];
+        let (leaf, parents) = (leaf.push(record), coarser.push(&record));
+        self.completed(level, leaf, parents)
+    }
+
+    /// A leaf of `level` and the records of a leaf of the level above it.
+    fn completed(&mut self, level: usize, leaf: Option<Record>, parents: Vec<Record>) -> Result<()> {
+        leaf.iter().for_each(|leaf| self.levels[level].take(leaf));
+        parents.into_iter().try_for_each(|parent| match level.checked_sub(1) {
+            Some(above) => self.add(above, parent),
+            None => self.upper.push(parent),
+        })
+    }
+
+    fn end_family(&mut self) -> Result<()> {
+        let Some(key) = self.open.take() else { return Ok(()) };
+        let mut bytes = Vec::new();
+        for level in (0..self.levels.len()).rev() {
+            let Level { leaf, coarser, .. } = &mut self.levels[level];
+            let (leaf, parents) = (leaf.close(), coarser.close());
+            self.completed(level, leaf, parents)?;
+            let Level { units, last, .. } = &mut self.levels[level];
+            self.leaf_count += units.bitmaps.len() as u64;
+            let stored = units.encode(SCRATCH_MATERIAL_BYTES);
+            bytes.extend((stored.len() as u32).to_le_bytes());
+            bytes.extend(stored);
+            units.clear();
+            *last = None;
+        }
+        let packed = lz4_flex::block::compress_prepend_size(&bytes);
+        self.scratch
+            .write_all(&packed)
+            .map_err(|e| Error::writing("write to the scratch file", &self.folder, &e))?;
+        let above = self.grid.depth() - 1;
+        let place = hilbert_key(place_of(key, above), 2 * above as u32);
+        self.families.push(Family { place, offset: self.scratch_bytes, bytes: packed.len() as u32 });
+        self.scratch_bytes += packed.len() as u64;
+        Ok(())
+    }
+
+    /// Gives the stored form of each page of units, before packing, to `put`; they are numbered from `first_page` on.
+    ///
+    /// # Errors
+    /// Those of scratch files and of `put`; [`Code::InputRange`] when there are more pages than a file can have.
+    pub(crate) fn finish(
+        mut self,
+        (first_page, material_count): (u32, usize),
+        put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
+    ) -> Result<Finished> {
+        self.end_family()?;
+        if self.levels.is_empty() {
+            return Ok(Finished { upper: self.upper, links: None, leaf_count: 0 });
+        }
+        let folder = self.folder;
+        let file = self
+            .scratch
+            .into_inner()
+            .map_err(|e| Error::writing("write to the scratch file", &folder, e.error()))?;
+        let mut order: Vec<u32> = (0..self.families.len() as u32).collect();
+        order.sort_unstable_by_key(|&family| self.families[family as usize].place);
+        let mut pages = Pages {
+            next: first_page,
+            material_bytes: material_bytes(material_count),
+            open: Units::default(),
+            put,
+        };
+        let (mut words, mut nested) = (vec![0; order.len()], Vec::new());
+        for level in (0..self.levels.len()).rev() {
+            let mut below = nested.into_iter();
+            nested = Vec::new();
+            for &family in &order {
+                let bytes = self.families[family as usize].read(&file, &folder)?;
+                let stored = part(&bytes, self.levels.len() - 1 - level);
+                let mut begin = Counts::default();
+                for &nodes in stored.units {
+                    let links: Vec<u32> = below.by_ref().take(usize::from(nodes)).collect();
+                    let word = pages.add(&stored, &mut begin, &links)?.word();
+                    if level == 0 {
+                        words[family as usize] = word;
+                    } else {
+                        nested.push(word);
+                    }
+                }
+            }
+            pages.close()?;
+        }
+        let links = LowerLinks::to_bytes(self.refinement, self.leaf_count, &words);
+        Ok(Finished { upper: self.upper, links: Some((links, words.len())), leaf_count: self.leaf_count })
+    }
+}
+
+/// The stored form of one level of a family, the finest being the first.
+fn part(bytes: &[u8], index: usize) -> Stored<'_> {
+    let mut rest = bytes;
+    for _ in 0..index {
+        let (length, tail) = rest.split_first_chunk().expect("our own bytes");
+        rest = &tail[u32::from_le_bytes(*length) as usize..];
+    }
+    let (length, tail) = rest.split_first_chunk().expect("our own bytes");
+    let stored = Stored::read(&tail[..u32::from_le_bytes(*length) as usize], SCRATCH_MATERIAL_BYTES);
+    stored.expect("our own bytes")
+}
+
+impl Level {
+    /// Appends a leaf to its node, and that to its unit.
+    fn take(&mut self, leaf: &Record) {
+        let key = leaf.key();
+        let is_first = |bits: u32| self.last.is_none_or(|last| last >> bits != key >> bits);
+        let Units { units, nodes, bitmaps, normals, materials, .. } = &mut self.units;
+        if is_first(2 * KEY_BITS) {
+            units.push(0);
+        }
+        if is_first(KEY_BITS) {
+            nodes.push(0);
+            *units.last_mut().expect("just pushed") += 1;
+        }
+        *nodes.last_mut().expect("just pushed") += 1;
+        bitmaps.push(leaf.bitmap);
+        normals.push(LeafNormal::pack(leaf.normal, leaf.area).0);
+        materials.push(leaf.material());
+        self.last = Some(key);
+    }
+}
+
+impl Family {
+    fn read(&self, file: &File, folder: &Path) -> Result<Vec<u8>> {
+        let mut packed = vec![0; self.bytes as usize];
+        file.read_exact_at(&mut packed, self.offset)
+            .map_err(|e| Error::io("read the scratch file", folder, &e))?;
+        lz4_flex::block::decompress_size_prepended(&packed).map_err(|_| {
+            Error::new(Code::Io, "the scratch file gave back other bytes than were written")
+                .at_byte(folder, self.offset)
+                .next("check the disk")
+        })
+    }
+}
+
+/// Fills one page after the other.
+struct Pages<'a> {
+    open: Units,
+    /// Number of the open page.
+    next: u32,
+    material_bytes: usize,
+    put: &'a mut dyn FnMut(Vec<u8>) -> Result<()>,
+}
+
+impl Pages<'_> {
+    /// Copies the unit of `from` whose first unit, node and leaf are `begin`, which goes on to the next one.
+    fn add(&mut self, from: &Stored<'_>, begin: &mut Counts, links: &[u32]) -> Result<UnitRef> {
+        let nodes = &from.nodes[begin.nodes..][..usize::from(from.units[begin.units])];
+        let leaves = nodes.iter().map(|&count| usize::from(count)).sum::<usize>();
+        let open = self.open.counts();
+        let sum = Counts {
+            units: open.units + 1,
+            nodes: open.nodes + nodes.len(),
+            leaves: open.leaves + leaves,
+            links: open.links + links.len(),
+        };
+        if sum.frame_bytes(self.material_bytes) > FRAME_BYTES || open.units == PAGE_UNITS {
+            self.close()?;
+        }
+        if self.next >= PAGES {
+            return Err(too_many_pages());
+        }
+        self.open.units.push(nodes.len() as u8);
+        self.open.nodes.extend(nodes);
+        self.open.links.extend(links);
+        for leaf in begin.leaves..begin.leaves + leaves {
+            self.open.bitmaps.push(from.bitmap(leaf));
+            self.open.normals.push(from.normal(leaf));
+            self.open.materials.push(from.material(leaf));
+        }
+        *begin = Counts {
+            units: begin.units + 1,
+            nodes: begin.nodes + nodes.len(),
+            leaves: begin.leaves + leaves,
+            links: 0,
+        };
+        Ok(UnitRef::new(self.next, self.open.units.len() - 1))
+    }
+
+    /// Ends the open page.
+    fn close(&mut self) -> Result<()> {
+        if self.open.units.is_empty() {
+            return Ok(());
+        }
+        (self.put)(self.open.encode(self.material_bytes))?;
+        self.open.clear();
+        self.next += 1;
+        Ok(())
+    }
+}

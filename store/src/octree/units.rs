@@ -1,0 +1,508 @@
+//! Units of the lower octrees: 16^3 leaves each, those in 4x4x4 leaves above them. A page of them, on disk and in a frame.
+//!
+//! ```text
+//! upper octree     linking node --mask--> leaf --bitmap--> subvoxel
+//! unit                                    node ----------> leaf --bitmap--> subvoxel
+//! ```
+//!
+//! The children of a linking node are the nodes of its unit, and their bitmaps are the nodes' masks: so a unit stores neither.
+//! A node is the index of its first leaf; the leaf in place `i` of a mask `m` is `first + popcount(m & (2^i - 1))`, as
+//! everywhere in the octree. Where units nest, each node of the outer unit is a linking node and holds a word that leads on.
+//!
+//! ```text
+//! disk   units u32 | nodes u32 | leaves u32 | linked u32 | nodes of each unit u8 | leaves of each node u8
+//!        | words of nodes u32, when linked | bitmaps u64 | normals u16 | materials u8 or u16     (in planes, see `stored`)
+//! frame  units u16 | nodes u16 | leaves u16 | material bytes u8 | linked u8 | bitmaps u64 | words of nodes u32
+//!        | first node of each unit u16, and the end | first leaf of each node u16, and the end | normals u16 | materials
+//! ```
+//!
+//! Areas are not stored: light is kept by the facets of the upper leaves.
+//!
+//! Invariants: 1. a page leads nowhere but by its words, so it can lie in any frame; 2. the largest unit fits a frame; 3. what
+//! `install_units` has passed, [`UnitsView`] reads without asking again.
+
+use super::links::UnitRef;
+use super::payload::LeafNormal;
+use super::{LeafVoxel, NODE_SIDE};
+use crate::layout::FRAME_BYTES;
+
+/// Children of a node, in all.
+const NODE_CHILDREN: usize = (NODE_SIDE * NODE_SIDE * NODE_SIDE) as usize;
+/// Bytes before the arrays of the stored form, and of the frame's.
+const STORED_HEAD_BYTES: usize = 16;
+const FRAME_HEAD_BYTES: usize = 8;
+/// Bytes of a leaf's words: bitmap, normal.
+const BITMAP_BYTES: usize = 8;
+const NORMAL_BYTES: usize = 2;
+const LINK_BYTES: usize = 4;
+const INDEX_BYTES: usize = 2;
+
+/// Counts of what is in a page.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Counts {
+    pub(super) units: usize,
+    pub(super) nodes: usize,
+    pub(super) leaves: usize,
+    /// Words of nodes: one each, or none.
+    pub(super) links: usize,
+}
+
+impl Counts {
+    /// Bytes of the frame's form.
+    pub(super) const fn frame_bytes(&self, material_bytes: usize) -> usize {
+        FRAME_HEAD_BYTES
+            + self.leaves * (BITMAP_BYTES + NORMAL_BYTES + material_bytes)
+            + self.links * LINK_BYTES
+            + (self.units + self.nodes + 2) * INDEX_BYTES
+    }
+
+    /// Bytes of the stored form before packing.
+    fn stored_bytes(&self, material_bytes: usize) -> usize {
+        STORED_HEAD_BYTES
+            + self.units
+            + self.nodes
+            + self.links * LINK_BYTES
+            + self.leaves * (BITMAP_BYTES + NORMAL_BYTES + material_bytes)
+    }
+}
+
+/// The largest unit.
+const LARGEST: Counts =
+    Counts { units: 1, nodes: NODE_CHILDREN, leaves: NODE_CHILDREN * NODE_CHILDREN, links: NODE_CHILDREN };
+const _: () = assert!(LARGEST.frame_bytes(2) <= FRAME_BYTES);
+
+/// Bytes of a material's index in a model of so many.
+pub(super) fn material_bytes(material_count: usize) -> usize {
+    if material_count <= 256 { 1 } else { 2 }
+}
+
+/// Units on their way to a page.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Units {
+    /// Nodes of each unit.
+    pub(super) units: Vec<u8>,
+    /// Leaves of each node.
+    pub(super) nodes: Vec<u8>,
+    /// Words of nodes: one each, or none.
+    pub(super) links: Vec<u32>,
+    pub(super) bitmaps: Vec<u64>,
+    pub(super) normals: Vec<u16>,
+    pub(super) materials: Vec<u16>,
+}
+
+impl Units {
+    pub(super) fn counts(&self) -> Counts {
+        let (units, nodes) = (self.units.len(), self.nodes.len());
+        Counts { units, nodes, leaves: self.bitmaps.len(), links: self.links.len() }
+    }
+
+    /// Forgets all, keeps the memory.
+    pub(super) fn clear(&mut self) {
+        self.units.clear();
+        self.nodes.clear();
+        self.links.clear();
+        self.bitmaps.clear();
+        self.normals.clear();
+        self.materials.clear();
+    }
+
+    /// The stored form before packing.
+    pub(super) fn encode(&self, material_bytes: usize) -> Vec<u8> {
+        let Counts { units, nodes, leaves, links } = self.counts();
+        let mut out = Vec::with_capacity(self.counts().stored_bytes(material_bytes));
+        for count in [units, nodes, leaves, usize::from(links > 0)] {
+            out.extend((count as u32).to_le_bytes());
+        }
+        out.extend(&self.units);
+        out.extend(&self.nodes);
+        for plane in 0..LINK_BYTES {
+            out.extend(self.links.iter().map(|word| word.to_le_bytes()[plane]));
+        }
+        for plane in 0..BITMAP_BYTES {
+            out.extend(self.bitmaps.iter().map(|word| word.to_le_bytes()[plane]));
+        }
+        for (words, bytes) in [(&self.normals, NORMAL_BYTES), (&self.materials, material_bytes)] {
+            for plane in 0..bytes {
+                out.extend(words.iter().map(|word| word.to_le_bytes()[plane]));
+            }
+        }
+        out
+    }
+}
+
+/// The stored form, its arrays found but not looked into.
+#[derive(Clone, Copy)]
+pub(super) struct Stored<'a> {
+    counts: Counts,
+    pub(super) units: &'a [u8],
+    pub(super) nodes: &'a [u8],
+    links: &'a [u8],
+    bitmaps: &'a [u8],
+    normals: &'a [u8],
+    materials: &'a [u8],
+}
+
+impl<'a> Stored<'a> {
+    /// `None` for another length than the counts say.
+    pub(super) fn read(raw: &'a [u8], material_bytes: usize) -> Option<Stored<'a>> {
+        let (head, arrays) = raw.split_first_chunk::<STORED_HEAD_BYTES>()?;
+        let word = |i: usize| u32::from_le_bytes(head[4 * i..4 * i + 4].try_into().expect("four")) as usize;
+        let linked = word(3);
+        let counts =
+            Counts { units: word(0), nodes: word(1), leaves: word(2), links: word(1) * linked.min(1) };
+        if linked > 1 || counts.stored_bytes(material_bytes) != raw.len() {
+            return None;
+        }
+        let mut rest = arrays;
+        let mut take = |bytes: usize| {
+            let (array, tail) = rest.split_at(bytes);
+            rest = tail;
+            array
+        };
+        Some(Stored {
+            counts,
+            units: take(counts.units),
+            nodes: take(counts.nodes),
+            links: take(LINK_BYTES * counts.links),
+            bitmaps: take(BITMAP_BYTES * counts.leaves),
+            normals: take(NORMAL_BYTES * counts.leaves),
+            materials: take(material_bytes * counts.leaves),
+        })
+    }
+
+    fn link(&self, node: usize) -> u32 {
+        word_of(self.links, self.counts.links, node) as u32
+    }
+
+    pub(super) fn bitmap(&self, leaf: usize) -> u64 {
+        word_of(self.bitmaps, self.counts.leaves, leaf)
+    }
+
+    pub(super) fn normal(&self, leaf: usize) -> u16 {
+        word_of(self.normals, self.counts.leaves, leaf) as u16
+    }
+
+    pub(super) fn material(&self, leaf: usize) -> u16 {
+        word_of(self.materials, self.counts.leaves, leaf) as u16
+    }
+
+    /// Whether units part the nodes, and nodes the leaves, each with 1 to 64 of them.
+    fn is_parted(&self) -> bool {
+        let parts = |sizes: &[u8], sum: usize| {
+            sizes.iter().all(|&size| (1..=NODE_CHILDREN).contains(&usize::from(size)))
+                && sizes.iter().map(|&size| usize::from(size)).sum::<usize>() == sum
+        };
+        self.counts.units > 0 && parts(self.units, self.counts.nodes) && parts(self.nodes, self.counts.leaves)
+    }
+}
+
+/// Word `index` of `count`, whose bytes stand in planes.
+fn word_of(planes: &[u8], count: usize, index: usize) -> u64 {
+    planes
+        .iter()
+        .skip(index)
+        .step_by(count)
+        .enumerate()
+        .map(|(plane, &byte)| u64::from(byte) << (8 * plane))
+        .sum()
+}
+
+/// What a page's words and materials must agree with.
+pub(crate) struct UnitsContext<'a> {
+    /// Materials of the model.
+    pub(crate) material_count: usize,
+    /// Whether a page has units.
+    pub(crate) is_units: &'a dyn Fn(u32) -> bool,
+}
+
+/// The gate for foreign bytes: from the stored form to a frame. What is wrong, in words.
+pub(crate) fn install_units(
+    raw: &[u8],
+    context: &UnitsContext<'_>,
+    frame: &mut [u8],
+) -> Result<(), &'static str> {
+    let material_bytes = material_bytes(context.material_count);
+    let stored =
+        Stored::read(raw, material_bytes).ok_or("a page of units has another length than its head says")?;
+    let counts = stored.counts;
+    if counts.frame_bytes(material_bytes) > frame.len() {
+        return Err("a page of units holds more than a frame can");
+    }
+    if !stored.is_parted() {
+        return Err("units of a page do not part its leaves");
+    }
+    let mut out = Writer { frame, at: 0 };
+    [counts.units, counts.nodes, counts.leaves]
+        .iter()
+        .for_each(|&count| out.put(&(count as u16).to_le_bytes()));
+    out.put(&[material_bytes as u8, u8::from(counts.links > 0)]);
+    for leaf in 0..counts.leaves {
+        let bitmap = stored.bitmap(leaf);
+        if bitmap == 0 {
+            return Err("a leaf of a unit is empty");
+        }
+        out.put(&bitmap.to_le_bytes());
+    }
+    for node in 0..counts.links {
+        let word = stored.link(node);
+        if !(context.is_units)(UnitRef::of(word).page()) {
+            return Err("a unit leads to a page that has none");
+        }
+        out.put(&word.to_le_bytes());
+    }
+    for sizes in [stored.units, stored.nodes] {
+        let mut sum = 0u16;
+        out.put(&sum.to_le_bytes());
+        for &size in sizes {
+            sum += u16::from(size);
+            out.put(&sum.to_le_bytes());
+        }
+    }
+    for leaf in 0..counts.leaves {
+        let normal = stored.normal(leaf);
+        if !LeafNormal(normal).is_sound() {
+            return Err("a normal of a unit is out of its range");
+        }
+        out.put(&normal.to_le_bytes());
+    }
+    for leaf in 0..counts.leaves {
+        let material = stored.material(leaf);
+        if usize::from(material) >= context.material_count {
+            return Err("a unit names a material that is not there");
+        }
+        out.put(&material.to_le_bytes()[..material_bytes]);
+    }
+    Ok(())
+}
+
+/// Fills a frame.
+struct Writer<'a> {
+    frame: &'a mut [u8],
+    at: usize,
+}
+
+impl Writer<'_> {
+    fn put(&mut self, bytes: &[u8]) {
+        self.frame[self.at..self.at + bytes.len()].copy_from_slice(bytes);
+        self.at += bytes.len();
+    }
+}
+
+/// A node of a unit: one leaf of the octree above it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UnitNode {
+    /// Index within the page of its first leaf.
+    first: u32,
+    /// Its leaves.
+    count: u32,
+    /// Where the unit is that hangs here, when units nest.
+    pub link: Option<UnitRef>,
+}
+
+impl UnitNode {
+    /// Index within the page of the leaf in `place`, which is set in `mask`, the bitmap of the leaf that this node is;
+    /// `None` when that cannot be its mask.
+    #[inline]
+    pub fn leaf(&self, mask: u64, place: u32) -> Option<u32> {
+        let rank = (mask & ((1 << place) - 1)).count_ones();
+        (mask.count_ones() == self.count).then_some(self.first + rank)
+    }
+
+    /// Index within the page of its first leaf; the others follow.
+    pub fn first_leaf(&self) -> u32 {
+        self.first
+    }
+
+    /// Count of its leaves, 1 to 64.
+    pub fn leaf_count(&self) -> u32 {
+        self.count
+    }
+}
+
+/// A page of units in its frame.
+#[derive(Clone, Copy, Debug)]
+pub struct UnitsView<'a> {
+    frame: &'a [u8],
+    counts: Counts,
+    material_bytes: usize,
+}
+
+impl<'a> UnitsView<'a> {
+    /// The view of a frame that `install` has filled with a page of units.
+    #[inline]
+    pub fn new(frame: &'a [u8]) -> UnitsView<'a> {
+        let count = |i: usize| usize::from(u16::from_le_bytes([frame[2 * i], frame[2 * i + 1]]));
+        let links = if frame[7] == 0 { 0 } else { count(1) };
+        let counts = Counts { units: count(0), nodes: count(1), leaves: count(2), links };
+        UnitsView { frame, counts, material_bytes: usize::from(frame[6]) }
+    }
+
+    /// Nodes of a unit, 1 to 64; 0 where there is no such unit.
+    pub fn node_count(&self, unit: u32) -> u32 {
+        let unit = unit as usize;
+        if unit >= self.counts.units { 0 } else { self.index(unit + 1) - self.index(unit) }
+    }
+
+    /// Node `rank` of a unit: of the leaves above it the one with so many before it. `None` where there is none.
+    #[inline]
+    pub fn node(&self, unit: u32, rank: u32) -> Option<UnitNode> {
+        let unit = unit as usize;
+        if unit >= self.counts.units || rank >= self.index(unit + 1) - self.index(unit) {
+            return None;
+        }
+        let node = (self.index(unit) + rank) as usize;
+        // First leaves stand behind the first nodes and their end.
+        let at = self.counts.units + 1 + node;
+        let first = self.index(at);
+        let link_at = self.links_at() + LINK_BYTES * node;
+        let link = (self.counts.links > 0).then(|| UnitRef::of(u32::from_le_bytes(self.bytes(link_at))));
+        Some(UnitNode { first, count: self.index(at + 1) - first, link })
+    }
+
+    /// Occluder bitmap of a leaf, by its index within the page.
+    #[inline]
+    pub fn bitmap(&self, leaf: u32) -> u64 {
+        u64::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + BITMAP_BYTES * leaf as usize))
+    }
+
+    /// What the surface in a leaf is like.
+    pub fn leaf(&self, leaf: u32) -> LeafVoxel {
+        let Counts { units, nodes, leaves, .. } = self.counts;
+        let normals_at = self.indices_at() + INDEX_BYTES * (units + nodes + 2);
+        let word = self.bytes(normals_at + NORMAL_BYTES * leaf as usize);
+        let (normal, flatness) = LeafNormal(u16::from_le_bytes(word)).unpack();
+        let material_at = normals_at + NORMAL_BYTES * leaves + self.material_bytes * leaf as usize;
+        let material = match self.material_bytes {
+            1 => u16::from(self.frame[material_at]),
+            _ => u16::from_le_bytes(self.bytes(material_at)),
+        };
+        LeafVoxel { normal, flatness, material }
+    }
+
+    fn links_at(&self) -> usize {
+        FRAME_HEAD_BYTES + BITMAP_BYTES * self.counts.leaves
+    }
+
+    fn indices_at(&self) -> usize {
+        self.links_at() + LINK_BYTES * self.counts.links
+    }
+
+    /// Of the first nodes and first leaves.
+    #[inline]
+    fn index(&self, at: usize) -> u32 {
+        u32::from(u16::from_le_bytes(self.bytes(self.indices_at() + INDEX_BYTES * at)))
+    }
+
+    #[inline]
+    fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
+        *self.frame[at..].first_chunk().expect("inside of the frame")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Units of these leaf counts per node, every leaf another one.
+    fn units(shape: &[Vec<u8>], linked: bool) -> Units {
+        let mut units = Units::default();
+        for nodes in shape {
+            units.units.push(nodes.len() as u8);
+            units.nodes.extend(nodes);
+        }
+        let leaves = units.nodes.iter().map(|&count| u64::from(count)).sum::<u64>();
+        let turn = |leaf: u64| leaf.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        units.bitmaps.extend((0..leaves).map(|leaf| turn(leaf) | 1));
+        units
+            .normals
+            .extend((0..leaves).map(|leaf| LeafNormal::pack([leaf as f32 - 9.0, 2.0, -1.0], 99.0).0));
+        units.materials.extend((0..leaves).map(|leaf| (turn(leaf) >> 40) as u16 % 300));
+        if linked {
+            units
+                .links
+                .extend((0..units.nodes.len()).map(|node| UnitRef::new(node as u32, node % 128).word()));
+        }
+        units
+    }
+
+    fn context(material_count: usize) -> UnitsContext<'static> {
+        UnitsContext { material_count, is_units: &|page| page < 5000 }
+    }
+
+    fn shapes() -> impl Strategy<Value = Vec<Vec<u8>>> {
+        proptest::collection::vec(proptest::collection::vec(1u8..=64, 1..=20), 1..=4)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+        /// All that is in the units is found again in the frame.
+        #[test]
+        fn frames_hold_what_was_stored(shape in shapes(), linked in any::<bool>()) {
+            let units = units(&shape, linked);
+            let raw = units.encode(2);
+            let mut frame = vec![0xaa; FRAME_BYTES];
+            install_units(&raw, &context(300), &mut frame).unwrap();
+            let view = UnitsView::new(&frame);
+            let (mut leaf, mut number) = (0, 0);
+            for (unit, nodes) in (0..).zip(&shape) {
+                prop_assert_eq!(view.node_count(unit) as usize, nodes.len());
+                for (rank, &count) in (0..).zip(nodes) {
+                    let node = view.node(unit, rank).unwrap();
+                    prop_assert_eq!((node.first_leaf(), node.leaf_count()), (leaf, u32::from(count)));
+                    prop_assert_eq!(node.link.map(UnitRef::word), units.links.get(number).copied());
+                    // The upper bits of a word, as many as there are leaves.
+                    let mask = !0u64 << (64 - u32::from(count));
+                    prop_assert_eq!(node.leaf(mask, 63), Some(leaf + u32::from(count) - 1));
+                    prop_assert_eq!(node.leaf(mask.reverse_bits(), 0), Some(leaf));
+                    prop_assert_eq!(node.leaf(mask << 1, 63), None);
+                    for _ in 0..count {
+                        let (normal, flatness) = LeafNormal(units.normals[leaf as usize]).unpack();
+                        let material = units.materials[leaf as usize];
+                        prop_assert_eq!(view.bitmap(leaf), units.bitmaps[leaf as usize]);
+                        prop_assert_eq!(view.leaf(leaf), LeafVoxel { normal, flatness, material });
+                        leaf += 1;
+                    }
+                    number += 1;
+                }
+                prop_assert_eq!(view.node(unit, nodes.len() as u32), None);
+            }
+            prop_assert_eq!(view.node(shape.len() as u32, 0), None);
+            prop_assert_eq!(view.node_count(shape.len() as u32), 0);
+        }
+
+        /// Nothing that comes from outside panics.
+        #[test]
+        fn garbage_is_refused(
+            shape in shapes(),
+            change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6),
+            cut in 0usize..100,
+        ) {
+            let mut raw = units(&shape, true).encode(2);
+            for (at, value) in change {
+                let length = raw.len();
+                raw[at % if at % 2 == 0 { length } else { 80.min(length) }] ^= value;
+            }
+            raw.truncate(raw.len() - cut.min(raw.len()));
+            let mut frame = vec![0; FRAME_BYTES];
+            if install_units(&raw, &context(300), &mut frame).is_ok() {
+                let view = UnitsView::new(&frame);
+                let leaves = (0..128).flat_map(|unit| (0..view.node_count(unit)).map(move |rank| (unit, rank)));
+                for (unit, rank) in leaves {
+                    let node = view.node(unit, rank).unwrap();
+                    let last = node.first_leaf() + node.leaf_count() - 1;
+                    prop_assert!(view.bitmap(last) != 0 && view.leaf(last).material < 300);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_largest_unit_fits_a_frame() {
+        let raw = units(&[vec![64; 64]], true).encode(2);
+        install_units(&raw, &context(300), &mut vec![0; FRAME_BYTES]).unwrap();
+        let two = units(&[vec![64; 64], vec![64; 64]], true).encode(2);
+        assert!(install_units(&two, &context(300), &mut vec![0; FRAME_BYTES]).is_err());
+    }
+}
