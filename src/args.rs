@@ -336,12 +336,16 @@ pub struct BuildArgs {
 #[command(next_help_heading = "Voxel options")]
 pub struct VoxelArgs {
     /// Leaf voxels along the model's longest side: RU in the resident octree, RFINEST (1, 4 or 16 times RU) in units
-    /// below it that are read when rays ask for them (default: as many as the mesh's own size and --upper-budget allow)
+    /// below it that are read when rays ask for them (default: as many RU as the mesh's own size and --upper-budget allow, and no units)
     #[arg(long, value_name = "RU[/RFINEST]", value_parser = values::voxels, conflicts_with = "no_asvo")]
     pub voxels: Option<values::Voxels>,
     /// Most memory that the resident voxel octree may take while rendering, without light
     #[arg(long, value_name = "SIZE", value_parser = values::bytes, default_value = "64MiB")]
     pub upper_budget: Bytes,
+    /// The memory limit that pictures will be made under: sets --upper-budget so that the voxels with their light take at most
+    /// two fifths of it
+    #[arg(long, value_name = "SIZE", value_parser = values::bytes, conflicts_with_all = ["upper_budget", "voxels"])]
+    pub render_limit: Option<Bytes>,
     /// Leave the voxel octree out: smaller, but without global illumination
     #[arg(long)]
     pub no_asvo: bool,
@@ -354,6 +358,7 @@ The output appears under its name only when it is whole: Ctrl-C leaves nothing h
 Examples:
   trex build statue.ply -o statue.trex
   trex build hull.obj engine.stl -o ship.trex --error 0.0001
+  trex build hull.obj -o ship.trex --render-limit 128MiB
   trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json";
 
 /// `trex info`

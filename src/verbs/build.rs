@@ -34,8 +34,14 @@ fn voxels(args: &VoxelArgs) -> Voxels {
     match &args.voxels {
         _ if args.no_asvo => Voxels::None,
         Some(voxels) => Voxels::Refined { upper: voxels.upper, refinement: voxels.refinement },
-        None => Voxels::Within { upper_bytes: args.upper_budget.0 },
+        None => Voxels::Within { upper_bytes: upper_bytes(args) },
     }
+}
+
+/// Resident bytes that the octree may take. A leaf takes 13.5, and its share of three maps of light 10.9 (0.3 facets of
+/// 12 bytes each): of the two fifths of a limit that both may take, 55 % are the octree's.
+fn upper_bytes(args: &VoxelArgs) -> u64 {
+    args.render_limit.as_ref().map_or(args.upper_budget.0, |limit| limit.0 * 2 / 5 * 55 / 100)
 }
 
 /// What to do with an output that exists.

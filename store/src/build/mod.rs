@@ -63,8 +63,7 @@ pub enum Precision {
 pub enum Voxels {
     /// None: no global illumination from this file.
     None,
-    /// As fine as the model's own bytes and this much resident memory allow; finer leaves below these where all voxels
-    /// together still take fewer bytes than the mesh.
+    /// As fine as the model's own bytes and this much resident memory allow.
     Within {
         /// Most bytes of the resident octree, without light.
         upper_bytes: u64,

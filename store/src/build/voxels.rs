@@ -43,7 +43,7 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
         Voxels::None => return Ok(None),
         Voxels::Resolution(resolution) => (resolution, Refinement::None),
         Voxels::Refined { upper, refinement } => (upper, refinement),
-        Voxels::Within { upper_bytes } => choose(parted, upper_bytes),
+        Voxels::Within { upper_bytes } => (choose(parted, upper_bytes), Refinement::None),
     };
     Ok(Some(VoxelWork {
         grid: VoxelGrid::over(lo, hi, resolution, refinement),
@@ -53,10 +53,10 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
     }))
 }
 
-/// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory; and finer leaves below
-/// it, while all of them take less than the mesh. The coarser ones are for what is small: 256 as long as it is allowed,
-/// since a picture needs that much whatever the model has.
-fn choose(parted: &Partition, upper_bytes: u64) -> (u32, Refinement) {
+/// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory. The coarser ones are
+/// for what is small: 256 as long as it is allowed, since a picture needs that much whatever the model has. Units below it
+/// are for who asks for them: rays that may wait for pages cannot go in batches, and are four times as slow.
+fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let [lo, hi] = parted.lattice_bounds;
     let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;
     let leaves = |resolution: u32| {
@@ -67,18 +67,11 @@ fn choose(parted: &Partition, upper_bytes: u64) -> (u32, Refinement) {
     let fits = |resolution: &u32| {
         resident(*resolution) <= upper_bytes as f64 && leaves(*resolution) * DISK_BYTES_PER_LEAF <= mesh_bytes
     };
-    let resolution = match [1024, 512].into_iter().find(fits) {
+    match [1024, 512].into_iter().find(fits) {
         Some(resolution) => resolution,
         None if resident(256) <= upper_bytes as f64 => 256,
         None => 64,
-    };
-    // A level that is four times as fine has sixteen times as many leaves.
-    let all = |refinement: &Refinement| -> f64 {
-        (0..=refinement.levels()).map(|level| leaves(resolution) * 16f64.powi(level as i32)).sum()
-    };
-    let fits = |refinement: &Refinement| all(refinement) * DISK_BYTES_PER_LEAF <= mesh_bytes;
-    let refinement = [Refinement::By16, Refinement::By4].into_iter().find(fits).unwrap_or_default();
-    (resolution, refinement)
+    }
 }
 
 /// Merged records whose pages are written, and what is left to be written.
