@@ -67,7 +67,7 @@ record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 -
 stress() {
     local name=$1
     shift
-    capped "stress-$name" $((128 * MiB)) stress "$@" --memory-limit 128MiB --resolution 512x512 --t-max 33 \
+    capped "$name" $((128 * MiB)) stress "$@" --memory-limit 128MiB --resolution 512x512 --t-max 33 \
         --fetch-block 128 --hold 300 || true
 }
 record build-isosurface-100m build gen:isosurface:100M -o isosurface-100m.trex --overwrite --memory-limit 1GiB \
@@ -76,20 +76,40 @@ record build-pipes-100m build gen:pipes:100M -o pipes-100m.trex --overwrite --me
 # The plant is seen from its marked views: from outside there is but a roof.
 overview="--camera-position 7.35,83.6309,-1 --camera-target 323.4,0,-230.4 --fov-x 75"
 for scenario in flip inside pingpong teleport sweep light-edit squeeze soak; do
-    stress isosurface-$scenario isosurface-100m.trex --scenario $scenario
+    stress stress-isosurface-$scenario isosurface-100m.trex --scenario $scenario
     views=
     [ $scenario != inside ] || views="--views $root/bench/scenes/pipes-100m-views.toml"
-    stress pipes-$scenario pipes-100m.trex --scenario $scenario $overview $views
+    stress stress-pipes-$scenario pipes-100m.trex --scenario $scenario $overview $views
 done
 for scenario in flip inside; do
-    stress isosurface-$scenario-exact isosurface-100m.trex --scenario $scenario --lod-error 0
-    stress pipes-$scenario-exact pipes-100m.trex --scenario $scenario $overview --lod-error 0
+    stress stress-isosurface-$scenario-exact isosurface-100m.trex --scenario $scenario --lod-error 0
+    stress stress-pipes-$scenario-exact pipes-100m.trex --scenario $scenario $overview --lod-error 0
 done
 for scenario in flip sweep; do
     for prefetch in on off; do
-        stress isosurface-$scenario-prefetch-$prefetch isosurface-100m.trex --scenario $scenario --lod-error 0 \
+        stress prefetch-isosurface-$scenario-$prefetch isosurface-100m.trex --scenario $scenario --lod-error 0 \
             --prefetch $prefetch
-        stress pipes-$scenario-prefetch-$prefetch pipes-100m.trex --scenario $scenario $overview --prefetch $prefetch
+        stress prefetch-pipes-$scenario-$prefetch pipes-100m.trex --scenario $scenario $overview --prefetch $prefetch
+    done
+done
+
+# The form of the paper's table 2: one view again and again, all that it needs resident; response, complete picture, rays.
+mkdir -p "$root/out"
+cp isosurface.trex "$root/out/isosurface-20m.trex"
+cp pipes.trex "$root/out/pipes-20m.trex"
+scenes="isosurface pipes-overview pipes-interior"
+if [ -d "$root/../shared/models" ]; then
+    "$trex" build "$root"/../shared/models/sponza/sponza.obj -o "$root/out/sponza.trex" --overwrite --progress none
+    scenes="$scenes sponza"
+fi
+for scene in $scenes; do
+    for rays in "2 2" "4 8"; do
+        read -r shadow gather <<<"$rays"
+        for integrator in photon full-gi; do
+            record "table2-$scene-$shadow-$gather-$integrator" stress "$root/bench/scenes/$scene.toml" --scenario still \
+                --switches 5 --hold 120000 --integrator $integrator --n-shadow $shadow --n-gather $gather --photons 1M \
+                --t-max 100 --fetch-block 512 --memory-limit 4GiB
+        done
     done
 done
 

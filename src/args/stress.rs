@@ -63,6 +63,8 @@ pub enum Scenario {
     Squeeze,
     /// Flip, interior and poses in turn, while memory is watched
     Soak,
+    /// One view, again and again
+    Still,
 }
 
 impl Scenario {
@@ -77,6 +79,7 @@ impl Scenario {
             Scenario::LightEdit => stress::Scenario::LightEdit,
             Scenario::Squeeze => stress::Scenario::Squeeze,
             Scenario::Soak => stress::Scenario::Soak,
+            Scenario::Still => stress::Scenario::Still,
         }
     }
 }

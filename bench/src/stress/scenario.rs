@@ -5,6 +5,7 @@
 //! inside     overview and interior                  squeeze     flip, with half of the frames every other time
 //! pingpong   overview and close-up                  soak        flip, inside and poses in turn; memory is watched
 //! teleport   poses by chance                        sweep       an orbit, a step a response
+//! still      one view, again and again: what the table 2 of the paper shows
 //! ```
 //!
 //! Invariant: step `n` of a script is a function of the model, the options and `n`.
@@ -50,6 +51,8 @@ pub enum Scenario {
     Squeeze,
     /// All viewpoints in turn, while memory is watched.
     Soak,
+    /// One view, again and again.
+    Still,
 }
 
 impl Scenario {
@@ -64,6 +67,7 @@ impl Scenario {
             Scenario::LightEdit => "light-edit",
             Scenario::Squeeze => "squeeze",
             Scenario::Soak => "soak",
+            Scenario::Still => "still",
         }
     }
 }
@@ -153,6 +157,7 @@ impl Script {
         let view = self.views[index as usize % self.views.len()];
         match self.scenario {
             Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
+            Scenario::Still => vec![look(self.views[0])],
             Scenario::Teleport => vec![look(self.pose(index))],
             Scenario::Sweep => {
                 vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
