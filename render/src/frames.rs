@@ -10,7 +10,7 @@ use crate::camera::Projection;
 use crate::frame::{PagedTracer, Pass, PassStats, Predictor, Until};
 use crate::live::{
     BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, FrameOptions, FrameReport, Live, NextLight, Nth, Prefetch,
-    Progress, irradiance, middle,
+    Progress, RESPONSE_SHARE, irradiance, middle,
 };
 use crate::saliency::{Reduced, SAMPLES_PER_SIDE};
 use crate::session::{Session, integrator};
@@ -211,9 +211,12 @@ impl<T: PagedTracer + Send> Session<T> {
         let t_max = live.options.t_max;
         let nth = if live.first_block.is_some() { Nth::Later } else { Nth::First };
         // The first block counts from the event.
-        let passed = if nth == Nth::First { live.since_event() } else { begin.elapsed() };
+        let (passed, longest) = match nth {
+            Nth::First => (live.since_event(), t_max.mul_f64(RESPONSE_SHARE)),
+            Nth::Later => (begin.elapsed(), t_max),
+        };
         let least = t_max / BLOCK_PART_LEAST;
-        let deadline = Instant::now() + t_max.saturating_sub(passed).max(least);
+        let deadline = Instant::now() + longest.saturating_sub(passed).max(least);
         let allowed = (t_max / BLOCK_PART).saturating_sub(passed).max(least);
         let whole = live.block.tiles(nth);
 

@@ -30,6 +30,8 @@ use trex_store::{Budget, Lease, Result};
 pub const BLOCK_TILES_MIN: u32 = 16;
 /// A block is made to take this part of `t_max`: the rest is for what varies.
 pub(crate) const BLOCK_PART: u32 = 2;
+/// Part of `t_max` after which the first block is what there is: a tile and the end of the frame come on top.
+pub(crate) const RESPONSE_SHARE: f64 = 0.75;
 /// Part of `t_max` that the first block gets at least, whatever the event and the preview took.
 pub(crate) const BLOCK_PART_LEAST: u32 = 8;
 /// A block grows by this much a frame.

@@ -59,7 +59,8 @@ fn the_footprint_rule_saves_pages_and_stays_near() {
 fn every_scenario_passes_on_a_small_model() {
     let inside = folder();
     document_in(inside.path(), "build gen:pipes:80k -o pipes.trex");
-    let scenarios = ["flip", "inside", "pingpong", "teleport", "sweep", "light-edit", "squeeze", "soak", "still"];
+    let scenarios =
+        ["flip", "inside", "pingpong", "teleport", "sweep", "light-edit", "squeeze", "soak", "still"];
     for scenario in scenarios {
         let line =
             format!("stress pipes.trex --scenario {scenario} {SMALL} --switches 8 --hold 60 --t-max 50");
