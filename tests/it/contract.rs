@@ -285,7 +285,7 @@ fn documents_hold_what_scripts_rely_on() {
 fn streams_are_kept_apart() {
     let inside = folder();
     for mode in ["auto", "plain", "bar", "json", "none"] {
-        let line = format!("build gen:soup:20k -o out.trex --overwrite --progress {mode}");
+        let line = format!("build gen:soup:20k -o out.trex --no-asvo --overwrite --progress {mode}");
         let plain = run_in(inside.path(), &line);
         plain.expect(0);
         assert!(plain.stdout.contains("triangles in"), "{mode}: {}", plain.stdout);
@@ -309,7 +309,7 @@ fn odd_names_are_names() {
     let inside = folder();
     for name in ["no-ending", "-dash.trex", "späße.trex", "a b.trex"] {
         let build = std::process::Command::new(crate::command::TREX)
-            .args(["build", "gen:soup:10k", "-q", "--output"])
+            .args(["build", "gen:soup:10k", "--no-asvo", "-q", "--output"])
             .arg(format!("./{name}"))
             .current_dir(inside.path())
             .status()

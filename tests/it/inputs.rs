@@ -37,7 +37,7 @@ fn check_all(cases: Vec<Bad<'_>>) {
         // Bad in the second place is as bad.
         check(
             inside.path(),
-            &format!("build gen:soup:10k {name} -o out.trex --temp-dir scratch"),
+            &format!("build gen:soup:10k --no-asvo {name} -o out.trex --temp-dir scratch"),
             3,
             code,
             &place,
@@ -250,8 +250,8 @@ fn several_inputs_become_one_model() {
     let built = document_in(inside.path(), "build fan.ply plates.stl one.obj -o all.trex");
     assert_eq!(built["input_triangle_count"], 98 + 40 + 1);
     assert_eq!(built["triangle_count"], 98 + 40 + 1);
-    let soup = document_in(inside.path(), "build gen:soup:20k -o soup.trex");
-    let both = document_in(inside.path(), "build gen:soup:20k one.obj -o both.trex");
+    let soup = document_in(inside.path(), "build gen:soup:20k --no-asvo -o soup.trex");
+    let both = document_in(inside.path(), "build gen:soup:20k one.obj --no-asvo -o both.trex");
     let count = |document: &serde_json::Value| document["input_triangle_count"].as_u64().unwrap();
     assert_eq!(count(&both), count(&soup) + 1);
     assert_eq!(listing(inside.path()).len(), 6);

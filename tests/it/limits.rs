@@ -36,7 +36,7 @@ fn the_smallest_limit_that_is_named_works() {
         "build scan.ply -o out.trex --overwrite --threads 1",
         "build scan.obj -o out.trex --overwrite --threads 2",
         "build scan.stl -o out.trex --overwrite --threads 2",
-        "build scan.stl gen:soup:10k scan.obj -o out.trex --overwrite --threads 2",
+        "build scan.stl gen:soup:10k scan.obj --no-asvo -o out.trex --overwrite --threads 2",
         "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 1",
         "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 3",
         "render scan.trex -o out.exr --resolution 64x48 --spp 1 --layers depth,id --overwrite",

@@ -38,7 +38,7 @@ fn builds_stay_within_a_group_of_their_limit() {
     document_in(inside.path(), "gen scan --triangles 200k -o scan.ply");
     document_in(inside.path(), "gen pipes --triangles 150k -o pipes.obj");
     for (name, input) in
-        [("iso", "gen:isosurface:700k"), ("ply", "scan.ply"), ("obj", "pipes.obj"), ("soup", "gen:soup:200k")]
+        [("iso", "gen:isosurface:400k"), ("ply", "scan.ply"), ("obj", "pipes.obj"), ("soup", "gen:soup:60k")]
     {
         let line = format!("build {input} -o {name}.trex --threads 2");
         let least = smallest(inside.path(), &line);

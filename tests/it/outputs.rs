@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 #[test]
 fn an_output_that_exists_is_kept_without_overwrite() {
     let inside = folder();
-    document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    document_in(inside.path(), "build gen:soup:10k --no-asvo -o model.trex");
     document_in(inside.path(), "render model.trex --resolution 8x8 -o view.png");
     for (line, output) in [
-        ("build gen:soup:20k -o kept.trex", "kept.trex"),
+        ("build gen:soup:20k --no-asvo -o kept.trex", "kept.trex"),
         ("render model.trex --resolution 8x8 -o kept.png", "kept.png"),
         ("render model.trex --resolution 8x8 -o kept.exr", "kept.exr"),
         ("gen soup --triangles 10k -o kept.ply", "kept.ply"),
@@ -34,13 +34,13 @@ fn an_output_that_exists_is_kept_without_overwrite() {
 #[test]
 fn outputs_without_a_place_are_usage_errors() {
     let inside = folder();
-    document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    document_in(inside.path(), "build gen:soup:10k --no-asvo -o model.trex");
     std::fs::create_dir(inside.path().join("folder.trex")).unwrap();
     let before = listing(inside.path());
     for line in [
-        "build gen:soup:10k -o no/such/folder/out.trex",
-        "build gen:soup:10k -o folder.trex --overwrite",
-        "build gen:soup:10k -o out.trex --temp-dir no/such/folder",
+        "build gen:soup:10k --no-asvo -o no/such/folder/out.trex",
+        "build gen:soup:10k --no-asvo -o folder.trex --overwrite",
+        "build gen:soup:10k --no-asvo -o out.trex --temp-dir no/such/folder",
         "render model.trex -o no/such/folder/out.png",
         "render model.trex -o picture.jpeg",
         "render model.trex -o picture.png --layers depth",
@@ -121,7 +121,9 @@ fn a_folder_that_refuses_is_said() {
     for (path, mode) in [("closed", 0o555), (".", 0o755)] {
         std::fs::set_permissions(inside.path().join(path), PermissionsExt::from_mode(mode)).unwrap();
     }
-    for line in ["build gen:soup:10k -o closed/out.trex", "gen soup --triangles 10k -o closed/out.ply"] {
+    for line in
+        ["build gen:soup:10k --no-asvo -o closed/out.trex", "gen soup --triangles 10k -o closed/out.ply"]
+    {
         let mut command = trex_in(inside.path(), &format!("{line} --json -q"));
         if std::fs::write(inside.path().join("closed/probe"), "").is_ok() {
             std::fs::remove_file(inside.path().join("closed/probe")).unwrap();
@@ -160,7 +162,7 @@ fn interrupt(inside: &Path, line: &str, begun: impl Fn(&Path) -> bool) {
 #[test]
 fn ctrl_c_leaves_nothing_behind() {
     let inside = folder();
-    document_in(inside.path(), "build gen:soup:10k -o model.trex");
+    document_in(inside.path(), "build gen:soup:10k --no-asvo -o model.trex");
     document_in(inside.path(), "gen scan --triangles 1M -o scan.ply");
     let begun = |ending: &'static str| {
         move |inside: &Path| {
@@ -185,7 +187,7 @@ fn ctrl_c_leaves_nothing_behind() {
 fn two_builds_of_one_output_do_not_mix() {
     let inside = folder();
     let spawn = |seed: u32| {
-        let line = format!("build gen:soup:50k:{seed} -o out.trex --json -q");
+        let line = format!("build gen:soup:50k:{seed} --no-asvo -o out.trex --json -q");
         (
             line.clone(),
             trex_in(inside.path(), &line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap(),
