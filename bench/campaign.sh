@@ -113,6 +113,16 @@ for scene in $scenes; do
     done
 done
 
+# What the footprint rule costs: voxels for what is smaller than so many pixels.
+for kind in isosurface scan; do
+    picture="render $kind.trex --overwrite --resolution 512x512 --spp 64"
+    record render-lod-$kind-0 $picture -o exact.exr
+    for pixels in 0.5 1 2; do
+        record render-lod-$kind-${pixels/./-} $picture -o far.exr --lod-error $pixels
+        record lod-$kind-${pixels/./-} image diff far.exr exact.exr
+    done
+done
+
 # Light in the Cornell box against an unbiased picture of it.
 models=$root/../shared/models
 if [ -d "$models" ]; then
