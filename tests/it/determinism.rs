@@ -32,7 +32,7 @@ fn generated_models_give_the_same_bytes() {
 #[test]
 fn units_are_the_same_bytes() {
     let inside = folder();
-    for input in ["gen:isosurface:40k:2 --voxels 64/256", "gen:scan:5k:2 --voxels 64/1024"] {
+    for input in ["gen:isosurface:40k:2 --voxels 64/256", "gen:scan:10k:2 --voxels 64/1024"] {
         check(inside.path(), input, "96MiB");
     }
 }
