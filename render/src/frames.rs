@@ -9,8 +9,8 @@
 use crate::camera::Projection;
 use crate::frame::{PagedTracer, Pass, PassStats, Predictor, Until};
 use crate::live::{
-    BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, FrameOptions, FrameReport, Live, NextLight, Nth, Prefetch,
-    Progress, RESPONSE_SHARE, irradiance, middle,
+    BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, DEMAND, FrameOptions, FrameReport, Live, NextLight, Nth,
+    Prefetch, Progress, RESPONSE_SHARE, irradiance, middle,
 };
 use crate::saliency::{Reduced, SAMPLES_PER_SIDE};
 use crate::session::{Session, integrator};
@@ -268,12 +268,15 @@ impl<T: PagedTracer + Send> Session<T> {
 
     /// Asks for the pages that will be wanted.
     fn predict(&mut self) {
-        let live = self.live.as_ref().expect("it is live");
+        let live = self.live.as_mut().expect("it is live");
         // Its pages are of the ray that a worker narrows down to.
         let is_narrow = live.pass.as_ref().is_some_and(Pass::is_narrow);
-        if live.options.prefetch == Prefetch::Off || is_narrow {
+        // Where frames are scarce a guess takes the place of what is in use.
+        let is_scarce = live.demand(&self.tracers) > DEMAND.start;
+        if live.options.prefetch == Prefetch::Off || is_narrow || is_scarce {
             return;
         }
+        let live = self.live.as_ref().expect("it is live");
         let tracer = &mut self.tracers[0];
         tracer.begin_tile(0);
         let cut = self.world.voxels_from;

@@ -36,8 +36,9 @@ pub(crate) const RESPONSE_SHARE: f64 = 0.75;
 pub(crate) const BLOCK_PART_LEAST: u32 = 8;
 /// A block grows by this much a frame.
 const BLOCK_GROWTH: f64 = 1.25;
-/// Share of the frames in demand above which the governor raises the error, and below which it lowers it.
-const DEMAND: std::ops::Range<f64> = 0.70..0.85;
+/// Share of the frames in demand above which the governor raises the error, and below which it lowers it and pages are
+/// guessed ahead.
+pub(crate) const DEMAND: std::ops::Range<f64> = 0.70..0.85;
 /// Step of the governor.
 const ERROR_GROWTH: f64 = 1.25;
 /// Responses ahead that the camera is guessed.
