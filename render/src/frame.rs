@@ -8,7 +8,7 @@
 //! narrow:      one sample of the oldest tile, alone: ask one ray, request, wait, ask again, until it is done
 //! ```
 //!
-//! A pass may be run in pieces ([`Until`]): by a deadline, or until some tiles are done. Then tiles that find no room
+//! A pass may be run in pieces (`Until`): by a deadline, or until some tiles are done. Then tiles that find no room
 //! among the parked ones are deferred to the end of the pass, so that what can be drawn is drawn first, and what is
 //! blocked shows a stand-in.
 //!

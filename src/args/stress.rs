@@ -22,7 +22,7 @@ pub struct StressArgs {
     /// Longest that a view is held; it ends when every pixel has a sample
     #[arg(long, value_name = "MS", default_value = "1000", value_parser = values::milliseconds)]
     pub hold: Milliseconds,
-    /// Viewpoints of your own, in TOML: [[view]] with position, target and, if you like, up
+    /// Viewpoints of your own, in TOML: an array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml")]
     pub views: Option<PathBuf>,
     /// Times that must not be passed, ms: median response, 99th percentile of it, longest frame
