@@ -2,9 +2,9 @@
 
 use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
 use crate::values::{self, Milliseconds, Triple};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::path::PathBuf;
-use trex_bench::stress;
+use trex_bench::stress::Scenario;
 
 /// `trex stress`
 #[derive(Debug, Args)]
@@ -42,46 +42,6 @@ pub struct StressArgs {
     pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
-}
-
-/// `--scenario`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Scenario {
-    /// Two views from opposite sides
-    Flip,
-    /// Overview and interior
-    Inside,
-    /// Overview and close-up
-    Pingpong,
-    /// Poses by chance
-    Teleport,
-    /// An orbit, a step a response
-    Sweep,
-    /// Lights and materials change
-    LightEdit,
-    /// Flip, with half of the frames for pages every other time
-    Squeeze,
-    /// Flip, interior and poses in turn, while memory is watched
-    Soak,
-    /// One view, again and again
-    Still,
-}
-
-impl Scenario {
-    /// The library's form.
-    pub fn kind(self) -> stress::Scenario {
-        match self {
-            Scenario::Flip => stress::Scenario::Flip,
-            Scenario::Inside => stress::Scenario::Inside,
-            Scenario::Pingpong => stress::Scenario::Pingpong,
-            Scenario::Teleport => stress::Scenario::Teleport,
-            Scenario::Sweep => stress::Scenario::Sweep,
-            Scenario::LightEdit => stress::Scenario::LightEdit,
-            Scenario::Squeeze => stress::Scenario::Squeeze,
-            Scenario::Soak => stress::Scenario::Soak,
-            Scenario::Still => stress::Scenario::Still,
-        }
-    }
 }
 
 const AFTER_STRESS: &str = "\

@@ -53,7 +53,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     session.go_live(frames)?;
     let views = args.views.as_ref().map(|path| read_views(path, &session.view().camera)).transpose()?;
     let options = StressOptions {
-        scenario: args.scenario.kind(),
+        scenario: args.scenario,
         switches: args.switches,
         hold: Duration::from_secs_f64(args.hold.0 / 1e3),
         seed: scene.render.seed,

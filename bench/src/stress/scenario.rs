@@ -32,8 +32,8 @@ const CLOSE_SHARE: f64 = 0.01;
 /// Irradiance of the light that goes round, as strong as the default sun.
 const SUN: f32 = 3.0;
 
-/// What happens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What happens. Its names are those of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Scenario {
     /// Two views from opposite sides.
     Flip,
