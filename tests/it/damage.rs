@@ -268,8 +268,8 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
     let center: [f64; 3] = std::array::from_fn(|a| 0.5 * (bounds.lo[a] + bounds.hi[a]));
     let size = (0..3).map(|a| bounds.hi[a] - bounds.lo[a]).fold(0.0, f64::max);
     let (side, far, degrees) = (128u32, 40.0 * size, 1.6f64);
-    // The page whose box is farthest to one side, so that most of the picture stays.
-    let page = (0..pages.len()).min_by(|&a, &b| boxes[a].hi[0].total_cmp(&boxes[b].hi[0])).unwrap();
+    // The page that comes nearest to the camera: nothing stands before all of it.
+    let page = (0..pages.len()).max_by(|&a, &b| boxes[a].hi[2].total_cmp(&boxes[b].hi[2])).unwrap();
     victim.flip(&[pages[page].offset + 100]);
     let line = |file: &str, output: &str| {
         format!(

@@ -1,6 +1,6 @@
 //! The AVX2 kernel: eight boxes or triangles at a time, f32. The only unsafe code of the renderer.
 //!
-//! A leaf's corners are three words of eight 7-bit indices: one `pdep` spreads a word to eight bytes. A packed
+//! A leaf's corners are three words of eight narrow indices: one `pdep` spreads a word to eight bytes. A packed
 //! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Vertices of wide clusters are fetched
 //! one by one and tested like the others.
 //!
@@ -14,7 +14,7 @@ use super::pages::Pages;
 use super::ray::{Frame, LatticeRay};
 use super::scalar::{Real, Scalar};
 use std::arch::x86_64::*;
-use trex_store::cluster::{CLUSTER_HEADER_BYTES, ClusterView, LEAF_INDEX_BYTES, Node};
+use trex_store::cluster::{ClusterView, Node};
 
 /// True where the machine has what this file uses.
 pub(super) fn is_available() -> bool {
@@ -297,14 +297,15 @@ impl Kernel for Avx2 {
             widths: cluster.widths(),
             vertex_bits: cluster.vertex_bits(),
         };
-        let at = CLUSTER_HEADER_BYTES + leaf * LEAF_INDEX_BYTES;
-        let words = &cluster.bytes()[at..at + LEAF_INDEX_BYTES + 1];
+        let (at, width) = cluster.leaf_indices(leaf);
+        let leaf = &cluster.bytes()[at..];
+        let (least, spread) = (u64::from(leaf[0]) * BYTES_OF_ONE, ((1 << width) - 1) * BYTES_OF_ONE);
+        let corner = |corner: usize| word(leaf, 1 + corner * width as usize);
         // SAFETY: registers only; the caller runs with AVX2, FMA and BMI2.
         unsafe {
-            const SPREAD: u64 = 0x7f7f_7f7f_7f7f_7f7f;
-            let a = self.corner(&fetch, _pdep_u64(word(words, 0), SPREAD));
-            let b = self.corner(&fetch, _pdep_u64(word(words, 7), SPREAD));
-            let c = self.corner(&fetch, _pdep_u64(word(words, 14), SPREAD));
+            let a = self.corner(&fetch, _pdep_u64(corner(0), spread) + least);
+            let b = self.corner(&fetch, _pdep_u64(corner(1), spread) + least);
+            let c = self.corner(&fetch, _pdep_u64(corner(2), spread) + least);
             let mut u = cross(c[0], b[1], c[1], b[0]);
             let mut v = cross(a[0], c[1], a[1], c[0]);
             let mut w = cross(b[0], a[1], b[1], a[0]);
@@ -330,6 +331,8 @@ impl Kernel for Avx2 {
         }
     }
 }
+
+const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
 
 /// The eight bytes at `at`.
 #[inline(always)]

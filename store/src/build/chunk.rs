@@ -28,6 +28,8 @@ pub(super) enum Tree {
 #[derive(Default)]
 pub(super) struct Clusters {
     pub(super) clusters: Vec<ClusterMesh>,
+    /// By cluster: bytes to set aside for it in a page.
+    pub(super) page_bytes: Vec<usize>,
     pub(super) tree: Vec<(LatticeBox, Tree)>,
 }
 
@@ -76,7 +78,9 @@ impl Workspace {
         let mut out = Clusters::default();
         out.grow(&mut self.prims, &self.triangles);
         for cluster in &mut out.clusters {
-            *cluster = self.orderer.ordered(cluster);
+            let ordered = self.orderer.ordered(cluster);
+            out.page_bytes.push(ordered.page_bytes());
+            *cluster = ordered.mesh;
         }
         out
     }

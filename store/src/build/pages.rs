@@ -8,11 +8,11 @@
 //!
 //! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could.
 //!
-//! Invariants: 1. a page refers to nothing outside of itself; 2. its frame form fits a frame; 3. within a page a
+//! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
 
 use super::chunk::{Clusters, Tree};
-use crate::cluster::{ClusterMesh, LatticeBox, Node, PageContent, PageRef, TopRef};
+use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef, TopRef};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 
 /// A page ready to be written.
@@ -59,7 +59,7 @@ const LZ4_GAIN_PERCENT: usize = 3;
 /// Cuts the tree into pages and encodes them.
 pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
     let wide = Wide::over(&clusters.tree);
-    let sizes: Vec<usize> = clusters.clusters.iter().map(ClusterMesh::frame_bytes).collect();
+    let sizes = clusters.page_bytes;
     let mut clusters: Vec<Option<ClusterMesh>> = clusters.clusters.into_iter().map(Some).collect();
     let mut packer = Packer {
         subtree_bytes: wide.subtree_bytes(&sizes),
@@ -161,8 +161,8 @@ struct Packer<'a> {
     out: ChunkPages,
 }
 
-/// Frame bytes for nodes and clusters; header and all root slots are set aside.
-const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS;
+/// Frame bytes for nodes and clusters; header, all root slots and the tail are set aside.
+const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS - FRAME_TAIL_BYTES;
 
 impl Packer<'_> {
     fn place(&mut self, at: WideRef) -> TopRef {

@@ -12,15 +12,15 @@
 //! Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
 //! and clusters stand in the order in which a walk from the first root on meets them.
 //!
-//! Invariants: 1. one page content has one disk form; 2. the disk form is never longer than the frame form: a
-//! cluster's topology takes at most 28 bits a triangle where the frame has 21, less 7 for each new vertex, which has
-//! a tag of 2 bits for it, and its head is 144 + 8 bytes shorter; 3. the decoder is the judge: `encode` has nothing
-//! to say that `install` does not read back.
+//! Invariants: 1. one page content has one disk form; 2. neither that nor the frame form is longer than a frame, where the
+//! builder set [`disk_bytes_most`] aside; 3. the decoder is the judge: `encode` has nothing to say that `install` does not
+//! read back.
 
 use super::bits::{BitWriter, bits_of};
 use super::topology::{self, Walk};
-use super::vertices::{self, CLASS_WIDTH_BITS, Guided};
-use super::{ClusterMesh, Node, palette_index_bits};
+use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, Guided, TAG_BITS};
+use super::{ClusterMesh, FRAME_TAIL_BYTES, Node, palette_index_bits, vertex_bytes};
+use crate::geom::Lattice;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS};
 
 /// Bytes of a frame before its roots.
@@ -137,7 +137,18 @@ fn kinds(refs: &[PageRef]) -> u64 {
 /// Frame bytes of a page with so many roots and nodes, and clusters of so many frame bytes in all.
 pub(crate) fn frame_bytes(root_count: usize, node_count: usize, cluster_frame_bytes: usize) -> usize {
     let roots = (FRAME_HEADER_BYTES + 4 * root_count).next_multiple_of(8);
-    roots + node_count * Node::BYTES + cluster_frame_bytes
+    roots + node_count * Node::BYTES + cluster_frame_bytes + FRAME_TAIL_BYTES
+}
+
+/// Bytes of a cluster on disk, at most: its topology is known, each vertex plain, behind a tag.
+pub(super) fn disk_bytes_most(cluster: &ClusterMesh, topology_bits: u32) -> usize {
+    let (triangles, vertices) = (cluster.triangles.len(), cluster.vertices.len());
+    let palette = cluster.palette().len();
+    let axes = 3 * (Lattice::MAX_BITS + AXIS_WIDTH_BITS);
+    let head = 3 * COUNT_BITS + 2 + axes + CLASSES as u32 * CLASS_WIDTH_BITS;
+    let materials = palette * 16 + triangles * palette_index_bits(palette);
+    let plain = 8 * vertex_bytes(&cluster.widths(), vertices) + vertices * TAG_BITS as usize;
+    (head as usize + materials + topology_bits as usize + plain).div_ceil(8)
 }
 
 /// What all clusters of a page share.

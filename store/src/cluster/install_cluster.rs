@@ -1,5 +1,6 @@
 //! Install of one cluster: bits to corners and vertices, and these to a header, leaf boxes, indices and packed
-//! vertices in the frame.
+//! vertices in the frame. Indices of a leaf stand in as many bits as it needs, so that only behind the topology it is known
+//! where all else goes.
 //!
 //! ```text
 //! topology::decode -> corners, guides -> vertices::decode -> packed vertices, and per vertex its *cell*:
@@ -18,10 +19,11 @@ use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
 use super::view::{ClusterView, LeafBoxes};
 use super::*;
-use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES};
+use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES};
 
 // What a header holds in 16 bits: triangles before a cluster, and offsets in it.
-const _: () = assert!(FRAME_BYTES / CLUSTER_HEADER_BYTES * CLUSTER_TRIANGLES <= u16::MAX as usize);
+const LEAST_FULL_BYTES: usize = CLUSTER_LEAVES_AT + CLUSTER_LEAVES * (1 + 3 * LEAF_WIDTH_LEAST as usize);
+const _: () = assert!(FRAME_BYTES / LEAST_FULL_BYTES * CLUSTER_TRIANGLES <= u16::MAX as usize);
 
 /// Work memory for the clusters of a page.
 pub(super) struct ClusterInstaller {
@@ -35,7 +37,7 @@ pub(super) struct ClusterInstaller {
     cells: [Cell; 256],
 }
 
-/// The counts and widths of a cluster, checked, and where its parts stand in the frame.
+/// The counts and widths of a cluster, checked.
 struct Plan {
     triangle_count: usize,
     vertex_count: usize,
@@ -45,8 +47,14 @@ struct Plan {
     /// Leaf planes are multiples of 2^shift above the base.
     shift: [u8; 3],
     vertex_bits: u32,
-    palette_at: usize,
-    vertices_at: usize,
+}
+
+/// Where the parts of a cluster stand in the frame.
+struct Places {
+    /// As in the header: a bit a leaf in either half, for 1 and 2 more bits than the least.
+    wider: u32,
+    palette: usize,
+    vertices: usize,
     end: usize,
 }
 
@@ -73,9 +81,6 @@ impl Plan {
             return Err("a cluster is out of range");
         }
         let widths = Widths { base, bits, wide };
-        let palette_at = CLUSTER_HEADER_BYTES + triangle_count.div_ceil(LEAF_TRIANGLES) * LEAF_INDEX_BYTES;
-        let vertices_at = palette_at + palette_bytes(palette_len, triangle_count);
-        let end = vertices_at + vertex_bytes(&widths, vertex_count) + VERTEX_TAIL_BYTES;
         Ok(Plan {
             triangle_count,
             vertex_count,
@@ -84,15 +89,25 @@ impl Plan {
             classes,
             shift: bits.map(|b| b.saturating_sub(8)),
             vertex_bits: if wide { 8 * WIDE_VERTEX_BYTES as u32 } else { vertex_bits },
-            palette_at,
-            vertices_at,
-            end: end.next_multiple_of(CLUSTER_ALIGN),
         })
     }
 
     fn leaf_count(&self) -> usize {
         self.triangle_count.div_ceil(LEAF_TRIANGLES)
     }
+
+    /// Bits of the palette and the triangles' indices into it.
+    fn material_bits(&self, head: &Head) -> usize {
+        self.palette_len * usize::from(head.material_bits)
+            + self.triangle_count * palette_index_bits(self.palette_len)
+    }
+}
+
+/// The indices of a leaf: the least, and the bits of the others above it.
+#[derive(Clone, Copy, Default)]
+struct LeafIndices {
+    least: u8,
+    width: u32,
 }
 
 impl ClusterInstaller {
@@ -113,18 +128,26 @@ impl ClusterInstaller {
         self.first_triangle
     }
 
-    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there.
+    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there. Behind them
+    /// stand [`FRAME_TAIL_BYTES`] zeros.
     pub(super) fn install(&mut self, packed: &mut &[u8], frame: &mut [u8]) -> Result<usize, &'static str> {
         let mut input = BitReader::new(packed);
         let plan = Plan::read(&mut input, &self.head, self.lattice_bits)?;
-        let Some(frame) = frame.get_mut(..plan.end) else { return Err("a page does not fit its frame") };
-        self.write_header(&plan, frame);
-        self.materials(&mut input, &plan, frame)?;
+        let mut materials = input;
+        input.skip(plan.material_bits(&self.head));
         self.walk.restart();
         let counts = (plan.triangle_count, plan.vertex_count);
         let machine = self.machine;
         machine.run(Topology { input: &mut input, counts, walk: &mut self.walk })?;
-        let vertices = &mut frame[plan.vertices_at..];
+        let leaves = self.measure_leaves(&plan);
+        let places = Places::of(&plan, &leaves);
+        let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
+            return Err("a page does not fit its frame");
+        };
+        self.write_header(&plan, &places, frame);
+        self.write_indices(&leaves[..plan.leaf_count()], frame);
+        self.materials(&mut materials, &plan, &mut frame[places.palette..places.vertices])?;
+        let vertices = &mut frame[places.vertices..];
         if plan.widths.wide {
             self.wide_vertices(&mut input, &plan, vertices);
         } else {
@@ -133,43 +156,36 @@ impl ClusterInstaller {
         if !input.align() || !input.is_sound() {
             return Err("the bits of a cluster are more or fewer than its counts say");
         }
-        self.leaves(&plan, frame);
+        self.write_boxes(&plan, frame);
         if !self.is_on_lattice(&plan, frame) {
             return Err("a vertex lies behind the lattice");
         }
         self.first_triangle += plan.triangle_count;
         *packed = &packed[input.byte_count()..];
-        Ok(plan.end)
+        Ok(places.end)
     }
 
-    fn write_header(&self, plan: &Plan, frame: &mut [u8]) {
+    fn write_header(&self, plan: &Plan, places: &Places, frame: &mut [u8]) {
         for axis in 0..3 {
-            frame[8 * axis..8 * axis + 8].copy_from_slice(&plan.widths.base[axis].to_le_bytes());
+            frame[5 * axis..5 * axis + 5].copy_from_slice(&plan.widths.base[axis].to_le_bytes()[..5]);
         }
-        frame[24..27].copy_from_slice(&plan.widths.bits);
-        let counts = [plan.triangle_count, plan.vertex_count, plan.leaf_count()].map(|count| count as u8);
-        frame[27] = u8::from(plan.widths.wide);
-        frame[28..31].copy_from_slice(&counts);
-        frame[31..34].copy_from_slice(&plan.shift);
-        let words = [self.first_triangle, plan.palette_len, plan.palette_at, plan.vertices_at];
-        for (i, word) in words.into_iter().enumerate() {
-            let word = word as u16;
-            frame[34 + 2 * i..36 + 2 * i].copy_from_slice(&word.to_le_bytes());
+        frame[15..18].copy_from_slice(&plan.widths.bits);
+        let counts = [plan.vertex_bits as usize, plan.triangle_count, plan.vertex_count, plan.palette_len];
+        frame[18..22].copy_from_slice(&counts.map(|count| count as u8));
+        for (i, word) in [self.first_triangle, places.palette, places.vertices].into_iter().enumerate() {
+            frame[22 + 2 * i..24 + 2 * i].copy_from_slice(&(word as u16).to_le_bytes());
         }
-        frame[42] = plan.vertex_bits as u8;
-        frame[43] = palette_index_bits(plan.palette_len) as u8;
-        frame[44..48].fill(0);
+        frame[28..32].copy_from_slice(&places.wider.to_le_bytes());
     }
 
-    /// The palette, and each triangle's index into it.
+    /// The palette, and each triangle's index into it, to the frame bytes of both.
     fn materials(
         &self,
         input: &mut BitReader<'_>,
         plan: &Plan,
         frame: &mut [u8],
     ) -> Result<(), &'static str> {
-        let (materials, indices) =
-            frame[plan.palette_at..plan.vertices_at].split_at_mut(2 * plan.palette_len);
+        let (materials, indices) = frame.split_at_mut(2 * plan.palette_len);
         for material in materials.as_chunks_mut().0 {
             *material = (input.take(u32::from(self.head.material_bits)) as u16).to_le_bytes();
         }
@@ -245,35 +261,68 @@ impl ClusterInstaller {
         (0..plan.vertex_count).all(|i| is_inside(cluster.vertex(i)))
     }
 
-    /// Indices, and leaf boxes from the cells.
-    fn leaves(&mut self, plan: &Plan, frame: &mut [u8]) {
-        // Triangles that are not there read as (0, 0, 0), and do not count.
+    /// What the indices of each leaf take. The corners of triangles that are not there become one vertex of the last one, so
+    /// that they are met by no ray and ask for nothing more.
+    fn measure_leaves(&mut self, plan: &Plan) -> [LeafIndices; CLUSTER_LEAVES] {
+        let corners = self.walk.corners_mut();
         let padded = plan.leaf_count() * LEAF_TRIANGLES;
-        let (corners, cells) = (self.walk.corners_mut(), &self.cells);
-        corners.iter_mut().for_each(|corner| corner[plan.triangle_count..padded].fill(0));
-        let mut boxes: LeafBoxes = [[255; 16], [255; 16], [255; 16], [0; 16], [0; 16], [0; 16]];
-        let indices = frame[CLUSTER_HEADER_BYTES..].as_chunks_mut::<LEAF_INDEX_BYTES>().0;
-        for leaf in 0..plan.leaf_count() {
-            let first = leaf * LEAF_TRIANGLES;
-            let count = LEAF_TRIANGLES.min(plan.triangle_count - first);
-            let mut least = Cell::MOST;
-            for (corner, indices) in corners.iter().zip(indices[leaf].as_chunks_mut::<7>().0) {
-                let vertices: &[u8; LEAF_TRIANGLES] =
-                    corner[first..first + LEAF_TRIANGLES].try_into().expect("leaves of eight");
-                indices.copy_from_slice(&seven_bits(vertices).to_le_bytes()[..7]);
-                let join = |all: Cell, vertex: &u8| all.min(cells[usize::from(*vertex)]);
-                // Without a count the loop is unrolled.
-                least = if count == LEAF_TRIANGLES {
-                    vertices.iter().fold(least, join)
-                } else {
-                    vertices[..count].iter().fold(least, join)
-                };
+        let last = corners[0][plan.triangle_count - 1];
+        corners.iter_mut().for_each(|corner| corner[plan.triangle_count..padded].fill(last));
+        let [a, b, c] = corners.each_ref().map(|corner| corner.as_chunks::<LEAF_TRIANGLES>().0);
+        let mut leaves = [LeafIndices::default(); CLUSTER_LEAVES];
+        for (leaf, out) in leaves[..plan.leaf_count()].iter_mut().enumerate() {
+            let three = [a[leaf], b[leaf], c[leaf]];
+            let indices = three.as_flattened().iter();
+            let least = indices.clone().fold(u8::MAX, |all, &v| all.min(v));
+            let span = indices.fold(0, |all, &v| all.max(v)) - least;
+            *out = LeafIndices { least, width: leaf_width(span) };
+        }
+        leaves
+    }
+
+    /// The indices of all leaves. They run into what is written behind them, by less than the tail.
+    fn write_indices(&mut self, leaves: &[LeafIndices], frame: &mut [u8]) {
+        let corners = self.walk.corners_mut();
+        let mut at = CLUSTER_LEAVES_AT;
+        for (leaf, &LeafIndices { least, width }) in leaves.iter().enumerate() {
+            frame[at] = least;
+            at += 1;
+            for corner in corners.iter() {
+                let vertices = corner.as_chunks::<LEAF_TRIANGLES>().0[leaf];
+                let above = u64::from_le_bytes(vertices) - u64::from(least) * BYTES_OF_ONE;
+                frame[at..at + 8].copy_from_slice(&narrowed(above, width).to_le_bytes());
+                at += width as usize;
             }
+        }
+    }
+
+    /// Leaf boxes, from the cells.
+    fn write_boxes(&mut self, plan: &Plan, frame: &mut [u8]) {
+        let (corners, cells) = (self.walk.corners_mut(), &self.cells);
+        let mut boxes: LeafBoxes = [[255; 16], [255; 16], [255; 16], [0; 16], [0; 16], [0; 16]];
+        for leaf in 0..plan.leaf_count() {
+            let join = |all: Cell, vertex: &u8| all.min(cells[usize::from(*vertex)]);
+            let least = corners.iter().fold(Cell::MOST, |all, corner| {
+                corner.as_chunks::<LEAF_TRIANGLES>().0[leaf].iter().fold(all, join)
+            });
             for axis in 0..3 {
                 (boxes[axis][leaf], boxes[3 + axis][leaf]) = (least.lo(axis), least.hi(axis));
             }
         }
-        frame[48..CLUSTER_HEADER_BYTES].copy_from_slice(boxes.as_flattened());
+        frame[CLUSTER_HEADER_BYTES..CLUSTER_LEAVES_AT].copy_from_slice(boxes.as_flattened());
+    }
+}
+
+impl Places {
+    fn of(plan: &Plan, leaves: &[LeafIndices; CLUSTER_LEAVES]) -> Places {
+        let (mut wider, mut palette) = (0, CLUSTER_LEAVES_AT);
+        for (leaf, indices) in leaves[..plan.leaf_count()].iter().enumerate() {
+            let more = indices.width - LEAF_WIDTH_LEAST;
+            wider |= (more & 1 | (more & 2) << 15) << leaf;
+            palette += leaf_bytes(indices.width);
+        }
+        let vertices = palette + palette_bytes(plan.palette_len, plan.triangle_count);
+        Places { wider, palette, vertices, end: vertices + vertex_bytes(&plan.widths, plan.vertex_count) }
     }
 }
 
@@ -311,10 +360,12 @@ impl Work for Vertices<'_, '_> {
     }
 }
 
-/// Eight numbers of seven bits in 56, by halves.
-fn seven_bits(numbers: &[u8; 8]) -> u64 {
-    let n = u64::from_le_bytes(*numbers);
-    let n = n & 0x007f_007f_007f_007f | (n & 0x7f00_7f00_7f00_7f00) >> 1;
-    let n = n & 0x0000_3fff_0000_3fff | (n & 0x3fff_0000_3fff_0000) >> 2;
-    n & 0x0fff_ffff | (n & 0x0fff_ffff_0000_0000) >> 4
+const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
+
+/// Eight bytes below 2^width in 8 * width bits, by halves.
+fn narrowed(n: u64, width: u32) -> u64 {
+    let gap = 8 - width;
+    let n = n & 0x00ff_00ff_00ff_00ff | (n & 0xff00_ff00_ff00_ff00) >> gap;
+    let n = n & 0x0000_ffff_0000_ffff | (n & 0xffff_0000_ffff_0000) >> (2 * gap);
+    n & 0xffff_ffff | (n & 0xffff_ffff_0000_0000) >> (4 * gap)
 }

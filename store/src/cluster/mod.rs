@@ -32,16 +32,16 @@ pub use view::{ClusterView, FrameRef, FrameView, LeafBoxes};
 
 use crate::layout::{AXIS_BITS, CLUSTER_LEAVES, LEAF_TRIANGLES, VERTEX_BITS};
 
-/// Bytes of a frame cluster before its index leaves.
-pub const CLUSTER_HEADER_BYTES: usize = 144;
-/// Bytes of one leaf's indices: 3 corners x 8 triangles x 7 bits.
-pub const LEAF_INDEX_BYTES: usize = 21;
+/// Bytes of a frame cluster before its boxes of leaves.
+pub const CLUSTER_HEADER_BYTES: usize = 32;
+/// Bytes of a frame cluster before the indices of its leaves.
+pub const CLUSTER_LEAVES_AT: usize = CLUSTER_HEADER_BYTES + 6 * CLUSTER_LEAVES;
+/// Least bits of an index above the least index of its leaf; four widths from here on.
+pub const LEAF_WIDTH_LEAST: u32 = 4;
 /// Bytes of one vertex of a wide cluster: 3 x 40 bits.
 pub const WIDE_VERTEX_BYTES: usize = 15;
-/// Zeros behind the vertices, so that 64-bit loads of the last ones stay inside of the cluster.
-pub const VERTEX_TAIL_BYTES: usize = 8;
-/// Clusters begin at multiples of this in a frame.
-pub const CLUSTER_ALIGN: usize = 8;
+/// Zeros behind the last cluster, so that 64-bit loads of its last vertices stay inside of the frame.
+pub const FRAME_TAIL_BYTES: usize = 8;
 
 /// A cluster while it is built, and after decoding: plain arrays.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -97,11 +97,25 @@ impl ClusterMesh {
 
     /// Bytes that the cluster takes in a frame.
     pub fn frame_bytes(&self) -> usize {
-        let palette = self.palette().len();
         let vertices = vertex_bytes(&self.widths(), self.vertices.len());
-        let indices = self.leaf_count() * LEAF_INDEX_BYTES + palette_bytes(palette, self.triangles.len());
-        (CLUSTER_HEADER_BYTES + indices + vertices + VERTEX_TAIL_BYTES).next_multiple_of(CLUSTER_ALIGN)
+        let leaves = self.triangles.chunks(LEAF_TRIANGLES).map(|leaf| {
+            let indices = leaf.as_flattened().iter();
+            let span = indices.clone().max().expect("a leaf is not empty") - indices.min().expect("as well");
+            leaf_bytes(leaf_width(span))
+        });
+        let palette = palette_bytes(self.palette().len(), self.triangles.len());
+        CLUSTER_LEAVES_AT + leaves.sum::<usize>() + palette + vertices
     }
+}
+
+/// Bits of the indices of a leaf whose greatest one is `span` above the least.
+fn leaf_width(span: u8) -> u32 {
+    (u8::BITS - span.leading_zeros()).max(LEAF_WIDTH_LEAST)
+}
+
+/// Bytes of a leaf's indices: the least, then 3 corners x 8 triangles above it.
+fn leaf_bytes(width: u32) -> usize {
+    1 + 3 * width as usize
 }
 
 /// Bytes of the packed vertices.
@@ -109,7 +123,7 @@ fn vertex_bytes(widths: &Widths, count: usize) -> usize {
     if widths.wide {
         return count * WIDE_VERTEX_BYTES;
     }
-    (widths.bits.iter().map(|&b| b as usize).sum::<usize>() * count).div_ceil(8)
+    (widths.bits.iter().map(|&b| usize::from(b)).sum::<usize>() * count).div_ceil(8)
 }
 
 /// Bits of a palette index: 0 for one material, then 2, 4 or 8.
@@ -126,5 +140,3 @@ fn palette_index_bits(palette_len: usize) -> usize {
 fn palette_bytes(len: usize, triangle_count: usize) -> usize {
     2 * len + (palette_index_bits(len) * triangle_count).div_ceil(8)
 }
-
-const _: () = assert!(CLUSTER_HEADER_BYTES == 48 + 6 * CLUSTER_LEAVES);

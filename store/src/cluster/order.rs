@@ -12,9 +12,9 @@
 //! Invariants: 1. each leaf keeps its triangles, and a part-filled one stays last; 2. orientation is kept; 3. the
 //! result depends on the cluster alone.
 
-use super::ClusterMesh;
 use super::code::apex;
 use super::topology::{Step, Walk, bit_count};
+use super::{ClusterMesh, encode};
 use crate::layout::{CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// What a new vertex that no gate predicts costs more, bits: about an edge length an axis.
@@ -29,6 +29,23 @@ pub(crate) struct Orderer {
     newest: Vec<[u16; CLUSTER_VERTICES]>,
     /// New number by old one.
     number: [u8; CLUSTER_VERTICES],
+    /// What the triangles so far take on disk.
+    topology_bits: u32,
+}
+
+/// A cluster in coding order.
+pub(crate) struct Ordered {
+    pub(crate) mesh: ClusterMesh,
+    /// Bits of its topology on disk, at most.
+    topology_bits: u32,
+}
+
+impl Ordered {
+    /// Bytes that a page sets aside for it: what it takes in a frame, or on disk where that is more (many triangles over few
+    /// vertices that share no edges).
+    pub(crate) fn page_bytes(&self) -> usize {
+        self.mesh.frame_bytes().max(encode::disk_bytes_most(&self.mesh, self.topology_bits))
+    }
 }
 
 /// A way to tell a triangle of the old cluster next.
@@ -45,16 +62,18 @@ impl Default for Orderer {
             walk: Walk::new(),
             newest: vec![[0; CLUSTER_VERTICES]; CLUSTER_VERTICES],
             number: [NONE; CLUSTER_VERTICES],
+            topology_bits: 0,
         }
     }
 }
 
 impl Orderer {
     /// The same cluster in coding order.
-    pub(crate) fn ordered(&mut self, old: &ClusterMesh) -> ClusterMesh {
+    pub(crate) fn ordered(&mut self, old: &ClusterMesh) -> Ordered {
         self.walk.restart();
         self.newest.iter_mut().for_each(|row| row.fill(0));
         self.number.fill(NONE);
+        self.topology_bits = 0;
         let mut new = ClusterMesh::default();
         new.triangles.reserve(old.triangles.len());
         let mut leaves: Vec<Vec<usize>> = (0..old.triangles.len())
@@ -72,7 +91,7 @@ impl Orderer {
                 self.tell(old, t, candidate, &mut new);
             }
         }
-        new
+        Ordered { mesh: new, topology_bits: self.topology_bits }
     }
 
     /// The leaf to go on with: index into `leaves`.
@@ -119,6 +138,7 @@ impl Orderer {
             }
             *number
         });
+        self.topology_bits += bit_count(candidate.step, self.walk.known(triangle));
         self.walk.step(triangle, candidate.step);
         let count = self.walk.counts.gates as u16;
         let [a, b, x] = triangle.map(usize::from);

@@ -15,7 +15,7 @@
 //! | no rim: corners that are known by their rank of last use; 16 gates | 6.6 | 6.5 | 5.4 |
 //! | no rim, leaves in their order | 6.7 | 6.6 | 5.7 |
 //! | rim, 8 gates / 32 gates that a symbol tells | 5.5 / 5.0 | 5.3 / 4.9 | 4.4 / 4.1 |
-//! | 7-bit corners, as in the frame | 21 | 21 | 21 |
+//! | 7-bit corners | 21 | 21 | 21 |
 //!
 //! After Touma and Gotsman, "Triangle mesh compression", 1998, and the edge queue of meshoptimizer's index codec;
 //! the order of triangles is ours to choose within leaves only (see `order.rs`), so the gate is named each time.
@@ -188,7 +188,7 @@ impl Walk {
     }
 
     /// Bit `c`: corner `c` is known. New ones must be next in number.
-    fn known(&self, triangle: [u8; 3]) -> u64 {
+    pub(super) fn known(&self, triangle: [u8; 3]) -> u64 {
         let mut next = self.counts.vertices;
         let mut known = 0;
         for (corner, &v) in triangle.iter().enumerate() {

@@ -33,7 +33,7 @@ pub(super) const CLASSES: usize = 3;
 /// Bits of a class's width in the head of a cluster.
 pub(super) const CLASS_WIDTH_BITS: u32 = 5;
 /// Bits of a tag.
-const TAG_BITS: u32 = 2;
+pub(super) const TAG_BITS: u32 = 2;
 /// Tags of one 57-bit load.
 const TAGS_A_LOAD: usize = 28;
 const _: () = assert!(TAGS_A_LOAD * TAG_BITS as usize <= 57);

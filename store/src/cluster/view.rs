@@ -6,7 +6,10 @@
 //! Invariants: 1. a frame in here was filled by `install`, which checked every count and index; 2. vertices read
 //! from different clusters agree (lattice integers).
 
-use super::{CLUSTER_HEADER_BYTES, ClusterMesh, LEAF_INDEX_BYTES, LatticeBox, Node, WIDE_VERTEX_BYTES, bits};
+use super::{
+    CLUSTER_HEADER_BYTES, CLUSTER_LEAVES_AT, ClusterMesh, LEAF_WIDTH_LEAST, LatticeBox, Node,
+    WIDE_VERTEX_BYTES, bits, leaf_bytes, palette_index_bits,
+};
 use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
 
 /// Leaf boxes of a cluster as they lie in the frame: lo x, y, z, hi x, y, z, one byte per leaf each.
@@ -123,37 +126,37 @@ impl<'a> ClusterView<'a> {
 
     /// Least corner of its vertices, lattice.
     pub fn base(&self) -> [i64; 3] {
-        std::array::from_fn(|a| i64::from_le_bytes(self.bytes[8 * a..8 * a + 8].try_into().expect("eight")))
+        std::array::from_fn(|a| bits::get(self.bytes, 40 * a, 40) as i64)
     }
 
     /// Bits per axis.
     pub fn widths(&self) -> [u32; 3] {
-        std::array::from_fn(|a| u32::from(self.bytes[24 + a]))
+        std::array::from_fn(|a| u32::from(self.bytes[15 + a]))
     }
 
     /// True when vertices are absolute, 40 bits an axis.
     pub fn is_wide(&self) -> bool {
-        self.bytes[27] != 0
+        self.vertex_bits() == 8 * WIDE_VERTEX_BYTES as u32
     }
 
     /// Count of triangles, 1 to 128.
     pub fn triangle_count(&self) -> usize {
-        usize::from(self.bytes[28])
+        usize::from(self.bytes[19])
     }
 
     /// Count of vertices, 1 to 128.
     pub fn vertex_count(&self) -> usize {
-        usize::from(self.bytes[29])
+        usize::from(self.bytes[20])
     }
 
     /// Count of leaves, 1 to 16.
     pub fn leaf_count(&self) -> usize {
-        usize::from(self.bytes[30])
+        self.triangle_count().div_ceil(LEAF_TRIANGLES)
     }
 
     /// Leaf planes are multiples of `2^shift` above the base, per axis.
     pub fn leaf_shift(&self) -> [u32; 3] {
-        std::array::from_fn(|a| u32::from(self.bytes[31 + a]))
+        self.widths().map(|bits| bits.saturating_sub(8))
     }
 
     /// A box of its vertices, from those of its leaves: exact where it begins, and less than one of 256 steps too
@@ -167,33 +170,45 @@ impl<'a> ClusterView<'a> {
 
     /// Index of its first triangle within the page.
     pub fn first_triangle(&self) -> usize {
-        usize::from(u16_at(self.bytes, 34))
+        usize::from(u16_at(self.bytes, 22))
     }
 
     /// The leaf boxes.
     pub fn leaf_boxes(&self) -> &'a LeafBoxes {
-        bytemuck::from_bytes(&self.bytes[48..CLUSTER_HEADER_BYTES])
+        bytemuck::from_bytes(&self.bytes[CLUSTER_HEADER_BYTES..CLUSTER_LEAVES_AT])
+    }
+
+    /// Where the indices of a leaf stand, bytes from the cluster's start, and their width in bits.
+    #[inline(always)]
+    pub fn leaf_indices(&self, leaf: usize) -> (usize, u32) {
+        // A bit a leaf in either half: 1 and 2 more bits than the least.
+        let wider = u32::from_le_bytes(self.bytes[28..32].try_into().expect("four bytes"));
+        let before = wider & ((0x1_0001 << leaf) - 0x1_0001);
+        let width = LEAF_WIDTH_LEAST + (wider >> leaf & 1) + 2 * (wider >> (16 + leaf) & 1);
+        let more = before.count_ones() + (before >> 16).count_ones();
+        (CLUSTER_LEAVES_AT + leaf * leaf_bytes(LEAF_WIDTH_LEAST) + 3 * more as usize, width)
     }
 
     /// The corners of a leaf's triangles, `[corner][triangle]`, as vertex indices. Triangles that are not there
-    /// read as (0, 0, 0).
+    /// read as three times the same vertex.
     pub fn leaf_corners(&self, leaf: usize) -> [[u8; LEAF_TRIANGLES]; 3] {
-        let at = CLUSTER_HEADER_BYTES + leaf * LEAF_INDEX_BYTES;
+        let (at, width) = self.leaf_indices(leaf);
+        let least = self.bytes[at];
         std::array::from_fn(|corner| {
-            let word = bits::get(&self.bytes[at + 7 * corner..], 0, 56);
-            std::array::from_fn(|i| (word >> (7 * i) & 0x7f) as u8)
+            let word = bits::get(&self.bytes[at + 1 + corner * width as usize..], 0, 8 * width);
+            std::array::from_fn(|i| least + (word >> (width * i as u32) & ((1 << width) - 1)) as u8)
         })
     }
 
     /// Lattice coordinates of a vertex.
     pub fn vertex(&self, index: usize) -> [i64; 3] {
-        let vertices = &self.bytes[usize::from(u16_at(self.bytes, 40))..];
+        let vertices = &self.bytes[self.vertices_offset()..];
         if self.is_wide() {
             let at = index * WIDE_VERTEX_BYTES;
             return std::array::from_fn(|a| bits::get(vertices, 8 * (at + 5 * a), 40) as i64);
         }
         let (base, widths) = (self.base(), self.widths());
-        let mut at = index * usize::from(self.bytes[42]);
+        let mut at = index * self.vertex_bits() as usize;
         std::array::from_fn(|a| {
             let value = bits::get(vertices, at, widths[a]);
             at += widths[a] as usize;
@@ -203,26 +218,25 @@ impl<'a> ClusterView<'a> {
 
     /// Where the packed vertices begin, bytes from the cluster's start.
     pub fn vertices_offset(&self) -> usize {
-        usize::from(u16_at(self.bytes, 40))
+        usize::from(u16_at(self.bytes, 26))
     }
 
     /// Bits of one packed vertex.
     pub fn vertex_bits(&self) -> u32 {
-        u32::from(self.bytes[42])
+        u32::from(self.bytes[18])
     }
 
     /// The three corners of triangle `index`, lattice.
     pub fn triangle(&self, index: usize) -> [[i64; 3]; 3] {
-        let at = CLUSTER_HEADER_BYTES + index / LEAF_TRIANGLES * LEAF_INDEX_BYTES;
-        let corner =
-            |corner: usize| bits::get(&self.bytes[at + 7 * corner..], 7 * (index % LEAF_TRIANGLES), 7);
-        std::array::from_fn(|i| self.vertex(corner(i) as usize))
+        let (at, width) = self.leaf_indices(index / LEAF_TRIANGLES);
+        let place = |corner: usize| (8 * corner + index % LEAF_TRIANGLES) * width as usize;
+        let above = |corner: usize| bits::get(&self.bytes[at + 1..], place(corner), width);
+        std::array::from_fn(|i| self.vertex(usize::from(self.bytes[at]) + above(i) as usize))
     }
 
     /// Material of triangle `index`.
     pub fn material(&self, index: usize) -> u16 {
-        let palette = usize::from(u16_at(self.bytes, 38));
-        u16_at(self.bytes, palette + 2 * self.palette_index(index))
+        u16_at(self.bytes, self.palette_offset() + 2 * self.palette_index(index))
     }
 
     /// Everything, as plain arrays.
@@ -240,26 +254,29 @@ impl<'a> ClusterView<'a> {
 
     /// The materials in it, as stored.
     fn palette(&self) -> &'a [[u8; 2]] {
-        let at = usize::from(u16_at(self.bytes, 38));
+        let at = self.palette_offset();
         self.bytes[at..at + 2 * self.palette_len()].as_chunks().0
     }
 
+    fn palette_offset(&self) -> usize {
+        usize::from(u16_at(self.bytes, 24))
+    }
+
     pub(super) fn palette_len(&self) -> usize {
-        usize::from(u16_at(self.bytes, 36))
+        usize::from(self.bytes[21])
     }
 
     pub(super) fn palette_index(&self, index: usize) -> usize {
-        let bits = usize::from(self.bytes[43]);
+        let bits = palette_index_bits(self.palette_len());
         if bits == 0 {
             return 0;
         }
-        let at = usize::from(u16_at(self.bytes, 38)) + 2 * self.palette_len();
+        let at = self.palette_offset() + 2 * self.palette_len();
         bits::get(&self.bytes[at..], index * bits, bits as u32) as usize
     }
 
     pub(super) fn frame_bytes(&self) -> usize {
-        let vertices = (self.vertex_count() * self.vertex_bits() as usize).div_ceil(8);
-        (self.vertices_offset() + vertices + super::VERTEX_TAIL_BYTES).next_multiple_of(super::CLUSTER_ALIGN)
+        self.vertices_offset() + (self.vertex_count() * self.vertex_bits() as usize).div_ceil(8)
     }
 }
 
