@@ -272,7 +272,8 @@ pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result
     let mut head = [0; UpperOctree::HEAD_BYTES];
     let length = (section.bytes as usize).min(head.len());
     file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
-    UpperOctree::peek(&head[..length], section.bytes)
+    let material_count = block.section(SectionKind::Materials).count;
+    UpperOctree::peek(&head[..length], section.bytes, material_count as usize)
         .filter(|size| size.leaf_count == section.count)
         .map(Some)
         .ok_or_else(|| out_of_range(section, kind, path))

@@ -41,7 +41,7 @@ impl Upper {
             while words.len() < counts[stream] as usize {
                 let count = (counts[stream] as usize - words.len()).min(BLOCK_BYTES / width);
                 let packed = r.number(4) as usize;
-                let planes = lz4_flex::block::decompress(&bytes[r.at..r.at + packed], count * width).unwrap();
+                let planes = miniz_oxide::inflate::decompress_to_vec(&bytes[r.at..r.at + packed]).unwrap();
                 r.at += packed;
                 assert_eq!(planes.len(), count * width);
                 let byte = |i: usize, p: usize| u64::from(planes[p * count + i]) << (8 * p);
@@ -67,7 +67,7 @@ impl Upper {
             for block in words.chunks(BLOCK_BYTES / width) {
                 let plane = |p: usize| block.iter().map(move |word| word.to_le_bytes()[p]);
                 let planes: Vec<u8> = (0..width).flat_map(plane).collect();
-                let packed = lz4_flex::block::compress(&planes);
+                let packed = miniz_oxide::deflate::compress_to_vec(&planes, 3);
                 bytes.extend((packed.len() as u32).to_le_bytes());
                 bytes.extend(packed);
             }

@@ -57,7 +57,7 @@ pub(crate) fn read_links(bytes: &[u8], count: usize) -> (u64, u64, Vec<u64>) {
     while words.len() < count {
         let part = (count - words.len()).min(BLOCK_WORDS);
         let packed = r.number(4) as usize;
-        let planes = lz4_flex::block::decompress(&bytes[r.at..r.at + packed], 4 * part).unwrap();
+        let planes = miniz_oxide::inflate::decompress_to_vec(&bytes[r.at..r.at + packed]).unwrap();
         r.at += packed;
         words.extend(
             (0..part).map(|i| (0..4).map(|p| u64::from(planes[p * part + i]) << (8 * p)).sum::<u64>()),

@@ -1,7 +1,7 @@
 //! `LowerLinks`: where the unit of each linking node is. Resident beside the upper octree; a section of the file.
 //!
 //! ```text
-//! section  refinement u32 | leaves of all units u64 | words u32, one per linking node, in LZ4 blocks as the octree's streams
+//! section  refinement u32 | leaves of all units u64 | words u32, one per linking node, in Deflate blocks as the octree's streams
 //! word     page in bits 0 to 24, unit within it in bits 25 to 31
 //! ```
 //!
@@ -11,7 +11,7 @@
 //! Invariants: 1. every word leads to a page of units; whether the page has such a unit is known when it is read.
 
 use super::Refinement;
-use super::stored::{BLOCK_BYTES, Reader, packed_planes};
+use super::stored::{BLOCK_BYTES, PACKED_MOST, Reader, packed_planes};
 use crate::layout::PAGES;
 
 /// Bits of a page's number in a word.
@@ -89,8 +89,8 @@ impl LowerLinks {
         let mut r = Reader(head);
         let (refinement, leaf_count) = (Refinement::of(r.u32()?)?, r.u64()?);
         let resident_bytes = u64::from(link_count) * WORD_BYTES as u64;
-        // LZ4 packs at most 255 bytes into one.
-        let sound = refinement != Refinement::None && resident_bytes <= stored_bytes.checked_mul(255)?;
+        let sound =
+            refinement != Refinement::None && resident_bytes <= stored_bytes.checked_mul(PACKED_MOST)?;
         let size = LowerSize {
             refinement,
             leaf_count,

@@ -91,9 +91,10 @@ pub(super) fn unpack_area(word: u8) -> f32 {
     f32::from_bits((u32::from(word) + AREA_FIRST) << AREA_SHIFT)
 }
 
-/// Materials of leaves: a byte each where that does.
+/// Materials of leaves: nothing where there is but one, a byte each where that does.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Materials {
+    Only,
     Narrow(Vec<u8>),
     Wide(Vec<u16>),
 }
@@ -102,13 +103,24 @@ impl Materials {
     /// An empty list with room for `capacity`, for a model with so many materials.
     pub(super) fn new(material_count: usize, capacity: usize) -> Materials {
         match material_count {
-            0..=256 => Materials::Narrow(Vec::with_capacity(capacity)),
+            0 | 1 => Materials::Only,
+            ..=256 => Materials::Narrow(Vec::with_capacity(capacity)),
             _ => Materials::Wide(Vec::with_capacity(capacity)),
+        }
+    }
+
+    /// Bytes of memory of a leaf's.
+    pub(super) fn bytes(material_count: usize) -> u64 {
+        match material_count {
+            0 | 1 => 0,
+            ..=256 => 1,
+            _ => 2,
         }
     }
 
     pub(super) fn push(&mut self, material: u16) {
         match self {
+            Materials::Only => {}
             Materials::Narrow(list) => list.push(u8::try_from(material).expect("one of the model's")),
             Materials::Wide(list) => list.push(material),
         }
@@ -117,6 +129,7 @@ impl Materials {
     #[inline]
     pub(super) fn get(&self, leaf: usize) -> u16 {
         match self {
+            Materials::Only => 0,
             Materials::Narrow(list) => u16::from(list[leaf]),
             Materials::Wide(list) => list[leaf],
         }

@@ -3,7 +3,7 @@
 //! ```text
 //! nodes, level by level from the root: mask u64 | first child u32     (children of a node stand together)
 //! bitmaps u64 per leaf                                                 (all that shadow rays read)
-//! payload per leaf: normal u16 | material u8 or u16;   facets per last node: what light is kept by
+//! payload per leaf: normal u16 | material u8 or u16 (where there are several);   facets per last node: what light is kept by
 //! ```
 //!
 //! The child in place `i` of a node with mask `m` is `first + popcount(m & (2^i - 1))`: a node of the next level, or at the
@@ -71,16 +71,16 @@ pub struct UpperSize {
 
 impl UpperSize {
     /// Bytes of memory for so many nodes, leaves and facets, at most: of the last nodes it is known only that they have
-    /// leaves, and materials may be wide.
-    pub(super) fn resident_bytes(nodes: u64, leaves: u64, facets: u64) -> u64 {
+    /// leaves.
+    pub(super) fn resident_bytes(nodes: u64, leaves: u64, facets: u64, material_count: usize) -> u64 {
         nodes * size_of::<OctreeNode>() as u64
-            + leaves * LEAF_BYTES
+            + leaves * (LEAF_BYTES + Materials::bytes(material_count))
             + Facets::bytes(nodes.min(leaves), facets)
     }
 }
 
-/// Bytes of a leaf: bitmap, normal, material.
-const LEAF_BYTES: u64 = 8 + 2 + 2;
+/// Bytes of a leaf: bitmap, normal.
+const LEAF_BYTES: u64 = 8 + 2;
 
 /// The resident octree. See the module's picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -162,7 +162,9 @@ impl UpperOctree {
 /// Bytes in memory of a leaf and its share of nodes and facets, at most as a rule: a node has four leaves or more, and a
 /// facet for two.
 pub(crate) fn leaf_bytes() -> u64 {
-    LEAF_BYTES + (size_of::<OctreeNode>() as u64 + Facets::bytes(1, 2)).div_ceil(4)
+    LEAF_BYTES
+        + Materials::bytes(usize::MAX)
+        + (size_of::<OctreeNode>() as u64 + Facets::bytes(1, 2)).div_ceil(4)
 }
 
 /// Nodes from masks in level order; `None` when the levels do not come out at `leaf_count`.
