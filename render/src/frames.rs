@@ -123,6 +123,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let Some(live) = &mut self.live else { return };
         let demand = live.demand(&self.tracers);
         live.governor.lower(demand);
+        live.last_demand = demand;
         live.pass = None;
         (live.finished, live.first_block) = (0, None);
         live.learn_event(before, &self.world.projection);
@@ -271,8 +272,8 @@ impl<T: PagedTracer + Send> Session<T> {
         let live = self.live.as_mut().expect("it is live");
         // Its pages are of the ray that a worker narrows down to.
         let is_narrow = live.pass.as_ref().is_some_and(Pass::is_narrow);
-        // Where frames are scarce a guess takes the place of what is in use.
-        let is_scarce = live.demand(&self.tracers) > DEMAND.start;
+        // Where frames are scarce a guess takes the place of what is in use. A state that begins is taken to be as the last.
+        let is_scarce = live.demand(&self.tracers).max(live.last_demand) > DEMAND.start;
         if live.options.prefetch == Prefetch::Off || is_narrow || is_scarce {
             return;
         }

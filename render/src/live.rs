@@ -367,6 +367,8 @@ pub(crate) struct Live {
     motion: Motion,
     /// Pages in demand since the event, a bit each.
     demand: Vec<u64>,
+    /// What [`Live::demand`] came to in the last state.
+    pub(crate) last_demand: f64,
 }
 
 /// How the camera moves.
@@ -398,6 +400,7 @@ impl Live {
             is_new: true,
             motion: Motion { at: Instant::now(), response: None, step: None },
             demand: Vec::new(),
+            last_demand: 0.0,
         })
     }
 

@@ -12,12 +12,21 @@ use super::pages::{Page, Pages};
 use crate::frame::{PagedTracer, Predictor};
 use std::time::Duration;
 use trex_store::PageFile;
-use trex_store::pool::{Class, PREDICTOR_ORIGINS, PREDICTORS, PagePool, PageState, PinToken, Want};
+use trex_store::pool::{
+    Class, GuessStats, PREDICTOR_ORIGINS, PREDICTORS, PagePool, PageState, PinToken, Want,
+};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
 /// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon over.
 const GUESSES_MAX: usize = 64;
+/// One of so many guesses that came to something may have been wasted; a predictor that wastes more is not trusted.
+const WASTE_OF: u64 = 5;
+/// Guesses that have to come to something before a predictor is judged.
+const JUDGED_FROM: u64 = 64;
+/// A predictor that is not trusted may guess this many pages, every so many times: it may have become better.
+const TRIAL_GUESSES: usize = 4;
+const TRIAL_EVERY: u32 = 16;
 
 const _: () = assert!(Predictor::Tiles as usize + 1 == PREDICTORS);
 
@@ -34,6 +43,8 @@ pub struct PooledPages<'a> {
     wants: Vec<(u32, u32)>,
     /// Pages asked for since demand was forgotten, a bit each.
     used: Vec<u64>,
+    /// Times that a predictor has guessed.
+    guessed: u32,
     epoch: u64,
 }
 
@@ -53,6 +64,7 @@ impl<'a> PooledPages<'a> {
             origin,
             wants: Vec::new(),
             used: vec![0; (pool.page_count() as usize).div_ceil(64)],
+            guessed: 0,
             epoch: pool.epoch(),
         }
     }
@@ -104,8 +116,21 @@ impl<'a> PooledPages<'a> {
         .map(|(page, weight)| Want { page, class: Class::Prefetch, weight })
         .collect();
         list.sort_unstable_by_key(|want| (std::cmp::Reverse(want.weight), want.page));
-        list.truncate(GUESSES_MAX);
+        list.truncate(self.guesses_max(predictor));
         pool.submit(PREDICTOR_ORIGINS.start + predictor as usize, &list);
+    }
+
+    /// How many pages a predictor may guess, by what came of its guesses so far.
+    fn guesses_max(&mut self, predictor: Predictor) -> usize {
+        self.guessed = self.guessed.wrapping_add(1);
+        let GuessStats { used, wasted, .. } = self.pool.stats().guesses[predictor as usize];
+        let is_trusted = used + wasted < JUDGED_FROM || wasted * WASTE_OF <= used + wasted;
+        let is_trial = self.guessed.is_multiple_of(TRIAL_EVERY);
+        match (is_trusted, is_trial) {
+            (true, _) => GUESSES_MAX,
+            (false, true) => TRIAL_GUESSES,
+            (false, false) => 0,
+        }
     }
 
     /// Pages between two, on disk, that are in use.

@@ -23,6 +23,7 @@ mod partition;
 mod publish;
 mod sah;
 mod scratch;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod voxels;

@@ -11,6 +11,7 @@
 
 use super::lattice::{Grid, Scan, Tell};
 use super::scratch::{LatticeTriangle, Run, Scratch, encode};
+use super::surface::Surface;
 use super::{BuildOptions, no_triangles};
 use crate::cluster::LatticeBox;
 use crate::error::{Code, Error, Result};
@@ -71,8 +72,8 @@ pub(super) struct Partition {
     pub(super) error_bound: f64,
     /// Box of the triangles on the lattice: least corner, greatest corner.
     pub(super) lattice_bounds: [[i64; 3]; 2],
-    /// Their area, in squares of the lattice step.
-    pub(super) area: f64,
+    /// How much of them there is.
+    pub(super) surface: Surface,
     pub(super) content_hash: u64,
     pub(super) wait_ms: u64,
 }
@@ -97,7 +98,7 @@ pub(super) fn partition(
         buffered_most: buffer_bytes / TRIANGLE_BYTES,
     };
     let mut cells = Cells::new(Scratch::create(scratch_folder)?, sorted);
-    let mut snapper = Snapper::new(grid, name.clone());
+    let mut snapper = Snapper::new(grid, Surface::new(scan, &grid), name.clone());
     let mut waited = Duration::ZERO;
 
     std::thread::scope(|scope| -> Result<()> {
@@ -141,7 +142,7 @@ pub(super) fn partition(
         rejected_non_finite: snapper.rejected_non_finite,
         error_bound: if snapper.exact { 0.0 } else { grid.lattice.step() / 2.0 },
         lattice_bounds: [snapper.bounds.lo, snapper.bounds.hi],
-        area: snapper.area,
+        surface: snapper.surface,
         content_hash: snapper.hasher.digest(),
         wait_ms: waited.as_millis() as u64,
     };
@@ -178,11 +179,11 @@ struct Snapper {
     rejected_non_finite: u64,
     exact: bool,
     bounds: LatticeBox,
-    area: f64,
+    surface: Surface,
 }
 
 impl Snapper {
-    fn new(grid: Grid, name: String) -> Snapper {
+    fn new(grid: Grid, surface: Surface, name: String) -> Snapper {
         Snapper {
             grid,
             name,
@@ -192,7 +193,7 @@ impl Snapper {
             rejected_non_finite: 0,
             exact: true,
             bounds: LatticeBox::EMPTY,
-            area: 0.0,
+            surface,
         }
     }
 
@@ -225,7 +226,7 @@ impl Snapper {
                 return Err(self.too_many("materials", MATERIALS as u64));
             };
             q.iter().for_each(|&q| self.bounds.add(q));
-            self.area += area(&q);
+            self.surface.add(&q);
             cells.push(LatticeTriangle { q, material })?;
         }
         Ok(())
@@ -237,14 +238,6 @@ impl Snapper {
             .numbers(format!("at most {most}"))
             .next("cut the input in parts and build each")
     }
-}
-
-/// Area in squares of the lattice step.
-fn area(q: &[[i64; 3]; 3]) -> f64 {
-    let edge = |i: usize, a: usize| (q[i][a] - q[0][a]) as f64;
-    let cross = |a: usize, b: usize| edge(1, a) * edge(2, b) - edge(1, b) * edge(2, a);
-    let (x, y, z) = (cross(1, 2), cross(2, 0), cross(0, 1));
-    0.5 * (x * x + y * y + z * z).sqrt()
 }
 
 /// A cell: its place on the curve, its runs so far, and the buffered end.

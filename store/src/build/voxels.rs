@@ -7,6 +7,7 @@
 use super::Voxels;
 use super::partition::Partition;
 use super::publish::DraftFile;
+use super::surface::RESOLUTIONS;
 use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
@@ -16,11 +17,8 @@ use crate::octree::{
 };
 use std::path::{Path, PathBuf};
 
-/// Leaves per square of surface of a leaf's side: a plane of any direction meets 1 to 1.7 voxels per square, a rough one
-/// fewer of its own area.
-const LEAVES_PER_SQUARE: f64 = 1.5;
 /// Bytes of a leaf on disk, bytes of a triangle there: measured, rounded.
-const DISK_BYTES_PER_LEAF: f64 = 10.0;
+const DISK_BYTES_PER_LEAF: f64 = 8.0;
 const DISK_BYTES_PER_TRIANGLE: f64 = 2.5;
 
 /// Records between two reports; their masks are what is counted as memory afterwards.
@@ -59,19 +57,13 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
 fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let [lo, hi] = parted.lattice_bounds;
     let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;
-    let leaves = |resolution: u32| {
-        let leaf = VoxelGrid::over(lo, hi, resolution, Refinement::None).leaf_steps() as f64;
-        LEAVES_PER_SQUARE * parted.area / (leaf * leaf)
+    let fits = |which: &usize| {
+        let leaf_steps = VoxelGrid::over(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
+        let leaves = parted.surface.leaf_count(*which, leaf_steps);
+        let is_small = RESOLUTIONS[*which] == 256 || leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;
+        is_small && leaves * leaf_bytes() as f64 <= upper_bytes as f64
     };
-    let resident = |resolution| leaves(resolution) * leaf_bytes() as f64;
-    let fits = |resolution: &u32| {
-        resident(*resolution) <= upper_bytes as f64 && leaves(*resolution) * DISK_BYTES_PER_LEAF <= mesh_bytes
-    };
-    match [1024, 512].into_iter().find(fits) {
-        Some(resolution) => resolution,
-        None if resident(256) <= upper_bytes as f64 => 256,
-        None => 64,
-    }
+    (0..RESOLUTIONS.len()).rev().find(fits).map_or(64, |which| RESOLUTIONS[which])
 }
 
 /// Merged records whose pages are written, and what is left to be written.

@@ -159,12 +159,10 @@ impl UpperOctree {
     }
 }
 
-/// Bytes in memory of a leaf and its share of nodes and facets, at most as a rule: a node has four leaves or more, and a
-/// facet for two.
+/// Bytes in memory of a leaf and its share of nodes and facets, as a rule: a byte of material; twelve leaves a node, and a
+/// facet for six of them (16 and 8 on the iso-surface).
 pub(crate) fn leaf_bytes() -> u64 {
-    LEAF_BYTES
-        + Materials::bytes(usize::MAX)
-        + (size_of::<OctreeNode>() as u64 + Facets::bytes(1, 2)).div_ceil(4)
+    LEAF_BYTES + 1 + (size_of::<OctreeNode>() as u64 + Facets::bytes(1, 2)).div_ceil(12)
 }
 
 /// Nodes from masks in level order; `None` when the levels do not come out at `leaf_count`.
