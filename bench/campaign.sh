@@ -68,7 +68,7 @@ stress() {
     local name=$1
     shift
     capped "$name" $((128 * MiB)) stress "$@" --memory-limit 128MiB --resolution 512x512 --t-max 33 \
-        --fetch-block 128 --hold 300 || true
+        --fetch-block 128 --hold 150 || true
 }
 record build-isosurface-100m build gen:isosurface:100M -o isosurface-100m.trex --overwrite --memory-limit 1GiB \
     --render-limit 128MiB

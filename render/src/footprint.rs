@@ -12,7 +12,7 @@
 //! needs no page.
 
 use crate::film::NO_ID;
-use crate::integrator::{Integrator, Path};
+use crate::integrator::{Integrator, Origin, Path};
 use crate::material::bsdf;
 use crate::math::{add_rgb, along, dot, mul_rgb, scale_rgb, to_f64};
 use crate::surface::{OFFSET_ERRORS, Surface};
@@ -77,6 +77,8 @@ impl Integrator<'_> {
         };
         let cut = match path.vertex {
             _ if path.is_far => 0.0,
+            // No pixel looks along it.
+            _ if matches!(path.origin, Origin::Scattered { .. }) => f64::INFINITY,
             0 => self.world.voxels_from,
             _ => (self.world.voxels_from - path.travelled).max(MIRROR_LEAVES * far.voxels.leaf_side()),
         };

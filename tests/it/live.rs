@@ -56,6 +56,26 @@ fn the_footprint_rule_saves_pages_and_stays_near() {
     }
 }
 
+/// The rule is about pixels: what light meets after it was scattered is on the mesh, however far away.
+#[test]
+fn scattered_rays_of_path_stay_on_the_mesh() {
+    let inside = folder();
+    let corners = "v 0 0 0\nv 10 0 0\nv 10 10 0\nv 0 10 0\nv 0 0 10\nv 10 0 10\nv 10 10 10\nv 0 10 10\n";
+    let (floor, ceiling) = ("f 1 2 3\nf 1 3 4\n", "f 5 7 6\nf 5 8 7\n");
+    std::fs::write(inside.path().join("room.obj"), format!("{corners}{floor}{ceiling}")).unwrap();
+    document_in(inside.path(), "build room.obj -o room.trex --voxels 64");
+    // The floor is one unit away, the ceiling ten; voxels begin at three.
+    let line = "render room.trex --integrator path --resolution 32x32 --spp 4 --camera-position 5,5,1 \
+                --camera-target 5,5,0 --camera-up 0,1,0 --fov-x 40";
+    let hash = |lod_error: &str| {
+        let name = format!("{lod_error}.exr");
+        document_in(inside.path(), &format!("{line} --lod-error {lod_error} -o {name}"));
+        hash_of(&inside.path().join(name))
+    };
+    assert_eq!(hash("0"), hash("2"));
+    assert_ne!(hash("0.0"), hash("20"), "no pixel is looked at in voxels even at 0.3");
+}
+
 #[test]
 fn every_scenario_passes_on_a_small_model() {
     let inside = folder();

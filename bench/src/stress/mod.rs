@@ -245,7 +245,7 @@ impl Log {
         let slope = (options.scenario == Scenario::Soak).then(|| slope(&self.memory)).flatten();
         let mut figures = StressFigures {
             scenario: options.scenario.name(),
-            switches: self.frame_count_of_views(),
+            switches: self.first.count(),
             rays,
             rays_per_s: rays.total() as f64 / seconds,
             block_tiles: share(self.block_tiles, self.response.count()),
@@ -271,10 +271,6 @@ impl Log {
         };
         figures.failures = failures(&figures, options);
         figures
-    }
-
-    fn frame_count_of_views(&self) -> u64 {
-        self.first.count()
     }
 }
 

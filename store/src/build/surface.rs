@@ -1,12 +1,12 @@
 //! How many leaf voxels there will be, before there are any: what their resolution is chosen by.
 //!
 //! ```text
-//! triangle, for each resolution:   larger than a leaf -> its area        leaves = 1.5 squares of area
-//!                                  smaller -> the leaf that it is in     leaves = distinct ones (HyperLogLog), plus a fifth
+//! triangle, for each resolution:   over 64 leaves by its shadows    -> these     (its shadows on the planes of the axes, added)
+//!                                  smaller -> points on it, two a leaf         -> distinct leaves of theirs, plus a fifth
 //! ```
 //!
-//! Area alone guesses too many where several sheets lie in one leaf: 2.3 times for `gen:pipes:20M`. A table of all leaves
-//! would take 128 MiB at 1024; the sketches take 12 KiB and are wrong by 2 % (Flajolet et al., "HyperLogLog", 2007).
+//! Shadows alone guess too many where a leaf holds several sheets or a thin tube: 2.3 times for `gen:pipes:20M`. A table of all
+//! leaves would take 128 MiB at 1024; the sketches take 12 KiB and are wrong by 2 % (Flajolet et al., "HyperLogLog", 2007).
 //!
 //! Invariant: the guess depends on the stream of triangles alone.
 
@@ -15,11 +15,11 @@ use crate::octree::{Refinement, VoxelGrid};
 
 /// The resolutions that are chosen from.
 pub(super) const RESOLUTIONS: [u32; 3] = [256, 512, 1024];
-/// Leaves per square of a leaf's side: a plane of any direction meets 1 to 1.7 voxels per square, a rough one fewer of its
-/// own area.
-const LEAVES_PER_SQUARE: f64 = 1.5;
-/// Leaves that hold surface over those that hold the first corner of a small triangle.
+/// Leaves that hold surface over those that hold one of the points.
 const LEAVES_PER_MARK: f64 = 1.2;
+/// Points per leaf, and leaves up to which a triangle gets some.
+const POINTS_PER_LEAF: f64 = 2.0;
+const LEAVES_MOST: f64 = 64.0;
 
 /// How much surface there is.
 pub(super) struct Surface([Counter; RESOLUTIONS.len()]);
@@ -28,7 +28,7 @@ pub(super) struct Surface([Counter; RESOLUTIONS.len()]);
 struct Counter {
     /// Lattice steps along a leaf, about: the bounds may be a hint.
     leaf_steps: f64,
-    /// Area of triangles larger than a leaf, and of smaller ones, squares of the lattice step.
+    /// Shadows of triangles without points, and of those with, squares of the lattice step.
     large: f64,
     small: f64,
     sketch: Sketch,
@@ -47,13 +47,17 @@ impl Surface {
     }
 
     pub(super) fn add(&mut self, q: &[[i64; 3]; 3]) {
-        let area = area(q);
+        let shadows = shadows(q);
         for counter in &mut self.0 {
-            if area > counter.leaf_steps * counter.leaf_steps {
-                counter.large += area;
-            } else {
-                counter.small += area;
-                counter.sketch.add(q[0].map(|x| (x as f64 / counter.leaf_steps) as u64));
+            let leaves = shadows / (counter.leaf_steps * counter.leaf_steps);
+            if leaves > LEAVES_MOST {
+                counter.large += shadows;
+                continue;
+            }
+            counter.small += shadows;
+            for index in 0..=(POINTS_PER_LEAF * leaves) as u32 {
+                let point = point(q, index);
+                counter.sketch.add(point.map(|x| (x / counter.leaf_steps) as u64));
             }
         }
     }
@@ -61,19 +65,29 @@ impl Surface {
     /// The number of leaves at `RESOLUTIONS[which]`, about, where they have so many lattice steps.
     pub(super) fn leaf_count(&self, which: usize, leaf_steps: i64) -> f64 {
         let counter = &self.0[which];
-        let squares = |area: f64| area / (leaf_steps as f64).powi(2);
-        let marked = counter.sketch.count() * squares(counter.leaf_steps * counter.leaf_steps);
-        let small = (LEAVES_PER_MARK * marked).min(LEAVES_PER_SQUARE * squares(counter.small));
-        LEAVES_PER_SQUARE * squares(counter.large) + small
+        let leaves = |shadows: f64| shadows / (leaf_steps as f64).powi(2);
+        let marked = leaves(counter.sketch.count() * counter.leaf_steps * counter.leaf_steps);
+        leaves(counter.large) + (LEAVES_PER_MARK * marked).min(leaves(counter.small))
     }
 }
 
-/// Area in squares of the lattice step.
-fn area(q: &[[i64; 3]; 3]) -> f64 {
+/// A point of a triangle: the first is a corner, the others are spread evenly (M. Roberts' R2 sequence, folded).
+fn point(q: &[[i64; 3]; 3], index: u32) -> [f64; 3] {
+    const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
+    let [u, v] = STEPS.map(|step| (f64::from(index) * step).fract());
+    let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
+    std::array::from_fn(|a| {
+        let [from, to, other] = [0, 1, 2].map(|corner| q[corner][a] as f64);
+        from + u * (to - from) + v * (other - from)
+    })
+}
+
+/// Areas of the shadows on the three planes of the axes, added, squares of the lattice step: a plane meets so many voxels of
+/// side 1 (one a square where it lies along an axis, 1.7 across a diagonal).
+fn shadows(q: &[[i64; 3]; 3]) -> f64 {
     let edge = |i: usize, a: usize| (q[i][a] - q[0][a]) as f64;
-    let cross = |a: usize, b: usize| edge(1, a) * edge(2, b) - edge(1, b) * edge(2, a);
-    let (x, y, z) = (cross(1, 2), cross(2, 0), cross(0, 1));
-    0.5 * (x * x + y * y + z * z).sqrt()
+    let twice = |a: usize, b: usize| (edge(1, a) * edge(2, b) - edge(1, b) * edge(2, a)).abs();
+    0.5 * (twice(1, 2) + twice(2, 0) + twice(0, 1))
 }
 
 /// Bits of a register's number.
