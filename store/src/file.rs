@@ -179,6 +179,24 @@ impl PageFile {
         Ok(bytes)
     }
 
+    /// Compares the bytes of a section with its hash, piece by piece.
+    pub(crate) fn check_section(&self, section: Section, kind: SectionKind) -> Result<()> {
+        let mut hasher = section_hasher(self.block.file_id, section.kind);
+        let mut piece = vec![0; FRAME_BYTES];
+        let end = section.offset + section.bytes;
+        let mut at = section.offset;
+        while at < end {
+            let piece = &mut piece[..((end - at) as usize).min(FRAME_BYTES)];
+            self.file.read_exact_at(piece, at).map_err(|e| Error::io("read", &self.path, &e))?;
+            hasher.update(piece);
+            at += piece.len() as u64;
+        }
+        if hasher.digest() != section.hash {
+            return Err(damaged_section(section, kind, &self.path, "does not match its hash"));
+        }
+        Ok(())
+    }
+
     /// Whether `page` is a page of units.
     pub fn has_units(&self, page: u32) -> bool {
         self.pages.get(page as usize).is_some_and(|entry| entry.kind == PageKind::Units)

@@ -68,13 +68,42 @@ pub struct Verdict {
 /// When there is no trex file to check ([`Code::InputFormat`], [`Code::InputUnreadable`], [`Code::Version`]),
 /// and [`Code::Io`], [`Code::MemoryLimit`].
 pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
+    check_voxels_by(Voxels::Content, path, budget, report)
+}
+
+/// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by piece, so
+/// that no limit under which they could be written is too small.
+pub(crate) fn read_back(
+    path: &Path,
+    budget: &Budget,
+    report: &dyn Fn(u64, u64) -> Result<()>,
+) -> Result<Verdict> {
+    check_voxels_by(Voxels::Bytes, path, budget, report)
+}
+
+/// How voxels are checked.
+#[derive(Clone, Copy, PartialEq)]
+enum Voxels {
+    /// Against their hash.
+    Bytes,
+    /// And against each other, in memory.
+    Content,
+}
+
+fn check_voxels_by(
+    voxels: Voxels,
+    path: &Path,
+    budget: &Budget,
+    report: &dyn Fn(u64, u64) -> Result<()>,
+) -> Result<Verdict> {
     let mut verdict = Verdict::default();
     // With the tables and the octree that are leased next, so that a limit too small for all is named at once.
     let frame_bytes = 4 * FRAME_BYTES as u64;
     let opened = open_regular(path)?;
     let tables_bytes = read_superblock(&opened, path).map_or(0, |block| {
-        let upper = upper_size(&opened, &block, path).ok().flatten();
-        let lower = lower_size(&opened, &block, path).ok().flatten();
+        let is_deep = voxels == Voxels::Content;
+        let upper = upper_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
+        let lower = lower_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
         table_bytes(&block)
             + upper.map_or(0, |size| size.resident_bytes + size.reading_bytes)
             + lower.map_or(0, |size| size.resident_bytes + size.reading_bytes)
@@ -111,7 +140,10 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
             report(verdict.bytes_read, total)?;
         }
     }
-    voxels::check(&file, budget, &mut verdict)?;
+    match voxels {
+        Voxels::Bytes => voxels::check_bytes(&file, &mut verdict)?,
+        Voxels::Content => voxels::check(&file, budget, &mut verdict)?,
+    }
     verdict.bytes_read = total;
     report(total, total)?;
     Ok(verdict)

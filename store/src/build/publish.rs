@@ -93,7 +93,7 @@ impl Draft {
             tell("check", "bytes", done, total);
             options.interrupt.check()
         };
-        let found = verify::check(self.file.path(), &options.budget, &report)?;
+        let found = verify::read_back(self.file.path(), &options.budget, &report)?;
         if let Some(damage) = found.damage.first() {
             return Err(Error::new(Code::Io, "the disk gave back other bytes than were written")
                 .at(output)

@@ -21,6 +21,9 @@ use std::path::{Path, PathBuf};
 const DISK_BYTES_PER_LEAF: f64 = 8.0;
 const DISK_BYTES_PER_TRIANGLE: f64 = 2.5;
 
+/// Bytes in memory that any model may spend on 256 leaves along its side, however few its triangles.
+const CHEAP_BYTES: f64 = (32 << 20) as f64;
+
 /// Records between two reports; their masks are what is counted as memory afterwards.
 const TELL_RECORDS: u64 = 1 << 16;
 
@@ -60,8 +63,10 @@ fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let fits = |which: &usize| {
         let leaf_steps = VoxelGrid::over(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
         let leaves = parted.surface.leaf_count(*which, leaf_steps);
-        let is_small = RESOLUTIONS[*which] == 256 || leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;
-        is_small && leaves * leaf_bytes() as f64 <= upper_bytes as f64
+        let resident = leaves * leaf_bytes() as f64;
+        let is_due = leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;
+        let is_cheap = RESOLUTIONS[*which] == 256 && resident <= CHEAP_BYTES;
+        resident <= upper_bytes as f64 && (is_due || is_cheap)
     };
     (0..RESOLUTIONS.len()).rev().find(fits).map_or(64, |which| RESOLUTIONS[which])
 }

@@ -53,6 +53,17 @@ pub(super) fn check(file: &PageFile, budget: &Budget, verdict: &mut Verdict) -> 
     Ok(())
 }
 
+/// Checks the hashes of sections 5 and 6.
+pub(super) fn check_bytes(file: &PageFile, verdict: &mut Verdict) -> Result<()> {
+    for kind in [SectionKind::Upper, SectionKind::Lower] {
+        let Some(section) = file.superblock().find_section(kind) else { continue };
+        if let Err(error) = file.check_section(section, kind) {
+            verdict.add_section(&error, section)?;
+        }
+    }
+    Ok(())
+}
+
 /// Places of the last nodes in their order, each in units of its own side.
 fn last_places(upper: &UpperOctree) -> Vec<[u32; 3]> {
     let mut level = vec![[0; 3]];
