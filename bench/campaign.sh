@@ -116,6 +116,17 @@ for scene in $scenes; do
     done
 done
 
+# Rays against Embree, where Debian's libembree-dev is installed; G-rays in 1024^3 voxels, as the scene has 20M triangles.
+if cargo build --release -p trex-bench --features peer-embree --manifest-path "$root/Cargo.toml"; then
+    "$trex" build gen:isosurface:20M -o "$root/out/isosurface-20m-1024.trex" --overwrite --voxels 1024 --progress none
+    for model in isosurface-20m-1024 pipes-20m; do
+        command="rays out/$model.trex --peer embree --json"
+        (cd "$root" && target/release/trex-bench $command >"$work/document.json")
+        "$root/target/release/trex-bench" --root "$root" record --name "rays-${model%-1024}" \
+            --command "trex-bench $command" document.json
+    done
+fi
+
 # What the footprint rule costs: voxels for what is smaller than so many pixels.
 for kind in isosurface scan; do
     picture="render $kind.trex --overwrite --resolution 512x512 --spp 64"
