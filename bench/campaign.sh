@@ -111,7 +111,7 @@ for scene in $scenes; do
         for integrator in photon full-gi; do
             record "table2-$scene-$shadow-$gather-$integrator" stress "$root/bench/scenes/$scene.toml" --scenario still \
                 --switches 5 --hold 120000 --integrator $integrator --n-shadow $shadow --n-gather $gather --photons 1M \
-                --t-max 100 --fetch-block 512 --memory-limit 4GiB
+                --t-max 100 --fetch-block 512 --memory-limit 4GiB --lod-error 0
         done
     done
 done
