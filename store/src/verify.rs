@@ -68,7 +68,7 @@ pub struct Verdict {
 /// When there is no trex file to check ([`Code::InputFormat`], [`Code::InputUnreadable`], [`Code::Version`]),
 /// and [`Code::Io`], [`Code::MemoryLimit`].
 pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
-    check_voxels_by(Voxels::Content, path, budget, report)
+    check_with(Voxels::Content, path, budget, report)
 }
 
 /// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by piece, so
@@ -78,7 +78,7 @@ pub(crate) fn read_back(
     budget: &Budget,
     report: &dyn Fn(u64, u64) -> Result<()>,
 ) -> Result<Verdict> {
-    check_voxels_by(Voxels::Bytes, path, budget, report)
+    check_with(Voxels::Bytes, path, budget, report)
 }
 
 /// How voxels are checked.
@@ -90,7 +90,7 @@ enum Voxels {
     Content,
 }
 
-fn check_voxels_by(
+fn check_with(
     voxels: Voxels,
     path: &Path,
     budget: &Budget,

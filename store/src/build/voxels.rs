@@ -55,7 +55,7 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
 }
 
 /// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory. The coarser ones are
-/// for what is small: 256 as long as it is allowed, since a picture needs that much whatever the model has. Units below it
+/// for what is small: 256 up to [`CHEAP_BYTES`], since a picture needs that much whatever the model has. Units below it
 /// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when measured (ao).
 fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let [lo, hi] = parted.lattice_bounds;

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Words of more than a byte are laid out in planes within a block, so that equal places of neighbouring words are alike.
-//! Deflate, since a reader unpacks the whole section once: 8.1 bytes a leaf where LZ4, which knows no entropy code, takes 10.5
+//! Deflate, since a reader unpacks the whole section once: 7.5 bytes a leaf where LZ4, which knows no entropy code, takes 10.5
 //! (`gen:isosurface:20M`).
 //!
 //! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one block,
