@@ -21,7 +21,7 @@ use trex_store::PageFile;
 use trex_store::cluster::{ClusterView, FrameRef, FrameView, TopRef};
 use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH};
 
-/// Most pages recorded for one ray; more than that many are asked for when the ray comes again.
+/// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
 /// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves.
 const STACK: usize = 2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + 2 * NODE_WIDTH;
@@ -38,7 +38,7 @@ pub(super) enum Goal {
 pub(super) struct Missing {
     pub(super) pages: [(u32, f64); MISSING_PER_RAY],
     pub(super) count: usize,
-    /// Least entry of all, the ones that found no room included.
+    /// Least entry of all.
     pub(super) nearest: f64,
 }
 
@@ -47,11 +47,18 @@ impl Missing {
         Missing { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
     }
 
+    /// The nearest one is always among those recorded: a ray that waits for it has asked for it.
     fn add(&mut self, page: u32, t: f64) {
         self.nearest = self.nearest.min(t);
         if self.count < MISSING_PER_RAY {
             self.pages[self.count] = (page, t);
             self.count += 1;
+            return;
+        }
+        let farthest =
+            self.pages.iter_mut().max_by(|a, b| a.1.total_cmp(&b.1)).expect("there is room for some");
+        if t < farthest.1 {
+            *farthest = (page, t);
         }
     }
 }
@@ -231,5 +238,22 @@ impl<T: Copy + PartialOrd> Stack<T> {
                 at -= 1;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_missing_pages_the_nearest_are_kept() {
+        let mut missing = Missing::none();
+        for page in 0..100 {
+            missing.add(page, f64::from(page * 37 % 100));
+        }
+        let mut kept: Vec<f64> = missing.pages[..missing.count].iter().map(|(_, t)| *t).collect();
+        kept.sort_by(f64::total_cmp);
+        assert_eq!(kept, (0..MISSING_PER_RAY as u32).map(f64::from).collect::<Vec<_>>());
+        assert_eq!(missing.nearest, 0.0);
     }
 }
