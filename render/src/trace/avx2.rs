@@ -14,7 +14,9 @@ use super::pages::Pages;
 use super::ray::{Frame, LatticeRay};
 use super::scalar::{Real, Scalar};
 use std::arch::x86_64::*;
-use trex_store::cluster::{ClusterView, Node};
+use std::mem::offset_of;
+use trex_store::cluster::{ClusterHead, ClusterView, Node};
+use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
 /// True where the machine has what this file uses.
 pub(super) fn is_available() -> bool {
@@ -25,7 +27,7 @@ pub(super) fn is_available() -> bool {
 pub(super) fn trace<P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
-    stack: &mut Stack<f32>,
+    stack: &mut Stack,
     ray: (&LatticeRay, Goal),
     missing: &mut Missing,
 ) -> Option<Found> {
@@ -37,7 +39,7 @@ pub(super) fn trace<P: Pages>(
 fn trace_with_features<P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
-    stack: &mut Stack<f32>,
+    stack: &mut Stack,
     ray: (&LatticeRay, Goal),
     missing: &mut Missing,
 ) -> Option<Found> {
@@ -46,68 +48,155 @@ fn trace_with_features<P: Pages>(
 
 /// A ray set up for eight lanes.
 struct Avx2 {
-    ray: Scalar<f32>,
+    cell: __m128i,
+    inverse: __m128,
+    /// See `Slabs`.
+    start_near: __m128,
+    start_far: __m128,
+    /// All ones where the direction is negative.
+    negative: __m128i,
+    /// Rows of planes where the ray enters and leaves, per axis: of lower planes then upper ones.
+    near_row: [usize; 3],
+    far_row: [usize; 3],
+    /// The axes in the order of the shear, x, y, z of the sheared space, to spread numbers of three axes by; and as counts
+    /// of 64 bits.
+    k: [usize; 3],
+    axes: [__m256i; 3],
+    axes_long: [__m256i; 3],
+    /// Of these: the fraction and the shear.
+    fraction: [f32; 3],
+    s: [f32; 3],
+    blur: f32,
 }
 
-/// Planes of eight boxes as bytes, per axis: lower, upper.
-type Planes = [[__m128i; 3]; 2];
+/// Boxes with planes `q * scale + lo` and `q * scale + hi`, lattice steps from the ray's cell; the fourth is not used.
+struct Boxes {
+    lo: __m128i,
+    hi: __m128i,
+    scale: __m128,
+}
+
+/// Boxes as the ray sees them: `t = q * step + near` or `+ far`, per axis.
+struct SeenBoxes {
+    step: [__m256; 3],
+    near: [__m256; 3],
+    far: [__m256; 3],
+}
 
 impl Avx2 {
-    /// See `Scalar::slabs`.
+    /// See `Slabs::meet`.
     #[inline(always)]
-    fn slabs(
-        &self,
-        planes: Planes,
-        lo_base: [f32; 3],
-        hi_base: [f32; 3],
-        scale: [f32; 3],
-        t_max: f32,
-    ) -> Lanes<f32> {
-        // SAFETY: registers only; the caller runs with AVX2 and FMA.
+    fn see(&self, boxes: &Boxes) -> SeenBoxes {
+        // SAFETY: registers and a local array; the caller runs with AVX2 and FMA.
         unsafe {
-            let mut near = _mm256_setzero_ps();
-            let mut far = _mm256_set1_ps(f32::INFINITY);
+            let at_near = _mm_blendv_epi8(boxes.lo, boxes.hi, self.negative);
+            let at_far = _mm_blendv_epi8(boxes.hi, boxes.lo, self.negative);
+            let step = _mm_mul_ps(boxes.scale, self.inverse);
+            let near = _mm_fmadd_ps(_mm_cvtepi32_ps(at_near), self.inverse, self.start_near);
+            let far = _mm_fmadd_ps(_mm_cvtepi32_ps(at_far), self.inverse, self.start_far);
+            SeenBoxes { step: spread(step), near: spread(near), far: spread(far) }
+        }
+    }
+
+    /// Of six rows of planes, lower and upper ones: those where the ray enters and where it leaves.
+    #[inline(always)]
+    fn rows(&self, rows: *const u8, stride: usize) -> [[*const u8; 3]; 2] {
+        let ([a, b, c], [d, e, f]) = (self.near_row, self.far_row);
+        let row = |row: usize| rows.wrapping_add(stride * row);
+        [[row(a), row(b), row(c)], [row(d), row(e), row(f)]]
+    }
+
+    /// Eight of them, by the bytes of their planes: a bit each, and t.
+    #[inline(always)]
+    fn meet(&self, seen: &SeenBoxes, near: [*const u8; 3], far: [*const u8; 3], t_max: f32) -> (u32, __m256) {
+        // SAFETY: the caller's pointers lead to eight bytes each; the caller runs with AVX2 and FMA.
+        unsafe {
+            let (mut enter, mut leave) = ([_mm256_setzero_ps(); 3], [_mm256_setzero_ps(); 3]);
             for a in 0..3 {
-                let inverse = self.ray.inverse[a];
-                let step = _mm256_set1_ps(scale[a] * inverse);
-                let lo = _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(planes[0][a]));
-                let hi = _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(planes[1][a]));
-                let t_lo = _mm256_fmadd_ps(lo, step, _mm256_set1_ps(lo_base[a] * inverse));
-                let t_hi = _mm256_fmadd_ps(hi, step, _mm256_set1_ps(hi_base[a] * inverse));
-                let (t_near, t_far) = if self.ray.negative[a] { (t_hi, t_lo) } else { (t_lo, t_hi) };
-                near = _mm256_max_ps(t_near, near);
-                far = _mm256_min_ps(t_far, far);
+                enter[a] = _mm256_fmadd_ps(eight(near[a]), seen.step[a], seen.near[a]);
+                leave[a] = _mm256_fmadd_ps(eight(far[a]), seen.step[a], seen.far[a]);
             }
-            far = _mm256_mul_ps(far, _mm256_set1_ps(1.0 + 8.0 * f32::EPSILON));
+            let near = _mm256_max_ps(
+                _mm256_max_ps(enter[0], enter[1]),
+                _mm256_max_ps(enter[2], _mm256_setzero_ps()),
+            );
+            let far = _mm256_min_ps(_mm256_min_ps(leave[0], leave[1]), leave[2]);
+            let far = _mm256_mul_ps(far, _mm256_set1_ps(<f32 as Real>::FAR));
             let met = _mm256_and_ps(
                 _mm256_cmp_ps::<_CMP_LE_OQ>(near, far),
                 _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_set1_ps(t_max)),
             );
-            let mut lanes = Lanes { mask: _mm256_movemask_ps(met) as u32, t: [0.0; 8] };
-            _mm256_storeu_ps(lanes.t.as_mut_ptr(), near);
-            lanes
+            (_mm256_movemask_ps(met) as u32, near)
         }
     }
 
     /// The eight vertices `indices`, relative to the ray's entry and sheared: x, y, z.
     #[inline(always)]
-    fn corner(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256; 3] {
-        let q =
-            if cluster.is_wide { self.fetch_wide(cluster, indices) } else { fetch_compact(cluster, indices) };
+    fn corner(&self, cluster: &Vertices<'_>, indices: u64) -> [__m256; 3] {
+        let q = if cluster.view.is_wide() { self.wide(cluster, indices) } else { compact(cluster, indices) };
         // SAFETY: registers only; the caller runs with AVX2 and FMA.
         unsafe {
             let mut p = [_mm256_setzero_ps(); 3];
-            for a in 0..3 {
-                let relative = _mm256_add_epi32(q[a], _mm256_set1_epi32(cluster.relative[a]));
-                p[a] = _mm256_sub_ps(_mm256_cvtepi32_ps(relative), _mm256_set1_ps(self.ray.fraction[a]));
+            for i in 0..3 {
+                let relative = _mm256_add_epi32(q[i], cluster.relative[i]);
+                p[i] = _mm256_sub_ps(_mm256_cvtepi32_ps(relative), _mm256_set1_ps(self.fraction[i]));
             }
-            let ([kx, ky, kz], [sx, sy, sz]) = (self.ray.k, self.ray.s);
-            let z = p[kz];
+            let ([x, y, z], [sx, sy, sz]) = (p, self.s);
             [
-                _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sx), z, p[kx]),
-                _mm256_fmadd_ps(_mm256_set1_ps(0.0 - sy), z, p[ky]),
+                _mm256_fnmadd_ps(_mm256_set1_ps(sx), z, x),
+                _mm256_fnmadd_ps(_mm256_set1_ps(sy), z, y),
                 _mm256_mul_ps(_mm256_set1_ps(sz), z),
             ]
+        }
+    }
+
+    /// The vertices of a wide cluster above its base.
+    #[inline(never)]
+    fn wide(&self, cluster: &Vertices<'_>, indices: u64) -> [__m256i; 3] {
+        let base = cluster.view.base();
+        let mut q = [[0i32; 8]; 3];
+        for (lane, index) in indices.to_le_bytes().into_iter().enumerate() {
+            let vertex = cluster.view.vertex(usize::from(index));
+            for (q, a) in q.iter_mut().zip(self.k) {
+                q[lane] = (vertex[a] - base[a]) as i32;
+            }
+        }
+        // SAFETY: each array holds eight numbers.
+        unsafe {
+            [
+                _mm256_loadu_si256(q[0].as_ptr().cast()),
+                _mm256_loadu_si256(q[1].as_ptr().cast()),
+                _mm256_loadu_si256(q[2].as_ptr().cast()),
+            ]
+        }
+    }
+
+    /// How the vertices of a cluster are read.
+    #[inline(always)]
+    fn vertices<'a>(&self, view: &'a ClusterView<'a>) -> Vertices<'a> {
+        let head = view.head();
+        let widths = u32::from_le_bytes([head.widths[0], head.widths[1], head.widths[2], 0]);
+        // SAFETY: registers only; the caller runs with AVX2.
+        unsafe {
+            let relative = _mm256_castsi128_si256(_mm_sub_epi32(base(head), self.cell));
+            let widths = _mm_cvtepu8_epi32(_mm_cvtsi32_si128(widths as i32));
+            let masks = _mm_sub_epi32(_mm_sllv_epi32(_mm_set1_epi32(1), widths), _mm_set1_epi32(1));
+            let before = _mm_add_epi32(_mm_slli_si128::<4>(widths), _mm_slli_si128::<8>(widths));
+            let (masks, before) = (_mm256_castsi128_si256(masks), _mm256_zextsi128_si256(before));
+            let mut vertices = Vertices {
+                view,
+                first: view.bytes().as_ptr().wrapping_add(view.vertices_offset()),
+                bits: _mm256_set1_epi32(view.vertex_bits() as i32),
+                relative: [_mm256_setzero_si256(); 3],
+                before: [_mm256_setzero_si256(); 3],
+                masks: [_mm256_setzero_si256(); 3],
+            };
+            for i in 0..3 {
+                vertices.relative[i] = _mm256_permutevar8x32_epi32(relative, self.axes[i]);
+                vertices.before[i] = _mm256_permutevar8x32_epi32(before, self.axes_long[i]);
+                vertices.masks[i] = _mm256_permutevar8x32_epi32(masks, self.axes[i]);
+            }
+            vertices
         }
     }
 
@@ -128,7 +217,7 @@ impl Avx2 {
             }
             let share = _mm256_set1_ps(<f32 as Real>::VOLUME as f32);
             let error = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(share, size), size), size);
-            let blurred = _mm256_mul_ps(_mm256_set1_ps(self.ray.blur), sum);
+            let blurred = _mm256_mul_ps(_mm256_set1_ps(self.blur), sum);
             let least = _mm256_andnot_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(error, blurred), error);
             let behind = _mm256_sub_ps(volume, _mm256_mul_ps(_mm256_set1_ps(t_max), sum));
             _mm256_or_ps(
@@ -137,61 +226,84 @@ impl Avx2 {
             )
         }
     }
+}
 
-    #[inline(never)]
-    fn fetch_wide(&self, cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
-        let base = cluster.view.base();
-        let mut q = [[0i32; 8]; 3];
-        for (lane, index) in indices.to_le_bytes().into_iter().enumerate() {
-            let vertex = cluster.view.vertex(usize::from(index));
-            for a in 0..3 {
-                q[a][lane] = (vertex[a] - base[a]) as i32;
-            }
-        }
-        // SAFETY: each array holds eight numbers.
-        unsafe {
-            [
-                _mm256_loadu_si256(q[0].as_ptr().cast()),
-                _mm256_loadu_si256(q[1].as_ptr().cast()),
-                _mm256_loadu_si256(q[2].as_ptr().cast()),
-            ]
-        }
+/// The first three numbers, eight times each.
+#[inline(always)]
+fn spread(v: __m128) -> [__m256; 3] {
+    // SAFETY: registers only; the caller runs with AVX2.
+    unsafe {
+        let v = _mm256_castps128_ps256(v);
+        [
+            _mm256_permutevar8x32_ps(v, _mm256_set1_epi32(0)),
+            _mm256_permutevar8x32_ps(v, _mm256_set1_epi32(1)),
+            _mm256_permutevar8x32_ps(v, _mm256_set1_epi32(2)),
+        ]
     }
 }
 
-/// A cluster while its triangles are tested.
-struct Fetch<'a> {
-    view: &'a ClusterView<'a>,
-    is_wide: bool,
-    /// Base minus the ray's cell.
-    relative: [i32; 3],
-    widths: [u32; 3],
-    vertex_bits: u32,
+/// Two places in turn.
+#[inline(always)]
+fn axis(even: usize, odd: usize) -> __m256i {
+    // SAFETY: registers only; the caller runs with AVX2.
+    unsafe { _mm256_set1_epi64x((even | odd << 32) as i64) }
 }
 
+/// Eight bytes as numbers.
+///
+/// # Safety
+/// There are eight bytes.
 #[inline(always)]
-fn fetch_compact(cluster: &Fetch<'_>, indices: u64) -> [__m256i; 3] {
-    let view = cluster.view;
-    let vertices = view.bytes()[view.vertices_offset()..].as_ptr();
+unsafe fn eight(bytes: *const u8) -> __m256 {
+    // SAFETY: by the contract; the caller runs with AVX2.
+    unsafe { _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(bytes.cast()))) }
+}
+
+/// The low words of a cluster's base, and a word that means nothing: a lattice for f32 has no more than 24 bits.
+#[inline(always)]
+fn base(head: &ClusterHead) -> __m128i {
+    // SAFETY: the head begins with three numbers of five bytes and is longer than sixteen; the caller runs with AVX2.
+    unsafe {
+        let low_words = _mm_setr_epi8(0, 1, 2, 3, 5, 6, 7, 8, 10, 11, 12, 13, -1, -1, -1, -1);
+        _mm_shuffle_epi8(_mm_loadu_si128(std::ptr::from_ref(head).cast()), low_words)
+    }
+}
+
+/// A cluster while its triangles are tested. Axes are in the order of the shear.
+struct Vertices<'a> {
+    view: &'a ClusterView<'a>,
+    first: *const u8,
+    /// Of a packed vertex.
+    bits: __m256i,
+    /// Base minus the ray's cell.
+    relative: [__m256i; 3],
+    /// Bits before the axis in a packed vertex, as 64-bit counts, and the mask of its own.
+    before: [__m256i; 3],
+    masks: [__m256i; 3],
+}
+
+/// Packed vertices above the base. Those of triangles 0, 1, 4, 5 go to the low half and come back in order.
+#[inline(always)]
+fn compact(cluster: &Vertices<'_>, indices: u64) -> [__m256i; 3] {
     // SAFETY: indices are below the vertex count (checked by install), so that bit offsets lie inside of the packed
     // vertices, and eight more bytes follow these within the frame.
     unsafe {
-        let index = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(indices as i64));
-        let bit = _mm256_mullo_epi32(index, _mm256_set1_epi32(cluster.vertex_bits as i32));
+        let order = _mm_setr_epi8(0, 1, 4, 5, 2, 3, 6, 7, -1, -1, -1, -1, -1, -1, -1, -1);
+        let index = _mm256_cvtepu8_epi32(_mm_shuffle_epi8(_mm_cvtsi64_si128(indices as i64), order));
+        // Both factors fit 16 bits.
+        let bit = _mm256_madd_epi16(index, cluster.bits);
         let byte = _mm256_srli_epi32::<3>(bit);
         let shift = _mm256_and_si256(bit, _mm256_set1_epi32(7));
-        let low = _mm256_i32gather_epi64::<1>(vertices.cast(), _mm256_castsi256_si128(byte));
-        let high = _mm256_i32gather_epi64::<1>(vertices.cast(), _mm256_extracti128_si256::<1>(byte));
-        let mut low = _mm256_srlv_epi64(low, _mm256_cvtepu32_epi64(_mm256_castsi256_si128(shift)));
-        let mut high = _mm256_srlv_epi64(high, _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(shift)));
+        let low = _mm256_i32gather_epi64::<1>(cluster.first.cast(), _mm256_castsi256_si128(byte));
+        let high = _mm256_i32gather_epi64::<1>(cluster.first.cast(), _mm256_extracti128_si256::<1>(byte));
+        let low = _mm256_srlv_epi64(low, _mm256_cvtepu32_epi64(_mm256_castsi256_si128(shift)));
+        let high = _mm256_srlv_epi64(high, _mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(shift)));
         let mut out = [_mm256_setzero_si256(); 3];
-        for a in 0..3 {
-            let both = _mm256_shuffle_ps::<0x88>(_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
-            let both = _mm256_permute4x64_epi64::<0xd8>(_mm256_castps_si256(both));
-            out[a] = _mm256_and_si256(both, _mm256_set1_epi32((1i32 << cluster.widths[a]) - 1));
-            let count = _mm_cvtsi32_si128(cluster.widths[a] as i32);
-            low = _mm256_srl_epi64(low, count);
-            high = _mm256_srl_epi64(high, count);
+        for i in 0..3 {
+            let low = _mm256_castsi256_ps(_mm256_srlv_epi64(low, cluster.before[i]));
+            let high = _mm256_castsi256_ps(_mm256_srlv_epi64(high, cluster.before[i]));
+            let both = _mm256_castps_si256(_mm256_shuffle_ps::<0x88>(low, high));
+            out[i] = _mm256_and_si256(both, cluster.masks[i]);
         }
         out
     }
@@ -214,109 +326,131 @@ fn cross_of_lost(p: __m256, q: __m256, r: __m256, s: __m256) -> __m256 {
     }
 }
 
-/// Lanes where all three compare with zero as `ORDER` says.
+/// Lanes where all three are zero.
 #[inline(always)]
-fn all_three<const ORDER: i32>(u: __m256, v: __m256, w: __m256) -> __m256 {
+fn are_zero(u: __m256, v: __m256, w: __m256) -> __m256 {
     // SAFETY: registers only; the caller runs with AVX2.
     unsafe {
-        let zero = _mm256_setzero_ps();
-        let (u, v) = (_mm256_cmp_ps::<ORDER>(u, zero), _mm256_cmp_ps::<ORDER>(v, zero));
-        _mm256_and_ps(_mm256_and_ps(u, v), _mm256_cmp_ps::<ORDER>(w, zero))
+        let all = _mm256_or_ps(_mm256_or_ps(u, v), w);
+        _mm256_cmp_ps::<_CMP_EQ_OQ>(all, _mm256_setzero_ps())
     }
-}
-
-/// `2^exponent`, below 2^127.
-#[inline(always)]
-fn power_of_two(exponent: u32) -> f32 {
-    f32::from_bits((exponent + 127) << 23)
-}
-
-/// Eight bytes as a vector.
-#[inline(always)]
-fn eight(bytes: [u8; 8]) -> __m128i {
-    // SAFETY: registers only.
-    unsafe { _mm_cvtsi64_si128(i64::from_le_bytes(bytes)) }
 }
 
 impl Kernel for Avx2 {
-    type T = f32;
-
     #[inline(always)]
     fn new(frame: &Frame, ray: &LatticeRay) -> Avx2 {
-        Avx2 { ray: Scalar::new(frame, ray) }
-    }
-
-    #[inline(always)]
-    fn t_end(t: f64) -> f32 {
-        (t as f32).next_up()
-    }
-
-    #[inline(always)]
-    fn node(&self, node: &Node, t_max: f32) -> Lanes<f32> {
-        let (mut lo_base, mut hi_base, mut scale) = ([0.0; 3], [0.0; 3], [0.0; 3]);
-        for a in 0..3 {
-            let relative = (node.origin[a] - self.ray.cell[a] as i32) as f32;
-            lo_base[a] = relative - self.ray.fraction_lo[a];
-            hi_base[a] = relative - self.ray.fraction_hi[a];
-            scale[a] = power_of_two(u32::from(node.exponent[a]));
+        let Scalar { slabs, fraction, k, s, blur, .. } = Scalar::<f32>::new(frame, ray);
+        let cell = ray.cell.map(|cell| cell as i32);
+        // SAFETY: registers only.
+        unsafe {
+            let three = |v: [f32; 3]| _mm_setr_ps(v[0], v[1], v[2], 0.0);
+            let ones = slabs.negative.map(|negative| -i32::from(negative));
+            Avx2 {
+                cell: _mm_setr_epi32(cell[0], cell[1], cell[2], 0),
+                inverse: three(slabs.inverse),
+                start_near: three(slabs.start_near),
+                start_far: three(slabs.start_far),
+                negative: _mm_setr_epi32(ones[0], ones[1], ones[2], 0),
+                near_row: std::array::from_fn(|a| a + 3 * usize::from(slabs.negative[a])),
+                far_row: std::array::from_fn(|a| a + 3 * usize::from(!slabs.negative[a])),
+                k,
+                axes: [axis(k[0], k[0]), axis(k[1], k[1]), axis(k[2], k[2])],
+                // The fifth number is zero.
+                axes_long: [axis(k[0], 4), axis(k[1], 4), axis(k[2], 4)],
+                fraction: k.map(|a| fraction[a]),
+                s,
+                blur,
+            }
         }
-        let [lo, hi] = [&node.lo, &node.hi];
-        let planes = [[eight(lo[0]), eight(lo[1]), eight(lo[2])], [eight(hi[0]), eight(hi[1]), eight(hi[2])]];
-        let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
-        lanes.mask &= (1u32 << node.child_count) - 1;
+    }
+
+    #[inline(always)]
+    fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH> {
+        let mut lanes = Lanes { mask: 0, t: [0.0; 8] };
+        let rows = std::ptr::from_ref(&node.lo).cast::<u8>();
+        // SAFETY: a node begins with its origin, exponents and count, 16 bytes; its lower planes are followed by the
+        // upper ones, six rows of eight bytes, as asserted below. The caller runs with AVX2 and FMA.
+        unsafe {
+            let head = _mm_loadu_si128(std::ptr::from_ref(node).cast());
+            let exponents = _mm_setr_epi8(-1, -1, -1, 12, -1, -1, -1, 13, -1, -1, -1, 14, -1, -1, -1, -1);
+            let exponents = _mm_srli_epi32::<1>(_mm_shuffle_epi8(head, exponents));
+            let scale = _mm_castsi128_ps(_mm_add_epi32(exponents, _mm_castps_si128(_mm_set1_ps(1.0))));
+            let base = _mm_sub_epi32(head, self.cell);
+            let seen = self.see(&Boxes { lo: base, hi: base, scale });
+            let [near, far] = self.rows(rows, 8);
+            let (mask, t) = self.meet(&seen, near, far, t_max);
+            _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
+            lanes.mask = mask & ((1 << node.child_count) - 1);
+        }
         lanes
     }
 
     #[inline(always)]
-    fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: f32) -> Lanes<f32> {
-        let (base, shift, boxes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_boxes());
-        let (mut lo_base, mut hi_base, mut scale) = ([0.0; 3], [0.0; 3], [0.0; 3]);
-        for a in 0..3 {
-            let relative = (base[a] - self.ray.cell[a]) as i32;
-            lo_base[a] = relative as f32 - self.ray.fraction_lo[a];
+    fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES> {
+        let mut lanes = Lanes { mask: 0, t: [0.0; 16] };
+        let (head, leaf_count) = (cluster.head(), cluster.leaf_count());
+        let rows = head.boxes.as_ptr().cast::<u8>();
+        let widths = u32::from_le_bytes([head.widths[0], head.widths[1], head.widths[2], 0]);
+        // SAFETY: six rows of sixteen bytes. The caller runs with AVX2 and FMA.
+        unsafe {
+            let shift = _mm_subs_epu8(_mm_cvtsi32_si128(widths as i32), _mm_set1_epi8(8));
+            let cell = _mm_sllv_epi32(_mm_set1_epi32(1), _mm_cvtepu8_epi32(shift));
+            let lo = _mm_sub_epi32(base(head), self.cell);
             // Upper planes are cells: their far side is one cell on.
-            hi_base[a] = (relative + (1 << shift[a])) as f32 - self.ray.fraction_hi[a];
-            scale[a] = power_of_two(shift[a]);
+            let seen = self.see(&Boxes { lo, hi: _mm_add_epi32(lo, cell), scale: _mm_cvtepi32_ps(cell) });
+            let [near, far] = self.rows(rows, 16);
+            let (mask, t) = self.meet(&seen, near, far, t_max);
+            _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
+            lanes.mask = mask;
+            if leaf_count > 8 {
+                let [near, far] = self.rows(rows.add(8), 16);
+                let (mask, t) = self.meet(&seen, near, far, t_max);
+                _mm256_storeu_ps(lanes.t.as_mut_ptr().add(8), t);
+                lanes.mask |= mask << 8;
+            }
         }
-        let row = |row: usize| word(&boxes[row], 8 * half).to_le_bytes();
-        let planes =
-            [[eight(row(0)), eight(row(1)), eight(row(2))], [eight(row(3)), eight(row(4)), eight(row(5))]];
-        let mut lanes = self.slabs(planes, lo_base, hi_base, scale, t_max);
-        let count = cluster.leaf_count().saturating_sub(8 * half).min(8);
-        lanes.mask &= (1u32 << count) - 1;
+        lanes.mask &= (1 << leaf_count) - 1;
         lanes
+    }
+
+    #[inline(always)]
+    fn prefetch(frame: &[u8], at: usize, lines: usize) {
+        for line in 0..lines {
+            // SAFETY: a hint; nothing is read.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(frame.as_ptr().wrapping_add(at + 64 * line).cast()) };
+        }
     }
 
     #[inline(always)]
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
-        let (base, cell) = (cluster.base(), self.ray.cell);
-        let fetch = Fetch {
-            view: cluster,
-            is_wide: cluster.is_wide(),
-            relative: [(base[0] - cell[0]) as i32, (base[1] - cell[1]) as i32, (base[2] - cell[2]) as i32],
-            widths: cluster.widths(),
-            vertex_bits: cluster.vertex_bits(),
-        };
+        let vertices = self.vertices(cluster);
         let (at, width) = cluster.leaf_indices(leaf);
-        let leaf = &cluster.bytes()[at..];
-        let (least, spread) = (u64::from(leaf[0]) * BYTES_OF_ONE, ((1 << width) - 1) * BYTES_OF_ONE);
-        let corner = |corner: usize| word(leaf, 1 + corner * width as usize);
-        // SAFETY: registers only; the caller runs with AVX2, FMA and BMI2.
+        // SAFETY: `install` wrote the leaf's least index and three words of eight narrow ones, and what follows them
+        // within the frame is longer than eight bytes. The caller runs with AVX2, FMA and BMI2.
         unsafe {
-            let a = self.corner(&fetch, _pdep_u64(corner(0), spread) + least);
-            let b = self.corner(&fetch, _pdep_u64(corner(1), spread) + least);
-            let c = self.corner(&fetch, _pdep_u64(corner(2), spread) + least);
+            let leaf = cluster.bytes().as_ptr().add(at);
+            let (least, spread) = (u64::from(*leaf) * BYTES_OF_ONE, ((1 << width) - 1) * BYTES_OF_ONE);
+            let above = |corner: usize| leaf.add(1 + corner * width as usize).cast::<u64>().read_unaligned();
+            let a = self.corner(&vertices, _pdep_u64(above(0), spread) + least);
+            let b = self.corner(&vertices, _pdep_u64(above(1), spread) + least);
+            let c = self.corner(&vertices, _pdep_u64(above(2), spread) + least);
             let mut u = cross(c[0], b[1], c[1], b[0]);
             let mut v = cross(a[0], c[1], a[1], c[0]);
             let mut w = cross(b[0], a[1], b[1], a[0]);
-            let mut flat = all_three::<_CMP_EQ_OQ>(u, v, w);
+            let mut flat = are_zero(u, v, w);
             if _mm256_movemask_ps(flat) != 0 {
                 u = _mm256_blendv_ps(u, cross_of_lost(c[0], b[1], c[1], b[0]), flat);
                 v = _mm256_blendv_ps(v, cross_of_lost(a[0], c[1], a[1], c[0]), flat);
                 w = _mm256_blendv_ps(w, cross_of_lost(b[0], a[1], b[1], a[0]), flat);
-                flat = all_three::<_CMP_EQ_OQ>(u, v, w);
+                flat = are_zero(u, v, w);
             }
-            let inside = _mm256_or_ps(all_three::<_CMP_GE_OQ>(u, v, w), all_three::<_CMP_LE_OQ>(u, v, w));
+            let (least, most) =
+                (_mm256_min_ps(_mm256_min_ps(u, v), w), _mm256_max_ps(_mm256_max_ps(u, v), w));
+            let zero = _mm256_setzero_ps();
+            let inside = _mm256_or_ps(
+                _mm256_cmp_ps::<_CMP_GE_OQ>(least, zero),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(most, zero),
+            );
             let near = _mm256_min_ps(_mm256_min_ps(a[2], b[2]), c[2]);
             let far = _mm256_max_ps(_mm256_max_ps(a[2], b[2]), c[2]);
             let in_range = _mm256_and_ps(
@@ -332,10 +466,12 @@ impl Kernel for Avx2 {
     }
 }
 
-const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
+/// Lower planes are followed by upper ones, and both by the children; before them stand sixteen bytes.
+const _: () = assert!(
+    offset_of!(Node, exponent) == 12
+        && offset_of!(Node, child_count) == 15
+        && offset_of!(Node, lo) == 16
+        && offset_of!(Node, hi) == 16 + 3 * NODE_WIDTH
+);
 
-/// The eight bytes at `at`.
-#[inline(always)]
-fn word(bytes: &[u8], at: usize) -> u64 {
-    u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight"))
-}
+const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;

@@ -18,13 +18,17 @@ use super::kernel::{Kernel, Lanes};
 use super::pages::{Page, Pages};
 use super::ray::{Frame, LatticeRay};
 use trex_store::PageFile;
-use trex_store::cluster::{ClusterView, FrameRef, FrameView, TopRef};
-use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH};
+use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterView, FrameRef, FrameView, TopRef};
+use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH};
 
 /// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
-/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves.
-const STACK: usize = 2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + 2 * NODE_WIDTH;
+/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A power of
+/// two, so that places need no check.
+const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER_LEAVES).next_power_of_two();
+
+/// Cache lines that are fetched ahead of a cluster's leaves: mostly most of its indices and vertices.
+const BODY_LINES: usize = 9;
 
 /// What the traversal of one ray looks for.
 #[derive(Clone, Copy, PartialEq)]
@@ -72,9 +76,9 @@ pub(super) struct Scene<'a> {
 
 /// The best hit so far.
 #[derive(Clone, Copy)]
-struct Best<T> {
+struct Best {
     /// Its t or the ray's end, rounded up.
-    t: T,
+    t: f32,
     found: Option<Found>,
 }
 
@@ -83,39 +87,43 @@ struct Best<T> {
 pub(super) fn trace<K: Kernel, P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
-    stack: &mut Stack<K::T>,
+    stack: &mut Stack,
     (ray, goal): (&LatticeRay, Goal),
     missing: &mut Missing,
 ) -> Option<Found> {
     let kernel = K::new(&scene.frame, ray);
-    let mut best = Best { t: K::t_end(ray.t_max), found: None };
-    stack.entries.clear();
-    stack.push(K::t_end(0.0), scene.file.superblock().root);
-    while let Some((t, word)) = stack.pop_above(0) {
-        if t > best.t {
-            continue;
-        }
-        match TopRef::from_word(word) {
+    let mut pending = Pending { entries: &mut stack.entries, len: 0 };
+    let mut best = Best { t: t_above(ray.t_max), found: None };
+    let mut next = Some(Entry::new(0.0, scene.file.superblock().root));
+    while let Some(at) = next.or_else(|| pending.pop_above(0, best.t)) {
+        next = None;
+        match TopRef::from_word(at.word()) {
             TopRef::Node(index) => {
                 let node = &scene.file.top()[index as usize];
-                stack.push_lanes(kernel.node(node, best.t), &node.child);
+                let met = kernel.node(node, best.t);
+                next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
             }
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
                     let first = scene.file.pages()[page as usize].first_triangle;
                     let frame = FrameView::new(frame);
                     let seen = PageVisit { frame, page, first_triangle: first, ray, goal };
-                    seen.root(&kernel, slot, stack, &mut best);
+                    seen.root(&kernel, slot, &mut pending, &mut best);
                     if goal == Goal::Any && best.found.is_some() {
                         break;
                     }
                 }
-                Page::Missing => missing.add(page, t.into()),
+                Page::Missing => missing.add(page, at.t().into()),
                 Page::Damaged => {}
             },
         }
     }
     best.found
+}
+
+/// A lattice t as kernels compare with it: rounded up.
+fn t_above(t: f64) -> f32 {
+    (t as f32).next_up()
 }
 
 /// A hit.
@@ -143,20 +151,19 @@ struct PageVisit<'a> {
 impl PageVisit<'_> {
     /// Traverses the subtree under the root in `slot`.
     #[inline(always)]
-    fn root<K: Kernel>(&self, kernel: &K, slot: u32, stack: &mut Stack<K::T>, best: &mut Best<K::T>) {
-        let floor = stack.entries.len();
-        stack.push(K::t_end(0.0), self.frame.root(slot as usize).0);
-        while let Some((t, word)) = stack.pop_above(floor) {
-            if t > best.t {
-                continue;
-            }
-            let at = FrameRef(word);
+    fn root<K: Kernel>(&self, kernel: &K, slot: u32, pending: &mut Pending<'_>, best: &mut Best) {
+        let floor = pending.len;
+        let mut next = Some(Entry::new(0.0, self.frame.root(slot as usize).0));
+        while let Some(at) = next.or_else(|| pending.pop_above(floor, best.t)) {
+            next = None;
+            let at = FrameRef(at.word());
             if !at.is_cluster() {
                 let node = self.frame.node(at);
-                stack.push_lanes(kernel.node(node, best.t), &node.child);
+                let met = kernel.node(node, best.t);
+                next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
                 continue;
             }
-            self.cluster(kernel, self.frame.cluster(at), stack, best);
+            self.cluster(kernel, self.frame.cluster(at), pending, best);
             if self.goal == Goal::Any && best.found.is_some() {
                 return;
             }
@@ -169,32 +176,30 @@ impl PageVisit<'_> {
         &self,
         kernel: &K,
         cluster: ClusterView<'_>,
-        stack: &mut Stack<K::T>,
-        best: &mut Best<K::T>,
+        pending: &mut Pending<'_>,
+        best: &mut Best,
     ) {
-        const LEAF: [u32; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
-        let floor = stack.entries.len();
-        stack.push_lanes(kernel.leaf_boxes(&cluster, 0, best.t), &LEAF);
-        if cluster.leaf_count() > 8 {
-            stack.push_lanes(kernel.leaf_boxes(&cluster, 1, best.t), &LEAF.map(|leaf| leaf + 8));
+        let floor = pending.len;
+        let met = kernel.leaf_boxes(&cluster, best.t);
+        if met.mask != 0 {
+            K::prefetch(cluster.bytes(), CLUSTER_LEAVES_AT, BODY_LINES);
         }
-        while let Some((t, leaf)) = stack.pop_above(floor) {
-            if t > best.t {
-                continue;
-            }
-            let mut mask = kernel.triangles(&cluster, leaf as usize, best.t);
+        let mut next = pending.push(met.mask, |leaf| met.entry(leaf, leaf as u32));
+        while let Some(at) = next.or_else(|| pending.pop_above(floor, best.t)) {
+            next = None;
+            let leaf = at.word() as usize;
+            let mut mask = kernel.triangles(&cluster, leaf, best.t);
             while mask != 0 {
-                let index = leaf as usize * LEAF_TRIANGLES + mask.trailing_zeros() as usize;
+                let index = leaf * LEAF_TRIANGLES + mask.trailing_zeros() as usize;
                 mask &= mask - 1;
                 let corners = cluster.triangle(index);
                 let Some(t) = self.ray.reach(corners) else { continue };
                 let triangle = self.first_triangle + (cluster.first_triangle() + index) as u32;
                 if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
-                    best.t = K::t_end(t);
+                    best.t = t_above(t);
                     let (page, material) = (self.page, cluster.material(index));
                     best.found = Some(Found { t, page, triangle, corners, material });
                     if self.goal == Goal::Any {
-                        stack.entries.truncate(floor);
                         return;
                     }
                 }
@@ -203,39 +208,106 @@ impl PageVisit<'_> {
     }
 }
 
-/// Entries with their entry t; the nearest of a node on top. One for top tree, page and cluster together: each
-/// level works above the `floor` where it began.
-pub(super) struct Stack<T> {
-    entries: Vec<(T, u32)>,
+/// Where to go on, and the t where its box begins: one number, ordered by t.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Entry(u64);
+
+impl Entry {
+    /// `t >= 0`: the bits of such numbers are ordered as they are.
+    #[inline(always)]
+    fn new(t: f32, word: u32) -> Entry {
+        Entry(u64::from(t.to_bits()) << 32 | u64::from(word))
+    }
+
+    #[inline(always)]
+    fn t(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32)
+    }
+
+    #[inline(always)]
+    fn word(self) -> u32 {
+        self.0 as u32
+    }
 }
 
-impl<T: Copy + PartialOrd> Stack<T> {
-    pub(super) fn new() -> Stack<T> {
-        Stack { entries: Vec::with_capacity(STACK) }
-    }
-
-    fn push(&mut self, t: T, word: u32) {
-        debug_assert!(self.entries.len() < STACK, "depth was checked when the tables were read");
-        self.entries.push((t, word));
-    }
-
-    fn pop_above(&mut self, floor: usize) -> Option<(T, u32)> {
-        if self.entries.len() > floor { self.entries.pop() } else { None }
-    }
-
-    /// Pushes the lanes that are set, farthest first.
+impl<const N: usize> Lanes<N> {
     #[inline(always)]
-    fn push_lanes(&mut self, lanes: Lanes<T>, words: &[u32; 8]) {
-        let first = self.entries.len();
-        let mut mask = lanes.mask;
-        while mask != 0 {
+    fn entry(&self, lane: usize, word: u32) -> Entry {
+        Entry::new(self.t[lane % N], word)
+    }
+}
+
+/// Room for the entries of one ray at a time.
+pub(super) struct Stack {
+    entries: Box<[Entry; STACK]>,
+}
+
+impl Stack {
+    pub(super) fn new() -> Stack {
+        Stack { entries: Box::new([Entry(0); STACK]) }
+    }
+}
+
+/// What is left to visit; the nearest of a node on top. One for top tree, page and cluster together: each level
+/// works above the `floor` where it began.
+struct Pending<'a> {
+    entries: &'a mut [Entry; STACK],
+    len: usize,
+}
+
+impl Pending<'_> {
+    /// The topmost entry that begins before `t_max`.
+    #[inline(always)]
+    fn pop_above(&mut self, floor: usize, t_max: f32) -> Option<Entry> {
+        let last = Entry::new(t_max, u32::MAX);
+        while self.len > floor {
+            self.len -= 1;
+            let entry = self.entries[self.len % STACK];
+            if entry <= last {
+                return Some(entry);
+            }
+        }
+        None
+    }
+
+    #[inline(always)]
+    fn put(&mut self, entry: Entry) {
+        debug_assert!(self.len < STACK, "depth was checked when the tables were read");
+        self.entries[self.len % STACK] = entry;
+        self.len += 1;
+    }
+
+    /// Of the lanes that are set, gives the nearest and keeps the others, farthest first.
+    #[inline(always)]
+    fn push(&mut self, mut mask: u32, entry: impl Fn(usize) -> Entry) -> Option<Entry> {
+        let count = mask.count_ones();
+        let mut take = || {
             let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            self.push(lanes.t[lane], words[lane]);
-            let mut at = self.entries.len() - 1;
-            while at > first && self.entries[at - 1].0 < self.entries[at].0 {
-                self.entries.swap(at - 1, at);
-                at -= 1;
+            mask &= mask.wrapping_sub(1);
+            entry(lane)
+        };
+        match count {
+            0 => None,
+            1 => Some(take()),
+            2 => {
+                let (a, b) = (take(), take());
+                self.put(a.max(b));
+                Some(a.min(b))
+            }
+            count => {
+                let first = self.len;
+                for _ in 0..count {
+                    let new = take();
+                    let mut at = self.len;
+                    self.put(new);
+                    while at > first && self.entries[(at - 1) % STACK] < new {
+                        self.entries[at % STACK] = self.entries[(at - 1) % STACK];
+                        at -= 1;
+                    }
+                    self.entries[at % STACK] = new;
+                }
+                self.len -= 1;
+                Some(self.entries[self.len % STACK])
             }
         }
     }

@@ -16,30 +16,30 @@
 
 use super::ray::{Frame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};
+use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
-/// Eight answers: a bit per lane, and the t of each.
+/// Answers of up to `N` boxes: a bit per lane, and the entry t of each: at least 0, not above the exact one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Lanes<T> {
+pub(super) struct Lanes<const N: usize> {
     pub(super) mask: u32,
-    pub(super) t: [T; 8],
+    pub(super) t: [f32; N],
 }
 
-/// Arithmetic for one ray. `T` is what t is measured in: f32 or f64.
+/// Arithmetic for one ray. What it is told and what it tells of t are f32, rounded to the safe side.
 pub(super) trait Kernel: Sized {
-    type T: Copy + PartialOrd + Into<f64>;
-
     /// Sets a ray up.
     fn new(frame: &Frame, ray: &LatticeRay) -> Self;
 
-    /// The end of the ray as the kernel measures it, rounded up.
-    fn t_end(t: f64) -> Self::T;
+    /// Children of a node whose box meets the ray before `t_max`.
+    fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH>;
 
-    /// Children of a node whose box meets the ray before `t_max`; t = entry.
-    fn node(&self, node: &Node, t_max: Self::T) -> Lanes<Self::T>;
+    /// Leaves of a cluster whose box meets the ray before `t_max`.
+    fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES>;
 
-    /// Leaves `8 * half ..` of a cluster whose box meets the ray before `t_max`; t = entry.
-    fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: Self::T) -> Lanes<Self::T>;
+    /// Hints that `lines` cache lines from byte `at` on will be read.
+    #[inline(always)]
+    fn prefetch(_bytes: &[u8], _at: usize, _lines: usize) {}
 
     /// Triangles of a leaf that the ray's line meets and that reach into `0 <= t <= t_max`, a bit each.
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: Self::T) -> u32;
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32;
 }

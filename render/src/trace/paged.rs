@@ -56,8 +56,7 @@ pub struct PagedMesh<'a, P> {
     scene: Scene<'a>,
     pages: P,
     arithmetic: Arithmetic,
-    narrow_stack: Stack<f32>,
-    deep_stack: Stack<f64>,
+    stack: Stack,
     wanted: Vec<(u32, u32)>,
 }
 
@@ -79,8 +78,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         #[cfg(target_arch = "x86_64")]
         assert!(arithmetic != Arithmetic::Avx2 || super::avx2::is_available());
         let scene = Scene { file, frame: Frame::of(file) };
-        let (narrow_stack, deep_stack) = (Stack::new(), Stack::new());
-        PagedMesh { scene, pages, arithmetic, narrow_stack, deep_stack, wanted: Vec::new() }
+        PagedMesh { scene, pages, arithmetic, stack: Stack::new(), wanted: Vec::new() }
     }
 
     /// What traces.
@@ -105,18 +103,12 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     }
 
     fn run(&mut self, ray: &LatticeRay, goal: Goal, missing: &mut Missing) -> Option<super::bvh::Found> {
-        let (scene, pages) = (&self.scene, &mut self.pages);
+        let (scene, pages, stack) = (&self.scene, &mut self.pages, &mut self.stack);
         match self.arithmetic {
             #[cfg(target_arch = "x86_64")]
-            Arithmetic::Avx2 => {
-                super::avx2::trace(scene, pages, &mut self.narrow_stack, (ray, goal), missing)
-            }
-            Arithmetic::Scalar => {
-                trace::<Scalar<f32>, P>(scene, pages, &mut self.narrow_stack, (ray, goal), missing)
-            }
-            Arithmetic::Deep => {
-                trace::<Scalar<f64>, P>(scene, pages, &mut self.deep_stack, (ray, goal), missing)
-            }
+            Arithmetic::Avx2 => super::avx2::trace(scene, pages, stack, (ray, goal), missing),
+            Arithmetic::Scalar => trace::<Scalar<f32>, P>(scene, pages, stack, (ray, goal), missing),
+            Arithmetic::Deep => trace::<Scalar<f64>, P>(scene, pages, stack, (ray, goal), missing),
         }
     }
 

@@ -4,7 +4,7 @@
 use super::kernel::{Kernel, Lanes};
 use super::ray::{Frame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};
-use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH};
+use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH};
 
 /// f32 or f64.
 pub(super) trait Real:
@@ -26,14 +26,15 @@ pub(super) trait Real:
     const VOLUME: f64;
     fn of(value: f64) -> Self;
     fn of_int(value: i64) -> Self;
-    fn up(value: f64) -> Self;
+    /// As f32, not above it; for what is not negative.
+    fn below(self) -> f32;
     fn fused(self, factor: Self, addend: Self) -> Self;
     fn least(self, other: Self) -> Self;
     fn most(self, other: Self) -> Self;
 }
 
 macro_rules! real {
-    ($real:ty, $tiny:expr) => {
+    ($real:ty, $tiny:expr, $below:expr) => {
         impl Real for $real {
             const ZERO: $real = 0.0;
             const FAR: $real = 1.0 + 8.0 * <$real>::EPSILON;
@@ -45,8 +46,8 @@ macro_rules! real {
             fn of_int(value: i64) -> $real {
                 value as $real
             }
-            fn up(value: f64) -> $real {
-                (value as $real).next_up()
+            fn below(self) -> f32 {
+                $below(self)
             }
             fn fused(self, factor: $real, addend: $real) -> $real {
                 self.mul_add(factor, addend)
@@ -61,70 +62,80 @@ macro_rules! real {
     };
 }
 
-real!(f32, 1e-25);
-real!(f64, 1e-250);
+real!(f32, 1e-25, |value: f32| value);
+real!(f64, 1e-250, |value: f64| (value as f32).next_down().max(0.0));
 
 /// A ray set up for the plain kernel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scalar<T> {
     pub(super) cell: [i64; 3],
     pub(super) fraction: [T; 3],
-    /// Fraction plus and minus the slack: for lower and upper planes.
-    pub(super) fraction_lo: [T; 3],
-    pub(super) fraction_hi: [T; 3],
-    pub(super) inverse: [T; 3],
-    pub(super) negative: [bool; 3],
+    pub(super) slabs: Slabs<T>,
     pub(super) k: [usize; 3],
     pub(super) s: [T; 3],
     pub(super) node_shift: u32,
     pub(super) blur: T,
 }
 
-impl<T: Real> Scalar<T> {
-    /// t of a plane: `(base + q * scale) * inverse`, as one fused step.
-    fn slabs(
-        &self,
-        lo: [[u8; 8]; 3],
-        hi: [[u8; 8]; 3],
-        lo_base: [T; 3],
-        hi_base: [T; 3],
-        scale: [T; 3],
-    ) -> [(T, T); 8] {
-        std::array::from_fn(|i| {
-            let (mut near, mut far) = (T::ZERO, T::of(f64::INFINITY));
-            for a in 0..3 {
-                let step = scale[a] * self.inverse[a];
-                let t_lo = T::of_int(i64::from(lo[a][i])).fused(step, lo_base[a] * self.inverse[a]);
-                let t_hi = T::of_int(i64::from(hi[a][i])).fused(step, hi_base[a] * self.inverse[a]);
-                let (t_near, t_far) = if self.negative[a] { (t_hi, t_lo) } else { (t_lo, t_hi) };
-                near = t_near.most(near);
-                far = t_far.least(far);
-            }
-            (near, far * T::FAR)
-        })
+/// A ray as box tests see it: `t = plane * inverse + start`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slabs<T> {
+    pub(super) inverse: [T; 3],
+    /// Of the planes where the ray enters, moved outward by the slack.
+    pub(super) start_near: [T; 3],
+    /// Of the planes where it leaves.
+    pub(super) start_far: [T; 3],
+    pub(super) negative: [bool; 3],
+}
+
+impl<T: Real> Slabs<T> {
+    fn new(frame: &Frame, ray: &LatticeRay) -> Slabs<T> {
+        let tiny = |d: f64| if d.abs() < T::TINY { T::TINY.copysign(d) } else { d };
+        let inverse = ray.direction.map(|d| T::of(1.0 / tiny(d)));
+        let negative = ray.direction.map(f64::is_sign_negative);
+        let start = |slack: f64| {
+            std::array::from_fn(|a| {
+                let outward = if negative[a] { -slack } else { slack };
+                (T::ZERO - T::of(ray.fraction[a] + outward)) * inverse[a]
+            })
+        };
+        Slabs { inverse, start_near: start(frame.slack), start_far: start(-frame.slack), negative }
     }
 
-    fn answer(slabs: [(T, T); 8], count: usize, t_max: T) -> Lanes<T> {
-        let mut lanes = Lanes { mask: 0, t: slabs.map(|(near, _)| near) };
-        for (i, (near, far)) in slabs.into_iter().enumerate().take(count) {
-            lanes.mask |= u32::from(near <= far && near <= t_max) << i;
+    /// Boxes with planes `q * scale + lo` and `q * scale + hi`, as seen from the ray's cell.
+    fn meet<const N: usize>(
+        &self,
+        planes: [[[u8; N]; 3]; 2],
+        (lo, hi, scale): ([i64; 3], [i64; 3], [i64; 3]),
+        count: usize,
+        t_max: f32,
+    ) -> Lanes<N> {
+        let mut lanes = Lanes { mask: 0, t: [0.0; N] };
+        for i in 0..count {
+            let (mut near, mut far) = (T::ZERO, T::of(f64::INFINITY));
+            for a in 0..3 {
+                let step = T::of_int(scale[a]) * self.inverse[a];
+                let t = |plane: u8, base: i64, start: T| {
+                    T::of_int(i64::from(plane)).fused(step, T::of_int(base).fused(self.inverse[a], start))
+                };
+                let (lower, upper) = ((planes[0][a][i], lo[a]), (planes[1][a][i], hi[a]));
+                let (enter, leave) = if self.negative[a] { (upper, lower) } else { (lower, upper) };
+                near = t(enter.0, enter.1, self.start_near[a]).most(near);
+                far = t(leave.0, leave.1, self.start_far[a]).least(far);
+            }
+            lanes.t[i] = near.below();
+            lanes.mask |= u32::from(near <= far * T::FAR && lanes.t[i] <= t_max) << i;
         }
         lanes
     }
 }
 
 impl<T: Real> Kernel for Scalar<T> {
-    type T = T;
-
     fn new(frame: &Frame, ray: &LatticeRay) -> Scalar<T> {
-        let slab_direction = ray.direction.map(|d| if d.abs() < T::TINY { T::TINY.copysign(d) } else { d });
         Scalar {
             cell: ray.cell,
             fraction: ray.fraction.map(T::of),
-            fraction_lo: ray.fraction.map(|f| T::of(f + frame.slack)),
-            fraction_hi: ray.fraction.map(|f| T::of(f - frame.slack)),
-            inverse: slab_direction.map(|d| T::of(1.0 / d)),
-            negative: ray.direction.map(f64::is_sign_negative),
+            slabs: Slabs::new(frame, ray),
             k: ray.shear.k,
             s: ray.shear.s.map(T::of),
             node_shift: frame.node_shift,
@@ -132,34 +143,25 @@ impl<T: Real> Kernel for Scalar<T> {
         }
     }
 
-    fn t_end(t: f64) -> T {
-        T::up(t)
+    fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH> {
+        let base = std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.cell[a]);
+        let scale = node.exponent.map(|e| 1 << (u32::from(e) + self.node_shift));
+        let count = usize::from(node.child_count).min(NODE_WIDTH);
+        self.slabs.meet([node.lo, node.hi], (base, base, scale), count, t_max)
     }
 
-    fn node(&self, node: &Node, t_max: T) -> Lanes<T> {
-        let relative: [i64; 3] =
-            std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.cell[a]);
-        let lo_base = std::array::from_fn(|a| T::of_int(relative[a]) - self.fraction_lo[a]);
-        let hi_base = std::array::from_fn(|a| T::of_int(relative[a]) - self.fraction_hi[a]);
-        let scale = node.exponent.map(|e| T::of_int(1 << (u32::from(e) + self.node_shift)));
-        let slabs = self.slabs(node.lo, node.hi, lo_base, hi_base, scale);
-        Scalar::answer(slabs, usize::from(node.child_count).min(NODE_WIDTH), t_max)
-    }
-
-    fn leaf_boxes(&self, cluster: &ClusterView<'_>, half: usize, t_max: T) -> Lanes<T> {
-        let (base, shift, boxes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_boxes());
-        let eight = |row: usize| std::array::from_fn(|i| boxes[row][8 * half + i]);
-        let relative: [i64; 3] = std::array::from_fn(|a| base[a] - self.cell[a]);
-        let lo_base = std::array::from_fn(|a| T::of_int(relative[a]) - self.fraction_lo[a]);
+    fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES> {
+        let (base, boxes) = (cluster.base(), cluster.leaf_boxes());
+        let scale = cluster.leaf_shift().map(|shift| 1 << shift);
+        let lo = std::array::from_fn(|a| base[a] - self.cell[a]);
         // Upper planes are cells: their far side is one cell on.
-        let hi_base = std::array::from_fn(|a| T::of_int(relative[a] + (1 << shift[a])) - self.fraction_hi[a]);
-        let scale = shift.map(|s| T::of_int(1 << s));
-        let (lo, hi) = (std::array::from_fn(eight), std::array::from_fn(|a| eight(3 + a)));
-        let slabs = self.slabs(lo, hi, lo_base, hi_base, scale);
-        Scalar::answer(slabs, cluster.leaf_count().saturating_sub(8 * half).min(8), t_max)
+        let hi = std::array::from_fn(|a| lo[a] + scale[a]);
+        let [x, y, z, rest @ ..] = *boxes;
+        self.slabs.meet([[x, y, z], rest], (lo, hi, scale), cluster.leaf_count(), t_max)
     }
 
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: T) -> u32 {
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
+        let t_max = T::of(t_max.into());
         let corners = cluster.leaf_corners(leaf);
         let mut mask = 0;
         for i in 0..LEAF_TRIANGLES {

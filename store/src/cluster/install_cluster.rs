@@ -17,7 +17,7 @@ use super::fields::{Fields, Machine, Mover, Work};
 use super::lanes::Lanes;
 use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
-use super::view::{ClusterView, LeafBoxes};
+use super::view::{ClusterHead, ClusterView, LeafBoxes};
 use super::*;
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES};
 
@@ -144,7 +144,6 @@ impl ClusterInstaller {
         let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
             return Err("a page does not fit its frame");
         };
-        self.write_header(&plan, &places, frame);
         self.write_indices(&leaves[..plan.leaf_count()], frame);
         self.materials(&mut materials, &plan, &mut frame[places.palette..places.vertices])?;
         let vertices = &mut frame[places.vertices..];
@@ -156,7 +155,8 @@ impl ClusterInstaller {
         if !input.align() || !input.is_sound() {
             return Err("the bits of a cluster are more or fewer than its counts say");
         }
-        self.write_boxes(&plan, frame);
+        let boxes = self.leaf_boxes(&plan);
+        self.write_head(&plan, &places, boxes, frame);
         if !self.is_on_lattice(&plan, frame) {
             return Err("a vertex lies behind the lattice");
         }
@@ -165,17 +165,22 @@ impl ClusterInstaller {
         Ok(places.end)
     }
 
-    fn write_header(&self, plan: &Plan, places: &Places, frame: &mut [u8]) {
-        for axis in 0..3 {
-            frame[5 * axis..5 * axis + 5].copy_from_slice(&plan.widths.base[axis].to_le_bytes()[..5]);
-        }
-        frame[15..18].copy_from_slice(&plan.widths.bits);
-        let counts = [plan.vertex_bits as usize, plan.triangle_count, plan.vertex_count, plan.palette_len];
-        frame[18..22].copy_from_slice(&counts.map(|count| count as u8));
-        for (i, word) in [self.first_triangle, places.palette, places.vertices].into_iter().enumerate() {
-            frame[22 + 2 * i..24 + 2 * i].copy_from_slice(&(word as u16).to_le_bytes());
-        }
-        frame[28..32].copy_from_slice(&places.wider.to_le_bytes());
+    fn write_head(&self, plan: &Plan, places: &Places, boxes: LeafBoxes, frame: &mut [u8]) {
+        let five = |q: i64| q.to_le_bytes()[..5].try_into().expect("five of eight bytes");
+        let head = ClusterHead {
+            base: plan.widths.base.map(five),
+            widths: plan.widths.bits,
+            vertex_bits: plan.vertex_bits as u8,
+            triangle_count: plan.triangle_count as u8,
+            vertex_count: plan.vertex_count as u8,
+            palette_len: plan.palette_len as u8,
+            first_triangle: (self.first_triangle as u16).to_le_bytes(),
+            palette_at: (places.palette as u16).to_le_bytes(),
+            vertices_at: (places.vertices as u16).to_le_bytes(),
+            wider: places.wider.to_le_bytes(),
+            boxes,
+        };
+        frame[..CLUSTER_LEAVES_AT].copy_from_slice(bytemuck::bytes_of(&head));
     }
 
     /// The palette, and each triangle's index into it, to the frame bytes of both.
@@ -297,7 +302,7 @@ impl ClusterInstaller {
     }
 
     /// Leaf boxes, from the cells.
-    fn write_boxes(&mut self, plan: &Plan, frame: &mut [u8]) {
+    fn leaf_boxes(&mut self, plan: &Plan) -> LeafBoxes {
         let (corners, cells) = (self.walk.corners_mut(), &self.cells);
         let mut boxes: LeafBoxes = [[255; 16], [255; 16], [255; 16], [0; 16], [0; 16], [0; 16]];
         for leaf in 0..plan.leaf_count() {
@@ -309,7 +314,7 @@ impl ClusterInstaller {
                 (boxes[axis][leaf], boxes[3 + axis][leaf]) = (least.lo(axis), least.hi(axis));
             }
         }
-        frame[CLUSTER_HEADER_BYTES..CLUSTER_LEAVES_AT].copy_from_slice(boxes.as_flattened());
+        boxes
     }
 }
 

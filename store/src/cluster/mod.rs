@@ -28,14 +28,12 @@ pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
 pub(crate) use order::Orderer;
-pub use view::{ClusterView, FrameRef, FrameView, LeafBoxes};
+pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafBoxes};
 
-use crate::layout::{AXIS_BITS, CLUSTER_LEAVES, LEAF_TRIANGLES, VERTEX_BITS};
+use crate::layout::{AXIS_BITS, LEAF_TRIANGLES, VERTEX_BITS};
 
-/// Bytes of a frame cluster before its boxes of leaves.
-pub const CLUSTER_HEADER_BYTES: usize = 32;
 /// Bytes of a frame cluster before the indices of its leaves.
-pub const CLUSTER_LEAVES_AT: usize = CLUSTER_HEADER_BYTES + 6 * CLUSTER_LEAVES;
+pub const CLUSTER_LEAVES_AT: usize = size_of::<ClusterHead>();
 /// Least bits of an index above the least index of its leaf; four widths from here on.
 pub const LEAF_WIDTH_LEAST: u32 = 4;
 /// Bytes of one vertex of a wide cluster: 3 x 40 bits.

@@ -7,13 +7,38 @@
 //! from different clusters agree (lattice integers).
 
 use super::{
-    CLUSTER_HEADER_BYTES, CLUSTER_LEAVES_AT, ClusterMesh, LEAF_WIDTH_LEAST, LatticeBox, Node,
-    WIDE_VERTEX_BYTES, bits, leaf_bytes, palette_index_bits,
+    CLUSTER_LEAVES_AT, ClusterMesh, LEAF_WIDTH_LEAST, LatticeBox, Node, WIDE_VERTEX_BYTES, bits, leaf_bytes,
+    palette_index_bits,
 };
 use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
 
 /// Leaf boxes of a cluster as they lie in the frame: lo x, y, z, hi x, y, z, one byte per leaf each.
 pub type LeafBoxes = [[u8; CLUSTER_LEAVES]; 6];
+
+/// What a cluster begins with in a frame. Numbers of several bytes are little-endian.
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct ClusterHead {
+    /// Least corner of the vertices, lattice.
+    pub base: [[u8; 5]; 3],
+    /// Bits per axis.
+    pub widths: [u8; 3],
+    /// Bits of a packed vertex.
+    pub vertex_bits: u8,
+    pub(super) triangle_count: u8,
+    pub(super) vertex_count: u8,
+    pub(super) palette_len: u8,
+    /// Triangles before the cluster in its page.
+    pub(super) first_triangle: [u8; 2],
+    /// Where the palette begins, bytes from the cluster's start.
+    pub(super) palette_at: [u8; 2],
+    /// Where the packed vertices begin.
+    pub(super) vertices_at: [u8; 2],
+    /// A bit a leaf in either half: its indices have 1 and 2 more bits than the least.
+    pub(super) wider: [u8; 4],
+    /// The leaf boxes.
+    pub boxes: LeafBoxes,
+}
 
 /// Where a node's child stands in the same frame: a byte offset and whether it is a cluster.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,45 +136,57 @@ impl<'a> FrameView<'a> {
 /// A cluster in a frame.
 #[derive(Clone, Copy)]
 pub struct ClusterView<'a> {
+    head: &'a ClusterHead,
     bytes: &'a [u8],
 }
 
 impl<'a> ClusterView<'a> {
+    #[inline(always)]
     pub(super) fn new(bytes: &'a [u8]) -> ClusterView<'a> {
-        ClusterView { bytes }
+        ClusterView { head: bytemuck::from_bytes(&bytes[..CLUSTER_LEAVES_AT]), bytes }
+    }
+
+    /// What it begins with.
+    #[inline(always)]
+    pub fn head(&self) -> &'a ClusterHead {
+        self.head
     }
 
     /// The bytes from the cluster's start to the end of the frame, for readers that do their own addressing.
+    #[inline(always)]
     pub fn bytes(&self) -> &'a [u8] {
         self.bytes
     }
 
     /// Least corner of its vertices, lattice.
     pub fn base(&self) -> [i64; 3] {
-        std::array::from_fn(|a| bits::get(self.bytes, 40 * a, 40) as i64)
+        self.head.base.map(|[a, b, c, d, e]| i64::from_le_bytes([a, b, c, d, e, 0, 0, 0]))
     }
 
     /// Bits per axis.
     pub fn widths(&self) -> [u32; 3] {
-        std::array::from_fn(|a| u32::from(self.bytes[15 + a]))
+        self.head.widths.map(u32::from)
     }
 
     /// True when vertices are absolute, 40 bits an axis.
+    #[inline(always)]
     pub fn is_wide(&self) -> bool {
         self.vertex_bits() == 8 * WIDE_VERTEX_BYTES as u32
     }
 
     /// Count of triangles, 1 to 128.
+    #[inline(always)]
     pub fn triangle_count(&self) -> usize {
-        usize::from(self.bytes[19])
+        usize::from(self.head.triangle_count)
     }
 
     /// Count of vertices, 1 to 128.
     pub fn vertex_count(&self) -> usize {
-        usize::from(self.bytes[20])
+        usize::from(self.head.vertex_count)
     }
 
     /// Count of leaves, 1 to 16.
+    #[inline(always)]
     pub fn leaf_count(&self) -> usize {
         self.triangle_count().div_ceil(LEAF_TRIANGLES)
     }
@@ -170,19 +207,18 @@ impl<'a> ClusterView<'a> {
 
     /// Index of its first triangle within the page.
     pub fn first_triangle(&self) -> usize {
-        usize::from(u16_at(self.bytes, 22))
+        usize::from(u16::from_le_bytes(self.head.first_triangle))
     }
 
     /// The leaf boxes.
     pub fn leaf_boxes(&self) -> &'a LeafBoxes {
-        bytemuck::from_bytes(&self.bytes[CLUSTER_HEADER_BYTES..CLUSTER_LEAVES_AT])
+        &self.head.boxes
     }
 
     /// Where the indices of a leaf stand, bytes from the cluster's start, and their width in bits.
     #[inline(always)]
     pub fn leaf_indices(&self, leaf: usize) -> (usize, u32) {
-        // A bit a leaf in either half: 1 and 2 more bits than the least.
-        let wider = u32::from_le_bytes(self.bytes[28..32].try_into().expect("four bytes"));
+        let wider = u32::from_le_bytes(self.head.wider);
         let before = wider & ((0x1_0001 << leaf) - 0x1_0001);
         let width = LEAF_WIDTH_LEAST + (wider >> leaf & 1) + 2 * (wider >> (16 + leaf) & 1);
         let more = before.count_ones() + (before >> 16).count_ones();
@@ -217,13 +253,15 @@ impl<'a> ClusterView<'a> {
     }
 
     /// Where the packed vertices begin, bytes from the cluster's start.
+    #[inline(always)]
     pub fn vertices_offset(&self) -> usize {
-        usize::from(u16_at(self.bytes, 26))
+        usize::from(u16::from_le_bytes(self.head.vertices_at))
     }
 
     /// Bits of one packed vertex.
+    #[inline(always)]
     pub fn vertex_bits(&self) -> u32 {
-        u32::from(self.bytes[18])
+        u32::from(self.head.vertex_bits)
     }
 
     /// The three corners of triangle `index`, lattice.
@@ -259,11 +297,11 @@ impl<'a> ClusterView<'a> {
     }
 
     fn palette_offset(&self) -> usize {
-        usize::from(u16_at(self.bytes, 24))
+        usize::from(u16::from_le_bytes(self.head.palette_at))
     }
 
     pub(super) fn palette_len(&self) -> usize {
-        usize::from(self.bytes[21])
+        usize::from(self.head.palette_len)
     }
 
     pub(super) fn palette_index(&self, index: usize) -> usize {
