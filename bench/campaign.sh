@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs what docs/ shows and keeps each run as a record. Needs some 20 GB in the folder given, half an hour of a quiet
+# Runs what docs/ shows and keeps each run as a record. Needs some 20 GB in the folder given, some hours of a quiet
 # machine, and for the caps the right to make memory control groups (v1). Ends with the docs written anew.
 #
 #   bench/campaign.sh WORK_FOLDER
@@ -70,8 +70,16 @@ stress() {
     capped "$name" $((128 * MiB)) stress "$@" --memory-limit 128MiB --resolution 512x512 --t-max 33 \
         --fetch-block 128 --hold 150 || true
 }
-record build-isosurface-100m build gen:isosurface:100M -o isosurface-100m.trex --overwrite --memory-limit 1GiB \
+capped build-isosurface-100m $((1024 * MiB)) build gen:isosurface:100M -o isosurface-100m.trex --overwrite --memory-limit 1GiB \
     --render-limit 128MiB
+capped build-isosurface-100m-no-asvo $((1024 * MiB)) build gen:isosurface:100M -o bare.trex --overwrite \
+    --memory-limit 1GiB --no-asvo
+rm bare.trex
+for model in isosurface:469M pipes:366M; do
+    name=${model/:/-}
+    capped build-${name/M/m} $((2048 * MiB)) build gen:$model -o huge.trex --overwrite --memory-limit 2GiB
+    rm huge.trex
+done
 # By hand: with the 512^3 that --render-limit 128MiB chooses the responses were no shorter.
 record build-pipes-100m build gen:pipes:100M -o pipes-100m.trex --overwrite --memory-limit 1GiB --voxels 256
 # The plant is seen from its marked views: from outside there is but a roof.
