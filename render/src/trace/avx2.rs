@@ -58,9 +58,9 @@ struct Avx2 {
     /// Rows of planes where the ray enters and leaves, per axis: of lower planes then upper ones.
     near_row: [usize; 3],
     far_row: [usize; 3],
-    /// The axes in the order of the shear, x, y, z of the sheared space, to spread numbers of three axes by; and as counts
-    /// of 64 bits.
+    /// The axes in the order of the shear: x, y, z of the sheared space.
     k: [usize; 3],
+    /// The same as places in a vector, to spread words by, and counts of 64 bits.
     axes: [__m256i; 3],
     axes_long: [__m256i; 3],
     /// Of these: the fraction and the shear.
@@ -87,7 +87,7 @@ impl Avx2 {
     /// See `Slabs::meet`.
     #[inline(always)]
     fn see(&self, boxes: &Boxes) -> SeenBoxes {
-        // SAFETY: registers and a local array; the caller runs with AVX2 and FMA.
+        // SAFETY: registers only; the caller runs with AVX2 and FMA.
         unsafe {
             let at_near = _mm_blendv_epi8(boxes.lo, boxes.hi, self.negative);
             let at_far = _mm_blendv_epi8(boxes.hi, boxes.lo, self.negative);
