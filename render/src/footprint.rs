@@ -12,7 +12,7 @@
 //! needs no page.
 
 use crate::film::NO_ID;
-use crate::integrator::{Integrator, Origin, Path};
+use crate::integrator::{Integrator, Origin, Path, Stage};
 use crate::material::bsdf;
 use crate::math::{add_rgb, along, dot, mul_rgb, scale_rgb, to_f64};
 use crate::surface::{OFFSET_ERRORS, Surface};
@@ -66,30 +66,89 @@ impl FarRay {
     }
 }
 
+/// Rays that are traced together, and their answers.
+#[derive(Debug, Default)]
+pub(crate) struct Together {
+    rays: Vec<Ray>,
+    answers: Vec<Answer<Option<Hit>>>,
+}
+
+impl Together {
+    /// Bytes that the rays of so many paths take.
+    pub(crate) fn bytes(path_count: usize) -> u64 {
+        let asking = size_of::<(&mut Path, &mut bool, Ray, f64)>();
+        // Vectors that grow by doubling.
+        (2 * path_count * (size_of::<Ray>() + size_of::<Answer<Option<Hit>>>() + asking)) as u64
+    }
+}
+
+/// The part of a C-ray that the mesh answers; `None` where that is nothing.
+fn before(ray: &Ray, cut: f64) -> Option<Ray> {
+    (cut > 0.0).then(|| Ray { t_max: ray.t_max.min(cut), ..*ray })
+}
+
+/// What a C-ray meets that has `found` so much on the mesh before the cut.
+pub(crate) fn behind(ray: &Ray, cut: f64, found: Option<Hit>) -> Closest {
+    if found.is_none() && cut < ray.t_max {
+        Closest::Far(FarRay::new(ray, cut))
+    } else {
+        Closest::Known(found)
+    }
+}
+
 impl Integrator<'_> {
     /// What the C-ray at hand meets first: on the mesh before the cut, in the voxels behind.
     pub(crate) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
-        let Some(far) = self.stand_in.filter(|_| self.world.voxels_from < f64::INFINITY) else {
-            return match tracer.intersect(ray) {
-                Answer::Blocked => Closest::Blocked,
-                Answer::Exact(hit) => Closest::Known(hit),
-            };
+        let cut = self.cut(path);
+        let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
+            Some(Answer::Blocked) => return Closest::Blocked,
+            Some(Answer::Exact(found)) => found,
+            None => None,
         };
-        let cut = match path.vertex {
+        behind(ray, cut, found)
+    }
+
+    /// Where voxels begin to answer the C-ray at hand; infinite where the mesh does to its end.
+    fn cut(&self, path: &Path) -> f64 {
+        let Some(far) = self.stand_in.filter(|_| self.world.voxels_from < f64::INFINITY) else {
+            return f64::INFINITY;
+        };
+        match path.vertex {
             _ if path.is_far => 0.0,
             // No pixel looks along it.
             _ if matches!(path.origin, Origin::Scattered { .. }) => f64::INFINITY,
             0 => self.world.voxels_from,
             _ => (self.world.voxels_from - path.travelled).max(MIRROR_LEAVES * far.voxels.leaf_side()),
-        };
-        if cut > 0.0 {
-            match tracer.intersect(&Ray { t_max: ray.t_max.min(cut), ..*ray }) {
-                Answer::Blocked => return Closest::Blocked,
-                Answer::Exact(None) if cut < ray.t_max => {}
-                Answer::Exact(hit) => return Closest::Known(hit),
+        }
+    }
+
+    /// Traces the rays from the camera of a tile's paths together: neighbours mostly meet the same pages and nodes. A path
+    /// whose ray is blocked stays as it is, and is told so.
+    pub(crate) fn meet_together<'p, T: Tracer>(
+        &self,
+        paths: impl Iterator<Item = (&'p mut Path, &'p mut bool)>,
+        tracer: &mut T,
+        together: &mut Together,
+    ) {
+        let Together { rays, answers } = together;
+        rays.clear();
+        answers.clear();
+        let mut asking = Vec::with_capacity(paths.size_hint().1.unwrap_or(0));
+        for (path, is_blocked) in paths {
+            let Stage::CRay(ray) = path.stage else { continue };
+            let cut = self.cut(path);
+            if let Some(part) = before(&ray, cut).filter(|_| matches!(path.origin, Origin::Camera)) {
+                rays.push(part);
+                asking.push((path, is_blocked, ray, cut));
             }
         }
-        Closest::Far(FarRay::new(ray, cut))
+        tracer.intersect_coherent(rays, answers);
+        for ((path, is_blocked, ray, cut), answer) in asking.into_iter().zip(answers) {
+            match *answer {
+                Answer::Blocked => *is_blocked = true,
+                Answer::Exact(found) => path.stage = Stage::Met { ray, cut, found },
+            }
+        }
     }
 
     /// The same for one ray, whatever answers it.

@@ -24,6 +24,7 @@
 //! or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
 
 use crate::film::{Film, LayerPixel};
+use crate::footprint::Together;
 use crate::g_batch::GBatches;
 use crate::integrator::{Integrator, Path, RayCounts, Sample, Step};
 use crate::live::Shown;
@@ -128,7 +129,7 @@ pub fn frame_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution)
         + (worker_count * (PARKED_MAX + 1) * job) as u64
-        + worker_count as u64 * GBatches::bytes(samples)
+        + worker_count as u64 * (GBatches::bytes(samples) + Together::bytes(samples))
 }
 
 /// When a piece of a pass ends, if not with the pass.
@@ -217,8 +218,8 @@ impl Pass {
         std::thread::scope(|scope| {
             for (tracer, lane) in tracers.iter_mut().zip(lanes) {
                 scope.spawn(|| {
-                    let (batches, stats) = (GBatches::default(), PassStats::default());
-                    let mut worker = Worker { piece: &piece, tracer, lane, batches, stats };
+                    let (together, batches, stats) = Default::default();
+                    let mut worker = Worker { piece: &piece, tracer, lane, together, batches, stats };
                     worker.work();
                     done.lock().expect("a worker panicked").add(&worker.stats);
                 });
@@ -273,6 +274,7 @@ struct Worker<'a, T> {
     piece: &'a Piece<'a>,
     tracer: &'a mut T,
     lane: &'a mut Lane,
+    together: Together,
     batches: GBatches,
     stats: PassStats,
 }
@@ -412,6 +414,10 @@ impl<T: PagedTracer> Worker<'_, T> {
         let batches = &mut self.batches;
         let mut advanced = false;
         let mut pending = std::mem::take(&mut job.pending);
+        if !integrator.world.method.shows_voxels() {
+            let paths = pending.iter_mut().map(|waiting| (&mut waiting.path, &mut waiting.is_blocked));
+            integrator.meet_together(paths, self.tracer, &mut self.together);
+        }
         loop {
             let mut asks = false;
             pending.retain_mut(|Pending { slot, path, is_blocked }| {

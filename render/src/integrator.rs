@@ -16,7 +16,7 @@
 //! was answered, and reported with the finished sample; 3. a path has at most [`BOUNCES_MAX`] bounces.
 
 use crate::film::{LayerPixel, NO_ID};
-use crate::footprint::{Closest, FarRay};
+use crate::footprint::{Closest, FarRay, behind};
 use crate::full_gi::GatherRay;
 use crate::g_batch::{GBatches, Place};
 use crate::light::LightSample;
@@ -85,7 +85,12 @@ impl Method {
 
     /// Whether nothing can be drawn without voxels.
     pub fn needs_voxels(self) -> bool {
-        matches!(self, Method::Photon | Method::DebugUpper | Method::DebugLower | Method::DebugOccluders)
+        self == Method::Photon || self.shows_voxels()
+    }
+
+    /// Whether C-rays show voxels, not the mesh.
+    pub(crate) fn shows_voxels(self) -> bool {
+        matches!(self, Method::DebugUpper | Method::DebugLower | Method::DebugOccluders)
     }
 
     /// Whether indirect light is gathered from photons.
@@ -156,7 +161,7 @@ pub struct Integrator<'a> {
 pub struct Path {
     pixel: [u32; 2],
     pub(crate) sampler: Sampler,
-    stage: Stage,
+    pub(crate) stage: Stage,
     /// Index of the path vertex at the end of the current C-ray.
     pub(crate) vertex: u32,
     /// Length of the C-rays before the current one, model units.
@@ -175,6 +180,12 @@ pub(crate) enum Stage {
     Layers,
     /// A ray that asks for the closest hit.
     CRay(Ray),
+    /// The mesh has answered a C-ray up to the cut of the footprint rule.
+    Met {
+        ray: Ray,
+        cut: f64,
+        found: Option<Hit>,
+    },
     /// Ray `index` from a surface that asks whether anything is hit.
     Shadow {
         surface: Surface,
@@ -225,6 +236,21 @@ pub(crate) enum Origin {
     },
 }
 
+/// Rays per second, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RayRates {
+    /// From the camera.
+    pub primary: f64,
+    /// From perfect mirrors.
+    pub mirror: f64,
+    /// Towards lights.
+    pub shadow: f64,
+    /// That gather light.
+    pub gather: f64,
+    /// Of photons.
+    pub photon: f64,
+}
+
 impl RayCounts {
     /// Adds another count.
     pub fn add(&mut self, other: &RayCounts) {
@@ -238,6 +264,18 @@ impl RayCounts {
     /// All kinds together.
     pub fn total(&self) -> u64 {
         self.primary + self.mirror + self.shadow + self.gather + self.photon
+    }
+
+    /// Each kind over a time.
+    pub fn per_s(&self, seconds: f64) -> RayRates {
+        let rate = |count: u64| count as f64 / seconds.max(1e-9);
+        RayRates {
+            primary: rate(self.primary),
+            mirror: rate(self.mirror),
+            shadow: rate(self.shadow),
+            gather: rate(self.gather),
+            photon: rate(self.photon),
+        }
     }
 }
 
@@ -330,6 +368,9 @@ impl<'a> Integrator<'a> {
             let next = match (&stage, batches.as_deref_mut()) {
                 (Stage::Layers, _) => self.layers_step(path, tracer),
                 (Stage::CRay(ray), all) => self.c_ray_step(path, ray, tracer, all),
+                (Stage::Met { ray, cut, found }, all) => {
+                    Answer::Exact(self.c_ray_met(path, ray, behind(ray, *cut, *found), all))
+                }
                 (Stage::Shadow { surface, index }, Some(all)) if self.batches_g_rays() => {
                     Answer::Exact(self.ask_shadow(path, (surface, *index), &mut all.asked))
                 }
@@ -426,13 +467,27 @@ impl<'a> Integrator<'a> {
             Method::DebugLower => return self.finest_shown(path, ray, tracer),
             _ => {}
         }
-        match (self.closest(ray, path, tracer), batches) {
-            (Closest::Blocked, _) => Answer::Blocked,
-            (Closest::Known(hit), _) => Answer::Exact(self.c_ray_end(path, ray, hit)),
-            (Closest::Far(far), None) => Answer::Exact(self.c_ray_end(path, ray, self.far_hit(&far))),
+        match self.closest(ray, path, tracer) {
+            Closest::Blocked => Answer::Blocked,
+            closest => Answer::Exact(self.c_ray_met(path, ray, closest, batches)),
+        }
+    }
+
+    /// What follows when it is known what a C-ray meets, or where.
+    fn c_ray_met(
+        &self,
+        path: &mut Path,
+        ray: &Ray,
+        closest: Closest,
+        batches: Option<&mut GBatches>,
+    ) -> Stage {
+        match (closest, batches) {
+            (Closest::Known(hit), _) => self.c_ray_end(path, ray, hit),
+            (Closest::Far(far), None) => self.c_ray_end(path, ray, self.far_hit(&far)),
             (Closest::Far(far), Some(batches)) => {
-                Answer::Exact(Stage::TakeFar { ray: *ray, far, place: batches.asked.push_far(&far) })
+                Stage::TakeFar { ray: *ray, far, place: batches.asked.push_far(&far) }
             }
+            (Closest::Blocked, _) => unreachable!("a blocked ray has met nothing"),
         }
     }
 

@@ -126,6 +126,40 @@ fn triangle_size(t: &[[f64; 3]; 3]) -> f64 {
     if longest > 0.0 { dot(area, area).sqrt() / longest } else { 0.0 }
 }
 
+/// Rays in packets against the same rays one by one, in an order where neighbours go the same way, and in one where they
+/// do not.
+#[test]
+fn packets_answer_as_single_rays_do() {
+    for spec in ["gen:isosurface:50k:3", "gen:pipes:50k:2"] {
+        let built = build_spec(spec);
+        let resident = AllResident::load(&built.file);
+        let [mut packets, mut singles] = [(); 2].map(|()| PagedMesh::new(&built.file, &resident));
+        let mut rays = random_rays(&built, 4001, 5);
+        // Bundles: nine rays around one, so that chunks of eight hold parts of two.
+        let around = rays.clone().into_iter().enumerate().flat_map(|(i, ray)| {
+            (0..9).map(move |k| {
+                let tilt = 1e-3 * f64::from(k) * if i % 3 == 0 { 100.0 } else { 1.0 };
+                let [x, y, z] = ray.direction;
+                Ray { direction: [x + tilt * y, y - tilt * x, z + tilt * x], ..ray }
+            })
+        });
+        let bundles: Vec<Ray> = around.collect();
+        rays.extend(bundles);
+        // Ends before the first hit, and between two.
+        for (i, ray) in rays.iter_mut().enumerate().skip(1).step_by(5) {
+            ray.t_max = built.file.superblock().bounds.diagonal() * (i % 11) as f64 / 10.0;
+        }
+        let (mut hits, mut occluded) = (Vec::new(), Vec::new());
+        packets.intersect_coherent(&rays, &mut hits);
+        packets.occluded_coherent(&rays, &mut occluded);
+        assert!(hits.iter().filter(|hit| matches!(hit, Answer::Exact(Some(_)))).count() > rays.len() / 10);
+        for ((ray, hit), any) in rays.iter().zip(hits).zip(occluded) {
+            assert_eq!(hit, singles.intersect(ray), "{spec}: {ray:?}");
+            assert_eq!(any, singles.occluded(ray), "{spec}: {ray:?}");
+        }
+    }
+}
+
 fn check_against_oracle(spec: &str, ray_count: usize) {
     let built = build_spec(spec);
     let oracle = OracleMesh::new(built.decode());

@@ -7,12 +7,13 @@ use rustix::time::{ClockId, clock_gettime};
 use std::sync::Mutex;
 use std::time::Duration;
 use trex_render::frame::PagedTracer;
-use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Tracer};
+use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Ray, Tracer};
 use trex_render::voxel::{GRay, VoxelHit, VoxelScene};
 
 /// Longest sleep for pages; arrivals wake it earlier.
 const WAIT: Duration = Duration::from_millis(50);
 
+const ALL_THERE: &str = "all pages are there";
 /// Rays that a worker takes at a time.
 const CHUNK_RAYS: usize = 4096;
 /// `triangle` of a miss.
@@ -95,6 +96,61 @@ pub(super) struct Resident<'a> {
     pub(super) workers: Vec<PagedMesh<'a, &'a AllResident>>,
 }
 
+/// The same, with rays handed over together, which it makes packets of.
+pub(super) struct Packets<'a> {
+    space: Space,
+    workers: Vec<PacketWorker<'a>>,
+}
+
+/// A chunk of rays, and answers.
+struct PacketWorker<'a> {
+    tracer: PagedMesh<'a, &'a AllResident>,
+    rays: Vec<Ray>,
+    hits: Vec<trace::Answer<Option<Hit>>>,
+    occluded: Vec<trace::Answer<bool>>,
+}
+
+impl<'a> Packets<'a> {
+    pub(super) fn new(
+        space: Space,
+        tracers: impl Iterator<Item = PagedMesh<'a, &'a AllResident>>,
+    ) -> Packets<'a> {
+        let worker = |tracer| PacketWorker { tracer, rays: vec![], hits: vec![], occluded: vec![] };
+        Packets { space, workers: tracers.map(worker).collect() }
+    }
+}
+
+impl Contender for Packets<'_> {
+    fn label(&self) -> &str {
+        "trex"
+    }
+
+    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+        let (space, query) = (self.space, set.query);
+        spread(&mut self.workers, set, answers, |worker, rays, answers| {
+            let PacketWorker { tracer, rays: models, hits, occluded } = worker;
+            models.clear();
+            models.extend(rays.iter().map(|ray| space.to_model(ray)));
+            match query {
+                Query::Closest => {
+                    hits.clear();
+                    tracer.intersect_coherent(models, hits);
+                    let pairs = answers.iter_mut().zip(hits);
+                    pairs.for_each(|(answer, hit)| *answer = Answer::of_hit(exact(*hit).expect(ALL_THERE)));
+                }
+                Query::Any => {
+                    occluded.clear();
+                    tracer.occluded_coherent(models, occluded);
+                    let pairs = answers.iter_mut().zip(occluded);
+                    pairs.for_each(|(answer, any)| {
+                        *answer = Answer::of_occlusion(exact(*any).expect(ALL_THERE));
+                    });
+                }
+            }
+        })
+    }
+}
+
 impl Contender for Resident<'_> {
     fn label(&self) -> &str {
         "trex"
@@ -104,7 +160,7 @@ impl Contender for Resident<'_> {
         let (space, query) = (self.space, set.query);
         spread(&mut self.workers, set, answers, |tracer, rays, answers| {
             for (ray, answer) in rays.iter().zip(answers) {
-                *answer = ask(tracer, space, query, ray).expect("all pages are there");
+                *answer = ask(tracer, space, query, ray).expect(ALL_THERE);
             }
         })
     }
@@ -113,7 +169,7 @@ impl Contender for Resident<'_> {
 impl Resident<'_> {
     /// The closest hit.
     pub(super) fn hit(&mut self, ray: &BenchRay) -> Option<Hit> {
-        exact(self.workers[0].intersect(&self.space.to_model(ray))).expect("all pages are there")
+        exact(self.workers[0].intersect(&self.space.to_model(ray))).expect(ALL_THERE)
     }
 }
 

@@ -22,7 +22,7 @@ use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use compare::Agreement;
-use contender::{Gray, GrayCalls, GrayWorker, Pooled, Resident};
+use contender::{Gray, GrayCalls, GrayWorker, Packets, Pooled, Resident};
 use falsehood::AgainstMesh;
 use serde::Serialize;
 use sets::Space;
@@ -86,9 +86,9 @@ pub struct RayFigures {
     pub resident_bytes: u64,
     /// The same per triangle.
     pub resident_bytes_per_triangle: f64,
-    /// From the camera, closest hit.
+    /// From the camera, closest hit; in packets where all pages are in memory.
     pub primary: SetFigures,
-    /// Towards a light, any hit.
+    /// Towards a light, any hit; in packets like these.
     pub shadow: SetFigures,
     /// Cosine-distributed, closest hit.
     pub incoherent: SetFigures,
@@ -115,7 +115,7 @@ pub struct SetFigures {
     pub per_core_s: f64,
     /// Ours over the peer's reference mode, by processor time.
     pub ratio: Option<f64>,
-    /// Of rays that go in batches: the same rays one by one.
+    /// Of rays that go in packets or batches: the same rays one by one.
     pub single: Option<SingleFigures>,
     /// How often voxels answered falsely; `None` for sets that ask the mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -177,6 +177,8 @@ pub struct ModeSet {
     pub per_core_s: f64,
     /// Ours over it by processor time, median of the rounds' own ratios.
     pub ratio: f64,
+    /// The same of our rays one by one, where `ratio` is of packets or batches.
+    pub single_ratio: Option<f64>,
     /// The same by wall time.
     pub wall_ratio: f64,
 }
@@ -206,8 +208,9 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     if let Ok(_pages_lease) = budget.lease("all pages", frames_bytes) {
         let pages = AllResident::load(&file);
         let voxels = Voxels::of(&file, budget)?;
-        let workers = (0..around.threads).map(|_| PagedMesh::new(&file, &pages)).collect();
-        let mut ours = Resident { space, workers };
+        let tracers = || (0..around.threads).map(|_| PagedMesh::new(&file, &pages));
+        let mut ours = Resident { space, workers: tracers().collect() };
+        let mut packets = Packets::new(space, tracers());
         let scene = voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
         let mut gray = scene.map(|scene| {
             [GrayCalls::Batch, GrayCalls::Single].map(|calls| {
@@ -218,7 +221,8 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         let clearance =
             scene.map(|scene| scene.clearance([1.0, 0.0, 0.0]) / file.superblock().lattice.step());
         let sets = make_sets(&file, model, options, clearance, |ray| ours.hit(ray))?;
-        let mut figures = compete((&mut ours, gray.as_mut()), &sets, &file, options, around)?;
+        let mut figures =
+            compete((&mut ours, Some(&mut packets), gray.as_mut()), &sets, &file, options, around)?;
         if let (Some(gray), Some(rays)) = (&mut gray, &sets.gray) {
             let sets = [(&mut figures.gray, &rays.gather), (&mut figures.gray_shadow, &rays.shadow)];
             for (figures, set) in sets {
@@ -238,7 +242,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
     let mut ours = Pooled { space, workers: tracers(&file, &pool, around.threads) };
     let sets = make_sets(&file, model, options, None, |ray| ours.hit(ray))?;
-    let mut figures = compete((&mut ours, None), &sets, &file, options, around)?;
+    let mut figures = compete((&mut ours, None, None), &sets, &file, options, around)?;
     figures.pages = "pooled".to_owned();
     figures.scene.clone_from(&model.scene);
     figures.resident_bytes = file.resident_table_bytes() + (pool.frames().frames * FRAME_BYTES) as u64;
@@ -288,7 +292,7 @@ fn make_sets(
 
 /// Times all contenders on all sets.
 fn compete(
-    (ours, gray): (&mut dyn Contender, Option<&mut [Gray<'_>; 2]>),
+    (ours, packets, gray): (&mut dyn Contender, Option<&mut Packets<'_>>, Option<&mut [Gray<'_>; 2]>),
     sets: &RaySets,
     file: &PageFile,
     options: &RayOptions,
@@ -333,8 +337,18 @@ fn compete(
             against_mesh: None,
         })
     };
-    let primary = measure("primary", Ours::of(ours), &sets.primary)?;
-    let shadow = measure("shadow", Ours::of(ours), &sets.shadow)?;
+    let (primary, shadow) = match packets {
+        Some(packets) => {
+            let both = Ours { contender: packets, single: Some(ours) };
+            let primary = measure("primary", both, &sets.primary)?;
+            let both = Ours { contender: packets, single: Some(ours) };
+            (primary, measure("shadow", both, &sets.shadow)?)
+        }
+        None => {
+            let primary = measure("primary", Ours::of(ours), &sets.primary)?;
+            (primary, measure("shadow", Ours::of(ours), &sets.shadow)?)
+        }
+    };
     let incoherent = measure("incoherent", Ours::of(ours), &sets.incoherent)?;
     let (mut gray_gather, mut gray_shadow) = (None, None);
     if let (Some([batch, single]), Some(sets)) = (gray, &sets.gray) {
@@ -444,12 +458,15 @@ fn take_turns(ours: Ours<'_>, mut peer: Option<&mut PeerSetup>, set: &RaySet, ro
         per_s: middle(speeds, |speed| speed.wall),
         per_core_s: middle(speeds, |speed| speed.core),
         ratio: median(&our_speeds.iter().zip(speeds).map(|(a, b)| a.core / b.core).collect::<Vec<_>>()),
+        single_ratio: single.is_some().then(|| {
+            median(&single_speeds.iter().zip(speeds).map(|(a, b)| a.core / b.core).collect::<Vec<_>>())
+        }),
         wall_ratio: median(&our_speeds.iter().zip(speeds).map(|(a, b)| a.wall / b.wall).collect::<Vec<_>>()),
     });
     Turns {
         per_s: middle(&our_speeds, |speed| speed.wall),
         per_core_s: middle(&our_speeds, |speed| speed.core),
-        single: single.map(|_| SingleFigures {
+        single: single.is_some().then(|| SingleFigures {
             per_s: middle(&single_speeds, |speed| speed.wall),
             per_core_s: middle(&single_speeds, |speed| speed.core),
         }),

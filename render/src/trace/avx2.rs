@@ -1,4 +1,4 @@
-//! The AVX2 kernel: eight boxes or triangles at a time, f32. The only unsafe code of the renderer.
+//! The AVX2 kernel: eight boxes or triangles at a time, f32.
 //!
 //! A leaf's corners are three words of eight narrow indices: one `pdep` spreads a word to eight bytes. A packed
 //! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Vertices of wide clusters are fetched
@@ -8,9 +8,12 @@
 //! indices were checked by `install`, and eight bytes stand behind the last vertex.
 #![allow(unsafe_code)]
 
-use super::bvh::{Found, Goal, Missing, Scene, Stack};
+use super::Ray;
+use super::bvh::{Ended, Goal, Missing, Scene, Stack};
 use super::kernel::{Kernel, Lanes};
+use super::packet::{PacketRoom, trace_packet};
 use super::pages::Pages;
+use super::probe::{Probe, Step};
 use super::ray::{Frame, LatticeRay};
 use super::scalar::{Real, Scalar};
 use std::arch::x86_64::*;
@@ -28,9 +31,9 @@ pub(super) fn trace<P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    ray: (&LatticeRay, Goal),
+    ray: (&Ray, Goal),
     missing: &mut Missing,
-) -> Option<Found> {
+) -> Option<Ended> {
     // SAFETY: `PagedMesh` chooses this arithmetic only where `is_available`.
     unsafe { trace_with_features(scene, pages, stack, ray, missing) }
 }
@@ -40,14 +43,49 @@ fn trace_with_features<P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    ray: (&LatticeRay, Goal),
+    ray: (&Ray, Goal),
     missing: &mut Missing,
-) -> Option<Found> {
+) -> Option<Ended> {
     super::bvh::trace::<Avx2, P>(scene, pages, stack, ray, missing)
 }
 
+/// [`trace_packet`] with this kernel.
+pub(super) fn packet<P: Pages>(
+    scene: &Scene<'_>,
+    pages: &mut P,
+    stack: &mut Stack,
+    rays: (&[Ray], Goal),
+    room: &mut PacketRoom,
+) {
+    // SAFETY: `PagedMesh` chooses this arithmetic only where `is_available`.
+    unsafe { packet_with_features(scene, pages, stack, rays, room) }
+}
+
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn packet_with_features<P: Pages>(
+    scene: &Scene<'_>,
+    pages: &mut P,
+    stack: &mut Stack,
+    rays: (&[Ray], Goal),
+    room: &mut PacketRoom,
+) {
+    // SAFETY: the features are there.
+    unsafe { trace_packet(scene, pages, stack, rays, room) }
+}
+
+/// [`Probe::count_with`] with this kernel.
+pub(super) fn probe(probe: &Probe<'_>, step: Step) -> u64 {
+    // SAFETY: `Probe` chooses this arithmetic only where `is_available`.
+    unsafe { probe_with_features(probe, step) }
+}
+
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn probe_with_features(probe: &Probe<'_>, step: Step) -> u64 {
+    probe.count_with::<Avx2>(step)
+}
+
 /// A ray set up for eight lanes.
-struct Avx2 {
+pub(super) struct Avx2 {
     cell: __m128i,
     inverse: __m128,
     /// See `Slabs`.
@@ -84,6 +122,34 @@ struct SeenBoxes {
 }
 
 impl Avx2 {
+    /// Of the same ray, set up for the plain kernel.
+    #[inline(always)]
+    pub(super) fn of(ray: &Scalar<f32>) -> Avx2 {
+        let Scalar { cell, slabs, fraction, k, s, blur, .. } = *ray;
+        let cell = cell.map(|cell| cell as i32);
+        // SAFETY: registers only.
+        unsafe {
+            let three = |v: [f32; 3]| _mm_setr_ps(v[0], v[1], v[2], 0.0);
+            let ones = slabs.negative.map(|negative| -i32::from(negative));
+            Avx2 {
+                cell: _mm_setr_epi32(cell[0], cell[1], cell[2], 0),
+                inverse: three(slabs.inverse),
+                start_near: three(slabs.start_near),
+                start_far: three(slabs.start_far),
+                negative: _mm_setr_epi32(ones[0], ones[1], ones[2], 0),
+                near_row: std::array::from_fn(|a| a + 3 * usize::from(slabs.negative[a])),
+                far_row: std::array::from_fn(|a| a + 3 * usize::from(!slabs.negative[a])),
+                k,
+                axes: [axis(k[0], k[0]), axis(k[1], k[1]), axis(k[2], k[2])],
+                // The fifth number is zero.
+                axes_long: [axis(k[0], 4), axis(k[1], 4), axis(k[2], 4)],
+                fraction: k.map(|a| fraction[a]),
+                s,
+                blur,
+            }
+        }
+    }
+
     /// See `Slabs::meet`.
     #[inline(always)]
     fn see(&self, boxes: &Boxes) -> SeenBoxes {
@@ -339,29 +405,7 @@ fn are_zero(u: __m256, v: __m256, w: __m256) -> __m256 {
 impl Kernel for Avx2 {
     #[inline(always)]
     fn new(frame: &Frame, ray: &LatticeRay) -> Avx2 {
-        let Scalar { slabs, fraction, k, s, blur, .. } = Scalar::<f32>::new(frame, ray);
-        let cell = ray.cell.map(|cell| cell as i32);
-        // SAFETY: registers only.
-        unsafe {
-            let three = |v: [f32; 3]| _mm_setr_ps(v[0], v[1], v[2], 0.0);
-            let ones = slabs.negative.map(|negative| -i32::from(negative));
-            Avx2 {
-                cell: _mm_setr_epi32(cell[0], cell[1], cell[2], 0),
-                inverse: three(slabs.inverse),
-                start_near: three(slabs.start_near),
-                start_far: three(slabs.start_far),
-                negative: _mm_setr_epi32(ones[0], ones[1], ones[2], 0),
-                near_row: std::array::from_fn(|a| a + 3 * usize::from(slabs.negative[a])),
-                far_row: std::array::from_fn(|a| a + 3 * usize::from(!slabs.negative[a])),
-                k,
-                axes: [axis(k[0], k[0]), axis(k[1], k[1]), axis(k[2], k[2])],
-                // The fifth number is zero.
-                axes_long: [axis(k[0], 4), axis(k[1], 4), axis(k[2], 4)],
-                fraction: k.map(|a| fraction[a]),
-                s,
-                blur,
-            }
-        }
+        Avx2::of(&Scalar::new(frame, ray))
     }
 
     #[inline(always)]
@@ -396,8 +440,9 @@ impl Kernel for Avx2 {
             let shift = _mm_subs_epu8(_mm_cvtsi32_si128(widths as i32), _mm_set1_epi8(8));
             let cell = _mm_sllv_epi32(_mm_set1_epi32(1), _mm_cvtepu8_epi32(shift));
             let lo = _mm_sub_epi32(base(head), self.cell);
-            // Upper planes are cells: their far side is one cell on.
-            let seen = self.see(&Boxes { lo, hi: _mm_add_epi32(lo, cell), scale: _mm_cvtepi32_ps(cell) });
+            // Upper planes are cells: no vertex lies beyond the last step of one.
+            let hi = _mm_add_epi32(lo, _mm_sub_epi32(cell, _mm_set1_epi32(1)));
+            let seen = self.see(&Boxes { lo, hi, scale: _mm_cvtepi32_ps(cell) });
             let [near, far] = self.rows(rows, 16);
             let (mask, t) = self.meet(&seen, near, far, t_max);
             _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);

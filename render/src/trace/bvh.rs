@@ -14,6 +14,7 @@
 //! 4. of hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order;
 //! 5. what kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
+use super::Ray;
 use super::kernel::{Kernel, Lanes};
 use super::pages::{Page, Pages};
 use super::ray::{Frame, LatticeRay};
@@ -25,7 +26,7 @@ use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH}
 const MISSING_PER_RAY: usize = 16;
 /// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A power of
 /// two, so that places need no check.
-const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER_LEAVES).next_power_of_two();
+pub(super) const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER_LEAVES).next_power_of_two();
 
 /// Cache lines that are fetched ahead of a cluster's leaves: mostly most of its indices and vertices.
 const BODY_LINES: usize = 9;
@@ -51,8 +52,13 @@ impl Missing {
         Missing { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
     }
 
+    /// For the next ray.
+    pub(super) fn clear(&mut self) {
+        (self.count, self.nearest) = (0, f64::INFINITY);
+    }
+
     /// The nearest one is always among those recorded: a ray that waits for it has asked for it.
-    fn add(&mut self, page: u32, t: f64) {
+    pub(super) fn add(&mut self, page: u32, t: f64) {
         self.nearest = self.nearest.min(t);
         if self.count < MISSING_PER_RAY {
             self.pages[self.count] = (page, t);
@@ -76,25 +82,59 @@ pub(super) struct Scene<'a> {
 
 /// The best hit so far.
 #[derive(Clone, Copy)]
-struct Best {
+pub(super) struct Best {
     /// Its t or the ray's end, rounded up.
-    t: f32,
-    found: Option<Found>,
+    pub(super) t: f32,
+    pub(super) found: Option<Found>,
 }
 
-/// Traces one ray. `missing` is filled; a hit in front of all missing boxes is exact.
+impl Best {
+    /// Nothing yet.
+    pub(super) fn of(ray: &LatticeRay) -> Best {
+        Best { t: t_above(ray.t_max), found: None }
+    }
+}
+
+/// A ray that came to the model's box, and what it found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ended {
+    pub(super) ray: LatticeRay,
+    pub(super) found: Option<Found>,
+}
+
+/// Traces one ray; `None` where it misses the model's box. `missing` is filled; a hit in front of all missing boxes is
+/// exact.
 #[inline(always)]
 pub(super) fn trace<K: Kernel, P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    (ray, goal): (&LatticeRay, Goal),
+    (ray, goal): (&Ray, Goal),
     missing: &mut Missing,
-) -> Option<Found> {
-    let kernel = K::new(&scene.frame, ray);
+) -> Option<Ended> {
+    let ray = scene.frame.enter(ray)?;
+    let kernel = K::new(&scene.frame, &ray);
     let mut pending = Pending { entries: &mut stack.entries, len: 0 };
-    let mut best = Best { t: t_above(ray.t_max), found: None };
-    let mut next = Some(Entry::new(0.0, scene.file.superblock().root));
+    let mut best = Best::of(&ray);
+    let root = Entry::new(0.0, scene.file.superblock().root);
+    walk(scene, pages, &kernel, (&ray, goal), root, &mut pending, &mut best, missing);
+    Some(Ended { ray, found: best.found })
+}
+
+/// Traverses what is under an entry of the top tree.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // Of one ray, all of it in registers.
+pub(super) fn walk<K: Kernel, P: Pages>(
+    scene: &Scene<'_>,
+    pages: &mut P,
+    kernel: &K,
+    (ray, goal): (&LatticeRay, Goal),
+    from: Entry,
+    pending: &mut Pending<'_>,
+    best: &mut Best,
+    missing: &mut Missing,
+) {
+    let mut next = Some(from);
     while let Some(at) = next.or_else(|| pending.pop_above(0, best.t)) {
         next = None;
         match TopRef::from_word(at.word()) {
@@ -107,10 +147,11 @@ pub(super) fn trace<K: Kernel, P: Pages>(
                 Page::Ready(frame) => {
                     let first = scene.file.pages()[page as usize].first_triangle;
                     let frame = FrameView::new(frame);
-                    let seen = PageVisit { frame, page, first_triangle: first, ray, goal };
-                    seen.root(&kernel, slot, &mut pending, &mut best);
+                    let visit = PageVisit { frame, page, first_triangle: first, ray, goal };
+                    let root = Entry::new(at.t(), frame.root(slot as usize).0);
+                    visit.under(kernel, root, pending, best);
                     if goal == Goal::Any && best.found.is_some() {
-                        break;
+                        pending.len = 0;
                     }
                 }
                 Page::Missing => missing.add(page, at.t().into()),
@@ -118,16 +159,16 @@ pub(super) fn trace<K: Kernel, P: Pages>(
             },
         }
     }
-    best.found
 }
 
 /// A lattice t as kernels compare with it: rounded up.
-fn t_above(t: f64) -> f32 {
+#[inline(always)]
+pub(super) fn t_above(t: f64) -> f32 {
     (t as f32).next_up()
 }
 
 /// A hit.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
     /// Lattice t, refined.
     pub(super) t: f64,
@@ -139,21 +180,27 @@ pub(super) struct Found {
 }
 
 /// A page while a ray is in it.
-struct PageVisit<'a> {
-    frame: FrameView<'a>,
-    page: u32,
+pub(super) struct PageVisit<'a> {
+    pub(super) frame: FrameView<'a>,
+    pub(super) page: u32,
     /// Store id of its first triangle.
-    first_triangle: u32,
-    ray: &'a LatticeRay,
-    goal: Goal,
+    pub(super) first_triangle: u32,
+    pub(super) ray: &'a LatticeRay,
+    pub(super) goal: Goal,
 }
 
 impl PageVisit<'_> {
-    /// Traverses the subtree under the root in `slot`.
+    /// Traverses what is under an entry of the page.
     #[inline(always)]
-    fn root<K: Kernel>(&self, kernel: &K, slot: u32, pending: &mut Pending<'_>, best: &mut Best) {
+    pub(super) fn under<K: Kernel>(
+        &self,
+        kernel: &K,
+        from: Entry,
+        pending: &mut Pending<'_>,
+        best: &mut Best,
+    ) {
         let floor = pending.len;
-        let mut next = Some(Entry::new(0.0, self.frame.root(slot as usize).0));
+        let mut next = Some(from);
         while let Some(at) = next.or_else(|| pending.pop_above(floor, best.t)) {
             next = None;
             let at = FrameRef(at.word());
@@ -165,6 +212,7 @@ impl PageVisit<'_> {
             }
             self.cluster(kernel, self.frame.cluster(at), pending, best);
             if self.goal == Goal::Any && best.found.is_some() {
+                pending.len = floor;
                 return;
             }
         }
@@ -210,12 +258,12 @@ impl PageVisit<'_> {
 
 /// Where to go on, and the t where its box begins: one number, ordered by t.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Entry(u64);
+pub(super) struct Entry(u64);
 
 impl Entry {
     /// `t >= 0`: the bits of such numbers are ordered as they are.
     #[inline(always)]
-    fn new(t: f32, word: u32) -> Entry {
+    pub(super) fn new(t: f32, word: u32) -> Entry {
         Entry(u64::from(t.to_bits()) << 32 | u64::from(word))
     }
 
@@ -239,7 +287,7 @@ impl<const N: usize> Lanes<N> {
 
 /// Room for the entries of one ray at a time.
 pub(super) struct Stack {
-    entries: Box<[Entry; STACK]>,
+    pub(super) entries: Box<[Entry; STACK]>,
 }
 
 impl Stack {
@@ -250,9 +298,9 @@ impl Stack {
 
 /// What is left to visit; the nearest of a node on top. One for top tree, page and cluster together: each level
 /// works above the `floor` where it began.
-struct Pending<'a> {
-    entries: &'a mut [Entry; STACK],
-    len: usize,
+pub(super) struct Pending<'a> {
+    pub(super) entries: &'a mut [Entry; STACK],
+    pub(super) len: usize,
 }
 
 impl Pending<'_> {

@@ -5,9 +5,12 @@ mod avx2;
 mod bvh;
 mod kernel;
 pub mod naive;
+#[cfg(target_arch = "x86_64")]
+mod packet;
 mod paged;
 mod pages;
 mod pooled;
+pub mod probe;
 mod ray;
 mod scalar;
 mod unit_pages;
@@ -63,6 +66,16 @@ pub trait Tracer {
 
     /// Whether anything is hit.
     fn occluded(&mut self, ray: &Ray) -> Answer<bool>;
+
+    /// Closest hits of rays that go much the same way, such as those of a tile: the answers that each gets alone.
+    fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {
+        answers.extend(rays.iter().map(|ray| self.intersect(ray)));
+    }
+
+    /// Whether anything is hit, for rays that go much the same way.
+    fn occluded_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<bool>>) {
+        answers.extend(rays.iter().map(|ray| self.occluded(ray)));
+    }
 
     /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer without
     /// pages has none.

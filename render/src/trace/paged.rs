@@ -7,7 +7,9 @@
 //! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. `wanted` holds each page once,
 //! with the number of rays that it blocked.
 
-use super::bvh::{Goal, Missing, Scene, Stack, trace};
+use super::bvh::{Ended, Found, Goal, Missing, Scene, Stack, trace};
+#[cfg(target_arch = "x86_64")]
+use super::packet::{PACKET_RAYS, PacketRoom};
 use super::pages::{Page, Pages};
 use super::ray::{Frame, LatticeRay, normal};
 use super::scalar::Scalar;
@@ -40,6 +42,13 @@ impl Arithmetic {
         Arithmetic::Scalar
     }
 
+    /// Panics where it does not fit the file or the machine.
+    pub(super) fn check(self, file: &PageFile) {
+        assert!(self == Arithmetic::Deep || file.superblock().lattice_bits <= NARROW_BITS);
+        #[cfg(target_arch = "x86_64")]
+        assert!(self != Arithmetic::Avx2 || super::avx2::is_available());
+    }
+
     /// Name for reports.
     pub fn name(self) -> &'static str {
         match self {
@@ -57,6 +66,9 @@ pub struct PagedMesh<'a, P> {
     pages: P,
     arithmetic: Arithmetic,
     stack: Stack,
+    #[cfg(target_arch = "x86_64")]
+    /// Made when it is first asked for.
+    packet: Option<Box<PacketRoom>>,
     wanted: Vec<(u32, u32)>,
 }
 
@@ -74,11 +86,17 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     /// A tracer with a chosen arithmetic. Panics for f32 on a lattice of more than 24 bits, and for AVX2 where the
     /// machine has none.
     pub fn with_arithmetic(file: &'a PageFile, pages: P, arithmetic: Arithmetic) -> PagedMesh<'a, P> {
-        assert!(arithmetic == Arithmetic::Deep || file.superblock().lattice_bits <= NARROW_BITS);
-        #[cfg(target_arch = "x86_64")]
-        assert!(arithmetic != Arithmetic::Avx2 || super::avx2::is_available());
+        arithmetic.check(file);
         let scene = Scene { file, frame: Frame::of(file) };
-        PagedMesh { scene, pages, arithmetic, stack: Stack::new(), wanted: Vec::new() }
+        PagedMesh {
+            scene,
+            pages,
+            arithmetic,
+            stack: Stack::new(),
+            #[cfg(target_arch = "x86_64")]
+            packet: Default::default(),
+            wanted: Vec::new(),
+        }
     }
 
     /// What traces.
@@ -102,7 +120,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         into.append(&mut self.wanted);
     }
 
-    fn run(&mut self, ray: &LatticeRay, goal: Goal, missing: &mut Missing) -> Option<super::bvh::Found> {
+    fn run(&mut self, ray: &Ray, goal: Goal, missing: &mut Missing) -> Option<Ended> {
         let (scene, pages, stack) = (&self.scene, &mut self.pages, &mut self.stack);
         match self.arithmetic {
             #[cfg(target_arch = "x86_64")]
@@ -112,13 +130,61 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         }
     }
 
+    /// Traces rays in packets; `outside` is the answer of those that miss the model's box.
+    #[cfg(target_arch = "x86_64")]
+    fn packets<A: Copy>(
+        &mut self,
+        (rays, goal): (&[Ray], Goal),
+        (outside, answers): (A, &mut Vec<A>),
+        answer: impl Fn(&mut Self, &Ray, &Ended, &Missing) -> A,
+    ) {
+        let mut packet = self.packet.take().unwrap_or_default();
+        for rays in rays.chunks(PACKET_RAYS) {
+            super::avx2::packet(&self.scene, &mut self.pages, &mut self.stack, (rays, goal), &mut packet);
+            let first = answers.len();
+            answers.resize(first + rays.len(), outside);
+            for ((ended, missing), &place) in packet.ended.iter().zip(&packet.missing).zip(&packet.places) {
+                answers[first + place] = answer(self, &rays[place], ended, missing);
+            }
+        }
+        self.packet = Some(packet);
+    }
+
+    /// The answer of a ray that asked for the closest hit.
+    fn closest(
+        &mut self,
+        ray: &Ray,
+        Ended { ray: local, found }: &Ended,
+        missing: &Missing,
+    ) -> Answer<Option<Hit>> {
+        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.t);
+        if missing.count > 0 && missing.nearest <= hit_t {
+            self.note(missing, hit_t);
+            return Answer::Blocked;
+        }
+        let hit = found.as_ref().map(|found| self.hit(ray, local, found));
+        Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+    }
+
+    /// The answer of a ray that asked for any.
+    fn any(&mut self, ended: &Ended, missing: &Missing) -> Answer<bool> {
+        if ended.found.is_some() {
+            return Answer::Exact(true);
+        }
+        if missing.count > 0 {
+            self.note(missing, f64::INFINITY);
+            return Answer::Blocked;
+        }
+        Answer::Exact(false)
+    }
+
     fn note(&mut self, missing: &Missing, before: f64) {
         for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
             want(&mut self.wanted, page);
         }
     }
 
-    fn hit(&self, ray: &Ray, local: &LatticeRay, found: &super::bvh::Found) -> Hit {
+    fn hit(&self, ray: &Ray, local: &LatticeRay, found: &Found) -> Hit {
         let frame = &self.scene.frame;
         let q = found.corners;
         let t = local.model_t(found.t);
@@ -157,29 +223,40 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
     }
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
-        let Some(local) = self.scene.frame.enter(ray) else { return Answer::Exact(None) };
         let mut missing = Missing::none();
-        let found = self.run(&local, Goal::Closest, &mut missing);
-        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.t);
-        if missing.count > 0 && missing.nearest <= hit_t {
-            self.note(&missing, hit_t);
-            return Answer::Blocked;
+        match self.run(ray, Goal::Closest, &mut missing) {
+            Some(ended) => self.closest(ray, &ended, &missing),
+            None => Answer::Exact(None),
         }
-        let hit = found.map(|found| self.hit(ray, &local, &found));
-        Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
     }
 
     fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
-        let Some(local) = self.scene.frame.enter(ray) else { return Answer::Exact(false) };
         let mut missing = Missing::none();
-        let found = self.run(&local, Goal::Any, &mut missing);
-        if found.is_some() {
-            return Answer::Exact(true);
+        match self.run(ray, Goal::Any, &mut missing) {
+            Some(ended) => self.any(&ended, &missing),
+            None => Answer::Exact(false),
         }
-        if missing.count > 0 {
-            self.note(&missing, f64::INFINITY);
-            return Answer::Blocked;
+    }
+
+    fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {
+        #[cfg(target_arch = "x86_64")]
+        if self.arithmetic == Arithmetic::Avx2 {
+            let outside = Answer::Exact(None);
+            return self.packets((rays, Goal::Closest), (outside, answers), |mesh, ray, ended, missing| {
+                mesh.closest(ray, ended, missing)
+            });
         }
-        Answer::Exact(false)
+        answers.extend(rays.iter().map(|ray| self.intersect(ray)));
+    }
+
+    fn occluded_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<bool>>) {
+        #[cfg(target_arch = "x86_64")]
+        if self.arithmetic == Arithmetic::Avx2 {
+            let outside = Answer::Exact(false);
+            return self.packets((rays, Goal::Any), (outside, answers), |mesh, _, ended, missing| {
+                mesh.any(ended, missing)
+            });
+        }
+        answers.extend(rays.iter().map(|ray| self.occluded(ray)));
     }
 }

@@ -34,10 +34,17 @@ impl AllResident {
     }
 }
 
-impl Pages for &AllResident {
-    fn page(&mut self, page: u32) -> Page<'_> {
+impl AllResident {
+    /// The frame of `page`.
+    pub fn frame(&self, page: u32) -> &[u8] {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
         let frame_bytes = trex_store::layout::FRAME_BYTES;
-        Page::Ready(&bytes[page as usize * frame_bytes..][..frame_bytes])
+        &bytes[page as usize * frame_bytes..][..frame_bytes]
+    }
+}
+
+impl Pages for &AllResident {
+    fn page(&mut self, page: u32) -> Page<'_> {
+        Page::Ready(self.frame(page))
     }
 }

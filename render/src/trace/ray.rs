@@ -21,6 +21,8 @@ pub(super) struct Frame {
     /// Model position of lattice point 0.
     origin: [f64; 3],
     step: f64,
+    /// Of a power of two: exact.
+    inverse_step: f64,
     /// Lattice steps from 0 to the end of the lattice.
     side: f64,
     lo: [f64; 3],
@@ -35,10 +37,13 @@ pub(super) struct Frame {
 
 /// Steps around the box that the entry stays away from it, and that kernels look beyond the end; at least, see `FAR`.
 const MARGIN: f64 = 2.0;
-/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: twice what the way there is
-/// rounded by (origin, quotient, product, sum: half an ulp each). On a lattice of 40 bits it is more than `MARGIN` from
+/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way there is
+/// rounded by (origin, inverse, quotient, product, sum: half an ulp each, five of eight). On a lattice of 40 bits it is more than `MARGIN` from
 /// 2^11 sizes on.
 const FAR: f64 = 1.0 / (1u64 << 50) as f64;
+
+/// Below that a component moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
+const STILL: f64 = 1e-250;
 
 /// A ray in lattice units.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +54,8 @@ pub(super) struct LatticeRay {
     pub(super) fraction: [f64; 3],
     /// Longest component 1 or -1.
     pub(super) direction: [f64; 3],
+    /// One over each.
+    pub(super) inverse: [f64; 3],
     pub(super) shear: Shear,
     /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
     /// the kernels' t.
@@ -76,6 +83,7 @@ impl Frame {
         Frame {
             origin: block.lattice.origin,
             step: block.lattice.step(),
+            inverse_step: 1.0 / block.lattice.step(),
             side,
             lo: lo.map(|q| q as f64),
             hi: hi.map(|q| q as f64),
@@ -92,28 +100,30 @@ impl Frame {
 
     /// Moves a ray to the lattice; `None` when it misses the model's box, or comes from so far that its rounding is
     /// larger than the model.
+    #[inline(always)]
     pub(super) fn enter(&self, ray: &Ray) -> Option<LatticeRay> {
         let longest = ray.direction.iter().fold(0.0f64, |m, d| m.max(d.abs()));
-        let from: [f64; 3] = std::array::from_fn(|a| (ray.origin[a] - self.origin[a]) / self.step);
+        let from: [f64; 3] = std::array::from_fn(|a| (ray.origin[a] - self.origin[a]) * self.inverse_step);
         if !(longest > 0.0 && longest.is_finite()) || from.iter().any(|v| !v.is_finite()) {
             return None;
         }
         let direction = ray.direction.map(|d| d / longest);
+        let inverse = direction.map(|d| 1.0 / d);
         let margin = from.iter().fold(MARGIN, |most, v| most.max(v.abs() * FAR));
         if margin > self.side.max(MARGIN) {
             return None;
         }
-        let t_end = ray.t_max / self.step * longest;
+        let t_end = ray.t_max * self.inverse_step * longest;
         let (mut t_in, mut t_out) = (0.0f64, t_end);
         for axis in 0..3 {
-            if direction[axis] == 0.0 {
+            if direction[axis].abs() < STILL {
                 if from[axis] < self.lo[axis] - margin || from[axis] > self.hi[axis] + margin {
                     return None;
                 }
                 continue;
             }
-            let a = (self.lo[axis] - margin - from[axis]) / direction[axis];
-            let b = (self.hi[axis] + margin - from[axis]) / direction[axis];
+            let a = (self.lo[axis] - margin - from[axis]) * inverse[axis];
+            let b = (self.hi[axis] + margin - from[axis]) * inverse[axis];
             t_in = t_in.max(a.min(b));
             t_out = t_out.min(a.max(b));
         }
@@ -127,6 +137,7 @@ impl Frame {
             cell: cell.map(|v| v as i64),
             fraction: std::array::from_fn(|a| entry[a] - cell[a]),
             direction,
+            inverse,
             shear: Shear::of(direction),
             t_max: (t_out - t_in).max(0.0) + MARGIN,
             t_end: t_end - t_in,
@@ -210,14 +221,17 @@ pub(super) struct Shear {
 }
 
 impl Shear {
+    /// Of a direction whose longest component is 1 or -1.
+    #[inline(always)]
     pub(super) fn of(direction: [f64; 3]) -> Shear {
         let kz = (0..3).fold(0, |best, a| if direction[a].abs() > direction[best].abs() { a } else { best });
         let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
         if direction[kz] < 0.0 {
             std::mem::swap(&mut kx, &mut ky);
         }
+        // 1 or -1: its own inverse.
         let dz = direction[kz];
-        Shear { k: [kx, ky, kz], s: [direction[kx] / dz, direction[ky] / dz, 1.0 / dz] }
+        Shear { k: [kx, ky, kz], s: [direction[kx] * dz, direction[ky] * dz, dz] }
     }
 
     fn apply(&self, p: [f64; 3]) -> [f64; 3] {

@@ -89,9 +89,12 @@ pub(super) struct Slabs<T> {
 }
 
 impl<T: Real> Slabs<T> {
+    #[inline(always)]
     fn new(frame: &Frame, ray: &LatticeRay) -> Slabs<T> {
-        let tiny = |d: f64| if d.abs() < T::TINY { T::TINY.copysign(d) } else { d };
-        let inverse = ray.direction.map(|d| T::of(1.0 / tiny(d)));
+        let inverse = std::array::from_fn(|a| {
+            let d = ray.direction[a];
+            T::of(if d.abs() < T::TINY { (1.0 / T::TINY).copysign(d) } else { ray.inverse[a] })
+        });
         let negative = ray.direction.map(f64::is_sign_negative);
         let start = |slack: f64| {
             std::array::from_fn(|a| {
@@ -131,6 +134,7 @@ impl<T: Real> Slabs<T> {
 }
 
 impl<T: Real> Kernel for Scalar<T> {
+    #[inline(always)]
     fn new(frame: &Frame, ray: &LatticeRay) -> Scalar<T> {
         Scalar {
             cell: ray.cell,
@@ -154,8 +158,8 @@ impl<T: Real> Kernel for Scalar<T> {
         let (base, boxes) = (cluster.base(), cluster.leaf_boxes());
         let scale = cluster.leaf_shift().map(|shift| 1 << shift);
         let lo = std::array::from_fn(|a| base[a] - self.cell[a]);
-        // Upper planes are cells: their far side is one cell on.
-        let hi = std::array::from_fn(|a| lo[a] + scale[a]);
+        // Upper planes are cells: no vertex lies beyond the last step of one.
+        let hi = std::array::from_fn(|a| lo[a] + scale[a] - 1);
         let [x, y, z, rest @ ..] = *boxes;
         self.slabs.meet([[x, y, z], rest], (lo, hi, scale), cluster.leaf_count(), t_max)
     }

@@ -237,19 +237,25 @@ impl<'a> ClusterView<'a> {
     }
 
     /// Lattice coordinates of a vertex.
+    #[inline]
     pub fn vertex(&self, index: usize) -> [i64; 3] {
-        let vertices = &self.bytes[self.vertices_offset()..];
         if self.is_wide() {
-            let at = index * WIDE_VERTEX_BYTES;
-            return std::array::from_fn(|a| bits::get(vertices, 8 * (at + 5 * a), 40) as i64);
+            return self.wide_vertex(index);
         }
-        let (base, widths) = (self.base(), self.widths());
-        let mut at = index * self.vertex_bits() as usize;
-        std::array::from_fn(|a| {
-            let value = bits::get(vertices, at, widths[a]);
-            at += widths[a] as usize;
-            base[a] + value as i64
-        })
+        let at = index * self.vertex_bits() as usize;
+        let mut word = word_at(self.bytes, self.vertices_offset() + at / 8) >> (at % 8);
+        let (mut vertex, widths) = (self.base(), self.widths());
+        for a in 0..3 {
+            vertex[a] += (word & !(u64::MAX << widths[a])) as i64;
+            word >>= widths[a];
+        }
+        vertex
+    }
+
+    #[inline(never)]
+    fn wide_vertex(&self, index: usize) -> [i64; 3] {
+        let vertices = &self.bytes[self.vertices_offset() + index * WIDE_VERTEX_BYTES..];
+        std::array::from_fn(|a| bits::get(vertices, 40 * a, 40) as i64)
     }
 
     /// Where the packed vertices begin, bytes from the cluster's start.
@@ -265,14 +271,20 @@ impl<'a> ClusterView<'a> {
     }
 
     /// The three corners of triangle `index`, lattice.
+    #[inline]
     pub fn triangle(&self, index: usize) -> [[i64; 3]; 3] {
         let (at, width) = self.leaf_indices(index / LEAF_TRIANGLES);
-        let place = |corner: usize| (8 * corner + index % LEAF_TRIANGLES) * width as usize;
-        let above = |corner: usize| bits::get(&self.bytes[at + 1..], place(corner), width);
-        std::array::from_fn(|i| self.vertex(usize::from(self.bytes[at]) + above(i) as usize))
+        let (least, place) = (self.bytes[at], index % LEAF_TRIANGLES * width as usize);
+        let mut corners = [[0; 3]; 3];
+        for (i, corner) in corners.iter_mut().enumerate() {
+            let above = word_at(self.bytes, at + 1 + i * width as usize) >> place & !(u64::MAX << width);
+            *corner = self.vertex(usize::from(least) + above as usize);
+        }
+        corners
     }
 
     /// Material of triangle `index`.
+    #[inline]
     pub fn material(&self, index: usize) -> u16 {
         u16_at(self.bytes, self.palette_offset() + 2 * self.palette_index(index))
     }
@@ -316,6 +328,12 @@ impl<'a> ClusterView<'a> {
     pub(super) fn frame_bytes(&self) -> usize {
         self.vertices_offset() + (self.vertex_count() * self.vertex_bits() as usize).div_ceil(8)
     }
+}
+
+/// Eight bytes, of which later ones may belong to something else: eight stand behind the last vertex of a frame.
+#[inline(always)]
+fn word_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"))
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> u16 {

@@ -1,0 +1,100 @@
+//! Steps of traversal: tests of nodes, leaf boxes and triangles, eight lanes and plain; and whole rays, alone and in packets.
+//! One core.
+//!
+//! ```text
+//! cargo bench -p trex-bench --bench traversal
+//! gen:isosurface -> build -> all its pages -> rays of a camera, along rows
+//! ```
+//!
+//! Invariant: eight lanes and plain meet the same.
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use datasets_gen::{GenOptions, Spec};
+use std::hint::black_box;
+use std::time::Duration;
+use trex_render::camera::Camera;
+use trex_render::trace::probe::{Probe, Step};
+use trex_render::trace::{AllResident, Arithmetic, PagedMesh, Ray, Tracer};
+use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
+use trex_store::{Budget, Interrupt, PageFile};
+
+/// More than the nearest caches hold.
+const MODEL: &str = "gen:isosurface:200k";
+/// Memory for the build, bytes.
+const BUILD_LIMIT_BYTES: u64 = 1 << 30;
+/// Pixels along a side of the picture.
+const PICTURE_SIDE: u32 = 128;
+/// Of its rays so many are tested against everything.
+const PROBE_RAYS: usize = 16;
+/// Passes over all tests.
+const SAMPLES: usize = 20;
+
+fn built() -> PageFile {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("model.trex");
+    let spec = Spec::parse(MODEL).expect("a specification");
+    let mut source = datasets_gen::open(&spec, &GenOptions::default()).expect("a generator");
+    let options = BuildOptions {
+        precision: Precision::Default,
+        voxels: Voxels::None,
+        threads: 1,
+        budget: Budget::new(BUILD_LIMIT_BYTES),
+        temp_dir: None,
+        existing: Existing::Keep,
+        interrupt: Interrupt::default(),
+    };
+    build(source.as_mut(), &path, &options, &|_| {}, &|_| {}).expect("a build");
+    PageFile::open(&path, &Budget::unlimited()).expect("a page file")
+}
+
+/// A ray through each pixel of a picture of the whole model, along rows.
+fn rays(file: &PageFile) -> Vec<Ray> {
+    let size = [PICTURE_SIDE; 2];
+    let camera = Camera::framing(&file.superblock().bounds, size, None, None);
+    let projection = camera.project(size).expect("a picture");
+    let pixels = (0..PICTURE_SIDE).flat_map(|y| (0..PICTURE_SIDE).map(move |x| [x, y]));
+    pixels.map(|[x, y]| projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5)).collect()
+}
+
+fn traversal(criterion: &mut Criterion) {
+    let file = built();
+    let (pages, rays) = (AllResident::load(&file), rays(&file));
+    let mut group = criterion.benchmark_group("traversal");
+    group.sample_size(SAMPLES).measurement_time(Duration::from_secs(3));
+
+    let few: Vec<Ray> = rays.iter().copied().step_by(rays.len() / PROBE_RAYS).collect();
+    let fastest = Arithmetic::for_file(&file);
+    for (step, name) in
+        [(Step::Node, "node"), (Step::LeafBoxes, "leaf-boxes"), (Step::Triangles, "triangles")]
+    {
+        let [fast, plain] =
+            [fastest, Arithmetic::Scalar].map(|arithmetic| Probe::new(&file, &pages, &few, arithmetic));
+        assert_eq!(fast.run(step), plain.run(step));
+        group.throughput(Throughput::Elements(fast.test_count(step)));
+        for (probe, arithmetic) in [(fast, fastest), (plain, Arithmetic::Scalar)] {
+            group.bench_function(BenchmarkId::new(name, arithmetic.name()), |bencher| {
+                bencher.iter(|| black_box(&probe).run(step));
+            });
+        }
+    }
+
+    group.throughput(Throughput::Elements(rays.len() as u64));
+    let mut mesh = PagedMesh::new(&file, &pages);
+    let mut answers = Vec::with_capacity(rays.len());
+    group.bench_function(BenchmarkId::new("closest", "alone"), |bencher| {
+        bencher.iter(|| {
+            answers.clear();
+            answers.extend(rays.iter().map(|ray| mesh.intersect(black_box(ray))));
+        });
+    });
+    group.bench_function(BenchmarkId::new("closest", "packets"), |bencher| {
+        bencher.iter(|| {
+            answers.clear();
+            mesh.intersect_coherent(black_box(&rays), &mut answers);
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, traversal);
+criterion_main!(benches);
