@@ -34,6 +34,9 @@ pub struct RenderArgs {
     /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else off)
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub filter: Option<Switch>,
+    /// A picture from each of these viewpoints, PICTURE-0001.png and so on. TOML: an array of tables `view`, each with position, target and, if you like, up
+    #[arg(long, value_name = "VIEWS.toml", conflicts_with = "t_max")]
+    pub camera_path: Option<PathBuf>,
     /// Further layers of an EXR
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
@@ -56,6 +59,7 @@ Examples:
   trex render statue.trex -o statue.png
   trex render iso.trex -o iso.exr --layers depth,normal --memory-limit 128MiB
   trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64
+  trex render ship.trex -o round.png --camera-path round.toml --spp 32
   trex render ship.trex -o hull.png --integrator photon --t-max 33 --lod-error 1 --time-limit 2s";
 
 /// What a picture is of. What is not given comes from the scene.

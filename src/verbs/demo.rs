@@ -63,6 +63,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene: &scene,
         file: &page_file,
         output: &args.output,
+        camera_path: None,
         overwrite,
         layers: Layers::default(),
         io: io_options(&args.disk),

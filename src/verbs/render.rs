@@ -2,25 +2,26 @@
 
 use super::picture_file::PictureFile;
 use super::shares::Shares;
-use super::stage::{Play, Stage, io_options, open_scene};
+use super::stage::{Play, Stage, io_options, open_scene, read_views};
 use crate::args::{Layer, RenderArgs, Switch};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
 use crate::size;
 use serde::Serialize;
+use std::ffi::OsStr;
 use std::fmt;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_bench::stress::Times;
 use trex_render::film::Layers;
 use trex_render::filter::Filter;
 use trex_render::frame::PagedTracer;
-use trex_render::integrator::RayCounts;
+use trex_render::integrator::{RayCounts, RayRates};
 use trex_render::live::{self, FrameOptions};
 use trex_render::scene::Scene;
-use trex_render::session::{RenderStats, Session};
+use trex_render::session::{Event, RenderStats, Session};
 use trex_render::voxel::PhotonStats;
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::pool::PoolStats;
@@ -41,6 +42,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene: &scene,
         file: &path,
         output: &args.output,
+        camera_path: args.camera_path.as_deref(),
         overwrite: args.overwrite.overwrite,
         layers,
         io: io_options(&args.disk),
@@ -62,11 +64,12 @@ fn override_scene(scene: &mut Scene, args: &RenderArgs) {
     render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
 }
 
-/// One picture, as `render` and `demo` ask for it.
+/// A picture, as `render` and `demo` ask for it, or one from each viewpoint of a path.
 pub struct Job<'a> {
     pub scene: &'a Scene,
     pub file: &'a Path,
     pub output: &'a Path,
+    pub camera_path: Option<&'a Path>,
     pub overwrite: bool,
     pub layers: Layers,
     pub io: IoOptions,
@@ -79,12 +82,19 @@ impl Job<'_> {
     /// Renders and writes the picture.
     pub fn render(&self, ctx: &Context) -> Result<Rendered> {
         let start = Instant::now();
-        let target = PictureFile::check(self.output, self.overwrite, self.layers)?;
-        let keys = &self.scene.render;
         let Job { scene, file, layers, io, live, .. } = self;
+        let check = |path: &Path| PictureFile::check(path, self.overwrite, *layers);
+        let target = check(self.output)?;
+        let keys = &scene.render;
         let stage = Stage::open(&Play { scene, file, layers: *layers, io, live: *live }, ctx)?;
         let pool = &stage.pool;
         let mut session = stage.session(ctx)?;
+        let cameras = match self.camera_path {
+            Some(path) => read_views(path, &session.view().camera)?,
+            None => vec![],
+        };
+        let outputs = numbered(self.output, cameras.len());
+        let targets = outputs.iter().map(|path| check(path)).collect::<Result<Vec<_>>>()?;
 
         let late = || self.time_limit.is_some_and(|limit| start.elapsed() >= limit);
         let stop = || ctx.interrupt.is_raised() || late();
@@ -97,25 +107,58 @@ impl Job<'_> {
         let photons = session.illuminate(&stop, &mut tell_photons)?;
         let photon_seconds = photon_start.elapsed().as_secs_f64();
         let mut first_picture_ms = None;
-        let mut tell = |spp: u32| {
+        let mut tell = |before: usize, spp: u32| {
             first_picture_ms.get_or_insert(start.elapsed().as_millis() as u64);
             let memory_bytes = ctx.budget.used_bytes();
             let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
-            let (done, total) = (u64::from(spp) * pixels, u64::from(keys.spp) * pixels);
+            let whole = u64::from(keys.spp) * pixels;
+            let (done, total) =
+                (before as u64 * whole + u64::from(spp) * pixels, targets.len().max(1) as u64 * whole);
             show(Progress { phase: "render", done, total, unit: "samples", memory_bytes });
         };
         let mut frames = None;
-        let stats = match self.live {
-            None => session.render(keys.spp, &stop, &mut |_, stats| {
-                tell(stats.spp);
+        let mut pictures = vec![];
+        let mut stats = RenderStats { complete: true, spp: u32::MAX, ..RenderStats::default() };
+        for (place, (camera, target)) in cameras.iter().zip(&targets).enumerate() {
+            session.apply(Event::Camera(*camera))?;
+            let begin = Instant::now();
+            let one = session.render(keys.spp, &stop, &mut |_, stats| {
+                tell(place, stats.spp);
                 ControlFlow::Continue(())
-            }),
-            Some(options) => {
-                let log = frames.insert(Frames::default());
-                log.render(&mut session, (options, keys.spp), &stop, &mut tell)?
+            });
+            ctx.interrupt.check()?;
+            session.smooth()?;
+            target.write(&session, keys.exposure)?;
+            stats.total.add(&one.total);
+            (stats.spp, stats.complete) = (stats.spp.min(one.spp), stats.complete && one.complete);
+            let output = outputs[place].display().to_string();
+            pictures.push(Picture { output, spp: one.spp, time_ms: begin.elapsed().as_millis() as u64 });
+            if late() {
+                stats.complete &= place + 1 == targets.len();
+                break;
             }
-        };
-        ctx.interrupt.check()?;
+        }
+        if cameras.is_empty() {
+            stats = match self.live {
+                None => session.render(keys.spp, &stop, &mut |_, stats| {
+                    tell(0, stats.spp);
+                    ControlFlow::Continue(())
+                }),
+                Some(options) => {
+                    let log = frames.insert(Frames::default());
+                    log.render(&mut session, (options, keys.spp), &stop, &mut |spp| tell(0, spp))?
+                }
+            };
+            ctx.interrupt.check()?;
+            session.smooth()?;
+            target.write(&session, keys.exposure)?;
+        } else if pictures.len() < cameras.len() {
+            ctx.console.note(&format!(
+                "note: the time limit came after {} of {} pictures",
+                pictures.len(),
+                cameras.len()
+            ));
+        }
         if stats.spp == 0 {
             let rest = if frames.is_some() { "a stand-in" } else { "black" };
             ctx.console.note(&format!(
@@ -124,9 +167,7 @@ impl Job<'_> {
         }
         let seconds = start.elapsed().as_secs_f64();
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
-        let per_s = |rays: u64| rays as f64 / (seconds - photon_seconds);
-        session.smooth()?;
-        target.write(&session, keys.exposure)?;
+        let render_seconds = seconds - photon_seconds;
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
             let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
@@ -139,20 +180,15 @@ impl Job<'_> {
         Ok(Rendered {
             scene: self.file.display().to_string(),
             output: self.output.display().to_string(),
+            pictures,
             integrator: keys.integrator.as_str(),
             spp: stats.spp,
             rays,
-            rays_per_s: RaysPerS {
-                primary: per_s(rays.primary),
-                mirror: per_s(rays.mirror),
-                shadow: per_s(rays.shadow),
-                gather: per_s(rays.gather),
-                photon: rays.photon as f64 / photon_seconds.max(1e-9),
-            },
+            rays_per_s: RayRates { photon: rays.per_s(photon_seconds).photon, ..rays.per_s(render_seconds) },
             photons,
             photons_ms: (photon_seconds * 1e3) as u64,
             look_ups: stats.total.look_ups,
-            look_ups_per_s: per_s(stats.total.look_ups),
+            look_ups_per_s: stats.total.look_ups as f64 / render_seconds,
             time_ms: (seconds * 1e3) as u64,
             first_picture_ms,
             frames,
@@ -175,6 +211,18 @@ impl Job<'_> {
             arithmetic: session.tracers()[0].arithmetic().name(),
         })
     }
+}
+
+/// Names of the pictures of a path: `turn.png` gives `turn-0001.png` and so on.
+fn numbered(output: &Path, count: usize) -> Vec<PathBuf> {
+    let part = |part: Option<&OsStr>| part.unwrap_or_default().to_owned();
+    let name = |number: usize| {
+        let mut name = part(output.file_stem());
+        name.push(format!("-{number:04}."));
+        name.push(part(output.extension()));
+        output.with_file_name(name)
+    };
+    (1..=count).map(name).collect()
 }
 
 /// Frames with a deadline: their times.
@@ -220,10 +268,13 @@ impl Frames {
 pub struct Rendered {
     pub scene: String,
     pub output: String,
+    /// Of a camera path; empty for a single picture.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pictures: Vec<Picture>,
     pub integrator: &'static str,
     pub spp: u32,
     pub rays: RayCounts,
-    pub rays_per_s: RaysPerS,
+    pub rays_per_s: RayRates,
     pub photons: PhotonStats,
     pub photons_ms: u64,
     /// Look-ups of the photons nearest to a place; of `full-gi`.
@@ -249,13 +300,12 @@ pub struct Rendered {
     pub arithmetic: &'static str,
 }
 
+/// A picture of a path.
 #[derive(Debug, Serialize)]
-pub struct RaysPerS {
-    pub primary: f64,
-    pub mirror: f64,
-    pub shadow: f64,
-    pub gather: f64,
-    pub photon: f64,
+pub struct Picture {
+    pub output: String,
+    pub spp: u32,
+    pub time_ms: u64,
 }
 
 #[derive(Debug, Serialize)]
@@ -269,10 +319,14 @@ impl fmt::Display for Rendered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rays, pool) = (&self.rays, &self.pool);
         let total = rays.total();
+        let output = match self.pictures.as_slice() {
+            [] => self.output.clone(),
+            [first, .., last] => format!("{} to {}", first.output, last.output),
+            [only] => only.output.clone(),
+        };
         writeln!(
             f,
-            "{}: {}x{}, {} samples a pixel, {}",
-            self.output,
+            "{output}: {}x{}, {} samples a pixel, {}",
             self.image.width,
             self.image.height,
             self.spp,

@@ -5,6 +5,8 @@ use crate::args::DiskArgs;
 use crate::context::Context;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use trex_bench::stress;
+use trex_render::camera::Camera;
 use trex_render::emitter::Emitter;
 use trex_render::film::Layers;
 use trex_render::live::FrameOptions;
@@ -105,4 +107,15 @@ fn model_of(file: &PageFile) -> Model {
         emitters: file.emitters().iter().map(emitter).collect(),
         voxels: None,
     }
+}
+
+/// The viewpoints of a file, otherwise like `camera`.
+pub fn read_views(path: &Path, camera: &Camera) -> Result<Vec<Camera>> {
+    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read the views", path, &error))?;
+    stress::views(&text, camera).map_err(|error| {
+        Error::new(Code::SceneFormat, "this is no list of views")
+            .at(path)
+            .numbers(error.to_string())
+            .next("write a [[view]] with position = [x, y, z] and target = [x, y, z] for each")
+    })
 }

@@ -1,7 +1,7 @@
 //! `trex stress`: views, lights and limits that change, and a verdict.
 
 use super::picture_file::PictureFile;
-use super::stage::{Play, Stage, io_options, open_scene};
+use super::stage::{Play, Stage, io_options, open_scene, read_views};
 use crate::args::StressArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -10,14 +10,12 @@ use crate::size;
 use crate::values::Milliseconds;
 use serde::Serialize;
 use std::fmt;
-use std::path::Path;
 use std::time::Duration;
 use trex_bench::stress::{self, Limits, Stand, StressFigures, StressOptions, Times};
-use trex_render::camera::Camera;
 use trex_render::film::Layers;
 use trex_render::integrator::Method;
+use trex_store::Progress;
 use trex_store::io::IoDescription;
-use trex_store::{Code, Error, Progress, Result};
 
 /// Longest frame when no other is asked for: what the paper takes for the longest that users bear.
 const T_MAX: Milliseconds = Milliseconds(100.0);
@@ -96,16 +94,6 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     Ok(if passed { Exit::Done } else { Exit::No })
 }
 
-fn read_views(path: &Path, camera: &Camera) -> Result<Vec<Camera>> {
-    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read the views", path, &error))?;
-    stress::views(&text, camera).map_err(|error| {
-        Error::new(Code::SceneFormat, "this is no list of views")
-            .at(path)
-            .numbers(error.to_string())
-            .next("write a [[view]] with position = [x, y, z] and target = [x, y, z] for each")
-    })
-}
-
 #[derive(Serialize)]
 struct Stressed {
     scene: String,
@@ -141,7 +129,7 @@ impl fmt::Display for Stressed {
             f,
             "{} tiles a block, {}; error of the footprint {} px asked, {} px at worst",
             figures.block_tiles.round(),
-            size::rate(figures.rays_per_s, "rays"),
+            size::rate(figures.rays.total() as f64 * 1e3 / figures.time_ms.max(1) as f64, "rays"),
             figures.pixel_error.asked,
             figures.pixel_error.worst
         )?;

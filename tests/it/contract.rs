@@ -130,7 +130,7 @@ const INFO: [(&str, Kind); 32] = [
     ("shares.frames_bytes", Count),
 ];
 
-const RENDER: [(&str, Kind); 32] = [
+const RENDER: [(&str, Kind); 33] = [
     ("scene", Text),
     ("output", Text),
     ("integrator", Text),
@@ -143,6 +143,7 @@ const RENDER: [(&str, Kind); 32] = [
     ("rays_per_s.mirror", Number),
     ("rays_per_s.shadow", Number),
     ("rays_per_s.gather", Number),
+    ("rays_per_s.photon", Number),
     ("time_ms", Count),
     ("first_picture_ms", MaybeNumber),
     ("complete_ms", MaybeNumber),

@@ -21,7 +21,7 @@ use serde::Serialize;
 use std::time::{Duration, Instant};
 use trex_render::camera::Camera;
 use trex_render::frame::{PagedTracer, PassStats};
-use trex_render::integrator::RayCounts;
+use trex_render::integrator::{RayCounts, RayRates};
 use trex_render::live::{FrameReport, Progress};
 use trex_render::session::Session;
 use trex_store::pool::{PagePool, PoolStats};
@@ -94,7 +94,11 @@ pub struct StressFigures {
     /// Rays by kind.
     pub rays: RayCounts,
     /// The same a second, over the whole run.
-    pub rays_per_s: f64,
+    pub rays_per_s: RayRates,
+    /// Look-ups of the photons nearest to a place, a second; of `full-gi`.
+    pub look_ups_per_s: f64,
+    /// Length of the run.
+    pub time_ms: u64,
     /// Tiles of the fetch block, on average over responses.
     pub block_tiles: f64,
     /// Tiles that showed nothing in a picture.
@@ -247,7 +251,9 @@ impl Log {
             scenario: options.scenario.name(),
             switches: self.first.count(),
             rays,
-            rays_per_s: rays.total() as f64 / seconds,
+            rays_per_s: rays.per_s(seconds),
+            look_ups_per_s: self.pass.look_ups as f64 / seconds,
+            time_ms: (seconds * 1e3) as u64,
             block_tiles: share(self.block_tiles, self.response.count()),
             holes: self.holes,
             stalls: self.stalls,
