@@ -1,4 +1,5 @@
-//! Boxes of vertices in 256ths of their cluster's: what leaf boxes are made of, 24 corners a leaf.
+//! Boxes of vertices in 256ths of their cluster's: what leaf boxes are made of, 24 corners a leaf; and the range of these
+//! corners' indices.
 //!
 //! ```text
 //! byte   0 1 2     3 4 5                    6 to 15
@@ -58,12 +59,47 @@ impl Cell {
     }
 }
 
+/// The least and the greatest of 24 bytes.
+#[inline(always)]
+pub(super) fn range([a, b, c]: [u64; 3]) -> (u8, u8) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::*;
+        // SAFETY: SSE2 is a part of x86-64.
+        unsafe {
+            let (two, one) = (_mm_set_epi64x(b as i64, a as i64), _mm_set1_epi64x(c as i64));
+            let (least, most) = (_mm_min_epu8(two, one), _mm_max_epu8(two, one));
+            // The greatest are the least of what is left to 255. Eight of each stand side by side, then four, two, one.
+            let most = _mm_xor_si128(most, _mm_set1_epi8(-1));
+            let both = _mm_min_epu8(_mm_unpacklo_epi64(least, most), _mm_unpackhi_epi64(least, most));
+            let both = _mm_min_epu8(both, _mm_srli_epi64::<32>(both));
+            let both = _mm_min_epu8(both, _mm_srli_epi64::<16>(both));
+            let both = _mm_min_epu8(both, _mm_srli_epi64::<8>(both));
+            (_mm_cvtsi128_si32(both) as u8, !_mm_extract_epi16::<4>(both) as u8)
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    range_in_bytes([a, b, c])
+}
+
+#[cfg(any(test, not(target_arch = "x86_64")))]
+fn range_in_bytes(words: [u64; 3]) -> (u8, u8) {
+    let bytes = words.map(u64::to_le_bytes);
+    let bytes = bytes.as_flattened();
+    (bytes.iter().fold(u8::MAX, |all, &v| all.min(v)), bytes.iter().fold(0, |all, &v| all.max(v)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn the_range_holds_all_bytes_and_ends_at_two(words in prop::array::uniform3(any::<u64>())) {
+            prop_assert_eq!(range(words), range_in_bytes(words));
+        }
+
         #[test]
         fn the_least_of_two_cells_is_the_box_of_both(a in 0u64..1 << 24, b in 0u64..1 << 24) {
             let (one, two) = (Cell::new(a), Cell::new(b));

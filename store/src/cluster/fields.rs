@@ -15,6 +15,9 @@
 
 #![allow(unsafe_code)]
 
+/// Eight bytes, each 1.
+pub(super) const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
+
 /// Places of three fields in a word.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Fields {
@@ -47,6 +50,8 @@ pub(super) trait Mover: Copy {
     fn spread(self, packed: u64, fields: &Fields) -> u64;
     /// From their places to packed.
     fn gather(self, word: u64, fields: &Fields) -> u64;
+    /// Eight bytes below 2^width in 8 * width bits; `width` is 1 to 8.
+    fn narrow(self, bytes: u64, width: u32) -> u64;
 }
 
 /// Something to do with fields. `run` must be `#[inline(always)]`, as all that it calls in a loop.
@@ -104,11 +109,20 @@ impl Mover for Portable {
         let Fields { masks, up, .. } = fields;
         (word & masks[0]) >> up[0] | (word & masks[1]) >> up[1] | (word & masks[2]) >> up[2]
     }
+
+    #[inline(always)]
+    fn narrow(self, bytes: u64, width: u32) -> u64 {
+        // By halves.
+        let gap = 8 - width;
+        let n = bytes & 0x00ff_00ff_00ff_00ff | (bytes & 0xff00_ff00_ff00_ff00) >> gap;
+        let n = n & 0x0000_ffff_0000_ffff | (n & 0xffff_0000_ffff_0000) >> (2 * gap);
+        n & 0xffff_ffff | (n & 0xffff_ffff_0000_0000) >> (4 * gap)
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
 mod bmi2 {
-    use super::{Fields, Mover, Work};
+    use super::{BYTES_OF_ONE, Fields, Mover, Work};
     use std::arch::x86_64::{_pdep_u64, _pext_u64};
 
     /// Proof that the machine has what `run_with_features` is compiled for.
@@ -147,6 +161,12 @@ mod bmi2 {
             // SAFETY: as above.
             unsafe { _pext_u64(word, fields.mask) }
         }
+
+        #[inline(always)]
+        fn narrow(self, bytes: u64, width: u32) -> u64 {
+            // SAFETY: as above.
+            unsafe { _pext_u64(bytes, (u64::MAX >> (64 - width) & 0xff) * BYTES_OF_ONE) }
+        }
     }
 }
 
@@ -164,7 +184,26 @@ mod tests {
         }
     }
 
+    struct Narrow(u64, u32);
+
+    impl Work for Narrow {
+        type Output = u64;
+        fn run<M: Mover>(self, mover: M) -> u64 {
+            mover.narrow(self.0, self.1)
+        }
+    }
+
     proptest! {
+        #[test]
+        fn both_movers_narrow_bytes_to_their_bits(word in any::<u64>(), width in 1u32..=8) {
+            let bytes = word & u64::from(u8::MAX >> (8 - width)) * BYTES_OF_ONE;
+            let narrow = Machine::best().run(Narrow(bytes, width));
+            prop_assert_eq!(narrow, Machine::Portable.run(Narrow(bytes, width)));
+            for (i, byte) in bytes.to_le_bytes().into_iter().enumerate() {
+                prop_assert_eq!((narrow >> (width * i as u32) & 0xff) as u8 & (0xff >> (8 - width)), byte);
+            }
+        }
+
         #[test]
         fn both_movers_agree(
             word in any::<u64>(),

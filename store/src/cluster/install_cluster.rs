@@ -11,9 +11,9 @@
 //! frame or in the installer before.
 
 use super::bits::BitReader;
-use super::cells::Cell;
+use super::cells::{self, Cell};
 use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
-use super::fields::{Fields, Machine, Mover, Work};
+use super::fields::{BYTES_OF_ONE, Fields, Machine, Mover, Work};
 use super::lanes::Lanes;
 use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
@@ -144,7 +144,7 @@ impl ClusterInstaller {
         let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
             return Err("a page does not fit its frame");
         };
-        self.write_indices(&leaves[..plan.leaf_count()], frame);
+        machine.run(Indices { walk: &mut self.walk, leaves: &leaves[..plan.leaf_count()], frame });
         self.materials(&mut materials, &plan, &mut frame[places.palette..places.vertices])?;
         let vertices = &mut frame[places.vertices..];
         if plan.widths.wide {
@@ -276,29 +276,10 @@ impl ClusterInstaller {
         let [a, b, c] = corners.each_ref().map(|corner| corner.as_chunks::<LEAF_TRIANGLES>().0);
         let mut leaves = [LeafIndices::default(); CLUSTER_LEAVES];
         for (leaf, out) in leaves[..plan.leaf_count()].iter_mut().enumerate() {
-            let three = [a[leaf], b[leaf], c[leaf]];
-            let indices = three.as_flattened().iter();
-            let least = indices.clone().fold(u8::MAX, |all, &v| all.min(v));
-            let span = indices.fold(0, |all, &v| all.max(v)) - least;
-            *out = LeafIndices { least, width: leaf_width(span) };
+            let (least, most) = cells::range([a[leaf], b[leaf], c[leaf]].map(u64::from_le_bytes));
+            *out = LeafIndices { least, width: leaf_width(most - least) };
         }
         leaves
-    }
-
-    /// The indices of all leaves. They run into what is written behind them, by less than the tail.
-    fn write_indices(&mut self, leaves: &[LeafIndices], frame: &mut [u8]) {
-        let corners = self.walk.corners_mut();
-        let mut at = CLUSTER_LEAVES_AT;
-        for (leaf, &LeafIndices { least, width }) in leaves.iter().enumerate() {
-            frame[at] = least;
-            at += 1;
-            for corner in corners.iter() {
-                let vertices = corner.as_chunks::<LEAF_TRIANGLES>().0[leaf];
-                let above = u64::from_le_bytes(vertices) - u64::from(least) * BYTES_OF_ONE;
-                frame[at..at + 8].copy_from_slice(&narrowed(above, width).to_le_bytes());
-                at += width as usize;
-            }
-        }
     }
 
     /// Leaf boxes, from the cells.
@@ -348,6 +329,33 @@ impl Work for Topology<'_, '_> {
     }
 }
 
+/// The indices of all leaves. They run into what is written behind them, by less than the tail.
+struct Indices<'a> {
+    walk: &'a mut Walk,
+    leaves: &'a [LeafIndices],
+    frame: &'a mut [u8],
+}
+
+impl Work for Indices<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<M: Mover>(self, mover: M) {
+        let corners = self.walk.corners_mut();
+        let mut at = CLUSTER_LEAVES_AT;
+        for (leaf, &LeafIndices { least, width }) in self.leaves.iter().enumerate() {
+            self.frame[at] = least;
+            at += 1;
+            for corner in corners.iter() {
+                let vertices = corner.as_chunks::<LEAF_TRIANGLES>().0[leaf];
+                let above = u64::from_le_bytes(vertices) - u64::from(least) * BYTES_OF_ONE;
+                self.frame[at..at + 8].copy_from_slice(&mover.narrow(above, width).to_le_bytes());
+                at += width as usize;
+            }
+        }
+    }
+}
+
 /// The loop over the vertices of a compact cluster.
 struct Vertices<'a, 'b> {
     installer: &'a mut ClusterInstaller,
@@ -363,14 +371,4 @@ impl Work for Vertices<'_, '_> {
     fn run<M: Mover>(self, mover: M) {
         self.installer.vertices(mover, self.input, self.plan, self.frame);
     }
-}
-
-const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
-
-/// Eight bytes below 2^width in 8 * width bits, by halves.
-fn narrowed(n: u64, width: u32) -> u64 {
-    let gap = 8 - width;
-    let n = n & 0x00ff_00ff_00ff_00ff | (n & 0xff00_ff00_ff00_ff00) >> gap;
-    let n = n & 0x0000_ffff_0000_ffff | (n & 0xffff_0000_ffff_0000) >> (2 * gap);
-    n & 0xffff_ffff | (n & 0xffff_ffff_0000_0000) >> (4 * gap)
 }
