@@ -75,6 +75,9 @@ capped build-isosurface-100m $((1024 * MiB)) build gen:isosurface:100M -o isosur
 capped build-isosurface-100m-no-asvo $((1024 * MiB)) build gen:isosurface:100M -o bare.trex --overwrite \
     --memory-limit 1GiB --no-asvo
 rm bare.trex
+"$trex" gen isosurface --triangles 100M -o iso.ply --overwrite --progress none
+capped build-ply-100m $((1024 * MiB)) build iso.ply -o bare.trex --overwrite --memory-limit 1GiB --render-limit 128MiB
+rm bare.trex iso.ply
 for model in isosurface:469M pipes:366M; do
     name=${model/:/-}
     capped build-${name/M/m} $((2048 * MiB)) build gen:$model -o huge.trex --overwrite --memory-limit 2GiB
@@ -122,6 +125,12 @@ for scene in $scenes; do
                 --t-max 100 --fetch-block 512 --memory-limit 4GiB --lod-error 0
         done
     done
+done
+
+# Forms of clusters and pages that are not shipped.
+for model in isosurface-20m pipes-20m; do
+    (cd "$root" && target/release/trex-bench sizes "out/$model.trex" >"$work/document.json")
+    "$root/target/release/trex-bench" --root "$root" record --name "sizes-$model" document.json
 done
 
 # Rays against Embree, where Debian's libembree-dev is installed; G-rays in 1024^3 voxels, as the scene has 20M triangles.

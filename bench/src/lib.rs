@@ -3,6 +3,7 @@
 //! ```text
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
+//!   ^ sizes: what clusters and pages would take in other forms
 //!   ^ stress: a session under views and limits that change
 //!   ^ image: two pictures, compared
 //! ```
@@ -18,4 +19,5 @@ pub mod model;
 mod peers;
 pub mod rays;
 pub mod record;
+pub mod sizes;
 pub mod stress;

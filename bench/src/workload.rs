@@ -1,6 +1,6 @@
-//! The verbs `rays` and `build` of `trex-bench`: flags to options, figures to one JSON document.
+//! The verbs `rays`, `build` and `sizes` of `trex-bench`: flags to options, figures to one JSON document.
 //!
-//! The command `trex` has the same verbs as `trex bench`, without peers.
+//! The command `trex` has the first two as `trex bench`, without peers.
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
@@ -10,10 +10,11 @@ use std::path::PathBuf;
 use trex_bench::building;
 use trex_bench::model::{Model, Surroundings};
 use trex_bench::rays::{self, Peer, RayOptions};
+use trex_bench::sizes;
 use trex_store::io::IoOptions;
 use trex_store::{Budget, Interrupt};
 
-/// Flags of both.
+/// Flags of all.
 #[derive(Debug, Args)]
 pub(crate) struct CommonArgs {
     /// Most memory that ours may take, MiB; a peer is not counted (default: no limit)
@@ -67,6 +68,15 @@ pub(crate) struct BuildArgs {
     common: CommonArgs,
 }
 
+/// `trex-bench sizes`
+#[derive(Debug, Args)]
+pub(crate) struct SizesArgs {
+    /// A page file, or gen:KIND:COUNT[:SEED]
+    model: String,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
 impl CommonArgs {
     fn surroundings(&self) -> Surroundings {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -97,6 +107,13 @@ pub(crate) fn rays(args: &RaysArgs, command: &str) -> anyhow::Result<()> {
 pub(crate) fn build(args: &BuildArgs, command: &str) -> anyhow::Result<()> {
     let around = args.common.surroundings();
     tell("bench-build", command, &building::run(&args.spec, usize::from(args.common.rounds), &around)?)
+}
+
+/// Runs `trex-bench sizes`.
+pub(crate) fn sizes(args: &SizesArgs, command: &str) -> anyhow::Result<()> {
+    let around = args.common.surroundings();
+    let model = Model::open(&args.model, &around)?;
+    tell("bench-sizes", command, &sizes::run(&model, &around)?)
 }
 
 #[cfg(feature = "peer-embree")]

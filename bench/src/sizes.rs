@@ -1,0 +1,202 @@
+//! Workload `sizes`: what the clusters and pages of a file would take in forms that are not shipped.
+//!
+//! ```text
+//! clusters of a file -> as they are | halves | neighbours in pairs -> head, boxes, indices, vertices -> bytes a triangle
+//! pages of a file    -> as stored | unpacked
+//! ```
+//!
+//! Invariants: 1. counted, not estimated: vertices of a half or of a pair are numbered anew, in the order of first use; 2. what
+//! is common to all forms is left out: nodes, tables, palettes, unused ends of frames.
+
+use crate::model::{Model, Surroundings};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use trex_render::trace::AllResident;
+use trex_store::PageFile;
+use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterMesh, FrameView, LeafBoxes};
+use trex_store::layout::{LEAF_TRIANGLES, Packing, PageKind};
+
+/// Bytes of a cluster's head without its leaf boxes.
+const HEAD_BYTES: usize = CLUSTER_LEAVES_AT - size_of::<LeafBoxes>();
+/// Bytes of a leaf's box.
+const BOX_BYTES: usize = 6;
+/// Most vertices that an index of one byte tells apart.
+const VERTICES_MOST: usize = 256;
+
+/// Bytes per triangle.
+#[derive(Clone, Debug, Serialize)]
+pub struct SizeFigures {
+    /// The model.
+    pub scene: String,
+    /// Triangles.
+    pub triangle_count: u64,
+    /// Clusters.
+    pub cluster_count: usize,
+    /// Pages of the mesh that are stored as they are, since LZ4 gains too little.
+    pub raw_page_count: usize,
+    /// On disk, pages of the mesh: packed where that gains, as shipped; and all of them as they are.
+    pub disk: Packed,
+    /// In memory.
+    pub resident: BTreeMap<&'static str, f64>,
+    /// Vertices per triangle in clusters of 64, 128 and 256.
+    pub vertices: BTreeMap<&'static str, f64>,
+}
+
+/// Pages with and without LZ4.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Packed {
+    /// As stored.
+    pub lz4: f64,
+    /// Unpacked.
+    pub raw: f64,
+}
+
+/// How the corners of a leaf are kept.
+#[derive(Clone, Copy, PartialEq)]
+enum Indices {
+    /// As wide as the leaf needs: shipped.
+    AsNeeded,
+    /// 7 bits each.
+    Fixed,
+}
+
+/// Counts the bytes of `model`.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> {
+    let file = PageFile::open(&model.path, &around.budget)?;
+    let triangle_count = file.superblock().triangle_count;
+    let pages = AllResident::load(&file);
+    let (mut resident, mut vertices) = (BTreeMap::new(), BTreeMap::new());
+    let mut cluster_count = 0;
+    for (page, _) in (0..).zip(file.pages()).filter(|(_, entry)| entry.kind == PageKind::Mesh) {
+        let mut clusters = vec![];
+        FrameView::new(pages.frame(page)).for_each_cluster(|cluster| {
+            if !cluster.is_wide() {
+                clusters.push(cluster.decode());
+            }
+        });
+        cluster_count += clusters.len();
+        let mut count = |name, vertex_name, meshes: &[ClusterMesh], leaf, indices| {
+            let bytes: usize = meshes.iter().map(|mesh| frame_bytes(mesh, leaf, indices)).sum();
+            *resident.entry(name).or_insert(0) += bytes;
+            if let Some(name) = vertex_name {
+                *vertices.entry(name).or_insert(0) +=
+                    meshes.iter().map(|mesh| mesh.vertices.len()).sum::<usize>();
+            }
+        };
+        let halves: Vec<_> = clusters.iter().flat_map(halves).collect();
+        let pairs: Vec<_> = clusters.chunks(2).flat_map(pair).collect();
+        count("cluster_128_leaf_8", Some("cluster_128"), &clusters, LEAF_TRIANGLES, Indices::AsNeeded);
+        count("cluster_128_leaf_8_corners_21_bits", None, &clusters, LEAF_TRIANGLES, Indices::Fixed);
+        count("cluster_128_leaf_4", None, &clusters, LEAF_TRIANGLES / 2, Indices::AsNeeded);
+        count("cluster_64_leaf_8", Some("cluster_64"), &halves, LEAF_TRIANGLES, Indices::AsNeeded);
+        count("cluster_256_leaf_8", Some("cluster_256"), &pairs, LEAF_TRIANGLES, Indices::AsNeeded);
+    }
+    let mesh = || file.pages().iter().filter(|entry| entry.kind == PageKind::Mesh);
+    let per = |bytes: u64| bytes as f64 / triangle_count as f64;
+    let all = |counts: BTreeMap<&'static str, usize>| {
+        counts.into_iter().map(|(name, count)| (name, per(count as u64))).collect()
+    };
+    Ok(SizeFigures {
+        scene: model.scene.clone(),
+        triangle_count,
+        cluster_count,
+        raw_page_count: mesh().filter(|entry| entry.packing == Packing::Raw).count(),
+        disk: Packed {
+            lz4: per(mesh().map(|entry| u64::from(entry.stored_bytes)).sum()),
+            raw: per(mesh().map(|entry| u64::from(entry.unpacked_bytes)).sum()),
+        },
+        resident: all(resident),
+        vertices: all(vertices),
+    })
+}
+
+/// Bytes of a cluster in memory, its materials left out.
+fn frame_bytes(mesh: &ClusterMesh, leaf: usize, indices: Indices) -> usize {
+    let leaves = mesh.triangles.chunks(leaf).map(|triangles| {
+        let corners = triangles.as_flattened().iter();
+        let span = corners.clone().max().expect("a leaf is not empty") - corners.min().expect("as well");
+        let as_needed = || 8 + 3 * leaf * (8 - span.leading_zeros() as usize).max(4);
+        let bits = if indices == Indices::Fixed { 3 * leaf * 7 } else { as_needed() };
+        BOX_BYTES + bits.div_ceil(8)
+    });
+    let bits = mesh.widths().bits.iter().map(|&bits| usize::from(bits)).sum::<usize>();
+    HEAD_BYTES + leaves.sum::<usize>() + (bits * mesh.vertices.len()).div_ceil(8)
+}
+
+/// A cluster as two of up to 64 triangles.
+fn halves(mesh: &ClusterMesh) -> Vec<ClusterMesh> {
+    mesh.triangles
+        .chunks(64)
+        .map(|part| renumbered(&mesh.vertices, part.iter().map(|t| t.map(usize::from))))
+        .collect()
+}
+
+/// Two neighbours as one, where a byte still tells their vertices apart.
+fn pair(two: &[ClusterMesh]) -> Vec<ClusterMesh> {
+    let [a, b] = two else { return two.to_vec() };
+    let vertices = [a.vertices.as_slice(), &b.vertices].concat();
+    let behind = b.triangles.iter().map(|t| t.map(|v| usize::from(v) + a.vertices.len()));
+    let all = a.triangles.iter().map(|t| t.map(usize::from)).chain(behind);
+    let distinct = {
+        let mut sorted = vertices.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        sorted.len()
+    };
+    if distinct > VERTICES_MOST { two.to_vec() } else { vec![renumbered(&vertices, all)] }
+}
+
+/// These triangles, with their vertices in the order of first use, equal ones once.
+fn renumbered(vertices: &[[i64; 3]], triangles: impl Iterator<Item = [usize; 3]>) -> ClusterMesh {
+    let (mut mesh, mut numbers) = (ClusterMesh::default(), BTreeMap::new());
+    for triangle in triangles {
+        mesh.triangles.push(triangle.map(|v| {
+            let next = mesh.vertices.len();
+            let number = *numbers.entry(vertices[v]).or_insert(next);
+            if number == next {
+                mesh.vertices.push(vertices[v]);
+            }
+            number as u8
+        }));
+    }
+    mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A strip of triangles (i, i + 1, i + 2).
+    fn strip(triangle_count: usize, from: i64) -> ClusterMesh {
+        ClusterMesh {
+            vertices: (0..triangle_count as i64 + 2).map(|i| [from + i, 0, 0]).collect(),
+            triangles: (0..triangle_count as u8).map(|i| [i, i + 1, i + 2]).collect(),
+            materials: vec![0; triangle_count],
+        }
+    }
+
+    #[test]
+    fn halves_and_pairs_share_no_vertex_twice() {
+        let whole = strip(100, 0);
+        let parts = halves(&whole);
+        assert_eq!(parts.iter().map(|part| part.vertices.len()).collect::<Vec<_>>(), [66, 38]);
+        // Vertices 100 and 101 belong to both.
+        let joined = pair(&[whole.clone(), strip(50, 100)]);
+        assert_eq!(joined.iter().map(|part| part.vertices.len()).collect::<Vec<_>>(), [152]);
+        assert_eq!(joined[0].triangles[100], [100, 101, 102]);
+        assert_eq!(pair(&[strip(100, 0), strip(100, 1000),]).len(), 1);
+        assert_eq!(pair(&[strip(120, 0), strip(126, 1000)]).len(), 1 + usize::from(122 + 128 > 256));
+    }
+
+    #[test]
+    fn bytes_are_those_that_install_makes() {
+        let mesh = strip(128 - 2, 0);
+        assert_eq!(
+            frame_bytes(&mesh, LEAF_TRIANGLES, Indices::AsNeeded) + BOX_BYTES * (16 - mesh.leaf_count()),
+            mesh.frame_bytes() - 2
+        );
+    }
+}
