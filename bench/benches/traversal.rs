@@ -64,9 +64,7 @@ fn traversal(criterion: &mut Criterion) {
 
     let few: Vec<Ray> = rays.iter().copied().step_by(PROBE_STEP).collect();
     let fastest = Arithmetic::for_file(&file);
-    for (step, name) in
-        [(Step::Node, "node"), (Step::LeafBoxes, "leaf-boxes"), (Step::Triangles, "triangles")]
-    {
+    for (step, name) in [(Step::Node, "node"), (Step::LeafBoxes, "leaf-boxes"), (Step::Triangles, "leaf")] {
         let [fast, plain] =
             [fastest, Arithmetic::Scalar].map(|arithmetic| Probe::new(&file, &pages, &few, arithmetic));
         assert_eq!(fast.run(step), plain.run(step));

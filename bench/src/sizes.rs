@@ -5,23 +5,23 @@
 //! pages of a file    -> as stored | unpacked
 //! ```
 //!
-//! Invariants: 1. counted, not estimated: vertices of a half or of a pair are numbered anew, in the order of first use; 2. what
-//! is common to all forms is left out: nodes, tables, palettes, unused ends of frames.
+//! Invariants: 1. counted, not estimated: vertices of a half or of a pair are numbered anew, in the order of first use; a head has
+//! room for the boxes of all leaves that a full cluster has; 2. nodes count as what a full one takes for each of its children;
+//! 3. what is common to all forms is left out: tables, unused ends of frames.
 
 use crate::model::{Model, Surroundings};
+use anyhow::ensure;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use trex_render::trace::AllResident;
 use trex_store::PageFile;
-use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterMesh, FrameView, LeafBoxes};
-use trex_store::layout::{LEAF_TRIANGLES, Packing, PageKind};
+use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterMesh, FrameView, LEAF_WIDTH_LEAST, LeafBoxes, Node};
+use trex_store::layout::{FRAME_BYTES, NODE_WIDTH, Packing, PageKind};
 
-/// Bytes of a cluster's head without its leaf boxes.
-const HEAD_BYTES: usize = CLUSTER_LEAVES_AT - size_of::<LeafBoxes>();
+/// Bytes of a cluster's head without its leaf boxes, with its place in a node and one material.
+const HEAD_BYTES: usize = CLUSTER_LEAVES_AT - size_of::<LeafBoxes>() + Node::BYTES / NODE_WIDTH + 2;
 /// Bytes of a leaf's box.
 const BOX_BYTES: usize = 6;
-/// Most vertices that an index of one byte tells apart.
-const VERTICES_MOST: usize = 256;
 
 /// Bytes per triangle.
 #[derive(Clone, Debug, Serialize)]
@@ -32,6 +32,8 @@ pub struct SizeFigures {
     pub triangle_count: u64,
     /// Clusters.
     pub cluster_count: usize,
+    /// Share of the mesh's frames that is in use.
+    pub frame_fill: f64,
     /// Pages of the mesh that are stored as they are, since LZ4 gains too little.
     pub raw_page_count: usize,
     /// On disk, pages of the mesh: packed where that gains, as shipped; and all of them as they are.
@@ -63,23 +65,28 @@ enum Indices {
 /// Counts the bytes of `model`.
 ///
 /// # Errors
-/// The file cannot be read.
+/// The file cannot be read; its pages do not fit the limit; it holds wide clusters.
 pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> {
     let file = PageFile::open(&model.path, &around.budget)?;
     let triangle_count = file.superblock().triangle_count;
-    let pages = AllResident::load(&file);
     let (mut resident, mut vertices) = (BTreeMap::new(), BTreeMap::new());
-    let mut cluster_count = 0;
+    let (mut cluster_count, mut frame_count, mut used_bytes) = (0, 0, 0);
+    let _pages_lease = around.budget.lease("all pages", (file.pages().len() * FRAME_BYTES) as u64)?;
+    let pages = AllResident::load(&file);
     for (page, _) in (0..).zip(file.pages()).filter(|(_, entry)| entry.kind == PageKind::Mesh) {
         let mut clusters = vec![];
-        FrameView::new(pages.frame(page)).for_each_cluster(|cluster| {
-            if !cluster.is_wide() {
-                clusters.push(cluster.decode());
-            }
+        let view = FrameView::new(pages.frame(page));
+        (used_bytes, frame_count) = (used_bytes + view.used_bytes(), frame_count + 1);
+        view.for_each_cluster(|cluster| {
+            clusters.push(cluster.decode());
         });
+        ensure!(
+            clusters.iter().all(|mesh| !mesh.widths().wide),
+            "page {page} holds wide clusters: count another model"
+        );
         cluster_count += clusters.len();
-        let mut count = |name, vertex_name, meshes: &[ClusterMesh], leaf, indices| {
-            let bytes: usize = meshes.iter().map(|mesh| frame_bytes(mesh, leaf, indices)).sum();
+        let mut count = |name, vertex_name, meshes: &[ClusterMesh], (full, leaf), indices| {
+            let bytes: usize = meshes.iter().map(|mesh| frame_bytes(mesh, (full, leaf), indices)).sum();
             *resident.entry(name).or_insert(0) += bytes;
             if let Some(name) = vertex_name {
                 *vertices.entry(name).or_insert(0) +=
@@ -88,11 +95,11 @@ pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> 
         };
         let halves: Vec<_> = clusters.iter().flat_map(halves).collect();
         let pairs: Vec<_> = clusters.chunks(2).flat_map(pair).collect();
-        count("cluster_128_leaf_8", Some("cluster_128"), &clusters, LEAF_TRIANGLES, Indices::AsNeeded);
-        count("cluster_128_leaf_8_corners_21_bits", None, &clusters, LEAF_TRIANGLES, Indices::Fixed);
-        count("cluster_128_leaf_4", None, &clusters, LEAF_TRIANGLES / 2, Indices::AsNeeded);
-        count("cluster_64_leaf_8", Some("cluster_64"), &halves, LEAF_TRIANGLES, Indices::AsNeeded);
-        count("cluster_256_leaf_8", Some("cluster_256"), &pairs, LEAF_TRIANGLES, Indices::AsNeeded);
+        count("cluster_128_leaf_8", Some("cluster_128"), &clusters, (128, 8), Indices::AsNeeded);
+        count("cluster_128_leaf_8_corners_21_bits", None, &clusters, (128, 8), Indices::Fixed);
+        count("cluster_128_leaf_4", None, &clusters, (128, 4), Indices::AsNeeded);
+        count("cluster_64_leaf_8", Some("cluster_64"), &halves, (64, 8), Indices::AsNeeded);
+        count("cluster_256_leaf_8", Some("cluster_256"), &pairs, (256, 8), Indices::AsNeeded);
     }
     let mesh = || file.pages().iter().filter(|entry| entry.kind == PageKind::Mesh);
     let per = |bytes: u64| bytes as f64 / triangle_count as f64;
@@ -103,6 +110,7 @@ pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> 
         scene: model.scene.clone(),
         triangle_count,
         cluster_count,
+        frame_fill: used_bytes as f64 / (frame_count * FRAME_BYTES) as f64,
         raw_page_count: mesh().filter(|entry| entry.packing == Packing::Raw).count(),
         disk: Packed {
             lz4: per(mesh().map(|entry| u64::from(entry.stored_bytes)).sum()),
@@ -113,17 +121,19 @@ pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> 
     })
 }
 
-/// Bytes of a cluster in memory, its materials left out.
-fn frame_bytes(mesh: &ClusterMesh, leaf: usize, indices: Indices) -> usize {
+/// Bytes of a cluster in memory, of a form with up to `full` triangles a cluster and `leaf` a leaf.
+fn frame_bytes(mesh: &ClusterMesh, (full, leaf): (usize, usize), indices: Indices) -> usize {
     let leaves = mesh.triangles.chunks(leaf).map(|triangles| {
         let corners = triangles.as_flattened().iter();
         let span = corners.clone().max().expect("a leaf is not empty") - corners.min().expect("as well");
-        let as_needed = || 8 + 3 * leaf * (8 - span.leading_zeros() as usize).max(4);
-        let bits = if indices == Indices::Fixed { 3 * leaf * 7 } else { as_needed() };
-        BOX_BYTES + bits.div_ceil(8)
+        let width = match indices {
+            Indices::AsNeeded => (8 - span.leading_zeros() as usize).max(LEAF_WIDTH_LEAST as usize),
+            Indices::Fixed => 7,
+        };
+        usize::from(indices == Indices::AsNeeded) + (3 * leaf * width).div_ceil(8)
     });
     let bits = mesh.widths().bits.iter().map(|&bits| usize::from(bits)).sum::<usize>();
-    HEAD_BYTES + leaves.sum::<usize>() + (bits * mesh.vertices.len()).div_ceil(8)
+    HEAD_BYTES + full / leaf * BOX_BYTES + leaves.sum::<usize>() + (bits * mesh.vertices.len()).div_ceil(8)
 }
 
 /// A cluster as two of up to 64 triangles.
@@ -134,19 +144,13 @@ fn halves(mesh: &ClusterMesh) -> Vec<ClusterMesh> {
         .collect()
 }
 
-/// Two neighbours as one, where a byte still tells their vertices apart.
+/// Two neighbours as one: of twice 128 vertices, which a byte still tells apart.
 fn pair(two: &[ClusterMesh]) -> Vec<ClusterMesh> {
     let [a, b] = two else { return two.to_vec() };
     let vertices = [a.vertices.as_slice(), &b.vertices].concat();
     let behind = b.triangles.iter().map(|t| t.map(|v| usize::from(v) + a.vertices.len()));
     let all = a.triangles.iter().map(|t| t.map(usize::from)).chain(behind);
-    let distinct = {
-        let mut sorted = vertices.clone();
-        sorted.sort_unstable();
-        sorted.dedup();
-        sorted.len()
-    };
-    if distinct > VERTICES_MOST { two.to_vec() } else { vec![renumbered(&vertices, all)] }
+    vec![renumbered(&vertices, all)]
 }
 
 /// These triangles, with their vertices in the order of first use, equal ones once.
@@ -193,10 +197,10 @@ mod tests {
 
     #[test]
     fn bytes_are_those_that_install_makes() {
-        let mesh = strip(128 - 2, 0);
-        assert_eq!(
-            frame_bytes(&mesh, LEAF_TRIANGLES, Indices::AsNeeded) + BOX_BYTES * (16 - mesh.leaf_count()),
-            mesh.frame_bytes() - 2
-        );
+        for triangle_count in [1, 50, 126] {
+            let mesh = strip(triangle_count, 0);
+            let in_node = Node::BYTES / NODE_WIDTH;
+            assert_eq!(frame_bytes(&mesh, (128, 8), Indices::AsNeeded), mesh.frame_bytes() + in_node);
+        }
     }
 }

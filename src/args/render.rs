@@ -34,7 +34,7 @@ pub struct RenderArgs {
     /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else off)
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub filter: Option<Switch>,
-    /// A picture from each of these viewpoints, PICTURE-0001.png and so on. TOML: an array of tables `view`, each with position, target and, if you like, up
+    /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml", conflicts_with = "t_max")]
     pub camera_path: Option<PathBuf>,
     /// Further layers of an EXR

@@ -15,6 +15,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_bench::stress::Times;
+use trex_render::camera::Camera;
 use trex_render::film::Layers;
 use trex_render::filter::Filter;
 use trex_render::frame::PagedTracer;
@@ -79,22 +80,33 @@ pub struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Renders and writes the picture.
+    /// What is to be made, checked: viewpoints are otherwise like `camera`.
+    fn shots(&self, camera: &Camera) -> Result<Vec<Shot>> {
+        let Some(path) = self.camera_path else {
+            return Ok(vec![Shot { camera: None, output: self.output.to_path_buf() }]);
+        };
+        let shot = |(camera, number): (Camera, usize)| {
+            let place = || format!("{}, view {number}", path.display());
+            camera.project(self.scene.render.resolution).map_err(|error| error.at_place(place()))?;
+            Ok(Shot { camera: Some(camera), output: numbered(self.output, number) })
+        };
+        read_views(path, camera)?.into_iter().zip(1..).map(shot).collect()
+    }
+
+    /// Renders and writes the pictures.
     pub fn render(&self, ctx: &Context) -> Result<Rendered> {
         let start = Instant::now();
         let Job { scene, file, layers, io, live, .. } = self;
         let check = |path: &Path| PictureFile::check(path, self.overwrite, *layers);
-        let target = check(self.output)?;
+        if self.camera_path.is_none() {
+            check(self.output)?;
+        }
         let keys = &scene.render;
         let stage = Stage::open(&Play { scene, file, layers: *layers, io, live: *live }, ctx)?;
         let pool = &stage.pool;
         let mut session = stage.session(ctx)?;
-        let cameras = match self.camera_path {
-            Some(path) => read_views(path, &session.view().camera)?,
-            None => vec![],
-        };
-        let outputs = numbered(self.output, cameras.len());
-        let targets = outputs.iter().map(|path| check(path)).collect::<Result<Vec<_>>>()?;
+        let shots = self.shots(&session.view().camera)?;
+        let targets = shots.iter().map(|shot| check(&shot.output)).collect::<Result<Vec<_>>>()?;
 
         let late = || self.time_limit.is_some_and(|limit| start.elapsed() >= limit);
         let stop = || ctx.interrupt.is_raised() || late();
@@ -112,51 +124,48 @@ impl Job<'_> {
             let memory_bytes = ctx.budget.used_bytes();
             let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
             let whole = u64::from(keys.spp) * pixels;
-            let (done, total) =
-                (before as u64 * whole + u64::from(spp) * pixels, targets.len().max(1) as u64 * whole);
+            let (done, total) = (before as u64 * whole + u64::from(spp) * pixels, shots.len() as u64 * whole);
             show(Progress { phase: "render", done, total, unit: "samples", memory_bytes });
         };
         let mut frames = None;
         let mut pictures = vec![];
+        // Of filter and file, which are no part of the figures.
+        let mut finishing = Duration::ZERO;
         let mut stats = RenderStats { complete: true, spp: u32::MAX, ..RenderStats::default() };
-        for (place, (camera, target)) in cameras.iter().zip(&targets).enumerate() {
-            session.apply(Event::Camera(*camera))?;
-            let begin = Instant::now();
-            let one = session.render(keys.spp, &stop, &mut |_, stats| {
-                tell(place, stats.spp);
-                ControlFlow::Continue(())
-            });
-            ctx.interrupt.check()?;
-            session.smooth()?;
-            target.write(&session, keys.exposure)?;
-            stats.total.add(&one.total);
-            (stats.spp, stats.complete) = (stats.spp.min(one.spp), stats.complete && one.complete);
-            let output = outputs[place].display().to_string();
-            pictures.push(Picture { output, spp: one.spp, time_ms: begin.elapsed().as_millis() as u64 });
-            if late() {
-                stats.complete &= place + 1 == targets.len();
-                break;
+        for (place, (shot, target)) in shots.iter().zip(&targets).enumerate() {
+            if let Some(camera) = shot.camera {
+                session.apply(Event::Camera(camera))?;
             }
-        }
-        if cameras.is_empty() {
-            stats = match self.live {
+            let begin = Instant::now();
+            let one = match self.live {
                 None => session.render(keys.spp, &stop, &mut |_, stats| {
-                    tell(0, stats.spp);
+                    tell(place, stats.spp);
                     ControlFlow::Continue(())
                 }),
                 Some(options) => {
                     let log = frames.insert(Frames::default());
-                    log.render(&mut session, (options, keys.spp), &stop, &mut |spp| tell(0, spp))?
+                    log.render(&mut session, (options, keys.spp), &stop, &mut |spp| tell(place, spp))?
                 }
             };
             ctx.interrupt.check()?;
+            let rendered = Instant::now();
             session.smooth()?;
             target.write(&session, keys.exposure)?;
-        } else if pictures.len() < cameras.len() {
+            finishing += rendered.elapsed();
+            stats.total.add(&one.total);
+            (stats.spp, stats.complete) = (stats.spp.min(one.spp), stats.complete && one.complete);
+            let (output, time) = (shot.output.display().to_string(), rendered - begin);
+            pictures.push(Picture { output, spp: one.spp, time_ms: time.as_millis() as u64 });
+            if late() {
+                break;
+            }
+        }
+        if pictures.len() < shots.len() {
+            stats.complete = false;
             ctx.console.note(&format!(
-                "note: the time limit came after {} of {} pictures",
+                "note: the time limit came in picture {} of {}; the others are not made",
                 pictures.len(),
-                cameras.len()
+                shots.len()
             ));
         }
         if stats.spp == 0 {
@@ -165,7 +174,7 @@ impl Job<'_> {
                 "note: the time limit came before every pixel had a sample; the rest is {rest}"
             ));
         }
-        let seconds = start.elapsed().as_secs_f64();
+        let seconds = (start.elapsed() - finishing).as_secs_f64();
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let render_seconds = seconds - photon_seconds;
         let damage = pool.damage();
@@ -179,7 +188,7 @@ impl Job<'_> {
         }
         Ok(Rendered {
             scene: self.file.display().to_string(),
-            output: self.output.display().to_string(),
+            output: pictures[0].output.clone(),
             pictures,
             integrator: keys.integrator.as_str(),
             spp: stats.spp,
@@ -213,16 +222,13 @@ impl Job<'_> {
     }
 }
 
-/// Names of the pictures of a path: `turn.png` gives `turn-0001.png` and so on.
-fn numbered(output: &Path, count: usize) -> Vec<PathBuf> {
+/// Name of a picture of a path: `turn.png` gives `turn-0001.png` and so on.
+fn numbered(output: &Path, number: usize) -> PathBuf {
     let part = |part: Option<&OsStr>| part.unwrap_or_default().to_owned();
-    let name = |number: usize| {
-        let mut name = part(output.file_stem());
-        name.push(format!("-{number:04}."));
-        name.push(part(output.extension()));
-        output.with_file_name(name)
-    };
-    (1..=count).map(name).collect()
+    let mut name = part(output.file_stem());
+    name.push(format!("-{number:04}."));
+    name.push(part(output.extension()));
+    output.with_file_name(name)
 }
 
 /// Frames with a deadline: their times.
@@ -268,8 +274,7 @@ impl Frames {
 pub struct Rendered {
     pub scene: String,
     pub output: String,
-    /// Of a camera path; empty for a single picture.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    /// Each picture, of a camera path one for each viewpoint.
     pub pictures: Vec<Picture>,
     pub integrator: &'static str,
     pub spp: u32,
@@ -300,12 +305,19 @@ pub struct Rendered {
     pub arithmetic: &'static str,
 }
 
-/// A picture of a path.
+/// A picture that was written.
 #[derive(Debug, Serialize)]
 pub struct Picture {
     pub output: String,
     pub spp: u32,
     pub time_ms: u64,
+}
+
+/// A picture to be made.
+struct Shot {
+    /// `None`: as the session stands.
+    camera: Option<Camera>,
+    output: PathBuf,
 }
 
 #[derive(Debug, Serialize)]
@@ -320,9 +332,8 @@ impl fmt::Display for Rendered {
         let (rays, pool) = (&self.rays, &self.pool);
         let total = rays.total();
         let output = match self.pictures.as_slice() {
-            [] => self.output.clone(),
             [first, .., last] => format!("{} to {}", first.output, last.output),
-            [only] => only.output.clone(),
+            _ => self.output.clone(),
         };
         writeln!(
             f,

@@ -54,6 +54,38 @@ fn outputs_without_a_place_are_usage_errors() {
     }
 }
 
+#[test]
+fn a_camera_path_gives_the_pictures_of_its_views() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:pipes:10k --no-asvo -o model.trex");
+    let views = [("1,2,3", "9,1,-5"), ("-4,9,2", "3,0,-3")];
+    let table = |(position, target): &(&str, &str)| {
+        format!("[[view]]\nposition = [{position}]\ntarget = [{target}]\n")
+    };
+    let path: String = views.iter().map(table).collect();
+    std::fs::write(inside.path().join("path.toml"), &path).unwrap();
+    let picture = "render model.trex --resolution 40x24 --spp 2 --fov-x 70";
+    let document = document_in(inside.path(), &format!("{picture} --camera-path path.toml -o turn.png"));
+    for (number, (position, target)) in (1..).zip(views) {
+        let alone = format!("{picture} --camera-position={position} --camera-target={target} -o alone.png");
+        document_in(inside.path(), &format!("{alone} --overwrite"));
+        let name = format!("turn-{number:04}.png");
+        let [turn, alone] = [&name, "alone.png"].map(|name| std::fs::read(inside.path().join(name)).unwrap());
+        assert!(turn == alone, "{name}");
+        assert_eq!(document["pictures"][number - 1]["output"], name.as_str());
+    }
+    assert_ne!(hash_of(&inside.path().join("turn-0001.png")), hash_of(&inside.path().join("turn-0002.png")));
+    assert!(!inside.path().join("turn.png").exists());
+
+    // A view that sees nothing is told by its number, before any picture is made.
+    std::fs::write(inside.path().join("path.toml"), path + &table(&("1,1,1", "1,1,1"))).unwrap();
+    let before = listing(inside.path());
+    let line = format!("{picture} --camera-path path.toml -o other.png --json -q");
+    let error = run_in(inside.path(), &line).expect_error(3, "scene-format");
+    assert!(error["where"].as_str().unwrap().ends_with("path.toml, view 3"), "{error}");
+    assert_eq!(listing(inside.path()), before);
+}
+
 /// A file system of a few megabytes in memory, unmounted on drop.
 struct SmallDisk(PathBuf);
 

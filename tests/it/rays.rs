@@ -14,7 +14,7 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use serde_json::{Value, json};
 use std::path::Path;
-use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
+use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, Page, PagedMesh, Pages, Ray, Tracer};
 use trex_store::import::{self, ImportOptions};
 use trex_store::{TriangleBatch, TriangleSource};
 
@@ -127,13 +127,12 @@ fn triangle_size(t: &[[f64; 3]; 3]) -> f64 {
 }
 
 /// Rays in packets against the same rays one by one, in an order where neighbours go the same way, and in one where they
-/// do not.
+/// do not; with all pages, and with some that are not there.
 #[test]
 fn packets_answer_as_single_rays_do() {
     for spec in ["gen:isosurface:50k:3", "gen:pipes:50k:2"] {
         let built = build_spec(spec);
         let resident = AllResident::load(&built.file);
-        let [mut packets, mut singles] = [(); 2].map(|()| PagedMesh::new(&built.file, &resident));
         let mut rays = random_rays(&built, 4001, 5);
         // Bundles: nine rays around one, so that chunks of eight hold parts of two.
         let around = rays.clone().into_iter().enumerate().flat_map(|(i, ray)| {
@@ -143,19 +142,49 @@ fn packets_answer_as_single_rays_do() {
                 Ray { direction: [x + tilt * y, y - tilt * x, z + tilt * x], ..ray }
             })
         });
-        let bundles: Vec<Ray> = around.collect();
-        rays.extend(bundles);
+        rays.extend(around.collect::<Vec<_>>());
         // Ends before the first hit, and between two.
         for (i, ray) in rays.iter_mut().enumerate().skip(1).step_by(5) {
             ray.t_max = built.file.superblock().bounds.diagonal() * (i % 11) as f64 / 10.0;
         }
-        let (mut hits, mut occluded) = (Vec::new(), Vec::new());
-        packets.intersect_coherent(&rays, &mut hits);
-        packets.occluded_coherent(&rays, &mut occluded);
-        assert!(hits.iter().filter(|hit| matches!(hit, Answer::Exact(Some(_)))).count() > rays.len() / 10);
-        for ((ray, hit), any) in rays.iter().zip(hits).zip(occluded) {
-            assert_eq!(hit, singles.intersect(ray), "{spec}: {ray:?}");
-            assert_eq!(any, singles.occluded(ray), "{spec}: {ray:?}");
+        for hidden in [u32::MAX, 3, 2] {
+            let pages = || Hiding { resident: &resident, hidden };
+            let [mut packets, mut singles] = [(); 2].map(|()| PagedMesh::new(&built.file, pages()));
+            let (mut hits, mut occluded) = (Vec::new(), Vec::new());
+            packets.intersect_coherent(&rays, &mut hits);
+            packets.occluded_coherent(&rays, &mut occluded);
+            let count = |answer: fn(&&Answer<Option<Hit>>) -> bool| hits.iter().filter(answer).count();
+            assert!(count(|hit| matches!(hit, Answer::Exact(Some(_)))) > rays.len() / 100);
+            assert_eq!(count(|hit| matches!(hit, Answer::Blocked)) > rays.len() / 10, hidden < u32::MAX);
+            for (ray, hit) in rays.iter().zip(&hits) {
+                assert_eq!(*hit, singles.intersect(ray), "{spec}: {ray:?}");
+            }
+            for (ray, any) in rays.iter().zip(&occluded) {
+                assert_eq!(*any, singles.occluded(ray), "{spec}: {ray:?}");
+            }
+            let wanted = [&mut packets, &mut singles].map(|mesh| {
+                let mut wanted = Vec::new();
+                mesh.take_wanted(&mut wanted);
+                wanted.sort_unstable();
+                wanted
+            });
+            assert_eq!(wanted[0], wanted[1], "{spec}");
+        }
+    }
+}
+
+/// Pages of which every so many is missing.
+struct Hiding<'a> {
+    resident: &'a AllResident,
+    hidden: u32,
+}
+
+impl Pages for Hiding<'_> {
+    fn page(&mut self, page: u32) -> Page<'_> {
+        if page % self.hidden == self.hidden - 1 {
+            Page::Missing
+        } else {
+            Page::Ready(self.resident.frame(page))
         }
     }
 }

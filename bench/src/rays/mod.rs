@@ -138,7 +138,7 @@ pub struct PeerFigures {
     pub name: String,
     /// Version.
     pub version: String,
-    /// Primary rays, ours over its reference mode.
+    /// Primary rays, ours (in packets where they go so) over its reference mode.
     pub ratio: f64,
     /// The mode that `ratio` and the sets' ratios refer to.
     pub reference: String,
@@ -179,7 +179,7 @@ pub struct ModeSet {
     pub ratio: f64,
     /// The same of our rays one by one, where `ratio` is of packets or batches.
     pub single_ratio: Option<f64>,
-    /// The same by wall time.
+    /// `ratio` by wall time.
     pub wall_ratio: f64,
 }
 

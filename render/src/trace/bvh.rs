@@ -53,6 +53,7 @@ impl Missing {
     }
 
     /// For the next ray.
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn clear(&mut self) {
         (self.count, self.nearest) = (0, f64::INFINITY);
     }

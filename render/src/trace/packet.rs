@@ -6,6 +6,8 @@
 //!            -> the others: one by one
 //! ```
 //!
+//! Why unsafe: intrinsics, on registers and on rows of eight; `trace_packet` asks its caller for what they need.
+//!
 //! Invariants: 1. a ray gets the answer that it gets alone: boxes only leave out what it cannot meet, and of hits the
 //! order does not matter; 2. as `bvh.rs`: no allocation, one page in use at a time, stacks that cannot overflow.
 #![allow(unsafe_code)]
@@ -37,7 +39,7 @@ struct Waiting {
     rays: u32,
 }
 
-/// The packet under way, and the one that was traced last. Of those that came to the model's box, in their order:
+/// Room for a packet; and what came of the last one, for the rays that reached the model's box, in their order.
 pub(super) struct PacketRoom {
     waiting: Box<[Waiting; STACK]>,
     /// The ray and what it found.

@@ -66,8 +66,8 @@ pub struct PagedMesh<'a, P> {
     pages: P,
     arithmetic: Arithmetic,
     stack: Stack,
-    #[cfg(target_arch = "x86_64")]
     /// Made when it is first asked for.
+    #[cfg(target_arch = "x86_64")]
     packet: Option<Box<PacketRoom>>,
     wanted: Vec<(u32, u32)>,
 }

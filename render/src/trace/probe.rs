@@ -10,6 +10,7 @@ use super::scalar::Scalar;
 use super::{Arithmetic, Ray};
 use trex_store::PageFile;
 use trex_store::cluster::{ClusterView, FrameRef, FrameView, Node};
+use trex_store::layout::PageKind;
 
 /// What is tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,7 +42,7 @@ impl<'a> Probe<'a> {
         let frame = Frame::of(file);
         let rays = rays.iter().filter_map(|ray| frame.enter(ray)).collect();
         let mut probe = Probe { arithmetic, frame, nodes: vec![], clusters: vec![], rays };
-        for page in 0..file.pages().len() as u32 {
+        for (page, _) in (0..).zip(file.pages()).filter(|(_, entry)| entry.kind == PageKind::Mesh) {
             let view = FrameView::new(pages.frame(page));
             (0..view.root_count()).for_each(|slot| probe.collect(&view, view.root(slot)));
         }

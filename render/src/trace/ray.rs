@@ -37,8 +37,8 @@ pub(super) struct Frame {
 
 /// Steps around the box that the entry stays away from it, and that kernels look beyond the end; at least, see `FAR`.
 const MARGIN: f64 = 2.0;
-/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way there is
-/// rounded by (origin, inverse, quotient, product, sum: half an ulp each, five of eight). On a lattice of 40 bits it is more than `MARGIN` from
+/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way there
+/// is rounded by (origin, difference, inverse, two products, sum: half an ulp each, six of eight). On a lattice of 40 bits it is more than `MARGIN` from
 /// 2^11 sizes on.
 const FAR: f64 = 1.0 / (1u64 << 50) as f64;
 

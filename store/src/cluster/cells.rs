@@ -9,7 +9,7 @@
 //! So the box of two is the least of both, byte by byte: one instruction on a register of SSE2, which every x86-64
 //! has. (In loops of bytes the compiler turns rows into columns and takes seventeen.)
 //!
-//! Why unsafe: that instruction as an intrinsic, which asks for nothing but SSE2.
+//! Why unsafe: that instruction, and a few for the range, as intrinsics, which ask for nothing but SSE2.
 //!
 //! Invariant: `lo <= hi` on each axis, but for [`Cell::MOST`], which holds nothing.
 

@@ -4,8 +4,8 @@
 //! packed = | z | y | x |     spread ->     fields = |  z  | y   |  x |     gather ->     packed
 //! ```
 //!
-//! Install is bound by instructions: 196 a triangle with these two, 224 in shifts (`gen:isosurface:5M`), and 0.82 of the
-//! time. Whoever has [`Work`] to do asks a [`Machine`], which hands it the ones that it has. (AMD before Zen 3 has both in
+//! With eight fields, the bytes of a word are narrowed (`pext` again). Install is bound by instructions: 196 a triangle with
+//! spread and gather in BMI2, 224 in shifts (`gen:isosurface:5M`, before leaves had widths of their own), and 0.82 of the time. Whoever has [`Work`] to do asks a [`Machine`], which hands it the ones that it has. (AMD before Zen 3 has both in
 //! microcode: slower there, and right.)
 //!
 //! Why unsafe: intrinsics, and a call into a function that is compiled for them. `Bmi2` is the proof that they are there,
@@ -165,7 +165,7 @@ mod bmi2 {
         #[inline(always)]
         fn narrow(self, bytes: u64, width: u32) -> u64 {
             // SAFETY: as above.
-            unsafe { _pext_u64(bytes, (u64::MAX >> (64 - width) & 0xff) * BYTES_OF_ONE) }
+            unsafe { _pext_u64(bytes, (u64::MAX >> (64 - width)) * BYTES_OF_ONE) }
         }
     }
 }
@@ -196,7 +196,7 @@ mod tests {
     proptest! {
         #[test]
         fn both_movers_narrow_bytes_to_their_bits(word in any::<u64>(), width in 1u32..=8) {
-            let bytes = word & u64::from(u8::MAX >> (8 - width)) * BYTES_OF_ONE;
+            let bytes = word & (u64::from(u8::MAX >> (8 - width)) * BYTES_OF_ONE);
             let narrow = Machine::best().run(Narrow(bytes, width));
             prop_assert_eq!(narrow, Machine::Portable.run(Narrow(bytes, width)));
             for (i, byte) in bytes.to_le_bytes().into_iter().enumerate() {

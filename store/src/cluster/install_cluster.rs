@@ -74,7 +74,7 @@ impl Plan {
         if triangle_count > CLUSTER_TRIANGLES
             || vertex_count > CLUSTER_VERTICES
             || palette_len > triangle_count
-            || bits.iter().any(|&b| b > 40)
+            || bits.iter().any(|&b| u32::from(b) > lattice_bits)
             || !(packs || wide)
             || base.iter().any(|&q: &i64| q >> lattice_bits != 0)
         {
