@@ -154,8 +154,11 @@ fn packets_answer_as_single_rays_do() {
             packets.intersect_coherent(&rays, &mut hits);
             packets.occluded_coherent(&rays, &mut occluded);
             let count = |answer: fn(&&Answer<Option<Hit>>) -> bool| hits.iter().filter(answer).count();
-            assert!(count(|hit| matches!(hit, Answer::Exact(Some(_)))) > rays.len() / 100);
-            assert_eq!(count(|hit| matches!(hit, Answer::Blocked)) > rays.len() / 10, hidden < u32::MAX);
+            let found = count(|hit| matches!(hit, Answer::Exact(Some(_))));
+            let blocked = count(|hit| matches!(hit, Answer::Blocked));
+            assert_eq!(blocked > rays.len() / 10, hidden < u32::MAX);
+            // A hidden page around all others blocks every ray that meets anything.
+            assert!(found > rays.len() / 2 || hidden < u32::MAX);
             for (ray, hit) in rays.iter().zip(&hits) {
                 assert_eq!(*hit, singles.intersect(ray), "{spec}: {ray:?}");
             }
