@@ -133,6 +133,12 @@ for model in isosurface-20m pipes-20m; do
     "$root/target/release/trex-bench" --root "$root" record --name "sizes-$model" document.json
 done
 
+# The plant from inside, three ways (the paper's figure 7).
+for integrator in photon:64 full-gi:24 path:64; do
+    record "render-pipes-interior-${integrator%:*}" render "$root/bench/scenes/pipes-interior.toml" -o "fig7-${integrator%:*}.png" \
+        --overwrite --integrator "${integrator%:*}" --spp "${integrator#*:}" --n-gather 2
+done
+
 # Rays against Embree, where Debian's libembree-dev is installed; G-rays in 1024^3 voxels, as the scene has 20M triangles.
 if cargo build --release -p trex-bench --features peer-embree --manifest-path "$root/Cargo.toml"; then
     "$trex" build gen:isosurface:20M -o "$root/out/isosurface-20m-1024.trex" --overwrite --voxels 1024 --progress none
@@ -164,7 +170,7 @@ if [ -d "$models" ]; then
         record render-cornell-${variant%%:*} render $box -o photon.exr --integrator photon --spp 256 ${variant#*:}
         record light-cornell-${variant%%:*} image diff photon.exr path.exr
     done
-    record render-cornell-full-gi render $box -o photon.exr --integrator full-gi --spp 256
+    record render-cornell-full-gi render $box -o photon.exr --integrator full-gi --spp 64
     record light-cornell-full-gi image diff photon.exr path.exr
     for integrator in photon full-gi; do
         for filter in off on; do
