@@ -1,11 +1,13 @@
 //! Emit: workers build chunks, one writer puts their pages into the file in chunk order, then tables and heads.
 //!
+//! The ends of chunks share pages (`pages.rs`): where one is, is known when its page is full, and told to the nodes then.
+//!
 //! Invariants: 1. pages stand in chunk order whatever the number of workers; 2. at most [`WINDOW`] finished
 //! chunks a worker wait for their turn; 3. every byte written is covered by a hash.
 
 use super::chunk::{Workspace, worker_bytes};
 use super::lattice::{Scan, Tell};
-use super::pages::{ChunkPages, PackContext, Wide, WideRef, packed};
+use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
 use super::partition::Partition;
 use super::publish::DraftFile;
 use super::sah::{Prim, split};
@@ -47,7 +49,10 @@ pub(super) fn emit(
         file_id: file_id(parted, voxels.as_ref(), &materials_json),
         node_shift,
         block: superblock_of(parted, scan),
+        context,
         pages: Vec::new(),
+        open: OpenPage::default(),
+        links: Vec::new(),
         nodes: Vec::new(),
         roots: Vec::new(),
         emitters: Vec::new(),
@@ -63,6 +68,7 @@ pub(super) fn emit(
         tell("clusters", "triangles", writer.block.triangle_count, parted.triangle_count);
         Ok(())
     })?;
+    writer.close(&mut file)?;
     drop(lease);
     out.scratch_peak_bytes = writer.scratch_bytes;
     let start = Instant::now();
@@ -219,11 +225,15 @@ fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
 }
 
 /// Collects what the tables need while pages go out.
-struct Writer {
+struct Writer<'a> {
     file_id: u64,
     node_shift: u32,
     block: Superblock,
+    context: PackContext<'a>,
     pages: Vec<PageEntry>,
+    /// The page that the ends of the last chunks share, and what leads into it.
+    open: OpenPage,
+    links: Vec<(Link, u32)>,
     nodes: Vec<Node>,
     /// Per chunk: its box and where its root is.
     roots: Vec<(LatticeBox, TopRef)>,
@@ -232,48 +242,90 @@ struct Writer {
     scratch_bytes: u64,
 }
 
-impl Writer {
+/// Where it is said in which page a subtree is.
+enum Link {
+    /// This child of this node.
+    Child(usize, usize),
+    /// The root of this chunk.
+    Root(usize),
+}
+
+impl Writer<'_> {
     fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
         let (first_page, first_node) = (self.pages.len() as u32, self.nodes.len() as u32);
-        if self.pages.len() + chunk.pages.len() > PAGES as usize {
-            return Err(too_many_pages());
-        }
+        let open_page = chunk.pages.len() as u32;
         for page in chunk.pages {
-            let (id, first_triangle) = (self.pages.len() as u32, self.block.triangle_count as u32);
-            let offset = file.append(&page.stored)?;
-            self.pages.push(PageEntry {
-                offset,
-                hash: page_hash(&page.stored, self.file_id, id),
-                stored_bytes: page.stored.len() as u32,
-                unpacked_bytes: page.unpacked_bytes as u32,
-                first_triangle,
-                triangle_count: page.triangle_count as u32,
-                kind: PageKind::Mesh,
-                packing: page.packing,
-            });
-            for emitter in &page.emitters {
-                emitter.corners.as_flattened().iter().for_each(|q| self.emitters.extend(q.to_le_bytes()));
-                self.emitters.extend(u32::from(emitter.material).to_le_bytes());
-                self.emitters.extend((first_triangle + emitter.triangle).to_le_bytes());
-                self.emitter_count += 1;
-            }
-            let block = &mut self.block;
-            block.triangle_count += page.triangle_count as u64;
-            block.vertex_count += page.vertex_count as u64;
-            block.cluster_count += page.cluster_count as u64;
-            block.wide_cluster_count += page.wide_cluster_count as u64;
-            block.resident_bytes += page.frame_bytes as u64;
-            block.page_tree_bytes += page.tree_bytes as u64;
+            self.add_page(page, file)?;
         }
-        let moved = |r: TopRef| match r {
+        if !self.open.takes(&chunk.open) {
+            self.close(file)?;
+        }
+        let first_slot = self.open.append(chunk.open);
+        let links = &mut self.links;
+        let mut moved = |r: TopRef, link: Link| match r {
             TopRef::Node(index) => TopRef::Node(first_node + index),
+            TopRef::Page { page, slot } if page == open_page => {
+                links.push((link, first_slot + slot));
+                r
+            }
             TopRef::Page { page, slot } => TopRef::Page { page: first_page + page, slot },
         };
         for children in &chunk.nodes {
-            let children: Vec<_> = children.iter().map(|&(b, r)| (b, moved(r).to_word())).collect();
-            self.nodes.push(Node::over(&children, self.node_shift));
+            let node = self.nodes.len();
+            let words =
+                children.iter().zip(0..).map(|(&(b, r), i)| (b, moved(r, Link::Child(node, i)).to_word()));
+            self.nodes.push(Node::over(&words.collect::<Vec<_>>(), self.node_shift));
         }
-        self.roots.push((chunk.root.0, moved(chunk.root.1)));
+        self.roots.push((chunk.root.0, moved(chunk.root.1, Link::Root(self.roots.len()))));
+        Ok(())
+    }
+
+    /// Ends the open page, if anything is in it.
+    fn close(&mut self, file: &mut DraftFile<'_>) -> Result<()> {
+        let page = self.pages.len() as u32;
+        let full = std::mem::take(&mut self.open);
+        if !full.is_empty() {
+            self.add_page(full.pack(self.context), file)?;
+        }
+        for (link, slot) in self.links.drain(..) {
+            let there = TopRef::Page { page, slot };
+            match link {
+                Link::Child(node, i) => self.nodes[node].child[i] = there.to_word(),
+                Link::Root(chunk) => self.roots[chunk].1 = there,
+            }
+        }
+        Ok(())
+    }
+
+    fn add_page(&mut self, page: PackedPage, file: &mut DraftFile<'_>) -> Result<()> {
+        if self.pages.len() >= PAGES as usize {
+            return Err(too_many_pages());
+        }
+        let (id, first_triangle) = (self.pages.len() as u32, self.block.triangle_count as u32);
+        let offset = file.append(&page.stored)?;
+        self.pages.push(PageEntry {
+            offset,
+            hash: page_hash(&page.stored, self.file_id, id),
+            stored_bytes: page.stored.len() as u32,
+            unpacked_bytes: page.unpacked_bytes as u32,
+            first_triangle,
+            triangle_count: page.triangle_count as u32,
+            kind: PageKind::Mesh,
+            packing: page.packing,
+        });
+        for emitter in &page.emitters {
+            emitter.corners.as_flattened().iter().for_each(|q| self.emitters.extend(q.to_le_bytes()));
+            self.emitters.extend(u32::from(emitter.material).to_le_bytes());
+            self.emitters.extend((first_triangle + emitter.triangle).to_le_bytes());
+            self.emitter_count += 1;
+        }
+        let block = &mut self.block;
+        block.triangle_count += page.triangle_count as u64;
+        block.vertex_count += page.vertex_count as u64;
+        block.cluster_count += page.cluster_count as u64;
+        block.wide_cluster_count += page.wide_cluster_count as u64;
+        block.resident_bytes += page.frame_bytes as u64;
+        block.page_tree_bytes += page.tree_bytes as u64;
         Ok(())
     }
 

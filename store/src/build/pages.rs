@@ -6,7 +6,8 @@
 //!                 else                                 -> a node of the top tree; place its children
 //! ```
 //!
-//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could.
+//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could. The last page of a
+//! chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
 //!
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
@@ -45,9 +46,72 @@ pub(super) struct PackContext<'a> {
     pub(super) emissive: &'a [bool],
 }
 
+/// A page that may take more.
+#[derive(Default)]
+pub(super) struct OpenPage {
+    content: PageContent,
+    /// Frame bytes of its nodes and clusters.
+    bytes: usize,
+}
+
+impl OpenPage {
+    pub(super) fn is_empty(&self) -> bool {
+        self.content.roots.is_empty()
+    }
+
+    /// Whether so many bytes under so many roots fit.
+    fn has_room(&self, bytes: usize, root_count: usize) -> bool {
+        self.bytes + bytes <= PAGE_CAPACITY && self.content.roots.len() + root_count <= PAGE_ROOTS
+    }
+
+    /// Whether all of `other` fits.
+    pub(super) fn takes(&self, other: &OpenPage) -> bool {
+        self.has_room(other.bytes, other.content.roots.len())
+    }
+
+    /// Takes all of `other`; the slot of its first root.
+    pub(super) fn append(&mut self, other: OpenPage) -> u32 {
+        let PageContent { roots, nodes, clusters } = &mut self.content;
+        let (slot, node_count, cluster_count) =
+            (roots.len() as u32, nodes.len() as u16, clusters.len() as u16);
+        let moved = |at: PageRef| match at {
+            PageRef::Node(index) => PageRef::Node(node_count + index),
+            PageRef::Cluster(index) => PageRef::Cluster(cluster_count + index),
+        };
+        roots.extend(other.content.roots.into_iter().map(moved));
+        nodes.extend(other.content.nodes.into_iter().map(|node| node.into_iter().map(moved).collect()));
+        clusters.extend(other.content.clusters);
+        self.bytes += other.bytes;
+        slot
+    }
+
+    /// Ends it. Panics when it is empty.
+    pub(super) fn pack(self, context: PackContext<'_>) -> PackedPage {
+        let page = self.content;
+        assert!(!page.clusters.is_empty(), "a page has a cluster");
+        let (raw, spent) = page.encode();
+        let unpacked_bytes = raw.len();
+        let (stored, packing) = packed(raw);
+        PackedPage {
+            stored,
+            packing,
+            unpacked_bytes,
+            tree_bytes: spent.tree as usize / 8,
+            frame_bytes: page.frame_bytes(),
+            triangle_count: page.triangle_count(),
+            vertex_count: page.clusters.iter().map(|c| c.vertices.len()).sum(),
+            cluster_count: page.clusters.len(),
+            wide_cluster_count: page.clusters.iter().filter(|c| c.widths().wide).count(),
+            emitters: emitters_of(&page.clusters, context.emissive),
+        }
+    }
+}
+
 /// The result of a chunk. Page and node numbers count from the chunk's own first.
 pub(super) struct ChunkPages {
     pub(super) pages: Vec<PackedPage>,
+    /// The page behind these.
+    pub(super) open: OpenPage,
     /// Top-tree nodes; children before parents.
     pub(super) nodes: Vec<Vec<(LatticeBox, TopRef)>>,
     pub(super) root: (LatticeBox, TopRef),
@@ -66,13 +130,15 @@ pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
         wide: &wide,
         sizes,
         clusters: &mut clusters,
-        open: PageContent::default(),
-        open_bytes: 0,
         context,
-        out: ChunkPages { pages: Vec::new(), nodes: Vec::new(), root: (LatticeBox::EMPTY, TopRef::Node(0)) },
+        out: ChunkPages {
+            pages: Vec::new(),
+            open: OpenPage::default(),
+            nodes: Vec::new(),
+            root: (LatticeBox::EMPTY, TopRef::Node(0)),
+        },
     };
     packer.out.root = (wide.bounds(wide.root), packer.place(wide.root));
-    packer.close();
     packer.out
 }
 
@@ -154,9 +220,6 @@ struct Packer<'a> {
     sizes: Vec<usize>,
     subtree_bytes: Vec<usize>,
     clusters: &'a mut [Option<ClusterMesh>],
-    open: PageContent,
-    /// Frame bytes of nodes and clusters in the open page.
-    open_bytes: usize,
     context: PackContext<'a>,
     out: ChunkPages,
 }
@@ -170,7 +233,7 @@ impl Packer<'_> {
             WideRef::Leaf(i) => self.sizes[i as usize],
             WideRef::Node(i) => self.subtree_bytes[i as usize],
         };
-        let fits = self.open_bytes + bytes <= PAGE_CAPACITY && self.open.roots.len() < PAGE_ROOTS;
+        let fits = self.out.open.has_room(bytes, 1);
         match at {
             WideRef::Node(i) if !fits => {
                 let children =
@@ -178,55 +241,39 @@ impl Packer<'_> {
                 self.out.nodes.push(children);
                 return TopRef::Node(self.out.nodes.len() as u32 - 1);
             }
-            WideRef::Leaf(_) if !fits => self.close(),
+            WideRef::Leaf(_) if !fits => {
+                let full = std::mem::take(&mut self.out.open);
+                self.out.pages.push(full.pack(self.context));
+            }
             _ => {}
         }
-        self.open_bytes += bytes;
+        self.out.open.bytes += bytes;
         let root = self.copy(at);
-        self.open.roots.push(root);
-        TopRef::Page { page: self.out.pages.len() as u32, slot: self.open.roots.len() as u32 - 1 }
+        let roots = &mut self.out.open.content.roots;
+        roots.push(root);
+        TopRef::Page { page: self.out.pages.len() as u32, slot: roots.len() as u32 - 1 }
     }
 
     /// Copies a subtree into the open page.
     fn copy(&mut self, at: WideRef) -> PageRef {
         match at {
             WideRef::Leaf(i) => {
-                self.open.clusters.push(self.clusters[i as usize].take().expect("a cluster is placed once"));
-                PageRef::Cluster(self.open.clusters.len() as u16 - 1)
+                self.out
+                    .open
+                    .content
+                    .clusters
+                    .push(self.clusters[i as usize].take().expect("a cluster is placed once"));
+                PageRef::Cluster(self.out.open.content.clusters.len() as u16 - 1)
             }
             WideRef::Node(i) => {
-                let index = self.open.nodes.len();
-                self.open.nodes.push(Vec::new());
+                let index = self.out.open.content.nodes.len();
+                self.out.open.content.nodes.push(Vec::new());
                 let children =
                     self.wide.nodes[i as usize].iter().map(|&(_, child)| self.copy(child)).collect();
-                self.open.nodes[index] = children;
+                self.out.open.content.nodes[index] = children;
                 PageRef::Node(index as u16)
             }
         }
-    }
-
-    /// Ends the open page.
-    fn close(&mut self) {
-        self.open_bytes = 0;
-        let page = std::mem::take(&mut self.open);
-        if page.clusters.is_empty() {
-            return;
-        }
-        let (raw, spent) = page.encode();
-        let unpacked_bytes = raw.len();
-        let (stored, packing) = packed(raw);
-        self.out.pages.push(PackedPage {
-            stored,
-            packing,
-            unpacked_bytes,
-            tree_bytes: spent.tree as usize / 8,
-            frame_bytes: page.frame_bytes(),
-            triangle_count: page.triangle_count(),
-            vertex_count: page.clusters.iter().map(|c| c.vertices.len()).sum(),
-            cluster_count: page.clusters.len(),
-            wide_cluster_count: page.clusters.iter().filter(|c| c.widths().wide).count(),
-            emitters: emitters_of(&page.clusters, self.context.emissive),
-        });
     }
 }
 
