@@ -150,6 +150,12 @@ if cargo build --release -p trex-bench --features peer-embree --manifest-path "$
     done
 fi
 
+# Instructions, where valgrind is installed.
+if command -v valgrind >/dev/null; then
+    (cd "$root" && bench/callgrind.sh out/isosurface-20m.trex >"$work/document.json")
+    "$root/target/release/trex-bench" --root "$root" record --name callgrind-isosurface-20m document.json
+fi
+
 # What the footprint rule costs: voxels for what is smaller than so many pixels.
 for kind in isosurface scan; do
     picture="render $kind.trex --overwrite --resolution 512x512 --spp 64"

@@ -1,0 +1,74 @@
+//! One pass of a step of tracing or of install, for a tool that counts instructions: `bench/callgrind.sh` runs it.
+//!
+//! ```text
+//! counts FILE node|leaf-boxes|leaf|alone|packets|install    ->  how many steps `measured` took, on stdout
+//! ```
+//!
+//! Invariant: all that counts is called from [`measured`] and from nowhere else.
+
+use std::hint::black_box;
+use std::path::Path;
+use trex_render::camera::Camera;
+use trex_render::trace::probe::{Probe, Step};
+use trex_render::trace::{AllResident, Arithmetic, PagedMesh, Ray, Tracer};
+use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::PageStore;
+use trex_store::{Budget, PageFile};
+
+/// Pixels along a side of the picture from which rays come.
+const SIDE: u32 = 256;
+/// Of them, every one after so many for the steps that test everything; a prime.
+const PROBE_STEP: usize = 9973;
+
+/// What callgrind collects.
+#[inline(never)]
+fn measured(work: &mut dyn FnMut() -> u64) -> u64 {
+    work()
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [path, step] = arguments.as_slice() else { panic!("usage: counts FILE STEP") };
+    let file = PageFile::open(Path::new(path), &Budget::unlimited()).expect("a page file");
+    let pages = AllResident::load(&file);
+    let camera = Camera::framing(&file.superblock().bounds, [SIDE; 2], None, None);
+    let projection = camera.project([SIDE; 2]).expect("a picture");
+    let pixels = (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| [x, y].map(|v| f64::from(v) + 0.5)));
+    let rays: Vec<Ray> = pixels.map(|[x, y]| projection.ray(x, y)).collect();
+
+    let few: Vec<Ray> = rays.iter().copied().step_by(PROBE_STEP).collect();
+    let probe = |step: Step| {
+        let probe = Probe::new(&file, &pages, &few, Arithmetic::for_file(&file));
+        measured(&mut || black_box(probe.run(step)));
+        probe.test_count(step)
+    };
+    let mut mesh = PagedMesh::new(&file, &pages);
+    let mut answers = Vec::with_capacity(rays.len());
+    let steps = match step.as_str() {
+        "node" => probe(Step::Node),
+        "leaf-boxes" => probe(Step::LeafBoxes),
+        "leaf" => probe(Step::Triangles),
+        "alone" => measured(&mut || {
+            answers.extend(rays.iter().map(|ray| mesh.intersect(ray)));
+            answers.len() as u64
+        }),
+        "packets" => measured(&mut || {
+            mesh.intersect_coherent(&rays, &mut answers);
+            answers.len() as u64
+        }),
+        "install" => {
+            let bytes = std::fs::read(path).expect("the file");
+            let (mut frame, mut scratch) = (vec![0; FRAME_BYTES], Vec::new());
+            measured(&mut || {
+                for page in 0..file.page_count() {
+                    let extent = file.extent(page);
+                    let stored = &bytes[extent.offset as usize..][..extent.stored_bytes as usize];
+                    file.install(page, stored, &mut frame, &mut scratch).expect("a sound page");
+                }
+                file.superblock().triangle_count
+            })
+        }
+        _ => panic!("no such step: {step}"),
+    };
+    println!("{steps}");
+}
