@@ -7,6 +7,7 @@
 //! Invariant: all that counts is called from [`measured`] and from nowhere else.
 
 use std::hint::black_box;
+use std::io::Write;
 use std::path::Path;
 use trex_render::camera::Camera;
 use trex_render::trace::probe::{Probe, Step};
@@ -70,5 +71,5 @@ fn main() {
         }
         _ => panic!("no such step: {step}"),
     };
-    println!("{steps}");
+    writeln!(std::io::stdout(), "{steps}").expect("stdout takes a line");
 }
