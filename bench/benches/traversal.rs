@@ -9,13 +9,12 @@
 //! Invariant: eight lanes and plain meet the same.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use datasets_gen::{GenOptions, Spec};
 use std::hint::black_box;
 use std::time::Duration;
+use trex_bench::model::{Model, Surroundings};
 use trex_render::camera::Camera;
 use trex_render::trace::probe::{Probe, Step};
 use trex_render::trace::{AllResident, Arithmetic, PagedMesh, Ray, Tracer};
-use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::{Budget, Interrupt, PageFile};
 
 /// More than the nearest caches hold.
@@ -30,21 +29,15 @@ const PROBE_STEP: usize = 997;
 const SAMPLES: usize = 20;
 
 fn built() -> PageFile {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("model.trex");
-    let spec = Spec::parse(MODEL).expect("a specification");
-    let mut source = datasets_gen::open(&spec, &GenOptions::default()).expect("a generator");
-    let options = BuildOptions {
-        precision: Precision::Default,
-        voxels: Voxels::None,
+    let folder = std::env::temp_dir();
+    let around = Surroundings {
         threads: 1,
         budget: Budget::new(BUILD_LIMIT_BYTES),
-        temp_dir: None,
-        existing: Existing::Keep,
+        folder,
         interrupt: Interrupt::default(),
     };
-    build(source.as_mut(), &path, &options, &|_| {}, &|_| {}).expect("a build");
-    PageFile::open(&path, &Budget::unlimited()).expect("a page file")
+    let model = Model::open(MODEL, &around).expect("a build");
+    PageFile::open(&model.path, &Budget::unlimited()).expect("a page file")
 }
 
 /// A ray through each pixel of a picture of the whole model, along rows.
