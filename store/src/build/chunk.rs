@@ -5,16 +5,16 @@
 
 use super::pages::{self, ChunkPages, PackContext};
 use super::partition::{CHUNK_TRIANGLES, Chunk};
-use super::sah::{Prim, split};
+use super::sah::{Prim, Splitter};
 use super::scratch::{LatticeTriangle, Scratch};
 use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::error::Result;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
-/// Memory that one worker takes: triangles (80 B), primitives (28 B), clusters and tree (about 40 B), the read
+/// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (about 40 B), the read
 /// buffer and the pages that wait for their turn (about 30 B).
 pub(super) fn worker_bytes() -> u64 {
-    CHUNK_TRIANGLES * (80 + 28 + 40 + 32)
+    CHUNK_TRIANGLES * (80 + 44 + 40 + 32)
 }
 
 /// A node of the binary tree over a chunk's clusters.
@@ -40,6 +40,7 @@ pub(super) struct Workspace {
     run: Vec<LatticeTriangle>,
     triangles: Vec<LatticeTriangle>,
     prims: Vec<Prim>,
+    splitter: Splitter,
     orderer: Orderer,
 }
 
@@ -76,7 +77,7 @@ impl Workspace {
             Prim::of(&exact, all.lo, index as u32)
         }));
         let mut out = Clusters::default();
-        out.grow(&mut self.prims, &self.triangles);
+        out.grow(&mut self.splitter, &mut self.prims, &self.triangles);
         for cluster in &mut out.clusters {
             let ordered = self.orderer.ordered(cluster);
             out.page_bytes.push(ordered.page_bytes());
@@ -88,9 +89,9 @@ impl Workspace {
 
 impl Clusters {
     /// Adds the subtree over `prims`; gives its node.
-    fn grow(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> u32 {
+    fn grow(&mut self, splitter: &mut Splitter, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> u32 {
         if prims.len() <= CLUSTER_TRIANGLES {
-            order_leaves(prims);
+            order_leaves(splitter, prims);
             if let Some(cluster) = cluster_of(prims, triangles) {
                 self.tree.push((cluster.bounds(), Tree::Cluster(self.clusters.len() as u32)));
                 self.clusters.push(cluster);
@@ -98,9 +99,10 @@ impl Clusters {
             }
         }
         let quantum = if prims.len() > CLUSTER_TRIANGLES { CLUSTER_TRIANGLES } else { LEAF_TRIANGLES };
-        let cut = split(prims, quantum);
+        let cut = splitter.split(prims, quantum);
         let (left, right) = prims.split_at_mut(cut);
-        let (left, right) = (self.grow(left, triangles), self.grow(right, triangles));
+        let left = self.grow(splitter, left, triangles);
+        let right = self.grow(splitter, right, triangles);
         let bounds = self.tree[left as usize].0.join(&self.tree[right as usize].0);
         self.tree.push((bounds, Tree::Split(left, right)));
         self.tree.len() as u32 - 1
@@ -108,15 +110,15 @@ impl Clusters {
 }
 
 /// Orders a cluster's primitives so that each eight in a row make a tight leaf.
-fn order_leaves(prims: &mut [Prim]) {
+fn order_leaves(splitter: &mut Splitter, prims: &mut [Prim]) {
     if prims.len() <= LEAF_TRIANGLES {
         prims.sort_unstable_by_key(|prim| prim.index);
         return;
     }
-    let cut = split(prims, LEAF_TRIANGLES);
+    let cut = splitter.split(prims, LEAF_TRIANGLES);
     let (left, right) = prims.split_at_mut(cut);
-    order_leaves(left);
-    order_leaves(right);
+    order_leaves(splitter, left);
+    order_leaves(splitter, right);
 }
 
 /// Welds the primitives' corners; `None` when they are more than a cluster can hold. Vertices stand in the

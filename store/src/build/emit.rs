@@ -10,7 +10,7 @@ use super::lattice::{Scan, Tell};
 use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
 use super::partition::Partition;
 use super::publish::DraftFile;
-use super::sah::{Prim, split};
+use super::sah::{Prim, Splitter};
 use super::scratch::LatticeTriangle;
 use super::voxels::VoxelWork;
 use super::{BuildOptions, BuildReport, Voxels};
@@ -406,7 +406,7 @@ impl Writer<'_> {
         let mut prims: Vec<_> =
             self.roots.iter().enumerate().map(|(i, (b, _))| Prim::of(b, all.lo, i as u32)).collect();
         let mut tree = Vec::new();
-        grow(&mut prims, &self.roots, &mut tree);
+        grow(&mut Splitter::default(), &mut prims, &self.roots, &mut tree);
         let wide = Wide::over(&tree);
         let first = self.nodes.len() as u32;
         let word = |r: WideRef, roots: &[(LatticeBox, TopRef)]| match r {
@@ -424,6 +424,7 @@ impl Writer<'_> {
 
 /// The binary tree over chunk roots.
 fn grow(
+    splitter: &mut Splitter,
     prims: &mut [Prim],
     roots: &[(LatticeBox, TopRef)],
     tree: &mut Vec<(LatticeBox, super::chunk::Tree)>,
@@ -432,9 +433,10 @@ fn grow(
     if let [only] = prims {
         tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
     } else {
-        let cut = split(prims, 1);
+        let cut = splitter.split(prims, 1);
         let (left, right) = prims.split_at_mut(cut);
-        let (left, right) = (grow(left, roots, tree), grow(right, roots, tree));
+        let left = grow(splitter, left, roots, tree);
+        let right = grow(splitter, right, roots, tree);
         tree.push((tree[left as usize].0.join(&tree[right as usize].0), Tree::Split(left, right)));
     }
     tree.len() as u32 - 1

@@ -1,6 +1,8 @@
 //! Binned SAH splits that leave whole clusters (Wald, "On fast construction of SAH-based bounding volume
 //! hierarchies", 2007), with the cut moved to a multiple of the cluster or leaf size.
 //!
+//! Boxes have a fourth number, which means nothing: so a box is two vectors of four, and the compiler takes it as such.
+//!
 //! Invariants: 1. both sides get at least one primitive; 2. no side gets less than 1/8 (where the quantum
 //! allows), so depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result does not depend
 //! on the order of the input slice.
@@ -10,63 +12,142 @@ use crate::cluster::LatticeBox;
 /// A primitive of the tree: its box in f32 (for costs only) and what it stands for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prim {
-    pub(super) lo: [f32; 3],
-    pub(super) hi: [f32; 3],
+    lo: Four,
+    hi: Four,
     pub(super) index: u32,
 }
 
+/// x, y, z, and a number that means nothing.
+type Four = [f32; 4];
+
 impl Prim {
     pub(super) fn of(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
-        Prim {
-            lo: std::array::from_fn(|a| (exact.lo[a] - origin[a]) as f32),
-            hi: std::array::from_fn(|a| (exact.hi[a] - origin[a]) as f32),
-            index,
-        }
+        let relative = |at: &[i64; 3]| [0, 1, 2, 2].map(|a: usize| (at[a] - origin[a]) as f32);
+        Prim { lo: relative(&exact.lo), hi: relative(&exact.hi), index }
     }
 
     /// Twice the centre.
-    fn key(&self, axis: usize) -> f32 {
-        self.lo[axis] + self.hi[axis]
+    #[inline(always)]
+    fn keys(&self) -> Four {
+        std::array::from_fn(|a| self.lo[a] + self.hi[a])
+    }
+
+    /// A number that is ordered as the keys of an axis are, then as the indices.
+    #[inline(always)]
+    fn rank(&self, axis: usize) -> u64 {
+        let bits = (self.lo[axis] + self.hi[axis]).to_bits() as i32;
+        // Those below zero are ordered the other way round.
+        let ordered = (bits ^ ((bits >> 31) as u32 >> 1) as i32) as u32 ^ 1 << 31;
+        u64::from(ordered) << 32 | u64::from(self.index)
     }
 }
 
 const BINS: usize = 16;
 
-/// Reorders `prims` and cuts them in two; the left side has a multiple of `quantum` where more than one quantum
-/// is there. At least two primitives.
-pub(super) fn split(prims: &mut [Prim], quantum: usize) -> usize {
-    let n = prims.len();
-    assert!(n >= 2);
-    let (axis, wanted) = best_cut(prims).unwrap_or((0, n / 2));
-    let balanced = wanted.clamp(n / 8, n - n / 8);
-    let cut = if n > quantum {
-        let last = (n - 1) / quantum * quantum;
-        ((balanced + quantum / 2) / quantum * quantum).clamp(quantum, last)
-    } else {
-        balanced.clamp(1, n - 1)
-    };
-    prims.select_nth_unstable_by(cut, |a, b| a.key(axis).total_cmp(&b.key(axis)).then(a.index.cmp(&b.index)));
-    cut
+/// Splits, and the memory that they share.
+#[derive(Default)]
+pub(super) struct Splitter {
+    ranks: Vec<u64>,
 }
 
-/// Axis and left count of the cheapest bin boundary; `None` when all centres are equal.
-fn best_cut(prims: &[Prim]) -> Option<(usize, usize)> {
-    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for prim in prims {
-        for axis in 0..3 {
-            lo[axis] = lo[axis].min(prim.key(axis));
-            hi[axis] = hi[axis].max(prim.key(axis));
+/// Where to cut: the bins of an axis.
+struct Cut {
+    axis: usize,
+    bins: Binning,
+    counts: [usize; BINS],
+    /// Primitives before the cheapest boundary.
+    left: usize,
+}
+
+impl Splitter {
+    /// Reorders `prims` and cuts them in two; the left side has a multiple of `quantum` where more than one quantum
+    /// is there. At least two primitives.
+    pub(super) fn split(&mut self, prims: &mut [Prim], quantum: usize) -> usize {
+        let n = prims.len();
+        assert!(n >= 2);
+        let best = best_cut(prims);
+        let wanted = best.as_ref().map_or(n / 2, |best| best.left);
+        let balanced = wanted.clamp(n / 8, n - n / 8);
+        let cut = if n > quantum {
+            let last = (n - 1) / quantum * quantum;
+            ((balanced + quantum / 2) / quantum * quantum).clamp(quantum, last)
+        } else {
+            balanced.clamp(1, n - 1)
+        };
+        let axis = best.as_ref().map_or(0, |best| best.axis);
+        let pivot = self.rank_at(prims, cut, best.as_ref());
+        let mut left = 0;
+        for i in 0..n {
+            // No branch: each goes behind those of the left side, and stays there if it is one.
+            let is_left = prims[i].rank(axis) < pivot;
+            prims.swap(i, left);
+            left += usize::from(is_left);
         }
+        debug_assert_eq!(left, cut, "ranks differ");
+        cut
     }
-    let scale: [f32; 3] = std::array::from_fn(|a| {
+
+    /// The rank that `cut` others are below: that of one in the bin that the cut goes through.
+    fn rank_at(&mut self, prims: &[Prim], cut: usize, best: Option<&Cut>) -> u64 {
+        self.ranks.clear();
+        let Some(Cut { axis, bins, counts, .. }) = best else {
+            self.ranks.extend(prims.iter().map(|prim| prim.rank(0)));
+            return *self.ranks.select_nth_unstable(cut).1;
+        };
+        let (mut bin, mut before) = (0, 0);
+        while before + counts[bin] <= cut {
+            before += counts[bin];
+            bin += 1;
+        }
+        for prim in prims {
+            if bins.one(prim.keys()[*axis], *axis) == bin {
+                self.ranks.push(prim.rank(*axis));
+            }
+        }
+        *self.ranks.select_nth_unstable(cut - before).1
+    }
+}
+
+/// From keys to bins. A greater key is never in a lower bin.
+#[derive(Clone, Copy)]
+struct Binning {
+    lo: Four,
+    scale: Four,
+}
+
+impl Binning {
+    #[inline(always)]
+    fn of(&self, keys: Four) -> [usize; 3] {
+        [self.one(keys[0], 0), self.one(keys[1], 1), self.one(keys[2], 2)]
+    }
+
+    /// Rounds down by arithmetic alone, exact for what an f32 from 0 to [`BINS`] can be: casts check for what cannot be here.
+    #[inline(always)]
+    fn one(&self, key: f32, axis: usize) -> usize {
+        const HALF: f64 = 0.5 - 1.0 / (1u64 << 30) as f64;
+        const INTEGERS: f64 = (3u64 << 51) as f64;
+        let place = f64::from((key - self.lo[axis]) * self.scale[axis]) - HALF + INTEGERS;
+        (place.to_bits() as u32 as usize).min(BINS - 1)
+    }
+}
+
+/// The cheapest bin boundary; `None` when all centres are equal.
+fn best_cut(prims: &[Prim]) -> Option<Cut> {
+    let (mut lo, mut hi) = (Bin::EMPTY.lo, Bin::EMPTY.hi);
+    for prim in prims {
+        let keys = prim.keys();
+        (lo, hi) = (least(lo, keys), most(hi, keys));
+    }
+    let scale = std::array::from_fn(|a| {
         let width = hi[a] - lo[a];
         if width > 0.0 { BINS as f32 * (1.0 - 1e-6) / width } else { 0.0 }
     });
+    let binning = Binning { lo, scale };
     let mut bins = [[Bin::EMPTY; BINS]; 3];
     for prim in prims {
-        for axis in 0..3 {
-            let bin = ((prim.key(axis) - lo[axis]) * scale[axis]) as usize;
-            bins[axis][bin.min(BINS - 1)].add(prim);
+        let [x, y, z] = binning.of(prim.keys());
+        for (bins, bin) in bins.iter_mut().zip([x, y, z]) {
+            bins[bin].add(prim);
         }
     }
     let mut best = (f32::INFINITY, None);
@@ -86,32 +167,28 @@ fn best_cut(prims: &[Prim]) -> Option<(usize, usize)> {
             }
         }
     }
-    best.1
+    best.1.map(|(axis, left)| Cut { axis, bins: binning, counts: bins[axis].map(|bin| bin.count), left })
 }
 
 #[derive(Clone, Copy)]
 struct Bin {
-    lo: [f32; 3],
-    hi: [f32; 3],
+    lo: Four,
+    hi: Four,
     count: usize,
 }
 
 impl Bin {
-    const EMPTY: Bin = Bin { lo: [f32::INFINITY; 3], hi: [f32::NEG_INFINITY; 3], count: 0 };
+    const EMPTY: Bin = Bin { lo: [f32::INFINITY; 4], hi: [f32::NEG_INFINITY; 4], count: 0 };
 
+    #[inline(always)]
     fn add(&mut self, prim: &Prim) {
-        for axis in 0..3 {
-            self.lo[axis] = self.lo[axis].min(prim.lo[axis]);
-            self.hi[axis] = self.hi[axis].max(prim.hi[axis]);
-        }
+        (self.lo, self.hi) = (least(self.lo, prim.lo), most(self.hi, prim.hi));
         self.count += 1;
     }
 
+    #[inline(always)]
     fn join(&mut self, other: &Bin) {
-        for axis in 0..3 {
-            self.lo[axis] = self.lo[axis].min(other.lo[axis]);
-            self.hi[axis] = self.hi[axis].max(other.hi[axis]);
-        }
+        (self.lo, self.hi) = (least(self.lo, other.lo), most(self.hi, other.hi));
         self.count += other.count;
     }
 
@@ -119,7 +196,65 @@ impl Bin {
         if self.count == 0 {
             return 0.0;
         }
-        let [x, y, z]: [f32; 3] = std::array::from_fn(|a| self.hi[a] - self.lo[a]);
+        let [x, y, z, _]: Four = std::array::from_fn(|a| self.hi[a] - self.lo[a]);
         (x * y + y * z + z * x) * self.count as f32
+    }
+}
+
+// Comparisons, where `f32::min` would ask for NaN: one instruction for all four.
+
+#[inline(always)]
+fn least(a: Four, b: Four) -> Four {
+    std::array::from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
+}
+
+#[inline(always)]
+fn most(a: Four, b: Four) -> Four {
+    std::array::from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn bins_are_rounded_down() {
+        let binning = Binning { lo: [0.0; 4], scale: [1.0; 4] };
+        for whole in 0..BINS {
+            let key = whole as f32;
+            assert_eq!(binning.one(key, 0), whole);
+            assert_eq!(binning.one(key.next_up(), 1), whole);
+            assert_eq!(binning.one(key + 0.5, 2), whole);
+            assert_eq!(binning.one((key + 1.0).next_down(), 0), whole);
+        }
+        assert_eq!(binning.one(BINS as f32, 0), BINS - 1);
+    }
+
+    proptest! {
+        /// Against a sort by centre, then index, along the axis that tells the sides apart.
+        #[test]
+        fn the_left_side_has_the_least(corners in proptest::collection::vec(proptest::array::uniform3(-40i64..40), 2..300)) {
+            let boxed = |(i, lo): (usize, &[i64; 3])| {
+                let exact = LatticeBox { lo: *lo, hi: lo.map(|v| v + (i % 7) as i64) };
+                Prim::of(&exact, [-3; 3], i as u32)
+            };
+            let mut prims: Vec<_> = corners.iter().enumerate().map(boxed).collect();
+            let quantum = 8;
+            let cut = Splitter::default().split(&mut prims, quantum);
+            prop_assert!(cut > 0 && cut < prims.len() && (prims.len() <= quantum || cut.is_multiple_of(quantum)));
+            let mut indices: Vec<_> = prims.iter().map(|prim| prim.index).collect();
+            indices.sort_unstable();
+            prop_assert!(indices.iter().enumerate().all(|(i, &index)| i == index as usize));
+            let left_is_least = |axis: usize| {
+                let key = |prim: &Prim| {
+                    let [lo, size] = [corners[prim.index as usize][axis], i64::from(prim.index % 7)];
+                    (2 * lo + size, prim.index)
+                };
+                let most = prims[..cut].iter().map(key).max();
+                most < prims[cut..].iter().map(key).min()
+            };
+            prop_assert!((0..3).any(left_is_least));
+        }
     }
 }

@@ -244,17 +244,21 @@ const CORNERS: usize = 9;
 
 /// Area of the part of a triangle inside a box: cut by the six planes (Sutherland and Hodgman), in f64.
 fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
-    let mut polygon = [[0f64; 3]; CORNERS];
+    let (mut polygon, mut left) = ([[0f64; 3]; CORNERS], [[0f64; 3]; CORNERS]);
     let mut count = 3;
     for (p, c) in polygon.iter_mut().zip(corner) {
         *p = std::array::from_fn(|a| (c[a] - lo[a]) as f64);
     }
     for a in 0..3 {
-        for (sign, bound) in [(1.0, 0.0), (-1.0, side as f64)] {
-            let mut left = [[0f64; 3]; CORNERS];
+        let (least, most) = corner.iter().fold((i64::MAX, i64::MIN), |(l, m), c| (l.min(c[a]), m.max(c[a])));
+        for (sign, bound, cuts) in [(1.0, 0.0, least < lo[a]), (-1.0, side as f64, most > lo[a] + side)] {
+            // Most planes have the triangle on one side.
+            if !cuts {
+                continue;
+            }
             let mut kept = 0;
             for i in 0..count {
-                let (p, next) = (polygon[i], polygon[(i + 1) % count]);
+                let (p, next) = (polygon[i], polygon[if i + 1 < count { i + 1 } else { 0 }]);
                 let (d, e) = (sign * (p[a] - bound), sign * (next[a] - bound));
                 if d >= 0.0 && kept < CORNERS {
                     left[kept] = p;
@@ -266,7 +270,8 @@ fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
                     kept += 1;
                 }
             }
-            (polygon, count) = (left, kept);
+            polygon[..kept].copy_from_slice(&left[..kept]);
+            count = kept;
         }
     }
     let mut sum = [0.0; 3];
