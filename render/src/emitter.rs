@@ -31,7 +31,10 @@ pub struct Emitters {
 
 #[derive(Clone, Copy, Debug)]
 struct Kept {
-    corners: [[f64; 3]; 3],
+    corner: [f64; 3],
+    /// From there to the other two.
+    edges: [[f64; 3]; 2],
+    normal: [f64; 3],
     radiance: [f32; 3],
 }
 
@@ -46,8 +49,16 @@ pub struct EmitterPoint {
     pub radiance: [f32; 3],
     /// Density of this point, per area in square model units.
     pub density: f64,
-    /// Longest edge of its triangle, model units.
-    pub size: f64,
+    /// Two edges of its triangle, model units.
+    edges: [[f64; 3]; 2],
+}
+
+impl EmitterPoint {
+    /// Longest edge of the point's triangle, model units.
+    pub fn size(&self) -> f64 {
+        let [ab, ac] = self.edges;
+        [ab, ac, sub(ac, ab)].map(length).into_iter().fold(0.0, f64::max)
+    }
 }
 
 impl Emitters {
@@ -66,11 +77,14 @@ impl Emitters {
         let mut total = 0.0;
         for emitter in emitters {
             let radiance = materials[emitter.material as usize].ke;
-            let area = 0.5 * length(doubled_area(&emitter.corners));
+            let [corner, b, c] = emitter.corners;
+            let edges = [sub(b, corner), sub(c, corner)];
+            let doubled = cross(edges[0], edges[1]);
+            let area = 0.5 * length(doubled);
             let power = area * brightness(radiance);
             if power > 0.0 && power.is_finite() {
                 total += power;
-                all.kept.push(Kept { corners: emitter.corners, radiance });
+                all.kept.push(Kept { corner, edges, normal: scale(0.5 / area, doubled), radiance });
                 all.cumulated.push(total);
                 all.radiance_area = add_rgb(all.radiance_area, scale_rgb(area as f32, radiance));
                 emitter.corners.iter().for_each(|&corner| all.bounds.add(corner));
@@ -111,19 +125,16 @@ impl Emitters {
     pub fn sample(&self, pick: f32, u: [f32; 2]) -> EmitterPoint {
         let pick = f64::from(pick);
         let index = self.cumulated.partition_point(|&sum| sum <= pick).min(self.kept.len() - 1);
-        let before = if index == 0 { 0.0 } else { self.cumulated[index - 1] };
-        let Kept { corners: [a, b, c], radiance } = self.kept[index];
+        let Kept { corner, edges, normal, radiance } = self.kept[index];
         // The square folded to the triangle keeps strata whole: P. Shirley and K. Chiu (1997).
         let root = f64::from(u[0]).sqrt();
         let (s, t) = (root * (1.0 - f64::from(u[1])), root * f64::from(u[1]));
-        let normal = doubled_area(&[a, b, c]);
-        let doubled = length(normal);
         EmitterPoint {
-            point: along(along(a, s, sub(b, a)), t, sub(c, a)),
-            normal: scale(1.0 / doubled, normal),
+            point: along(along(corner, s, edges[0]), t, edges[1]),
+            normal,
             radiance,
-            density: (self.cumulated[index] - before) / (0.5 * doubled),
-            size: [sub(b, a), sub(c, b), sub(a, c)].map(length).into_iter().fold(0.0, f64::max),
+            density: self.density(radiance),
+            edges,
         }
     }
 }
@@ -131,10 +142,6 @@ impl Emitters {
 /// One number for how much light a colour is: the mean, so that no colour counts as dark.
 pub(crate) fn brightness(rgb: [f32; 3]) -> f64 {
     rgb.iter().map(|&x| f64::from(x)).sum::<f64>() / 3.0
-}
-
-fn doubled_area([a, b, c]: &[[f64; 3]; 3]) -> [f64; 3] {
-    cross(sub(*b, *a), sub(*c, *a))
 }
 
 #[cfg(test)]

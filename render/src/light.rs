@@ -348,7 +348,7 @@ impl Source<'_> {
                 surface_sample(at, point, unit(normal)?, *radiance, 1.0 / length(normal))
             }
             Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => {
-                let (direction, density) = scatter_rough(at.material, at.normal, at.to_viewer, u)?;
+                let (direction, density, _) = scatter_rough(at.material, at.normal, at.to_viewer, u)?;
                 let weight = scale_rgb((1.0 / density) as f32, *radiance);
                 Some(LightSample { direction, distance: f64::INFINITY, front: None, weight, density })
             }

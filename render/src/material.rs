@@ -12,8 +12,12 @@ use trex_store::Material;
 
 /// The BSDF (1/sr, linear RGB) for unit directions away from the surface, both on the side of unit `normal`.
 pub fn bsdf(material: &Material, normal: [f64; 3], to_viewer: [f64; 3], to_light: [f64; 3]) -> [f32; 3] {
-    let glossy = if material.mirror { 0.0 } else { lobe(material.ns, normal, to_viewer, to_light) };
-    std::array::from_fn(|c| material.kd[c] * FRAC_1_PI + material.ks[c] * glossy)
+    with_lobe(material, lobe(material, normal, to_viewer, to_light))
+}
+
+/// The BSDF where the lobe is known.
+fn with_lobe(material: &Material, lobe: f32) -> [f32; 3] {
+    std::array::from_fn(|c| material.kd[c] * FRAC_1_PI + material.ks[c] * lobe)
 }
 
 /// The BSDF of a diffuse surface that reflects as much as this one does on average over all directions: what a place looks like
@@ -29,16 +33,26 @@ fn lobe_albedo(ns: f32) -> f32 {
     2.0 / 3.0 + 1.0 / (6.0 + ns * (7.4 + 0.75 * ns))
 }
 
-/// `(n + 2) / (2 pi) cos^n` of the angle between `to_light` and the mirror image of `to_viewer`.
-fn lobe(ns: f32, normal: [f64; 3], to_viewer: [f64; 3], to_light: [f64; 3]) -> f32 {
+/// `(n + 2) / (2 pi) cos^n` of the angle between `to_light` and the mirror image of `to_viewer`; 0 where there is no lobe.
+fn lobe(material: &Material, normal: [f64; 3], to_viewer: [f64; 3], to_light: [f64; 3]) -> f32 {
+    if !has_lobe(material) {
+        return 0.0;
+    }
     let cos = -dot(reflect(to_viewer, normal), to_light);
-    if cos <= 0.0 { 0.0 } else { (ns + 2.0) / TAU * cos.min(1.0).powf(f64::from(ns)) as f32 }
+    if cos <= 0.0 {
+        0.0
+    } else {
+        (material.ns + 2.0) / TAU * cos.min(1.0).powf(f64::from(material.ns)) as f32
+    }
+}
+
+fn has_lobe(material: &Material) -> bool {
+    !material.mirror && material.ks.iter().any(|&k| k > 0.0)
 }
 
 /// True when the surface returns light that a shadow ray can bring: a pure mirror does not.
 pub fn takes_shadow_rays(material: &Material) -> bool {
-    let lobe = !material.mirror && material.ks.iter().any(|&k| k > 0.0);
-    lobe || material.kd.iter().any(|&k| k > 0.0)
+    has_lobe(material) || material.kd.iter().any(|&k| k > 0.0)
 }
 
 /// A direction that light is looked for in.
@@ -72,22 +86,23 @@ pub fn scatter(
         lobe_direction(mirrored, material.ns, [u, v])
     };
     let cos = dot(direction, normal);
-    let density = scatter_density(material, normal, to_viewer, direction);
-    let weight = scale_rgb((cos / density) as f32, bsdf(material, normal, to_viewer, direction));
+    let lobe = lobe(material, normal, to_viewer, direction);
+    let density = density(material, diffuse, cos, lobe);
+    let weight = scale_rgb((cos / density) as f32, with_lobe(material, lobe));
     (cos > 0.0 && density > 0.0).then_some(Scatter { direction, weight, density: Some(density) })
 }
 
 /// As [`scatter`], for light from everywhere: never the mirror's one direction. Drawing the sky like this and not by
-/// the cosine keeps shiny materials free of sparks. The direction and its density per solid angle.
+/// the cosine keeps shiny materials free of sparks. The direction, its density per solid angle, and `bsdf * cos / density`.
 pub(crate) fn scatter_rough(
     material: &Material,
     normal: [f64; 3],
     to_viewer: [f64; 3],
     [pick, u, v]: [f32; 3],
-) -> Option<([f64; 3], f64)> {
+) -> Option<([f64; 3], f64, [f32; 3])> {
     let rough = rough_chance(material)?;
     let drawn = scatter(material, normal, to_viewer, [pick * rough as f32, u, v, 0.0])?;
-    Some((drawn.direction, drawn.density? / rough))
+    Some((drawn.direction, drawn.density? / rough, scale_rgb(rough as f32, drawn.weight)))
 }
 
 /// Density (per solid angle) with which [`scatter_rough`] draws unit `direction`.
@@ -116,14 +131,15 @@ pub fn scatter_density(
     direction: [f64; 3],
 ) -> f64 {
     let Some(diffuse) = diffuse_chance(material) else { return 0.0 };
-    let cosine = diffuse * dot(normal, direction).max(0.0) * std::f64::consts::FRAC_1_PI;
-    if material.mirror || diffuse == 1.0 {
-        return cosine;
-    }
+    density(material, diffuse, dot(normal, direction), lobe(material, normal, to_viewer, direction))
+}
+
+/// The same where the chance to scatter by the cosine, that cosine and the lobe are known.
+fn density(material: &Material, diffuse: f64, cos: f64, lobe: f32) -> f64 {
+    let cosine = diffuse * cos.max(0.0) * std::f64::consts::FRAC_1_PI;
     // The lobe's own factor is n + 2, that of its density n + 1.
     let ns = f64::from(material.ns);
-    let lobe = f64::from(lobe(material.ns, normal, to_viewer, direction)) * (ns + 1.0) / (ns + 2.0);
-    cosine + (1.0 - diffuse) * lobe
+    cosine + (1.0 - diffuse) * (f64::from(lobe) * (ns + 1.0) / (ns + 2.0))
 }
 
 /// Chance to scatter by the cosine; `None` for black.

@@ -11,8 +11,8 @@
 
 use crate::full_gi::GatherRay;
 use crate::integrator::{Integrator, Path, Stage};
-use crate::material::{bsdf, scatter_rough};
-use crate::math::{dot, max_rgb, mul_rgb, scale_rgb};
+use crate::material::scatter_rough;
+use crate::math::{max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::Decision;
 use crate::surface::Surface;
 use crate::trace::{Answer, Tracer};
@@ -63,9 +63,8 @@ impl Integrator<'_> {
         let material = &world.materials[surface.material as usize];
         let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index, count });
         let (normal, to_viewer) = (surface.normal, surface.to_viewer);
-        let (direction, density) = scatter_rough(material, normal, to_viewer, [u[0], u[1], u[2]])?;
-        let weight = (dot(normal, direction) / (density * f64::from(count))) as f32;
-        let weight = scale_rgb(weight, bsdf(material, normal, to_viewer, direction));
+        let (direction, _, weight) = scatter_rough(material, normal, to_viewer, [u[0], u[1], u[2]])?;
+        let weight = scale_rgb(1.0 / count as f32, weight);
         (max_rgb(weight) > 0.0).then_some((direction, weight))
     }
 

@@ -118,7 +118,7 @@ impl<'a> PhotonSources<'a> {
                 Emission {
                     origin: on.point,
                     front: Some(on.normal),
-                    size: on.size,
+                    size: on.size(),
                     direction: cosine_direction(on.normal, [u, v]),
                     flux: scale_rgb((PI / on.density) as f32, on.radiance),
                 }
