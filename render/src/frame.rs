@@ -332,7 +332,8 @@ impl Piece<'_> {
         Job {
             tile,
             from,
-            pending: (0..count * pixels).map(pending).collect(),
+            // The samples of a pixel together: rays that are alike are neighbours.
+            pending: (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect(),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
             indirect: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],

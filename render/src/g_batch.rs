@@ -1,7 +1,7 @@
 //! Rays of many samples through the voxels, traced together: what one sample asks for after a hit is too little to keep a processor busy.
 //!
 //! ```text
-//! path at a surface -> asks: its shadow (or gather) rays go to the batch, the path waits
+//! path at a surface -> asks: its shadow and gather rays go to the batch, the path waits
 //!                      all paths of a tile have asked or ended -> the batch is traced -> each takes its answers, in order
 //! ```
 //!
@@ -22,22 +22,14 @@ use std::ops::Range;
 /// Rays of one path in a batch: bounds what a batch holds, whatever `n_shadow` and `n_gather`.
 const ASKED_MAX: u32 = 16;
 
-/// Rays that ask the voxels, and their answers.
+/// Rays that ask the voxels, and their answers. All kinds in one: the more rays side by side, the fewer lanes stand empty.
 #[derive(Debug, Default)]
 pub(crate) struct GBatch {
-    /// C-rays behind the cut of the footprint rule; without entries.
-    far: Asked<Option<VoxelHit>>,
-    shadow: Asked<bool>,
-    gather: Asked<Option<VoxelHit>>,
-}
-
-/// Rays of one kind.
-#[derive(Debug, Default)]
-struct Asked<A> {
-    /// In the order of asking: which ray, if anything is left of it, and the weight of what it brings.
+    /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it brings.
     entries: Vec<(Option<u32>, [f32; 3])>,
+    /// These, and C-rays behind the cut of the footprint rule.
     rays: Vec<GRay>,
-    answers: Vec<A>,
+    answers: Vec<Option<VoxelHit>>,
 }
 
 /// The batch that is asked, and the one before, whose answers are taken meanwhile.
@@ -51,18 +43,35 @@ pub(crate) struct GBatches {
 #[derive(Clone, Debug)]
 pub(crate) struct Place {
     surface: Surface,
-    /// The first ray that is still to be asked.
-    next: u32,
-    entries: Range<u32>,
+    shadow: Part,
+    gather: Part,
 }
 
-impl<A> Asked<A> {
+/// Entries of one kind.
+#[derive(Clone, Debug)]
+struct Part {
+    entries: Range<u32>,
+    /// The first ray that is still to be asked.
+    next: u32,
+}
+
+impl GBatch {
+    /// Asks for the rest of a C-ray. Its place.
+    pub(crate) fn push_far(&mut self, far: &FarRay) -> u32 {
+        self.rays.push(far.ray);
+        self.rays.len() as u32 - 1
+    }
+
     fn push(&mut self, ray: Option<GRay>, weight: [f32; 3]) {
         let place = ray.map(|ray| {
             self.rays.push(ray);
             self.rays.len() as u32 - 1
         });
         self.entries.push((place, weight));
+    }
+
+    fn entries(&self, part: &Part) -> &[(Option<u32>, [f32; 3])] {
+        &self.entries[part.entries.start as usize..part.entries.end as usize]
     }
 
     fn clear(&mut self) {
@@ -72,28 +81,13 @@ impl<A> Asked<A> {
     }
 }
 
-impl GBatch {
-    /// Asks for the rest of a C-ray. Its place.
-    pub(crate) fn push_far(&mut self, far: &FarRay) -> u32 {
-        self.far.rays.push(far.ray);
-        self.far.rays.len() as u32 - 1
-    }
-
-    fn clear(&mut self) {
-        self.far.clear();
-        self.shadow.clear();
-        self.gather.clear();
-    }
-}
-
 impl GBatches {
     /// Bytes that the batches of so many paths take.
     pub(crate) fn bytes(path_count: usize) -> u64 {
-        let entry = size_of::<(Option<u32>, [f32; 3])>() + size_of::<GRay>();
-        let both = 2 * entry + size_of::<bool>() + size_of::<Option<VoxelHit>>();
-        let far = size_of::<GRay>() + size_of::<Option<VoxelHit>>();
+        let ray = size_of::<GRay>() + size_of::<Option<VoxelHit>>();
+        let entry = size_of::<(Option<u32>, [f32; 3])>() + ray;
         // Two batches, of vectors that grow by doubling.
-        (4 * path_count * (far + ASKED_MAX as usize * both)) as u64
+        (4 * path_count * (ray + ASKED_MAX as usize * entry)) as u64
     }
 
     /// Forgets all.
@@ -117,7 +111,7 @@ impl Integrator<'_> {
     /// Takes what a ray behind the cut has met.
     pub(crate) fn take_far(&self, far: &FarRay, place: u32, batch: &GBatch) -> Option<Hit> {
         let voxels = &self.stand_in.expect("batches have voxels").voxels;
-        far.hit(voxels, batch.far.answers[place as usize])
+        far.hit(voxels, batch.answers[place as usize])
     }
 
     /// Answers what has been asked, so that it can be taken.
@@ -125,77 +119,60 @@ impl Integrator<'_> {
         let scene = self.stand_in.expect("batches have voxels");
         batches.answered.clear();
         std::mem::swap(&mut batches.asked, &mut batches.answered);
-        let GBatch { far, shadow, gather } = &mut batches.answered;
-        far.answers.resize(far.rays.len(), None);
-        scene.voxels.intersect_batch(&far.rays, &mut far.answers);
-        shadow.answers.resize(shadow.rays.len(), false);
-        scene.voxels.occluded_batch(&shadow.rays, &mut shadow.answers);
-        gather.answers.resize(gather.rays.len(), None);
-        scene.voxels.intersect_batch(&gather.rays, &mut gather.answers);
+        let GBatch { rays, answers, .. } = &mut batches.answered;
+        answers.resize(rays.len(), None);
+        scene.voxels.intersect_batch(rays, answers);
     }
 
-    /// Asks for the shadow rays of a surface, from number `index` on.
-    pub(crate) fn ask_shadow(
+    /// Asks for the shadow rays of a surface, from number `shadow` on, and with the last of them for the gather rays, from
+    /// number `gather` on.
+    pub(crate) fn ask(
         &self,
         path: &mut Path,
-        (surface, index): (&Surface, u32),
+        surface: &Surface,
+        [shadow, gather]: [u32; 2],
         batch: &mut GBatch,
     ) -> Stage {
         let scene = self.voxels.expect("batches have voxels");
-        let next = self.world.n_shadow.min(index + ASKED_MAX);
-        let from = batch.shadow.entries.len() as u32;
-        for index in index..next {
+        let (from, next) = (batch.entries.len() as u32, self.world.n_shadow.min(shadow + ASKED_MAX));
+        let left = if next == self.world.n_shadow { ASKED_MAX - (next - shadow) } else { 0 };
+        for index in shadow..next {
             if let Some(query) = self.shadow_query(path, surface, index) {
                 self.count_shadow_ray(path);
                 let ray = scene.leave(surface, query.direction, query.distance, query.front);
-                batch.shadow.push(ray, query.light);
+                batch.push(ray, query.light);
             }
         }
-        let entries = from..batch.shadow.entries.len() as u32;
-        Stage::TakeShadow(Place { surface: *surface, next, entries })
+        let shadow = Part { entries: from..batch.entries.len() as u32, next };
+        let next = self.n_gather().min(gather + left);
+        for index in gather..next {
+            if let Some((direction, weight)) = self.gather_query(path, surface, index) {
+                batch.push(scene.leave(surface, direction, f64::INFINITY, None), weight);
+            }
+        }
+        let gather = Part { entries: shadow.entries.end..batch.entries.len() as u32, next };
+        Stage::TakeGRays(Place { surface: *surface, shadow, gather })
     }
 
     /// Takes what these rays brought.
-    pub(crate) fn take_shadow(&self, path: &mut Path, place: &Place, batch: &GBatch) -> Stage {
-        let Asked { entries, answers, .. } = &batch.shadow;
-        for &(ray, light) in &entries[place.entries.start as usize..place.entries.end as usize] {
-            if ray.is_none_or(|ray| !answers[ray as usize]) {
+    pub(crate) fn take(&self, path: &mut Path, place: &Place, batch: &GBatch) -> Stage {
+        let Place { surface, shadow, gather } = place;
+        for &(ray, light) in batch.entries(shadow) {
+            if ray.is_none_or(|ray| batch.answers[ray as usize].is_none()) {
                 path.gain(light);
             }
         }
-        self.after_shadow_ray(place.surface, place.next)
-    }
-
-    /// Asks for the gather rays of a surface, from number `index` on.
-    pub(crate) fn ask_gather(
-        &self,
-        path: &mut Path,
-        (surface, index): (&Surface, u32),
-        batch: &mut GBatch,
-    ) -> Stage {
-        let scene = self.voxels.expect("batches have voxels");
-        let next = self.world.n_gather.min(index + ASKED_MAX);
-        let from = batch.gather.entries.len() as u32;
-        for index in index..next {
-            if let Some((direction, weight)) = self.gather_query(path, surface, index) {
-                batch.gather.push(scene.leave(surface, direction, f64::INFINITY, None), weight);
-            }
+        if shadow.next < self.world.n_shadow {
+            return Stage::Shadow { surface: *surface, index: shadow.next };
         }
-        let entries = from..batch.gather.entries.len() as u32;
-        Stage::TakeGather(Place { surface: *surface, next, entries })
-    }
-
-    /// Takes what these rays brought.
-    pub(crate) fn take_gather(&self, path: &mut Path, place: &Place, batch: &GBatch) -> Stage {
         let scene = self.voxels.expect("batches have voxels");
-        let Asked { entries, rays, answers } = &batch.gather;
-        for &(ray, weight) in &entries[place.entries.start as usize..place.entries.end as usize] {
+        for &(ray, weight) in batch.entries(gather) {
             let Some(ray) = ray.map(|ray| ray as usize) else { continue };
-            let found =
-                scene.gather_from((rays[ray], answers[ray]), &self.world.materials, self.world.lights.sky());
+            let found = (batch.rays[ray], batch.answers[ray]);
+            let found = scene.gather_from(found, &self.world.materials, self.world.lights.sky());
             path.sample.rays.gather += found.rays;
             path.gain_indirect(mul_rgb(weight, found.radiance));
         }
-        self.after_gather_ray(place.surface, place.next)
+        self.after_gather_ray(*surface, gather.next)
     }
 }

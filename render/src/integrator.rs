@@ -202,10 +202,8 @@ pub(crate) enum Stage {
         far: FarRay,
         place: u32,
     },
-    /// Shadow rays have been asked in a batch.
-    TakeShadow(Place),
-    /// Gather rays have.
-    TakeGather(Place),
+    /// Shadow and gather rays have been asked in a batch.
+    TakeGRays(Place),
     /// A ray that gathers light on the exact mesh, on its way.
     GatherRay(GatherRay),
     /// What comes after these.
@@ -372,10 +370,10 @@ impl<'a> Integrator<'a> {
                     Answer::Exact(self.c_ray_met(path, ray, behind(ray, *cut, *found), all))
                 }
                 (Stage::Shadow { surface, index }, Some(all)) if self.batches_g_rays() => {
-                    Answer::Exact(self.ask_shadow(path, (surface, *index), &mut all.asked))
+                    Answer::Exact(self.ask(path, surface, [*index, 0], &mut all.asked))
                 }
                 (Stage::Gather { surface, index }, Some(all)) if self.batches_g_rays() => {
-                    Answer::Exact(self.ask_gather(path, (surface, *index), &mut all.asked))
+                    Answer::Exact(self.ask(path, surface, [self.world.n_shadow, *index], &mut all.asked))
                 }
                 (Stage::Shadow { surface, index }, _) => self.shadow_step(path, surface, *index, tracer),
                 (Stage::Gather { surface, index }, _) => self.gather_step(path, surface, *index, tracer),
@@ -383,17 +381,10 @@ impl<'a> Integrator<'a> {
                     let hit = self.take_far(far, *place, &all.answered);
                     Answer::Exact(self.c_ray_end(path, ray, hit))
                 }
-                (Stage::TakeShadow(place), Some(all)) => {
-                    Answer::Exact(self.take_shadow(path, place, &all.answered))
-                }
-                (Stage::TakeGather(place), Some(all)) => {
-                    Answer::Exact(self.take_gather(path, place, &all.answered))
-                }
+                (Stage::TakeGRays(place), Some(all)) => Answer::Exact(self.take(path, place, &all.answered)),
                 (Stage::GatherRay(gather), _) => self.gather_ray_step(path, gather, tracer),
                 (Stage::Bounce(surface), _) => Answer::Exact(self.bounce(path, surface)),
-                (Stage::TakeFar { .. } | Stage::TakeShadow(_) | Stage::TakeGather(_), None) => {
-                    panic!("answers without a batch")
-                }
+                (Stage::TakeFar { .. } | Stage::TakeGRays(_), None) => panic!("answers without a batch"),
                 (Stage::Done, _) => panic!("a finished sample was asked again"),
             };
             match next {
@@ -403,8 +394,7 @@ impl<'a> Integrator<'a> {
                 }
                 Answer::Exact(Stage::Done) => return Step::Done(path.sample),
                 Answer::Exact(stage) => {
-                    let asks =
-                        matches!(stage, Stage::TakeFar { .. } | Stage::TakeShadow(_) | Stage::TakeGather(_));
+                    let asks = matches!(stage, Stage::TakeFar { .. } | Stage::TakeGRays(_));
                     path.stage = stage;
                     if asks {
                         return Step::Asks;
@@ -538,8 +528,12 @@ impl<'a> Integrator<'a> {
         if index < self.world.n_shadow {
             return Stage::Shadow { surface, index };
         }
-        let gathers = self.world.method.gathers() && self.world.n_gather > 0;
-        if gathers { Stage::Gather { surface, index: 0 } } else { Stage::Bounce(surface) }
+        self.after_gather_ray(surface, 0)
+    }
+
+    /// Gather rays at a surface.
+    pub(crate) fn n_gather(&self) -> u32 {
+        if self.world.method.gathers() { self.world.n_gather } else { 0 }
     }
 
     fn shadow_step<T: Tracer>(

@@ -49,7 +49,7 @@ impl Integrator<'_> {
 
     /// What follows the gather rays before number `index`.
     pub(crate) fn after_gather_ray(&self, surface: Surface, index: u32) -> Stage {
-        if index < self.world.n_gather { Stage::Gather { surface, index } } else { Stage::Bounce(surface) }
+        if index < self.n_gather() { Stage::Gather { surface, index } } else { Stage::Bounce(surface) }
     }
 
     /// Direction and weight of gather ray `index`; `None` where it could bring nothing.

@@ -54,9 +54,14 @@ impl Tile {
         self.size[0] * self.size[1]
     }
 
-    /// Pixel `index` of the tile, in rows, as (x, y) in the picture.
+    /// Pixel `index` of the tile as (x, y) in the picture: along a z-curve, so that a few in a row are close together;
+    /// in rows where the picture's edge cuts the tile.
     pub fn pixel(&self, index: u32) -> [u32; 2] {
-        [self.first[0] + index % self.size[0], self.first[1] + index / self.size[0]]
+        let [x, y] = match self.size {
+            [TILE_SIDE_PIXELS, TILE_SIDE_PIXELS] => [every_other(index), every_other(index >> 1)],
+            [width, _] => [index % width, index / width],
+        };
+        [self.first[0] + x, self.first[1] + y]
     }
 }
 
@@ -65,7 +70,7 @@ impl Tiles {
     pub fn z_curve(resolution: [u32; 2]) -> Tiles {
         let columns = columns(resolution);
         let mut order: Vec<u32> = (0..tile_count(resolution)).collect();
-        order.sort_unstable_by_key(|index| interleave(index % columns) | interleave(index / columns) << 1);
+        order.sort_by_cached_key(|index| interleave(index % columns) | interleave(index / columns) << 1);
         Tiles { resolution, order }
     }
 
@@ -128,6 +133,11 @@ fn interleave(x: u32) -> u32 {
     let x = (x | x << 4) & 0x0f0f_0f0f;
     let x = (x | x << 2) & 0x3333_3333;
     (x | x << 1) & 0x5555_5555
+}
+
+/// The even places of 6 bits.
+fn every_other(x: u32) -> u32 {
+    x & 1 | x >> 1 & 2 | x >> 2 & 4
 }
 
 #[cfg(test)]

@@ -90,7 +90,9 @@ fn the_sphere_around_a_light() {
     let expected = 0.6 / std::f64::consts::PI * 2.0 / 0.4;
     for voxels in ["64", "256"] {
         let photon = "photon --spp 16 --n-gather 8 --photons 1M";
-        let integrators = [(photon, 0.02), (&format!("{photon} --bake"), 0.02)];
+        // So many rays of a sample are asked in parts.
+        let in_parts = "photon --spp 2 --n-shadow 40 --n-gather 40 --photons 1M";
+        let integrators = [(photon, 0.02), (&format!("{photon} --bake"), 0.02), (in_parts, 0.02)];
         check(folder.path(), voxels, &scene, expected, &integrators);
     }
     let full = ("full-gi --spp 16 --n-gather 8 --photons 500k", 0.005);
