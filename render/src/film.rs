@@ -4,7 +4,8 @@
 //! 2. the samples of a pixel are added in the order of their index, so the bytes do not depend on threads;
 //! 3. all pixels of a tile have the same number of samples; 4. its memory is leased before it is taken.
 
-use crate::tile::{Tile, tile_count};
+use crate::tile::{Tile, tile, tile_count};
+use std::ops::Range;
 use trex_store::{Budget, Lease, Result};
 
 /// `id` of a pixel where no triangle is seen.
@@ -125,13 +126,29 @@ impl Film {
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
-        self.sums.fill([0.0; 3]);
-        self.counts.fill(0);
-        self.depth.fill(f32::INFINITY);
-        self.normal.fill([0.0; 3]);
-        self.albedo.fill([0.0; 3]);
-        self.id.fill(NO_ID);
-        self.indirect.fill([0.0; 3]);
+        fn fill<T: Copy>(layer: &mut [T], row: Range<usize>, value: T) {
+            // A layer that is not kept has no pixels.
+            if let Some(row) = layer.get_mut(row) {
+                row.fill(value);
+            }
+        }
+        for index in 0..self.counts.len() {
+            // Tiles without samples are as new: where views change fast, that is most of them.
+            if std::mem::take(&mut self.counts[index]) == 0 {
+                continue;
+            }
+            let Tile { first: [x, y], size: [width, height], .. } = tile(self.resolution, index as u32);
+            for y in y..y + height {
+                let at = self.place([x, y]);
+                let row = at..at + width as usize;
+                fill(&mut self.sums, row.clone(), [0.0; 3]);
+                fill(&mut self.depth, row.clone(), f32::INFINITY);
+                fill(&mut self.normal, row.clone(), [0.0; 3]);
+                fill(&mut self.albedo, row.clone(), [0.0; 3]);
+                fill(&mut self.id, row.clone(), NO_ID);
+                fill(&mut self.indirect, row, [0.0; 3]);
+            }
+        }
         self.is_smooth = false;
     }
 
@@ -176,7 +193,7 @@ impl Film {
         &mut self.smoothed
     }
 
-    /// Sets the layers of one pixel (x, y).
+    /// Sets the layers of one pixel (x, y), of a tile that has samples.
     pub fn set_layers(&mut self, pixel: [u32; 2], seen: &LayerPixel) {
         let at = self.place(pixel);
         if self.layers.kept().depth {

@@ -22,7 +22,7 @@ use std::time::Instant;
 use trex_store::{Code, Error, Result};
 
 /// Tiles that a worker previews at a time.
-const PREVIEW_TILES: u32 = 64;
+const PREVIEW_TILES: u32 = 256;
 /// Photons take this part of a frame while light changes.
 const PHOTON_PART: u32 = 2;
 /// Tiles ahead whose pages are guessed.
@@ -64,9 +64,9 @@ impl<T: PagedTracer + Send> Session<T> {
         Ok(())
     }
 
-    /// Goes on with the picture until a fetch block is done or `t_max` has passed. `spp`: samples that are enough. `stop` is
-    /// asked between tiles. Light that has changed comes by voxels, whether it was baked or not; for `full-gi` it comes when
-    /// [`Session::illuminate`] is called again.
+    /// Goes on with the picture until a fetch block is done, the picture is complete or `t_max` has passed. `spp`: samples that
+    /// are enough. `stop` is asked between tiles. Light that has changed comes by voxels, whether it was baked or not; for
+    /// `full-gi` it comes when [`Session::illuminate`] is called again.
     ///
     /// # Panics
     /// When the session is not live.
@@ -103,7 +103,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let tile = pixel.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
         match &self.live {
-            Some(live) if self.film.tile_samples(index) == 0 => live.shown.radiance(pixel),
+            Some(live) if self.film.tile_samples(index) == 0 => live.shown.radiance(pixel, index),
             _ => self.film.radiance(pixel),
         }
     }
@@ -169,7 +169,8 @@ impl<T: PagedTracer + Send> Session<T> {
                     return mine;
                 }
                 let end = tiles.count().min(from + PREVIEW_TILES);
-                let some: Vec<_> = (from..end).map(|turn| tiles.nth(turn)).collect();
+                // In rows: neighbours meet the same nodes.
+                let some: Vec<_> = (from..end).map(|index| tiles.tile(index)).collect();
                 let paths: Vec<_> = some.iter().map(|tile| integrator.start(middle(tile), 0)).collect();
                 mine.extend(some.into_iter().zip(integrator.previews(paths.iter()).unwrap_or_default()));
             }
@@ -225,7 +226,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let irradiance = irradiance(self.photons.as_ref(), next.as_ref());
         let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance)
             .with_photons(self.tree.as_ref());
-        let begin = Instant::now();
+        let (begin, was_complete) = (Instant::now(), self.film.samples() > 0);
         let mut total = PassStats::default();
         let mut wanted = u64::from(whole);
         if nth == Nth::First {
@@ -234,7 +235,8 @@ impl<T: PagedTracer + Send> Session<T> {
         while wanted > 0 && Instant::now() < deadline && !stop() {
             let samples = self.film.samples();
             if pass.as_ref().is_none_or(|pass| pass.is_done(&self.tiles)) {
-                if samples >= spp {
+                // A picture that has become complete is shown at once.
+                if samples >= spp || (samples > 0 && !was_complete) {
                     break;
                 }
                 *pass = None;

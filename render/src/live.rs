@@ -115,11 +115,13 @@ pub struct FrameReport {
 }
 
 /// What a tile shows while it has no samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Shows {
     Nothing,
-    /// One voxel ray for all of it, or the picture of the last state.
-    Preview,
+    /// What one voxel ray saw, linear RGB.
+    Preview([f32; 3]),
+    /// The picture of the last state.
+    Before,
     StandIn,
 }
 
@@ -136,7 +138,7 @@ impl Shown {
     /// Bytes that it takes at `resolution` (width, height; pixels).
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-        pixels * size_of::<[f32; 3]>() as u64 + u64::from(tile_count(resolution))
+        pixels * size_of::<[f32; 3]>() as u64 + u64::from(tile_count(resolution)) * size_of::<Shows>() as u64
     }
 
     pub(crate) fn new(resolution: [u32; 2], budget: &Budget) -> Result<Shown> {
@@ -146,9 +148,12 @@ impl Shown {
         Ok(Shown { resolution, radiance: vec![[0.0; 3]; pixels], tiles, _lease: lease })
     }
 
-    /// What the pixel (x, y) shows.
-    pub(crate) fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
-        self.radiance[self.place(pixel)]
+    /// What the pixel (x, y) of tile `tile` shows.
+    pub(crate) fn radiance(&self, pixel: [u32; 2], tile: u32) -> [f32; 3] {
+        match self.tiles[tile as usize] {
+            Shows::Preview(radiance) => radiance,
+            _ => self.radiance[self.place(pixel)],
+        }
     }
 
     pub(crate) fn set(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {
@@ -158,10 +163,7 @@ impl Shown {
 
     /// One colour for all of a tile.
     pub(crate) fn set_preview(&mut self, tile: &Tile, radiance: [f32; 3]) {
-        for index in 0..tile.pixel_count() {
-            self.set(tile.pixel(index), radiance);
-        }
-        self.tiles[tile.index as usize] = Shows::Preview;
+        self.tiles[tile.index as usize] = Shows::Preview(radiance);
     }
 
     pub(crate) fn has_stand_in(&self, tile: &Tile) -> bool {
@@ -180,7 +182,7 @@ impl Shown {
                 for pixel in (0..tile.pixel_count()).map(|pixel| tile.pixel(pixel)) {
                     self.set(pixel, film.radiance(pixel));
                 }
-                self.tiles[index as usize] = Shows::Preview;
+                self.tiles[index as usize] = Shows::Before;
             }
         }
     }

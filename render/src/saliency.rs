@@ -141,18 +141,22 @@ impl Plane {
     /// Blurred by a binomial of five along each axis; the border repeats.
     fn blurred(&self) -> Plane {
         let [width, height] = self.size;
-        let blur = |plane: &Plane, step: [usize; 2]| {
-            let value = |x: usize, y: usize| {
-                let tap = |i: usize| {
-                    let back = |at: usize, step: usize| (at + i * step).saturating_sub(2 * step);
-                    BINOMIAL[i] * plane.at(back(x, step[0]), back(y, step[1]))
-                };
-                (0..5).map(tap).sum()
-            };
-            let values = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y));
-            Plane { size: plane.size, values: values.collect() }
-        };
-        blur(&blur(self, [1, 0]), [0, 1])
+        let mut across = Vec::with_capacity(self.values.len());
+        let mut wider = Vec::with_capacity(width + 4);
+        for row in self.values.chunks_exact(width) {
+            wider.clear();
+            wider.extend([row[0]; 2]);
+            wider.extend_from_slice(row);
+            wider.extend([row[width - 1]; 2]);
+            across.extend(wider.windows(5).map(|taps| blur([taps[0], taps[1], taps[2], taps[3], taps[4]])));
+        }
+        let mut values = Vec::with_capacity(across.len());
+        for y in 0..height {
+            let row = |i: usize| &across[(y + i).saturating_sub(2).min(height - 1) * width..][..width];
+            let rows: [&[f32]; 5] = std::array::from_fn(row);
+            values.extend((0..width).map(|x| blur(rows.map(|row| row[x]))));
+        }
+        Plane { size: self.size, values }
     }
 
     /// Slope along an angle, without its sign.
@@ -214,6 +218,10 @@ impl Plane {
             }
         }
     }
+}
+
+fn blur(taps: [f32; 5]) -> f32 {
+    taps.iter().zip(BINOMIAL).map(|(tap, weight)| weight * tap).sum()
 }
 
 /// CIE Lab of linear sRGB.
