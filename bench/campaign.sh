@@ -11,12 +11,12 @@ cargo build --release --workspace
 trex=$root/target/release/trex
 cd "$work"
 
-# record NAME COMMAND...: runs a verb of trex with --json, keeps the document.
+# record NAME COMMAND...: runs a verb of trex with --json in the folder `at` or the work folder, keeps the document.
 record() {
     local name=$1
     shift
     echo "== $name: trex $*" >&2
-    "$trex" "$@" --json --progress none >document.json
+    (cd "${at:-$work}" && "$trex" "$@" --json --progress none >"$work/document.json")
     "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex $*" document.json
 }
 
@@ -86,17 +86,18 @@ done
 # By hand: with the 512^3 that --render-limit 128MiB chooses the responses were no shorter.
 record build-pipes-100m build gen:pipes:100M -o pipes-100m.trex --overwrite --memory-limit 1GiB --voxels 256
 # The plant is seen from its marked views: from outside there is but a roof.
+cp "$root/bench/scenes/pipes-100m-views.toml" .
 overview="--camera-position 7.35,83.6309,-1 --camera-target 323.4,0,-230.4 --fov-x 75"
 for scenario in flip inside pingpong teleport sweep light-edit squeeze soak; do
     stress stress-isosurface-$scenario isosurface-100m.trex --scenario $scenario
     views=
-    [ $scenario != inside ] || views="--views $root/bench/scenes/pipes-100m-views.toml"
+    [ $scenario != inside ] || views="--views pipes-100m-views.toml"
     stress stress-pipes-$scenario pipes-100m.trex --scenario $scenario $overview $views
 done
 for scenario in flip inside; do
     stress stress-isosurface-$scenario-exact isosurface-100m.trex --scenario $scenario --lod-error 0
     views=
-    [ $scenario != inside ] || views="--views $root/bench/scenes/pipes-100m-views.toml"
+    [ $scenario != inside ] || views="--views pipes-100m-views.toml"
     stress stress-pipes-$scenario-exact pipes-100m.trex --scenario $scenario $overview $views --lod-error 0
 done
 for scenario in flip sweep; do
@@ -120,7 +121,7 @@ for scene in $scenes; do
     for rays in "2 2" "4 8"; do
         read -r shadow gather <<<"$rays"
         for integrator in photon full-gi; do
-            record "table2-$scene-$shadow-$gather-$integrator" stress "$root/bench/scenes/$scene.toml" --scenario still \
+            at=$root record "table2-$scene-$shadow-$gather-$integrator" stress "bench/scenes/$scene.toml" --scenario still \
                 --switches 5 --hold 120000 --integrator $integrator --n-shadow $shadow --n-gather $gather --photons 1M \
                 --t-max 100 --fetch-block 512 --memory-limit 4GiB --lod-error 0
         done
@@ -135,7 +136,7 @@ done
 
 # The plant from inside, three ways (the paper's figure 7).
 for integrator in photon:64 full-gi:24 path:64; do
-    record "render-pipes-interior-${integrator%:*}" render "$root/bench/scenes/pipes-interior.toml" -o "fig7-${integrator%:*}.png" \
+    at=$root record "render-pipes-interior-${integrator%:*}" render bench/scenes/pipes-interior.toml -o "out/fig7-${integrator%:*}.png" \
         --overwrite --integrator "${integrator%:*}" --spp "${integrator#*:}" --n-gather 2
 done
 
@@ -169,7 +170,8 @@ done
 # Light in the Cornell box against an unbiased picture of it.
 models=$root/../shared/models
 if [ -d "$models" ]; then
-    record build-cornell build "$models/cornell/cornell.obj" -o cornell.trex --overwrite
+    cp "$models"/cornell/cornell.{obj,mtl} .
+    record build-cornell build cornell.obj -o cornell.trex --overwrite
     box="cornell.trex --overwrite --resolution 256x256 --camera-position 278,273,-800 --camera-target 278,273,0 --fov-x 39.3077"
     record render-cornell-path render $box -o path.exr --integrator path --spp 1024
     for variant in voxel:--near=voxel exact:--near=exact cubes:--occluders=off bake:--bake; do

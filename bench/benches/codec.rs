@@ -8,19 +8,17 @@
 //! Invariant: the unit is bytes of frames in use, whatever the pages are on disk: these are what rays wait for.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use datasets_gen::{GenOptions, Spec};
 use std::hint::black_box;
 use std::time::Duration;
-use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
+use trex_bench::model::Model;
+use trex_store::build::Voxels;
 use trex_store::cluster::{FrameRef, FrameView, PageContent, PageRef, install};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::PageStore;
-use trex_store::{Budget, Interrupt, PageFile};
+use trex_store::{Budget, PageFile};
 
 /// A surface, a scan, and a model of small parts with several materials; more pages than the caches hold.
 const MODELS: [&str; 3] = ["gen:isosurface:1M", "gen:scan:1M", "gen:pipes:1M"];
-/// Memory for a build, bytes.
-const BUILD_LIMIT_BYTES: u64 = 1 << 30;
 /// Passes over all pages of a model; each takes tens of milliseconds.
 const SAMPLES: usize = 20;
 
@@ -37,22 +35,9 @@ struct Pages {
 
 impl Pages {
     fn of(model: &str) -> Pages {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("model.trex");
-        let spec = Spec::parse(model).expect("a specification");
-        let mut source = datasets_gen::open(&spec, &GenOptions::default()).expect("a generator");
-        let options = BuildOptions {
-            precision: Precision::Default,
-            voxels: Voxels::None,
-            threads: 1,
-            budget: Budget::new(BUILD_LIMIT_BYTES),
-            temp_dir: None,
-            existing: Existing::Keep,
-            interrupt: Interrupt::default(),
-        };
-        build(source.as_mut(), &path, &options, &|_| {}, &|_| {}).expect("a build");
-        let bytes = std::fs::read(&path).expect("the file");
-        let file = PageFile::open(&path, &Budget::unlimited()).expect("a page file");
+        let model = Model::for_bench(model, Voxels::None, std::env::temp_dir());
+        let bytes = std::fs::read(&model.path).expect("the file");
+        let file = PageFile::open(&model.path, &Budget::unlimited()).expect("a page file");
         let mut pages =
             Pages { stored: Vec::new(), packed: Vec::new(), contents: Vec::new(), used_bytes: 0, file };
         let (mut frame, mut scratch) = (vec![0; FRAME_BYTES], Vec::new());

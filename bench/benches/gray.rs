@@ -8,22 +8,20 @@
 //! Invariant: all measure the same rays; a batch of 128 is a tile of 8x8 points with two rays each.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use datasets_gen::{GenOptions, Spec};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use std::hint::black_box;
 use std::time::Duration;
+use trex_bench::model::Model;
 use trex_render::camera::Camera;
 use trex_render::voxel::{GRay, Occluders, VoxelScene};
-use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
+use trex_store::build::Voxels;
 use trex_store::octree::UpperOctree;
-use trex_store::{Budget, Interrupt, PageFile};
+use trex_store::{Budget, PageFile};
 
 const MODEL: &str = "gen:isosurface:200k";
 /// Leaves along an axis: megabytes of octree, more than the nearest caches hold.
 const RESOLUTION: u32 = 256;
-/// Memory for the build, bytes.
-const BUILD_LIMIT_BYTES: u64 = 1 << 30;
 /// Pixels along a side of the picture from which rays start; a power of two.
 const PICTURE_SIDE: u32 = 128;
 /// Gather rays of a visible point.
@@ -34,21 +32,8 @@ const BATCHES: [usize; 2] = [128, 16384];
 const SAMPLES: usize = 20;
 
 fn built() -> (PageFile, UpperOctree) {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("model.trex");
-    let spec = Spec::parse(MODEL).expect("a specification");
-    let mut source = datasets_gen::open(&spec, &GenOptions::default()).expect("a generator");
-    let options = BuildOptions {
-        precision: Precision::Default,
-        voxels: Voxels::Resolution(RESOLUTION),
-        threads: 1,
-        budget: Budget::new(BUILD_LIMIT_BYTES),
-        temp_dir: None,
-        existing: Existing::Keep,
-        interrupt: Interrupt::default(),
-    };
-    build(source.as_mut(), &path, &options, &|_| {}, &|_| {}).expect("a build");
-    let file = PageFile::open(&path, &Budget::unlimited()).expect("a page file");
+    let model = Model::for_bench(MODEL, Voxels::Resolution(RESOLUTION), std::env::temp_dir());
+    let file = PageFile::open(&model.path, &Budget::unlimited()).expect("a page file");
     let (octree, _) = file.upper(&Budget::unlimited()).expect("a sound file").expect("an octree");
     (file, octree)
 }

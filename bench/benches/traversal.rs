@@ -11,16 +11,15 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use std::time::Duration;
-use trex_bench::model::{Model, Surroundings};
+use trex_bench::model::Model;
 use trex_render::camera::Camera;
 use trex_render::trace::probe::{Probe, Step};
 use trex_render::trace::{AllResident, Arithmetic, PagedMesh, Ray, Tracer};
-use trex_store::{Budget, Interrupt, PageFile};
+use trex_store::build::Voxels;
+use trex_store::{Budget, PageFile};
 
 /// More than the nearest caches hold.
 const MODEL: &str = "gen:isosurface:200k";
-/// Memory for the build, bytes.
-const BUILD_LIMIT_BYTES: u64 = 1 << 30;
 /// Pixels along a side of the picture.
 const PICTURE_SIDE: u32 = 128;
 /// Of its rays every one after so many is tested against everything; a prime: they come from all columns.
@@ -29,14 +28,7 @@ const PROBE_STEP: usize = 997;
 const SAMPLES: usize = 20;
 
 fn built() -> PageFile {
-    let folder = std::env::temp_dir();
-    let around = Surroundings {
-        threads: 1,
-        budget: Budget::new(BUILD_LIMIT_BYTES),
-        folder,
-        interrupt: Interrupt::default(),
-    };
-    let model = Model::open(MODEL, &around).expect("a build");
+    let model = Model::for_bench(MODEL, Voxels::None, std::env::temp_dir());
     PageFile::open(&model.path, &Budget::unlimited()).expect("a page file")
 }
 

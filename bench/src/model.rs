@@ -41,6 +41,24 @@ impl Model {
     /// # Errors
     /// Those of the generator and of the build.
     pub fn open(name: &str, around: &Surroundings) -> anyhow::Result<Model> {
+        Model::with_voxels(name, Voxels::Resolution(1024), around)
+    }
+
+    /// A generator's mesh for a bench: built in `folder` by one thread in 1 GiB.
+    ///
+    /// # Panics
+    /// When it cannot be built.
+    pub fn for_bench(name: &str, voxels: Voxels, folder: PathBuf) -> Model {
+        let around = Surroundings {
+            threads: 1,
+            budget: Budget::new(1 << 30),
+            folder,
+            interrupt: Interrupt::default(),
+        };
+        Model::with_voxels(name, voxels, &around).expect("a build")
+    }
+
+    fn with_voxels(name: &str, voxels: Voxels, around: &Surroundings) -> anyhow::Result<Model> {
         if !name.starts_with("gen:") {
             let path = PathBuf::from(name);
             return Ok(Model { path, scene: name.to_owned(), view: None, _folder: None });
@@ -48,7 +66,7 @@ impl Model {
         let spec = Spec::parse(name)?;
         let folder = temporary_folder(&around.folder)?;
         let path = folder.path().join("model.trex");
-        build(&spec, &path, Voxels::Resolution(1024), around)?;
+        build(&spec, &path, voxels, around)?;
         let view = datasets_gen::views(&spec).into_iter().next().map(|view| Camera {
             position: view.position,
             target: view.target,
