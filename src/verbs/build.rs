@@ -6,10 +6,12 @@ use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
 use crate::size;
+use crate::values::Input;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Voxels};
+use trex_store::output::check_apart;
 use trex_store::{Result, TriangleSource};
 
 /// Runs `trex build`.
@@ -22,10 +24,15 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let work = Work {
         output: &args.output,
         temp_dir: args.scratch.temp_dir.as_deref(),
-        existing: existing(args.overwrite.overwrite),
+        existing: Existing::replace_if(args.overwrite.overwrite),
         precision,
         voxels: voxels(&args.voxels),
     };
+    for input in &args.inputs {
+        if let Input::File(path) = input {
+            check_apart(&args.output, path)?;
+        }
+    }
     let mut source = inputs::open(&args.inputs, &work.scratch_folder(), build::smallest_bytes(), ctx)?;
     ctx.done(&work.build(&mut *source, ctx)?)
 }
@@ -42,11 +49,6 @@ fn voxels(args: &VoxelArgs) -> Voxels {
 /// facets of 12 bytes each): of the two fifths of a limit that both may take, 55 % are the octree's.
 fn upper_bytes(args: &VoxelArgs) -> u64 {
     args.render_limit.as_ref().map_or(args.upper_budget.0, |limit| limit.0 * 2 / 5 * 55 / 100)
-}
-
-/// What to do with an output that exists.
-pub fn existing(overwrite: bool) -> Existing {
-    if overwrite { Existing::Replace } else { Existing::Keep }
 }
 
 /// One build, as `build` and `demo` ask for it.

@@ -41,7 +41,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let work = Work {
         output: &page_file,
         temp_dir: args.scratch.temp_dir.as_deref(),
-        existing: if overwrite { Existing::Replace } else { Existing::Keep },
+        existing: Existing::replace_if(overwrite),
         precision: Precision::Default,
         voxels: Voxels::default(),
     };

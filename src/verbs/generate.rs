@@ -19,7 +19,7 @@ pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let mut source = inputs::generate(&spec, smallest_bytes(&args.output), ctx)?;
     let show = ctx.report();
     let options = WriteOptions {
-        existing: if args.overwrite.overwrite { Existing::Replace } else { Existing::Refuse },
+        existing: Existing::replace_if(args.overwrite.overwrite),
         budget: ctx.budget.clone(),
         interrupt: ctx.interrupt.clone(),
         report: Some(&show),

@@ -16,6 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 use trex_bench::image::compare::{Comparison, Constants, Figures, compare};
 use trex_bench::image::{Head, Origin, Picture, false_colour, read_head, read_picture};
+use trex_store::output::check_apart;
 use trex_store::{Code, Error, Lease, RESERVE_BYTES, Result};
 
 /// Runs `trex image diff`.
@@ -23,6 +24,9 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let start = Instant::now();
     let overwrite = args.overwrite.overwrite;
     let target = args.output.as_deref().map(|path| PictureFile::check_png(path, overwrite)).transpose()?;
+    if let Some(output) = &args.output {
+        [&args.a, &args.b].into_iter().try_for_each(|input| check_apart(output, input))?;
+    }
     let (mut a, mut b) = (Input::open(&args.a, ctx)?, Input::open(&args.b, ctx)?);
     check_sizes(&a, &b)?;
     let _lease = lease(&a, &b, target.is_some(), ctx)?;

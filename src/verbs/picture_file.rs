@@ -5,6 +5,7 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use trex_render::film::Layers;
 use trex_render::picture::{Image, write_exr, write_png};
+use trex_store::output::Existing;
 use trex_store::{Code, Error, Result};
 
 /// Where a picture goes; checked before any work.
@@ -14,7 +15,7 @@ pub struct PictureFile {
 }
 
 impl PictureFile {
-    /// Checks ending, folder and whether the file exists.
+    /// Checks the ending, and what stands under the name.
     pub fn check(path: &Path, overwrite: bool, layers: Layers) -> Result<PictureFile> {
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let is_exr = match ending.as_deref() {
@@ -29,17 +30,7 @@ impl PictureFile {
         if layers.any() && !is_exr {
             return Err(Error::new(Code::Usage, "a PNG holds no layers").at(path).next("write an .exr"));
         }
-        if path.exists() && !overwrite {
-            return Err(Error::new(Code::Usage, "the output exists")
-                .at(path)
-                .next("name another output with -o, or allow --overwrite"));
-        }
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if !folder.is_dir() {
-            return Err(Error::new(Code::Usage, "the output's folder does not exist")
-                .at(folder)
-                .next("make the folder, or name another output with -o"));
-        }
+        Existing::replace_if(overwrite).check(path)?;
         Ok(PictureFile { path: path.to_path_buf(), is_exr })
     }
 

@@ -22,6 +22,7 @@ pub mod io;
 pub mod layout;
 mod material;
 pub mod octree;
+pub mod output;
 pub mod pool;
 mod progress;
 mod source;

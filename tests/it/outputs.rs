@@ -239,3 +239,29 @@ fn two_builds_of_one_output_do_not_mix() {
     run_in(inside.path(), &alone).expect(0);
     assert_eq!(hash_of(&inside.path().join("out.trex")), hash_of(&inside.path().join("alone.trex")));
 }
+
+#[test]
+fn nothing_but_a_file_is_replaced_and_no_input() {
+    let inside = folder();
+    let at = |name: &str| inside.path().join(name);
+    document_in(inside.path(), "gen soup --triangles 10k -o soup.ply");
+    document_in(inside.path(), "build soup.ply -o soup.trex");
+    document_in(inside.path(), "render soup.trex -o soup.png --resolution 8x8 --spp 1");
+    for (link, target) in [("link.trex", "soup.trex"), ("link.png", "soup.png"), ("link.ply", "soup.ply")] {
+        std::os::unix::fs::symlink(at(target), at(link)).unwrap();
+    }
+    let before = listing(inside.path());
+    for line in [
+        "build soup.ply -o soup.ply",
+        "build soup.ply -o ./soup.ply",
+        "build soup.ply -o /dev/null",
+        "build soup.ply -o link.trex",
+        "gen soup --triangles 10k -o link.ply",
+        "render soup.trex -o link.png --resolution 8x8 --spp 1",
+        "image diff soup.png soup.png -o soup.png",
+    ] {
+        run_in(inside.path(), &format!("{line} --overwrite --json -q")).expect_error(2, "usage");
+        assert_eq!(listing(inside.path()), before, "{line}");
+    }
+    assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
+}

@@ -15,25 +15,18 @@ mod ply;
 mod stl;
 mod window;
 
+pub use trex_store::output::Existing;
+
 use std::fs::{File, Permissions};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
+use trex_store::output::folder_of;
 use trex_store::{
     Budget, Code, Error, Interrupt, Material, Progress, Report, Result, TriangleBatch, TriangleSource,
 };
-
-/// What to do when the output exists.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Existing {
-    /// `Code::Usage`.
-    #[default]
-    Refuse,
-    /// Replace it once the new file is complete.
-    Replace,
-}
 
 /// How to write.
 #[derive(Clone)]
@@ -52,7 +45,7 @@ impl Default for WriteOptions<'_> {
     /// Refuse, no limit, no report.
     fn default() -> Self {
         WriteOptions {
-            existing: Existing::Refuse,
+            existing: Existing::Keep,
             budget: Budget::unlimited(),
             interrupt: Interrupt::default(),
             report: None,
@@ -150,21 +143,14 @@ struct Draft {
 impl Draft {
     /// Opens the temporary file beside `path`.
     fn create(path: &Path, existing: Existing) -> Result<Draft> {
-        if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
-            return Err(exists(path));
-        }
-        if !folder(path).is_dir() {
-            return Err(Error::new(Code::Usage, "the output's folder does not exist")
-                .at(folder(path))
-                .next("make the folder, or name another output"));
-        }
+        let folder = existing.check(path)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let file = tempfile::Builder::new()
             .prefix(&format!(".{name}."))
             .suffix(".part")
             // What a plain create asks for; the user's umask takes its part.
             .permissions(Permissions::from_mode(0o666))
-            .tempfile_in(folder(path))
+            .tempfile_in(folder)
             .map_err(|error| Error::writing("create the output", path, &error))?;
         Ok(Draft { out: BufWriter::with_capacity(BUFFER_BYTES, file), path: path.to_path_buf(), existing })
     }
@@ -207,26 +193,15 @@ impl Finished {
     fn publish(self) -> Result<u64> {
         let kept = match self.existing {
             Existing::Replace => self.file.persist(&self.path),
-            Existing::Refuse => self.file.persist_noclobber(&self.path),
+            Existing::Keep => self.file.persist_noclobber(&self.path),
         };
         kept.map_err(|error| match error.error.kind() {
-            std::io::ErrorKind::AlreadyExists => exists(&self.path),
+            std::io::ErrorKind::AlreadyExists => Existing::exists(&self.path),
             _ => Error::writing("name the output", &self.path, &error.error),
         })?;
-        File::open(folder(&self.path))
+        File::open(folder_of(&self.path))
             .and_then(|folder| folder.sync_all())
             .map_err(|error| Error::writing("sync the output's folder", &self.path, &error))?;
         Ok(self.bytes)
-    }
-}
-
-fn exists(path: &Path) -> Error {
-    Error::new(Code::Usage, "the output exists").at(path).next("name another output, or pass --overwrite")
-}
-
-fn folder(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
     }
 }

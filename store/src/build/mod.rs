@@ -28,6 +28,7 @@ mod surface;
 mod tests;
 mod voxels;
 
+pub use crate::output::Existing;
 pub use lattice::Scan;
 
 use crate::budget::Budget;
@@ -38,15 +39,6 @@ use crate::source::{SourceStats, TriangleSource};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// What to do when the output exists.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Existing {
-    /// Refuse before any work.
-    Keep,
-    /// Replace it when the new file is whole.
-    Replace,
-}
 
 /// How the lattice step is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -199,7 +191,7 @@ pub fn build(
     report: Report<'_>,
 ) -> Result<BuildReport> {
     let start = Instant::now();
-    let folder = publish::check_output(output, options.existing)?;
+    let folder = options.existing.check(output)?.to_path_buf();
     let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
     if !scratch_folder.is_dir() {
         return Err(Error::new(Code::Usage, "the folder for scratch files does not exist")
@@ -250,9 +242,9 @@ pub fn smallest_bytes() -> u64 {
     partition::SMALLEST_BYTES.max(chunk::worker_bytes() + Voxelizer::BYTES) + SOURCE_BYTES
 }
 
-/// Scratch and output per triangle, for the plan: measured on iso-surfaces and CAD models, rounded up.
+/// Scratch and output per triangle, voxels apart, for the plan: measured on iso-surfaces and CAD models, rounded up.
 const PLAN_SCRATCH_BYTES: u64 = 24;
-const PLAN_OUTPUT_BYTES: u64 = 5;
+const PLAN_OUTPUT_BYTES: u64 = 4;
 
 fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
     let free = rustix::fs::statvfs(scratch_folder)
@@ -265,7 +257,8 @@ fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Pl
                 .max(emit::needed_bytes(options) * emit::worker_count(options) as u64),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: scan.triangle_count * PLAN_SCRATCH_BYTES,
-        output_bytes: scan.triangle_count * PLAN_OUTPUT_BYTES,
+        output_bytes: scan.triangle_count * PLAN_OUTPUT_BYTES
+            + voxels::plan_bytes(options.voxels, scan.triangle_count),
         free_bytes: free.f_bavail * free.f_frsize,
     };
     Ok(plan)

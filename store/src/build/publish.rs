@@ -1,7 +1,7 @@
 //! Publish: a temporary file beside the output, written once, read back, renamed.
 //!
 //! ```text
-//! check_output -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
+//! Existing::check -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
 //! ```
 //!
 //! Invariants: 1. the output's name holds either the old file or the whole new one; 2. a draft that is not
@@ -21,32 +21,6 @@ use std::path::{Path, PathBuf};
 
 /// Dirty bytes after which they are written back and dropped from the page cache.
 const FLUSH_BYTES: u64 = 16 << 20;
-
-/// Refuses an output that exists or whose folder does not; gives the folder.
-pub(super) fn check_output(output: &Path, existing: Existing) -> Result<PathBuf> {
-    let folder = match output.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
-        _ => PathBuf::from("."),
-    };
-    if !folder.is_dir() {
-        return Err(Error::new(Code::Usage, "the output's folder does not exist")
-            .at(&folder)
-            .next("make the folder, or name another output with -o"));
-    }
-    if output.is_dir() {
-        return Err(Error::new(Code::Usage, "the output is a folder").at(output).next("name a file with -o"));
-    }
-    if existing == Existing::Keep && output.exists() {
-        return Err(exists(output));
-    }
-    Ok(folder)
-}
-
-fn exists(output: &Path) -> Error {
-    Error::new(Code::Usage, "the output exists")
-        .at(output)
-        .next("name another output with -o, or allow --overwrite")
-}
 
 /// The output while it has no name yet.
 pub(super) struct Draft {
@@ -101,7 +75,7 @@ impl Draft {
                 .next("check the disk; nothing was published"));
         }
         let failed = |e: tempfile::PersistError| match e.error.kind() {
-            ErrorKind::AlreadyExists => exists(output),
+            ErrorKind::AlreadyExists => Existing::exists(output),
             _ => Error::writing("rename the finished file", output, &e.error),
         };
         match options.existing {
