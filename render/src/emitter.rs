@@ -68,8 +68,8 @@ impl Emitters {
     /// When an emitter names a material that is not there.
     pub fn new(emitters: &[Emitter], materials: &[Material]) -> Emitters {
         let mut all = Emitters {
-            kept: vec![],
-            cumulated: vec![],
+            kept: Vec::with_capacity(emitters.len()),
+            cumulated: Vec::with_capacity(emitters.len()),
             radiance_area: [0.0; 3],
             power: 0.0,
             bounds: Aabb::EMPTY,
@@ -100,7 +100,7 @@ impl Emitters {
         self.kept.is_empty()
     }
 
-    /// Bytes on the heap.
+    /// Bytes on the heap for so many.
     pub fn bytes(emitter_count: usize) -> u64 {
         (emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
     }

@@ -7,10 +7,10 @@
 //! ```
 
 use super::stage::Play;
-use crate::context::Context;
 use crate::size;
 use serde::Serialize;
 use std::fmt;
+use trex_render::emitter::{Emitter, Emitters};
 use trex_render::film::{Layers, film_bytes};
 use trex_render::filter::filter_bytes;
 use trex_render::frame::frame_bytes;
@@ -94,10 +94,9 @@ impl Picture {
 }
 
 impl Shares {
-    /// The shares of `ctx`'s limit for a picture without layers.
-    pub fn of(file: &PageFile, resolution: [u32; 2], ctx: &Context) -> Result<Shares> {
-        let picture = Picture::plain(resolution, ctx.threads);
-        Shares::for_picture(file, &picture, ctx.budget.limit_bytes())
+    /// The shares of a limit for a picture in direct light without layers.
+    pub fn of(file: &PageFile, resolution: [u32; 2], limit_bytes: u64, workers: usize) -> Result<Shares> {
+        Shares::for_picture(file, &Picture::plain(resolution, workers), limit_bytes)
     }
 
     /// The shares of a limit.
@@ -169,9 +168,12 @@ impl Shares {
     }
 }
 
-/// What the renderer's copy of materials and emitters takes.
+/// What the renderer's copies of materials and emitters take: those of the stage, of the session and of an edit; and what
+/// lights are drawn from, twice while a state replaces the one before.
 pub fn model_bytes(file: &PageFile) -> u64 {
-    (file.materials().len() * 2 * size_of::<trex_store::Material>() + file.emitters().len() * 256) as u64
+    let (materials, emitters) = (file.materials().len(), file.emitters().len());
+    let copies = 3 * (materials * size_of::<trex_store::Material>() + emitters * size_of::<Emitter>());
+    copies as u64 + 2 * Emitters::bytes(emitters)
 }
 
 /// What the octree takes, with its light; or while it is read, with its stored form.

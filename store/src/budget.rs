@@ -94,7 +94,7 @@ impl Budget {
                     self.limit_bytes(),
                     RESERVE_BYTES
                 ))
-                .next(format!("raise the limit to at least {}", smallest.div_ceil(1 << 20) << 20))
+                .next(format!("raise the limit to at least {}MiB", smallest.div_ceil(1 << 20)))
                 .smallest_limit(smallest));
             }
             match self.0.used_bytes.compare_exchange_weak(used, wanted, Ordering::Relaxed, Ordering::Relaxed)

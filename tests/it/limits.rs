@@ -42,6 +42,7 @@ fn the_smallest_limit_that_is_named_works() {
         "render scan.trex -o out.exr --resolution 64x48 --spp 1 --layers depth,id --overwrite",
         "gen soup --triangles 10k -o out.ply --overwrite --threads 1",
         "gen soup --triangles 10k -o out.stl --overwrite --threads 2",
+        "stress scan.trex --scenario squeeze --switches 4 --hold 10 --resolution 32x32 --photons 1k",
         "verify scan.trex",
         "image diff large.exr large.exr",
         "image diff large.exr large.png -o diff.png --overwrite",

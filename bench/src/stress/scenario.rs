@@ -21,6 +21,7 @@ use trex_render::session::{Event, Session};
 use trex_render::voxel::{GRay, Occluders, VoxelScene};
 use trex_render::world::{MaterialEdit, Model};
 use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::FRAMES_MIN;
 
 /// Places that are tried for an interior, and rays from each.
 const INTERIORS: u32 = 64;
@@ -164,7 +165,8 @@ impl Script {
             }
             Scenario::LightEdit => vec![self.light(index)],
             Scenario::Squeeze => {
-                let frames = if index % 4 < 2 { self.frames } else { self.frames / 2 };
+                let frames =
+                    if index % 4 < 2 { self.frames } else { (self.frames / 2).max(FRAMES_MIN as u64) };
                 vec![Step::FrameBytes(frames * FRAME_BYTES as u64), look(view)]
             }
             Scenario::Soak => vec![look(if index % 3 == 2 { self.pose(index) } else { view })],

@@ -469,7 +469,7 @@ impl PagePool {
             return Err(Error::new(Code::MemoryLimit, "too little memory for page frames")
                 .at_place("--memory-limit")
                 .numbers(format!("{frames_bytes} bytes, {FRAMES_MIN} frames of {frame_bytes} needed"))
-                .next(format!("raise the limit to at least {}", smallest.div_ceil(1 << 20) << 20))
+                .next(format!("raise the limit to at least {}MiB", smallest.div_ceil(1 << 20)))
                 .smallest_limit(smallest));
         }
         clock.set_frames(frames, &self.shared.words, &self.shared.arena)?;
