@@ -296,6 +296,26 @@ mod tests {
     }
 
     #[test]
+    fn a_cleared_film_is_as_a_new_one() {
+        let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: true };
+        // Tiles at the right and at the bottom are cut.
+        let resolution = [20, 11];
+        let new = || Film::new(resolution, layers, &Budget::unlimited()).unwrap();
+        let mut film = new();
+        // All but one tile.
+        for index in 1..tile_count(resolution) {
+            let tile = tile(resolution, index);
+            film.add(&tile, &vec![[1.0, 2.0, 3.0]; tile.pixel_count() as usize]);
+            film.add_indirect(&tile, &vec![[0.5; 3]; tile.pixel_count() as usize]);
+            let seen = LayerPixel { depth: 7.0, normal: [1.0; 3], albedo: [0.5; 3], id: 9 };
+            (0..tile.pixel_count()).for_each(|i| film.set_layers(tile.pixel(i), &seen));
+        }
+        assert_ne!(format!("{film:?}"), format!("{:?}", new()));
+        film.clear();
+        assert_eq!(format!("{film:?}"), format!("{:?}", new()));
+    }
+
+    #[test]
     fn memory_is_leased_and_given_back() {
         let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
         let budget = Budget::unlimited();

@@ -21,8 +21,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 use trex_store::{Code, Error, Result};
 
-/// Tiles that a worker previews at a time.
-const PREVIEW_TILES: u32 = 256;
+/// Most tiles that a worker previews at a time.
+const PREVIEW_TILES_MOST: u32 = 256;
 /// Photons take this part of a frame while light changes.
 const PHOTON_PART: u32 = 2;
 /// Tiles ahead whose pages are guessed.
@@ -161,14 +161,16 @@ impl<T: PagedTracer + Send> Session<T> {
         let irradiance = irradiance(self.photons.as_ref(), next.as_ref());
         let integrator = integrator(&self.world, (&self.model, &self.view), self.film.layers(), irradiance);
         let (tiles, turn) = (&self.tiles, AtomicU32::new(0));
+        let share = tiles.count().div_ceil(4 * self.tracers.len() as u32);
+        let at_a_time = share.clamp(1, PREVIEW_TILES_MOST);
         let work = || {
             let mut mine = Vec::new();
             loop {
-                let from = turn.fetch_add(PREVIEW_TILES, Ordering::Relaxed);
+                let from = turn.fetch_add(at_a_time, Ordering::Relaxed);
                 if from >= tiles.count() {
                     return mine;
                 }
-                let end = tiles.count().min(from + PREVIEW_TILES);
+                let end = tiles.count().min(from + at_a_time);
                 // In rows: neighbours meet the same nodes.
                 let some: Vec<_> = (from..end).map(|index| tiles.tile(index)).collect();
                 let paths: Vec<_> = some.iter().map(|tile| integrator.start(middle(tile), 0)).collect();
@@ -228,6 +230,7 @@ impl<T: PagedTracer + Send> Session<T> {
             .with_photons(self.tree.as_ref());
         let (begin, was_complete) = (Instant::now(), self.film.samples() > 0);
         let mut total = PassStats::default();
+        let mut has_become_complete = false;
         let mut wanted = u64::from(whole);
         if nth == Nth::First {
             wanted = wanted.saturating_sub(*finished).max(1);
@@ -236,7 +239,8 @@ impl<T: PagedTracer + Send> Session<T> {
             let samples = self.film.samples();
             if pass.as_ref().is_none_or(|pass| pass.is_done(&self.tiles)) {
                 // A picture that has become complete is shown at once.
-                if samples >= spp || (samples > 0 && !was_complete) {
+                has_become_complete = samples > 0 && !was_complete;
+                if samples >= spp || has_become_complete {
                     break;
                 }
                 *pass = None;
@@ -249,7 +253,10 @@ impl<T: PagedTracer + Send> Session<T> {
             wanted = wanted.saturating_sub(stats.tiles_finished);
             *finished += stats.tiles_finished;
         }
-        block.learn(nth, total.tiles_finished, begin.elapsed(), allowed);
+        // What was left of the picture says nothing of how much a frame can do.
+        if !has_become_complete {
+            block.learn(nth, total.tiles_finished, begin.elapsed(), allowed);
+        }
         // Past the deadline the block is what there is.
         let shrunk = u64::from(BLOCK_TILES_MIN).min(self.tiles.count().into());
         if wanted == 0 || *finished >= shrunk {

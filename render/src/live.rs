@@ -3,7 +3,8 @@
 //! ```text
 //! event -> frame: a preview, one voxel ray a tile                       first picture
 //!       -> frame: tiles in order until a fetch block is done            response
-//!       -> frame: half the time photons, where light has changed; tiles until a block is done or t_max has passed
+//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is complete or t_max
+//!                 has passed
 //!       -> ...    every pixel has a sample                              complete picture
 //! ```
 //!

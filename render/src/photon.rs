@@ -2,8 +2,8 @@
 //! section 5. Perfect mirrors carry the view on, as in `direct`. Directions are drawn here for `full-gi`, too.
 //!
 //! ```text
-//! surface -> gather ray -> leaf: irradiance * (Kd + Ks) / pi     (emitters left out: shadow rays bring their light)
-//!                       -> nothing: the sky                     (left out by the shadow rays)
+//! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi     (emitters left out: shadow rays bring their light)
+//!                       -> nothing: the sky                                          (left out by the shadow rays)
 //! ```
 //!
 //! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it meets, so
