@@ -158,7 +158,7 @@ pub struct OverwriteArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Output options")]
 pub struct ScratchArgs {
-    /// Folder for scratch files (default: beside the output); removed again, also after Ctrl-C
+    /// Folder for scratch files (default: beside the output; bench: here); removed again, also after Ctrl-C
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
 }
@@ -340,11 +340,11 @@ pub struct VoxelArgs {
     #[arg(long, value_name = "RU[/RFINEST]", value_parser = values::voxels, conflicts_with = "no_asvo")]
     pub voxels: Option<values::Voxels>,
     /// Most memory that the resident voxel octree may take while rendering, without light
-    #[arg(long, value_name = "SIZE", value_parser = values::bytes, default_value = "64MiB")]
+    #[arg(long, value_name = "SIZE", value_parser = values::upper_budget, default_value = "64MiB")]
     pub upper_budget: Bytes,
     /// The memory limit that pictures will be made under: sets --upper-budget so that the voxels with their light take at most
     /// two fifths of it
-    #[arg(long, value_name = "SIZE", value_parser = values::bytes, conflicts_with_all = ["upper_budget", "voxels"])]
+    #[arg(long, value_name = "SIZE", value_parser = values::render_limit, conflicts_with_all = ["upper_budget", "voxels"])]
     pub render_limit: Option<Bytes>,
     /// Leave the voxel octree out: smaller, but without global illumination
     #[arg(long)]
@@ -389,7 +389,8 @@ pub struct VerifyArgs {
 }
 
 const AFTER_VERIFY: &str = "\
-Reads every byte. Exit status 0: clean. 1: damaged; pages, offsets and boxes are named.
+Reads every byte; behind a damaged table it is not known where pages lie, and that table is named alone.
+Exit status 0: clean. 1: damaged; pages, offsets and boxes are named.
 
 Example:
   trex verify statue.trex";

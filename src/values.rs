@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use trex_store::octree::Refinement;
 
 /// Widest or tallest picture, pixels: what PNG viewers and a film of strips still handle.
-pub const MAX_SIDE: u32 = 32_768;
+pub const MAX_SIDE: u32 = 65_536;
 /// Most triangles that one command may be asked for: four times what the format's ids are meant for.
 pub const MAX_COUNT: u64 = 4_000_000_000;
 /// Share of the machine's memory that `auto` stands for, percent.
@@ -111,9 +111,12 @@ pub fn bytes(text: &str) -> Result<Bytes, String> {
     let upper = text.trim().to_ascii_uppercase();
     let Some((number, unit)) = UNITS.iter().find_map(|(name, unit)| Some((upper.strip_suffix(name)?, *unit)))
     else {
-        return refused("the unit is missing or unknown (M and G are ambiguous)");
+        return refused(UNKNOWN_UNIT);
     };
-    let Some(number) = plain_number(number) else { return refused("the amount is not a number") };
+    let Some(number) = plain_number(number) else {
+        let is_unit = number.ends_with(|last: char| last.is_alphabetic());
+        return refused(if is_unit { UNKNOWN_UNIT } else { "the amount is not a number" });
+    };
     let value = number * unit as f64;
     if value < 1.0 {
         return refused("the amount is less than one byte");
@@ -124,6 +127,8 @@ pub fn bytes(text: &str) -> Result<Bytes, String> {
     }
     Ok(Bytes(value as u64))
 }
+
+const UNKNOWN_UNIT: &str = "the unit is missing or unknown (M and G are ambiguous)";
 
 /// Parses `--memory-limit`: an amount of [`bytes`], `50%`, or `auto`.
 pub fn memory_limit(text: &str) -> Result<MemoryLimit, String> {
@@ -163,6 +168,22 @@ pub fn resolution(text: &str) -> Result<Resolution, String> {
     text.split_once(['x', 'X'])
         .and_then(|(width, height)| Some(Resolution { width: side(width)?, height: side(height)? }))
         .ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, 1 to {MAX_SIDE} each, like 1024x768"))
+}
+
+/// Parses what the resident octree may take: the coarsest one takes up to a MiB.
+pub fn upper_budget(text: &str) -> Result<Bytes, String> {
+    at_least(text, 1 << 20, "1MiB")
+}
+
+/// Parses a limit that pictures will be made under: a process takes some 24 MiB by itself.
+pub fn render_limit(text: &str) -> Result<Bytes, String> {
+    at_least(text, 32 << 20, "32MiB")
+}
+
+fn at_least(text: &str, least: u64, name: &str) -> Result<Bytes, String> {
+    bytes(text).and_then(|value| {
+        if value.0 < least { Err(format!("accepted are {name} and more")) } else { Ok(value) }
+    })
 }
 
 /// Parses `512` or `512/2048`.

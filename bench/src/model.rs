@@ -2,13 +2,12 @@
 //!
 //! Invariant: nothing is left behind: the folder of a built model goes with its [`Model`].
 
-use anyhow::Context;
 use datasets_gen::{GenOptions, Spec};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use trex_render::camera::{Camera, Fov};
 use trex_store::build::{BuildOptions, BuildReport, Existing, Precision, Voxels};
-use trex_store::{Budget, Interrupt};
+use trex_store::{Budget, Error, Interrupt};
 
 /// What a workload runs on.
 #[derive(Debug)]
@@ -80,7 +79,7 @@ impl Model {
 /// An own folder in `parent`, removed when dropped.
 pub(crate) fn temporary_folder(parent: &Path) -> anyhow::Result<TempDir> {
     let made = tempfile::Builder::new().prefix("trex-bench-").tempdir_in(parent);
-    made.with_context(|| format!("cannot make a folder in {}", parent.display()))
+    Ok(made.map_err(|error| Error::writing("make a temporary folder", parent, &error))?)
 }
 
 /// Generates `spec` and builds it at the default precision.

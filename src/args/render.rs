@@ -23,7 +23,7 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
     /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000_000))]
     pub spp: Option<u32>,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
@@ -75,7 +75,7 @@ pub struct PictureArgs {
     /// Shadow rays per hit (else 2)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
     pub n_shadow: Option<u32>,
-    /// Gather rays per hit, of photon (else 2)
+    /// Gather rays per hit, of photon and full-gi (else 2)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
     pub n_gather: Option<u32>,
     /// Photons in all (else 2M)
@@ -97,7 +97,7 @@ pub struct PictureArgs {
     #[arg(long, value_name = "PX", value_parser = values::pixels)]
     pub lod_error: Option<f64>,
     /// Seed of the samples (else 1)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..1 << 63))]
     pub seed: Option<u64>,
     #[command(flatten)]
     pub camera: CameraArgs,

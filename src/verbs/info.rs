@@ -16,6 +16,11 @@ use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
 use trex_store::{Aabb, PageFile};
 
+/// The picture that memory is told for.
+const RESOLUTION: [u32; 2] = [1024, 1024];
+/// Materials named in the text.
+const NAMED: usize = 16;
+
 /// Runs `trex info`.
 pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
     match &args.input {
@@ -144,6 +149,8 @@ struct Stored {
     wide_cluster_count: u64,
     page_count: usize,
     material_count: usize,
+    /// Their names, in order.
+    materials: Vec<String>,
     emitter_count: usize,
     file_bytes: u64,
     bytes_per_triangle: BytesPerTriangle,
@@ -153,13 +160,15 @@ struct Stored {
     bounds: Aabb,
     rejected: Rejected,
     smallest_limit_bytes: u64,
-    /// Of this run's limit, for a picture of 1024x1024.
+    /// For a picture of 1024x1024 in direct light, of this run's limit or the smallest.
     shares: Shares,
 }
 
 impl Stored {
     fn of(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
         let block = file.superblock();
+        let smallest_limit_bytes = Shares::smallest_limit_bytes(file, RESOLUTION, ctx.threads)?;
+        let limit_bytes = ctx.budget.limit_bytes().max(smallest_limit_bytes);
         let stored_pages = |kind| -> (usize, u64) {
             let pages = file.pages().iter().filter(|page| page.kind == kind);
             (pages.clone().count(), pages.map(|page| u64::from(page.stored_bytes)).sum())
@@ -183,6 +192,7 @@ impl Stored {
             wide_cluster_count: block.wide_cluster_count,
             page_count: file.pages().len(),
             material_count: file.materials().len(),
+            materials: file.materials().iter().map(|material| material.name.clone()).collect(),
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
@@ -227,8 +237,8 @@ impl Stored {
                 degenerate: block.rejected_degenerate,
                 non_finite: block.rejected_non_finite,
             },
-            smallest_limit_bytes: Shares::smallest_limit_bytes(file, [1024, 1024], ctx.threads)?,
-            shares: Shares::of(file, [1024, 1024], ctx)?,
+            smallest_limit_bytes,
+            shares: Shares::of(file, RESOLUTION, limit_bytes, ctx.threads)?,
         })
     }
 }
@@ -255,6 +265,9 @@ impl fmt::Display for Stored {
             self.material_count,
             self.emitter_count
         )?;
+        let named = self.materials.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let more = if self.material_count > NAMED { ", ... (--json lists all)" } else { "" };
+        writeln!(f, "materials: {named}{more}")?;
         let per = &self.bytes_per_triangle;
         writeln!(
             f,
@@ -281,7 +294,7 @@ impl fmt::Display for Stored {
             None => writeln!(f, "no voxels")?,
         }
         writeln!(f, "box {:?} to {:?}", self.bounds.lo, self.bounds.hi)?;
-        writeln!(f, "memory for 1024x1024: {}", self.shares)?;
-        write!(f, "smallest limit for 1024x1024: {}", size::bytes(self.smallest_limit_bytes))
+        writeln!(f, "memory for 1024x1024 in direct light: {}", self.shares)?;
+        write!(f, "smallest limit for 1024x1024 in direct light: {}", size::bytes(self.smallest_limit_bytes))
     }
 }

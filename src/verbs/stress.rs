@@ -114,6 +114,9 @@ impl fmt::Display for Stressed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = &self.figures;
         let mut line = |name: &str, times: &Times| {
+            if times.count() == 0 {
+                return writeln!(f, "{name}: none");
+            }
             let [p50, p99, max] = [times.percentile(50.0), times.percentile(99.0), times.max()];
             writeln!(
                 f,

@@ -56,8 +56,13 @@ impl fmt::Display for Verified {
         }
         write!(
             f,
-            "{}: {} pages, {} triangles, {} read",
+            "{}{}: {} pages, {} triangles, {} read",
             self.verdict,
+            match found.damage_count {
+                0 => String::new(),
+                1 => " in one place".to_owned(),
+                count => format!(" in {count} places"),
+            },
             found.page_count,
             size::count(found.triangle_count),
             size::bytes(found.bytes_read)

@@ -118,6 +118,7 @@ pub(super) fn partition(
             }
         };
         std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader).expect("a thread");
+        tell("partition", "triangles", 0, scan.triangle_count);
         loop {
             let before = Instant::now();
             let Ok(message) = batches.recv() else { break };

@@ -20,6 +20,8 @@ use std::path::{Path, PathBuf};
 /// Bytes of a leaf on disk, bytes of a triangle there: measured, rounded.
 const DISK_BYTES_PER_LEAF: f64 = 8.0;
 const DISK_BYTES_PER_TRIANGLE: f64 = 2.5;
+/// Times that a surface crosses its cube, for the plan.
+const PLAN_CROSSINGS: f64 = 4.0;
 
 /// Bytes in memory that any model may spend on 256 leaves along its side, however few its triangles.
 const CHEAP_BYTES: f64 = (32 << 20) as f64;
@@ -69,6 +71,22 @@ fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
         resident <= upper_bytes as f64 && (is_due || is_cheap)
     };
     (0..RESOLUTIONS.len()).rev().find(fits).map_or(64, |which| RESOLUTIONS[which])
+}
+
+/// About what voxels add to the file, before anything is known of the surface but how many triangles it has.
+pub(super) fn plan_bytes(voxels: Voxels, triangle_count: u64) -> u64 {
+    let of_surface = |side: u32| PLAN_CROSSINGS * f64::from(side) * f64::from(side) * DISK_BYTES_PER_LEAF;
+    let bytes = match voxels {
+        Voxels::None => 0.0,
+        Voxels::Resolution(side) => of_surface(side),
+        Voxels::Refined { upper, refinement } => of_surface(upper * refinement.factor()),
+        // What `choose` allows.
+        Voxels::Within { upper_bytes } => {
+            let due = of_surface(256).max(DISK_BYTES_PER_TRIANGLE * triangle_count as f64);
+            due.min(upper_bytes as f64 / leaf_bytes() as f64 * DISK_BYTES_PER_LEAF)
+        }
+    };
+    bytes as u64
 }
 
 /// Merged records whose pages are written, and what is left to be written.

@@ -7,6 +7,7 @@ use super::input::Input;
 use super::stl;
 use super::text::printable;
 use crate::error::{Code, Error, Result};
+use crate::layout::MAGIC;
 
 /// Bytes that are looked at.
 const PROBE_BYTES: usize = 4096;
@@ -142,6 +143,9 @@ fn refuse_other_files(probe: &[u8], named: Option<Format>, input: &Input) -> Res
         [b'P', b'K', 3, 4, ..] => ("the file is a zip archive", "unpack it: unzip"),
         [0x28, 0xb5, 0x2f, 0xfd, ..] => ("the file is packed with zstd", "unpack it: zstd -d"),
         [b'g', b'l', b'T', b'F', ..] => ("the file is a glTF container", "convert it to .ply, .obj or .stl"),
+        _ if probe.starts_with(&MAGIC) => {
+            ("the file is a page file: it is built already", "name the mesh that it was built from")
+        }
         _ if is_wide_text(probe) => ("the text is UTF-16 or UTF-32", "convert it: iconv -t UTF-8"),
         _ if text_only && probe.contains(&0) => {
             ("the file holds binary data where text belongs", "check the file's name and content")
