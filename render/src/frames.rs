@@ -79,14 +79,17 @@ impl<T: PagedTracer + Send> Session<T> {
         }
         let t_max = live.options.t_max;
         let mut photon_rays = 0;
+        let has_responded = live.first_block.is_some();
         // The response comes first, unless there is no light at all.
-        if live.first_block.is_some() || self.photons.as_ref().is_some_and(|map| map.photons() == 0) {
+        if has_responded || self.photons.as_ref().is_some_and(|map| map.photons() == 0) {
             photon_rays = self.illuminate_until(begin + t_max / PHOTON_PART, stop);
         }
         let pass = self.run_tiles(spp, begin, stop);
         let samples = self.film.samples();
         self.govern(samples);
-        self.predict();
+        if has_responded {
+            self.predict();
+        }
         let live = self.live.as_ref().expect("it is live");
         let is_lit = live.next.as_ref().is_none_or(NextLight::is_idle);
         let progress = match live.first_block {
