@@ -357,6 +357,8 @@ fn campaign_of_a_million_rays() {
 pub(crate) fn document(scene: &str, found: &Value) {
     let name: String = scene.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let name = format!("hits-{}.json", name.trim_start_matches('-').rsplit("scans-").next().unwrap());
+    // Wherever the checkout lies.
+    let scene = scene.rsplit("../").next().unwrap();
     let mut document = json!({ "schema": "trex.hits/1", "scene": scene });
     document.as_object_mut().unwrap().extend(found.as_object().unwrap().clone());
     std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join(name.to_lowercase()), document.to_string())

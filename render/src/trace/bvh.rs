@@ -9,6 +9,10 @@
 //! the answer is exact when no recorded box begins before the hit
 //! ```
 //!
+//! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent rays no
+//! faster: they wait for instructions, not for memory); children put without a branch on their number (single primary rays
+//! 16 % slower); huge pages under the frames (no faster).
+//!
 //! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others may
 //! move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`);
 //! 4. of hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order;
