@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use trex_store::octree::Refinement;
 
 /// Widest or tallest picture, pixels: what PNG viewers and a film of strips still handle.
-pub const MAX_SIDE: u32 = 65_536;
+pub const MAX_SIDE: u32 = 32_768;
 /// Most triangles that one command may be asked for: four times what the format's ids are meant for.
 pub const MAX_COUNT: u64 = 4_000_000_000;
 /// Share of the machine's memory that `auto` stands for, percent.
@@ -170,7 +170,7 @@ pub fn resolution(text: &str) -> Result<Resolution, String> {
         .ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, 1 to {MAX_SIDE} each, like 1024x768"))
 }
 
-/// Parses what the resident octree may take: the coarsest one takes up to a MiB.
+/// Parses what the resident octree may take: the coarsest one of a surface takes some hundred KiB.
 pub fn upper_budget(text: &str) -> Result<Bytes, String> {
     at_least(text, 1 << 20, "1MiB")
 }
@@ -343,8 +343,8 @@ mod tests {
     #[test]
     fn resolutions_are_bounded() {
         assert_eq!(resolution("1024x768"), Ok(Resolution { width: 1024, height: 768 }));
-        assert_eq!(resolution("1X65536"), Ok(Resolution { width: 1, height: 65_536 }));
-        for text in ["", "x", "1024", "0x5", "5x0", "65537x1", "5x5x5", "-5x5", "1024 x 768"] {
+        assert_eq!(resolution("1X32768"), Ok(Resolution { width: 1, height: 32_768 }));
+        for text in ["", "x", "1024", "0x5", "5x0", "32769x1", "5x5x5", "-5x5", "1024 x 768"] {
             assert!(resolution(text).unwrap_err().contains("WIDTHxHEIGHT"), "{text}");
         }
     }

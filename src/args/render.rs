@@ -23,7 +23,7 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
     /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub spp: Option<u32>,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]

@@ -244,7 +244,7 @@ pub fn smallest_bytes() -> u64 {
 
 /// Scratch and output per triangle, voxels apart, for the plan: measured on iso-surfaces and CAD models, rounded up.
 const PLAN_SCRATCH_BYTES: u64 = 24;
-const PLAN_OUTPUT_BYTES: u64 = 4;
+const PLAN_OUTPUT_BYTES: u64 = 5;
 
 fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
     let free = rustix::fs::statvfs(scratch_folder)
