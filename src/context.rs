@@ -8,12 +8,14 @@ use crate::host::HostMemory;
 use crate::progress::Console;
 use crate::report::Output;
 use crate::size;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 use std::fmt::Display;
 use std::num::NonZero;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::available_parallelism;
-use trex_store::{Budget, Interrupt, Progress};
+use trex_store::{Budget, Code, Error, Interrupt, Progress, Result};
 
 /// The surroundings of a verb.
 #[derive(Debug)]
@@ -51,6 +53,23 @@ impl Context {
         }
     }
 
+    /// The threads that data-parallel work runs on, one for each of `threads`.
+    ///
+    /// # Errors
+    /// The system refuses a thread.
+    pub fn thread_pool(&self) -> Result<Arc<ThreadPool>> {
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(self.threads)
+            .thread_name(|index| format!("worker-{index}"))
+            .build();
+        pool.map(Arc::new).map_err(|error| {
+            Error::new(Code::Io, "the system refused a thread")
+                .at_place("the worker threads")
+                .numbers(format!("{} asked: {error}", self.threads))
+                .next("ask for fewer with --threads, or raise the limit of processes")
+        })
+    }
+
     /// The receiver of progress, for calls that take a `Report`.
     pub fn report(&self) -> impl Fn(Progress) + Sync + '_ {
         |progress| self.console.show(progress)
@@ -71,7 +90,7 @@ impl Context {
     ///
     /// # Errors
     /// The system refuses a handler.
-    pub fn listen_for_signals(&self) -> Result<(), ctrlc::Error> {
+    pub fn listen_for_signals(&self) -> std::result::Result<(), ctrlc::Error> {
         let interrupt = self.interrupt.clone();
         let asked = AtomicBool::new(false);
         ctrlc::set_handler(move || {

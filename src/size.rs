@@ -3,6 +3,7 @@
 //! Invariant: three significant digits or fewer are lost, never more, and the unit is always printed.
 
 use std::time::Duration;
+use trex_render::MemoryPlan;
 
 /// Bytes in binary units: `64.0 KiB`, `1.46 GiB`.
 pub fn bytes(bytes: u64) -> String {
@@ -66,6 +67,20 @@ fn three_digits(value: f64) -> String {
     } else {
         format!("{value:.0}")
     }
+}
+
+/// The shares of a memory plan.
+pub fn memory_plan(plan: &MemoryPlan) -> String {
+    let parts = [
+        ("reserve", plan.reserve_bytes),
+        ("tables", plan.tables_bytes),
+        ("voxels", plan.voxels_bytes),
+        ("photons", plan.photons_bytes),
+        ("film", plan.film_bytes),
+        ("staging", plan.staging_bytes),
+        ("frames", plan.frames_bytes),
+    ];
+    parts.map(|(name, part)| format!("{name} {}", bytes(part))).join(", ")
 }
 
 #[cfg(test)]

@@ -13,8 +13,7 @@ use rand_pcg::rand_core::{Rng, SeedableRng};
 use std::hint::black_box;
 use std::time::Duration;
 use trex_bench::model::Model;
-use trex_render::camera::Camera;
-use trex_render::voxel::{GRay, Occluders, VoxelScene};
+use trex_render::{Camera, Occluders, Ray, VoxelScene};
 use trex_store::build::Voxels;
 use trex_store::octree::UpperOctree;
 use trex_store::{Budget, PageFile};
@@ -39,7 +38,7 @@ fn built() -> (PageFile, UpperOctree) {
 }
 
 /// Cosine-distributed rays from the leaves that a camera sees.
-fn gather_rays(scene: &VoxelScene<'_>, octree: &UpperOctree, file: &PageFile) -> Vec<GRay> {
+fn gather_rays(scene: &VoxelScene<'_>, octree: &UpperOctree, file: &PageFile) -> Vec<Ray> {
     let size = [PICTURE_SIDE; 2];
     let camera = Camera::framing(&file.superblock().bounds, size, None, None);
     let projection = camera.project(size).expect("a picture");
@@ -49,7 +48,7 @@ fn gather_rays(scene: &VoxelScene<'_>, octree: &UpperOctree, file: &PageFile) ->
         let [x, y] = [at, at >> 1].map(|bits| (0..16).map(|bit| (bits >> (2 * bit) & 1) << bit).sum::<u32>());
         let eye = projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let direction = unit(eye.direction);
-        let seen = GRay { origin: eye.origin, direction, t_max: f64::INFINITY };
+        let seen = Ray { origin: eye.origin, direction, t_max: f64::INFINITY };
         let Some(hit) = scene.intersect(&seen) else { continue };
         let normal = octree.leaf(hit.leaf as usize).normal.map(f64::from);
         let facing: f64 = (0..3).map(|a| normal[a] * direction[a]).sum();
@@ -59,7 +58,7 @@ fn gather_rays(scene: &VoxelScene<'_>, octree: &UpperOctree, file: &PageFile) ->
         for _ in 0..RAYS_PER_POINT {
             let sphere = on_sphere(&mut rng);
             let direction = unit(std::array::from_fn(|a| normal[a] + sphere[a]));
-            rays.push(GRay { origin, direction, t_max: f64::INFINITY });
+            rays.push(Ray { origin, direction, t_max: f64::INFINITY });
         }
     }
     rays
@@ -79,7 +78,7 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
 
 fn gray(criterion: &mut Criterion) {
     let (file, octree) = built();
-    let scene = VoxelScene::on(&octree, &file.superblock().lattice, Occluders::On);
+    let scene = VoxelScene::new(&octree, &file.superblock().lattice, Occluders::On);
     let rays = gather_rays(&scene, &octree, &file);
     let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
     let mut group = criterion.benchmark_group("gray");

@@ -12,9 +12,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use std::hint::black_box;
 use std::time::Duration;
 use trex_bench::model::Model;
-use trex_render::camera::Camera;
-use trex_render::trace::probe::{Probe, Step};
-use trex_render::trace::{AllResident, Arithmetic, PagedMesh, Ray, Tracer};
+use trex_render::{AllResident, Arithmetic, Camera, PagedMesh, Probe, ProbeStep, Ray, Tracer};
 use trex_store::build::Voxels;
 use trex_store::{Budget, PageFile};
 
@@ -49,7 +47,9 @@ fn traversal(criterion: &mut Criterion) {
 
     let few: Vec<Ray> = rays.iter().copied().step_by(PROBE_STEP).collect();
     let fastest = Arithmetic::for_file(&file);
-    for (step, name) in [(Step::Node, "node"), (Step::LeafBoxes, "leaf-boxes"), (Step::Triangles, "leaf")] {
+    for (step, name) in
+        [(ProbeStep::Node, "node"), (ProbeStep::LeafBoxes, "leaf-boxes"), (ProbeStep::Triangles, "leaf")]
+    {
         let [fast, plain] =
             [fastest, Arithmetic::Scalar].map(|arithmetic| Probe::new(&file, &pages, &few, arithmetic));
         assert_eq!(fast.run(step), plain.run(step));

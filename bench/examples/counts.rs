@@ -9,9 +9,7 @@
 use std::hint::black_box;
 use std::io::Write;
 use std::path::Path;
-use trex_render::camera::Camera;
-use trex_render::trace::probe::{Probe, Step};
-use trex_render::trace::{AllResident, Arithmetic, PagedMesh, Ray, Tracer};
+use trex_render::{AllResident, Arithmetic, Camera, PagedMesh, Probe, ProbeStep, Ray, Tracer};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::PageStore;
 use trex_store::{Budget, PageFile};
@@ -38,7 +36,7 @@ fn main() {
     let rays: Vec<Ray> = pixels.map(|[x, y]| projection.ray(x, y)).collect();
 
     let few: Vec<Ray> = rays.iter().copied().step_by(PROBE_STEP).collect();
-    let probe = |step: Step| {
+    let probe = |step: ProbeStep| {
         let probe = Probe::new(&file, &pages, &few, Arithmetic::for_file(&file));
         measured(&mut || black_box(probe.run(step)));
         probe.test_count(step)
@@ -46,9 +44,9 @@ fn main() {
     let mut mesh = PagedMesh::new(&file, &pages);
     let mut answers = Vec::with_capacity(rays.len());
     let steps = match step.as_str() {
-        "node" => probe(Step::Node),
-        "leaf-boxes" => probe(Step::LeafBoxes),
-        "leaf" => probe(Step::Triangles),
+        "node" => probe(ProbeStep::Node),
+        "leaf-boxes" => probe(ProbeStep::LeafBoxes),
+        "leaf" => probe(ProbeStep::Triangles),
         "alone" => measured(&mut || {
             answers.extend(rays.iter().map(|ray| mesh.intersect(ray)));
             answers.len() as u64

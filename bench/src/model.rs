@@ -5,7 +5,7 @@
 use datasets_gen::{GenOptions, Spec};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-use trex_render::camera::{Camera, Fov};
+use trex_render::{Camera, Fov};
 use trex_store::build::{BuildOptions, BuildReport, Existing, Precision, Voxels};
 use trex_store::{Budget, Error, Interrupt};
 

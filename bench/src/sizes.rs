@@ -13,7 +13,7 @@ use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trex_render::trace::AllResident;
+use trex_render::AllResident;
 use trex_store::PageFile;
 use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterMesh, FrameView, LEAF_WIDTH_LEAST, LeafBoxes, Node};
 use trex_store::layout::{FRAME_BYTES, NODE_WIDTH, Packing, PageKind};

@@ -5,16 +5,10 @@
 #[path = "../../store/examples/support/tiny.rs"]
 mod tiny;
 
+use rayon::ThreadPoolBuilder;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use trex_render::film::Layers;
-use trex_render::integrator::Method;
-use trex_render::picture::write_png;
-use trex_render::scene::Scene;
-use trex_render::session::Session;
-use trex_render::trace::tracers;
-use trex_render::voxel::Voxels;
-use trex_render::world::Model;
+use trex_render::{Layers, Method, Model, Scene, Session, SessionSetup, Voxels, pooled_tracers, write_png};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Error, PageFile};
 
@@ -24,7 +18,7 @@ fn main() -> Result<(), Error> {
     let file = Arc::new(PageFile::open(&found.path, &budget)?);
     let pool = PagePool::open(file.clone(), &found.path, &budget, &PoolOptions::default())?;
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
-    let voxels = Voxels::of(&file, &budget)?.map(Arc::new);
+    let voxels = Voxels::open(&file, &budget)?.map(Arc::new);
     let method = if voxels.is_some() { Method::Photon } else { Method::Direct };
     let mut model = Model { bounds, materials, emitters: vec![], voxels };
 
@@ -32,7 +26,10 @@ fn main() -> Result<(), Error> {
     scene.render.integrator = method;
     (scene.render.resolution, scene.render.photons) = ([128, 128], 100_000);
     let view = scene.view(&mut model)?;
-    let mut session = Session::new(model, view, Layers::default(), &budget, tracers(&file, &pool, 2))?;
+    let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().expect("two threads"));
+    let tracers = pooled_tracers(&file, &pool, 2);
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads };
+    let mut session = Session::new(setup, &budget)?;
     let photons = session.illuminate(&|| false, &mut |_, _| {})?;
     println!("{} photons, {} deposits", photons.photons, photons.deposits);
     // After each pass every pixel has the same number of samples: the film can be shown.

@@ -7,9 +7,7 @@ mod tiny;
 
 use std::sync::Arc;
 use std::time::Duration;
-use trex_render::camera::Camera;
-use trex_render::frame::PagedTracer;
-use trex_render::trace::{Answer, Tracer, tracers};
+use trex_render::{Answer, Camera, PagedTracer, Tracer, pooled_tracers};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Error, PageFile};
 
@@ -18,7 +16,7 @@ fn main() -> Result<(), Error> {
     let budget = Budget::new(256 << 20);
     let file = Arc::new(PageFile::open(&model.path, &budget)?);
     let pool = PagePool::open(file.clone(), &model.path, &budget, &PoolOptions::default())?;
-    let mut tracer = tracers(&file, &pool, 1).remove(0);
+    let mut tracer = pooled_tracers(&file, &pool, 1).remove(0);
 
     let camera = Camera::framing(&file.superblock().bounds, [512, 512], None, None);
     let ray = camera.project([512, 512])?.ray(256.0, 256.0);

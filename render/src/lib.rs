@@ -1,42 +1,68 @@
 //! trex-render: rays to picture.
 //!
-//! Life of a sample: the [`scene`] text and the model make a [`world`]; the [`frame`] loop hands out tiles
-//! ([`tile`]); for each pixel and sample index the [`integrator`] draws numbers ([`sampler`]), asks the
-//! [`camera`] for a ray and a [`trace::Tracer`] for what it meets, sums [`light`] over the [`material`], and
-//! adds the radiance to the [`film`], which [`picture`] encodes. A [`session`] holds all of it while the user
-//! edits.
+//! Life of a sample: the [`Scene`] text and the [`Model`] make a [`World`]; a [`Session`] hands out tiles of the picture to
+//! its workers; for each pixel and sample index an integrator draws numbers, asks the [`Projection`] for a ray and a
+//! [`Tracer`] for what it meets, sums light over the material, and adds the radiance to the [`Film`], which [`write_png`] or
+//! [`write_exr`] encodes. A session takes [`Event`]s while the user edits.
+//!
+//! Floors: each folder imports those above it alone.
+//!
+//! ```text
+//! math sampler sampling stats
+//! trace       C-rays on clusters
+//! voxel       G-rays on the voxel octree
+//! shading     BSDF, surfaces, light
+//! scene       text, views, camera, settings, world
+//! image       film, tiles, saliency, filter, encoders, display
+//! photon      photons through mesh and voxels, and the light that they bring
+//! integrate   one module an integrator behind one trait
+//! schedule    tiles over workers, out of core
+//! session     events to pictures
+//! ```
 //!
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
-mod ao;
-pub mod camera;
-mod debug;
-mod direct;
-pub mod emitter;
-pub mod film;
-pub mod filter;
-mod footprint;
-pub mod frame;
-mod frames;
-mod full_gi;
-mod g_batch;
-pub mod indirect;
-pub mod integrator;
-pub mod light;
-pub mod live;
-pub mod material;
+mod image;
+mod integrate;
 mod math;
-mod path;
 mod photon;
-mod photon_flight;
-pub mod photon_tree;
-pub mod picture;
-pub mod saliency;
-pub mod sampler;
-pub mod scene;
-pub mod session;
-mod surface;
-pub mod tile;
-pub mod trace;
-pub mod voxel;
-pub mod world;
+mod sampler;
+mod sampling;
+mod scene;
+mod schedule;
+mod session;
+mod shading;
+mod stats;
+#[cfg(test)]
+mod testing;
+mod trace;
+mod voxel;
+
+pub use image::display::Display;
+pub use image::encode::{Image, encoder_bytes, write_exr, write_png};
+pub use image::film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
+pub use image::filter::filter_bytes;
+pub use image::saliency::Saliency;
+pub use image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder, Tiles};
+pub use photon::irradiance::PhotonMap;
+pub use scene::camera::{
+    Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS, up_axis,
+};
+pub use scene::parse_views;
+pub use scene::settings::{
+    Filter, K_NEAREST_MAX, K_NEAREST_MIN, LOD_ERROR_MAX_PIXELS, Method, N_GATHER_MAX, N_SHADOW_MAX, Near,
+    PHOTONS_MAX, RenderKeys, RenderSettings, SPP_MAX, TREE_PHOTONS_MAX,
+};
+pub use scene::text::{CameraKeys, Scene};
+pub use scene::world::{MaterialEdit, Model, View, World};
+pub use session::{
+    BLOCK_TILES_MIN, Event, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan, PictureNeeds,
+    Prefetch, RenderStats, Session, SessionSetup, model_bytes,
+};
+pub use shading::{Emitter, Emitters, Light};
+pub use stats::{PassStats, PhotonStats, RayCounts, RayRates};
+pub use trace::{
+    AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
+    PooledPages, Predictor, Probe, ProbeStep, Ray, Tracer, pooled_tracers,
+};
+pub use voxel::{LowerHit, LowerLeaf, LowerScene, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels};

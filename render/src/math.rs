@@ -72,6 +72,18 @@ pub(crate) fn max_rgb(a: [f32; 3]) -> f32 {
     a[0].max(a[1]).max(a[2])
 }
 
+/// Right and front of a model with this unit `up`: (+x, +z) for +y up, (+x, -y) for +z up.
+pub(crate) fn ground_axes(up: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    let other = if up[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, -1.0] };
+    let front = unit(cross(other, up)).expect("not along up");
+    (cross(up, front), front)
+}
+
+/// One number for how much light a colour is: the mean, so that no colour counts as dark.
+pub(crate) fn brightness(rgb: [f32; 3]) -> f64 {
+    rgb.iter().map(|&x| f64::from(x)).sum::<f64>() / 3.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -12,14 +12,14 @@ const SEQUENCE_BITS: u32 = 16;
 
 /// The numbers of one sample.
 #[derive(Clone, Copy, Debug)]
-pub struct Sampler {
+pub(crate) struct Sampler {
     pixel_seed: u64,
     sample: u32,
 }
 
 /// What the numbers are for.
 #[derive(Clone, Copy, Debug)]
-pub enum Decision {
+pub(crate) enum Decision {
     /// Where in the pixel the primary ray goes (2 numbers).
     Pixel,
     /// Whether the path goes on after the vertex with this index (1 number).
@@ -50,13 +50,13 @@ pub enum Decision {
 
 impl Sampler {
     /// The numbers of sample `sample` of `pixel` (x, y) in the picture that `seed` names.
-    pub fn new(seed: u64, pixel: [u32; 2], sample: u32) -> Sampler {
+    pub(crate) fn new(seed: u64, pixel: [u32; 2], sample: u32) -> Sampler {
         let pixel_key = u64::from(pixel[0]) | u64::from(pixel[1]) << 32;
         Sampler { pixel_seed: mix(mix(seed) ^ pixel_key), sample }
     }
 
     /// Four numbers for `decision`.
-    pub fn draw(&self, decision: Decision) -> [f32; 4] {
+    pub(crate) fn draw(&self, decision: Decision) -> [f32; 4] {
         let sample = u64::from(self.sample);
         let (kind, index) = match decision {
             Decision::Pixel => (0, sample),

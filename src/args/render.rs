@@ -5,12 +5,7 @@ use crate::values::{self, Milliseconds, Resolution, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_render::integrator::Method;
-use trex_render::live::{FrameOptions, Prefetch};
-use trex_render::saliency::Saliency;
-use trex_render::scene::Scene;
-use trex_render::tile::TileOrder;
-use trex_render::voxel::{Near, Occluders};
+use trex_render::{FrameOptions, Method, Near, Occluders, Prefetch, Saliency, Scene, TileOrder};
 
 /// `trex render`
 #[derive(Debug, Args)]

@@ -2,7 +2,8 @@
 
 use super::build::{Built, Work};
 use super::inputs;
-use super::render::{Job, Rendered};
+use super::render::Job;
+use super::rendered::Rendered;
 use super::stage::io_options;
 use crate::args::DemoArgs;
 use crate::context::Context;
@@ -11,9 +12,7 @@ use datasets_gen::{Spec, views};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
-use trex_render::film::Layers;
-use trex_render::integrator::Method;
-use trex_render::scene::Scene;
+use trex_render::{Layers, Method, Scene};
 use trex_store::build::{self, Existing, Precision, Voxels};
 use trex_store::{Code, Error};
 

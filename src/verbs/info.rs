@@ -1,7 +1,6 @@
 //! `trex info`: what a mesh or a page file holds, without loading it.
 
 use super::inputs;
-use super::shares::Shares;
 use crate::args::InfoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -12,12 +11,11 @@ use std::fmt;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use trex_render::{MemoryPlan, PictureNeeds};
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
 use trex_store::{Aabb, PageFile};
 
-/// The picture that memory is told for.
-const RESOLUTION: [u32; 2] = [1024, 1024];
 /// Materials named in the text.
 const NAMED: usize = 16;
 
@@ -161,13 +159,15 @@ struct Stored {
     rejected: Rejected,
     smallest_limit_bytes: u64,
     /// For a picture of 1024x1024 in direct light, of this run's limit or the smallest.
-    shares: Shares,
+    shares: MemoryPlan,
 }
 
 impl Stored {
     fn of(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
         let block = file.superblock();
-        let smallest_limit_bytes = Shares::smallest_limit_bytes(file, RESOLUTION, ctx.threads)?;
+        // Of the default size, 1024x1024.
+        let picture = PictureNeeds::plain(ctx.threads);
+        let smallest_limit_bytes = MemoryPlan::smallest_limit_bytes(file, &picture)?;
         let limit_bytes = ctx.budget.limit_bytes().max(smallest_limit_bytes);
         let stored_pages = |kind| -> (usize, u64) {
             let pages = file.pages().iter().filter(|page| page.kind == kind);
@@ -238,7 +238,7 @@ impl Stored {
                 non_finite: block.rejected_non_finite,
             },
             smallest_limit_bytes,
-            shares: Shares::of(file, RESOLUTION, limit_bytes, ctx.threads)?,
+            shares: MemoryPlan::new(file, &picture, limit_bytes)?,
         })
     }
 }
@@ -294,7 +294,7 @@ impl fmt::Display for Stored {
             None => writeln!(f, "no voxels")?,
         }
         writeln!(f, "box {:?} to {:?}", self.bounds.lo, self.bounds.hi)?;
-        writeln!(f, "memory for 1024x1024 in direct light: {}", self.shares)?;
+        writeln!(f, "memory for 1024x1024 in direct light: {}", size::memory_plan(&self.shares))?;
         write!(f, "smallest limit for 1024x1024 in direct light: {}", size::bytes(self.smallest_limit_bytes))
     }
 }

@@ -3,8 +3,7 @@
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use trex_render::film::Layers;
-use trex_render::picture::{Image, write_exr, write_png};
+use trex_render::{Image, Layers, write_exr, write_png};
 use trex_store::output::Existing;
 use trex_store::{Code, Error, Result};
 

@@ -1,32 +1,29 @@
 //! `trex render`: a page file or a scene to a picture.
+//!
+//! ```text
+//! check the output -> open the stage -> photons -> a picture from each viewpoint -> what is to be told
+//! ```
 
 use super::picture_file::PictureFile;
-use super::shares::Shares;
-use super::stage::{Play, Stage, io_options, open_scene, read_views};
+use super::rendered::{Image, Picture, Rendered};
+use super::show::Show;
+use super::stage::{Play, Stage, StageTracer, io_options, open_scene, read_views};
 use crate::args::{Layer, RenderArgs, Switch};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
-use crate::size;
-use serde::Serialize;
 use std::ffi::OsStr;
-use std::fmt;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use trex_bench::stress::Times;
-use trex_render::camera::Camera;
-use trex_render::film::Layers;
-use trex_render::filter::Filter;
-use trex_render::frame::PagedTracer;
-use trex_render::integrator::{RayCounts, RayRates};
-use trex_render::live::{self, FrameOptions};
-use trex_render::scene::Scene;
-use trex_render::session::{Event, RenderStats, Session};
-use trex_render::voxel::PhotonStats;
-use trex_store::io::{IoDescription, IoOptions};
-use trex_store::pool::PoolStats;
+use trex_render::{
+    Camera, Event, Filter, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RayRates, RenderKeys,
+    RenderStats, Scene, Session,
+};
+use trex_store::io::IoOptions;
 use trex_store::{Progress, Result};
+
+/// Damaged pages that are told one by one.
+const DAMAGE_TOLD: usize = 10;
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -79,137 +76,198 @@ pub struct Job<'a> {
     pub live: Option<FrameOptions>,
 }
 
+/// When the work began, and when it is to stop.
+struct Clock<'a> {
+    start: Instant,
+    time_limit: Option<Duration>,
+    ctx: &'a Context,
+}
+
+impl Clock<'_> {
+    fn is_late(&self) -> bool {
+        self.time_limit.is_some_and(|limit| self.start.elapsed() >= limit)
+    }
+
+    fn stops(&self) -> bool {
+        self.ctx.interrupt.is_raised() || self.is_late()
+    }
+}
+
+/// Photons, and how long what took.
+struct Times {
+    photons: PhotonStats,
+    photons_s: f64,
+    /// All but filter and file.
+    total_s: f64,
+    passed_ms: u64,
+}
+
+/// A picture to be made.
+struct Shot {
+    /// `None`: as the session stands.
+    camera: Option<Camera>,
+    target: PictureFile,
+    output: PathBuf,
+}
+
+/// How much is done, for the progress.
+struct Done {
+    /// Pictures before this one, and of how many.
+    place: usize,
+    shots: usize,
+    /// Samples that every pixel of this one has.
+    spp: u32,
+}
+
+/// What the pictures came to.
+struct Shown {
+    pictures: Vec<Picture>,
+    stats: RenderStats,
+    first_picture_ms: Option<u64>,
+    /// Time of filter and file, which are no part of the figures.
+    finishing: Duration,
+}
+
 impl Job<'_> {
+    /// Renders and writes the pictures.
+    pub fn render(&self, ctx: &Context) -> Result<Rendered> {
+        let clock = Clock { start: Instant::now(), time_limit: self.time_limit, ctx };
+        if self.camera_path.is_none() {
+            self.check(self.output)?;
+        }
+        let play =
+            Play { scene: self.scene, file: self.file, layers: self.layers, io: &self.io, live: self.live };
+        let stage = Stage::open(&play, ctx)?;
+        let mut session = stage.session(ctx)?;
+        let shots = self.shots(&session.view().camera)?;
+
+        let photons_start = Instant::now();
+        let photons = send_photons(&mut session, &clock)?;
+        let photons_s = photons_start.elapsed().as_secs_f64();
+
+        let mut show = Show::new(session, self.live)?;
+        let shown = self.make_pictures(&mut show, &shots, &clock)?;
+        self.tell_what_is_missing(&shown, shots.len(), ctx);
+        tell_damage(&stage, ctx);
+        let passed = clock.start.elapsed();
+        let (total_s, passed_ms) = ((passed - shown.finishing).as_secs_f64(), passed.as_millis() as u64);
+        let times = Times { photons, photons_s, total_s, passed_ms };
+        Ok(self.rendered(show, shown, &stage, &times, ctx))
+    }
+
+    fn check(&self, path: &Path) -> Result<PictureFile> {
+        PictureFile::check(path, self.overwrite, self.layers)
+    }
+
     /// What is to be made, checked: viewpoints are otherwise like `camera`.
     fn shots(&self, camera: &Camera) -> Result<Vec<Shot>> {
         let Some(path) = self.camera_path else {
-            return Ok(vec![Shot { camera: None, output: self.output.to_path_buf() }]);
+            return Ok(vec![Shot {
+                camera: None,
+                target: self.check(self.output)?,
+                output: self.output.to_path_buf(),
+            }]);
         };
         let shot = |(camera, number): (Camera, usize)| {
             let place = || format!("{}, view {number}", path.display());
             camera.project(self.scene.render.resolution).map_err(|error| error.at_place(place()))?;
-            Ok(Shot { camera: Some(camera), output: numbered(self.output, number) })
+            let output = numbered(self.output, number);
+            Ok(Shot { camera: Some(camera), target: self.check(&output)?, output })
         };
         read_views(path, camera)?.into_iter().zip(1..).map(shot).collect()
     }
 
-    /// Renders and writes the pictures.
-    pub fn render(&self, ctx: &Context) -> Result<Rendered> {
-        let start = Instant::now();
-        let Job { scene, file, layers, io, live, .. } = self;
-        let check = |path: &Path| PictureFile::check(path, self.overwrite, *layers);
-        if self.camera_path.is_none() {
-            check(self.output)?;
-        }
-        let keys = &scene.render;
-        let stage = Stage::open(&Play { scene, file, layers: *layers, io, live: *live }, ctx)?;
-        let pool = &stage.pool;
-        let mut session = stage.session(ctx)?;
-        let shots = self.shots(&session.view().camera)?;
-        let targets = shots.iter().map(|shot| check(&shot.output)).collect::<Result<Vec<_>>>()?;
-
-        let late = || self.time_limit.is_some_and(|limit| start.elapsed() >= limit);
-        let stop = || ctx.interrupt.is_raised() || late();
-        let show = ctx.report();
-        let photon_start = Instant::now();
-        let mut tell_photons = |done, total| {
-            let memory_bytes = ctx.budget.used_bytes();
-            show(Progress { phase: "photons", done, total, unit: "photons", memory_bytes });
-        };
-        let photons = session.illuminate(&stop, &mut tell_photons)?;
-        let photon_seconds = photon_start.elapsed().as_secs_f64();
-        let mut first_picture_ms = None;
-        let mut tell = |before: usize, spp: u32| {
-            first_picture_ms.get_or_insert(start.elapsed().as_millis() as u64);
-            let memory_bytes = ctx.budget.used_bytes();
-            let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
-            let whole = u64::from(keys.spp) * pixels;
-            let (done, total) = (before as u64 * whole + u64::from(spp) * pixels, shots.len() as u64 * whole);
-            show(Progress { phase: "render", done, total, unit: "samples", memory_bytes });
-        };
-        let mut frames = None;
-        let mut pictures = vec![];
-        // Of filter and file, which are no part of the figures.
-        let mut finishing = Duration::ZERO;
-        let mut stats = RenderStats { complete: true, spp: u32::MAX, ..RenderStats::default() };
-        for (place, (shot, target)) in shots.iter().zip(&targets).enumerate() {
+    /// A picture from each viewpoint.
+    fn make_pictures<T: PagedTracer + Send>(
+        &self,
+        show: &mut Show<T>,
+        shots: &[Shot],
+        clock: &Clock<'_>,
+    ) -> Result<Shown> {
+        let keys = &self.scene.render;
+        let stats = RenderStats { complete: true, spp: u32::MAX, ..RenderStats::default() };
+        let mut shown = Shown { pictures: vec![], stats, first_picture_ms: None, finishing: Duration::ZERO };
+        for (place, shot) in shots.iter().enumerate() {
             if let Some(camera) = shot.camera {
-                session.apply(Event::Camera(camera))?;
+                show.apply(Event::Camera(camera))?;
             }
             let begin = Instant::now();
-            let one = match self.live {
-                None => session.render(keys.spp, &stop, &mut |_, stats| {
-                    tell(place, stats.spp);
-                    ControlFlow::Continue(())
-                }),
-                Some(options) => {
-                    let log = frames.insert(Frames::default());
-                    log.render(&mut session, (options, keys.spp), &stop, &mut |spp| tell(place, spp))?
-                }
-            };
-            ctx.interrupt.check()?;
+            let one = show.render(keys.spp, &|| clock.stops(), &mut |spp| {
+                let passed = clock.start.elapsed().as_millis() as u64;
+                shown.first_picture_ms.get_or_insert(passed);
+                tell_samples(keys, clock.ctx, Done { place, shots: shots.len(), spp });
+            });
+            clock.ctx.interrupt.check()?;
             let rendered = Instant::now();
-            session.smooth()?;
-            target.write(&session, keys.exposure)?;
-            finishing += rendered.elapsed();
+            show.smooth()?;
+            shot.target.write(show, keys.exposure)?;
+            shown.finishing += rendered.elapsed();
+            let stats = &mut shown.stats;
             stats.total.add(&one.total);
             (stats.spp, stats.complete) = (stats.spp.min(one.spp), stats.complete && one.complete);
             let (output, time) = (shot.output.display().to_string(), rendered - begin);
-            pictures.push(Picture { output, spp: one.spp, time_ms: time.as_millis() as u64 });
-            if late() {
+            shown.pictures.push(Picture { output, spp: one.spp, time_ms: time.as_millis() as u64 });
+            if clock.is_late() {
                 break;
             }
         }
-        if pictures.len() < shots.len() {
-            stats.complete = false;
+        shown.stats.complete &= shown.pictures.len() == shots.len();
+        Ok(shown)
+    }
+
+    /// What the time limit has cut off.
+    fn tell_what_is_missing(&self, shown: &Shown, shot_count: usize, ctx: &Context) {
+        if shown.pictures.len() < shot_count {
             ctx.console.note(&format!(
-                "note: the time limit came in picture {} of {}; the others are not made",
-                pictures.len(),
-                shots.len()
+                "note: the time limit came in picture {} of {shot_count}; the others are not made",
+                shown.pictures.len()
             ));
         }
-        if stats.spp == 0 {
-            let rest = if frames.is_some() { "a stand-in" } else { "black" };
+        if shown.stats.spp == 0 {
+            let rest = if self.live.is_some() { "a stand-in" } else { "black" };
             ctx.console.note(&format!(
                 "note: the time limit came before every pixel had a sample; the rest is {rest}"
             ));
         }
-        let seconds = (start.elapsed() - finishing).as_secs_f64();
+    }
+
+    /// What is to be told.
+    fn rendered(
+        &self,
+        show: Show<StageTracer<'_>>,
+        shown: Shown,
+        stage: &Stage,
+        times: &Times,
+        ctx: &Context,
+    ) -> Rendered {
+        let (keys, pool) = (&self.scene.render, &stage.pool);
+        let Shown { pictures, stats, first_picture_ms, .. } = shown;
+        let Times { photons, photons_s, total_s, passed_ms } = *times;
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
-        let render_seconds = seconds - photon_seconds;
-        let damage = pool.damage();
-        for (page, error) in damage.iter().take(10) {
-            let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
-            ctx.console.note(&format!(
-                "damaged page {page}, drawn {drawn}: {} {}",
-                error.what(),
-                error.place()
-            ));
-        }
-        Ok(Rendered {
+        let render_s = total_s - photons_s;
+        let [width, height] = keys.resolution;
+        let image = Image { mean: show.session().film().mean(), width, height };
+        let arithmetic = show.session().tracers()[0].arithmetic().name();
+        Rendered {
             scene: self.file.display().to_string(),
             output: pictures[0].output.clone(),
             pictures,
             integrator: keys.integrator.as_str(),
             spp: stats.spp,
             rays,
-            rays_per_s: RayRates { photon: rays.per_s(photon_seconds).photon, ..rays.per_s(render_seconds) },
+            rays_per_s: RayRates { photon: rays.per_s(photons_s).photon, ..rays.per_s(render_s) },
             photons,
-            photons_ms: (photon_seconds * 1e3) as u64,
+            photons_ms: (photons_s * 1e3) as u64,
             look_ups: stats.total.look_ups,
-            look_ups_per_s: stats.total.look_ups as f64 / render_seconds,
-            time_ms: (seconds * 1e3) as u64,
+            look_ups_per_s: stats.total.look_ups as f64 / render_s,
+            time_ms: (total_s * 1e3) as u64,
             first_picture_ms,
-            frames,
-            complete_ms: stats.complete.then(|| start.elapsed().as_millis() as u64),
+            frames: show.frames(),
+            complete_ms: stats.complete.then_some(passed_ms),
             exact: pool.stats().damaged == 0 && stats.spp > 0 && keys.lod_error == 0.0,
             lod_error_px: keys.lod_error,
-            damaged_pages: damage.iter().map(|(page, _)| *page).collect(),
-            image: Image {
-                mean: session.film().mean(),
-                width: keys.resolution[0],
-                height: keys.resolution[1],
-            },
+            damaged_pages: pool.damage().iter().map(|(page, _)| *page).collect(),
+            image,
             waits: stats.total.waits,
             narrow_samples: stats.total.narrow_samples,
             pool: pool.stats(),
@@ -217,8 +275,33 @@ impl Job<'_> {
             memory: Memory::of(&ctx.budget),
             io_backend: pool.io().clone(),
             device: "cpu",
-            arithmetic: session.tracers()[0].arithmetic().name(),
-        })
+            arithmetic,
+        }
+    }
+}
+
+/// The light that photons bring.
+fn send_photons<T: PagedTracer + Send>(session: &mut Session<T>, clock: &Clock<'_>) -> Result<PhotonStats> {
+    let (show, budget) = (clock.ctx.report(), &clock.ctx.budget);
+    session.illuminate(&|| clock.stops(), &mut |done, total| {
+        let memory_bytes = budget.used_bytes();
+        show(Progress { phase: "photons", done, total, unit: "photons", memory_bytes });
+    })
+}
+
+fn tell_samples(keys: &RenderKeys, ctx: &Context, done: Done) {
+    let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
+    let whole = u64::from(keys.spp) * pixels;
+    let (now, total) = (done.place as u64 * whole + u64::from(done.spp) * pixels, done.shots as u64 * whole);
+    let memory_bytes = ctx.budget.used_bytes();
+    ctx.report()(Progress { phase: "render", done: now, total, unit: "samples", memory_bytes });
+}
+
+/// What could not be drawn as it is.
+fn tell_damage(stage: &Stage, ctx: &Context) {
+    for (page, error) in stage.pool.damage().iter().take(DAMAGE_TOLD) {
+        let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
+        ctx.console.note(&format!("damaged page {page}, drawn {drawn}: {} {}", error.what(), error.place()));
     }
 }
 
@@ -229,156 +312,4 @@ fn numbered(output: &Path, number: usize) -> PathBuf {
     name.push(format!("-{number:04}."));
     name.push(part(output.extension()));
     output.with_file_name(name)
-}
-
-/// Frames with a deadline: their times.
-#[derive(Debug, Default, Serialize)]
-pub struct Frames {
-    /// From the start to the first whole fetch block.
-    pub response_ms: Times,
-    pub frame_ms: Times,
-    pub block_tiles: u32,
-}
-
-impl Frames {
-    /// Frames until every pixel has `spp` samples, or `stop`.
-    fn render<T: PagedTracer + Send>(
-        &mut self,
-        session: &mut Session<T>,
-        (options, spp): (FrameOptions, u32),
-        stop: &(dyn Fn() -> bool + Sync),
-        tell: &mut dyn FnMut(u32),
-    ) -> Result<RenderStats> {
-        let start = Instant::now();
-        session.go_live(options)?;
-        let mut stats = RenderStats::default();
-        while !stats.complete && !stop() {
-            let begin = Instant::now();
-            let report = session.frame(spp, stop);
-            self.frame_ms.add(begin.elapsed());
-            if report.progress >= live::Progress::Block && self.response_ms.count() == 0 {
-                self.response_ms.add(start.elapsed());
-                self.block_tiles = report.block_tiles;
-            }
-            stats.total.add(&report.pass);
-            stats.spp = session.film().samples();
-            stats.complete = report.progress == live::Progress::Done;
-            tell(stats.spp);
-        }
-        Ok(stats)
-    }
-}
-
-/// The result of a render.
-#[derive(Debug, Serialize)]
-pub struct Rendered {
-    pub scene: String,
-    pub output: String,
-    /// Each picture, of a camera path one for each viewpoint.
-    pub pictures: Vec<Picture>,
-    pub integrator: &'static str,
-    pub spp: u32,
-    pub rays: RayCounts,
-    pub rays_per_s: RayRates,
-    pub photons: PhotonStats,
-    pub photons_ms: u64,
-    /// Look-ups of the photons nearest to a place; of `full-gi`.
-    pub look_ups: u64,
-    pub look_ups_per_s: f64,
-    pub time_ms: u64,
-    pub first_picture_ms: Option<u64>,
-    /// Of frames with a deadline.
-    #[serde(flatten)]
-    pub frames: Option<Frames>,
-    pub complete_ms: Option<u64>,
-    pub exact: bool,
-    pub lod_error_px: f64,
-    pub damaged_pages: Vec<u32>,
-    pub image: Image,
-    pub waits: u64,
-    pub narrow_samples: u64,
-    pub pool: PoolStats,
-    pub shares: Shares,
-    pub memory: Memory,
-    pub io_backend: IoDescription,
-    pub device: &'static str,
-    pub arithmetic: &'static str,
-}
-
-/// A picture that was written.
-#[derive(Debug, Serialize)]
-pub struct Picture {
-    pub output: String,
-    pub spp: u32,
-    pub time_ms: u64,
-}
-
-/// A picture to be made.
-struct Shot {
-    /// `None`: as the session stands.
-    camera: Option<Camera>,
-    output: PathBuf,
-}
-
-#[derive(Debug, Serialize)]
-pub struct Image {
-    pub mean: [f64; 3],
-    pub width: u32,
-    pub height: u32,
-}
-
-impl fmt::Display for Rendered {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (rays, pool) = (&self.rays, &self.pool);
-        let total = rays.total();
-        let output = match self.pictures.as_slice() {
-            [first, .., last] => format!("{} to {}", first.output, last.output),
-            _ => self.output.clone(),
-        };
-        writeln!(
-            f,
-            "{output}: {}x{}, {} samples a pixel, {}",
-            self.image.width,
-            self.image.height,
-            self.spp,
-            size::duration(Duration::from_millis(self.time_ms))
-        )?;
-        writeln!(
-            f,
-            "{} ({} primary, {} mirror, {} shadow, {} gather, {} photon), {}",
-            size::count(total),
-            size::count(rays.primary),
-            size::count(rays.mirror),
-            size::count(rays.shadow),
-            size::count(rays.gather),
-            size::count(rays.photon),
-            size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
-        )?;
-        if self.look_ups > 0 {
-            writeln!(
-                f,
-                "{} photons stored, {} look-ups of the nearest, {}",
-                size::count(self.photons.deposits),
-                size::count(self.look_ups),
-                size::rate(self.look_ups_per_s, "look-ups")
-            )?;
-        }
-        if !self.damaged_pages.is_empty() {
-            writeln!(
-                f,
-                "not whole: {} damaged pages, left out; see `trex verify`",
-                self.damaged_pages.len()
-            )?;
-        }
-        write!(
-            f,
-            "pages: {} read ({}), {} evicted, {} read again; memory limit {}, peak {}",
-            size::count(pool.pages_read),
-            size::bytes(pool.bytes_read),
-            size::count(pool.evictions),
-            size::count(pool.refaults),
-            size::bytes(self.memory.limit_bytes),
-            self.memory.peak_rss_bytes.map_or_else(|| "unknown".into(), size::bytes)
-        )
-    }
 }

@@ -1,20 +1,15 @@
-//! `Stage`: a page file on show: opened, its memory shared out, its pool started. What `render`, `demo` and `stress` begin with.
+//! `Stage`: a page file on show: opened, its memory shared out, its pool started. What `render`, `demo` and `stress`
+//! begin with.
 
-use super::shares::{Picture, Shares, model_bytes};
 use crate::args::DiskArgs;
 use crate::context::Context;
+use crate::size;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use trex_bench::stress;
-use trex_render::camera::Camera;
-use trex_render::emitter::Emitter;
-use trex_render::film::Layers;
-use trex_render::live::FrameOptions;
-use trex_render::scene::Scene;
-use trex_render::session::Session;
-use trex_render::trace::{PagedMesh, PooledPages, tracers};
-use trex_render::voxel::Voxels;
-use trex_render::world::{Model, View};
+use trex_render::{
+    Camera, Emitter, FrameOptions, Layers, MemoryPlan, Model, PagedMesh, PictureNeeds, PooledPages,
+    RenderSettings, Scene, Session, SessionSetup, View, Voxels, model_bytes, parse_views, pooled_tracers,
+};
 use trex_store::io::IoOptions;
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Code, Error, Lease, PageFile, Result};
@@ -23,12 +18,15 @@ use trex_store::{Budget, Code, Error, Lease, PageFile, Result};
 pub struct Stage {
     pub file: Arc<PageFile>,
     pub pool: PagePool,
-    pub shares: Shares,
+    pub shares: MemoryPlan,
     model: Model,
     view: View,
     layers: Layers,
     _lease: Lease,
 }
+
+/// What answers the rays of a stage.
+pub type StageTracer<'a> = PagedMesh<'a, PooledPages<'a>>;
 
 /// What is to be shown, and how.
 #[derive(Clone, Copy)]
@@ -44,25 +42,29 @@ pub struct Play<'a> {
 impl Stage {
     /// Opens the file under the limit of `ctx`.
     pub fn open(play: &Play<'_>, ctx: &Context) -> Result<Stage> {
-        let picture = Picture::of(play, ctx.threads);
+        let settings = RenderSettings::new(play.scene.render)?;
+        let (layers, is_live) = (play.layers, play.live.is_some());
+        let picture = PictureNeeds { settings, layers, workers: ctx.threads, is_live };
         let file = Arc::new(open_for(play.file, &picture, ctx)?);
-        let shares = Shares::for_picture(&file, &picture, ctx.budget.limit_bytes())?;
-        let voxels = if picture.asks_voxels() { Voxels::of(&file, &ctx.budget)? } else { None };
+        let shares = MemoryPlan::new(&file, &picture, ctx.budget.limit_bytes())?;
+        let voxels = if picture.asks_voxels() { Voxels::open(&file, &ctx.budget)? } else { None };
         let pool_options = PoolOptions { io: play.io.clone(), ..shares.pool_options() };
         let pool = PagePool::open(file.clone(), play.file, &ctx.budget, &pool_options)?;
-        tracing::info!("{:?}; {shares}", pool.io());
+        tracing::info!("{:?}; {}", pool.io(), size::memory_plan(&shares));
 
         let lease = ctx.budget.lease("materials and emitters", model_bytes(&file))?;
         let mut model = model_of(&file);
         model.voxels = voxels.map(Arc::new);
         let view = play.scene.view(&mut model)?;
-        Ok(Stage { file, pool, shares, model, view, layers: play.layers, _lease: lease })
+        Ok(Stage { file, pool, shares, model, view, layers, _lease: lease })
     }
 
     /// A session on this stage.
-    pub fn session(&self, ctx: &Context) -> Result<Session<PagedMesh<'_, PooledPages<'_>>>> {
-        let tracers = tracers(&self.file, &self.pool, ctx.threads);
-        Session::new(self.model.clone(), self.view.clone(), self.layers, &ctx.budget, tracers)
+    pub fn session(&self, ctx: &Context) -> Result<Session<StageTracer<'_>>> {
+        let tracers = pooled_tracers(&self.file, &self.pool, ctx.threads);
+        let (model, view, layers) = (self.model.clone(), self.view.clone(), self.layers);
+        let setup = SessionSetup { model, view, layers, tracers, pool: ctx.thread_pool()? };
+        Session::new(setup, &ctx.budget)
     }
 }
 
@@ -84,10 +86,10 @@ pub fn io_options(disk: &DiskArgs) -> IoOptions {
 
 /// Opens a file to be rendered. A limit that is too small for its tables is told as too small for the picture: the
 /// limit that is named must do for all of it.
-fn open_for(path: &Path, picture: &Picture, ctx: &Context) -> Result<PageFile> {
+fn open_for(path: &Path, picture: &PictureNeeds, ctx: &Context) -> Result<PageFile> {
     PageFile::open(path, &ctx.budget).map_err(|error| match error.code() {
         Code::MemoryLimit => PageFile::open(path, &Budget::unlimited())
-            .and_then(|file| Shares::for_picture(&file, picture, ctx.budget.limit_bytes()))
+            .and_then(|file| MemoryPlan::new(&file, picture, ctx.budget.limit_bytes()))
             .err()
             .unwrap_or(error),
         _ => error,
@@ -112,10 +114,5 @@ fn model_of(file: &PageFile) -> Model {
 /// The viewpoints of a file, otherwise like `camera`.
 pub fn read_views(path: &Path, camera: &Camera) -> Result<Vec<Camera>> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read the views", path, &error))?;
-    stress::views(&text, camera).map_err(|error| {
-        Error::new(Code::SceneFormat, "this is no list of views")
-            .at(path)
-            .numbers(error.to_string())
-            .next("write a [[view]] with position = [x, y, z] and target = [x, y, z] for each")
-    })
+    parse_views(&text, camera).map_err(|error| error.at(path))
 }

@@ -12,8 +12,7 @@ use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
 use trex_bench::stress::{self, Limits, Stand, StressFigures, StressOptions, Times};
-use trex_render::film::Layers;
-use trex_render::integrator::Method;
+use trex_render::{Layers, Method};
 use trex_store::Progress;
 use trex_store::io::IoDescription;
 
@@ -48,7 +47,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let stop = || ctx.interrupt.is_raised();
     session.illuminate(&stop, &mut |done, total| tell("photons", done, total, "photons"))?;
     ctx.interrupt.check()?;
-    session.go_live(frames)?;
+    let mut session = session.go_live(frames)?;
     let views = args.views.as_ref().map(|path| read_views(path, &session.view().camera)).transpose()?;
     let options = StressOptions {
         scenario: args.scenario,

@@ -25,7 +25,7 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use shapes::{Shape, graded_box, needles, star};
 use std::collections::HashMap;
-use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
+use trex_render::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
 use trex_store::TriangleSource;
 use trex_store::build::{BuildOptions, Precision};
 use trex_store::layout::NARROW_BITS;

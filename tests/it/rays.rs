@@ -14,7 +14,7 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use serde_json::{Value, json};
 use std::path::Path;
-use trex_render::trace::{AllResident, Answer, Arithmetic, Hit, Page, PagedMesh, Pages, Ray, Tracer};
+use trex_render::{AllResident, Answer, Arithmetic, Hit, Page, PagedMesh, Pages, Ray, Tracer};
 use trex_store::import::{self, ImportOptions};
 use trex_store::{TriangleBatch, TriangleSource};
 

@@ -17,7 +17,7 @@ const MAY_NAME: [(&str, &[&str]); 5] = [
 /// All of them.
 const OUR_CRATES: [&str; 5] = ["trex-store", "datasets-gen", "trex-render", "trex-bench", "trex"];
 /// Files that may hold `unsafe`: what they do cannot be said otherwise. Each opens with why it is sound.
-const UNSAFE_FILES: [&str; 15] = [
+const UNSAFE_FILES: [&str; 16] = [
     // Memory that the kernel writes to, and mappings.
     "store/src/io/mmap.rs",
     "store/src/io/region.rs",
@@ -31,10 +31,11 @@ const UNSAFE_FILES: [&str; 15] = [
     // Intrinsics, beside their scalar twin.
     "store/src/cluster/cells.rs",
     "store/src/cluster/fields.rs",
-    "render/src/trace/avx2.rs",
-    "render/src/trace/packet.rs",
-    "render/src/voxel/avx2.rs",
-    "render/src/voxel/avx512.rs",
+    "render/src/trace/simd/avx2.rs",
+    "render/src/trace/simd/entry.rs",
+    "render/src/trace/simd/packet.rs",
+    "render/src/voxel/simd/avx2.rs",
+    "render/src/voxel/simd/avx512.rs",
     // A C library as a peer, behind a feature.
     "bench/src/peers/embree.rs",
 ];

@@ -4,7 +4,7 @@
 use crate::support::{Built, build_options, build_source, source};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
-use trex_render::voxel::{GRay, Occluders, VoxelHit, VoxelScene, Width};
+use trex_render::{Occluders, PacketWidth, Ray, VoxelHit, VoxelScene};
 use trex_store::Budget;
 use trex_store::build::{BuildOptions, Voxels};
 use trex_store::octree::UpperOctree;
@@ -49,7 +49,7 @@ fn number(rng: &mut Pcg64) -> f64 {
 }
 
 /// Entry and exit of a ray and a box of `side` at `at`.
-fn slab(ray: &GRay, corner: [f64; 3], at: [u32; 3], side: f64) -> (f64, f64) {
+fn slab(ray: &Ray, corner: [f64; 3], at: [u32; 3], side: f64) -> (f64, f64) {
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
     for a in 0..3 {
         let lo = corner[a] + f64::from(at[a]) * side - ray.origin[a];
@@ -67,7 +67,7 @@ fn check_rays(spec: &str, resolution: u32, ray_count: usize) {
     let corner = lattice.position(octree.grid().lo).map(|v| v - 0.5 * lattice.step());
     let mut rng = Pcg64::seed_from_u64(7);
     for occluders in [Occluders::On, Occluders::Off] {
-        let scene = VoxelScene::on(&octree, &built.file.superblock().lattice, occluders);
+        let scene = VoxelScene::new(&octree, &built.file.superblock().lattice, occluders);
         let boxes = boxes(&octree, occluders);
         let side = if occluders == Occluders::On { scene.leaf_side() / 4.0 } else { scene.leaf_side() };
         let mut hit_count = 0;
@@ -79,7 +79,7 @@ fn check_rays(spec: &str, resolution: u32, ray_count: usize) {
             let target: [f64; 3] = std::array::from_fn(|a| inside(&mut rng, a));
             let way: [f64; 3] = std::array::from_fn(|a| target[a] - origin[a]);
             let length = way.iter().map(|v| v * v).sum::<f64>().sqrt();
-            let ray = GRay { origin, direction: way.map(|v| v / length), t_max: 2.0 * length };
+            let ray = Ray { origin, direction: way.map(|v| v / length), t_max: 2.0 * length };
             let found = scene.intersect(&ray);
             // Boxes that the ray is in for long enough to be sure of, and those that it may graze.
             let grazed = 2e-3 * side;
@@ -123,14 +123,14 @@ fn rays_meet_what_all_voxels_say_in_an_octant() {
 }
 
 /// Rays of all kinds: between points in and around the box, along axes, on boundaries of voxels, and such as are none.
-fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<GRay> {
+fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<Ray> {
     let block = built.file.superblock();
     let (bounds, lattice) = (block.bounds, block.lattice);
     let corner = lattice.position(octree.grid().lo).map(|v| v - 0.5 * lattice.step());
     let subvoxel = octree.grid().subvoxel_steps as f64 * lattice.step();
     let size = bounds.diagonal();
     let mut rng = Pcg64::seed_from_u64(11);
-    let mut rays: Vec<GRay> = (0..count)
+    let mut rays: Vec<Ray> = (0..count)
         .map(|index| {
             let mut point = || -> [f64; 3] {
                 std::array::from_fn(|a| {
@@ -153,15 +153,15 @@ fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<G
             }
             let length = way.iter().map(|v| v * v).sum::<f64>().sqrt();
             let t_max = [f64::INFINITY, 2.0 * length, 0.5 * length, 1e-3 * size, 0.0][index % 5];
-            GRay { origin, direction: way.map(|v| v / length), t_max }
+            Ray { origin, direction: way.map(|v| v / length), t_max }
         })
         .collect();
     let center = bounds.center();
     for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 1e-300, 1e300, f64::MAX] {
-        rays.push(GRay { origin: [center[0], odd, center[2]], direction: [0.6, 0.8, 0.0], t_max: size });
-        rays.push(GRay { origin: center, direction: [0.6, 0.8, odd], t_max: f64::INFINITY });
-        rays.push(GRay { origin: center, direction: [odd; 3], t_max: size });
-        rays.push(GRay { origin: center, direction: [0.6, -0.8, 0.0], t_max: odd });
+        rays.push(Ray { origin: [center[0], odd, center[2]], direction: [0.6, 0.8, 0.0], t_max: size });
+        rays.push(Ray { origin: center, direction: [0.6, 0.8, odd], t_max: f64::INFINITY });
+        rays.push(Ray { origin: center, direction: [odd; 3], t_max: size });
+        rays.push(Ray { origin: center, direction: [0.6, -0.8, 0.0], t_max: odd });
     }
     rays
 }
@@ -171,12 +171,12 @@ fn check_batches(spec: &str, resolution: u32) {
     let (built, octree) = build(spec, resolution);
     let rays = rays_of_all_kinds(&built, &octree, 6000);
     for occluders in [Occluders::On, Occluders::Off] {
-        let scene = VoxelScene::on(&octree, &built.file.superblock().lattice, occluders);
+        let scene = VoxelScene::new(&octree, &built.file.superblock().lattice, occluders);
         let bits = |hit: Option<VoxelHit>| hit.map(|hit| (hit.t.to_bits(), hit.leaf, hit.node, hit.axis));
         let single: Vec<_> = rays.iter().map(|ray| bits(scene.intersect(ray))).collect();
         let hit_count = single.iter().flatten().count();
         assert!(hit_count * 10 > rays.len() && hit_count < rays.len(), "{spec}: {hit_count} hits");
-        for width in Width::ALL {
+        for width in PacketWidth::ALL {
             if !width.is_available() {
                 eprintln!("not tested, the machine has no such lanes: {width:?}");
                 continue;
@@ -219,16 +219,16 @@ fn surfaces_are_in_their_voxels() {
         [("gen:isosurface:50k:1", 256), ("gen:soup:10k:1", 64), ("gen:pipes:30k:1", 1024)]
     {
         let (built, octree) = build(spec, resolution);
-        let scene = VoxelScene::on(&octree, &built.file.superblock().lattice, Occluders::On);
+        let scene = VoxelScene::new(&octree, &built.file.superblock().lattice, Occluders::On);
         let side = scene.leaf_side() / 4.0;
         for triangle in built.decode() {
             let center = std::array::from_fn(|a| (triangle[0][a] + triangle[1][a] + triangle[2][a]) / 3.0);
             for point in [triangle[0], triangle[1], triangle[2], center] {
                 // A ray that begins in a voxel that is set hits at once.
-                let ray = GRay { origin: point, direction: [0.0, 0.0, 1.0], t_max: 1e-3 * side };
+                let ray = Ray { origin: point, direction: [0.0, 0.0, 1.0], t_max: 1e-3 * side };
                 let near = [[0.0; 3], [1e-4; 3], [-1e-4; 3]].iter().any(|d| {
                     let origin = std::array::from_fn(|a| point[a] + d[a] * side);
-                    scene.occluded(&GRay { origin, ..ray })
+                    scene.occluded(&Ray { origin, ..ray })
                 });
                 assert!(near, "{spec}: {point:?} lies in an empty voxel");
             }

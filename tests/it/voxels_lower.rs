@@ -9,8 +9,9 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use std::collections::BTreeMap;
 use std::fs;
-use trex_render::trace::{AllResident, Answer, Page, Pages};
-use trex_render::voxel::{GRay, LowerHit, LowerScene, Occluders, VoxelScene, Voxels};
+use trex_render::{
+    AllResident, Answer, LowerHit, LowerScene, Occluders, Page, Pages, Ray, VoxelScene, Voxels,
+};
 use trex_store::build::{BuildOptions, Voxels as VoxelOptions};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::Refinement;
@@ -111,7 +112,7 @@ fn number(rng: &mut Pcg64) -> f64 {
 }
 
 /// Where the ray is in a cube: entry and exit.
-fn slab(ray: &GRay, lo: [f64; 3], side: f64) -> (f64, f64) {
+fn slab(ray: &Ray, lo: [f64; 3], side: f64) -> (f64, f64) {
     let (mut near, mut far) = (0.0f64, ray.t_max);
     for a in 0..3 {
         let (t0, t1) =
@@ -123,7 +124,7 @@ fn slab(ray: &GRay, lo: [f64; 3], side: f64) -> (f64, f64) {
 }
 
 /// A ray from somewhere about the box to somewhere about it.
-fn ray_about(file: &PageFile, rng: &mut Pcg64) -> GRay {
+fn ray_about(file: &PageFile, rng: &mut Pcg64) -> Ray {
     let bounds = file.superblock().bounds;
     let mut point = || -> [f64; 3] {
         [0, 1, 2].map(|a| bounds.lo[a] + (1.4 * number(rng) - 0.2) * (bounds.hi[a] - bounds.lo[a]))
@@ -131,7 +132,7 @@ fn ray_about(file: &PageFile, rng: &mut Pcg64) -> GRay {
     let (origin, target) = (point(), point());
     let way = [0, 1, 2].map(|a| target[a] - origin[a]);
     let length = way.iter().map(|v| v * v).sum::<f64>().sqrt();
-    GRay { origin, direction: way.map(|v| v / length), t_max: 2.0 * length }
+    Ray { origin, direction: way.map(|v| v / length), t_max: 2.0 * length }
 }
 
 fn build(spec: &str, upper: u32, refinement: Refinement) -> Built {
@@ -141,7 +142,7 @@ fn build(spec: &str, upper: u32, refinement: Refinement) -> Built {
 
 /// Rays against all cubes, for one set of pages.
 fn check_rays(built: &Built, oracle: &Oracle, occluders: Occluders, pages: &mut Shelf) {
-    let voxels = Voxels::of(&built.file, &Budget::unlimited()).unwrap().unwrap();
+    let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let scene = voxels.lower_scene(occluders).unwrap();
     let lattice = built.file.superblock().lattice;
     let corner = oracle.upper.lo.map(|q| q as i64);
@@ -205,7 +206,7 @@ fn rays_meet_what_all_voxels_of_units_say() {
 #[test]
 fn without_units_there_is_the_upper_octree() {
     let built = build("gen:pipes:10k:2", 64, Refinement::By4);
-    let voxels = Voxels::of(&built.file, &Budget::unlimited()).unwrap().unwrap();
+    let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let mut rng = Pcg64::seed_from_u64(5);
     let mut none = Shelf { frames: BTreeMap::new(), others: || Page::Damaged };
     for occluders in [Occluders::On, Occluders::Off] {
@@ -231,12 +232,12 @@ fn without_units_there_is_the_upper_octree() {
 
 /// A ray that meets another voxel when it is moved aside by a hundredth of a subvoxel's side.
 #[track_caller]
-fn grazes(scene: &VoxelScene<'_>, ray: &GRay) {
+fn grazes(scene: &VoxelScene<'_>, ray: &Ray) {
     let step = 0.0025 * scene.leaf_side();
     let moved = (0..6).map(|i| {
         let mut origin = ray.origin;
         origin[i / 2] += if i % 2 == 0 { step } else { -step };
-        scene.intersect(&GRay { origin, ..*ray }).map(|hit| hit.leaf)
+        scene.intersect(&Ray { origin, ..*ray }).map(|hit| hit.leaf)
     });
     let mut answers: Vec<_> = moved.chain([scene.intersect(ray).map(|hit| hit.leaf)]).collect();
     answers.dedup();
@@ -247,7 +248,7 @@ fn grazes(scene: &VoxelScene<'_>, ray: &GRay) {
 #[test]
 fn missing_pages_block_and_change_nothing() {
     let built = build("gen:pipes:10k:2", 64, Refinement::By4);
-    let voxels = Voxels::of(&built.file, &Budget::unlimited()).unwrap().unwrap();
+    let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let scene = voxels.lower_scene(Occluders::On).unwrap();
     let all = AllResident::load(&built.file);
     let mut some = Shelf::of(&built.file, || Page::Missing, |page| page % 2 == 0);
@@ -282,7 +283,7 @@ fn rays_leave_their_own_finest_voxels() {
         document_in(folder.path(), &format!("build one.obj -o one.trex --overwrite --voxels {voxels}"));
         let file = PageFile::open(&folder.path().join("one.trex"), &Budget::unlimited()).unwrap();
         let all = AllResident::load(&file);
-        let voxels = Voxels::of(&file, &Budget::unlimited()).unwrap().unwrap();
+        let voxels = Voxels::open(&file, &Budget::unlimited()).unwrap().unwrap();
         // As it is on the lattice.
         let lattice = file.superblock().lattice;
         let [a, b, c] = [0, 1, 2].map(|i| lattice.position(lattice.snap(corners[i])));
@@ -317,7 +318,7 @@ fn leave_all(
         let length = way.iter().map(|v| v * v).sum::<f64>().sqrt();
         let clearance = scene.clearance(normal);
         let from = |height: f64| [0, 1, 2].map(|i| a[i] + u * e[i] + v * f[i] + side * height * normal[i]);
-        let ray = GRay { origin: from(clearance), direction: way.map(|v| v / length), t_max: f64::INFINITY };
+        let ray = Ray { origin: from(clearance), direction: way.map(|v| v / length), t_max: f64::INFINITY };
         assert_eq!(
             scene.occluded(&ray, pages),
             Answer::Exact(false),
@@ -325,13 +326,13 @@ fn leave_all(
         );
         // Nor does one that ends there.
         let far = [0, 1, 2].map(|i| ray.origin[i] + 3.0 * ray.direction[i]);
-        let back = GRay { origin: far, direction: ray.direction.map(|v| -v), t_max: 3.0 };
+        let back = Ray { origin: far, direction: ray.direction.map(|v| -v), t_max: 3.0 };
         assert_eq!(
             scene.occluded(&back, pages),
             Answer::Exact(false),
             "{back:?} meets the plane that it ends at"
         );
-        let within = GRay { origin: from(0.0), ..ray };
+        let within = Ray { origin: from(0.0), ..ray };
         met += u32::from(scene.occluded(&within, pages) == Answer::Exact(true));
     }
     assert!(met > 3900, "the plane has voxels: {met}");

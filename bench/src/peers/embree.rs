@@ -10,7 +10,7 @@
 #![allow(unsafe_code)]
 
 use crate::rays::compare::decode;
-use crate::rays::contender::{Answer, Contender, MISS, spread};
+use crate::rays::contender::{Contender, MISS, RayAnswer, spread};
 use crate::rays::sets::{BenchRay, Query, RaySet};
 use crate::rays::{ModeFigures, PeerSetup};
 use anyhow::{Context, ensure};
@@ -265,7 +265,7 @@ impl Contender for Mode {
         &self.label
     }
 
-    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
         let (tree, is_packet) = (&*self.tree, self.is_packet);
         let flags = if set.is_coherent { CONTEXT_COHERENT } else { 0 };
         let mut workers = vec![(); self.threads];
@@ -284,7 +284,7 @@ impl Contender for Mode {
     }
 }
 
-fn single(tree: &Tree, context: &mut QueryContext, query: Query, ray: &BenchRay) -> Answer {
+fn single(tree: &Tree, context: &mut QueryContext, query: Query, ray: &BenchRay) -> RayAnswer {
     let mut asked = RayHit1 {
         ray: RtcRay {
             origin: ray.origin,
@@ -315,7 +315,13 @@ fn single(tree: &Tree, context: &mut QueryContext, query: Query, ray: &BenchRay)
     answer(query, asked.hit.geometry, asked.hit.primitive, asked.ray.t_far)
 }
 
-fn packet(tree: &Tree, context: &mut QueryContext, query: Query, rays: &[BenchRay], answers: &mut [Answer]) {
+fn packet(
+    tree: &Tree,
+    context: &mut QueryContext,
+    query: Query,
+    rays: &[BenchRay],
+    answers: &mut [RayAnswer],
+) {
     let mut valid = Valid([0; PACKET]);
     let mut asked = RayHit8 {
         ray: RtcRay {
@@ -359,11 +365,11 @@ fn packet(tree: &Tree, context: &mut QueryContext, query: Query, rays: &[BenchRa
 }
 
 /// Embree marks occlusion by a negative infinite end, and a hit by the geometry's id.
-fn answer(query: Query, geometry: u32, primitive: u32, t_far: f32) -> Answer {
+fn answer(query: Query, geometry: u32, primitive: u32, t_far: f32) -> RayAnswer {
     match query {
-        Query::Any => Answer { t: 0.0, triangle: if t_far == f32::NEG_INFINITY { 0 } else { MISS } },
-        Query::Closest if geometry == INVALID => Answer::NONE,
-        Query::Closest => Answer { t: t_far, triangle: primitive },
+        Query::Any => RayAnswer { t: 0.0, triangle: if t_far == f32::NEG_INFINITY { 0 } else { MISS } },
+        Query::Closest if geometry == INVALID => RayAnswer::NONE,
+        Query::Closest => RayAnswer { t: t_far, triangle: primitive },
     }
 }
 

@@ -10,7 +10,7 @@
 //!
 //! The tolerance is what f32 coordinates leave: 2^-21 of the largest one.
 
-use super::Answer;
+use super::RayAnswer;
 use super::sets::{BenchRay, RaySet};
 use serde::Serialize;
 use trex_store::PageFile;
@@ -58,7 +58,7 @@ pub(crate) fn decode(file: &PageFile) -> trex_store::Result<Vec<[[i32; 3]; 3]>> 
 }
 
 /// Compares the closest hits of a set, ray by ray.
-pub(super) fn closest(file: &PageFile, set: &RaySet, ours: &[Answer], theirs: &[Answer]) -> Agreement {
+pub(super) fn closest(file: &PageFile, set: &RaySet, ours: &[RayAnswer], theirs: &[RayAnswer]) -> Agreement {
     let mut agreement = Agreement::default();
     let largest = file.superblock().lattice_bounds[1].into_iter().max().unwrap_or(1).max(1) as f64;
     let tolerance = largest * 2f64.powi(-21);

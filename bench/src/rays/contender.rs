@@ -6,9 +6,9 @@ use super::sets::{BenchRay, Query, RaySet, Space};
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::Mutex;
 use std::time::Duration;
-use trex_render::frame::PagedTracer;
-use trex_render::trace::{self, AllResident, Hit, PagedMesh, PooledPages, Ray, Tracer};
-use trex_render::voxel::{GRay, VoxelHit, VoxelScene};
+use trex_render::{
+    AllResident, Answer, Hit, PagedMesh, PagedTracer, PooledPages, Ray, Tracer, VoxelHit, VoxelScene,
+};
 
 /// Longest sleep for pages; arrivals wake it earlier.
 const WAIT: Duration = Duration::from_millis(50);
@@ -21,32 +21,32 @@ pub const MISS: u32 = u32::MAX;
 
 /// What a ray met: for [`Query::Any`] only whether `triangle` is [`MISS`] counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Answer {
+pub struct RayAnswer {
     /// Where, in lengths of the ray's direction.
     pub t: f32,
     /// Store id of the triangle.
     pub triangle: u32,
 }
 
-impl Answer {
+impl RayAnswer {
     /// Nothing was hit.
-    pub const NONE: Answer = Answer { t: f32::INFINITY, triangle: MISS };
+    pub const NONE: RayAnswer = RayAnswer { t: f32::INFINITY, triangle: MISS };
 
     /// True for a hit.
     pub fn is_hit(self) -> bool {
         self.triangle != MISS
     }
 
-    fn of_hit(hit: Option<Hit>) -> Answer {
-        hit.map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.triangle })
+    fn of_hit(hit: Option<Hit>) -> RayAnswer {
+        hit.map_or(RayAnswer::NONE, |hit| RayAnswer { t: hit.t as f32, triangle: hit.triangle })
     }
 
-    fn of_voxel(hit: Option<VoxelHit>) -> Answer {
-        hit.map_or(Answer::NONE, |hit| Answer { t: hit.t as f32, triangle: hit.leaf })
+    fn of_voxel(hit: Option<VoxelHit>) -> RayAnswer {
+        hit.map_or(RayAnswer::NONE, |hit| RayAnswer { t: hit.t as f32, triangle: hit.leaf })
     }
 
-    fn of_occlusion(occluded: bool) -> Answer {
-        Answer { t: 0.0, triangle: if occluded { 0 } else { MISS } }
+    fn of_occlusion(occluded: bool) -> RayAnswer {
+        RayAnswer { t: 0.0, triangle: if occluded { 0 } else { MISS } }
     }
 }
 
@@ -56,7 +56,7 @@ pub trait Contender {
     fn label(&self) -> &str;
 
     /// Answers all rays of a set; `answers` is as long. Gives the processor time of all workers.
-    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration;
+    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration;
 }
 
 /// Hands chunks of rays to one thread per worker; gives the processor time of all threads, which other processes
@@ -64,8 +64,8 @@ pub trait Contender {
 pub(crate) fn spread<W: Send>(
     workers: &mut [W],
     set: &RaySet,
-    answers: &mut [Answer],
-    work: impl Fn(&mut W, &[BenchRay], &mut [Answer]) + Sync,
+    answers: &mut [RayAnswer],
+    work: impl Fn(&mut W, &[BenchRay], &mut [RayAnswer]) + Sync,
 ) -> Duration {
     let chunks = Mutex::new(set.rays.chunks(CHUNK_RAYS).zip(answers.chunks_mut(CHUNK_RAYS)));
     let next = || chunks.lock().expect("no worker panics in here").next();
@@ -106,8 +106,8 @@ pub(super) struct Packets<'a> {
 struct PacketWorker<'a> {
     tracer: PagedMesh<'a, &'a AllResident>,
     rays: Vec<Ray>,
-    hits: Vec<trace::Answer<Option<Hit>>>,
-    occluded: Vec<trace::Answer<bool>>,
+    hits: Vec<Answer<Option<Hit>>>,
+    occluded: Vec<Answer<bool>>,
 }
 
 impl<'a> Packets<'a> {
@@ -125,7 +125,7 @@ impl Contender for Packets<'_> {
         "trex"
     }
 
-    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
         let (space, query) = (self.space, set.query);
         spread(&mut self.workers, set, answers, |worker, rays, answers| {
             let PacketWorker { tracer, rays: models, hits, occluded } = worker;
@@ -136,14 +136,15 @@ impl Contender for Packets<'_> {
                     hits.clear();
                     tracer.intersect_coherent(models, hits);
                     let pairs = answers.iter_mut().zip(hits);
-                    pairs.for_each(|(answer, hit)| *answer = Answer::of_hit(exact(*hit).expect(ALL_THERE)));
+                    pairs
+                        .for_each(|(answer, hit)| *answer = RayAnswer::of_hit(exact(*hit).expect(ALL_THERE)));
                 }
                 Query::Any => {
                     occluded.clear();
                     tracer.occluded_coherent(models, occluded);
                     let pairs = answers.iter_mut().zip(occluded);
                     pairs.for_each(|(answer, any)| {
-                        *answer = Answer::of_occlusion(exact(*any).expect(ALL_THERE));
+                        *answer = RayAnswer::of_occlusion(exact(*any).expect(ALL_THERE));
                     });
                 }
             }
@@ -156,7 +157,7 @@ impl Contender for Resident<'_> {
         "trex"
     }
 
-    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
         let (space, query) = (self.space, set.query);
         spread(&mut self.workers, set, answers, |tracer, rays, answers| {
             for (ray, answer) in rays.iter().zip(answers) {
@@ -184,7 +185,7 @@ impl Contender for Pooled<'_> {
         "trex"
     }
 
-    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
         let (space, query) = (self.space, set.query);
         spread(&mut self.workers, set, answers, |tracer, rays, answers| {
             let mut pending: Vec<usize> = (0..rays.len()).collect();
@@ -242,7 +243,7 @@ pub(super) enum GrayCalls {
 /// A chunk of rays, and answers.
 #[derive(Clone, Default)]
 pub(super) struct GrayWorker {
-    rays: Vec<GRay>,
+    rays: Vec<Ray>,
     hits: Vec<Option<VoxelHit>>,
     occluded: Vec<bool>,
 }
@@ -252,7 +253,7 @@ impl Contender for Gray<'_> {
         "trex"
     }
 
-    fn trace(&mut self, set: &RaySet, answers: &mut [Answer]) -> Duration {
+    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
         let Gray { space, scene, calls, .. } = *self;
         spread(&mut self.workers, set, answers, |worker, rays, answers| {
             worker.rays.clear();
@@ -263,11 +264,11 @@ impl Contender for Gray<'_> {
             match set.query {
                 Query::Any => {
                     let pairs = answers.iter_mut().zip(&worker.occluded);
-                    pairs.for_each(|(answer, occluded)| *answer = Answer::of_occlusion(*occluded));
+                    pairs.for_each(|(answer, occluded)| *answer = RayAnswer::of_occlusion(*occluded));
                 }
                 Query::Closest => {
                     let pairs = answers.iter_mut().zip(&worker.hits);
-                    pairs.for_each(|(answer, hit)| *answer = Answer::of_voxel(*hit));
+                    pairs.for_each(|(answer, hit)| *answer = RayAnswer::of_voxel(*hit));
                 }
             }
         })
@@ -291,11 +292,11 @@ impl GrayWorker {
 }
 
 /// The answer, or `None` when a page is missing.
-fn ask(tracer: &mut impl Tracer, space: Space, query: Query, ray: &BenchRay) -> Option<Answer> {
+fn ask(tracer: &mut impl Tracer, space: Space, query: Query, ray: &BenchRay) -> Option<RayAnswer> {
     let ray = space.to_model(ray);
     match query {
-        Query::Closest => exact(tracer.intersect(&ray)).map(Answer::of_hit),
-        Query::Any => exact(tracer.occluded(&ray)).map(Answer::of_occlusion),
+        Query::Closest => exact(tracer.intersect(&ray)).map(RayAnswer::of_hit),
+        Query::Any => exact(tracer.occluded(&ray)).map(RayAnswer::of_occlusion),
     }
 }
 
@@ -312,9 +313,9 @@ fn alone<T: PagedTracer, A>(tracer: &mut T, mut ask: impl FnMut(&mut T) -> Optio
     }
 }
 
-fn exact<T>(answer: trace::Answer<T>) -> Option<T> {
+fn exact<T>(answer: Answer<T>) -> Option<T> {
     match answer {
-        trace::Answer::Exact(value) => Some(value),
-        trace::Answer::Blocked => None,
+        Answer::Exact(value) => Some(value),
+        Answer::Blocked => None,
     }
 }

@@ -8,7 +8,7 @@
 //!
 //! Rays begin where they do in pictures, free of their own surface's voxels; what stands nearer than that is a miss of both.
 
-use super::contender::{Answer, Contender, Gray};
+use super::contender::{Contender, Gray, RayAnswer};
 use super::sets::{Query, RaySet};
 use serde::Serialize;
 
@@ -28,7 +28,7 @@ pub struct AgainstMesh {
 
 /// Asks all rays of `set` of both, and compares.
 pub(super) fn against(mesh: &mut dyn Contender, gray: &mut Gray<'_>, set: &RaySet) -> AgainstMesh {
-    let mut exact = vec![Answer::NONE; set.rays.len()];
+    let mut exact = vec![RayAnswer::NONE; set.rays.len()];
     let mut voxel = exact.clone();
     mesh.trace(set, &mut exact);
     gray.trace(set, &mut voxel);
@@ -42,14 +42,14 @@ pub(super) fn against(mesh: &mut dyn Contender, gray: &mut Gray<'_>, set: &RaySe
 }
 
 /// Compares answers whose distances are in the same units; hits are far from each other beyond `near`.
-fn shares(exact: &[Answer], voxel: &[Answer], near: Option<f64>) -> AgainstMesh {
+fn shares(exact: &[RayAnswer], voxel: &[RayAnswer], near: Option<f64>) -> AgainstMesh {
     let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
     let of_hits = |voxel_hits: bool, mesh_hits: bool| {
         let pairs = exact.iter().zip(voxel);
         pairs.filter(move |(mesh, voxel)| (voxel.is_hit(), mesh.is_hit()) == (voxel_hits, mesh_hits))
     };
     let far = |near: f64| {
-        let apart = |(mesh, voxel): &(&Answer, &Answer)| f64::from((mesh.t - voxel.t).abs()) > near;
+        let apart = |(mesh, voxel): &(&RayAnswer, &RayAnswer)| f64::from((mesh.t - voxel.t).abs()) > near;
         share(of_hits(true, true).filter(apart).count(), of_hits(true, true).count())
     };
     AgainstMesh {
@@ -65,9 +65,11 @@ mod tests {
 
     #[test]
     fn each_kind_of_falsehood_is_counted() {
-        let hit = |t: f32| Answer { t, triangle: 7 };
-        let exact = [hit(1.0), hit(1.0), hit(2.0), Answer::NONE, Answer::NONE, hit(5.0), hit(9.0), hit(3.0)];
-        let voxel = [hit(1.4), hit(1.6), Answer::NONE, hit(1.0), Answer::NONE, hit(5.0), hit(2.0), hit(3.5)];
+        let hit = |t: f32| RayAnswer { t, triangle: 7 };
+        let exact =
+            [hit(1.0), hit(1.0), hit(2.0), RayAnswer::NONE, RayAnswer::NONE, hit(5.0), hit(9.0), hit(3.0)];
+        let voxel =
+            [hit(1.4), hit(1.6), RayAnswer::NONE, hit(1.0), RayAnswer::NONE, hit(5.0), hit(2.0), hit(3.5)];
         let found = shares(&exact, &voxel, Some(0.5));
         let expected =
             AgainstMesh { false_hit_share: 0.125, false_miss_share: 0.125, far_hit_share: Some(0.4) };

@@ -15,7 +15,7 @@ pub mod contender;
 pub mod falsehood;
 pub mod sets;
 
-pub use contender::{Answer, Contender};
+pub use contender::{Contender, RayAnswer};
 pub use sets::{BenchRay, GraySets, Query, RaySet, RaySets};
 
 use crate::median::median;
@@ -29,9 +29,7 @@ use sets::Space;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
-use trex_render::camera::Camera;
-use trex_render::trace::{AllResident, PagedMesh, PooledPages, tracers};
-use trex_render::voxel::{Occluders, Voxels};
+use trex_render::{AllResident, Camera, Occluders, PagedMesh, PooledPages, Voxels, pooled_tracers};
 use trex_store::io::IoOptions;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
@@ -207,7 +205,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     let frames_bytes = (file.pages().len() * FRAME_BYTES) as u64;
     if let Ok(_pages_lease) = budget.lease("all pages", frames_bytes) {
         let pages = AllResident::load(&file);
-        let voxels = Voxels::of(&file, budget)?;
+        let voxels = Voxels::open(&file, budget)?;
         let tracers = || (0..around.threads).map(|_| PagedMesh::new(&file, &pages));
         let mut ours = Resident { space, workers: tracers().collect() };
         let mut packets = Packets::new(space, tracers());
@@ -240,7 +238,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         "a peer takes all of the mesh in memory, and the limit has no room for ours"
     );
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
-    let mut ours = Pooled { space, workers: tracers(&file, &pool, around.threads) };
+    let mut ours = Pooled { space, workers: pooled_tracers(&file, &pool, around.threads) };
     let sets = make_sets(&file, model, options, None, |ray| ours.hit(ray))?;
     let mut figures = compete((&mut ours, None, None), &sets, &file, options, around)?;
     figures.pages = "pooled".to_owned();
@@ -272,7 +270,7 @@ fn make_sets(
     model: &Model,
     options: &RayOptions,
     clearance: Option<f64>,
-    mut hit: impl FnMut(&BenchRay) -> Option<trex_render::trace::Hit>,
+    mut hit: impl FnMut(&BenchRay) -> Option<trex_render::Hit>,
 ) -> anyhow::Result<RaySets> {
     let (block, space) = (file.superblock(), Space::of(file.superblock()));
     let camera = model.view.unwrap_or_else(|| Camera::framing(&block.bounds, options.resolution, None, None));
@@ -383,7 +381,7 @@ fn compete(
         thread_count: around.threads,
         round_count: options.rounds,
         resolution: options.resolution,
-        arithmetic: trex_render::trace::Arithmetic::for_file(file).name().to_owned(),
+        arithmetic: trex_render::Arithmetic::for_file(file).name().to_owned(),
         pages: String::new(),
         resident_bytes,
         resident_bytes_per_triangle: resident_bytes as f64 / block.triangle_count as f64,
@@ -415,16 +413,16 @@ struct Turns {
     per_core_s: f64,
     single: Option<SingleFigures>,
     modes: Vec<ModeSet>,
-    ours: Vec<Answer>,
+    ours: Vec<RayAnswer>,
     /// Answers of the peer's reference mode.
-    reference: Vec<Answer>,
+    reference: Vec<RayAnswer>,
 }
 
 /// One round to warm up, then measured rounds; in each, ours and every mode in turn.
 fn take_turns(ours: Ours<'_>, mut peer: Option<&mut PeerSetup>, set: &RaySet, rounds: usize) -> Turns {
     let Ours { contender: ours, mut single } = ours;
     let mode_count = peer.as_ref().map_or(0, |peer| peer.modes.len());
-    let mut first = vec![Answer::NONE; set.rays.len()];
+    let mut first = vec![RayAnswer::NONE; set.rays.len()];
     let mut answers = first.clone();
     let mut reference = Vec::new();
     let mut our_speeds = Vec::with_capacity(rounds);
@@ -490,7 +488,7 @@ fn middle(speeds: &[Speed], of: fn(&Speed) -> f64) -> f64 {
 }
 
 /// The speed of one trace of the set.
-fn timed(contender: &mut dyn Contender, set: &RaySet, answers: &mut [Answer]) -> Speed {
+fn timed(contender: &mut dyn Contender, set: &RaySet, answers: &mut [RayAnswer]) -> Speed {
     let start = Instant::now();
     let used = contender.trace(set, answers);
     let rays = set.rays.len() as f64;

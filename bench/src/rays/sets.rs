@@ -12,9 +12,7 @@
 
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
-use trex_render::camera::{Camera, Projection, up_axis};
-use trex_render::trace::{Hit, Ray};
-use trex_render::voxel::GRay;
+use trex_render::{Camera, Hit, Projection, Ray, up_axis};
 use trex_store::layout::Superblock;
 
 /// A ray in lattice units.
@@ -72,7 +70,8 @@ pub struct GraySets {
 }
 
 /// Bytes that a pixel takes at most: five rays, two answers, and a visible point while the sets are made.
-pub(super) const BYTES_PER_PIXEL: u64 = (6 * size_of::<BenchRay>() + 2 * size_of::<super::Answer>()) as u64;
+pub(super) const BYTES_PER_PIXEL: u64 =
+    (6 * size_of::<BenchRay>() + 2 * size_of::<super::RayAnswer>()) as u64;
 /// How far off the surface secondary rays start, in units of the last place of the largest lattice coordinate.
 const LIFT_ULPS: f64 = 4.0;
 /// Where the light stands: diagonals of the model from its centre, along up and along the other two axes.
@@ -109,11 +108,11 @@ impl Space {
     }
 
     /// The same for voxels, with a unit direction.
-    pub(super) fn to_gray(self, ray: &BenchRay) -> GRay {
+    pub(super) fn to_gray(self, ray: &BenchRay) -> Ray {
         let model = self.to_model(ray);
         let length = model.direction.iter().map(|d| d * d).sum::<f64>().sqrt();
         let direction = model.direction.map(|d| d / length);
-        GRay { origin: model.origin, direction, t_max: model.t_max * length }
+        Ray { origin: model.origin, direction, t_max: model.t_max * length }
     }
 
     fn to_lattice(self, point: [f64; 3]) -> [f64; 3] {

@@ -13,17 +13,15 @@
 mod scenario;
 mod times;
 
-pub use scenario::{Scenario, ViewError, views};
+pub use scenario::Scenario;
 pub use times::Times;
 
 use scenario::{Script, Step};
 use serde::Serialize;
 use std::time::{Duration, Instant};
-use trex_render::camera::Camera;
-use trex_render::frame::{PagedTracer, PassStats};
-use trex_render::integrator::{RayCounts, RayRates};
-use trex_render::live::{FrameReport, Progress};
-use trex_render::session::Session;
+use trex_render::{
+    Camera, FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts, RayRates,
+};
 use trex_store::pool::{PagePool, PoolStats};
 use trex_store::{Interrupt, Result};
 
@@ -157,15 +155,15 @@ struct Log {
 /// Runs a scenario on a session that is live.
 ///
 /// # Errors
-/// Those of [`Session::apply`] and [`PagePool::set_limit`]; an interrupt.
+/// Those of [`LiveSession::apply`] and [`PagePool::set_limit`]; an interrupt.
 pub fn run<T: PagedTracer + Send>(
-    session: &mut Session<T>,
+    session: &mut LiveSession<T>,
     options: &StressOptions,
     stand: &Stand<'_>,
 ) -> Result<StressFigures> {
     let script = Script::new(session, options, stand.pool.frames().frames as u64);
     let mut log = Log::default();
-    let asked = session.view().lod_error_pixels;
+    let asked = session.view().settings.lod_error;
     let before = stand.pool.stats();
     let begin = Instant::now();
     for switch in 0..options.switches {
@@ -194,7 +192,7 @@ impl Log {
     /// Frames of one view.
     fn hold<T: PagedTracer + Send>(
         &mut self,
-        session: &mut Session<T>,
+        session: &mut LiveSession<T>,
         event: Instant,
         hold: Duration,
         interrupt: &Interrupt,
@@ -210,12 +208,12 @@ impl Log {
             if !std::mem::replace(&mut has_first, true) {
                 self.first.add(time);
             }
-            if report.progress >= Progress::Block && !std::mem::replace(&mut has_response, true) {
+            if report.progress >= FrameProgress::Block && !std::mem::replace(&mut has_response, true) {
                 self.response.add(time);
                 self.block_tiles += u64::from(report.block_tiles);
                 self.stalls += u64::from(time > STALL);
             }
-            if report.progress >= Progress::Complete {
+            if report.progress >= FrameProgress::Complete {
                 self.complete.add(time);
                 return Ok(());
             }
@@ -233,7 +231,7 @@ impl Log {
         self.pass.add(&report.pass);
         self.photon_rays += report.photon_rays;
         self.holes += u64::from(report.hole_tiles);
-        self.error_worst = self.error_worst.max(report.error_pixels);
+        self.error_worst = self.error_worst.max(report.lod_error);
     }
 
     fn figures(

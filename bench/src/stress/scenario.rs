@@ -13,13 +13,9 @@
 use super::StressOptions;
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
-use serde::Deserialize;
-use trex_render::camera::{Camera, up_axis};
-use trex_render::frame::PagedTracer;
-use trex_render::light::Light;
-use trex_render::session::{Event, Session};
-use trex_render::voxel::{GRay, Occluders, VoxelScene};
-use trex_render::world::{MaterialEdit, Model};
+use trex_render::{
+    Camera, Event, Light, LiveSession, MaterialEdit, Model, Occluders, PagedTracer, Ray, VoxelScene, up_axis,
+};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::FRAMES_MIN;
 
@@ -89,51 +85,9 @@ pub(super) struct Script {
     frames: u64,
 }
 
-/// Why a list of views was refused.
-#[derive(Debug)]
-pub struct ViewError(String);
-
-impl std::fmt::Display for ViewError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ViewsText {
-    view: Vec<ViewText>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ViewText {
-    position: [f64; 3],
-    target: [f64; 3],
-    up: Option<[f64; 3]>,
-}
-
-/// The viewpoints of a TOML text: `[[view]]` with `position`, `target` and, if not that of `camera`, `up`.
-///
-/// # Errors
-/// What the parser says, with the line; no view at all.
-pub fn views(text: &str, camera: &Camera) -> Result<Vec<Camera>, ViewError> {
-    let text: ViewsText = toml::from_str(text).map_err(|error| ViewError(error.to_string()))?;
-    if text.view.is_empty() {
-        return Err(ViewError("there is no [[view]]".into()));
-    }
-    let camera = |view: &ViewText| Camera {
-        position: view.position,
-        target: view.target,
-        up: view.up.unwrap_or(camera.up),
-        fov: camera.fov,
-    };
-    Ok(text.view.iter().map(camera).collect())
-}
-
 impl Script {
     pub(super) fn new<T: PagedTracer + Send>(
-        session: &Session<T>,
+        session: &LiveSession<T>,
         options: &StressOptions,
         frames: u64,
     ) -> Script {
@@ -223,7 +177,7 @@ fn around(model: &Model, camera: &Camera, turns: f64) -> Camera {
 fn close_up(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera {
     let way: [f64; 3] = std::array::from_fn(|a| overview.target[a] - overview.position[a]);
     let direction = unit(way);
-    let ray = GRay { origin: overview.position, direction, t_max: f64::INFINITY };
+    let ray = Ray { origin: overview.position, direction, t_max: f64::INFINITY };
     let distance = voxels.intersect(&ray).map_or(length(way), |hit| hit.t);
     let position = along(overview.position, distance - CLOSE_SHARE * model.bounds.diagonal(), direction);
     Camera { position, target: along(overview.position, distance, direction), ..*overview }
@@ -241,7 +195,7 @@ fn interior(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera
         let (mut sum, mut farthest) = (0.0, (0.0, [1.0, 0.0, 0.0]));
         for _ in 0..INTERIOR_RAYS {
             let direction = numbers.direction();
-            let ray = GRay { origin: position, direction, t_max: f64::INFINITY };
+            let ray = Ray { origin: position, direction, t_max: f64::INFINITY };
             if let Some(hit) = voxels.intersect(&ray) {
                 sum += hit.t.sqrt();
                 if hit.t > farthest.0 {
@@ -305,16 +259,5 @@ mod tests {
         let near = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 1e-9);
         assert!(near(around(&model, &camera, 0.5).position, [-3.0, 6.0, 1.0]));
         assert!(near(around(&model, &camera, 1.0).position, camera.position));
-    }
-
-    #[test]
-    fn views_are_read_and_refused() {
-        let camera = Camera::framing(&Aabb { lo: [0.0; 3], hi: [1.0; 3] }, [64, 64], None, None);
-        let text = "[[view]]\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\n[[view]]\nposition = [1, 0, 0]\n\
-                    target = [0, 0, 0]\nup = [0, 0, 1]";
-        let list = views(text, &camera).unwrap();
-        assert_eq!((list.len(), list[0].position, list[1].up), (2, [1.0, 2.0, 3.0], [0.0, 0.0, 1.0]));
-        assert!(views("", &camera).is_err() && views("view = 3", &camera).is_err());
-        assert!(views("[[view]]\nposition = [1, 2, 3]", &camera).unwrap_err().to_string().contains("target"));
     }
 }

@@ -20,8 +20,8 @@
 
 use super::Ray;
 use super::kernel::{Kernel, Lanes};
+use super::lattice_ray::{LatticeFrame, LatticeRay};
 use super::pages::{Page, Pages};
-use super::ray::{Frame, LatticeRay};
 use trex_store::PageFile;
 use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterView, FrameRef, FrameView, TopRef};
 use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH};
@@ -82,7 +82,7 @@ impl Missing {
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) file: &'a PageFile,
-    pub(super) frame: Frame,
+    pub(super) frame: LatticeFrame,
 }
 
 /// The best hit so far.
@@ -95,7 +95,7 @@ pub(super) struct Best {
 
 impl Best {
     /// Nothing yet.
-    pub(super) fn of(ray: &LatticeRay) -> Best {
+    pub(super) fn new(ray: &LatticeRay) -> Best {
         Best { t: t_above(ray.t_max), found: None }
     }
 }
@@ -110,7 +110,7 @@ pub(super) struct Ended {
 /// Traces one ray; `None` where it misses the model's box. `missing` is filled; a hit in front of all missing boxes is
 /// exact.
 #[inline(always)]
-pub(super) fn trace<K: Kernel, P: Pages>(
+pub(super) fn trace_ray<K: Kernel, P: Pages>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
@@ -120,7 +120,7 @@ pub(super) fn trace<K: Kernel, P: Pages>(
     let ray = scene.frame.enter(ray)?;
     let kernel = K::new(&scene.frame, &ray);
     let mut pending = Pending { entries: &mut stack.entries, len: 0 };
-    let mut best = Best::of(&ray);
+    let mut best = Best::new(&ray);
     let root = Entry::new(0.0, scene.file.superblock().root);
     walk(scene, pages, &kernel, (&ray, goal), root, &mut pending, &mut best, missing);
     Some(Ended { ray, found: best.found })

@@ -14,7 +14,7 @@
 //! products lost, so that a needle is only a line when it is one; 4. boxes are tested with outward slack; 5. a kernel
 //! says which triangles a ray meets, not where: along a needle its weights can be off by any share.
 
-use super::ray::{Frame, LatticeRay};
+use super::lattice_ray::{LatticeFrame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
@@ -28,7 +28,7 @@ pub(super) struct Lanes<const N: usize> {
 /// Arithmetic for one ray. What it is told and what it tells of t are f32, rounded to the safe side.
 pub(super) trait Kernel: Sized {
     /// Sets a ray up.
-    fn new(frame: &Frame, ray: &LatticeRay) -> Self;
+    fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Self;
 
     /// Children of a node whose box meets the ray before `t_max`.
     fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH>;

@@ -1,23 +1,31 @@
-//! Rays against exact geometry: what a ray is, what answers it, and who can answer.
+//! C-rays against exact geometry: what a ray is, what answers it, and who can answer.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
+mod arithmetic;
 mod bvh;
 mod kernel;
-pub mod naive;
-#[cfg(target_arch = "x86_64")]
-mod packet;
-mod paged;
+mod lattice_ray;
+mod naive;
+mod paged_mesh;
+mod paged_tracer;
 mod pages;
 mod pooled;
-pub mod probe;
-mod ray;
+mod probe;
+mod retry;
 mod scalar;
+#[cfg(target_arch = "x86_64")]
+mod simd;
+mod steps;
 mod unit_pages;
 
-pub use paged::{Arithmetic, PagedMesh};
+pub use arithmetic::Arithmetic;
+pub use naive::{NaiveMesh, NaiveTriangle};
+pub use paged_mesh::PagedMesh;
+pub use paged_tracer::{PagedTracer, Predictor};
 pub use pages::{AllResident, Page, Pages};
-pub use pooled::{PooledPages, tracers};
+pub use pooled::{PooledPages, pooled_tracers};
+pub use probe::Probe;
+pub(crate) use retry::{Advance, Retry, WAIT};
+pub use steps::ProbeStep;
 pub(crate) use unit_pages::UnitPages;
 
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.

@@ -4,8 +4,8 @@
 //! Invariants: 1. it never answers Blocked; 2. triangles are hit from both sides; 3. of equal hits the lower
 //! triangle index wins, as `Tracer` asks of everybody who wants to be compared.
 
+use super::PagedTracer;
 use super::{Answer, Hit, Ray, Tracer};
-use crate::frame::PagedTracer;
 use crate::math::{along, cross, dot, length, sub, unit};
 use std::sync::Arc;
 use std::time::Duration;

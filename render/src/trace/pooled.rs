@@ -7,9 +7,9 @@
 //! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list of a worker holds each
 //! page that blocked a ray, until the page has come or `WANTS_MAX` later ones have been asked for.
 
-use super::paged::PagedMesh;
+use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
-use crate::frame::{PagedTracer, Predictor};
+use super::{PagedTracer, Predictor};
 use std::time::Duration;
 use trex_store::PageFile;
 use trex_store::pool::{
@@ -211,7 +211,7 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
 }
 
 /// Tracers for `workers` threads over one pool. Each may pin its share of the frames; two are left for arrivals.
-pub fn tracers<'a>(
+pub fn pooled_tracers<'a>(
     file: &'a PageFile,
     pool: &'a PagePool,
     workers: usize,

@@ -2,7 +2,7 @@
 //! does, in the same order, so that both give the same bits.
 
 use super::kernel::{Kernel, Lanes};
-use super::ray::{Frame, LatticeRay};
+use super::lattice_ray::{LatticeFrame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH};
 
@@ -90,7 +90,7 @@ pub(super) struct Slabs<T> {
 
 impl<T: Real> Slabs<T> {
     #[inline(always)]
-    fn new(frame: &Frame, ray: &LatticeRay) -> Slabs<T> {
+    fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Slabs<T> {
         let inverse = std::array::from_fn(|a| {
             let d = ray.direction[a];
             T::of(if d.abs() < T::TINY { (1.0 / T::TINY).copysign(d) } else { ray.inverse[a] })
@@ -135,7 +135,7 @@ impl<T: Real> Slabs<T> {
 
 impl<T: Real> Kernel for Scalar<T> {
     #[inline(always)]
-    fn new(frame: &Frame, ray: &LatticeRay) -> Scalar<T> {
+    fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Scalar<T> {
         Scalar {
             cell: ray.cell,
             fraction: ray.fraction.map(T::of),

@@ -17,10 +17,10 @@
 //! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of the upper
 //! octree; 3. no allocation; a page is in use until the next one is looked up.
 
-use super::photons::LeafHit;
-use super::traverse::{Cube, Entry, Found, GRay, Occluders, VoxelHit, VoxelScene};
+use super::leaf::LeafHit;
+use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
 use crate::math::along;
-use crate::trace::{Answer, Page, Pages};
+use crate::trace::{Answer, Page, Pages, Ray};
 use trex_store::Material;
 use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
 
@@ -102,7 +102,7 @@ impl<'a> LowerScene<'a> {
     }
 
     /// The first voxel that the ray meets; blocked where that depends on a page that is missing.
-    pub fn intersect(&self, ray: &GRay, pages: &mut impl Pages) -> Answer<Option<LowerHit>> {
+    pub fn intersect(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<Option<LowerHit>> {
         let cube = self.cube();
         let Some(entry) = cube.enter(ray) else { return Answer::Exact(None) };
         match self.walk(&entry, pages) {
@@ -116,7 +116,7 @@ impl<'a> LowerScene<'a> {
     }
 
     /// True when the ray meets any voxel.
-    pub fn occluded(&self, ray: &GRay, pages: &mut impl Pages) -> Answer<bool> {
+    pub fn occluded(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<bool> {
         match self.intersect(ray, pages) {
             Answer::Exact(hit) => Answer::Exact(hit.is_some()),
             Answer::Blocked => Answer::Blocked,
@@ -124,9 +124,9 @@ impl<'a> LowerScene<'a> {
     }
 
     /// The surface in the first leaf that `ray` meets.
-    pub(super) fn leaf_hit(
+    pub(crate) fn leaf_hit(
         &self,
-        ray: &GRay,
+        ray: &Ray,
         materials: &'a [Material],
         pages: &mut impl Pages,
     ) -> Answer<Option<LeafHit<'a>>> {
@@ -145,9 +145,9 @@ impl<'a> LowerScene<'a> {
     }
 
     /// As `VoxelScene::ray_from_leaf`, for the finest voxels.
-    pub(super) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: [f64; 3]) -> GRay {
+    pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: [f64; 3]) -> Ray {
         let origin = along(hit.point, 2.0 * self.clearance(hit.normal), hit.normal);
-        GRay { origin, direction, t_max: f64::INFINITY }
+        Ray { origin, direction, t_max: f64::INFINITY }
     }
 
     /// Material of the voxel that was met, for `debug-lower`; the upper leaf's where its page is gone.

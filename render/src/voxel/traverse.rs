@@ -16,6 +16,7 @@
 //!
 //! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
 
+use crate::trace::Ray;
 use trex_store::Lattice;
 use trex_store::octree::{LEAF_SIDE, MAX_DEPTH, UpperOctree, VoxelGrid};
 
@@ -28,17 +29,6 @@ pub enum Occluders {
     /// Bitmaps count.
     #[default]
     On,
-}
-
-/// A ray through the octree, model units.
-#[derive(Clone, Copy, Debug)]
-pub struct GRay {
-    /// Where it starts.
-    pub origin: [f64; 3],
-    /// Unit direction.
-    pub direction: [f64; 3],
-    /// Where it ends.
-    pub t_max: f64,
 }
 
 /// What a ray met.
@@ -165,7 +155,7 @@ impl Cube {
     }
 
     /// `None` for a ray that passes the cube by, or whose numbers are not finite.
-    pub(super) fn enter(&self, ray: &GRay) -> Option<Entry> {
+    pub(super) fn enter(&self, ray: &Ray) -> Option<Entry> {
         let side = self.cells();
         let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
         for a in 0..3 {
@@ -203,7 +193,7 @@ impl Cube {
 
 impl<'a> VoxelScene<'a> {
     /// An octree on a lattice.
-    pub fn on(octree: &'a UpperOctree, lattice: &Lattice, occluders: Occluders) -> VoxelScene<'a> {
+    pub fn new(octree: &'a UpperOctree, lattice: &Lattice, occluders: Occluders) -> VoxelScene<'a> {
         let VoxelGrid { lo, subvoxel_steps, .. } = *octree.grid();
         // Boundaries stand half a step before the lattice points.
         let corner = lattice.position(lo).map(|v| v - 0.5 * lattice.step());
@@ -215,25 +205,14 @@ impl<'a> VoxelScene<'a> {
         self.octree
     }
 
+    /// Model position of the cube's corner.
+    pub(super) fn corner(&self) -> [f64; 3] {
+        self.corner
+    }
+
     /// What leaves are.
     pub(super) fn occluders(&self) -> Occluders {
         self.occluders
-    }
-
-    /// The leaf that holds `point`, after the node above it.
-    pub(crate) fn leaf_at(&self, point: [f64; 3]) -> Option<(u32, u32)> {
-        let depth = self.octree.grid().depth();
-        let side = f64::from(4u32.pow(depth as u32));
-        let at: [f64; 3] = std::array::from_fn(|a| (point[a] - self.corner[a]) / self.leaf_side());
-        if !at.iter().all(|&v| v >= 0.0 && v < side) {
-            return None;
-        }
-        let at = at.map(|v| v as u32);
-        (0..depth).rev().try_fold((0, 0), |(_, index), level| {
-            let part = |axis: usize| at[axis] >> (2 * level) & 3;
-            let place = part(0) | part(1) << 2 | part(2) << 4;
-            Some((index, self.octree.nodes()[index as usize].child(place)?))
-        })
     }
 
     /// Side of a leaf, model units.
@@ -256,13 +235,13 @@ impl<'a> VoxelScene<'a> {
     }
 
     /// The first voxel that the ray meets.
-    pub fn intersect(&self, ray: &GRay) -> Option<VoxelHit> {
+    pub fn intersect(&self, ray: &Ray) -> Option<VoxelHit> {
         let entry = self.enter(ray)?;
         Some(self.hit_of(entry.t_in, &self.walk(&entry)?))
     }
 
     /// `None` for a ray that passes the cube by, or whose numbers are not finite.
-    pub(super) fn enter(&self, ray: &GRay) -> Option<Entry> {
+    pub(super) fn enter(&self, ray: &Ray) -> Option<Entry> {
         self.cube().enter(ray)
     }
 
@@ -273,7 +252,7 @@ impl<'a> VoxelScene<'a> {
     }
 
     /// True when the ray meets any voxel.
-    pub fn occluded(&self, ray: &GRay) -> bool {
+    pub fn occluded(&self, ray: &Ray) -> bool {
         self.intersect(ray).is_some()
     }
 

@@ -9,8 +9,7 @@ use crate::command::said;
 use crate::oracle::mesh::{OracleMesh, cross, distance, dot, sub};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;
-use trex_render::camera::{Camera, Fov};
-use trex_render::trace::{Hit, Ray, Tracer};
+use trex_render::{Camera, Fov, Hit, Ray, Tracer};
 use trex_store::build::Precision;
 
 /// Width and height, pixels.

@@ -17,7 +17,7 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use serde_json::json;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use trex_render::trace::Tracer;
+use trex_render::Tracer;
 use trex_store::build::Precision;
 
 /// A point of a triangle's rim, times two: a vertex or the middle of an edge.

@@ -11,7 +11,7 @@ use crate::oracle::exact::Q;
 use crate::oracle::mesh::{cross, dot};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;
-use trex_render::trace::{Ray, Tracer};
+use trex_render::{Ray, Tracer};
 use trex_store::build::Precision;
 
 /// What `render/src/surface.rs` goes off the surface, in errors of the hit.

@@ -1,0 +1,328 @@
+//! `Film`: the sums of all samples, and the layers.
+//!
+//! Invariants: 1. sums are f64: after 10^6 samples the mean is right to f32 (an f32 sum or running mean is not);
+//! 2. the samples of a pixel are added in the order of their index, so the bytes do not depend on threads;
+//! 3. all pixels of a tile have the same number of samples; 4. its memory is leased before it is taken.
+
+use crate::image::tile::{Tile, tile, tile_count};
+use std::ops::Range;
+use trex_store::{Budget, Lease, Result};
+
+/// `id` of a pixel where no triangle is seen.
+pub const NO_ID: u32 = u32::MAX;
+
+/// Which layers a film keeps beside the radiance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Layers {
+    /// Distance from the camera, model units; infinite where nothing is hit.
+    pub depth: bool,
+    /// Unit normal of the counter-clockwise side; zero where nothing is hit.
+    pub normal: bool,
+    /// Kd + Ks; zero where nothing is hit.
+    pub albedo: bool,
+    /// Store id of the triangle, [`NO_ID`] for none.
+    pub id: bool,
+    /// What the filter works on: depth, normal, albedo, and indirect light apart. None of it is written for that.
+    pub filter: bool,
+}
+
+/// What a ray through the centre of a pixel meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerPixel {
+    /// See [`Layers::depth`].
+    pub depth: f32,
+    /// See [`Layers::normal`].
+    pub normal: [f32; 3],
+    /// See [`Layers::albedo`].
+    pub albedo: [f32; 3],
+    /// See [`Layers::id`].
+    pub id: u32,
+}
+
+/// A picture in the making.
+#[derive(Debug)]
+pub struct Film {
+    resolution: [u32; 2],
+    layers: Layers,
+    /// Per pixel, in rows.
+    sums: Vec<[f64; 3]>,
+    /// Samples of each pixel, per tile.
+    counts: Vec<u32>,
+    depth: Vec<f32>,
+    normal: Vec<[f32; 3]>,
+    albedo: Vec<[f32; 3]>,
+    id: Vec<u32>,
+    /// Of the light in `sums`, what the filter is to smooth.
+    indirect: Vec<[f64; 3]>,
+    /// Its smoothed mean, as of the last time that it was smoothed.
+    smoothed: Vec<[f32; 3]>,
+    /// Whether `smoothed` is of all samples.
+    is_smooth: bool,
+    _lease: Lease,
+}
+
+/// Bytes that a film takes at `resolution` (width, height; pixels).
+pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
+    let is_filtered = layers.filter;
+    let layers = layers.kept();
+    let per_pixel = size_of::<[f64; 3]>()
+        + if is_filtered { size_of::<[f64; 3]>() + size_of::<[f32; 3]>() } else { 0 }
+        + if layers.depth { 4 } else { 0 }
+        + if layers.normal { 12 } else { 0 }
+        + if layers.albedo { 12 } else { 0 }
+        + if layers.id { 4 } else { 0 };
+    let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
+    pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 4
+}
+
+impl Layers {
+    /// True when any is asked for, to be written.
+    pub fn any(&self) -> bool {
+        self.depth || self.normal || self.albedo || self.id
+    }
+
+    /// Those that are asked for, or that the filter takes.
+    pub(crate) fn kept(self) -> Layers {
+        let Layers { depth, normal, albedo, filter, .. } = self;
+        Layers { depth: depth || filter, normal: normal || filter, albedo: albedo || filter, ..self }
+    }
+}
+
+impl Film {
+    /// A black film.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`film_bytes`].
+    pub fn new(resolution: [u32; 2], layers: Layers, budget: &Budget) -> Result<Film> {
+        let lease = budget.lease("the film", film_bytes(resolution, layers))?;
+        let pixels = resolution[0] as usize * resolution[1] as usize;
+        let if_asked = |asked: bool| if asked { pixels } else { 0 };
+        let kept = layers.kept();
+        Ok(Film {
+            resolution,
+            layers,
+            sums: vec![[0.0; 3]; pixels],
+            counts: vec![0; tile_count(resolution) as usize],
+            depth: vec![f32::INFINITY; if_asked(kept.depth)],
+            normal: vec![[0.0; 3]; if_asked(kept.normal)],
+            albedo: vec![[0.0; 3]; if_asked(kept.albedo)],
+            id: vec![NO_ID; if_asked(layers.id)],
+            indirect: vec![[0.0; 3]; if_asked(layers.filter)],
+            smoothed: vec![[0.0; 3]; if_asked(layers.filter)],
+            is_smooth: false,
+            _lease: lease,
+        })
+    }
+
+    /// Width and height, pixels.
+    pub fn resolution(&self) -> [u32; 2] {
+        self.resolution
+    }
+
+    /// The layers that it keeps.
+    pub fn layers(&self) -> Layers {
+        self.layers
+    }
+
+    /// Forgets all samples.
+    pub fn clear(&mut self) {
+        fn fill<T: Copy>(layer: &mut [T], row: Range<usize>, value: T) {
+            // A layer that is not kept has no pixels.
+            if let Some(row) = layer.get_mut(row) {
+                row.fill(value);
+            }
+        }
+        for index in 0..self.counts.len() {
+            // Tiles without samples are as new: where views change fast, that is most of them.
+            if std::mem::take(&mut self.counts[index]) == 0 {
+                continue;
+            }
+            let Tile { first: [x, y], size: [width, height], .. } = tile(self.resolution, index as u32);
+            for y in y..y + height {
+                let at = self.place([x, y]);
+                let row = at..at + width as usize;
+                fill(&mut self.sums, row.clone(), [0.0; 3]);
+                fill(&mut self.depth, row.clone(), f32::INFINITY);
+                fill(&mut self.normal, row.clone(), [0.0; 3]);
+                fill(&mut self.albedo, row.clone(), [0.0; 3]);
+                fill(&mut self.id, row.clone(), NO_ID);
+                fill(&mut self.indirect, row, [0.0; 3]);
+            }
+        }
+        self.is_smooth = false;
+    }
+
+    /// Adds the next samples of `tile`: the first of all its pixels, the second of all its pixels, and so on.
+    ///
+    /// # Panics
+    /// When some pixels get more samples than others.
+    pub fn add(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
+        let pixels = tile.pixel_count() as usize;
+        assert_eq!(radiances.len() % pixels, 0, "a tile of {pixels} pixels");
+        for (index, radiance) in radiances.iter().enumerate() {
+            let at = self.place(tile.pixel((index % pixels) as u32));
+            for (sum, &value) in self.sums[at].iter_mut().zip(radiance) {
+                *sum += f64::from(value);
+            }
+        }
+        self.counts[tile.index as usize] += (radiances.len() / pixels) as u32;
+        self.is_smooth = false;
+    }
+
+    /// Adds the share of indirect light of the samples that [`Film::add`] got, in the same order; only with
+    /// [`Layers::filter`].
+    pub(crate) fn add_indirect(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
+        for (index, radiance) in radiances.iter().enumerate() {
+            let at = self.place(tile.pixel((index % tile.pixel_count() as usize) as u32));
+            for (sum, &value) in self.indirect[at].iter_mut().zip(radiance) {
+                *sum += f64::from(value);
+            }
+        }
+    }
+
+    /// Mean indirect radiance of a pixel (x, y), not smoothed; only with [`Layers::filter`].
+    pub(crate) fn indirect(&self, pixel: [u32; 2]) -> [f32; 3] {
+        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
+        self.indirect[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
+    }
+
+    /// Where the smoothed indirect light goes, by rows; it counts in place of the other until samples are added.
+    pub(crate) fn smoothed_mut(&mut self) -> &mut [[f32; 3]] {
+        assert!(self.layers.filter, "this film keeps no indirect light");
+        self.is_smooth = true;
+        &mut self.smoothed
+    }
+
+    /// Sets the layers of one pixel (x, y), of a tile that has samples.
+    pub fn set_layers(&mut self, pixel: [u32; 2], seen: &LayerPixel) {
+        let at = self.place(pixel);
+        if self.layers.kept().depth {
+            self.depth[at] = seen.depth;
+        }
+        if self.layers.kept().normal {
+            self.normal[at] = seen.normal;
+        }
+        if self.layers.kept().albedo {
+            self.albedo[at] = seen.albedo;
+        }
+        if self.layers.id {
+            self.id[at] = seen.id;
+        }
+    }
+
+    /// Samples that each pixel of tile `index` has.
+    pub fn tile_samples(&self, index: u32) -> u32 {
+        self.counts[index as usize]
+    }
+
+    /// Samples that every pixel has.
+    pub fn samples(&self) -> u32 {
+        self.counts.iter().copied().min().unwrap_or(0)
+    }
+
+    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the film was.
+    pub fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
+        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
+        let at = self.place(pixel);
+        if !self.is_smooth {
+            return self.sums[at].map(|sum| (sum * per_sample) as f32);
+        }
+        let rest = |c: usize| (self.sums[at][c] - self.indirect[at][c]) * per_sample;
+        std::array::from_fn(|c| (rest(c) + f64::from(self.smoothed[at][c])) as f32)
+    }
+
+    /// Mean radiance over all pixels, linear RGB, unclamped.
+    pub fn mean(&self) -> [f64; 3] {
+        let [width, height] = self.resolution;
+        let mut mean = [0.0; 3];
+        for y in 0..height {
+            for x in 0..width {
+                let radiance = self.radiance([x, y]);
+                for (sum, value) in mean.iter_mut().zip(radiance) {
+                    *sum += f64::from(value);
+                }
+            }
+        }
+        mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
+    }
+
+    /// Distance; only with [`Layers::depth`] or [`Layers::filter`].
+    pub fn depth(&self, pixel: [u32; 2]) -> f32 {
+        self.depth[self.place(pixel)]
+    }
+
+    /// Normal; only with [`Layers::normal`] or [`Layers::filter`].
+    pub fn normal(&self, pixel: [u32; 2]) -> [f32; 3] {
+        self.normal[self.place(pixel)]
+    }
+
+    /// Albedo; only with [`Layers::albedo`] or [`Layers::filter`].
+    pub fn albedo(&self, pixel: [u32; 2]) -> [f32; 3] {
+        self.albedo[self.place(pixel)]
+    }
+
+    /// Triangle; only with [`Layers::id`].
+    pub fn id(&self, pixel: [u32; 2]) -> u32 {
+        self.id[self.place(pixel)]
+    }
+
+    fn place(&self, [x, y]: [u32; 2]) -> usize {
+        assert!(x < self.resolution[0] && y < self.resolution[1], "pixel ({x}, {y}) is not on the film");
+        y as usize * self.resolution[0] as usize + x as usize
+    }
+
+    fn tile_index(&self, [x, y]: [u32; 2]) -> usize {
+        let side = crate::image::tile::TILE_SIDE_PIXELS;
+        ((y / side) * self.resolution[0].div_ceil(side) + x / side) as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::tile::tile;
+
+    #[test]
+    fn the_mean_is_right_after_a_million_samples() {
+        let mut film = Film::new([1, 1], Layers::default(), &Budget::unlimited()).unwrap();
+        let tile = tile([1, 1], 0);
+        // Large and small in turn: an f32 sum is off by parts in a thousand here.
+        for index in 0..1_000_000u32 {
+            let value = if index % 2 == 0 { 1000.0 } else { 0.1f32 };
+            film.add(&tile, &[[value; 3]]);
+        }
+        assert!((film.radiance([0, 0])[0] - 500.05).abs() < 1e-4);
+        assert_eq!(film.samples(), 1_000_000);
+    }
+
+    #[test]
+    fn a_cleared_film_is_as_a_new_one() {
+        let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: true };
+        // Tiles at the right and at the bottom are cut.
+        let resolution = [20, 11];
+        let new = || Film::new(resolution, layers, &Budget::unlimited()).unwrap();
+        let mut film = new();
+        // All but one tile.
+        for index in 1..tile_count(resolution) {
+            let tile = tile(resolution, index);
+            film.add(&tile, &vec![[1.0, 2.0, 3.0]; tile.pixel_count() as usize]);
+            film.add_indirect(&tile, &vec![[0.5; 3]; tile.pixel_count() as usize]);
+            let seen = LayerPixel { depth: 7.0, normal: [1.0; 3], albedo: [0.5; 3], id: 9 };
+            (0..tile.pixel_count()).for_each(|i| film.set_layers(tile.pixel(i), &seen));
+        }
+        assert_ne!(format!("{film:?}"), format!("{:?}", new()));
+        film.clear();
+        assert_eq!(format!("{film:?}"), format!("{:?}", new()));
+    }
+
+    #[test]
+    fn memory_is_leased_and_given_back() {
+        let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
+        let budget = Budget::unlimited();
+        let film = Film::new([100, 50], layers, &budget).unwrap();
+        assert_eq!(budget.used_bytes(), 100 * 50 * (24 + 32) + 13 * 7 * 4);
+        drop(film);
+        assert_eq!(budget.used_bytes(), 0);
+        assert!(Film::new([100, 50], layers, &Budget::new(trex_store::RESERVE_BYTES)).is_err());
+    }
+}

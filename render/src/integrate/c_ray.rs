@@ -1,0 +1,68 @@
+//! What a C-ray meets first: a place on the mesh, or behind the cut of the footprint rule in the voxels.
+
+use crate::image::film::NO_ID;
+use crate::math::{along, to_f64};
+use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
+use crate::trace::{Hit, Ray};
+use crate::voxel::{VoxelHit, VoxelScene};
+
+/// Clearances that a ray leaves a voxel by: the point of the hit is within one of the surface.
+const CLEARANCES: f64 = 2.0;
+
+/// The first thing that a C-ray met.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CRayHit {
+    pub(crate) point: HitPoint,
+    pub(crate) form: Form,
+}
+
+/// Which form of the model answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Form {
+    /// The exact mesh: store id of the triangle, and its page.
+    Mesh { triangle: u32, page: u32 },
+    /// The voxels.
+    Voxel,
+}
+
+impl From<Hit> for CRayHit {
+    fn from(hit: Hit) -> CRayHit {
+        let form = Form::Mesh { triangle: hit.triangle, page: hit.page };
+        CRayHit { point: HitPoint::from(&hit), form }
+    }
+}
+
+impl CRayHit {
+    /// The id that a layer shows.
+    pub(crate) fn layer_id(&self) -> u32 {
+        match self.form {
+            Form::Mesh { triangle, .. } => triangle,
+            Form::Voxel => NO_ID,
+        }
+    }
+}
+
+/// The part of a C-ray behind the cut.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FarRay {
+    pub(crate) ray: Ray,
+    /// Where it begins on the C-ray.
+    cut: f64,
+}
+
+impl FarRay {
+    /// The part of `ray` behind `cut`.
+    pub(crate) fn new(ray: &Ray, cut: f64) -> FarRay {
+        let origin = along(ray.origin, cut, ray.direction);
+        FarRay { ray: Ray { origin, direction: ray.direction, t_max: ray.t_max - cut }, cut }
+    }
+
+    /// What it met, as a hit of the C-ray.
+    pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelHit>) -> Option<CRayHit> {
+        let found = found?;
+        let leaf = voxels.octree().leaf(found.leaf as usize);
+        let error = CLEARANCES * voxels.clearance(to_f64(leaf.normal)) / OFFSET_ERRORS;
+        let (t, material) = (self.cut + found.t, leaf.material.into());
+        Some(CRayHit { point: HitPoint { t, material, normal: leaf.normal, error }, form: Form::Voxel })
+    }
+}

@@ -1,0 +1,154 @@
+//! `RenderContext`: what integrators share: the world, the voxels and photons that answer for it, and the steps that most
+//! of them take at a surface.
+
+use super::c_ray::CRayHit;
+use super::g_scene::GScene;
+use super::path_state::{Origin, Path, ShadowQuery, Stage};
+use crate::image::film::Layers;
+use crate::math::{dot, max_rgb, mul_rgb, reflect, scale, scale_rgb, to_f64};
+use crate::photon::irradiance::Irradiance;
+use crate::photon::kd_tree::PhotonTree;
+use crate::sampler::Decision;
+use crate::scene::settings::{Method, RenderKeys};
+use crate::scene::world::{Model, World};
+use crate::shading::bsdf::{Bsdf, takes_shadow_rays};
+use crate::shading::light::LightSample;
+use crate::shading::surface::SurfaceInteraction;
+use crate::trace::Ray;
+use crate::voxel::Occluders;
+use trex_store::Material;
+
+/// The share of a light sample, one of so many, that counts beside other ways to find its light.
+pub(super) type MisWeight = fn(&Bsdf<'_>, &LightSample, u32) -> f32;
+
+/// What the integrators of a picture read.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RenderContext<'a> {
+    pub(crate) world: &'a World,
+    /// The voxels of the model: for G-rays, for C-rays behind the cut, and for stand-ins; `None` for a model without.
+    pub(crate) voxels: Option<GScene<'a>>,
+    /// The photons of `full-gi`; without, surfaces are dark to gather rays.
+    pub(crate) photons: Option<&'a PhotonTree>,
+    /// Whether the first sample of each pixel also says what its centre shows.
+    pub(crate) has_layers: bool,
+}
+
+impl<'a> RenderContext<'a> {
+    /// What integrators read of `world`, which was made from `model`, with light in the voxels as `irradiance` has it.
+    pub(crate) fn new(world: &'a World, model: &'a Model, irradiance: Irradiance<'a>) -> RenderContext<'a> {
+        let RenderKeys { integrator: method, occluders, near, .. } = *world.settings;
+        let is_cubes = matches!(method, Method::DebugUpper | Method::DebugLower);
+        let occluders = if is_cubes { Occluders::Off } else { occluders };
+        let answers_g_rays = method.asks_voxels();
+        let voxels = model.voxels.as_ref().map(|voxels| {
+            let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
+            GScene { voxels: voxels.scene(occluders), lower, irradiance, near, answers_g_rays }
+        });
+        RenderContext { world, voxels, photons: None, has_layers: false }
+    }
+
+    /// The mesh of `world` alone.
+    #[cfg(test)]
+    pub(crate) fn of_mesh(world: &'a World) -> RenderContext<'a> {
+        RenderContext { world, voxels: None, photons: None, has_layers: false }
+    }
+
+    /// With what the layers of a film take.
+    pub(crate) fn with_layers(self, layers: Layers) -> RenderContext<'a> {
+        RenderContext { has_layers: layers.kept().any(), ..self }
+    }
+
+    /// With the photons of `full-gi`.
+    pub(crate) fn with_photons(self, photons: Option<&'a PhotonTree>) -> RenderContext<'a> {
+        RenderContext { photons, ..self }
+    }
+
+    /// Material of a surface.
+    pub(super) fn material(&self, surface: &SurfaceInteraction) -> &'a Material {
+        &self.world.materials[surface.material as usize]
+    }
+
+    /// The voxels, where they answer G-rays; without, the mesh does.
+    pub(super) fn g_scene(&self) -> Option<&GScene<'a>> {
+        self.voxels.as_ref().filter(|scene| scene.answers_g_rays)
+    }
+
+    /// Gather rays at a surface.
+    pub(super) fn n_gather(&self) -> u32 {
+        let settings = &self.world.settings;
+        if settings.integrator.gathers() { settings.n_gather } else { 0 }
+    }
+
+    /// The end of a ray that no light sample could have been: all that it sees counts.
+    pub(super) fn seen(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
+        let lights = &self.world.lights;
+        let seen = lights.seen(ray, hit.map_or(f64::INFINITY, |hit| hit.point.t));
+        let Some(hit) = hit.filter(|_| seen.is_none()) else {
+            path.gain(seen.unwrap_or(lights.sky()));
+            return Stage::Done;
+        };
+        let material = &self.world.materials[hit.point.material as usize];
+        if dot(to_f64(hit.point.normal), ray.direction) < 0.0 {
+            path.gain(material.ke);
+        }
+        self.lit(SurfaceInteraction::new(ray, &hit.point))
+    }
+
+    /// What follows at a surface: shadow rays, where they can bring anything.
+    pub(super) fn lit(&self, surface: SurfaceInteraction) -> Stage {
+        match takes_shadow_rays(self.material(&surface)) {
+            true => self.after_shadow_ray(surface, 0),
+            false => Stage::Bounce(surface),
+        }
+    }
+
+    /// What follows the shadow rays before number `index`.
+    pub(super) fn after_shadow_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
+        if index < self.world.settings.n_shadow {
+            return Stage::Shadow { surface, index };
+        }
+        self.after_gather_ray(surface, 0)
+    }
+
+    /// What follows the gather rays before number `index`.
+    pub(super) fn after_gather_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
+        if index < self.n_gather() { Stage::Gather { surface, index } } else { Stage::Bounce(surface) }
+    }
+
+    /// Shadow ray `index` towards a light; `None` where it could bring nothing.
+    pub(super) fn light_query(
+        &self,
+        path: &Path,
+        surface: &SurfaceInteraction,
+        index: u32,
+        mis_weight: MisWeight,
+    ) -> Option<ShadowQuery> {
+        let count = self.world.settings.n_shadow;
+        let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
+        let point = surface.shading_point(&self.world.materials);
+        let sample = self.world.lights.sample(&point, u)?;
+        let cos = dot(surface.normal, sample.wi) as f32;
+        let weight = cos * mis_weight(&point.bsdf, &sample, count);
+        let returned = scale_rgb(weight, mul_rgb(point.bsdf.eval(sample.wi), sample.weight));
+        let light = scale_rgb(1.0 / count as f32, returned);
+        let LightSample { wi, distance, front, .. } = sample;
+        (max_rgb(light) > 0.0).then_some(ShadowQuery { direction: wi, distance, front, light })
+    }
+
+    /// The mirror ray, if the surface is a mirror. All of its reflectance goes with it, so that without roulette a picture
+    /// of mirrors has no noise.
+    pub(super) fn mirror_bounce(&self, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
+        let material = self.material(surface);
+        if !material.mirror {
+            return Stage::Done;
+        }
+        path.throughput = mul_rgb(path.throughput, material.ks);
+        if !path.survives() {
+            return Stage::Done;
+        }
+        path.vertex += 1;
+        path.origin = Origin::Mirror;
+        let direction = reflect(scale(-1.0, surface.wo), surface.normal);
+        Stage::CRay(surface.ray_to(direction, f64::INFINITY, None))
+    }
+}

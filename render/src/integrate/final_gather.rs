@@ -1,0 +1,74 @@
+//! `full-gi`: photon mapping on the exact mesh, without voxels: what `photon` is measured by. Shadow rays, mirrors and
+//! gather rays meet the mesh; where a gather ray ends, the photons next to that place say what leaves it. H. W. Jensen, "Realistic
+//! image synthesis using photon mapping" (2001), with final gathering.
+//!
+//! ```text
+//! surface -> gather ray -> surface: photons next to it (emitters left out: shadow rays bring their light)
+//!                       -> mirror: on, and from then on lamps count, which no shadow ray finds there
+//!                       -> nothing: the sky                                  (left out by the shadow rays)
+//! ```
+//!
+//! Left out is what points and suns bring to a place that is seen, over a mirror: no gather ray meets them.
+//!
+//! Invariants: 1. a retry asks one ray; 2. a gather ray follows [`MIRRORS_MAX`] mirrors at most, and what lies behind is dark.
+
+use super::Integrator;
+use super::c_ray::CRayHit;
+use super::context::RenderContext;
+use super::g_scene::MIRRORS_MAX;
+use super::path_state::{GatherRay, Path, Stage};
+use crate::math::{dot, max_rgb, mul_rgb, reflect, to_f64};
+use crate::shading::surface::{HitPoint, SurfaceInteraction};
+use crate::stats::RayKind;
+use crate::trace::{Answer, Ray, Tracer};
+
+/// See the top of the file.
+#[derive(Debug)]
+pub(super) struct FullGi;
+
+impl Integrator for FullGi {
+    fn c_ray_end(&self, ctx: &RenderContext<'_>, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
+        ctx.seen(path, ray, hit)
+    }
+
+    fn bounce(&self, ctx: &RenderContext<'_>, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
+        ctx.mirror_bounce(path, surface)
+    }
+}
+
+impl RenderContext<'_> {
+    /// One ray of a gather ray's way.
+    pub(super) fn gather_ray_step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        gather: &GatherRay,
+        tracer: &mut T,
+    ) -> Answer<Stage> {
+        let GatherRay { surface, index, ray, weight, mirrors } = *gather;
+        let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
+        path.sample.rays.count(RayKind::Gather);
+        let done = Answer::Exact(self.after_gather_ray(surface, index + 1));
+        let lights = &self.world.lights;
+        let lamp = if mirrors > 0 { lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) } else { None };
+        let Some(hit) = hit.filter(|_| lamp.is_none()) else {
+            path.gain_indirect(mul_rgb(weight, lamp.unwrap_or(lights.sky())));
+            return done;
+        };
+        let material = &self.world.materials[hit.material as usize];
+        if mirrors > 0 && dot(to_f64(hit.normal), ray.direction) < 0.0 {
+            path.gain_indirect(mul_rgb(weight, material.ke));
+        }
+        let met = SurfaceInteraction::new(&ray, &HitPoint::from(&hit));
+        if let Some(photons) = self.photons {
+            path.sample.look_ups += 1;
+            let k_nearest = self.world.settings.k_nearest;
+            path.gain_indirect(mul_rgb(weight, photons.radiance(&met, &self.world.materials, k_nearest)));
+        }
+        let weight = mul_rgb(weight, material.ks);
+        if !material.mirror || mirrors == MIRRORS_MAX || max_rgb(weight) == 0.0 {
+            return done;
+        }
+        let ray = met.ray_to(reflect(ray.direction, met.normal), f64::INFINITY, None);
+        Answer::Exact(Stage::GatherRay(GatherRay { ray, weight, mirrors: mirrors + 1, ..*gather }))
+    }
+}

@@ -1,0 +1,108 @@
+//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it. Paper,
+//! section 5. Perfect mirrors carry the view on, as in `direct`. The directions of gather rays are drawn here, for
+//! `full-gi` too.
+//!
+//! ```text
+//! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi  (no emitters: shadow rays bring these)
+//!                       -> nothing: the sky                                       (left out by the shadow rays)
+//! ```
+//!
+//! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it
+//! meets, so it can be blocked by few pages.
+
+use super::Integrator;
+use super::c_ray::CRayHit;
+use super::context::RenderContext;
+use super::g_scene::{GScene, Gathered};
+use super::path_state::{GatherRay, Path, Stage};
+use crate::math::{max_rgb, mul_rgb, scale_rgb};
+use crate::sampler::Decision;
+use crate::shading::surface::{HitPoint, SurfaceInteraction};
+use crate::trace::{Answer, Ray, Tracer};
+
+/// See the top of the file.
+#[derive(Debug)]
+pub(super) struct PhotonMapping;
+
+/// The direction of a gather ray, and what a radiance from there counts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GatherQuery {
+    pub(super) direction: [f64; 3],
+    pub(super) weight: [f32; 3],
+}
+
+impl Integrator for PhotonMapping {
+    fn c_ray_end(&self, ctx: &RenderContext<'_>, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
+        ctx.seen(path, ray, hit)
+    }
+
+    fn bounce(&self, ctx: &RenderContext<'_>, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
+        ctx.mirror_bounce(path, surface)
+    }
+}
+
+impl RenderContext<'_> {
+    /// One gather ray: through the voxels, or on its way through the mesh.
+    pub(super) fn gather_step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        surface: &SurfaceInteraction,
+        index: u32,
+        tracer: &mut T,
+    ) -> Answer<Stage> {
+        if let Some(GatherQuery { direction, weight }) = self.gather_query(path, surface, index) {
+            let Some(voxels) = self.g_scene() else {
+                let (surface, ray) = (*surface, surface.ray_to(direction, f64::INFINITY, None));
+                let gather = GatherRay { surface, index, ray, weight, mirrors: 0 };
+                return Answer::Exact(Stage::GatherRay(gather));
+            };
+            let Answer::Exact(found) = self.gathered_along(voxels, surface, direction, tracer) else {
+                return Answer::Blocked;
+            };
+            path.sample.rays.gather += found.rays;
+            path.gain_indirect(mul_rgb(weight, found.radiance));
+        }
+        Answer::Exact(self.after_gather_ray(*surface, index + 1))
+    }
+
+    /// Gather ray `index` of a surface; `None` where it could bring nothing.
+    pub(super) fn gather_query(
+        &self,
+        path: &Path,
+        surface: &SurfaceInteraction,
+        index: u32,
+    ) -> Option<GatherQuery> {
+        let count = self.world.settings.n_gather;
+        let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index, count });
+        let sample = surface.bsdf(&self.world.materials).sample_rough([u[0], u[1], u[2]])?;
+        let weight = scale_rgb(1.0 / count as f32, sample.weight);
+        (max_rgb(weight) > 0.0).then_some(GatherQuery { direction: sample.wi, weight })
+    }
+
+    /// What arrives at a surface from unit `direction`.
+    fn gathered_along<T: Tracer>(
+        &self,
+        voxels: &GScene<'_>,
+        surface: &SurfaceInteraction,
+        direction: [f64; 3],
+        tracer: &mut T,
+    ) -> Answer<Gathered> {
+        let world = self.world;
+        if let Some(near) = voxels.near_length(surface, direction) {
+            let ray = surface.ray_to(direction, near, None);
+            match tracer.intersect(&ray) {
+                Answer::Blocked => return Answer::Blocked,
+                Answer::Exact(None) => {}
+                Answer::Exact(Some(hit)) => {
+                    let met = SurfaceInteraction::new(&ray, &HitPoint::from(&hit));
+                    let radiance = voxels.leaving_surface(&met, self.material(&met)).unwrap_or([0.0; 3]);
+                    return Answer::Exact(Gathered { radiance, rays: 1 });
+                }
+            }
+        }
+        match voxels.leave(surface, direction, f64::INFINITY, None) {
+            Some(ray) => voxels.gather_finest(ray, (&world.materials, world.lights.sky()), tracer),
+            None => Answer::Exact(Gathered { radiance: [0.0; 3], rays: 0 }),
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! `Path`: one sample of a pixel on its way, a ray at a time, and what it comes to.
+//!
+//! Invariants: 1. it holds all that a retry needs, so a path gives the same bytes however often it was blocked; 2. each
+//! ray is counted once, when it was answered; 3. a path has at most [`BOUNCES_MAX`] bounces.
+
+use super::c_ray::FarRay;
+use super::g_batch::Place;
+use crate::image::film::LayerPixel;
+use crate::math::{add_rgb, max_rgb, mul_rgb, scale_rgb};
+use crate::sampler::{Decision, Sampler};
+use crate::shading::surface::SurfaceInteraction;
+use crate::stats::{RayCounts, RayKind};
+use crate::trace::{Hit, Ray};
+
+/// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
+const BOUNCES_SURE: u32 = 4;
+/// Greatest chance that a path goes on after that; ends halls of mirrors that lose no light.
+const ROULETTE_MAX: f32 = 0.95;
+/// Most bounces. By roulette one path in 400,000 gets so far; what it would still bring is lost.
+pub(crate) const BOUNCES_MAX: u32 = 256;
+
+/// What one finished sample says of its pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sample {
+    /// Radiance, linear RGB.
+    pub radiance: [f32; 3],
+    /// Of this, what gather rays brought to the surface that is seen.
+    pub indirect: [f32; 3],
+    /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
+    pub layers: Option<LayerPixel>,
+    /// Rays that this sample took.
+    pub rays: RayCounts,
+    /// Look-ups of the photons next to a place; of `full-gi`.
+    pub look_ups: u64,
+}
+
+/// One sample of one pixel on its way: all that a retry needs.
+#[derive(Clone, Debug)]
+pub(crate) struct Path {
+    pub(crate) pixel: [u32; 2],
+    pub(crate) sampler: Sampler,
+    pub(crate) stage: Stage,
+    /// Index of the path vertex at the end of the current C-ray.
+    pub(crate) vertex: u32,
+    /// Length of the C-rays before the current one, model units.
+    pub(crate) travelled: f64,
+    /// Whether the current C-ray leaves a place that voxels answered for.
+    pub(crate) is_far: bool,
+    pub(crate) throughput: [f32; 3],
+    /// How the current C-ray came about.
+    pub(crate) origin: Origin,
+    pub(crate) sample: Sample,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) enum Stage {
+    /// The ray through the pixel's centre, for the layers.
+    Layers,
+    /// A ray that asks for the closest hit.
+    CRay(Ray),
+    /// The mesh has answered a C-ray up to the cut of the footprint rule.
+    Met {
+        ray: Ray,
+        cut: f64,
+        found: Option<Hit>,
+    },
+    /// Ray `index` from a surface that asks whether anything is hit.
+    Shadow {
+        surface: SurfaceInteraction,
+        index: u32,
+    },
+    /// Ray `index` from a surface that gathers light.
+    Gather {
+        surface: SurfaceInteraction,
+        index: u32,
+    },
+    /// The part of a C-ray behind the cut has been asked in a batch.
+    TakeFar {
+        ray: Ray,
+        far: FarRay,
+        place: u32,
+    },
+    /// Shadow and gather rays have been asked in a batch.
+    TakeGRays(Place),
+    /// A ray that gathers light on the exact mesh, on its way.
+    GatherRay(GatherRay),
+    /// What comes after these.
+    Bounce(SurfaceInteraction),
+    Done,
+}
+
+/// A ray from a surface that asks whether anything is hit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ShadowQuery {
+    pub(crate) direction: [f64; 3],
+    pub(crate) distance: f64,
+    /// Normal of the surface at the other end, if there is one.
+    pub(crate) front: Option<[f64; 3]>,
+    /// What is gained when nothing is.
+    pub(crate) light: [f32; 3],
+}
+
+/// A gather ray on its way through the mesh: `index` of those that leave `surface`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GatherRay {
+    pub(crate) surface: SurfaceInteraction,
+    pub(crate) index: u32,
+    pub(crate) ray: Ray,
+    /// What a radiance at its end counts.
+    pub(crate) weight: [f32; 3],
+    /// Mirrors up to now.
+    pub(crate) mirrors: u32,
+}
+
+/// How a C-ray came about: what it sees has another weight where light samples could have found it too.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Origin {
+    Camera,
+    Mirror,
+    /// Drawn at a surface, with this density per solid angle.
+    Scattered {
+        from: SurfaceInteraction,
+        pdf: f64,
+    },
+}
+
+impl Origin {
+    /// How the C-ray is counted.
+    pub(crate) fn ray_kind(&self) -> RayKind {
+        match self {
+            Origin::Camera => RayKind::Primary,
+            Origin::Mirror => RayKind::Mirror,
+            Origin::Scattered { .. } => RayKind::Gather,
+        }
+    }
+}
+
+impl Path {
+    /// Rays answered up to now: grows with every step forward.
+    pub(crate) fn answered(&self) -> u64 {
+        self.sample.rays.total()
+    }
+
+    /// Adds radiance that arrives at the current vertex.
+    pub(crate) fn gain(&mut self, radiance: [f32; 3]) {
+        self.sample.radiance = add_rgb(self.sample.radiance, mul_rgb(self.throughput, radiance));
+    }
+
+    /// Adds radiance that gather rays brought to the current vertex: what the filter may smooth, unless a mirror shows it.
+    pub(crate) fn gain_indirect(&mut self, radiance: [f32; 3]) {
+        self.gain(radiance);
+        if self.vertex == 0 {
+            self.sample.indirect = add_rgb(self.sample.indirect, mul_rgb(self.throughput, radiance));
+        }
+    }
+
+    /// Whether the path goes on after its vertex: roulette, by what it can still bring.
+    pub(crate) fn survives(&mut self) -> bool {
+        if self.vertex < BOUNCES_SURE {
+            return true;
+        }
+        let chance = max_rgb(self.throughput).min(ROULETTE_MAX);
+        if self.vertex == BOUNCES_MAX || self.sampler.draw(Decision::Roulette(self.vertex))[0] >= chance {
+            return false;
+        }
+        self.throughput = scale_rgb(1.0 / chance, self.throughput);
+        true
+    }
+}

@@ -1,0 +1,47 @@
+//! Previews: what rays from the camera see in the voxels alone, without pages and shadows. What a frame shows first, and
+//! what stands in for tiles that wait.
+
+use super::c_ray::FarRay;
+use super::context::RenderContext;
+use super::g_scene::GScene;
+use crate::math::{add_rgb, dot, mul_rgb, scale_rgb, to_f64};
+use crate::shading::surface::SurfaceInteraction;
+use crate::trace::Ray;
+use crate::voxel::VoxelHit;
+
+/// The sample of the lights that stands for all of them, its middle.
+const MIDDLE: [f32; 4] = [0.5; 4];
+
+impl RenderContext<'_> {
+    /// What some rays from the camera see; `None` without voxels.
+    pub(super) fn previews(&self, rays: impl Iterator<Item = Ray>) -> Option<Vec<[f32; 3]>> {
+        let scene = self.voxels.as_ref()?;
+        let far: Vec<_> = rays.map(|ray| FarRay::new(&ray, 0.0)).collect();
+        let rays: Vec<_> = far.iter().map(|far| far.ray).collect();
+        let mut found = vec![None; rays.len()];
+        scene.voxels.intersect_batch(&rays, &mut found);
+        Some(far.iter().zip(found).map(|(far, found)| self.preview(scene, far, found)).collect())
+    }
+
+    fn preview(&self, scene: &GScene<'_>, far: &FarRay, found: Option<VoxelHit>) -> [f32; 3] {
+        let ray = far.ray;
+        let (lights, materials) = (&self.world.lights, &self.world.materials);
+        let hit = far.hit(&scene.voxels, found).map(|hit| hit.point);
+        if let Some(light) = lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) {
+            return light;
+        }
+        let Some(hit) = hit else { return lights.sky() };
+        let surface = SurfaceInteraction::new(&ray, &hit);
+        let is_front = dot(to_f64(hit.normal), ray.direction) < 0.0;
+        let own = if is_front { self.material(&surface).ke } else { [0.0; 3] };
+        if !scene.irradiance.is_none() {
+            return add_rgb(own, scene.gather_from((ray, found), materials, lights.sky()).radiance);
+        }
+        let point = surface.shading_point(materials);
+        let direct = lights.sample(&point, MIDDLE).map_or([0.0; 3], |sample| {
+            let returned = point.bsdf.eval(sample.wi);
+            scale_rgb(dot(surface.normal, sample.wi) as f32, mul_rgb(returned, sample.weight))
+        });
+        add_rgb(own, direct)
+    }
+}

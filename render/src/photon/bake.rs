@@ -1,0 +1,69 @@
+//! `--bake`: photons through the exact mesh, their light into the facets of the voxels. Paper, section 5.1: where lights and
+//! materials stay, the mesh tells more exactly than the voxels where photons go.
+//!
+//! Invariant: as of photons through voxels: the same photons give the same map, and a pass counts whole or not at all.
+
+use super::irradiance::{PhotonMap, PhotonPass};
+use super::mesh::{Deposit, MeshPhotons};
+use super::trace::send_in_passes;
+use crate::scene::world::World;
+use crate::shading::light::PhotonSources;
+use crate::stats::PhotonStats;
+use crate::trace::PagedTracer;
+use crate::voxel::VoxelScene;
+use rayon::ThreadPool;
+use std::ops::{ControlFlow, Range};
+use trex_store::{Aabb, Budget, Result};
+
+/// The mesh's light, and the voxels that take it.
+#[derive(Clone, Copy)]
+pub(crate) struct Baking<'a> {
+    pub(crate) world: &'a World,
+    pub(crate) bounds: &'a Aabb,
+    pub(crate) voxels: VoxelScene<'a>,
+    pub(crate) budget: &'a Budget,
+    pub(crate) stop: &'a (dyn Fn() -> bool + Sync),
+    /// One thread a tracer.
+    pub(crate) pool: &'a ThreadPool,
+}
+
+impl Baking<'_> {
+    /// Sends photons until `map` has those of `target`, pass by pass; `tell` hears how many are done.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
+    pub(crate) fn trace<T: PagedTracer + Send>(
+        &self,
+        map: &mut PhotonMap,
+        tracers: &mut [T],
+        target: u64,
+        tell: &mut dyn FnMut(u64),
+    ) -> Result<PhotonStats> {
+        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else {
+            return Ok(PhotonStats::default());
+        };
+        let facets = self.voxels.octree().facets();
+        let mut pass = PhotonPass::new(facets.count(), sources.flux(), self.budget)?;
+        let first = map.photons();
+        let send = |indices: Range<u64>| {
+            let land = |_, deposits: &[Deposit]| self.deposit(&pass, deposits);
+            let Baking { world, stop, pool, .. } = *self;
+            let photons = MeshPhotons { world, sources: &sources, land: &land, stop, pool };
+            let Some(sent) = photons.trace(tracers, indices.clone()) else {
+                return ControlFlow::Break(PhotonStats::default());
+            };
+            map.fold(&mut pass, indices.end - indices.start, facets, self.voxels.leaf_side());
+            ControlFlow::Continue(sent)
+        };
+        Ok(send_in_passes(first..target, send, tell))
+    }
+
+    /// Adds what arrived on the mesh to the facets there. How many had one.
+    fn deposit(&self, pass: &PhotonPass, deposits: &[Deposit]) -> u64 {
+        let add = |deposit: &&Deposit| {
+            let facet = self.voxels.facet_at(deposit.point, deposit.normal);
+            facet.inspect(|&facet| pass.add(facet, deposit.flux)).is_some()
+        };
+        deposits.iter().filter(add).count() as u64
+    }
+}

@@ -1,0 +1,160 @@
+//! `PhotonMap`: the light that photons brought to the surface, per facet of the octree. Paper, sections 4.2 and 5.1.
+//!
+//! ```text
+//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel) -> folded into the mean irradiance (f32) -> next pass
+//! irradiance = flux / covered area
+//! ```
+//!
+//! Why fixed point: its sums do not depend on the order in which threads add, nor do saturated ones. The sums are there
+//! only while a pass runs.
+//!
+//! Invariants: 1. the same photons give the same map, whatever the threads; 2. a pass counts whole or not at all.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use trex_store::octree::Facets;
+use trex_store::{Budget, Lease, Result};
+
+/// Units of a sum that an average photon brings: its rounding is below a thousandth. All photons of a pass in one facet
+/// fill a sum to a quarter.
+const UNITS_PER_PHOTON: f32 = 1024.0;
+
+/// Irradiance of the facets of an octree.
+#[derive(Debug)]
+pub struct PhotonMap {
+    /// Per facet, W/m^2 in linear RGB.
+    irradiance: Vec<[f32; 3]>,
+    photons: u64,
+    _lease: Lease,
+}
+
+/// The light that gather rays find: of one map, or of two while light changes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Irradiance<'a> {
+    shown: &'a [[f32; 3]],
+    /// What comes, and its share.
+    next: Option<(&'a [[f32; 3]], f32)>,
+}
+
+impl<'a> Irradiance<'a> {
+    /// No light; what does not gather asks for none.
+    pub(crate) const NONE: Irradiance<'static> = Irradiance { shown: &[], next: None };
+
+    /// `shown` alone, or blended with `next` by its share, 0 to 1.
+    pub(crate) fn new(shown: &'a PhotonMap, next: Option<(&'a PhotonMap, f32)>) -> Irradiance<'a> {
+        let next = next.filter(|(_, share)| *share > 0.0);
+        Irradiance { shown: shown.irradiance(), next: next.map(|(map, share)| (map.irradiance(), share)) }
+    }
+
+    /// Whether there is no map.
+    pub(crate) fn is_none(&self) -> bool {
+        self.shown.is_empty()
+    }
+
+    /// W/m^2 in linear RGB.
+    #[inline]
+    pub(crate) fn at(&self, facet: u32) -> [f32; 3] {
+        let shown = self.shown[facet as usize];
+        match self.next {
+            None => shown,
+            Some((next, share)) => {
+                let next = next[facet as usize];
+                std::array::from_fn(|c| shown[c] + share * (next[c] - shown[c]))
+            }
+        }
+    }
+}
+
+/// The sums of a pass.
+#[derive(Debug)]
+pub(crate) struct PhotonPass {
+    sums: Vec<AtomicU32>,
+    /// Flux of a unit, per channel.
+    unit: [f32; 3],
+    /// Units of a flux, per channel; 0 for a channel without light.
+    per_flux: [f32; 3],
+    _lease: Lease,
+}
+
+impl PhotonMap {
+    /// Bytes that the map of so many facets takes, and as many again while a pass runs.
+    pub fn bytes(facet_count: usize) -> u64 {
+        (facet_count * size_of::<[f32; 3]>()) as u64
+    }
+
+    /// A dark map.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`].
+    pub fn new(facet_count: usize, budget: &Budget) -> Result<PhotonMap> {
+        let lease = budget.lease("the photon map", PhotonMap::bytes(facet_count))?;
+        Ok(PhotonMap { irradiance: vec![[0.0; 3]; facet_count], photons: 0, _lease: lease })
+    }
+
+    /// Photons whose light is in.
+    pub fn photons(&self) -> u64 {
+        self.photons
+    }
+
+    /// Per facet, W/m^2 in linear RGB.
+    pub fn irradiance(&self) -> &[[f32; 3]] {
+        &self.irradiance
+    }
+
+    /// Forgets all photons.
+    pub(crate) fn clear(&mut self) {
+        self.irradiance.fill([0.0; 3]);
+        self.photons = 0;
+    }
+
+    /// Folds the sums of `photons` photons, whose mean flux is that of the lights, into the mean; they are zero after it.
+    pub(crate) fn fold(&mut self, pass: &mut PhotonPass, photons: u64, facets: &Facets, leaf_side: f64) {
+        self.photons += photons;
+        let share = (photons as f64 / self.photons as f64) as f32;
+        let sums = pass.sums.as_chunks_mut::<3>().0;
+        for (facet, (irradiance, sums)) in self.irradiance.iter_mut().zip(sums).enumerate() {
+            let area = f64::from(facets.area(facet)) * leaf_side * leaf_side;
+            let per_area = (1.0 / (area * photons as f64)) as f32;
+            for (c, value) in irradiance.iter_mut().enumerate() {
+                let found = std::mem::take(sums[c].get_mut()) as f32 * pass.unit[c] * per_area;
+                *value += share * (found - *value);
+            }
+        }
+    }
+}
+
+impl PhotonPass {
+    /// Empty sums for photons whose flux is `flux` on average.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`].
+    pub(crate) fn new(facet_count: usize, flux: [f32; 3], budget: &Budget) -> Result<PhotonPass> {
+        let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
+        let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();
+        let mut pass = PhotonPass { sums, unit: [0.0; 3], per_flux: [0.0; 3], _lease: lease };
+        pass.set_flux(flux);
+        Ok(pass)
+    }
+
+    /// Empties the sums, for photons of another mean flux.
+    pub(crate) fn reset(&mut self, flux: [f32; 3]) {
+        self.sums.iter_mut().for_each(|sum| *sum.get_mut() = 0);
+        self.set_flux(flux);
+    }
+
+    fn set_flux(&mut self, flux: [f32; 3]) {
+        self.unit = flux.map(|flux| flux / UNITS_PER_PHOTON);
+        self.per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
+    }
+
+    /// Adds a photon's flux to `facet`. Full sums stay full.
+    pub(crate) fn add(&self, facet: u32, flux: [f32; 3]) {
+        for (c, flux) in flux.into_iter().enumerate() {
+            let units = (flux * self.per_flux[c] + 0.5) as u32;
+            if units > 0 {
+                let sum = &self.sums[3 * facet as usize + c];
+                let add = |sum: u32| Some(sum.saturating_add(units));
+                let _ = sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
+            }
+        }
+    }
+}

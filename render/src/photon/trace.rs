@@ -1,0 +1,105 @@
+//! What photons share, whatever they fly through: their numbers, how they bounce, and the passes that they come in. Paper,
+//! section 5.1; H. W. Jensen, "Realistic image synthesis using photon mapping" (2001).
+//!
+//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
+//! at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
+
+use crate::math::{max_rgb, mul_rgb, scale_rgb};
+use crate::sampler::{Decision, Sampler};
+use crate::shading::bsdf::Bsdf;
+use crate::stats::PhotonStats;
+use std::ops::{ControlFlow, Range};
+use trex_store::Material;
+
+/// Photons of a pass: few enough for changed light to be seen within a second, enough for the fold to cost little.
+pub(crate) const PASS_PHOTONS: u64 = 1 << 18;
+/// Most bounces of a photon: one in 10^11 gets so far.
+pub(crate) const BOUNCES_MAX: u32 = 64;
+/// Chance to go on after a hit, at most: three hits of a photon on average, as the paper has it.
+const ROULETTE_MAX: f32 = 2.0 / 3.0;
+/// Keeps photons apart from the pixels that use the same seed.
+const SEED_OF_PHOTONS: u64 = 0x7068_6f74_6f6e_7331;
+
+/// The numbers of photon `index`.
+pub(crate) fn photon_sampler(seed: u64, index: u64) -> Sampler {
+    let block = [(index >> 16) as u32, (index >> 48) as u32];
+    Sampler::new(seed ^ SEED_OF_PHOTONS, block, index as u32 & 0xffff)
+}
+
+/// Whether light stays on a surface: on a pure mirror none does.
+pub(crate) fn keeps_light(material: &Material) -> bool {
+    !material.mirror || material.kd != [0.0; 3]
+}
+
+/// Where a photon of `flux` goes on from its hit `vertex`, and with which flux; `None` at its end. `bsdf` is seen from
+/// where the photon came.
+pub(crate) fn bounce(
+    bsdf: &Bsdf<'_>,
+    sampler: &Sampler,
+    vertex: u32,
+    flux: [f32; 3],
+) -> Option<([f64; 3], [f32; 3])> {
+    let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
+    let bounce = bsdf.sample(u)?;
+    let chance = max_rgb(bounce.weight).min(ROULETTE_MAX);
+    if sampler.draw(Decision::Roulette(vertex))[0] >= chance {
+        return None;
+    }
+    Some((bounce.wi, scale_rgb(1.0 / chance, mul_rgb(flux, bounce.weight))))
+}
+
+/// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of it,
+/// Continue when the pass is in, Break when it was stopped. `tell` hears after each pass how many photons are in.
+pub(crate) fn send_in_passes(
+    indices: Range<u64>,
+    mut send: impl FnMut(Range<u64>) -> ControlFlow<PhotonStats, PhotonStats>,
+    tell: &mut dyn FnMut(u64),
+) -> PhotonStats {
+    let mut stats = PhotonStats::default();
+    let mut first = indices.start;
+    while first < indices.end {
+        let end = indices.end.min(first + PASS_PHOTONS);
+        match send(first..end) {
+            ControlFlow::Continue(pass) => stats.add(&pass),
+            ControlFlow::Break(part) => {
+                stats.add(&part);
+                break;
+            }
+        }
+        first = end;
+        tell(end);
+    }
+    stats
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_follow_each_other_until_one_is_stopped() {
+        let sent = |stop_at: u64| {
+            let (mut told, mut passes) = (vec![], vec![]);
+            let stats = send_in_passes(
+                5..2 * PASS_PHOTONS + 7,
+                |pass| {
+                    let photons = pass.end - pass.start;
+                    let is_stopped = passes.len() as u64 == stop_at;
+                    passes.push(pass);
+                    let count = |photons| PhotonStats { photons, ..PhotonStats::default() };
+                    if is_stopped {
+                        ControlFlow::Break(count(1))
+                    } else {
+                        ControlFlow::Continue(count(photons))
+                    }
+                },
+                &mut |photons| told.push(photons),
+            );
+            (stats.photons, told)
+        };
+        let end = 2 * PASS_PHOTONS + 7;
+        assert_eq!(sent(9), (end - 5, vec![5 + PASS_PHOTONS, 5 + 2 * PASS_PHOTONS, end]));
+        assert_eq!(sent(1), (PASS_PHOTONS + 1, vec![5 + PASS_PHOTONS]));
+        assert_eq!(sent(0), (1, vec![]));
+    }
+}

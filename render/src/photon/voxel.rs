@@ -1,0 +1,214 @@
+//! Photons through the voxels: from a light, from leaf to leaf, until roulette ends them. Paper, section 5.1.
+//!
+//! ```text
+//! emit -> leaf: deposit the flux that arrives in its facet (also from the first)
+//!           -> roulette -> diffuse, glossy or mirror bounce -> leaf ...
+//! ```
+//!
+//! Where the normals of a leaf cancel each other, light goes back to where it came from, by the cosine about the photon's
+//! own direction.
+//!
+//! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
+
+use super::irradiance::{PhotonMap, PhotonPass};
+use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler, send_in_passes};
+use crate::math::{along, scale};
+use crate::sampler::Sampler;
+use crate::scene::world::World;
+use crate::shading::bsdf::Bsdf;
+use crate::shading::light::PhotonSources;
+use crate::stats::PhotonStats;
+use crate::trace::Ray;
+use crate::voxel::{VoxelHit, VoxelScene};
+use rayon::ThreadPool;
+use std::ops::{ControlFlow, Range};
+use std::sync::atomic::{AtomicU64, Ordering};
+use trex_store::{Aabb, Budget, Result};
+
+/// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
+const BATCH: u64 = 512;
+
+/// What photons go through, and who sends them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VoxelPhotons<'a> {
+    pub(crate) world: &'a World,
+    pub(crate) bounds: &'a Aabb,
+    pub(crate) voxels: VoxelScene<'a>,
+    pub(crate) pool: &'a ThreadPool,
+    pub(crate) budget: &'a Budget,
+}
+
+/// A photon on its way.
+#[derive(Clone, Copy, Debug)]
+struct Photon {
+    sampler: Sampler,
+    flux: [f32; 3],
+}
+
+/// Photons side by side; a worker's, at most [`BATCH`], too small for the ledger.
+#[derive(Debug, Default)]
+struct Flock {
+    photons: Vec<Photon>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<VoxelHit>>,
+}
+
+/// A pass in work.
+#[derive(Debug)]
+pub(crate) struct PassInWork {
+    pass: PhotonPass,
+    /// Photons of the pass that are done.
+    done: u64,
+}
+
+impl VoxelPhotons<'_> {
+    /// Empty sums; `None` when nothing gives light.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
+    pub(crate) fn begin(&self) -> Result<Option<PassInWork>> {
+        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else { return Ok(None) };
+        let pass = PhotonPass::new(self.voxels.octree().facets().count(), sources.flux(), self.budget)?;
+        Ok(Some(PassInWork { pass, done: 0 }))
+    }
+
+    /// Empties the sums, for lights that have changed.
+    pub(crate) fn restart(&self, work: &mut PassInWork) {
+        let flux =
+            PhotonSources::new(&self.world.lights, self.bounds).map_or([0.0; 3], |sources| sources.flux());
+        work.pass.reset(flux);
+        work.done = 0;
+    }
+
+    /// Whether anything sends photons.
+    pub(crate) fn is_lit(&self) -> bool {
+        PhotonSources::new(&self.world.lights, self.bounds).is_some()
+    }
+
+    /// Sends photons until `map` has those of `target`, pass by pass, or `stop`, asked between batches, says true; what is
+    /// done by then stays in `work`, and a later call goes on. `tell` hears how many photons are in the map.
+    pub(crate) fn trace(
+        &self,
+        (work, map): (&mut PassInWork, &mut PhotonMap),
+        target: u64,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64),
+    ) -> PhotonStats {
+        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else {
+            return PhotonStats::default();
+        };
+        let first = map.photons();
+        let send = |indices: Range<u64>| {
+            let (stats, is_whole) = self.go_on(work, &indices, &sources, stop);
+            if !is_whole {
+                return ControlFlow::Break(stats);
+            }
+            let count = indices.end - indices.start;
+            map.fold(&mut work.pass, count, self.voxels.octree().facets(), self.voxels.leaf_side());
+            ControlFlow::Continue(stats)
+        };
+        send_in_passes(first..target, send, tell)
+    }
+
+    /// Goes on with the pass of `indices`; true when it is whole.
+    fn go_on(
+        &self,
+        work: &mut PassInWork,
+        indices: &Range<u64>,
+        sources: &PhotonSources<'_>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> (PhotonStats, bool) {
+        let count = indices.end - indices.start;
+        let (next, pass) = (AtomicU64::new(work.done), &work.pass);
+        let workers = self.pool.broadcast(|_| {
+            let (mut mine, mut flock) = (PhotonStats::default(), Flock::default());
+            while !stop() {
+                let from = next.fetch_add(BATCH, Ordering::Relaxed);
+                if from >= count {
+                    break;
+                }
+                let batch = indices.start + from..indices.start + count.min(from + BATCH);
+                self.photons(batch, (sources, pass), &mut flock, &mut mine);
+            }
+            mine
+        });
+        let mut stats = PhotonStats::default();
+        workers.iter().for_each(|mine| stats.add(mine));
+        // Batches that were taken are done.
+        work.done = next.into_inner().min(count);
+        let is_whole = work.done == count;
+        if is_whole {
+            work.done = 0;
+        }
+        (stats, is_whole)
+    }
+
+    /// The photons of some indices, side by side: a ray of each, then another of those that go on.
+    fn photons(
+        &self,
+        indices: Range<u64>,
+        (sources, pass): (&PhotonSources<'_>, &PhotonPass),
+        flock: &mut Flock,
+        stats: &mut PhotonStats,
+    ) {
+        stats.photons += indices.end - indices.start;
+        let Flock { photons, rays, hits } = flock;
+        photons.clear();
+        rays.clear();
+        for index in indices {
+            if let Some((photon, ray)) = self.start(index, sources) {
+                photons.push(photon);
+                rays.push(ray);
+            }
+        }
+        for vertex in 0..=BOUNCES_MAX {
+            stats.rays += rays.len() as u64;
+            hits.clear();
+            hits.resize(rays.len(), None);
+            self.voxels.intersect_batch(rays, hits);
+            let mut kept = 0;
+            for at in 0..rays.len() {
+                let Some(hit) = &hits[at] else { continue };
+                let mut photon = photons[at];
+                if let Some(ray) = self.bounce((&mut photon, vertex), (&rays[at], hit), pass, stats) {
+                    (photons[kept], rays[kept]) = (photon, ray);
+                    kept += 1;
+                }
+            }
+            photons.truncate(kept);
+            rays.truncate(kept);
+            if rays.is_empty() {
+                return;
+            }
+        }
+    }
+
+    /// A photon as it leaves its light.
+    fn start(&self, index: u64, sources: &PhotonSources<'_>) -> Option<(Photon, Ray)> {
+        let sampler = photon_sampler(self.world.settings.seed, index);
+        let start = sources.emit(&sampler)?;
+        let off = start.front.map_or([0.0; 3], |front| scale(self.voxels.clearance(front), front));
+        let origin = along(start.origin, 1.0, off);
+        let ray = Ray { origin, direction: start.direction, t_max: f64::INFINITY };
+        Some((Photon { sampler, flux: start.flux }, ray))
+    }
+
+    /// Leaves the flux of a photon where it hit. The ray on, if it goes on.
+    fn bounce(
+        &self,
+        (photon, vertex): (&mut Photon, u32),
+        (ray, hit): (&Ray, &VoxelHit),
+        pass: &PhotonPass,
+        stats: &mut PhotonStats,
+    ) -> Option<Ray> {
+        let hit = self.voxels.leaf_hit(ray, hit, &self.world.materials);
+        let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: scale(-1.0, ray.direction) };
+        if keeps_light(bsdf.material) {
+            pass.add(hit.facet, photon.flux);
+            stats.deposits += 1;
+        }
+        let (direction, flux) = bounce(&bsdf, &photon.sampler, vertex, photon.flux)?;
+        photon.flux = flux;
+        Some(self.voxels.ray_from_leaf(&hit, direction))
+    }
+}

@@ -1,0 +1,9 @@
+//! The scene: its text, camera and settings, and the world that integrators read.
+
+pub(crate) mod camera;
+pub(crate) mod settings;
+pub(crate) mod text;
+mod views;
+pub(crate) mod world;
+
+pub use views::parse_views;

@@ -1,0 +1,208 @@
+//! `World`: what an integrator may read. Built from a model and the edits of a scene, never changed by rendering.
+//!
+//! Invariant: every material is checked, every emitter has a material, the camera has rays.
+
+use super::camera::{Camera, Projection, up_axis};
+use super::settings::RenderSettings;
+use crate::shading::light::{Emitter, Light, Lights, SkyBy};
+use crate::voxel::{Occluders, Voxels};
+use std::sync::Arc;
+use trex_store::{Aabb, Code, Error, Material, Result};
+
+/// Most names of materials that a message lists.
+const NAMES_SHOWN: usize = 8;
+
+/// What the renderer is told of a model beside the rays' answers.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// Box around all triangles, model units.
+    pub bounds: Aabb,
+    /// The materials, in the order that hits name them.
+    pub materials: Vec<Material>,
+    /// The triangles whose material gives light.
+    pub emitters: Vec<Emitter>,
+    /// The second form of the model, which G-rays ask; `None` for a file without.
+    pub voxels: Option<Arc<Voxels>>,
+}
+
+/// Changes to one material; what is `None` stays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialEdit {
+    /// Diffuse reflectance, linear RGB.
+    pub kd: Option<[f32; 3]>,
+    /// Specular reflectance, linear RGB.
+    pub ks: Option<[f32; 3]>,
+    /// Phong exponent.
+    pub ns: Option<f32>,
+    /// Radiance that leaves the counter-clockwise side.
+    pub ke: Option<[f32; 3]>,
+    /// Whether the surface is a perfect mirror (with reflectance `ks`).
+    pub mirror: Option<bool>,
+}
+
+/// Camera, lights, materials and the numbers that make a picture out of them.
+#[derive(Clone, Debug)]
+pub struct World {
+    /// Makes the rays of the picture.
+    pub projection: Projection,
+    /// All that gives light.
+    pub lights: Lights,
+    /// Checked materials, as hits name them.
+    pub materials: Vec<Material>,
+    /// The numbers of the picture.
+    pub settings: RenderSettings,
+    /// Length of the rays of `ao`, model units: half of the model's diagonal.
+    pub ao_radius: f64,
+    /// Length of the way from the camera from which voxels answer C-rays, model units; infinite for the exact mesh.
+    pub lod_distance: f64,
+}
+
+/// What a [`World`] is built from, beside the model.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// The camera.
+    pub camera: Camera,
+    /// Lights of the scene.
+    pub lights: Vec<Light>,
+    /// The numbers of the picture.
+    pub settings: RenderSettings,
+}
+
+impl Model {
+    /// Changes the material with index `material`.
+    ///
+    /// # Errors
+    /// [`Code::SceneFormat`], at the material's name: no such index; light from a material whose triangles the
+    /// store does not keep as emitters.
+    pub fn edit(&mut self, material: usize, edit: &MaterialEdit) -> Result<()> {
+        let count = self.materials.len();
+        let Some(old) = self.materials.get(material) else {
+            return Err(Error::new(Code::SceneFormat, "no such material")
+                .at_place(format!("material {material}"))
+                .numbers(format!("the model has {count}"))
+                .next("ask `trex info` for the materials of the model"));
+        };
+        let MaterialEdit { kd, ks, ns, ke, mirror } = *edit;
+        let new = Material {
+            name: old.name.clone(),
+            kd: kd.unwrap_or(old.kd),
+            ks: ks.unwrap_or(old.ks),
+            ns: ns.unwrap_or(old.ns),
+            ke: ke.unwrap_or(old.ke),
+            d: old.d,
+            mirror: mirror.unwrap_or(old.mirror),
+        }
+        .checked();
+        let kept = || self.emitters.iter().any(|emitter| emitter.material as usize == material);
+        if new.emits() && !old.emits() && !kept() {
+            return Err(Error::new(Code::SceneFormat, "this material cannot be made to give light")
+                .at_place(format!("material.{:?}.ke", old.name))
+                .numbers("the store keeps no emitters of it, since its Ke was 0 when it was built")
+                .next("give it a Ke in the MTL file and build again, or add a [[light]]"));
+        }
+        self.materials[material] = new;
+        Ok(())
+    }
+
+    /// Index of the material called `name`.
+    ///
+    /// # Errors
+    /// [`Code::SceneFormat`], with names that exist.
+    pub fn material_index(&self, name: &str) -> Result<usize> {
+        self.materials.iter().position(|material| material.name == name).ok_or_else(|| {
+            let names: Vec<_> = self.materials.iter().take(NAMES_SHOWN).map(|m| m.name.as_str()).collect();
+            Error::new(Code::SceneFormat, "the model has no material of this name")
+                .at_place(format!("material.{name:?}"))
+                .numbers(format!("{} materials: {}", self.materials.len(), names.join(", ")))
+                .next("use one of these names, or `trex info` for all of them")
+        })
+    }
+}
+
+impl World {
+    /// What `view` shows of `model`.
+    ///
+    /// # Errors
+    /// [`Code::SceneFormat`]: a camera without rays, a light that makes no sense, an integrator or a footprint rule that
+    /// needs voxels which the model has not.
+    ///
+    /// # Panics
+    /// When an emitter of the model names a material that is not there.
+    pub fn new(model: &Model, view: &View) -> Result<World> {
+        let settings = view.settings;
+        let method = settings.integrator;
+        if method.needs_voxels() && model.voxels.is_none() {
+            return Err(Error::new(Code::SceneFormat, "this file has no voxels for the integrator")
+                .at_place("render.integrator")
+                .numbers(format!("{} needs them", method.as_str()))
+                .next("build the file without --no-asvo, or use direct or path"));
+        }
+        if settings.lod_error > 0.0 && model.voxels.is_none() {
+            return Err(Error::new(Code::SceneFormat, "this error of the footprint rule cannot be had")
+                .at_place("render.lod_error")
+                .numbers(format!("{} pixels; the file has no voxels", settings.lod_error))
+                .next("give 0 for the exact mesh, or build the file without --no-asvo"));
+        }
+        let projection = view.camera.project(settings.resolution)?;
+        let materials: Vec<Material> =
+            model.materials.iter().map(|material| material.clone().checked()).collect();
+        // The default sun belongs to the model, so that it stands still while the camera moves.
+        let up = up_axis(&model.bounds);
+        let sky_by = if method.gathers() { SkyBy::GatherRays } else { SkyBy::LightSamples };
+        Ok(World {
+            lod_distance: World::lod_distance(model, &projection, settings.lod_error),
+            projection,
+            lights: Lights::new(&view.lights, &model.emitters, &materials, up)?.with_sky_by(sky_by),
+            materials,
+            settings,
+            ao_radius: 0.5 * model.bounds.diagonal(),
+        })
+    }
+
+    /// The cut of the footprint rule: where a leaf voxel covers `lod_error` pixels, model units from the camera; infinite
+    /// for 0 and without voxels.
+    pub(crate) fn lod_distance(model: &Model, projection: &Projection, lod_error: f64) -> f64 {
+        let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
+        leaf_side.map_or(f64::INFINITY, |side| side / (lod_error * projection.pixel_angle()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> Model {
+        let lamp = Material { name: "lamp".into(), ke: [1.0; 3], ..Material::default() };
+        let emitter = Emitter { corners: [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], material: 1 };
+        Model {
+            bounds: Aabb::EMPTY,
+            materials: vec![Material::default(), lamp],
+            emitters: vec![emitter],
+            voxels: None,
+        }
+    }
+
+    #[test]
+    fn edits_change_what_they_name_and_stay_physical() {
+        let mut model = model();
+        let edit = MaterialEdit { ks: Some([0.7; 3]), mirror: Some(true), ..MaterialEdit::default() };
+        model.edit(0, &edit).unwrap();
+        assert_eq!((model.materials[0].kd, model.materials[0].ks), ([0.5; 3], [0.5; 3]));
+        assert!(model.materials[0].mirror && model.materials[0].name == "default");
+    }
+
+    #[test]
+    fn light_needs_triangles_that_the_store_kept() {
+        let mut model = model();
+        let on = MaterialEdit { ke: Some([2.0; 3]), ..MaterialEdit::default() };
+        let off = MaterialEdit { ke: Some([0.0; 3]), ..MaterialEdit::default() };
+        assert_eq!(model.edit(0, &on).unwrap_err().place(), "material.\"default\".ke");
+        for edit in [off, on] {
+            model.edit(1, &edit).unwrap();
+        }
+        assert_eq!(model.edit(2, &on).unwrap_err().numbers_text(), "the model has 2");
+        assert_eq!(model.material_index("lamp").unwrap(), 1);
+        assert!(model.material_index("lump").unwrap_err().numbers_text().contains("default, lamp"));
+    }
+}

@@ -1,0 +1,80 @@
+//! `Job`: a tile in work: its samples on their way, and what those that are finished came to.
+
+use crate::image::film::LayerPixel;
+use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
+use crate::integrate::{Path, Sample, SampleIntegrator};
+use crate::stats::RayCounts;
+
+/// Most samples of a pixel in one pass: enough work per tile to pay for its pages, little enough to hold.
+pub(crate) const PASS_SAMPLES_MAX: u32 = 4;
+/// Most samples of a job.
+pub(super) const JOB_SAMPLES_MAX: usize = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS * PASS_SAMPLES_MAX) as usize;
+
+/// A tile in work.
+pub(super) struct Job {
+    pub(super) tile: Tile,
+    /// Samples that its pixels have.
+    pub(super) from: u32,
+    /// Samples not yet finished.
+    pub(super) pending: Vec<Pending>,
+    /// By sample, then by pixel.
+    pub(super) radiances: Vec<[f32; 3]>,
+    /// Of these what is indirect.
+    pub(super) indirect: Vec<[f32; 3]>,
+    pub(super) layers: Vec<([u32; 2], LayerPixel)>,
+    pub(super) rays: RayCounts,
+    pub(super) look_ups: u64,
+    pub(super) not_finite: u64,
+}
+
+/// A sample on its way.
+pub(super) struct Pending {
+    /// Its place in the job's radiances.
+    pub(super) slot: u32,
+    pub(super) path: Path,
+    /// It waits for pages, in the attempt at hand.
+    pub(super) is_blocked: bool,
+}
+
+impl Job {
+    /// Bytes that a job takes at most.
+    pub(super) fn bytes() -> u64 {
+        let samples = JOB_SAMPLES_MAX * (size_of::<Pending>() + 2 * size_of::<[f32; 3]>());
+        let pixels = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize * size_of::<([u32; 2], LayerPixel)>();
+        (samples + pixels) as u64
+    }
+
+    /// The next samples of a tile whose pixels have `from`, up to `target`.
+    pub(super) fn new(integrator: &SampleIntegrator<'_>, tile: Tile, from: u32, target: u32) -> Job {
+        let (count, pixels) = ((target - from).min(PASS_SAMPLES_MAX), tile.pixel_count());
+        let pending = |slot: u32| {
+            let path = integrator.start(tile.pixel(slot % pixels), from + slot / pixels);
+            Pending { slot, path, is_blocked: false }
+        };
+        Job {
+            tile,
+            from,
+            // The samples of a pixel together: rays that are alike are neighbours.
+            pending: (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect(),
+            radiances: vec![[0.0; 3]; (count * pixels) as usize],
+            indirect: vec![[0.0; 3]; (count * pixels) as usize],
+            layers: vec![],
+            rays: RayCounts::default(),
+            look_ups: 0,
+            not_finite: 0,
+        }
+    }
+
+    /// Takes what a sample came to.
+    pub(super) fn finish(&mut self, slot: u32, sample: &Sample) {
+        let finite = sample.radiance.iter().all(|x| x.is_finite());
+        self.not_finite += u64::from(!finite);
+        self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };
+        self.indirect[slot as usize] = if finite { sample.indirect } else { [0.0; 3] };
+        self.rays.add(&sample.rays);
+        self.look_ups += sample.look_ups;
+        if let Some(seen) = sample.layers {
+            self.layers.push((self.tile.pixel(slot % self.tile.pixel_count()), seen));
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! `Pass`: all tiles of a picture taken to so many samples, by workers, while pages come and go.
+//!
+//! ```text
+//! per worker:  next tile in order -> ask all its samples -> done: add to the film
+//!                                                        -> blocked: request pages, park it, next tile
+//!              no more tiles, or PARKED_MAX parked: the parked ones again, the oldest first
+//!              a round without one answer: wait; some of these: narrow
+//! narrow:      one sample of the oldest tile, alone: ask one ray, request, wait, ask again, until it is done
+//! ```
+//!
+//! A pass may be run in pieces (`Until`): by a deadline, or until some tiles are done. Then tiles that find no room
+//! among the parked ones are deferred to the end of the pass, so that what can be drawn is drawn first, and what is
+//! blocked shows a stand-in.
+//!
+//! Why it ends, however few frames there are: see [`crate::trace::Retry`]. A deadline interrupts the narrow mode, and the
+//! next piece goes on with it.
+//!
+//! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order, deadlines or
+//! blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all together
+//! or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
+
+use super::job::{JOB_SAMPLES_MAX, Job};
+use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, Worker};
+use crate::image::display::Display;
+use crate::image::film::Film;
+use crate::image::tile::Tiles;
+use crate::integrate::{GBatches, Together};
+use crate::stats::PassStats;
+use crate::trace::PagedTracer;
+use rayon::ThreadPool;
+use std::collections::VecDeque;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Where samples go, and where stand-ins are shown, if anywhere.
+pub(crate) struct Canvas<'a> {
+    pub(crate) film: &'a mut Film,
+    pub(crate) display: Option<&'a mut Display>,
+}
+
+/// A pass in work: takes every tile to so many samples a pixel, by at most [`super::PASS_SAMPLES_MAX`].
+pub(crate) struct Pass {
+    target: u32,
+    /// The next tile's turn.
+    turn: AtomicU32,
+    /// Tiles that were blocked and found no room, to be begun again.
+    deferred: Mutex<VecDeque<u32>>,
+    lanes: Vec<Lane>,
+}
+
+impl Pass {
+    /// A pass to `target` samples a pixel, for so many workers.
+    pub(crate) fn new(target: u32, worker_count: usize) -> Pass {
+        let lanes = (0..worker_count).map(|_| Lane::default()).collect();
+        Pass { target, turn: AtomicU32::new(0), deferred: Mutex::default(), lanes }
+    }
+
+    /// Whether every tile has had its turn, and none waits.
+    pub(crate) fn is_done(&self, tiles: &Tiles) -> bool {
+        self.left(tiles) == 0
+    }
+
+    /// Whether a worker was interrupted while it narrowed down to one ray, whose pages it holds.
+    pub(crate) fn is_narrow(&self) -> bool {
+        self.lanes.iter().any(|lane| lane.is_narrow)
+    }
+
+    /// The turn of the next tile.
+    pub(crate) fn turn(&self) -> u32 {
+        self.turn.load(Ordering::Relaxed)
+    }
+
+    fn left(&self, tiles: &Tiles) -> u64 {
+        let begun = self.turn().min(tiles.count());
+        let waiting: usize = self.lanes.iter().map(|lane| lane.parked.len()).sum();
+        let deferred = self.deferred.lock().expect("a worker panicked").len();
+        u64::from(tiles.count() - begun) + (waiting + deferred) as u64
+    }
+
+    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each. On a canvas with a display
+    /// blocked tiles without samples get stand-ins there, and a blocked tile without room is deferred.
+    ///
+    /// # Panics
+    /// When there are not as many tracers as workers, or a worker panics.
+    pub(crate) fn run<T: PagedTracer + Send>(
+        &mut self,
+        work: &TileWork<'_>,
+        canvas: Canvas<'_>,
+        (tracers, pool): (&mut [T], &ThreadPool),
+        until: &Until<'_>,
+    ) -> PassStats {
+        assert_eq!(tracers.len(), self.lanes.len(), "a pass needs a tracer per worker");
+        let Pass { target, turn, deferred, lanes } = self;
+        let piece = Piece {
+            work,
+            film: Mutex::new(canvas.film),
+            display: canvas.display.map(Mutex::new),
+            target: *target,
+            until,
+            turn,
+            deferred,
+            finished: AtomicU32::new(0),
+        };
+        let done = Mutex::new(PassStats::default());
+        pool.scope(|scope| {
+            for (tracer, lane) in tracers.iter_mut().zip(lanes) {
+                scope.spawn(|_| {
+                    let mut worker = Worker::new(&piece, tracer, lane);
+                    worker.work();
+                    done.lock().expect("a worker panicked").add(&worker.stats());
+                });
+            }
+        });
+        let mut stats = done.into_inner().expect("a worker panicked");
+        stats.tiles_left = self.left(work.tiles);
+        stats
+    }
+}
+
+/// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted.
+pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
+    let jobs = (PARKED_MAX + 1) as u64 * Job::bytes();
+    let batches = GBatches::bytes(JOB_SAMPLES_MAX) + Together::bytes(JOB_SAMPLES_MAX);
+    // The order, and the deferred tiles.
+    2 * Tiles::bytes(resolution) + worker_count as u64 * (jobs + batches)
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;

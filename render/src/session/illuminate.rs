@@ -1,0 +1,111 @@
+//! The light of a session that is at leisure: photons through the voxels, or through the exact mesh: the tree of `full-gi`,
+//! and the facets of `photon` where they are baked.
+//!
+//! Invariants: 1. a pass of photons counts whole or not at all; 2. the light depends on world and photon count alone.
+
+use super::Session;
+use crate::photon::bake::Baking;
+use crate::photon::kd_tree::PhotonStore;
+use crate::photon::mesh::{BATCH, Deposit, MeshPhotons, flight_bytes};
+use crate::photon::trace::{PASS_PHOTONS, send_in_passes};
+use crate::photon::voxel::{PassInWork, VoxelPhotons};
+use crate::scene::settings::{Method, RenderKeys};
+use crate::shading::light::PhotonSources;
+use crate::stats::PhotonStats;
+use crate::trace::PagedTracer;
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+use trex_store::Result;
+
+// Passes are whole batches: what landed of the last whole pass is what counts.
+const _: () = assert!(PASS_PHOTONS.is_multiple_of(BATCH));
+
+impl<T: PagedTracer + Send> Session<T> {
+    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without. `stop` is
+    /// asked in between; `tell` hears how many are done, and of how many.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons, or for all of `full-gi`.
+    pub fn illuminate(
+        &mut self,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        if self.view.settings.integrator == Method::FullGi && self.tree.is_none() {
+            return self.grow_tree(stop, tell);
+        }
+        if self.view.settings.bake {
+            return self.bake(stop, tell);
+        }
+        let Some(mut map) = self.photons.take() else { return Ok(PhotonStats::default()) };
+        let target = self.view.settings.photons;
+        let stats = self.voxel_photons().map_or(Ok(None), |all| all.begin()).map(|work| {
+            let mut work: PassInWork = work?;
+            let all = self.voxel_photons()?;
+            Some(all.trace((&mut work, &mut map), target, stop, &mut |done| tell(done, target)))
+        });
+        self.photons = Some(map);
+        Ok(stats?.unwrap_or_default())
+    }
+
+    /// What photons go through; `None` for a model without voxels.
+    pub(super) fn voxel_photons(&self) -> Option<VoxelPhotons<'_>> {
+        let voxels = self.model.voxels.as_ref()?;
+        Some(VoxelPhotons {
+            world: &self.world,
+            bounds: &self.model.bounds,
+            voxels: voxels.scene(self.view.settings.occluders),
+            pool: &self.pool,
+            budget: &self.budget,
+        })
+    }
+
+    /// Sends the photons that the facets of the voxels still lack through the mesh.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for those under way, or for the sums of a pass.
+    fn bake(
+        &mut self,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        let Session { world, model, view, tracers, budget, photons, pool, .. } = self;
+        let (Some(map), Some(voxels)) = (photons, &model.voxels) else { return Ok(PhotonStats::default()) };
+        let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
+        let RenderKeys { photons: target, occluders, .. } = *view.settings;
+        let voxels = voxels.scene(occluders);
+        let baking = Baking { world, bounds: &model.bounds, voxels, budget, stop, pool };
+        baking.trace(map, tracers, target, &mut |done| tell(done, target))
+    }
+
+    /// Sends all photons through the mesh, into a tree; there is none where there is no light.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`mesh_photons_bytes`].
+    fn grow_tree(
+        &mut self,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        let Session { world, model, view, tracers, budget, pool, .. } = self;
+        let target = view.settings.photons;
+        let Some(sources) = PhotonSources::new(&world.lights, &model.bounds) else {
+            return Ok(PhotonStats::default());
+        };
+        let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
+        let store = Mutex::new(PhotonStore::new(target, model.bounds.center(), budget)?);
+        let land = |batch, deposits: &[Deposit]| {
+            store.lock().expect("a worker panicked").land(batch, deposits);
+            deposits.len() as u64
+        };
+        let photons = MeshPhotons { world, sources: &sources, land: &land, stop, pool };
+        let send = |indices| match photons.trace(tracers, indices) {
+            Some(pass) => ControlFlow::Continue(pass),
+            None => ControlFlow::Break(PhotonStats::default()),
+        };
+        let stats = send_in_passes(0..target, send, &mut |done| tell(done, target));
+        let store = store.into_inner().expect("a worker panicked");
+        self.tree = Some(store.into_tree(stats.photons));
+        Ok(stats)
+    }
+}

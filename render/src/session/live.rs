@@ -1,0 +1,315 @@
+//! Frames with a deadline: what a viewer shows while the user moves. Paper, section 5.2.
+//!
+//! ```text
+//! event -> frame: a preview, one voxel ray a tile                       first picture
+//!       -> frame: tiles in order until a fetch block is done            response
+//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is complete or t_max
+//!                 has passed
+//!       -> ...    every pixel has a sample                              complete picture
+//! ```
+//!
+//! The first fetch block counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
+//! job queue between them is the worker's own; the block is what is shown together.
+//!
+//! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule, until every
+//! pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
+//!
+//! Invariants: 1. no pixel shows nothing after the first frame; 2. what is not of the state, a preview or a stand-in, is
+//! never on the film; 3. once the view stands still, the film goes to the same bytes as
+//! [`super::Session::render`]'s.
+
+use super::fetch_block::FetchBlock;
+use super::governor::Governor;
+use super::motion::Motion;
+use super::next_light::NextLight;
+use super::{Change, Event, Session};
+use crate::image::display::Display;
+use crate::image::encode::Image;
+use crate::image::film::Film;
+use crate::image::saliency::{Reduced, SAMPLES_PER_SIDE};
+use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
+use crate::scene::world::World;
+use crate::schedule::Pass;
+use crate::stats::{PassStats, PhotonStats};
+use crate::trace::PagedTracer;
+use std::ops::Deref;
+use std::time::Duration;
+use trex_store::{Code, Error, Result};
+
+/// How frames with a deadline are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameOptions {
+    /// Longest time of a frame.
+    pub t_max: Duration,
+    /// Most tiles of a fetch block, at least [`BLOCK_TILES_MIN`].
+    pub fetch_block: u32,
+    /// The order of tiles.
+    pub order: TileOrder,
+    /// Whether pages are guessed ahead.
+    pub prefetch: Prefetch,
+}
+
+/// Whether pages are guessed ahead.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Prefetch {
+    /// Only what rays ask for is read.
+    Off,
+    /// The predictors of [`crate::trace::Predictor`] ask, too.
+    #[default]
+    On,
+}
+
+impl Default for FrameOptions {
+    fn default() -> FrameOptions {
+        FrameOptions {
+            t_max: Duration::from_millis(100),
+            fetch_block: 512,
+            order: TileOrder::default(),
+            prefetch: Prefetch::default(),
+        }
+    }
+}
+
+/// What the picture has come to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum FrameProgress {
+    /// Voxels at one ray a tile.
+    Preview,
+    /// Some tiles are done, less than a fetch block.
+    Part,
+    /// At least a fetch block is done: the response.
+    Block,
+    /// Every pixel has a sample.
+    Complete,
+    /// All samples that were asked for.
+    Done,
+}
+
+/// What a frame did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameReport {
+    /// What the picture shows now.
+    pub progress: FrameProgress,
+    /// Tiles of the first fetch block since the event; until it is done, of the block that is made.
+    pub block_tiles: u32,
+    /// Tiles that show a stand-in for pages on their way.
+    pub stand_in_tiles: u32,
+    /// Tiles that show nothing of this state nor of the last.
+    pub hole_tiles: u32,
+    /// Error of the footprint rule in force, pixels.
+    pub lod_error: f64,
+    /// What the pass did in this frame.
+    pub pass: PassStats,
+    /// Rays of photons.
+    pub photon_rays: u64,
+}
+
+/// A session whose pictures are made in frames. `T` answers rays, one per worker thread.
+///
+/// All of [`Session`] can be asked of it, but a picture made at leisure.
+#[derive(Debug)]
+pub struct LiveSession<T> {
+    pub(super) session: Session<T>,
+    pub(super) live: Live,
+}
+
+/// What is kept between frames, beside the session.
+pub(super) struct Live {
+    pub(super) options: FrameOptions,
+    pub(super) display: Display,
+    pub(super) next: Option<NextLight>,
+    pub(super) pass: Option<Pass>,
+    pub(super) block: FetchBlock,
+    pub(super) governor: Governor,
+    pub(super) motion: Motion,
+    /// Tiles done since the event.
+    pub(super) finished: u64,
+    /// Tiles of the first block since the event, once it is done.
+    pub(super) first_block: Option<u32>,
+    /// A preview is due.
+    pub(super) is_new: bool,
+    /// Pages in demand since the event, a bit each.
+    demand: Vec<u64>,
+    /// What [`Live::demand`] came to in the last state.
+    pub(super) last_demand: f64,
+}
+
+impl<T: PagedTracer + Send> Session<T> {
+    /// From now on pictures are made in frames.
+    ///
+    /// # Errors
+    /// [`Code::SceneFormat`] for a model without voxels: nothing could stand in for what is missing;
+    /// [`Code::MemoryLimit`] when the budget has no room for the picture on show and the second map of photons.
+    pub fn go_live(self, options: FrameOptions) -> Result<LiveSession<T>> {
+        if self.model.voxels.is_none() {
+            return Err(Error::new(
+                Code::SceneFormat,
+                "this file has no voxels to stand in for missing pages",
+            )
+            .at_place("--t-max")
+            .numbers("frames with a deadline need them")
+            .next("build the file without --no-asvo, or render without a deadline"));
+        }
+        let next = match (&self.photons, self.voxel_photons()) {
+            (Some(map), Some(photons)) => NextLight::new(&photons, map, &self.budget)?,
+            _ => None,
+        };
+        let settings = self.view.settings;
+        let live = Live {
+            options,
+            display: Display::new(settings.resolution, &self.budget)?,
+            next,
+            pass: None,
+            block: FetchBlock::new(options.fetch_block),
+            governor: Governor::new(settings.lod_error),
+            motion: Motion::new(),
+            finished: 0,
+            first_block: None,
+            is_new: true,
+            demand: Vec::new(),
+            last_demand: 0.0,
+        };
+        let change = Change { before: self.world.projection, light: false };
+        let mut session = LiveSession { session: self, live };
+        session.begin_state(&change);
+        Ok(session)
+    }
+}
+
+impl<T: PagedTracer + Send> LiveSession<T> {
+    /// Changes camera, lights or a material; the next frames show it.
+    ///
+    /// # Errors
+    /// Those of [`Session::apply`]; nothing has changed then.
+    pub fn apply(&mut self, event: Event) -> Result<()> {
+        let change = self.session.change(event)?;
+        self.begin_state(&change);
+        self.session.film.clear();
+        Ok(())
+    }
+
+    /// What the pixel (x, y) shows: the mean of its samples, else what stands in for it. Linear RGB.
+    pub fn shown(&self, pixel: [u32; 2]) -> [f32; 3] {
+        let tile = pixel.map(|x| x / TILE_SIDE_PIXELS);
+        let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
+        match self.film.tile_samples(index) {
+            0 => self.live.display.radiance(pixel, index),
+            _ => self.film.radiance(pixel),
+        }
+    }
+
+    /// As [`Session::illuminate`].
+    ///
+    /// # Errors
+    /// Those of [`Session::illuminate`].
+    pub fn illuminate(
+        &mut self,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        self.session.illuminate(stop, tell)
+    }
+
+    /// As [`Session::smooth`].
+    ///
+    /// # Errors
+    /// Those of [`Session::smooth`].
+    pub fn smooth(&mut self) -> Result<()> {
+        self.session.smooth()
+    }
+
+    /// Begins a new picture, after the world has become another and before the film is cleared.
+    fn begin_state(&mut self, change: &Change) {
+        let order = self.live.options.order;
+        let eye = self.reduced(order);
+        let LiveSession { session, live } = self;
+        session.tiles = session.tiles.ordered(order, &eye);
+        let demand = live.demand(&session.tracers);
+        live.governor.lower(demand);
+        live.last_demand = demand;
+        live.pass = None;
+        (live.finished, live.first_block) = (0, None);
+        live.motion.learn_event(&change.before, &session.world.projection);
+        if change.light {
+            // The old picture stays until the new one comes.
+            live.display.keep(&session.film, &session.tiles);
+            if let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons()) {
+                next.begin(&photons);
+            }
+        } else {
+            live.is_new = true;
+        }
+        self.set_error();
+    }
+
+    /// What is on show, at a few samples a tile, for an order that asks what the last picture was like.
+    fn reduced(&self, order: TileOrder) -> Reduced {
+        let [width, height] = self.view.settings.resolution;
+        let step = TILE_SIDE_PIXELS / SAMPLES_PER_SIDE;
+        let at = |[x, y]: [u32; 2]| self.shown([(x * step).min(width - 1), (y * step).min(height - 1)]);
+        match order {
+            TileOrder::Saliency(_) => {
+                Reduced::new([width, height].map(|side| side.div_ceil(TILE_SIDE_PIXELS)), at)
+            }
+            _ => Reduced::new([0, 0], at),
+        }
+    }
+
+    /// Puts the governor's error into force, and begins to count demand anew.
+    pub(super) fn set_error(&mut self) {
+        let LiveSession { session, live } = self;
+        let error = live.governor.error();
+        session.world.lod_distance = World::lod_distance(&session.model, &session.world.projection, error);
+        for tracer in &mut session.tracers {
+            tracer.forget_demand();
+        }
+    }
+
+    /// What is on the film is of another state: it stays on show until there is better.
+    pub(super) fn begin_again(&mut self) {
+        let LiveSession { session, live } = self;
+        live.display.keep(&session.film, &session.tiles);
+        live.pass = None;
+        session.film.clear();
+    }
+}
+
+impl Live {
+    /// Pages in demand since the event, over the frames there are; 0 where there are no pages.
+    pub(super) fn demand<T: PagedTracer>(&mut self, tracers: &[T]) -> f64 {
+        self.demand.fill(0);
+        let frames = tracers.iter().map(|tracer| tracer.demand(&mut self.demand)).max().unwrap_or(0);
+        let pages: u32 = self.demand.iter().map(|bits| bits.count_ones()).sum();
+        if frames == 0 { 0.0 } else { f64::from(pages) / frames as f64 }
+    }
+
+    /// The picture holds a fetch block of so many tiles.
+    pub(super) fn learn_response(&mut self, tiles: u32) {
+        self.first_block.get_or_insert(tiles);
+        self.motion.learn_response();
+    }
+}
+
+impl std::fmt::Debug for Live {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Live").field("options", &self.options).finish_non_exhaustive()
+    }
+}
+
+impl<T> Deref for LiveSession<T> {
+    type Target = Session<T>;
+
+    fn deref(&self) -> &Session<T> {
+        &self.session
+    }
+}
+
+impl<T: PagedTracer + Send> Image for LiveSession<T> {
+    fn film(&self) -> &Film {
+        &self.session.film
+    }
+
+    fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
+        self.shown(pixel)
+    }
+}

@@ -1,0 +1,276 @@
+//! A session: a model on show. Takes events, yields pictures; headless.
+//!
+//! ```text
+//! Session::new(setup, budget) -> illuminate -> render(stop, after_pass) -> film() -> write_png
+//!                             <- apply(Event)
+//!         .go_live(options) -> LiveSession -> frame(stop) -> frame(stop) ... -> write_png
+//!                                          <- apply(Event)
+//! ```
+//!
+//! Two ways to a picture: [`Session::render`] takes what it takes; [`LiveSession::frame`] goes on for as long as a deadline
+//! allows and tells what there is.
+//!
+//! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film, so all samples of a
+//! film are of one state; 3. film and frame loop are leased from the budget for the life of the session.
+
+mod fetch_block;
+mod frame;
+mod governor;
+mod illuminate;
+mod live;
+mod memory;
+mod motion;
+mod next_light;
+mod predict;
+
+pub use fetch_block::BLOCK_TILES_MIN;
+pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession, Prefetch};
+pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
+
+use crate::image::film::{Film, Layers};
+use crate::image::filter;
+use crate::image::tile::Tiles;
+use crate::integrate::{RenderContext, SampleIntegrator};
+use crate::photon::irradiance::{Irradiance, PhotonMap};
+use crate::photon::kd_tree::PhotonTree;
+use crate::scene::camera::{Camera, Projection};
+use crate::scene::settings::Method;
+use crate::scene::world::{MaterialEdit, Model, View, World};
+use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, TileWork, Until, pass_bytes};
+use crate::shading::light::Light;
+use crate::stats::PassStats;
+use crate::trace::PagedTracer;
+use rayon::ThreadPool;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use trex_store::{Budget, Lease, Result};
+
+/// Something the user did.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// Another camera.
+    Camera(Camera),
+    /// Other lights; all of them.
+    Lights(Vec<Light>),
+    /// Changes to the material with this index.
+    Material {
+        /// Index into the model's materials.
+        index: usize,
+        /// What changes.
+        edit: MaterialEdit,
+    },
+}
+
+/// What a [`Session`] is made of.
+#[derive(Debug)]
+pub struct SessionSetup<T> {
+    /// What is on show.
+    pub model: Model,
+    /// How it is looked at.
+    pub view: View,
+    /// What the film keeps beside radiance.
+    pub layers: Layers,
+    /// What answers rays: as many workers trace.
+    pub tracers: Vec<T>,
+    /// The threads of the workers, at least one a tracer.
+    pub pool: Arc<ThreadPool>,
+}
+
+/// A model, a view of it, and the film that collects its samples. `T` answers rays, one per worker thread.
+///
+/// ```
+/// use std::ops::ControlFlow;
+/// use std::sync::Arc;
+/// use trex_render::{Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
+/// use trex_store::{Aabb, Budget, Material};
+///
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
+/// let bounds = Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] };
+/// let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
+///
+/// let text = "model = 'one.ply'\n[render]\nresolution = [32, 32]";
+/// let scene = Scene::parse(text, "scene.toml".as_ref())?;
+/// let view = scene.view(&mut model)?;
+/// let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
+/// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool };
+/// let mut session = Session::new(setup, &Budget::unlimited())?;
+/// let stats = session.render(scene.render.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
+/// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
+///
+/// let mut png = vec![];
+/// write_png(session.film(), scene.render.exposure, &mut png).unwrap();
+/// # Ok::<(), trex_store::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct Session<T> {
+    pub(super) model: Model,
+    pub(super) view: View,
+    pub(super) world: World,
+    pub(super) tracers: Vec<T>,
+    pub(super) tiles: Tiles,
+    pub(super) film: Film,
+    /// Light in the voxels; of `photon` alone.
+    pub(super) photons: Option<PhotonMap>,
+    /// Photons one by one; of `full-gi` alone, once they were sent.
+    pub(super) tree: Option<PhotonTree>,
+    pub(super) pool: Arc<ThreadPool>,
+    pub(super) budget: Budget,
+    _lease: Lease,
+}
+
+/// What an event has changed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Change {
+    /// The camera before.
+    pub(super) before: Projection,
+    /// Lights or a material.
+    pub(super) light: bool,
+}
+
+/// What [`Session::render`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct RenderStats {
+    /// All passes together.
+    pub total: PassStats,
+    /// Passes begun.
+    pub passes: u32,
+    /// Samples that every pixel has now.
+    pub spp: u32,
+    /// Whether that is as many as were asked for.
+    pub complete: bool,
+}
+
+impl<T: PagedTracer + Send> Session<T> {
+    /// A session with an empty film.
+    ///
+    /// # Errors
+    /// Those of [`World::new`]; [`trex_store::Code::MemoryLimit`] when the budget has no room for the film.
+    ///
+    /// # Panics
+    /// When there is no tracer, or not a thread for each.
+    pub fn new(setup: SessionSetup<T>, budget: &Budget) -> Result<Session<T>> {
+        let SessionSetup { model, view, layers, tracers, pool } = setup;
+        assert!(!tracers.is_empty(), "a session needs a tracer");
+        assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
+        let world = World::new(&model, &view)?;
+        let resolution = view.settings.resolution;
+        let lease = budget.lease("the frame loop", pass_bytes(resolution, tracers.len()))?;
+        let film = Film::new(resolution, layers, budget)?;
+        let tiles = Tiles::z_curve(resolution);
+        let photons = match &model.voxels {
+            Some(voxels) if view.settings.integrator == Method::Photon => {
+                Some(PhotonMap::new(voxels.facet_count(), budget)?)
+            }
+            _ => None,
+        };
+        let budget = budget.clone();
+        let tree = None;
+        Ok(Session { model, view, world, tracers, tiles, film, photons, tree, pool, budget, _lease: lease })
+    }
+
+    /// Changes camera, lights or a material.
+    ///
+    /// # Errors
+    /// Those of [`World::new`] and [`Model::edit`]; nothing has changed then.
+    pub fn apply(&mut self, event: Event) -> Result<()> {
+        if self.change(event)?.light {
+            self.forget_photons();
+        }
+        self.film.clear();
+        Ok(())
+    }
+
+    /// Changes camera, lights or a material; film and photons are still those of the state before.
+    pub(super) fn change(&mut self, event: Event) -> Result<Change> {
+        let (mut model, mut view) = (None, self.view.clone());
+        let light = !matches!(event, Event::Camera(_));
+        match event {
+            Event::Camera(camera) => view.camera = camera,
+            Event::Lights(lights) => view.lights = lights,
+            Event::Material { index, edit } => model.insert(self.model.clone()).edit(index, &edit)?,
+        }
+        let world = World::new(model.as_ref().unwrap_or(&self.model), &view)?;
+        let before = std::mem::replace(&mut self.world, world).projection;
+        self.view = view;
+        if let Some(model) = model {
+            self.model = model;
+        }
+        if light {
+            self.tree = None;
+        }
+        Ok(Change { before, light })
+    }
+
+    fn forget_photons(&mut self) {
+        if let Some(photons) = &mut self.photons {
+            photons.clear();
+        }
+    }
+
+    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the indirect light that
+    /// [`Session::illuminate`] brought up to then. `stop` is asked between tiles,
+    /// `after_pass` looks at the film and may end the work; what is on the film stays, and a later call goes on.
+    pub fn render(
+        &mut self,
+        spp: u32,
+        stop: &(dyn Fn() -> bool + Sync),
+        after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
+    ) -> RenderStats {
+        let irradiance = self.photons.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
+        let ctx = RenderContext::new(&self.world, &self.model, irradiance)
+            .with_layers(self.film.layers())
+            .with_photons(self.tree.as_ref());
+        let work = TileWork { integrator: SampleIntegrator::new(ctx), tiles: &self.tiles };
+        let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
+        while stats.spp < spp && !stop() {
+            let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));
+            let until = Until { stop, deadline: None, tiles: u32::MAX };
+            let mut pass = Pass::new(target, self.tracers.len());
+            let canvas = Canvas { film: &mut self.film, display: None };
+            stats.total.add(&pass.run(&work, canvas, (&mut self.tracers, &self.pool), &until));
+            stats.passes += 1;
+            stats.spp = self.film.samples();
+            if after_pass(&self.film, &stats).is_break() {
+                break;
+            }
+        }
+        stats.complete = stats.spp >= spp;
+        stats
+    }
+
+    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see [`crate::filter`]. Does
+    /// nothing for others.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the filter's work.
+    pub fn smooth(&mut self) -> Result<()> {
+        if !self.film.layers().filter {
+            return Ok(());
+        }
+        filter::smooth(&mut self.film, &self.world.projection, &self.pool, &self.budget)
+    }
+
+    /// What has been collected.
+    pub fn film(&self) -> &Film {
+        &self.film
+    }
+
+    /// The model with all edits.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The view with all edits.
+    pub fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// The tracers, for their counters.
+    pub fn tracers(&self) -> &[T] {
+        &self.tracers
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,169 @@
+//! `Emitters`: the triangles of the model that give light, drawn in proportion to their power.
+//!
+//! The store keeps them in a section of their own, since nobody can search a mesh on disk for lamps.
+//! Invariants: 1. every kept triangle has a positive power; 2. the cumulated shares rise and end at 1;
+//! 3. light leaves the counter-clockwise side only.
+
+use crate::math::{add_rgb, along, brightness, cross, length, scale, scale_rgb, sub};
+use trex_store::{Aabb, Material};
+
+/// A triangle of the model whose material gives light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emitter {
+    /// Corners, model units; light leaves the side from which they run counter-clockwise.
+    pub corners: [[f64; 3]; 3],
+    /// Index of the material, whose `ke` is the radiance that leaves.
+    pub material: u32,
+}
+
+/// All triangles that give light, ready to draw from.
+#[derive(Clone, Debug)]
+pub struct Emitters {
+    kept: Vec<Kept>,
+    /// Share of the power in the triangles up to and with this one.
+    cumulated: Vec<f64>,
+    /// Sum of radiance * area, linear RGB.
+    radiance_area: [f32; 3],
+    /// Sum of brightness * area.
+    power: f64,
+    bounds: Aabb,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    corner: [f64; 3],
+    /// From there to the other two.
+    edges: [[f64; 3]; 2],
+    normal: [f64; 3],
+    radiance: [f32; 3],
+}
+
+/// A point on an emitter.
+#[derive(Clone, Copy, Debug)]
+pub struct EmitterSample {
+    /// Where, model units.
+    pub point: [f64; 3],
+    /// Unit normal of the side that gives light.
+    pub normal: [f64; 3],
+    /// Radiance that leaves.
+    pub radiance: [f32; 3],
+    /// Density of this point, per area in square model units.
+    pub pdf: f64,
+    /// Two edges of its triangle, model units.
+    edges: [[f64; 3]; 2],
+}
+
+impl EmitterSample {
+    /// Longest edge of the point's triangle, model units.
+    pub fn size(&self) -> f64 {
+        let [ab, ac] = self.edges;
+        [ab, ac, sub(ac, ab)].map(length).into_iter().fold(0.0, f64::max)
+    }
+}
+
+impl Emitters {
+    /// Those of `emitters` that give light with these `materials`.
+    ///
+    /// # Panics
+    /// When an emitter names a material that is not there.
+    pub fn new(emitters: &[Emitter], materials: &[Material]) -> Emitters {
+        let mut all = Emitters {
+            kept: Vec::with_capacity(emitters.len()),
+            cumulated: Vec::with_capacity(emitters.len()),
+            radiance_area: [0.0; 3],
+            power: 0.0,
+            bounds: Aabb::EMPTY,
+        };
+        let mut total = 0.0;
+        for emitter in emitters {
+            let radiance = materials[emitter.material as usize].ke;
+            let [corner, b, c] = emitter.corners;
+            let edges = [sub(b, corner), sub(c, corner)];
+            let doubled = cross(edges[0], edges[1]);
+            let area = 0.5 * length(doubled);
+            let power = area * brightness(radiance);
+            if power > 0.0 && power.is_finite() {
+                total += power;
+                all.kept.push(Kept { corner, edges, normal: scale(0.5 / area, doubled), radiance });
+                all.cumulated.push(total);
+                all.radiance_area = add_rgb(all.radiance_area, scale_rgb(area as f32, radiance));
+                emitter.corners.iter().for_each(|&corner| all.bounds.add(corner));
+            }
+        }
+        all.power = total;
+        all.cumulated.iter_mut().for_each(|sum| *sum /= total);
+        all
+    }
+
+    /// True when nothing gives light.
+    pub fn is_empty(&self) -> bool {
+        self.kept.is_empty()
+    }
+
+    /// Bytes on the heap for so many.
+    pub fn bytes(emitter_count: usize) -> u64 {
+        (emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
+    }
+
+    /// Sum of radiance * area over all triangles.
+    pub(crate) fn radiance_area(&self) -> [f32; 3] {
+        self.radiance_area
+    }
+
+    /// The box around all of them.
+    pub(crate) fn bounds(&self) -> &Aabb {
+        &self.bounds
+    }
+
+    /// Density, per area, with which [`Emitters::sample`] draws a point of an emitter of this radiance.
+    pub(crate) fn pdf(&self, radiance: [f32; 3]) -> f64 {
+        if self.is_empty() { 0.0 } else { brightness(radiance) / self.power }
+    }
+
+    /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in
+    /// [0, 1). Not for an empty set.
+    pub fn sample(&self, pick: f32, u: [f32; 2]) -> EmitterSample {
+        let pick = f64::from(pick);
+        let index = self.cumulated.partition_point(|&sum| sum <= pick).min(self.kept.len() - 1);
+        let Kept { corner, edges, normal, radiance } = self.kept[index];
+        // The square folded to the triangle keeps strata whole: P. Shirley and K. Chiu (1997).
+        let root = f64::from(u[0]).sqrt();
+        let (s, t) = (root * (1.0 - f64::from(u[1])), root * f64::from(u[1]));
+        EmitterSample {
+            point: along(along(corner, s, edges[0]), t, edges[1]),
+            normal,
+            radiance,
+            pdf: self.pdf(radiance),
+            edges,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn draws_by_power_and_the_densities_invert_it() {
+        let lamp = |ke: f32| Material { ke: [ke; 3], ..Material::default() };
+        let triangle = |size: f64, material| Emitter {
+            corners: [[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]],
+            material,
+        };
+        let emitters = [triangle(1.0, 0), triangle(0.0, 0), triangle(2.0, 1), triangle(3.0, 2)];
+        let emitters = Emitters::new(&emitters, &[lamp(4.0), lamp(3.0), lamp(0.0)]);
+        // Powers: 0.5 * 4 = 2 and 2 * 3 = 6; the others give nothing.
+        let count = 4000;
+        let (mut strong, mut area) = (0, 0.0);
+        for i in 0..count {
+            let point = emitters.sample((i as f32 + 0.5) / count as f32, [0.3, 0.6]);
+            assert_eq!(point.normal, [0.0, 0.0, 1.0]);
+            strong += i32::from(point.radiance[0] == 3.0);
+            area += 1.0 / point.pdf / f64::from(count);
+            assert!((emitters.pdf(point.radiance) / point.pdf - 1.0).abs() < 1e-9);
+        }
+        assert_eq!(strong, 3000);
+        assert!((area - 2.5).abs() < 1e-9, "{area}");
+        assert!((f64::from(emitters.radiance_area()[0]) - 8.0).abs() < 1e-6);
+    }
+}

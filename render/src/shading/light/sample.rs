@@ -1,0 +1,317 @@
+//! Light samples: a direction in which light may come to a place, and with which density it is drawn.
+//!
+//! One sample picks one source, in proportion to an estimate of what it could bring (its intensity and distance,
+//! shadows not asked), then a point on it. The sky is a source like the others, drawn by what the surface scatters, so
+//! that scans are lit by sun and sky alike and shiny materials show no sparks.
+//!
+//! Invariants: 1. the estimate is positive wherever a source brings light, so the mean of the samples is right;
+//! 2. a sample is drawn on the side of the surface that its normal shows.
+
+use super::lights::{Lights, Source};
+use super::scene_light::Light;
+use crate::math::{along, brightness, cross, dot, length, scale, scale_rgb, sub, unit};
+use crate::shading::bsdf::BsdfSample;
+use crate::shading::surface::ShadingPoint;
+use crate::trace::Ray;
+use std::f64::consts::PI;
+
+/// One light sample, not yet tested for shadow.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightSample {
+    /// Unit direction to the light; above the surface.
+    pub(crate) wi: [f64; 3],
+    /// Distance to the light, model units; infinite for sun and sky.
+    pub(crate) distance: f64,
+    /// Unit normal of the light's front where it is a surface.
+    pub(crate) front: Option<[f64; 3]>,
+    /// Radiance over pdf: `bsdf * cos * weight` estimates the radiance returned.
+    pub(crate) weight: [f32; 3],
+    /// Density of the direction, per solid angle; infinite for points and suns.
+    pub(crate) pdf: f64,
+}
+
+impl Lights {
+    /// A light sample for `at` from four numbers in [0, 1); `None` when it can bring nothing (which counts as a
+    /// sample of zero).
+    pub(crate) fn sample(&self, at: &ShadingPoint<'_>, u: [f32; 4]) -> Option<LightSample> {
+        let total: f64 = self.sampled_sources().map(|source| source.estimate(at)).sum();
+        if total <= 0.0 || !total.is_finite() {
+            return None;
+        }
+        let mut left = f64::from(u[0]) * total;
+        let mut picked = None;
+        for source in self.sampled_sources() {
+            let estimate = source.estimate(at);
+            if estimate > 0.0 {
+                picked = Some((source, estimate / total));
+                left -= estimate;
+                if left < 0.0 {
+                    break;
+                }
+            }
+        }
+        let (source, share) = picked?;
+        let mut sample = source.sample(at, [u[1], u[2], u[3]])?;
+        sample.weight = scale_rgb((1.0 / share) as f32, sample.weight);
+        sample.pdf *= share;
+        (dot(sample.wi, at.bsdf.normal) > 0.0).then_some(sample)
+    }
+
+    /// Radiance of all rectangles whose front `ray` crosses before `t_max`, and the density (per solid angle) with
+    /// which [`Lights::sample`] for `at` draws that way.
+    pub(crate) fn crossed(
+        &self,
+        at: &ShadingPoint<'_>,
+        ray: &Ray,
+        t_max: f64,
+    ) -> impl Iterator<Item = ([f32; 3], f64)> {
+        self.rects_crossed(ray, t_max).filter_map(move |(light, t)| {
+            let Light::Rect { edge_u, edge_v, radiance, .. } = *light else { return None };
+            let to = sub(along(ray.origin, t, ray.direction), at.point);
+            // |cross| is the area, so that the cosine and the density per area leave one factor.
+            let facing = -dot(ray.direction, cross(edge_u, edge_v));
+            Some((radiance, self.share(at, &Source::Light(light)) * dot(to, to) / facing))
+        })
+    }
+
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws the sky in unit `direction`.
+    pub(crate) fn sky_pdf(&self, at: &ShadingPoint<'_>, direction: [f64; 3]) -> f64 {
+        self.share(at, &Source::Sky(self.sky())) * at.bsdf.pdf_rough(direction)
+    }
+
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws `point` on an emitter of this radiance that is
+    /// seen with cosine `cos` > 0.
+    pub(crate) fn emitter_pdf(
+        &self,
+        at: &ShadingPoint<'_>,
+        point: [f64; 3],
+        cos: f64,
+        radiance: [f32; 3],
+    ) -> f64 {
+        let to = sub(point, at.point);
+        let per_area = self.emitters().pdf(radiance);
+        self.share(at, &Source::Emitters(self.emitters())) * per_area * dot(to, to) / cos
+    }
+
+    /// Share of the light samples for `at` that go to `source`.
+    fn share(&self, at: &ShadingPoint<'_>, source: &Source<'_>) -> f64 {
+        let total: f64 = self.sampled_sources().map(|source| source.estimate(at)).sum();
+        let share = source.estimate(at) / total;
+        if share.is_finite() { share } else { 0.0 }
+    }
+}
+
+impl Source<'_> {
+    /// About what this source brings to `at` when nothing is between; 0 only where it brings nothing.
+    fn estimate(&self, at: &ShadingPoint<'_>) -> f64 {
+        match self {
+            Source::Light(Light::Point { position, intensity }) => {
+                let to = sub(*position, at.point);
+                let squared = dot(to, to);
+                let cos = dot(to, at.bsdf.normal) / squared.sqrt();
+                if cos > 0.0 { brightness(*intensity) * cos / squared } else { 0.0 }
+            }
+            Source::Light(Light::Directional { direction, irradiance }) => {
+                brightness(*irradiance) * (-dot(*direction, at.bsdf.normal) / length(*direction)).max(0.0)
+            }
+            Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
+                let normal = cross(*edge_u, *edge_v);
+                let height = |u: f64, v: f64| {
+                    dot(sub(along(along(*corner, u, *edge_u), v, *edge_v), at.point), at.bsdf.normal)
+                };
+                let below = [height(0.0, 0.0), height(1.0, 0.0), height(0.0, 1.0), height(1.0, 1.0)];
+                if dot(sub(at.point, *corner), normal) <= 0.0 || below.iter().all(|&h| h <= 0.0) {
+                    return 0.0;
+                }
+                let to = sub(along(along(*corner, 0.5, *edge_u), 0.5, *edge_v), at.point);
+                let area = length(normal);
+                brightness(*radiance) * area / dot(to, to).max(area)
+            }
+            Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => PI * brightness(*radiance),
+            Source::Emitters(emitters) => {
+                let to = sub(emitters.bounds().center(), at.point);
+                let near = 0.5 * emitters.bounds().diagonal();
+                brightness(emitters.radiance_area()) / dot(to, to).max(near * near)
+            }
+        }
+    }
+
+    /// A sample of this source alone.
+    fn sample(&self, at: &ShadingPoint<'_>, u: [f32; 3]) -> Option<LightSample> {
+        match self {
+            Source::Light(Light::Point { position, intensity }) => {
+                let to = sub(*position, at.point);
+                let distance = length(to);
+                let weight = scale_rgb((1.0 / (distance * distance)) as f32, *intensity);
+                let wi = unit(to)?;
+                Some(LightSample { wi, distance, front: None, weight, pdf: f64::INFINITY })
+            }
+            Source::Light(Light::Directional { direction, irradiance }) => Some(LightSample {
+                wi: unit(scale(-1.0, *direction))?,
+                distance: f64::INFINITY,
+                front: None,
+                weight: *irradiance,
+                pdf: f64::INFINITY,
+            }),
+            Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
+                let point = along(along(*corner, f64::from(u[1]), *edge_u), f64::from(u[2]), *edge_v);
+                let normal = cross(*edge_u, *edge_v);
+                surface_sample(at, point, unit(normal)?, *radiance, 1.0 / length(normal))
+            }
+            Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => {
+                let BsdfSample { wi, pdf, .. } = at.bsdf.sample_rough(u)?;
+                let pdf = pdf?;
+                let weight = scale_rgb((1.0 / pdf) as f32, *radiance);
+                Some(LightSample { wi, distance: f64::INFINITY, front: None, weight, pdf })
+            }
+            Source::Emitters(emitters) => {
+                let on = emitters.sample(u[0], [u[1], u[2]]);
+                surface_sample(at, on.point, on.normal, on.radiance, on.pdf)
+            }
+        }
+    }
+}
+
+/// Light from a point on a surface that was drawn with `pdf_area` (per area).
+fn surface_sample(
+    at: &ShadingPoint<'_>,
+    point: [f64; 3],
+    front: [f64; 3],
+    radiance: [f32; 3],
+    pdf_area: f64,
+) -> Option<LightSample> {
+    let to = sub(point, at.point);
+    let distance = length(to);
+    let wi = unit(to)?;
+    let cos = -dot(wi, front);
+    let pdf = distance * distance * pdf_area / cos;
+    let weight = scale_rgb((1.0 / pdf) as f32, radiance);
+    (cos > 0.0).then_some(LightSample { wi, distance, front: Some(front), weight, pdf })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lights::{DEFAULT_SKY_RADIANCE, DEFAULT_SUN_IRRADIANCE, DEFAULT_SUN_TOWARDS};
+    use super::*;
+    use crate::shading::bsdf::Bsdf;
+    use crate::shading::light::Emitter;
+    use std::f64::consts::TAU;
+    use trex_store::{Code, Material};
+
+    const GREY: Material = Material {
+        name: String::new(),
+        kd: [0.7; 3],
+        ks: [0.0; 3],
+        ns: 0.0,
+        ke: [0.0; 3],
+        d: 1.0,
+        mirror: false,
+    };
+    static AT: ShadingPoint<'_> = ShadingPoint {
+        point: [0.0; 3],
+        bsdf: Bsdf { material: &GREY, normal: [0.0, 0.0, 1.0], wo: [0.6, 0.0, 0.8] },
+    };
+
+    /// Irradiance on [`AT`] by points of a lattice, drawn as the integrator does.
+    fn irradiance(lights: &Lights) -> f64 {
+        let side = 24u32;
+        let number = |i: u32| (i as f32 + 0.5) / side as f32;
+        let mut sum = 0.0;
+        for i in 0..side.pow(4) {
+            let u = [i % side, i / side % side, i / side.pow(2) % side, i / side.pow(3)].map(number);
+            if let Some(sample) = lights.sample(&AT, u) {
+                sum += dot(sample.wi, AT.bsdf.normal) * f64::from(sample.weight[0]);
+            }
+        }
+        sum / f64::from(side.pow(4))
+    }
+
+    fn check(lights: &[Light], emitters: &[Emitter], expected: f64) {
+        let lamp = Material { ke: [2.0; 3], ..Material::default() };
+        let lights = Lights::new(lights, emitters, &[lamp], [0.0, 1.0, 0.0]).unwrap();
+        let found = irradiance(&lights);
+        assert!((found - expected).abs() < 4e-3 * expected.max(0.05), "{found} for {expected}");
+    }
+
+    /// Form factor from a point to a parallel rectangle a x b at height 1 with a corner above the point.
+    fn corner_form_factor(a: f64, b: f64) -> f64 {
+        let (p, q) = ((1.0 + a * a).sqrt(), (1.0 + b * b).sqrt());
+        (a / p * (b / p).atan() + b / q * (a / q).atan()) / TAU
+    }
+
+    #[test]
+    fn known_irradiances() {
+        let point = Light::Point { position: [3.0, 0.0, 4.0], intensity: [50.0; 3] };
+        let sun = Light::Directional { direction: [0.6, 0.0, -0.8], irradiance: [3.0; 3] };
+        let sky = Light::Sky { radiance: [0.5; 3] };
+        check(&[point], &[], 50.0 * 0.8 / 25.0);
+        check(&[sun], &[], 2.4);
+        check(&[sky], &[], 0.5 * PI);
+        check(&[sky, point, sun, sky], &[], 1.6 + 2.4 + PI);
+    }
+
+    #[test]
+    fn rectangles_bring_their_form_factor_on_one_side() {
+        let (a, b) = (0.5, 0.75);
+        let corner = [0.0, 0.0, 1.0];
+        let (edge_a, edge_b) = ([a, 0.0, 0.0], [0.0, b, 0.0]);
+        let down = Light::Rect { corner, edge_u: edge_b, edge_v: edge_a, radiance: [2.0; 3] };
+        let up = Light::Rect { corner, edge_u: edge_a, edge_v: edge_b, radiance: [2.0; 3] };
+        let expected = 2.0 * PI * corner_form_factor(a, b);
+        check(&[down], &[], expected);
+        check(&[up], &[], 0.0);
+        // The same rectangle as two triangles of the model, facing down; and facing up.
+        let far = [a, b, 1.0];
+        let emitter = |corners| Emitter { corners, material: 0 };
+        let (p, q) = ([a, 0.0, 1.0], [0.0, b, 1.0]);
+        check(&[], &[emitter([corner, q, p]), emitter([far, p, q])], expected);
+        check(&[], &[emitter([corner, p, q]), emitter([far, q, p])], 0.0);
+    }
+
+    #[test]
+    fn rectangles_are_seen_on_the_front() {
+        let rect = Light::Rect {
+            corner: [-1.0, -1.0, 5.0],
+            edge_u: [0.0, 2.0, 0.0],
+            edge_v: [2.0, 0.0, 0.0],
+            radiance: [7.0; 3],
+        };
+        let lights = Lights::new(&[rect], &[], &[], [0.0, 1.0, 0.0]).unwrap();
+        let ray = |origin, z| Ray { origin, direction: [0.0, 0.0, z], t_max: f64::INFINITY };
+        assert_eq!(lights.seen(&ray([0.5, -0.5, 0.0], 1.0), f64::INFINITY), Some([7.0; 3]));
+        assert_eq!(lights.seen(&ray([0.5, -0.5, 0.0], 1.0), 4.9), None);
+        assert_eq!(lights.seen(&ray([1.5, -0.5, 0.0], 1.0), f64::INFINITY), None);
+        assert_eq!(lights.seen(&ray([0.5, -0.5, 9.0], -1.0), f64::INFINITY), None);
+    }
+
+    #[test]
+    fn without_lights_there_are_sun_and_sky() {
+        let lights = Lights::new(&[], &[], &[], [0.0, 0.0, 1.0]).unwrap();
+        assert_eq!((lights.sky(), lights.sources().count()), (DEFAULT_SKY_RADIANCE, 2));
+        let found = irradiance(&lights);
+        let sky = PI * f64::from(DEFAULT_SKY_RADIANCE[0]);
+        let sun = f64::from(DEFAULT_SUN_IRRADIANCE[0]) * 0.5 / length(DEFAULT_SUN_TOWARDS);
+        // The pick between the two is on a lattice of 24: half a step, and a little.
+        assert!((found / (sky + sun) - 1.0).abs() < 0.01, "{found}");
+        // A lit surface of Kd 0.7 that faces the sun is not burnt out.
+        assert!(0.7 / PI * (sky + f64::from(DEFAULT_SUN_IRRADIANCE[0])) < 1.0);
+        // One light of the scene, if only a black sky, and the defaults are gone.
+        let dark = Lights::new(&[Light::Sky { radiance: [0.0; 3] }], &[], &[], [0.0, 0.0, 1.0]).unwrap();
+        assert!(dark.sample(&AT, [0.5; 4]).is_none() && dark.sky() == [0.0; 3]);
+    }
+
+    #[test]
+    fn lights_that_make_no_sense_are_named() {
+        let cases = [
+            Light::Point { position: [f64::NAN, 0.0, 0.0], intensity: [1.0; 3] },
+            Light::Point { position: [0.0; 3], intensity: [-1.0, 0.0, 0.0] },
+            Light::Directional { direction: [0.0; 3], irradiance: [1.0; 3] },
+            Light::Rect { corner: [0.0; 3], edge_u: [1.0; 3], edge_v: [2.0; 3], radiance: [1.0; 3] },
+            Light::Sky { radiance: [f32::INFINITY; 3] },
+        ];
+        for light in cases {
+            let error = Lights::new(&[light], &[], &[], [0.0, 1.0, 0.0]).unwrap_err();
+            assert_eq!((error.code(), error.place()), (Code::SceneFormat, "light[0]"));
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! `SurfaceInteraction`: where a ray met the mesh, and the rays that leave from there.
+//!
+//! Invariants: 1. the normal is on the side that the ray came from; 2. a ray that leaves does not meet the surface
+//! that it leaves, nor the one that it is sent to.
+
+use super::bsdf::Bsdf;
+use crate::math::{along, dot, length, scale, sub, to_f64, unit};
+use crate::trace::{Hit, Ray};
+use trex_store::Material;
+
+/// Secondary rays start off the surface by this many bounds on the error of the hit: one for the point itself, one
+/// for the rounding of the next ray's test against the same plane, doubled since neither bound is along the normal.
+pub(crate) const OFFSET_ERRORS: f64 = 4.0;
+/// A shadow ray ends before the light by this share of its length: some f32 ulps, the rounding of a tracer that
+/// works in f32 relative to the ray, whose error at the far end no hit has told.
+const END_SHARE: f64 = 1.0 / (1 << 20) as f64;
+
+/// Where a ray met a surface, of whatever form.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HitPoint {
+    /// Parameter of the hit on the ray.
+    pub(crate) t: f64,
+    /// Unit normal of the counter-clockwise side; zero where there is none.
+    pub(crate) normal: [f32; 3],
+    /// Index into the materials.
+    pub(crate) material: u32,
+    /// Bound on the distance between the surface and the point on the ray, model units.
+    pub(crate) error: f64,
+}
+
+impl From<&Hit> for HitPoint {
+    fn from(hit: &Hit) -> HitPoint {
+        HitPoint { t: hit.t, normal: hit.normal, material: hit.material, error: hit.error }
+    }
+}
+
+/// A hit, seen from the side that the ray came from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SurfaceInteraction {
+    pub(crate) point: [f64; 3],
+    pub(crate) normal: [f64; 3],
+    pub(crate) wo: [f64; 3],
+    error: f64,
+    pub(crate) material: u32,
+}
+
+/// A place that light is asked for at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ShadingPoint<'a> {
+    /// Model units.
+    pub(crate) point: [f64; 3],
+    pub(crate) bsdf: Bsdf<'a>,
+}
+
+impl SurfaceInteraction {
+    /// The place where `ray` met `hit`.
+    pub(crate) fn new(ray: &Ray, hit: &HitPoint) -> SurfaceInteraction {
+        // A needle whose corners lie on one line has no normal, but rays do hit it: it faces them.
+        let normal = unit(to_f64(hit.normal)).unwrap_or(scale(-1.0, ray.direction));
+        let side = if dot(normal, ray.direction) > 0.0 { -1.0 } else { 1.0 };
+        SurfaceInteraction {
+            point: along(ray.origin, hit.t, ray.direction),
+            normal: scale(side, normal),
+            wo: scale(-1.0, ray.direction),
+            error: hit.error,
+            material: hit.material,
+        }
+    }
+
+    /// How the surface scatters towards where the ray came from; `materials` are the world's.
+    pub(crate) fn bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
+        Bsdf { material: &materials[self.material as usize], normal: self.normal, wo: self.wo }
+    }
+
+    /// The place as lights see it; `materials` are the world's.
+    pub(crate) fn shading_point<'a>(&self, materials: &'a [Material]) -> ShadingPoint<'a> {
+        ShadingPoint { point: self.point, bsdf: self.bsdf(materials) }
+    }
+
+    /// How far off the surface rays start, for the error of the hit, model units.
+    pub(crate) fn offset(&self) -> f64 {
+        OFFSET_ERRORS * self.error
+    }
+
+    /// A ray off this surface in unit `direction`; where the other end, `distance` away, lies on a surface with
+    /// normal `front`, it leaves that one too.
+    pub(crate) fn ray_to(&self, direction: [f64; 3], distance: f64, front: Option<[f64; 3]>) -> Ray {
+        let offset = self.offset();
+        let origin = along(self.point, offset, self.normal);
+        if distance == f64::INFINITY {
+            return Ray { origin, direction, t_max: distance };
+        }
+        let mut end = along(self.point, distance, direction);
+        if let Some(front) = front {
+            end = along(end, offset + END_SHARE * distance, front);
+        }
+        let way = sub(end, origin);
+        match unit(way) {
+            Some(direction) => Ray { origin, direction, t_max: length(way) },
+            // The light touches the surface to within the error of the hit: nothing fits between.
+            None => Ray { origin, direction, t_max: 0.0 },
+        }
+    }
+}

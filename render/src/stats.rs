@@ -1,0 +1,144 @@
+//! What stages count: rays by kind, what a pass did, what photons did.
+//!
+//! Invariant: counts of workers, passes and frames add up with `add`.
+
+/// What a ray is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RayKind {
+    Primary,
+    Mirror,
+    Shadow,
+    Gather,
+}
+
+/// Rays answered, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct RayCounts {
+    /// Rays from the camera.
+    pub primary: u64,
+    /// Perfect mirror bounces.
+    pub mirror: u64,
+    /// Rays towards lights.
+    pub shadow: u64,
+    /// Rays that gather light by chance: bounces of `path`, gather rays of photon mapping, rays of `ao`.
+    pub gather: u64,
+    /// Rays of photons; these are no part of a sample.
+    pub photon: u64,
+}
+
+/// Rays per second, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RayRates {
+    /// From the camera.
+    pub primary: f64,
+    /// From perfect mirrors.
+    pub mirror: f64,
+    /// Towards lights.
+    pub shadow: f64,
+    /// That gather light.
+    pub gather: f64,
+    /// Of photons.
+    pub photon: f64,
+}
+
+impl RayCounts {
+    /// Counts a ray more.
+    pub(crate) fn count(&mut self, kind: RayKind) {
+        *match kind {
+            RayKind::Primary => &mut self.primary,
+            RayKind::Mirror => &mut self.mirror,
+            RayKind::Shadow => &mut self.shadow,
+            RayKind::Gather => &mut self.gather,
+        } += 1;
+    }
+
+    /// Adds another count.
+    pub fn add(&mut self, other: &RayCounts) {
+        self.primary += other.primary;
+        self.mirror += other.mirror;
+        self.shadow += other.shadow;
+        self.gather += other.gather;
+        self.photon += other.photon;
+    }
+
+    /// All kinds together.
+    pub fn total(&self) -> u64 {
+        self.primary + self.mirror + self.shadow + self.gather + self.photon
+    }
+
+    /// Each kind over a time.
+    pub fn per_s(&self, seconds: f64) -> RayRates {
+        let rate = |count: u64| count as f64 / seconds.max(1e-9);
+        RayRates {
+            primary: rate(self.primary),
+            mirror: rate(self.mirror),
+            shadow: rate(self.shadow),
+            gather: rate(self.gather),
+            photon: rate(self.photon),
+        }
+    }
+}
+
+/// What a pass did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct PassStats {
+    /// Rays of finished samples.
+    pub rays: RayCounts,
+    /// Look-ups of photons of finished samples.
+    pub look_ups: u64,
+    /// Samples that reached the film.
+    pub samples: u64,
+    /// Times that a tile had to be parked.
+    pub parked: u64,
+    /// Times that a worker waited for pages.
+    pub waits: u64,
+    /// Samples that had to be taken alone since their pages did not fit together.
+    pub narrow_samples: u64,
+    /// Samples whose radiance was not finite (light values near the end of f32); they count as black.
+    pub not_finite: u64,
+    /// Tiles whose samples reached the film.
+    pub tiles_finished: u64,
+    /// Tiles that have not had their samples yet.
+    pub tiles_left: u64,
+}
+
+impl PassStats {
+    /// Adds another pass or worker.
+    pub fn add(&mut self, other: &PassStats) {
+        self.rays.add(&other.rays);
+        self.look_ups += other.look_ups;
+        self.samples += other.samples;
+        self.parked += other.parked;
+        self.waits += other.waits;
+        self.narrow_samples += other.narrow_samples;
+        self.not_finite += other.not_finite;
+        self.tiles_finished += other.tiles_finished;
+        self.tiles_left = other.tiles_left;
+    }
+}
+
+/// What photon tracing did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct PhotonStats {
+    /// Photons sent.
+    pub photons: u64,
+    /// Rays that they took.
+    pub rays: u64,
+    /// Hits whose flux was kept: added to a facet, or stored as a photon of `full-gi`.
+    pub deposits: u64,
+    /// Hits whose flux found no place.
+    pub lost: u64,
+    /// Times that a worker waited for pages.
+    pub waits: u64,
+}
+
+impl PhotonStats {
+    /// Adds another worker or pass.
+    pub fn add(&mut self, other: &PhotonStats) {
+        self.photons += other.photons;
+        self.rays += other.rays;
+        self.deposits += other.deposits;
+        self.lost += other.lost;
+        self.waits += other.waits;
+    }
+}

@@ -1,0 +1,241 @@
+//! A ray moved into the lattice: origin split into an integer and a fraction, direction scaled, shear set up.
+//!
+//! ```text
+//! model:   p = origin + t * direction
+//! lattice: q = (p - lattice origin) / step = entry + (t_model / step * scale - t_entry) * (direction / scale)
+//! ```
+//!
+//! The ray is moved to where it enters the model's box before anything is rounded to f32, so that what the
+//! kernels see are short numbers whatever the camera's distance (design section 5, "C-rays").
+//!
+//! Invariants: 1. `entry = cell + fraction` exactly in f64, `|fraction| <= 1`; 2. the longest component of the
+//! direction is 1; 3. the entry lies outside of all geometry or is the ray's own origin: no hit has t < 0 by the move.
+
+use super::Ray;
+use crate::math::dot;
+use trex_store::PageFile;
+
+/// What rays need of a model: the lattice and the box.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeFrame {
+    /// Model position of lattice point 0.
+    origin: [f64; 3],
+    step: f64,
+    /// Of a power of two: exact.
+    inverse_step: f64,
+    /// Lattice steps from 0 to the end of the lattice.
+    side: f64,
+    lo: [f64; 3],
+    hi: [f64; 3],
+    /// Lattice shift of node origins.
+    pub(super) node_shift: u32,
+    /// What box planes move outward, lattice steps, so that rounding in the node test loses no hit.
+    pub(super) slack: f64,
+    /// Error of a kernel's t that may decide: half of what a hit may be off, lattice steps.
+    pub(super) blur: f64,
+}
+
+/// Steps around the box that the entry stays away from it, and that kernels look beyond the end; at least, see `FAR`.
+const MARGIN: f64 = 2.0;
+/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way there
+/// is rounded by (origin, difference, inverse, two products, sum: half an ulp each, six of eight). On a lattice of 40 bits it is more than `MARGIN` from
+/// 2^11 sizes on.
+const FAR: f64 = 1.0 / (1u64 << 50) as f64;
+
+/// Below that a component moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
+const STILL: f64 = 1e-250;
+
+/// A ray in lattice units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeRay {
+    /// Integer part of the entry.
+    pub(super) cell: [i64; 3],
+    /// The rest.
+    pub(super) fraction: [f64; 3],
+    /// Longest component 1 or -1.
+    pub(super) direction: [f64; 3],
+    /// One over each.
+    pub(super) inverse: [f64; 3],
+    pub(super) shear: Shear,
+    /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
+    /// the kernels' t.
+    pub(super) t_max: f64,
+    /// Where the ray itself ends; what was refined is compared with this.
+    t_end: f64,
+    /// Model t = (t + t_entry) * t_scale.
+    t_entry: f64,
+    t_scale: f64,
+}
+
+impl LatticeFrame {
+    /// The frame of a page file.
+    pub(super) fn new(file: &PageFile) -> LatticeFrame {
+        let block = file.superblock();
+        let [lo, hi] = block.lattice_bounds;
+        // Below 24 bits the node test runs in f32 and its error is below 6 x 2^-24 of the lattice's side, above
+        // in f64 with 6 x 2^-53; doubled.
+        let side = (1u64 << block.lattice_bits) as f64;
+        let ulp = if block.lattice_bits <= trex_store::layout::NARROW_BITS {
+            2f64.powi(-24)
+        } else {
+            2f64.powi(-53)
+        };
+        LatticeFrame {
+            origin: block.lattice.origin,
+            step: block.lattice.step(),
+            inverse_step: 1.0 / block.lattice.step(),
+            side,
+            lo: lo.map(|q| q as f64),
+            hi: hi.map(|q| q as f64),
+            node_shift: block.node_shift,
+            slack: 12.0 * ulp * side,
+            blur: 4.0 * ulp * side,
+        }
+    }
+
+    /// Length of a lattice step, model units.
+    pub(super) fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// Moves a ray to the lattice; `None` when it misses the model's box, or comes from so far that its rounding is
+    /// larger than the model.
+    #[inline(always)]
+    pub(super) fn enter(&self, ray: &Ray) -> Option<LatticeRay> {
+        let longest = ray.direction.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        let from: [f64; 3] = std::array::from_fn(|a| (ray.origin[a] - self.origin[a]) * self.inverse_step);
+        if !(longest > 0.0 && longest.is_finite()) || from.iter().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let direction = ray.direction.map(|d| d / longest);
+        let inverse = direction.map(|d| 1.0 / d);
+        let margin = from.iter().fold(MARGIN, |most, v| most.max(v.abs() * FAR));
+        if margin > self.side.max(MARGIN) {
+            return None;
+        }
+        let t_end = ray.t_max * self.inverse_step * longest;
+        let (mut t_in, mut t_out) = (0.0f64, t_end);
+        for axis in 0..3 {
+            if direction[axis].abs() < STILL {
+                if from[axis] < self.lo[axis] - margin || from[axis] > self.hi[axis] + margin {
+                    return None;
+                }
+                continue;
+            }
+            let a = (self.lo[axis] - margin - from[axis]) * inverse[axis];
+            let b = (self.hi[axis] + margin - from[axis]) * inverse[axis];
+            t_in = t_in.max(a.min(b));
+            t_out = t_out.min(a.max(b));
+        }
+        // Half of the margin pays for the rounding of t_in.
+        if t_in > t_out + margin / 2.0 {
+            return None;
+        }
+        let entry: [f64; 3] = std::array::from_fn(|a| from[a] + t_in * direction[a]);
+        let cell = entry.map(f64::floor);
+        Some(LatticeRay {
+            cell: cell.map(|v| v as i64),
+            fraction: std::array::from_fn(|a| entry[a] - cell[a]),
+            direction,
+            inverse,
+            shear: Shear::new(direction),
+            t_max: (t_out - t_in).max(0.0) + MARGIN,
+            t_end: t_end - t_in,
+            t_entry: t_in,
+            t_scale: self.step / longest,
+        })
+    }
+}
+
+impl LatticeRay {
+    /// Model t of a lattice t.
+    pub(super) fn model_t(&self, t: f64) -> f64 {
+        (t + self.t_entry) * self.t_scale
+    }
+
+    /// A lattice vertex as seen from the entry; exact but for the fraction.
+    pub(super) fn seen_from_entry(&self, q: [i64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| (q[a] - self.cell[a]) as f64 - self.fraction[a])
+    }
+
+    /// t of the entry's ray on a triangle that a kernel has reported, in f64. Where the ray passes beside it (the
+    /// kernel's rounding, at an edge): at the point of its edges that is nearest to the ray.
+    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> f64 {
+        let seen = q.map(|q| self.seen_from_entry(q));
+        let [a, b, c] = seen.map(|p| self.shear.apply(p));
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        let n = normal(q);
+        let across = dot(n, self.direction);
+        if across != 0.0 && ([u, v, w].iter().all(|&x| x >= 0.0) || [u, v, w].iter().all(|&x| x <= 0.0)) {
+            // From the plane: weights of a needle's corners would be off by any share.
+            let (near, far) = (a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2]));
+            return (dot(n, seen[0]) / across).clamp(near, far);
+        }
+        let on_edges = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
+        on_edges
+            .into_iter()
+            .fold((f64::INFINITY, 0.0), |best, next| if next.0 < best.0 { next } else { best })
+            .1
+    }
+
+    /// The refined hit of a kernel's triangle, where it lies on the ray: neither behind its start nor behind its end.
+    /// Not inlined: the kernels need the registers.
+    #[inline(never)]
+    pub(super) fn reach(&self, q: [[i64; 3]; 3]) -> Option<f64> {
+        Some(self.refine(q)).filter(|t| (0.0..=self.t_end).contains(t))
+    }
+}
+
+/// The normal of a lattice triangle, as long as twice its area: exact but for one rounding, however thin it is.
+pub(super) fn normal(q: [[i64; 3]; 3]) -> [f64; 3] {
+    let edge = |i: usize| -> [i64; 3] { std::array::from_fn(|a| q[i][a] - q[0][a]) };
+    let (e, f) = (edge(1), edge(2));
+    let axes = [(1, 2), (2, 0), (0, 1)];
+    // Products of edges of up to 30 bits and their difference fit 64 bits.
+    if e.iter().chain(&f).all(|x| x.unsigned_abs() >> 30 == 0) {
+        return axes.map(|(a, b)| (e[a] * f[b] - e[b] * f[a]) as f64);
+    }
+    let product = |x: i64, y: i64| i128::from(x) * i128::from(y);
+    axes.map(|(a, b)| (product(e[a], f[b]) - product(e[b], f[a])) as f64)
+}
+
+/// Of a segment, the point nearest to the z axis: squared distance, z.
+fn nearest_to_axis(from: [f64; 3], to: [f64; 3]) -> (f64, f64) {
+    let way: [f64; 3] = std::array::from_fn(|a| to[a] - from[a]);
+    let squared = way[0] * way[0] + way[1] * way[1];
+    let along = -(from[0] * way[0] + from[1] * way[1]) / squared;
+    // A segment along the axis: its nearer end.
+    let along = if squared > 0.0 { along.clamp(0.0, 1.0) } else { f64::from(u8::from(way[2] < 0.0)) };
+    let [x, y, z] = std::array::from_fn(|a| from[a] + along * way[a]);
+    (x * x + y * y, z)
+}
+
+/// The shear that turns the ray into the z axis (Woop, Benthin, Wald: "Watertight ray/triangle intersection",
+/// JCGT 2013).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shear {
+    pub(super) k: [usize; 3],
+    pub(super) s: [f64; 3],
+}
+
+impl Shear {
+    /// Of a direction whose longest component is 1 or -1.
+    #[inline(always)]
+    pub(super) fn new(direction: [f64; 3]) -> Shear {
+        let kz = (0..3).fold(0, |best, a| if direction[a].abs() > direction[best].abs() { a } else { best });
+        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        if direction[kz] < 0.0 {
+            std::mem::swap(&mut kx, &mut ky);
+        }
+        // 1 or -1: its own inverse.
+        let dz = direction[kz];
+        Shear { k: [kx, ky, kz], s: [direction[kx] * dz, direction[ky] * dz, dz] }
+    }
+
+    fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        let z = p[self.k[2]];
+        [p[self.k[0]] - self.s[0] * z, p[self.k[1]] - self.s[1] * z, self.s[2] * z]
+    }
+}

@@ -1,0 +1,219 @@
+//! `PagedMesh`: the tracer of page files. Chooses the kernel, refines the hit, keeps the list of missing pages.
+//!
+//! Error of a hit, in lattice steps: corners as seen from the entry are exact but for the fraction; the refined t is
+//! f64, and it alone decides whether a ray meets the triangle that it left. What is left is the model's own coordinate
+//! rounding, and the kernel's across the ray: 2^-18 of the triangle's size holds both.
+//!
+//! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. `wanted` holds each page once,
+//! with the number of rays that it blocked.
+
+use super::arithmetic::Arithmetic;
+use super::bvh::{Ended, Found, Goal, Missing, Scene, Stack, trace_ray};
+use super::lattice_ray::{LatticeFrame, LatticeRay, normal};
+use super::pages::{Page, Pages};
+use super::scalar::Scalar;
+#[cfg(target_arch = "x86_64")]
+use super::simd::{PACKET_RAYS, PacketRoom};
+use super::{Answer, Hit, Ray, Tracer};
+use trex_store::PageFile;
+
+/// Traces rays against the clusters of a file, through whatever gives it pages.
+pub struct PagedMesh<'a, P> {
+    scene: Scene<'a>,
+    pages: P,
+    arithmetic: Arithmetic,
+    stack: Stack,
+    /// Made when it is first asked for.
+    #[cfg(target_arch = "x86_64")]
+    packet: Option<Box<PacketRoom>>,
+    wanted: Vec<(u32, u32)>,
+}
+
+/// Share of a triangle's size that a surface point may be off its plane for the f32 test.
+const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
+/// Rounding of model coordinates: a few operations in f64.
+const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
+
+impl<'a, P: Pages> PagedMesh<'a, P> {
+    /// A tracer with the fastest arithmetic.
+    pub fn new(file: &'a PageFile, pages: P) -> PagedMesh<'a, P> {
+        PagedMesh::with_arithmetic(file, pages, Arithmetic::for_file(file))
+    }
+
+    /// A tracer with a chosen arithmetic. Panics for f32 on a lattice of more than 24 bits, and for AVX2 where the
+    /// machine has none.
+    pub fn with_arithmetic(file: &'a PageFile, pages: P, arithmetic: Arithmetic) -> PagedMesh<'a, P> {
+        arithmetic.check(file);
+        let scene = Scene { file, frame: LatticeFrame::new(file) };
+        PagedMesh {
+            scene,
+            pages,
+            arithmetic,
+            stack: Stack::new(),
+            #[cfg(target_arch = "x86_64")]
+            packet: Default::default(),
+            wanted: Vec::new(),
+        }
+    }
+
+    /// What traces.
+    pub fn arithmetic(&self) -> Arithmetic {
+        self.arithmetic
+    }
+
+    /// The pages.
+    pub fn pages(&self) -> &P {
+        &self.pages
+    }
+
+    /// The pages.
+    pub fn pages_mut(&mut self) -> &mut P {
+        &mut self.pages
+    }
+
+    /// Takes the pages that blocked rays since the last call, with how many each blocked.
+    pub fn take_wanted(&mut self, into: &mut Vec<(u32, u32)>) {
+        into.clear();
+        into.append(&mut self.wanted);
+    }
+
+    fn run(&mut self, ray: &Ray, goal: Goal, missing: &mut Missing) -> Option<Ended> {
+        let (scene, pages, stack) = (&self.scene, &mut self.pages, &mut self.stack);
+        match self.arithmetic {
+            #[cfg(target_arch = "x86_64")]
+            Arithmetic::Avx2 => super::simd::trace(scene, pages, stack, (ray, goal), missing),
+            Arithmetic::Scalar => trace_ray::<Scalar<f32>, P>(scene, pages, stack, (ray, goal), missing),
+            Arithmetic::Deep => trace_ray::<Scalar<f64>, P>(scene, pages, stack, (ray, goal), missing),
+        }
+    }
+
+    /// Traces rays in packets; `outside` is the answer of those that miss the model's box.
+    #[cfg(target_arch = "x86_64")]
+    fn packets<A: Copy>(
+        &mut self,
+        (rays, goal): (&[Ray], Goal),
+        (outside, answers): (A, &mut Vec<A>),
+        answer: impl Fn(&mut Self, &Ray, &Ended, &Missing) -> A,
+    ) {
+        let mut packet = self.packet.take().unwrap_or_default();
+        for rays in rays.chunks(PACKET_RAYS) {
+            super::simd::packet(&self.scene, &mut self.pages, &mut self.stack, (rays, goal), &mut packet);
+            let first = answers.len();
+            answers.resize(first + rays.len(), outside);
+            for ((ended, missing), &place) in packet.ended.iter().zip(&packet.missing).zip(&packet.places) {
+                answers[first + place] = answer(self, &rays[place], ended, missing);
+            }
+        }
+        self.packet = Some(packet);
+    }
+
+    /// The answer of a ray that asked for the closest hit.
+    fn closest(
+        &mut self,
+        ray: &Ray,
+        Ended { ray: local, found }: &Ended,
+        missing: &Missing,
+    ) -> Answer<Option<Hit>> {
+        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.t);
+        if missing.count > 0 && missing.nearest <= hit_t {
+            self.note(missing, hit_t);
+            return Answer::Blocked;
+        }
+        let hit = found.as_ref().map(|found| self.hit(ray, local, found));
+        Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+    }
+
+    /// The answer of a ray that asked for any.
+    fn any(&mut self, ended: &Ended, missing: &Missing) -> Answer<bool> {
+        if ended.found.is_some() {
+            return Answer::Exact(true);
+        }
+        if missing.count > 0 {
+            self.note(missing, f64::INFINITY);
+            return Answer::Blocked;
+        }
+        Answer::Exact(false)
+    }
+
+    fn note(&mut self, missing: &Missing, before: f64) {
+        for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
+            want(&mut self.wanted, page);
+        }
+    }
+
+    fn hit(&self, ray: &Ray, local: &LatticeRay, found: &Found) -> Hit {
+        let frame = &self.scene.frame;
+        let q = found.corners;
+        let t = local.model_t(found.t);
+        let n = normal(q);
+        let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
+        let size = edges.fold(1.0f64, |m, x| m.max(x.abs() as f64));
+        let reach = (0..3).map(|a| ray.origin[a].abs() + (t * ray.direction[a]).abs()).fold(0.0, f64::max);
+        Hit {
+            t,
+            triangle: found.triangle,
+            page: found.page,
+            material: u32::from(found.material),
+            normal: n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 }),
+            error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
+        }
+    }
+}
+
+/// One ray more that a page blocks.
+fn want(wanted: &mut Vec<(u32, u32)>, page: u32) {
+    match wanted.iter_mut().find(|(wanted, _)| *wanted == page) {
+        Some((_, rays)) => *rays += 1,
+        None => wanted.push((page, 1)),
+    }
+}
+
+impl<P: Pages> Tracer for PagedMesh<'_, P> {
+    #[inline]
+    fn unit_page(&mut self, page: u32) -> Page<'_> {
+        let found = self.pages.page(page);
+        if matches!(found, Page::Missing) {
+            want(&mut self.wanted, page);
+        }
+        found
+    }
+
+    fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
+        let mut missing = Missing::none();
+        match self.run(ray, Goal::Closest, &mut missing) {
+            Some(ended) => self.closest(ray, &ended, &missing),
+            None => Answer::Exact(None),
+        }
+    }
+
+    fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
+        let mut missing = Missing::none();
+        match self.run(ray, Goal::Any, &mut missing) {
+            Some(ended) => self.any(&ended, &missing),
+            None => Answer::Exact(false),
+        }
+    }
+
+    fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {
+        #[cfg(target_arch = "x86_64")]
+        if self.arithmetic == Arithmetic::Avx2 {
+            let outside = Answer::Exact(None);
+            return self.packets((rays, Goal::Closest), (outside, answers), |mesh, ray, ended, missing| {
+                mesh.closest(ray, ended, missing)
+            });
+        }
+        answers.extend(rays.iter().map(|ray| self.intersect(ray)));
+    }
+
+    fn occluded_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<bool>>) {
+        #[cfg(target_arch = "x86_64")]
+        if self.arithmetic == Arithmetic::Avx2 {
+            let outside = Answer::Exact(false);
+            return self.packets((rays, Goal::Any), (outside, answers), |mesh, _, ended, missing| {
+                mesh.any(ended, missing)
+            });
+        }
+        answers.extend(rays.iter().map(|ray| self.occluded(ray)));
+    }
+}

@@ -1,0 +1,43 @@
+//! `Voxels`: the resident octree of a file, with what leads to its units.
+
+use super::lower::LowerScene;
+use super::traverse::{Occluders, VoxelScene};
+use trex_store::octree::{LowerLinks, UpperOctree};
+use trex_store::{Budget, Lattice, Lease, PageFile, Result};
+
+/// The resident octree of a model, where it stands, and where the units below it are.
+#[derive(Debug)]
+pub struct Voxels {
+    octree: UpperOctree,
+    links: Option<(LowerLinks, Lease)>,
+    lattice: Lattice,
+    _lease: Lease,
+}
+
+impl Voxels {
+    /// Reads the octree of `file`; `None` for a file without. Their memory is leased from `budget`.
+    ///
+    /// # Errors
+    /// As [`PageFile::upper`] and [`PageFile::lower`].
+    pub fn open(file: &PageFile, budget: &Budget) -> Result<Option<Voxels>> {
+        let lattice = file.superblock().lattice;
+        let Some((octree, lease)) = file.upper(budget)? else { return Ok(None) };
+        let links = file.lower(&octree, budget)?;
+        Ok(Some(Voxels { octree, links, lattice, _lease: lease }))
+    }
+
+    /// The resident octree, for rays.
+    pub fn scene(&self, occluders: Occluders) -> VoxelScene<'_> {
+        VoxelScene::new(&self.octree, &self.lattice, occluders)
+    }
+
+    /// The octree with the units below it; `None` for a file whose upper leaves are the finest.
+    pub fn lower_scene(&self, occluders: Occluders) -> Option<LowerScene<'_>> {
+        self.links.as_ref().map(|(links, _)| LowerScene::new(self.scene(occluders), links))
+    }
+
+    /// Count of facets, which light is kept by.
+    pub fn facet_count(&self) -> usize {
+        self.octree.facets().count()
+    }
+}

@@ -1,0 +1,118 @@
+//! `Rendered`: what a render tells, as text and as JSON.
+
+use super::show::Frames;
+use crate::memory::Memory;
+use crate::size;
+use serde::Serialize;
+use std::fmt;
+use std::time::Duration;
+use trex_render::{MemoryPlan, PhotonStats, RayCounts, RayRates};
+use trex_store::io::IoDescription;
+use trex_store::pool::PoolStats;
+
+/// The result of a render.
+#[derive(Debug, Serialize)]
+pub struct Rendered {
+    pub scene: String,
+    pub output: String,
+    /// Each picture, of a camera path one for each viewpoint.
+    pub pictures: Vec<Picture>,
+    pub integrator: &'static str,
+    pub spp: u32,
+    pub rays: RayCounts,
+    pub rays_per_s: RayRates,
+    pub photons: PhotonStats,
+    pub photons_ms: u64,
+    /// Look-ups of the photons nearest to a place; of `full-gi`.
+    pub look_ups: u64,
+    pub look_ups_per_s: f64,
+    pub time_ms: u64,
+    pub first_picture_ms: Option<u64>,
+    /// Of frames with a deadline.
+    #[serde(flatten)]
+    pub frames: Option<Frames>,
+    pub complete_ms: Option<u64>,
+    pub exact: bool,
+    pub lod_error_px: f64,
+    pub damaged_pages: Vec<u32>,
+    pub image: Image,
+    pub waits: u64,
+    pub narrow_samples: u64,
+    pub pool: PoolStats,
+    pub shares: MemoryPlan,
+    pub memory: Memory,
+    pub io_backend: IoDescription,
+    pub device: &'static str,
+    pub arithmetic: &'static str,
+}
+
+/// A picture that was written.
+#[derive(Debug, Serialize)]
+pub struct Picture {
+    pub output: String,
+    pub spp: u32,
+    pub time_ms: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub struct Image {
+    pub mean: [f64; 3],
+    pub width: u32,
+    pub height: u32,
+}
+
+impl fmt::Display for Rendered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (rays, pool) = (&self.rays, &self.pool);
+        let total = rays.total();
+        let output = match self.pictures.as_slice() {
+            [first, .., last] => format!("{} to {}", first.output, last.output),
+            _ => self.output.clone(),
+        };
+        writeln!(
+            f,
+            "{output}: {}x{}, {} samples a pixel, {}",
+            self.image.width,
+            self.image.height,
+            self.spp,
+            size::duration(Duration::from_millis(self.time_ms))
+        )?;
+        writeln!(
+            f,
+            "{} ({} primary, {} mirror, {} shadow, {} gather, {} photon), {}",
+            size::count(total),
+            size::count(rays.primary),
+            size::count(rays.mirror),
+            size::count(rays.shadow),
+            size::count(rays.gather),
+            size::count(rays.photon),
+            size::rate(total as f64 * 1e3 / self.time_ms.max(1) as f64, "rays")
+        )?;
+        if self.look_ups > 0 {
+            writeln!(
+                f,
+                "{} photons stored, {} look-ups of the nearest, {}",
+                size::count(self.photons.deposits),
+                size::count(self.look_ups),
+                size::rate(self.look_ups_per_s, "look-ups")
+            )?;
+        }
+        if !self.damaged_pages.is_empty() {
+            writeln!(
+                f,
+                "not whole: {} damaged pages, left out; see `trex verify`",
+                self.damaged_pages.len()
+            )?;
+        }
+        write!(
+            f,
+            "pages: {} read ({}), {} evicted, {} read again; memory limit {}, peak {}",
+            size::count(pool.pages_read),
+            size::bytes(pool.bytes_read),
+            size::count(pool.evictions),
+            size::count(pool.refaults),
+            size::bytes(self.memory.limit_bytes),
+            self.memory.peak_rss_bytes.map_or_else(|| "unknown".into(), size::bytes)
+        )
+    }
+}

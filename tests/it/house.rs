@@ -1,0 +1,313 @@
+//! The house keeps its shape: no file imports in a circle, and each floor of the renderer imports floors above it only.
+//!
+//! ```text
+//! file -> its `use` lines and inline paths -> the file that defines the name (through re-exports) -> arrows
+//! ```
+//!
+//! A re-export (`pub use`, `pub(crate) use`) is a signpost, not an arrow: what counts is who names the thing in the end.
+//! Tests at a file's end, and files of tests, are left aside.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The floors of the renderer, the lowest first: each imports those before it.
+const FLOORS: [&str; 14] = [
+    "math",
+    "sampler",
+    "sampling",
+    "stats",
+    "trace",
+    "voxel",
+    "shading",
+    "scene",
+    "image",
+    "photon",
+    "integrate",
+    "schedule",
+    "gpu",
+    "session",
+];
+/// The crates whose files are looked at, by folder.
+const CRATES: [&str; 5] = ["store", "datasets-gen", "render", "bench", "."];
+/// Re-exports that lead to re-exports, at most.
+const SIGNPOSTS_MAX: usize = 8;
+
+/// A source file of a crate.
+struct File {
+    /// Relative to the root.
+    path: String,
+    /// Its module path below the crate.
+    module: Vec<String>,
+    /// Without comments and tests.
+    code: String,
+}
+
+/// The files of a crate, by module path.
+struct Crate {
+    files: BTreeMap<Vec<String>, File>,
+}
+
+/// A path that a file names, and whether it only hands it on.
+struct Named {
+    segments: Vec<String>,
+    is_signpost: bool,
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+impl Crate {
+    fn read(folder: &str) -> Crate {
+        let src = root().join(folder).join("src");
+        let mut files = BTreeMap::new();
+        for path in rust_files(&src) {
+            let below = path.strip_prefix(&src).unwrap().with_extension("");
+            let mut module: Vec<String> =
+                below.iter().map(|part| part.to_string_lossy().into_owned()).collect();
+            if ["mod", "lib", "main"].contains(&module.last().unwrap().as_str()) {
+                module.pop();
+            }
+            let is_tests = module.iter().any(|part| part == "tests" || part == "testing");
+            let shown = path.strip_prefix(root()).unwrap().to_string_lossy().replace('\\', "/");
+            if !is_tests {
+                let code = shipped(&fs::read_to_string(&path).unwrap());
+                // The binary of a crate with a library is a file of its own.
+                files.entry(module.clone()).or_insert(File { path: shown, module, code });
+            }
+        }
+        assert!(!files.is_empty(), "{folder} has no files: the walk is broken");
+        Crate { files }
+    }
+
+    /// The module of the file that defines what `segments`, seen from `from`, name; `None` for other crates and locals.
+    fn definer(&self, from: &[String], segments: &[String], depth: usize) -> Option<Vec<String>> {
+        let mut at = from.to_vec();
+        let mut rest = segments;
+        match rest.first()?.as_str() {
+            "crate" => {
+                at.clear();
+                rest = &rest[1..];
+            }
+            "self" => rest = &rest[1..],
+            "super" => {
+                while rest.first().is_some_and(|part| part == "super") {
+                    at.pop()?;
+                    rest = &rest[1..];
+                }
+            }
+            child => {
+                at.push(child.to_owned());
+                if !self.files.contains_key(&at) {
+                    return None;
+                }
+                rest = &rest[1..];
+            }
+        }
+        while let Some(part) = rest.first() {
+            at.push(part.clone());
+            if !self.files.contains_key(&at) {
+                at.pop();
+                break;
+            }
+            rest = &rest[1..];
+        }
+        let file = self.files.get(&at)?;
+        let name = rest.first().filter(|_| depth < SIGNPOSTS_MAX);
+        let onward = name.and_then(|name| {
+            let named = file.named();
+            let mut posts = named.iter().filter(|named| named.is_signpost);
+            let post = posts.find(|post| post.segments.last() == Some(name))?;
+            self.definer(&at, &post.segments, depth + 1)
+        });
+        Some(onward.unwrap_or(at))
+    }
+
+    /// Who imports whom, by module.
+    fn arrows(&self) -> BTreeMap<&[String], BTreeSet<Vec<String>>> {
+        let arrows_of = |file: &File| {
+            let named = file.named().into_iter().filter(|named| !named.is_signpost);
+            let defined = named.filter_map(|named| self.definer(&file.module, &named.segments, 0));
+            defined.filter(|module| *module != file.module).collect()
+        };
+        self.files.values().map(|file| (file.module.as_slice(), arrows_of(file))).collect()
+    }
+}
+
+impl File {
+    /// All paths that the file names.
+    fn named(&self) -> Vec<Named> {
+        let mut all = Vec::new();
+        let mut rest = self.code.as_str();
+        while let Some(at) = rest.find("use ") {
+            let line = rest[..at].rfind('\n').map_or(0, |end| end + 1);
+            let before = rest[line..at].trim();
+            let end = rest[at..].find(';').map_or(rest.len(), |end| at + end);
+            if before.is_empty() || before.starts_with("pub") {
+                let text: String = rest[at + 4..end].split_whitespace().collect::<Vec<_>>().join(" ");
+                spread(&text, &[], &mut |segments| {
+                    all.push(Named { segments, is_signpost: before.starts_with("pub") });
+                });
+                rest = &rest[end..];
+            } else {
+                rest = &rest[at + 4..];
+            }
+        }
+        for start in ["crate::", "super::"] {
+            for (at, _) in self.code.match_indices(start) {
+                let is_whole = !self.code[..at].ends_with(|c: char| c.is_alphanumeric() || "_:".contains(c));
+                let word = |c: char| c.is_alphanumeric() || c == '_' || c == ':';
+                let path: String = self.code[at..].chars().take_while(|&c| word(c)).collect();
+                let in_use = self.code[..at].rfind([';', '}', '{']).map_or(0, |end| end + 1);
+                if is_whole && !self.code[in_use..at].contains("use ") {
+                    let segments = path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
+                    all.push(Named { segments, is_signpost: false });
+                }
+            }
+        }
+        all
+    }
+}
+
+/// Calls `tell` with each path of a use tree: `a::{b, c::d}` is `a::b` and `a::c::d`.
+fn spread(tree: &str, above: &[String], tell: &mut impl FnMut(Vec<String>)) {
+    let tree = tree.trim();
+    let (head, inner) = match tree.find('{') {
+        Some(open) => (&tree[..open], Some(&tree[open + 1..tree.rfind('}').unwrap_or(tree.len())])),
+        None => (tree.split(" as ").next().unwrap(), None),
+    };
+    let mut path = above.to_vec();
+    path.extend(head.split("::").map(str::trim).filter(|part| !part.is_empty() && *part != "*").map(str::to_owned));
+    let Some(inner) = inner else {
+        if path.last().is_some_and(|last| last == "self") && path.len() > 1 {
+            path.pop();
+        }
+        return tell(path);
+    };
+    let (mut depth, mut from) = (0, 0);
+    for (at, c) in inner.char_indices().chain([(inner.len(), ',')]) {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            ',' if depth == 0 => {
+                if !inner[from..at].trim().is_empty() {
+                    spread(&inner[from..at], &path, tell);
+                }
+                from = at + 1;
+            }
+            _ => {}
+        }
+    }
+}
+
+/// A file's text without comments, and without the tests at its end.
+fn shipped(text: &str) -> String {
+    let tests_at = text.find("\n#[cfg(test)]\nmod tests").unwrap_or(text.len());
+    let lines = text[..tests_at].lines().map(|line| line.split("//").next().unwrap_or_default());
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut folders = vec![folder.to_path_buf()];
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// The circles of a graph: sets of nodes that reach each other.
+fn circles(arrows: &BTreeMap<&[String], BTreeSet<Vec<String>>>) -> BTreeSet<BTreeSet<Vec<String>>> {
+    let reach = |from: &[String]| {
+        let (mut seen, mut open) = (BTreeSet::new(), vec![from.to_vec()]);
+        while let Some(at) = open.pop() {
+            for next in arrows.get(at.as_slice()).into_iter().flatten() {
+                if seen.insert(next.clone()) {
+                    open.push(next.clone());
+                }
+            }
+        }
+        seen
+    };
+    let reached: BTreeMap<&[String], BTreeSet<Vec<String>>> =
+        arrows.keys().map(|&module| (module, reach(module))).collect();
+    let around = reached.iter().filter(|(module, all)| all.contains(**module));
+    around
+        .map(|(module, all)| {
+            let back = |other: &&Vec<String>| reached.get(other.as_slice()).is_some_and(|r| r.contains(*module));
+            all.iter().filter(back).cloned().collect()
+        })
+        .collect()
+}
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let mut found = Vec::new();
+    for folder in CRATES {
+        let files = Crate::read(folder);
+        for circle in circles(&files.arrows()) {
+            let names: Vec<_> = circle.iter().map(|module| files.files[module].path.as_str()).collect();
+            found.push(format!("{} files in a circle: {}", names.len(), names.join(", ")));
+        }
+    }
+    assert!(found.is_empty(), "\n{}\n", found.join("\n"));
+}
+
+#[test]
+fn each_floor_of_the_renderer_imports_floors_above_it_only() {
+    let files = Crate::read("render");
+    let floor = |module: &[String]| {
+        let name = module.first()?;
+        let at = FLOORS.iter().position(|floor| floor == name);
+        Some(at.unwrap_or_else(|| panic!("render/src/{name} stands on no floor: add it to FLOORS")))
+    };
+    let mut found = Vec::new();
+    for (from, targets) in files.arrows() {
+        // The list of what is public.
+        let Some(here) = floor(from) else { continue };
+        for to in targets {
+            if floor(&to).is_none_or(|there| there > here) {
+                found.push(format!("{} imports {}", files.files[from].path, files.files[&to].path));
+            }
+        }
+    }
+    assert!(found.is_empty(), "against the floors:\n{}\n", found.join("\n"));
+}
+
+#[test]
+fn paths_are_followed_to_who_defines_the_name() {
+    let file = |module: &[&str], code: &str| {
+        let module: Vec<String> = module.iter().map(|part| (*part).to_owned()).collect();
+        (module.clone(), File { path: module.join("/"), module, code: code.to_owned() })
+    };
+    let files = Crate {
+        files: BTreeMap::from([
+            file(&[], "pub use a::Thing;\nmod a;"),
+            file(&["a"], "pub(crate) use inner::{Thing, Other as Else};"),
+            file(&["a", "inner"], "use crate::b::{self, more::{Deep, Flat}};\nstruct Thing;"),
+            file(&["b"], "fn f() -> super::a::Thing {}"),
+            file(&["b", "more"], "use std::fmt;\nuse super::helper;"),
+        ]),
+    };
+    let arrows = files.arrows();
+    let names = |module: &[&str]| {
+        let module: Vec<String> = module.iter().map(|part| (*part).to_owned()).collect();
+        arrows[module.as_slice()].iter().map(|to| to.join("/")).collect::<Vec<_>>()
+    };
+    assert_eq!(names(&["a"]), [""; 0]);
+    assert_eq!(names(&["a", "inner"]), ["b", "b/more"]);
+    assert_eq!(names(&["b"]), ["a/inner"]);
+    assert_eq!(names(&["b", "more"]), ["b"]);
+    let found = circles(&arrows);
+    assert_eq!(found.len(), 1);
+    assert_eq!(found.first().unwrap().len(), 3);
+}
