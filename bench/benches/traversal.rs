@@ -1,5 +1,5 @@
-//! Steps of traversal: tests of nodes, leaf boxes and triangles, eight lanes and plain; and whole rays, alone and in packets.
-//! One core.
+//! Steps of traversal: tests of nodes, leaf boxes and triangles, eight lanes and plain; and whole rays, alone and in
+//! packets. One core.
 //!
 //! ```text
 //! cargo bench -p trex-bench --bench traversal

@@ -5,14 +5,12 @@
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
 //!   ^ sizes: what clusters and pages would take in other forms
 //!   ^ stress: a session under views and limits that change
-//!   ^ image: two pictures, compared
 //! ```
 //!
 //! Invariant: a figure in the documentation comes from a record, and a record says how to get it again.
 
 pub mod building;
 pub mod docs;
-pub mod image;
 pub mod machine;
 pub mod median;
 pub mod model;

@@ -106,7 +106,7 @@ fn keep(root: &Path, document: &Path, labels: Labels) -> anyhow::Result<ExitCode
         fs::read_to_string(document).with_context(|| format!("cannot read {}", document.display()))?
     };
     let document = serde_json::from_str(&text).context("the document is not JSON")?;
-    let path = record::append(root, &Record::of_document(&document, labels, root)?)?;
+    let path = record::append(root, &Record::from_document(&document, labels, root)?)?;
     tell(&[format!("appended to {}", path.display())])?;
     Ok(ExitCode::SUCCESS)
 }

@@ -62,7 +62,7 @@ impl Record {
     ///
     /// # Errors
     /// The document is no object, reports a failure, or names no command.
-    pub fn of_document(document: &Value, labels: Labels, root: &Path) -> anyhow::Result<Record> {
+    pub fn from_document(document: &Value, labels: Labels, root: &Path) -> anyhow::Result<Record> {
         let Some(object) = document.as_object() else { bail!("the document is not a JSON object") };
         let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
         let schema = text("schema").unwrap_or_default();
@@ -74,9 +74,12 @@ impl Record {
             flatten(key, value, &mut values);
         }
         ensure!(!values.is_empty(), "the document holds no figures");
+        values.values_mut().for_each(strip_folders);
+        let command = labels.command.or_else(|| text("command")).context("no command: pass --command")?;
+        let scene = labels.scene.or_else(|| text("scene")).unwrap_or_default();
         Ok(Record {
-            command: labels.command.or_else(|| text("command")).context("no command: pass --command")?,
-            scene: labels.scene.or_else(|| text("scene")).unwrap_or_default(),
+            command: without_folders(&command),
+            scene: without_folders(&scene),
             seed: labels.seed.or_else(|| object.get("seed").and_then(Value::as_u64)),
             machine: Machine::here(),
             commit: machine::commit(root),
@@ -101,6 +104,25 @@ fn flatten(key: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
         scalar => {
             into.insert(key.to_owned(), scalar.clone());
         }
+    }
+}
+
+/// `/home/ann/out/a.trex` to `a.trex`: where files lie on the machine of a run is no part of its record.
+fn without_folders(text: &str) -> String {
+    let name = |word: &str| {
+        // `--output=/home/ann/a.png`, too.
+        let at = word.find("=/").map_or(0, |at| at + 1);
+        let (before, path) = word.split_at(at);
+        let is_path = path.starts_with('/') && path.len() > 1;
+        let kept = if is_path { path.trim_end_matches('/').rsplit('/').next().unwrap_or(path) } else { path };
+        format!("{before}{kept}")
+    };
+    text.split(' ').map(name).collect::<Vec<_>>().join(" ")
+}
+
+fn strip_folders(value: &mut Value) {
+    if let Value::String(text) = value {
+        *text = without_folders(text);
     }
 }
 
@@ -177,7 +199,7 @@ mod tests {
             "schema": "trex.build/1", "command": "trex build gen:soup:1k -o a.trex", "version": "0.1.0", "seed": 7,
             "triangle_count": 1000, "phase_ms": {"scan": 1.5, "emit": null}, "mean": [0.1, 0.2], "io_backend": "uring",
         });
-        let record = Record::of_document(&document, labels("build-soup"), root.path()).unwrap();
+        let record = Record::from_document(&document, labels("build-soup"), root.path()).unwrap();
         assert_eq!(record.command, "trex build gen:soup:1k -o a.trex");
         assert_eq!(record.seed, Some(7));
         let keys: Vec<_> = record.values.keys().map(String::as_str).collect();
@@ -186,6 +208,24 @@ mod tests {
         append(root.path(), &record).unwrap();
         append(root.path(), &record).unwrap();
         assert_eq!(read_all(root.path()).unwrap(), [record.clone(), record]);
+    }
+
+    /// Records once held the home folders of who made them.
+    #[test]
+    fn folders_of_the_machine_are_left_out() {
+        let root = tempfile::tempdir().unwrap();
+        let document = json!({
+            "command": "trex render /home/ann/iso.trex -o=/tmp/work/a.png --memory-limit 1GiB gen:soup:1k a/b.trex",
+            "scene": "/home/ann/iso.trex", "output": "/tmp/work/a.png",
+            "io_backend": "io_uring, /dev/nvme0 with O_DIRECT", "rate": "3 a/s", "time_ms": 1,
+        });
+        let record = Record::from_document(&document, labels("x"), root.path()).unwrap();
+        assert_eq!(record.command, "trex render iso.trex -o=a.png --memory-limit 1GiB gen:soup:1k a/b.trex");
+        assert_eq!((record.scene.as_str(), &record.values["output"]), ("iso.trex", &json!("a.png")));
+        assert_eq!(record.values["io_backend"], json!("io_uring, nvme0 with O_DIRECT"));
+        assert_eq!(record.values["rate"], json!("3 a/s"));
+        let line = serde_json::to_string(&record).unwrap();
+        assert!(!line.contains("ann") && !line.contains("work"), "{line}");
     }
 
     #[test]
@@ -199,7 +239,7 @@ mod tests {
             (json!({"command": "c", "a_ms": 1}), "../x", "accepted are"),
             (json!({"command": "c", "a_ms": 1}), "", "accepted are"),
         ] {
-            let error = Record::of_document(&document, labels(name), root.path()).unwrap_err().to_string();
+            let error = Record::from_document(&document, labels(name), root.path()).unwrap_err().to_string();
             assert!(error.contains(why), "{document}: {error}");
         }
     }

@@ -1,13 +1,14 @@
 //! Workload `sizes`: what the clusters and pages of a file would take in forms that are not shipped.
 //!
 //! ```text
-//! clusters of a file -> as they are | halves | neighbours in pairs -> head, boxes, indices, vertices -> bytes a triangle
+//! clusters of a file -> as they are | halves | neighbours in pairs
+//!                    -> head, boxes, indices, vertices -> bytes a triangle
 //! pages of a file    -> as stored | unpacked
 //! ```
 //!
-//! Invariants: 1. counted, not estimated: vertices of a half or of a pair are numbered anew, in the order of first use; a head has
-//! room for the boxes of all leaves that a full cluster has; 2. nodes count as what a full one takes for each of its children;
-//! 3. what is common to all forms is left out: tables, unused ends of frames.
+//! Invariants: 1. counted, not estimated: vertices of a half or of a pair are numbered anew, in the order of first
+//! use; a head has room for the boxes of all leaves that a full cluster has; 2. nodes count as what a full one takes
+//! for each of its children; 3. what is common to all forms is left out: tables, unused ends of frames.
 
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;

@@ -4,7 +4,7 @@ use super::{CommonArgs, OverwriteArgs};
 use crate::values;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
-use trex_bench::image::compare::{DEFAULT_EPSILON, DEFAULT_PEAK};
+use trex_image::{DEFAULT_EPSILON, DEFAULT_PEAK};
 
 /// `trex image`
 #[derive(Debug, Args)]

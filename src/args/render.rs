@@ -29,7 +29,8 @@ pub struct RenderArgs {
     /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else off)
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub filter: Option<Switch>,
-    /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an array of tables `view`, each with position, target and, if you like, up
+    /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an
+    /// array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml", conflicts_with = "t_max")]
     pub camera_path: Option<PathBuf>,
     /// Further layers of an EXR
@@ -88,7 +89,8 @@ pub struct PictureArgs {
     /// Whether voxels are what their bitmaps say, or whole cubes (else on)
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub occluders: Option<Switch>,
-    /// Where a leaf voxel covers at most this many pixels it stands for the mesh; 0 = the exact mesh everywhere (else 0; stress: 1)
+    /// Where a leaf voxel covers at most this many pixels it stands for the mesh; 0 = the exact mesh everywhere (else
+    /// 0; stress: 1)
     #[arg(long, value_name = "PX", value_parser = values::pixels)]
     pub lod_error: Option<f64>,
     /// Seed of the samples (else 1)
@@ -105,18 +107,18 @@ pub struct DeadlineArgs {
     /// Longest time of a frame: the picture is made in frames, as a viewer would show them (stress: 100; render: none)
     #[arg(long, value_name = "MS", value_parser = values::milliseconds)]
     pub t_max: Option<Milliseconds>,
-    /// Most tiles that are shown together; less where they take more than half of the frame
-    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
-    pub fetch_block: u32,
-    /// Which tiles come first
-    #[arg(long, value_enum, value_name = "ORDER", default_value_t = TileOrderArg::Saliency)]
-    pub tile_order: TileOrderArg,
-    /// What catches the eye
-    #[arg(long, value_enum, value_name = "METRIC", default_value_t = SaliencyArg::Achanta)]
-    pub saliency: SaliencyArg,
-    /// Whether pages are read ahead of rays
-    #[arg(long, value_enum, value_name = "WHETHER", default_value_t = Switch::On)]
-    pub prefetch: Switch,
+    /// Most tiles that are shown together; less where they take more than half of the frame [default: 512]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    pub fetch_block: Option<u32>,
+    /// Which tiles come first [default: saliency]
+    #[arg(long, value_enum, value_name = "ORDER")]
+    pub tile_order: Option<TileOrderArg>,
+    /// What catches the eye [default: achanta]
+    #[arg(long, value_enum, value_name = "METRIC")]
+    pub saliency: Option<SaliencyArg>,
+    /// Whether pages are read ahead of rays [default: on]
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub prefetch: Option<Switch>,
 }
 
 /// `--tile-order`.
@@ -174,24 +176,37 @@ impl PictureArgs {
 }
 
 impl DeadlineArgs {
+    /// The flag of these that was given, if any: none of them says anything of a picture without a deadline.
+    pub fn given(&self) -> Option<&'static str> {
+        let flags = [
+            ("--fetch-block", self.fetch_block.is_some()),
+            ("--tile-order", self.tile_order.is_some()),
+            ("--saliency", self.saliency.is_some()),
+            ("--prefetch", self.prefetch.is_some()),
+        ];
+        flags.into_iter().find_map(|(flag, is_given)| is_given.then_some(flag))
+    }
+
     /// The library's form, for frames of `t_max`.
     pub fn options(&self, t_max: &Milliseconds) -> FrameOptions {
+        let defaults = FrameOptions::default();
         let saliency = match self.saliency {
-            SaliencyArg::Achanta => Saliency::Achanta,
-            SaliencyArg::Itti => Saliency::Itti,
+            None | Some(SaliencyArg::Achanta) => Saliency::Achanta,
+            Some(SaliencyArg::Itti) => Saliency::Itti,
         };
         FrameOptions {
             t_max: Duration::from_secs_f64(t_max.0 / 1e3),
-            fetch_block: self.fetch_block,
+            fetch_block: self.fetch_block.unwrap_or(defaults.fetch_block),
             order: match self.tile_order {
-                TileOrderArg::Zcurve => TileOrder::ZCurve,
-                TileOrderArg::Row => TileOrder::Row,
-                TileOrderArg::Random => TileOrder::Random,
-                TileOrderArg::Saliency => TileOrder::Saliency(saliency),
+                Some(TileOrderArg::Zcurve) => TileOrder::ZCurve,
+                Some(TileOrderArg::Row) => TileOrder::Row,
+                Some(TileOrderArg::Random) => TileOrder::Random,
+                None | Some(TileOrderArg::Saliency) => TileOrder::Saliency(saliency),
             },
             prefetch: match self.prefetch {
-                Switch::On => Prefetch::On,
-                Switch::Off => Prefetch::Off,
+                None => defaults.prefetch,
+                Some(Switch::On) => Prefetch::On,
+                Some(Switch::Off) => Prefetch::Off,
             },
         }
     }

@@ -14,8 +14,9 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 use std::time::Instant;
-use trex_bench::image::compare::{Comparison, Constants, Figures, compare};
-use trex_bench::image::{Head, Origin, Picture, false_colour, read_head, read_picture};
+use trex_image::{
+    Comparison, Constants, Figures, Head, Origin, Picture, compare, false_colour, read_head, read_picture,
+};
 use trex_store::output::check_apart;
 use trex_store::{Code, Error, Lease, RESERVE_BYTES, Result};
 

@@ -282,7 +282,8 @@ impl fmt::Display for Stored {
         match &self.asvo {
             Some(asvo) => writeln!(
                 f,
-                "voxels: {} leaves of {}^3, side {:.4}, {} in units up to {}^3; {:.1} bytes per leaf on disk, {:.1} resident",
+                "voxels: {} leaves of {}^3, side {:.4}, {} in units up to {}^3; {:.1} bytes per leaf on disk, \
+                 {:.1} resident",
                 size::count(u64::from(asvo.leaf_count_upper)),
                 asvo.r_u,
                 asvo.leaf_side,

@@ -20,13 +20,19 @@ use trex_render::{
     RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
-use trex_store::{Progress, Result};
+use trex_store::{Code, Error, Progress, Result};
 
 /// Damaged pages that are told one by one.
 const DAMAGE_TOLD: usize = 10;
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
+    if let Some(flag) = args.deadline.given().filter(|_| args.deadline.t_max.is_none()) {
+        return Err(Error::new(Code::Usage, "this flag is of frames with a deadline, and there is none")
+            .at_place(flag)
+            .next("give --t-max too, or leave the flag away")
+            .into());
+    }
     let (mut scene, path) = open_scene(&args.file)?;
     override_scene(&mut scene, args);
     let layers = Layers {

@@ -6,16 +6,18 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Crates and the crates of ours that each may name. One way: store <- {datasets-gen, render} <- bench <- trex.
-const MAY_NAME: [(&str, &[&str]); 5] = [
+/// Crates and the crates of ours that each may name. One way: store <- {datasets-gen, render, image} <- bench <- trex.
+const MAY_NAME: [(&str, &[&str]); 6] = [
     ("store", &[]),
     ("datasets-gen", &["trex-store"]),
     ("render", &["trex-store"]),
+    ("image", &["trex-store"]),
     ("bench", &["trex-store", "datasets-gen", "trex-render"]),
-    (".", &["trex-store", "datasets-gen", "trex-render", "trex-bench"]),
+    (".", &["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-bench"]),
 ];
 /// All of them.
-const OUR_CRATES: [&str; 5] = ["trex-store", "datasets-gen", "trex-render", "trex-bench", "trex"];
+const OUR_CRATES: [&str; 6] =
+    ["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-bench", "trex"];
 /// Files that may hold `unsafe`: what they do cannot be said otherwise. Each opens with why it is sound.
 const UNSAFE_FILES: [&str; 16] = [
     // Memory that the kernel writes to, and mappings.
@@ -74,7 +76,7 @@ impl Source {
 
     /// True for code of the library crates: what others may embed.
     fn is_library(&self) -> bool {
-        ["store/src/", "datasets-gen/src/", "render/src/", "bench/src/"]
+        ["store/src/", "datasets-gen/src/", "render/src/", "image/src/", "bench/src/"]
             .iter()
             .any(|folder| self.is_in(folder))
             && !["bench/src/main.rs", "bench/src/workload.rs"].contains(&self.path.as_str())

@@ -9,10 +9,9 @@
 //! scenes; 3. handles are released in the reverse order.
 #![allow(unsafe_code)]
 
-use crate::rays::compare::decode;
-use crate::rays::contender::{Contender, MISS, RayAnswer, spread};
-use crate::rays::sets::{BenchRay, Query, RaySet};
-use crate::rays::{ModeFigures, PeerSetup};
+use crate::rays::{
+    BenchRay, Contender, MISS, ModeFigures, PeerSetup, Query, RayAnswer, RaySet, decode, spread,
+};
 use anyhow::{Context, ensure};
 use std::collections::HashMap;
 use std::ffi::{CString, c_char, c_void};

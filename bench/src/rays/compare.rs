@@ -10,12 +10,11 @@
 //!
 //! The tolerance is what f32 coordinates leave: 2^-21 of the largest one.
 
-use super::RayAnswer;
+use super::contender::RayAnswer;
+use super::mesh::decode;
 use super::sets::{BenchRay, RaySet};
 use serde::Serialize;
 use trex_store::PageFile;
-use trex_store::cluster::FrameView;
-use trex_store::layout::FRAME_BYTES;
 
 /// How often two agree about the closest hit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -38,23 +37,6 @@ impl Agreement {
         self.ours_wrong_count += other.ours_wrong_count;
         self.theirs_wrong_count += other.theirs_wrong_count;
     }
-}
-
-/// All triangles in the order of their ids, lattice coordinates.
-pub(crate) fn decode(file: &PageFile) -> trex_store::Result<Vec<[[i32; 3]; 3]>> {
-    let mut triangles = Vec::with_capacity(file.superblock().triangle_count as usize);
-    // Frames are read through words: their alignment is what nodes need.
-    let mut frame = vec![0u64; FRAME_BYTES / 8];
-    let mut buffers = [Vec::new(), Vec::new()];
-    for page in 0..file.pages().len() as u32 {
-        file.read_page(page, bytemuck::cast_slice_mut(&mut frame), &mut buffers)?;
-        FrameView::new(bytemuck::cast_slice(&frame)).for_each_cluster(|cluster| {
-            let mesh = cluster.decode();
-            let corner = |index: u8| mesh.vertices[usize::from(index)].map(|q| q as i32);
-            triangles.extend(mesh.triangles.iter().map(|corners| corners.map(corner)));
-        });
-    }
-    Ok(triangles)
 }
 
 /// Compares the closest hits of a set, ray by ray.

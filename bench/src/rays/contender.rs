@@ -17,23 +17,23 @@ const ALL_THERE: &str = "all pages are there";
 /// Rays that a worker takes at a time.
 const CHUNK_RAYS: usize = 4096;
 /// `triangle` of a miss.
-pub const MISS: u32 = u32::MAX;
+pub(crate) const MISS: u32 = u32::MAX;
 
 /// What a ray met: for [`Query::Any`] only whether `triangle` is [`MISS`] counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RayAnswer {
+pub(crate) struct RayAnswer {
     /// Where, in lengths of the ray's direction.
-    pub t: f32,
+    pub(crate) t: f32,
     /// Store id of the triangle.
-    pub triangle: u32,
+    pub(crate) triangle: u32,
 }
 
 impl RayAnswer {
     /// Nothing was hit.
-    pub const NONE: RayAnswer = RayAnswer { t: f32::INFINITY, triangle: MISS };
+    pub(crate) const NONE: RayAnswer = RayAnswer { t: f32::INFINITY, triangle: MISS };
 
     /// True for a hit.
-    pub fn is_hit(self) -> bool {
+    pub(crate) fn is_hit(self) -> bool {
         self.triangle != MISS
     }
 
@@ -51,7 +51,7 @@ impl RayAnswer {
 }
 
 /// Answers sets of rays.
-pub trait Contender {
+pub(crate) trait Contender {
     /// Name for reports: a key of JSON.
     fn label(&self) -> &str;
 

@@ -6,13 +6,15 @@
 //! both, more than two leaves from each other                   far hit: light of another place
 //! ```
 //!
-//! Rays begin where they do in pictures, free of their own surface's voxels; what stands nearer than that is a miss of both.
+//! Rays begin where they do in pictures, free of their own surface's voxels; what stands nearer than that is a miss
+//! of both.
 
 use super::contender::{Contender, Gray, RayAnswer};
 use super::sets::{Query, RaySet};
 use serde::Serialize;
 
-/// How far from each other two hits may lie, in leaves: a voxel is entered before its surface, and the next one may be hit.
+/// How far from each other two hits may lie, in leaves: a voxel is entered before its surface, and the next one may
+/// be hit.
 const NEAR_LEAVES: f64 = 2.0;
 
 /// Shares of a set's rays.

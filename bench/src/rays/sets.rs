@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Invariants: 1. rays are f32 in lattice units, so that every contender gets the same numbers: lattice coordinates
-//! below 2^24 are exact in f32, and the way back to model space is one rounded addition in f64; 2. eight rays that follow each other
-//! are neighbours in the picture; 3. secondary rays start off their surface by `LIFT_ULPS`.
+//! below 2^24 are exact in f32, and the way back to model space is one rounded addition in f64; 2. eight rays that
+//! follow each other are neighbours in the picture; 3. secondary rays start off their surface by `LIFT_ULPS`.
 
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
@@ -17,18 +17,18 @@ use trex_store::layout::Superblock;
 
 /// A ray in lattice units.
 #[derive(Clone, Copy, Debug)]
-pub struct BenchRay {
+pub(crate) struct BenchRay {
     /// Start.
-    pub origin: [f32; 3],
+    pub(crate) origin: [f32; 3],
     /// Direction, any length.
-    pub direction: [f32; 3],
+    pub(crate) direction: [f32; 3],
     /// End, in lengths of `direction`.
-    pub t_max: f32,
+    pub(crate) t_max: f32,
 }
 
 /// What is asked of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Query {
+pub(crate) enum Query {
     /// The closest hit.
     Closest,
     /// Whether there is any.
@@ -37,41 +37,39 @@ pub enum Query {
 
 /// Rays that are traced and timed together.
 #[derive(Clone, Debug)]
-pub struct RaySet {
+pub(crate) struct RaySet {
     /// What is asked of them.
-    pub query: Query,
+    pub(crate) query: Query,
     /// True where neighbours go the same way.
-    pub is_coherent: bool,
+    #[cfg_attr(not(feature = "peer-embree"), expect(dead_code, reason = "a peer has modes for such sets"))]
+    pub(crate) is_coherent: bool,
     /// The rays.
-    pub rays: Vec<BenchRay>,
+    pub(crate) rays: Vec<BenchRay>,
 }
 
 /// All three.
 #[derive(Clone, Debug)]
-pub struct RaySets {
+pub(crate) struct RaySets {
     /// From the camera.
-    pub primary: RaySet,
+    pub(crate) primary: RaySet,
     /// From visible points to the light.
-    pub shadow: RaySet,
+    pub(crate) shadow: RaySet,
     /// From visible points to where light could come from.
-    pub incoherent: RaySet,
-    /// The same and shadow rays, from so far off the surface that they are free of its own voxels; none where the file has
-    /// no voxels.
-    pub gray: Option<GraySets>,
+    pub(crate) incoherent: RaySet,
+    /// The same and shadow rays, from so far off the surface that they are free of its own voxels; none where the
+    /// file has no voxels.
+    pub(crate) gray: Option<GraySets>,
 }
 
 /// Rays for voxels.
 #[derive(Clone, Debug)]
-pub struct GraySets {
+pub(crate) struct GraySets {
     /// Directions of the incoherent rays.
-    pub gather: RaySet,
+    pub(crate) gather: RaySet,
     /// Directions of the shadow rays.
-    pub shadow: RaySet,
+    pub(crate) shadow: RaySet,
 }
 
-/// Bytes that a pixel takes at most: five rays, two answers, and a visible point while the sets are made.
-pub(super) const BYTES_PER_PIXEL: u64 =
-    (6 * size_of::<BenchRay>() + 2 * size_of::<super::RayAnswer>()) as u64;
 /// How far off the surface secondary rays start, in units of the last place of the largest lattice coordinate.
 const LIFT_ULPS: f64 = 4.0;
 /// Where the light stands: diagonals of the model from its centre, along up and along the other two axes.

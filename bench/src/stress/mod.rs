@@ -1,27 +1,26 @@
 //! Stress: viewpoints, lights and limits that change faster than a model of this size likes, and a verdict.
 //!
 //! ```text
-//! scenario -> steps -> apply -> frames until the response, and on until the view is complete or has been held long enough
+//! scenario -> steps -> apply -> frames until the response, and on until the view is complete or was held long enough
 //!                                 '-- times, holes, stalls, pages -> figures -> verdict
 //! ```
 //!
-//! What is known to fail elsewhere is what is looked for: livelock at the cap, endless requests, loads for views that are
-//! gone, all loaded again on turning back, memory that grows. Paper, section 6.2, "Limited main memory".
+//! What is known to fail elsewhere is what is looked for: livelock at the cap, endless requests, loads for views that
+//! are gone, all loaded again on turning back, memory that grows. Paper, section 6.2, "Limited main memory".
 //!
 //! Invariant: a figure of time counts from before the event is applied.
 
+mod options;
 mod scenario;
 mod times;
 
-pub use scenario::Scenario;
+pub use options::{Limits, Scenario, StressOptions};
 pub use times::Times;
 
 use scenario::{Script, Step};
 use serde::Serialize;
 use std::time::{Duration, Instant};
-use trex_render::{
-    Camera, FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts, RayRates,
-};
+use trex_render::{FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts, RayRates};
 use trex_store::pool::{PagePool, PoolStats};
 use trex_store::{Interrupt, Result};
 
@@ -33,34 +32,6 @@ const STALL: Duration = Duration::from_secs(1);
 const WARM_UP: f64 = 0.2;
 /// Growth of memory over a run that is noise: what allocators keep.
 const GROWTH_BYTES: f64 = 2.0 * (1 << 20) as f64;
-
-/// What is done to the session.
-#[derive(Clone, Debug)]
-pub struct StressOptions {
-    /// The scenario.
-    pub scenario: Scenario,
-    /// Events.
-    pub switches: u32,
-    /// How long a view is held at most; it ends when every pixel has a sample.
-    pub hold: Duration,
-    /// Names the random poses.
-    pub seed: u64,
-    /// Viewpoints instead of the scenario's own.
-    pub views: Vec<Camera>,
-    /// What the times must not pass.
-    pub limits: Option<Limits>,
-}
-
-/// Times that a run must not pass, ms.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Limits {
-    /// Median of the responses.
-    pub p50_ms: f64,
-    /// 99th percentile of the responses.
-    pub p99_ms: f64,
-    /// Longest frame.
-    pub frame_max_ms: f64,
-}
 
 /// The surroundings of a run.
 pub struct Stand<'a> {

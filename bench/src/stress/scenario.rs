@@ -10,7 +10,7 @@
 //!
 //! Invariant: step `n` of a script is a function of the model, the options and `n`.
 
-use super::StressOptions;
+use super::options::{Scenario, StressOptions};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use trex_render::{
@@ -28,46 +28,6 @@ const ORBIT_STEPS: u32 = 48;
 const CLOSE_SHARE: f64 = 0.01;
 /// Irradiance of the light that goes round, as strong as the default sun.
 const SUN: f32 = 3.0;
-
-/// What happens. Its names are those of the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Scenario {
-    /// Two views from opposite sides.
-    Flip,
-    /// Overview and interior.
-    Inside,
-    /// Overview and close-up.
-    Pingpong,
-    /// Poses by chance.
-    Teleport,
-    /// An orbit faster than the disk.
-    Sweep,
-    /// Lights and materials.
-    LightEdit,
-    /// Flip, while the limit is halved and restored.
-    Squeeze,
-    /// All viewpoints in turn, while memory is watched.
-    Soak,
-    /// One view, again and again.
-    Still,
-}
-
-impl Scenario {
-    /// The name as typed.
-    pub fn name(self) -> &'static str {
-        match self {
-            Scenario::Flip => "flip",
-            Scenario::Inside => "inside",
-            Scenario::Pingpong => "pingpong",
-            Scenario::Teleport => "teleport",
-            Scenario::Sweep => "sweep",
-            Scenario::LightEdit => "light-edit",
-            Scenario::Squeeze => "squeeze",
-            Scenario::Soak => "soak",
-            Scenario::Still => "still",
-        }
-    }
-}
 
 /// One thing that is done.
 pub(super) enum Step {
@@ -183,7 +143,8 @@ fn close_up(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera
     Camera { position, target: along(overview.position, distance, direction), ..*overview }
 }
 
-/// Of some places about the middle the one with most of the model around it at a good distance, looking where it is far.
+/// Of some places about the middle the one with most of the model around it at a good distance, looking where it is
+/// far.
 fn interior(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera {
     let bounds = &model.bounds;
     let best = (0..INTERIORS).map(|place| {

@@ -4,8 +4,8 @@
 //!
 //! Invariant: the decoder works within [`HEAD_BYTES`], a frame of bytes and a few rows, which the head names.
 
+use super::head::{Format, HEAD_BYTES, Head, Picture, check_length, check_sides};
 use super::source::Source;
-use super::{Format, HEAD_BYTES, Head, Picture, check_length, check_sides};
 use ::png::{BitDepth, ColorType, Decoder, DecodingError, Limits, Transformations};
 use std::io::{BufRead, Seek};
 use trex_store::Result;
@@ -47,7 +47,7 @@ pub(super) fn head<R: BufRead + Seek>(source: &mut Source<'_, R>) -> Result<Head
 /// Reads the pixels.
 pub(super) fn picture<R: BufRead + Seek>(source: &mut Source<'_, R>, head: &Head) -> Result<Picture> {
     let again = self::head(source)?;
-    super::rewind(source)?;
+    source.rewind()?;
     if again != *head {
         return Err(source.refused("the file changed while it was read"));
     }

@@ -3,7 +3,7 @@
 //! Invariants: 1. a failure of the device, the end of the file and a byte that makes no sense are told apart,
 //! whatever the decoder made of them; 2. a raised interrupt ends the next read.
 
-use super::{Format, Origin, rewind};
+use super::head::{Format, Origin};
 use std::io::{self, BufRead, ErrorKind, Read, Seek, SeekFrom};
 use trex_store::{Code, Error, Result};
 
@@ -27,14 +27,22 @@ impl<'a, R: BufRead + Seek> Source<'a, R> {
         Source { inner, origin, position_bytes: 0, ended: false, failed: None }
     }
 
+    /// Back to the first byte.
+    pub(super) fn rewind(&mut self) -> Result<()> {
+        match self.seek(SeekFrom::Start(0)) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(self.refused(&error.to_string())),
+        }
+    }
+
     /// The format, by the first bytes; the source stands at its start afterwards.
     pub(super) fn format(&mut self) -> Result<Format> {
-        rewind(self)?;
+        self.rewind()?;
         let mut magic = Vec::with_capacity(PNG_MAGIC.len());
         if let Err(error) = self.by_ref().take(PNG_MAGIC.len() as u64).read_to_end(&mut magic) {
             return Err(self.refused(&error.to_string()));
         }
-        rewind(self)?;
+        self.rewind()?;
         self.ended = false;
         if magic == PNG_MAGIC {
             return Ok(Format::Png);

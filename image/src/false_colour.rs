@@ -6,7 +6,7 @@
 //!
 //! Invariant: the same pictures and scale give the same bytes.
 
-use super::Picture;
+use super::head::Picture;
 use ::png::{BitDepth, ColorType, Encoder, SrgbRenderingIntent};
 use std::io::{Error, Result, Write};
 

@@ -8,8 +8,8 @@
 //! Invariants: 1. the head is read twice and must be the same, since the crate keeps the reader; 2. every block of
 //! the finest level comes once, or the picture is refused.
 
+use super::head::{Format, HEAD_BYTES, Head, Picture, check_length, check_sides};
 use super::source::Source;
-use super::{Format, HEAD_BYTES, Head, Picture, check_length, check_sides};
 use ::exr::block::UncompressedBlock;
 use ::exr::block::lines::LineRef;
 use ::exr::block::reader::ChunksReader;
@@ -55,7 +55,7 @@ pub(super) fn head<R: BufRead + Seek>(source: &mut Source<'_, R>) -> Result<Head
 pub(super) fn picture<R: BufRead + Seek>(source: &mut Source<'_, R>, head: &Head) -> Result<Picture> {
     let headers = headers(source).map_err(|why| source.refused(&why))?;
     let choice = choose(&headers, source)?;
-    super::rewind(source)?;
+    source.rewind()?;
     if checked_head(&headers, &choice, source)? != *head {
         return Err(source.refused("the file changed while it was read"));
     }

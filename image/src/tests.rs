@@ -1,13 +1,14 @@
 //! Tests of reading: what others write, what lies, what is cut, what is damaged.
 
 use super::*;
+use crate::head::PIXEL_BYTES;
 use ::exr::prelude::*;
 use ::png::{BitDepth, ColorType};
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng;
 use std::io::Cursor;
 use std::result::Result as StdResult;
-use trex_store::Code;
+use trex_store::{Code, Interrupt};
 
 fn origin(bytes: &[u8]) -> Origin<'_> {
     static CALM: std::sync::LazyLock<Interrupt> = std::sync::LazyLock::new(Interrupt::default);

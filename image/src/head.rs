@@ -1,24 +1,5 @@
-//! Pictures read back from PNG and EXR, and compared.
-//!
-//! ```text
-//! reader -> source (position, end, interrupt) -> read_head ------------> Head: size, channels, bytes it will take
-//!                                                   |  the caller leases
-//!                                                read_picture (png, exr) -> Picture: linear RGB
-//! two Pictures -> compare -> Comparison;  two Pictures -> false_colour -> PNG
-//! ```
-//!
-//! Invariants: 1. a head is read within [`HEAD_BYTES`], whatever the file says; 2. no picture is allocated before
-//! its size is bounded and the file is long enough to hold it; 3. [`read_picture`] takes no more than the
-//! [`Head`] said; 4. no file is opened here: the caller hands in a reader.
+//! `Head` and `Picture`: what a file says of its picture, checked, and the picture itself.
 
-pub mod compare;
-mod exr;
-pub mod false_colour;
-mod png;
-mod source;
-
-use source::Source;
-use std::io::{BufRead, Seek, SeekFrom};
 use std::path::Path;
 use trex_store::{Code, Error, Interrupt, Result};
 
@@ -27,7 +8,7 @@ pub const MAX_SIDE_PIXELS: u32 = 1 << 16;
 /// Most that reading a head takes, bytes: text, previews and colour profiles are held as a whole.
 pub const HEAD_BYTES: u64 = 4 << 20;
 /// Bytes that a pixel of a [`Picture`] takes.
-const PIXEL_BYTES: u64 = size_of::<[f32; 3]>() as u64;
+pub(crate) const PIXEL_BYTES: u64 = size_of::<[f32; 3]>() as u64;
 
 /// A picture in memory: linear radiance.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +41,7 @@ pub struct Head {
     pub height: u32,
     /// The channels that are read as R, G and B, for people.
     pub channels: String,
-    /// What [`read_picture`] takes beside the picture, bytes.
+    /// What [`super::read_picture`] takes beside the picture, bytes.
     pub decoder_bytes: u64,
 }
 
@@ -94,39 +75,13 @@ impl Head {
 
 impl Picture {
     /// A black picture.
-    fn black(width: u32, height: u32) -> Picture {
+    pub(crate) fn black(width: u32, height: u32) -> Picture {
         Picture { width, height, pixels: vec![[0.0; 3]; width as usize * height as usize] }
     }
 }
 
-/// Reads what a file says of its picture. The reader stands anywhere.
-///
-/// # Errors
-/// Not a PNG or EXR, cut off, sides or layouts that are not read, a size that the file cannot hold; with the path
-/// and the byte. Those of the reader.
-pub fn read_head<R: BufRead + Seek>(reader: R, origin: Origin<'_>) -> Result<Head> {
-    let mut source = Source::new(reader, origin);
-    match source.format()? {
-        Format::Png => png::head(&mut source),
-        Format::Exr => exr::head(&mut source),
-    }
-}
-
-/// Reads the picture whose head was read before. The reader stands anywhere.
-///
-/// # Errors
-/// As [`read_head`]; also when the head has changed, or the pixels are damaged.
-pub fn read_picture<R: BufRead + Seek>(reader: R, origin: Origin<'_>, head: &Head) -> Result<Picture> {
-    let mut source = Source::new(reader, origin);
-    rewind(&mut source)?;
-    match head.format {
-        Format::Png => png::picture(&mut source, head),
-        Format::Exr => exr::picture(&mut source, head),
-    }
-}
-
 /// Refuses sides that are zero or too long.
-fn check_sides(width: usize, height: usize, origin: &Origin<'_>) -> Result<(u32, u32)> {
+pub(crate) fn check_sides(width: usize, height: usize, origin: &Origin<'_>) -> Result<(u32, u32)> {
     let side = |side: usize| u32::try_from(side).ok().filter(|side| (1..=MAX_SIDE_PIXELS).contains(side));
     match (side(width), side(height)) {
         (Some(width), Some(height)) => Ok((width, height)),
@@ -138,7 +93,7 @@ fn check_sides(width: usize, height: usize, origin: &Origin<'_>) -> Result<(u32,
 }
 
 /// Refuses a file that is too short for what its head promises, even if it were compressed as well as can be.
-fn check_length(least_bytes: u64, what: &str, origin: &Origin<'_>) -> Result<()> {
+pub(crate) fn check_length(least_bytes: u64, what: &str, origin: &Origin<'_>) -> Result<()> {
     if origin.file_bytes >= least_bytes {
         return Ok(());
     }
@@ -147,14 +102,3 @@ fn check_length(least_bytes: u64, what: &str, origin: &Origin<'_>) -> Result<()>
         .numbers(format!("{} bytes long, {what} needs {least_bytes} at the least", origin.file_bytes))
         .next("write or copy the picture again"))
 }
-
-/// Rewinds to the first byte.
-fn rewind<R: BufRead + Seek>(source: &mut Source<'_, R>) -> Result<()> {
-    match source.seek(SeekFrom::Start(0)) {
-        Ok(_) => Ok(()),
-        Err(error) => Err(source.refused(&error.to_string())),
-    }
-}
-
-#[cfg(test)]
-mod tests;

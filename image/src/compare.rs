@@ -11,7 +11,7 @@
 //! Invariants: 1. a pixel with a value that is not finite in either picture counts as such and adds to nothing
 //! else; 2. sums are in f64, row by row, in one order: the same pictures give the same figures.
 
-use super::Picture;
+use super::head::Picture;
 use serde::Serialize;
 
 /// The constant under relMSE that keeps black pixels from ruling it, squared radiance; the field's usual one.

@@ -1,0 +1,292 @@
+//! A run of `rays`: sets made, contenders set up, turns taken, figures drawn.
+
+use super::compare::{self, Agreement};
+use super::contender::{Contender, Gray, GrayCalls, GrayWorker, Packets, Pooled, RayAnswer, Resident};
+use super::falsehood;
+use super::figures::{PeerFigures, RayFigures, SetFigures};
+use super::options::{Peer, RayOptions};
+use super::peer::PeerSetup;
+use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space};
+use super::turns::{Ours, Turns, take_turns};
+use crate::model::{Model, Surroundings};
+use anyhow::ensure;
+use std::sync::Arc;
+use trex_render::{
+    AllResident, Arithmetic, Camera, Hit, Occluders, PagedMesh, PooledPages, Voxels, pooled_tracers,
+};
+use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Lease, PageFile, Result};
+use xxhash_rust::xxh3::Xxh3;
+
+/// Bytes of a pixel's rays and of the answers to a set.
+const BYTES_PER_PIXEL: u64 = (6 * size_of::<BenchRay>() + 2 * size_of::<RayAnswer>()) as u64;
+
+/// Measures `model`.
+///
+/// # Errors
+/// The file or its pages cannot be read; the limit has no room; the peer cannot be set up.
+pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow::Result<RayFigures> {
+    ensure!(options.rounds > 0, "a median takes a round");
+    let budget = &around.budget;
+    let file = Arc::new(PageFile::open(&model.path, budget)?);
+    let pixels = u64::from(options.resolution[0]) * u64::from(options.resolution[1]);
+    let _rays_lease = budget.lease("the rays", pixels * BYTES_PER_PIXEL)?;
+    let space = Space::of(file.superblock());
+
+    let frames_bytes = (file.pages().len() * FRAME_BYTES) as u64;
+    if let Ok(_pages_lease) = budget.lease("all pages", frames_bytes) {
+        let pages = AllResident::load(&file);
+        let voxels = Voxels::open(&file, budget)?;
+        let tracers = || (0..around.threads).map(|_| PagedMesh::new(&file, &pages));
+        let mut ours = Resident { space, workers: tracers().collect() };
+        let mut packets = Packets::new(space, tracers());
+        let scene = voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
+        let mut gray = scene.map(|scene| {
+            [GrayCalls::Batch, GrayCalls::Single].map(|calls| {
+                let workers = vec![GrayWorker::default(); around.threads];
+                Gray { space, scene, calls, workers }
+            })
+        });
+        let clearance =
+            scene.map(|scene| scene.clearance([1.0, 0.0, 0.0]) / file.superblock().lattice.step());
+        let sets = make_sets(&file, model, options, clearance, |ray| ours.hit(ray))?;
+        let ours_all = Contenders { single: &mut ours, packets: Some(&mut packets), gray: gray.as_mut() };
+        let mut figures = compete(ours_all, &sets, &file, options, around)?;
+        if let (Some(gray), Some(rays)) = (&mut gray, &sets.gray) {
+            let sets = [(&mut figures.gray, &rays.gather), (&mut figures.gray_shadow, &rays.shadow)];
+            for (figures, set) in sets {
+                let against = falsehood::against(&mut ours, &mut gray[0], set);
+                figures.iter_mut().for_each(|figures| figures.against_mesh = Some(against));
+            }
+        }
+        figures.voxel_resolution = file.upper_size()?.map(|size| size.resolution);
+        figures.pages = "resident".to_owned();
+        figures.scene.clone_from(&model.scene);
+        return Ok(figures);
+    }
+    ensure!(
+        options.peer.is_none(),
+        "a peer takes all of the mesh in memory, and the limit has no room for ours"
+    );
+    let (pool, _pins_lease) = open_pool(&file, options, around)?;
+    let mut ours = Pooled { space, workers: pooled_tracers(&file, &pool, around.threads) };
+    let sets = make_sets(&file, model, options, None, |ray| ours.hit(ray))?;
+    let ours_all = Contenders { single: &mut ours, packets: None, gray: None };
+    let mut figures = compete(ours_all, &sets, &file, options, around)?;
+    figures.pages = "pooled".to_owned();
+    figures.scene.clone_from(&model.scene);
+    figures.resident_bytes = resident_bytes(&file, pool.frames().frames);
+    figures.resident_bytes_per_triangle = figures.resident_bytes as f64 / figures.triangle_count as f64;
+    Ok(figures)
+}
+
+/// A pool with all frames that the limit has room for.
+fn open_pool(file: &Arc<PageFile>, options: &RayOptions, around: &Surroundings) -> Result<(PagePool, Lease)> {
+    let budget = &around.budget;
+    let defaults = PoolOptions {
+        io: options.io.clone(),
+        staging_slots: 8,
+        merge_bytes: 128 << 10,
+        ..PoolOptions::default()
+    };
+    let (overhead, smallest) = PagePool::smallest_bytes(&**file, &defaults)?;
+    let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * around.threads as u64;
+    let lease = budget.lease("the pins of the workers", pins)?;
+    let frames_bytes = budget.free_bytes().saturating_sub(overhead).max(smallest - overhead);
+    let pool_options = PoolOptions { frames_bytes, ..defaults };
+    Ok((PagePool::open(file.clone(), file.path(), budget, &pool_options)?, lease))
+}
+
+fn make_sets(
+    file: &PageFile,
+    model: &Model,
+    options: &RayOptions,
+    clearance: Option<f64>,
+    mut hit: impl FnMut(&BenchRay) -> Option<Hit>,
+) -> anyhow::Result<RaySets> {
+    let (block, space) = (file.superblock(), Space::of(file.superblock()));
+    let camera = model.view.unwrap_or_else(|| Camera::framing(&block.bounds, options.resolution, None, None));
+    let primary = sets::primary(space, &camera, options.resolution)?;
+    let points: Vec<_> =
+        primary.rays.iter().filter_map(|ray| Some(sets::visible(space, ray, &hit(ray)?))).collect();
+    ensure!(!points.is_empty(), "the camera sees nothing of {}", model.scene);
+    let shadow = sets::shadow(space, block, &points);
+    let incoherent = sets::incoherent(&points, options.seed);
+    let gray = clearance.map(|clearance| {
+        let points: Vec<_> = points.iter().map(|point| sets::lifted(point, clearance)).collect();
+        let (gather, shadow) = (sets::incoherent(&points, options.seed), sets::shadow(space, block, &points));
+        GraySets { gather, shadow }
+    });
+    Ok(RaySets { primary, shadow, incoherent, gray })
+}
+
+/// Ours, in the ways that rays can go.
+struct Contenders<'a, 'p> {
+    single: &'a mut dyn Contender,
+    packets: Option<&'a mut Packets<'p>>,
+    /// Through the voxels: in batches, and one by one.
+    gray: Option<&'a mut [Gray<'p>; 2]>,
+}
+
+/// What comes of set after set.
+struct Score<'a> {
+    file: &'a PageFile,
+    options: &'a RayOptions,
+    around: &'a Surroundings,
+    peer: Option<PeerSetup>,
+    /// Of our answers.
+    hash: Xxh3,
+    agreement: Agreement,
+    shadow_difference_count: usize,
+}
+
+/// Times all contenders on all sets.
+fn compete(
+    ours: Contenders<'_, '_>,
+    sets: &RaySets,
+    file: &PageFile,
+    options: &RayOptions,
+    around: &Surroundings,
+) -> anyhow::Result<RayFigures> {
+    let peer = options.peer.map(|peer| set_up(peer, file, around)).transpose()?;
+    let (hash, agreement) = (Xxh3::new(), Agreement::default());
+    let mut score = Score { file, options, around, peer, hash, agreement, shadow_difference_count: 0 };
+
+    // Rays that go much the same way: in packets where there are any.
+    let Contenders { single, packets, gray } = ours;
+    let (primary, shadow) = match packets {
+        Some(packets) => {
+            let both = Ours { contender: packets, single: Some(single) };
+            let primary = score.measure("primary", both, &sets.primary)?;
+            let both = Ours { contender: packets, single: Some(single) };
+            (primary, score.measure("shadow", both, &sets.shadow)?)
+        }
+        None => {
+            let primary = score.measure("primary", Ours::alone(single), &sets.primary)?;
+            (primary, score.measure("shadow", Ours::alone(single), &sets.shadow)?)
+        }
+    };
+    let incoherent = score.measure("incoherent", Ours::alone(single), &sets.incoherent)?;
+
+    // Rays through the voxels.
+    let (mut gray_gather, mut gray_shadow) = (None, None);
+    if let (Some([batch, single]), Some(sets)) = (gray, &sets.gray) {
+        let ours = Ours { contender: batch, single: Some(single) };
+        gray_gather = Some(score.measure("gray", ours, &sets.gather)?);
+        let ours = Ours { contender: batch, single: Some(single) };
+        gray_shadow = Some(score.measure("gray_shadow", ours, &sets.shadow)?);
+    }
+
+    let resident_bytes = resident_bytes(file, file.pages().len());
+    let triangle_count = file.superblock().triangle_count;
+    let result_hash = format!("{:016x}", score.hash.digest());
+    Ok(RayFigures {
+        scene: String::new(),
+        seed: options.seed,
+        result_hash,
+        triangle_count,
+        thread_count: around.threads,
+        round_count: options.rounds,
+        resolution: options.resolution,
+        arithmetic: Arithmetic::for_file(file).name().to_owned(),
+        pages: String::new(),
+        resident_bytes,
+        resident_bytes_per_triangle: resident_bytes as f64 / triangle_count as f64,
+        peer: score.into_peer(resident_bytes, primary.ratio),
+        primary,
+        shadow,
+        incoherent,
+        voxel_resolution: None,
+        gray: gray_gather,
+        gray_shadow,
+    })
+}
+
+/// What tables and so many frames take.
+fn resident_bytes(file: &PageFile, frame_count: usize) -> u64 {
+    file.resident_table_bytes() + (frame_count * FRAME_BYTES) as u64
+}
+
+impl Score<'_> {
+    /// Times all contenders on one set, and compares what they answered.
+    fn measure(&mut self, name: &'static str, ours: Ours<'_>, set: &RaySet) -> anyhow::Result<SetFigures> {
+        self.around.interrupt.check()?;
+        let turn = take_turns(ours, self.peer.as_mut(), set, self.options.rounds);
+        turn.ours.iter().for_each(|answer| self.hash.update(&answer.triangle.to_le_bytes()));
+        let ratio = self.learn(name, &turn);
+        // Voxels are not the mesh: how far they lie is no matter of speed.
+        if self.peer.is_some() && !name.starts_with("gray") {
+            self.compare(set, &turn);
+        }
+        let hit_count = turn.ours.iter().filter(|answer| answer.is_hit()).count();
+        Ok(SetFigures {
+            ray_count: set.rays.len(),
+            hit_count,
+            per_s: turn.per_s,
+            per_core_s: turn.per_core_s,
+            ratio,
+            single: turn.single,
+            against_mesh: None,
+        })
+    }
+
+    /// Keeps the speeds of the peer's modes; ours over its reference mode.
+    fn learn(&mut self, name: &'static str, turn: &Turns) -> Option<f64> {
+        let peer = self.peer.as_mut()?;
+        let mut ratio = None;
+        for ((contender, figures), speed) in peer.modes.iter_mut().zip(&turn.modes) {
+            figures.sets.insert(name, *speed);
+            if contender.label() == peer.reference {
+                ratio = Some(speed.ratio);
+            }
+        }
+        ratio
+    }
+
+    /// Counts where the peer answers otherwise.
+    fn compare(&mut self, set: &RaySet, turn: &Turns) {
+        match set.query {
+            Query::Closest => {
+                self.agreement.add(&compare::closest(self.file, set, &turn.ours, &turn.reference));
+            }
+            Query::Any => {
+                let both = turn.ours.iter().zip(&turn.reference);
+                self.shadow_difference_count += both.filter(|(a, b)| a.is_hit() != b.is_hit()).count();
+            }
+        }
+    }
+
+    /// The figures of the peer, where there is one.
+    fn into_peer(self, resident_bytes: u64, primary_ratio: Option<f64>) -> Option<PeerFigures> {
+        let triangle_count = self.file.superblock().triangle_count as f64;
+        let PeerSetup { name, version, reference, mesh_bytes, modes } = self.peer?;
+        let mode = modes.into_iter().map(|(contender, mut figures)| {
+            figures.tree_bytes_per_triangle = figures.tree_bytes as f64 / triangle_count;
+            figures.memory_ratio = (figures.tree_bytes + mesh_bytes) as f64 / resident_bytes as f64;
+            (contender.label().to_owned(), figures)
+        });
+        Some(PeerFigures {
+            ratio: primary_ratio.unwrap_or(f64::NAN),
+            mode: mode.collect(),
+            closest: self.agreement,
+            shadow_difference_count: self.shadow_difference_count,
+            name,
+            version,
+            reference,
+            mesh_bytes,
+        })
+    }
+}
+
+#[cfg(feature = "peer-embree")]
+fn set_up(peer: Peer, file: &PageFile, around: &Surroundings) -> anyhow::Result<PeerSetup> {
+    match peer {
+        Peer::Embree => crate::peers::embree::set_up(file, around.threads),
+    }
+}
+
+#[cfg(not(feature = "peer-embree"))]
+fn set_up(peer: Peer, _: &PageFile, _: &Surroundings) -> anyhow::Result<PeerSetup> {
+    match peer {}
+}

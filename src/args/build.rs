@@ -1,0 +1,99 @@
+//! The command line of `trex build`, `trex info` and `trex verify`.
+
+use super::{CommonArgs, OverwriteArgs, ScratchArgs};
+use crate::values::{self, Bytes, Input};
+use clap::Args;
+use clap::builder::{OsStringValueParser, TypedValueParser};
+use std::path::PathBuf;
+
+/// `trex build`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_BUILD)]
+pub struct BuildArgs {
+    /// Meshes: .ply, .obj or .stl files, or gen:KIND:COUNT, also with :SEED; several become one model
+    #[arg(value_name = "INPUT", required = true, num_args = 1..,
+          value_parser = OsStringValueParser::new().map(Input::from))]
+    pub inputs: Vec<Input>,
+    /// The page file to publish
+    #[arg(short, long, value_name = "OUT.trex")]
+    pub output: PathBuf,
+    /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]
+    pub grid_bits: Option<u8>,
+    /// Largest distance a vertex may move when snapped to the lattice, model units
+    #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
+    pub error: Option<f64>,
+    #[command(flatten)]
+    pub voxels: VoxelArgs,
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// The voxel octree of a build.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Voxel options")]
+pub struct VoxelArgs {
+    /// Leaf voxels along the model's longest side: RU in the resident octree, RFINEST (1, 4 or 16 times RU) in units
+    /// below it that are read when rays ask for them (default: as many RU as the mesh's own size and --upper-budget
+    /// allow, and no units)
+    #[arg(long, value_name = "RU[/RFINEST]", value_parser = values::voxels, conflicts_with = "no_asvo")]
+    pub voxels: Option<values::Voxels>,
+    /// Most memory that the resident voxel octree may take while rendering, without light
+    #[arg(long, value_name = "SIZE", value_parser = values::upper_budget, default_value = "64MiB")]
+    pub upper_budget: Bytes,
+    /// The memory limit that pictures will be made under: sets --upper-budget so that the voxels with their light
+    /// take at most two fifths of it
+    #[arg(long, value_name = "SIZE", value_parser = values::render_limit, conflicts_with_all = ["upper_budget", "voxels"])]
+    pub render_limit: Option<Bytes>,
+    /// Leave the voxel octree out: smaller, but without global illumination
+    #[arg(long)]
+    pub no_asvo: bool,
+}
+
+const AFTER_BUILD: &str = "\
+The plan (memory, scratch and output size against the limit and the free space) is printed before work starts.
+The output appears under its name only when it is whole: Ctrl-C leaves nothing half published.
+
+Examples:
+  trex build statue.ply -o statue.trex
+  trex build hull.obj engine.stl -o ship.trex --error 0.0001
+  trex build hull.obj -o ship.trex --render-limit 128MiB
+  trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json";
+
+/// `trex info`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_INFO)]
+pub struct InfoArgs {
+    /// A page file, or a mesh: .ply, .obj, .stl or gen:KIND:COUNT
+    #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
+    pub input: Input,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_INFO: &str = "\
+Examples:
+  trex info statue.trex
+  trex info statue.trex --json | jq .bytes_per_triangle";
+
+/// `trex verify`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_VERIFY)]
+pub struct VerifyArgs {
+    /// The page file
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_VERIFY: &str = "\
+Reads every byte; behind a damaged table it is not known where pages lie, and that table is named alone.
+Exit status 0: clean. 1: damaged; pages, offsets and boxes are named.
+
+Example:
+  trex verify statue.trex";
