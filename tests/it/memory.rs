@@ -2,7 +2,7 @@
 //! limit. Nothing is killed, VmHWM stays at or below the limit, and the result is that of plenty of memory.
 
 use crate::cgroup::Cgroup;
-use crate::command::{document_in, folder, hash_of, skipped};
+use crate::command::{cannot_run, document_in, folder, hash_of};
 use serde_json::Value;
 use std::path::Path;
 
@@ -76,7 +76,8 @@ fn generating_stays_within_a_group_of_its_limit() {
 fn photons_in_a_tree_stay_within_a_group_of_their_limit() {
     let inside = folder();
     document_in(inside.path(), "build gen:isosurface:300k -o iso.trex");
-    let line = "render iso.trex -o p.png --integrator full-gi --photons 500k --resolution 64x64 --spp 1 --overwrite --threads 2";
+    let line = "render iso.trex -o p.png --integrator full-gi --photons 500k --resolution 64x64 --spp 1 --overwrite \
+                --threads 2";
     let least = smallest(inside.path(), line);
     let Some(tight) = confined(inside.path(), "photons", least, line) else { return };
     let roomy = document_in(inside.path(), &format!("{line} --memory-limit 1GiB"));
@@ -107,7 +108,7 @@ fn a_picture_under_the_smallest_limit_has_the_same_bytes() {
         let line = line("tight.png", flags);
         let least = smallest(inside.path(), &line);
         if flags.contains("uring") && !has_uring(inside.path()) {
-            skipped("io_uring is not allowed here");
+            cannot_run("io_uring is not allowed here");
             continue;
         }
         let Some(tight) = confined(inside.path(), "render", least, &line) else { return };
