@@ -12,6 +12,7 @@ mod fixtures;
 mod format;
 mod format_octree;
 mod format_units;
+mod fuzzing;
 mod image_diff;
 mod inputs;
 mod lies;
