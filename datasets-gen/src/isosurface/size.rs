@@ -13,6 +13,7 @@ use crate::Spec;
 use crate::pool::Pool;
 use crate::stream::Recipe;
 use rayon::iter::{ParallelBridge, ParallelIterator};
+use std::collections::HashMap;
 use std::sync::Arc;
 use trex_store::{Interrupt, Result};
 
@@ -50,11 +51,12 @@ const ROUNDS: usize = 4;
 /// `Code::Interrupted`.
 pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<Size> {
     let asked = spec.triangles as f64;
+    let mut counts = Counts { seed: spec.seed, pool, interrupt, known: HashMap::new() };
     let mut per_column = TYPICAL_PER_COLUMN;
     // A layer's density changes by a twentieth while its side doubles, by more where it is small: this settles it.
     for _ in 0..ROUNDS {
         let side = (asked / per_column).sqrt().round() as u64;
-        per_column = density(spec.seed, side, pool, interrupt)?;
+        per_column = counts.density(side)?;
     }
     let side = (asked / per_column).sqrt().round() as u64;
     if side > MOST_COUNTED_SIDE {
@@ -69,7 +71,7 @@ pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<
     let mut best: Option<Size> = None;
     let error = |size: &Size| (size.triangle_count as f64 / asked - 1.0).abs();
     for cells in pairs.into_iter().take(MOST_TRIALS) {
-        let size = Size { cells, triangle_count: count(spec.seed, cells, pool, interrupt)? };
+        let size = Size { cells, triangle_count: counts.of(cells)? };
         if best.as_ref().is_none_or(|best| error(&size) < error(best)) {
             best = Some(size);
         }
@@ -80,24 +82,45 @@ pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<
     Ok(best.expect("there is a pair"))
 }
 
-/// Triangles per column of a square layer: counted, or counted small and extrapolated.
-fn density(seed: u64, side: u64, pool: &Pool, interrupt: &Interrupt) -> Result<f64> {
-    let mut halvings = 0;
-    while side >> halvings > MOST_COUNTED_SIDE {
-        halvings += 1;
+/// Layers of one seed, each counted once: the search comes back to the same sides.
+struct Counts<'a> {
+    seed: u64,
+    pool: &'a Pool,
+    interrupt: &'a Interrupt,
+    known: HashMap<[u64; 2], u64>,
+}
+
+impl Counts<'_> {
+    /// Triangles of a layer.
+    fn of(&mut self, cells: [u64; 2]) -> Result<u64> {
+        if let Some(&count) = self.known.get(&cells) {
+            return Ok(count);
+        }
+        let count = count(self.seed, cells, self.pool, self.interrupt)?;
+        self.known.insert(cells, count);
+        Ok(count)
     }
-    let counted = (side as f64 / (1u64 << halvings) as f64).round().min(MOST_COUNTED_SIDE as f64) as u64;
-    let columns = (counted * counted) as f64;
-    // How far into its level the layer is, 1 to 2: the same at all its halvings.
-    let part = counted as f64 / (ROOT_CELLS << Layer::level_of(counted)) as f64;
-    let growth = |halving: u32| {
-        let above = Layer::level_of(counted) + halving - 2;
-        let last = GROWTH.len() as u32 - 1;
-        let begin = GROWTH[above.min(last) as usize] * GROWTH_DECAY.powi(above.saturating_sub(last) as i32);
-        1.0 + begin * part.powf(GROWTH_POWER)
-    };
-    let per_column = count(seed, [counted; 2], pool, interrupt)? as f64 / columns;
-    Ok(per_column * (0..halvings).map(growth).product::<f64>())
+
+    /// Triangles per column of a square layer: counted, or counted small and extrapolated.
+    fn density(&mut self, side: u64) -> Result<f64> {
+        let mut halvings = 0;
+        while side >> halvings > MOST_COUNTED_SIDE {
+            halvings += 1;
+        }
+        let counted = (side as f64 / (1u64 << halvings) as f64).round().min(MOST_COUNTED_SIDE as f64) as u64;
+        let columns = (counted * counted) as f64;
+        // How far into its level the layer is, 1 to 2: the same at all its halvings.
+        let part = counted as f64 / (ROOT_CELLS << Layer::level_of(counted)) as f64;
+        let growth = |halving: u32| {
+            let above = Layer::level_of(counted) + halving - 2;
+            let last = GROWTH.len() as u32 - 1;
+            let begin =
+                GROWTH[above.min(last) as usize] * GROWTH_DECAY.powi(above.saturating_sub(last) as i32);
+            1.0 + begin * part.powf(GROWTH_POWER)
+        };
+        let per_column = self.of([counted; 2])? as f64 / columns;
+        Ok(per_column * (0..halvings).map(growth).product::<f64>())
+    }
 }
 
 /// Counts the triangles of a layer exactly.
