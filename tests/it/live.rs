@@ -14,7 +14,7 @@ fn number(value: &Value) -> f64 {
 #[test]
 fn frames_come_to_the_picture_without_a_deadline() {
     let inside = folder();
-    document_in(inside.path(), "build gen:isosurface:60k -o iso.trex");
+    document_in(inside.path(), "build gen:isosurface:58k -o iso.trex");
     for picture in ["--integrator photon", "--integrator photon --lod-error 2", "--integrator direct"] {
         let line = format!("render iso.trex {picture} {SMALL} --spp 3 --overwrite");
         let plain = document_in(inside.path(), &format!("{line} -o plain.exr"));
