@@ -13,24 +13,29 @@
 mod dice;
 mod isosurface;
 mod pipes;
+mod pool;
 mod scan;
 mod soup;
 mod spec;
 mod stream;
+mod view;
 mod views;
 pub mod write;
 
 pub use soup::degenerate_count;
 pub use spec::{GenOptions, Kind, Spec};
-pub use views::{View, views};
+pub use view::View;
+pub use views::views;
 pub use write::write;
 
+use glam::DVec3;
 use trex_store::{Result, TriangleSource};
 
 /// Opens the stream of `spec`.
 ///
 /// # Errors
-/// `Code::MemoryLimit` when the budget has no room, `Code::Interrupted` when interrupted meanwhile.
+/// `Code::MemoryLimit` when the budget has no room, `Code::Interrupted` when interrupted meanwhile, `Code::Io` when the
+/// system starts no more threads.
 ///
 /// ```
 /// use datasets_gen::{GenOptions, Spec};
@@ -55,9 +60,11 @@ pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>
 
 /// The median length of the triangles' edges. Generators that have no formula for it ask a sample.
 pub(crate) fn median_edge(corners: &[[[f64; 3]; 3]]) -> f64 {
-    let squared = |a: [f64; 3], b: [f64; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>();
-    let mut edges: Vec<f64> =
-        corners.iter().flat_map(|&[a, b, c]| [squared(a, b), squared(b, c), squared(c, a)]).collect();
+    let squared = |corners: &[[f64; 3]; 3]| {
+        let [a, b, c] = corners.map(DVec3::from);
+        [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)]
+    };
+    let mut edges: Vec<f64> = corners.iter().flat_map(squared).collect();
     let middle = edges.len() / 2;
     edges.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt()
 }

@@ -10,9 +10,11 @@
 //! exact in f32; 4. the count is exact.
 
 use crate::dice::{Dice, mix};
+use crate::pool::Pool;
 use crate::stream::{Label, MAX_CHUNK_TRIANGLES, Recipe, Stream};
 use crate::{GenOptions, Spec, View, median_edge};
 use fastnoise_lite::{FastNoiseLite, FractalType, NoiseType};
+use glam::DVec2;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource};
@@ -80,7 +82,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
     let materials =
         vec![material("marble", [0.74, 0.71, 0.65], 0.06), material("plinth", [0.36, 0.35, 0.37], 0.02)];
     let label = Label { name: spec.to_string(), hint, materials };
-    Ok(Box::new(Stream::new(scan, label, options.threads, &options.budget, options.interrupt.clone())?))
+    Ok(Box::new(Stream::new(scan, label, Pool::new(spec, options.threads)?, options)?))
 }
 
 /// The whole statue, and its head.
@@ -221,12 +223,12 @@ impl Recipe for Scan {
 
 /// The profile with its corners cut (Chaikin), and its length.
 fn smooth_profile() -> Vec<[f64; 3]> {
-    let mut points = PROFILE.to_vec();
+    let mut points: Vec<DVec2> = PROFILE.map(DVec2::from).to_vec();
     for _ in 0..PROFILE_ROUNDS {
         let mut next = vec![points[0]];
         for pair in points.windows(2) {
-            let between = |part: f64| [0, 1].map(|i| pair[0][i] + part * (pair[1][i] - pair[0][i]));
-            next.extend([between(0.25), between(0.75)]);
+            // Not `lerp`, which weighs both ends and rounds otherwise.
+            next.extend([0.25, 0.75].map(|part| pair[0] + part * (pair[1] - pair[0])));
         }
         next.push(points[points.len() - 1]);
         points = next;
@@ -236,9 +238,9 @@ fn smooth_profile() -> Vec<[f64; 3]> {
     points
         .into_iter()
         .map(|point| {
-            length += ((point[0] - last[0]).powi(2) + (point[1] - last[1]).powi(2)).sqrt();
+            length += point.distance(last);
             last = point;
-            [length, point[0], point[1]]
+            [length, point.x, point.y]
         })
         .collect()
 }

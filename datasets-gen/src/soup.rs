@@ -9,8 +9,10 @@
 //! corners; 3. every coordinate is finite, near 1e6 in magnitude, and needs f64.
 
 use crate::dice::Dice;
+use crate::pool::Pool;
 use crate::stream::{Label, MAX_CHUNK_TRIANGLES, Recipe, Stream};
 use crate::{GenOptions, Spec, View, median_edge};
+use glam::DVec3;
 use std::sync::Arc;
 use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource};
 
@@ -59,7 +61,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         .map(|(index, &kd)| Material { name: format!("soup-{index}"), kd, ..Material::default() })
         .collect();
     let label = Label { name: spec.to_string(), hint, materials };
-    Ok(Box::new(Stream::new(soup, label, options.threads, &options.budget, options.interrupt.clone())?))
+    Ok(Box::new(Stream::new(soup, label, Pool::new(spec, options.threads)?, options)?))
 }
 
 /// The cloud of triangles from outside.
@@ -72,20 +74,19 @@ pub(crate) fn views() -> Vec<View> {
 impl Soup {
     /// The triangle at `place` of a cycle.
     fn triangle(place: u64, dice: &mut Dice, last: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
-        let start = CENTER.map(|center| center + dice.range(-HALF_EXTENT, HALF_EXTENT));
+        let mut around = |reach: f64| DVec3::from_array([0; 3].map(|_| dice.range(-reach, reach)));
+        let start = DVec3::from(CENTER) + around(HALF_EXTENT);
         // From the start, an edge near `length` and a corner that lies `off` beside it at `part` of its way.
         let mut corners = |length: f64, part: f64, off: f64| {
-            let mut around = |reach: f64| [0; 3].map(|_| dice.range(-reach, reach));
             let (edge, aside) = (around(length), around(off));
-            let end = [0, 1, 2].map(|i| start[i] + edge[i]);
-            [start, end, [0, 1, 2].map(|i| start[i] + part * edge[i] + aside[i])]
+            [start, start + edge, start + part * edge + aside].map(|corner| corner.to_array())
         };
         match place {
             0..40 => corners(10.0, 0.5, 0.01),
             40..60 => corners(100.0, 1.0, 0.05),
             60..70 => last,
             70 => corners(10.0, 1.0, 0.0),
-            71 => [start; 3],
+            71 => [start.to_array(); 3],
             72..86 => corners(1.0e-4, 0.3, 1.0e-4),
             _ => corners(0.6 * LONGEST, 0.4, 0.6 * LONGEST),
         }

@@ -1,19 +1,21 @@
-//! `Stream`: turns a recipe (an ordered list of small tasks) into a `TriangleSource` made by several threads.
+//! `Stream`: turns a recipe (an ordered list of small tasks) into a `TriangleSource` made by a pool of threads.
 //!
 //! ```text
-//!   tasks (in order, under a lock) -> workers fill chunks -> shelf, ordered by ticket -> next_batch
+//!   next_batch keeps `window` jobs going:  next task (in order, under a lock) -> chunk -> shelf, ordered by ticket
 //! ```
 //!
 //! Invariants: 1. chunks leave the shelf in the order of their tasks, so the stream does not depend on the
-//! thread count; 2. no worker runs further ahead than `window` tasks, so memory is bounded by
-//! [`lease_bytes`], leased before the first thread starts; 3. a chunk never holds more than
-//! [`MAX_CHUNK_TRIANGLES`]; 4. dropping the stream joins every thread.
+//! thread count; 2. a job is started for each chunk that is taken, so no more than `window` are at work or on the
+//! shelf, and memory is bounded by [`lease_bytes`], leased before the first job starts; 3. a chunk never holds more
+//! than [`MAX_CHUNK_TRIANGLES`]; 4. dropping the stream waits for its jobs and joins every thread; no job waits.
 
+use crate::GenOptions;
+use crate::pool::{Pool, thread_count};
 use std::collections::BTreeMap;
+use std::iter::Fuse;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 use trex_store::{
-    Aabb, Budget, Interrupt, Lease, Material, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
+    Aabb, Interrupt, Lease, Material, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
 };
 
 /// Most triangles that one task makes: twice what a batch aims at, so that a chunk can be handed over whole.
@@ -22,15 +24,12 @@ pub(crate) const MAX_CHUNK_TRIANGLES: usize = 2 * TriangleBatch::TARGET_TRIANGLE
 /// How much memory a recipe may hold besides its chunks.
 pub(crate) const RECIPE_BYTES: u64 = 8 << 20;
 
-/// Most workers; more would only wait, and the window grows with them.
-const MAX_WORKERS: usize = 16;
-
 /// An ordered list of tasks and the way to make triangles of one.
 pub(crate) trait Recipe: Send + Sync + 'static {
-    /// What a worker takes along; small.
+    /// What a job takes along; small.
     type Task: Send;
-    /// What a worker keeps between tasks.
-    type Scratch: Default;
+    /// What is kept between tasks, one for each that is at work.
+    type Scratch: Default + Send;
 
     /// All tasks, in the order of the stream. Runs under a lock: most of the work belongs into `make`.
     fn tasks(self: Arc<Self>) -> Box<dyn Iterator<Item = Self::Task> + Send>;
@@ -50,9 +49,10 @@ pub(crate) struct Label {
 pub(crate) struct Stream<R: Recipe> {
     recipe: Arc<R>,
     label: Label,
-    workers: usize,
     interrupt: Interrupt,
-    crew: Option<Crew<R>>,
+    /// Before the pool: its jobs end first.
+    pass: Option<Pass<R>>,
+    pool: Pool,
     /// The chunk being handed out, and how much of it is gone.
     open_chunk: TriangleBatch,
     open_from: usize,
@@ -60,34 +60,33 @@ pub(crate) struct Stream<R: Recipe> {
     _lease: Lease,
 }
 
-/// The threads of one pass and what they share.
-struct Crew<R: Recipe> {
-    shared: Arc<Shared<R>>,
-    threads: Vec<JoinHandle<()>>,
-}
+/// One pass over the tasks.
+struct Pass<R: Recipe>(Arc<Shared<R>>);
 
+/// What the jobs of a pass and its reader share.
 struct Shared<R: Recipe> {
     recipe: Arc<R>,
     tasks: Mutex<Tickets<R::Task>>,
-    shelf: Mutex<Shelf>,
+    shelf: Mutex<Shelf<R::Scratch>>,
     changed: Condvar,
-    window: u64,
 }
 
 struct Tickets<T> {
-    tasks: Box<dyn Iterator<Item = T> + Send>,
+    tasks: Fuse<Box<dyn Iterator<Item = T> + Send>>,
     next: u64,
 }
 
-#[derive(Default)]
-struct Shelf {
+struct Shelf<S> {
     ready: BTreeMap<u64, TriangleBatch>,
-    spare: Vec<TriangleBatch>,
+    spare_chunks: Vec<TriangleBatch>,
+    spare_scratch: Vec<S>,
     next_out: u64,
+    /// Jobs that have been started and have not ended.
+    job_count: usize,
     /// Count of tasks, once the list has ended.
     end: Option<u64>,
     stop: bool,
-    /// A worker has panicked.
+    /// A job has panicked.
     broken: bool,
 }
 
@@ -102,39 +101,31 @@ fn y_up_bounds(bounds: &Aabb) -> Aabb {
     Aabb { lo: [lo[0], lo[1], hi[2]], hi: [hi[0], hi[1], lo[2]] }
 }
 
-/// Bytes that a stream of `threads` workers leases.
+/// Bytes that a stream of `threads` threads leases.
 pub(crate) fn lease_bytes(threads: usize) -> u64 {
-    let chunks = window(workers(threads)) + workers(threads) as u64 + 2;
+    let threads = thread_count(threads);
+    let chunks = (window(threads) + threads + 2) as u64;
     chunks * TriangleBatch::BYTES + RECIPE_BYTES
 }
 
-fn workers(threads: usize) -> usize {
-    threads.clamp(1, MAX_WORKERS)
-}
-
-fn window(workers: usize) -> u64 {
-    2 * workers as u64 + 2
+/// Chunks that are made ahead of the reader.
+fn window(threads: usize) -> usize {
+    2 * threads + 2
 }
 
 impl<R: Recipe> Stream<R> {
     /// # Errors
     /// `Code::MemoryLimit` when the budget has no room for the chunks in flight.
-    pub(crate) fn new(
-        recipe: R,
-        label: Label,
-        threads: usize,
-        budget: &Budget,
-        interrupt: Interrupt,
-    ) -> Result<Stream<R>> {
-        let lease = budget.lease("the generator's chunks", lease_bytes(threads))?;
+    pub(crate) fn new(recipe: R, label: Label, pool: Pool, options: &GenOptions) -> Result<Stream<R>> {
+        let lease = options.budget.lease("the generator's chunks", lease_bytes(options.threads))?;
         let mut label = label;
         label.hint.bounds = y_up_bounds(&label.hint.bounds);
         Ok(Stream {
             recipe: Arc::new(recipe),
             label,
-            workers: workers(threads),
-            interrupt,
-            crew: None,
+            interrupt: options.interrupt.clone(),
+            pass: None,
+            pool,
             open_chunk: TriangleBatch::default(),
             open_from: 0,
             delivered: 0,
@@ -144,10 +135,10 @@ impl<R: Recipe> Stream<R> {
 
     /// Replaces the open chunk with the next one. `false`: there is none.
     fn next_chunk(&mut self) -> bool {
-        let crew = self.crew.get_or_insert_with(|| Crew::start(&self.recipe, self.workers));
+        let pass = self.pass.get_or_insert_with(|| Pass::start(&self.recipe, &self.pool));
         let spent = std::mem::take(&mut self.open_chunk);
         self.open_from = 0;
-        match crew.take(spent) {
+        match pass.take(spent, &self.pool) {
             Some(chunk) => {
                 self.open_chunk = chunk;
                 true
@@ -189,7 +180,7 @@ impl<R: Recipe> TriangleSource for Stream<R> {
     }
 
     fn rewind(&mut self) -> Result<()> {
-        self.crew = None;
+        self.pass = None;
         self.open_chunk.clear();
         self.open_from = 0;
         self.delivered = 0;
@@ -209,73 +200,87 @@ impl<R: Recipe> TriangleSource for Stream<R> {
     }
 }
 
-impl<R: Recipe> Crew<R> {
-    fn start(recipe: &Arc<R>, workers: usize) -> Crew<R> {
-        let shared = Arc::new(Shared {
+impl<R: Recipe> Pass<R> {
+    fn start(recipe: &Arc<R>, pool: &Pool) -> Pass<R> {
+        let shelf = Shelf {
+            ready: BTreeMap::new(),
+            spare_chunks: Vec::new(),
+            spare_scratch: Vec::new(),
+            next_out: 0,
+            job_count: 0,
+            end: None,
+            stop: false,
+            broken: false,
+        };
+        let pass = Pass(Arc::new(Shared {
             recipe: recipe.clone(),
-            tasks: Mutex::new(Tickets { tasks: recipe.clone().tasks(), next: 0 }),
-            shelf: Mutex::new(Shelf::default()),
+            tasks: Mutex::new(Tickets { tasks: recipe.clone().tasks().fuse(), next: 0 }),
+            shelf: Mutex::new(shelf),
             changed: Condvar::new(),
-            window: window(workers),
-        });
-        let threads = (0..workers)
-            .map(|index| {
-                let shared = shared.clone();
-                std::thread::Builder::new()
-                    .name(format!("generate-{index}"))
-                    .spawn(move || shared.work())
-                    .expect("the system starts a thread")
-            })
-            .collect();
-        Crew { shared, threads }
+        }));
+        (0..window(pool.current_num_threads())).for_each(|_| pass.start_job(pool));
+        pass
+    }
+
+    fn start_job(&self, pool: &Pool) {
+        self.0.shelf().job_count += 1;
+        let shared = self.0.clone();
+        pool.spawn(move || shared.work());
     }
 
     /// The next chunk in order; `spent` is a buffer to use again.
-    fn take(&self, mut spent: TriangleBatch) -> Option<TriangleBatch> {
+    fn take(&self, mut spent: TriangleBatch, pool: &Pool) -> Option<TriangleBatch> {
         spent.clear();
-        let mut shelf = self.shared.shelf();
-        shelf.spare.push(spent);
+        let mut shelf = self.0.shelf();
+        shelf.spare_chunks.push(spent);
         loop {
-            assert!(!shelf.broken, "a generator thread panicked");
+            assert!(!shelf.broken, "a job of the generator panicked");
             let ticket = shelf.next_out;
             if let Some(chunk) = shelf.ready.remove(&ticket) {
                 shelf.next_out += 1;
+                let is_more = shelf.end.is_none();
                 drop(shelf);
-                self.shared.changed.notify_all();
+                if is_more {
+                    self.start_job(pool);
+                }
                 return Some(chunk);
             }
             if shelf.end == Some(ticket) {
                 return None;
             }
-            shelf = self.shared.wait(shelf);
+            shelf = self.0.wait(shelf);
         }
     }
 }
 
-impl<R: Recipe> Drop for Crew<R> {
+impl<R: Recipe> Drop for Pass<R> {
     fn drop(&mut self) {
-        self.shared.shelf().stop = true;
-        self.shared.changed.notify_all();
-        for thread in self.threads.drain(..) {
-            // A panic of the worker has been reported by its own message and by `take`.
-            let _ = thread.join();
+        let mut shelf = self.0.shelf();
+        shelf.stop = true;
+        while shelf.job_count > 0 {
+            shelf = self.0.wait(shelf);
         }
     }
 }
 
 impl<R: Recipe> Shared<R> {
-    /// A worker's life.
+    /// One job: the next task becomes a chunk on the shelf.
     fn work(&self) {
-        let _alarm = Alarm(self);
-        let mut scratch = R::Scratch::default();
-        while let Some((ticket, task)) = self.next_task() {
-            let Some(mut chunk) = self.admit(ticket) else { return };
-            self.recipe.make(task, &mut scratch, &mut chunk);
-            chunk.corners.as_flattened_mut().iter_mut().for_each(|corner| *corner = y_up(*corner));
-            assert!(chunk.len() <= MAX_CHUNK_TRIANGLES, "a task made {} triangles", chunk.len());
-            self.shelf().ready.insert(ticket, chunk);
-            self.changed.notify_all();
-        }
+        let _end = JobEnd(self);
+        let (mut chunk, mut scratch) = {
+            let mut shelf = self.shelf();
+            if shelf.stop {
+                return;
+            }
+            (shelf.spare_chunks.pop().unwrap_or_default(), shelf.spare_scratch.pop().unwrap_or_default())
+        };
+        let Some((ticket, task)) = self.next_task() else { return };
+        self.recipe.make(task, &mut scratch, &mut chunk);
+        chunk.corners.as_flattened_mut().iter_mut().for_each(|corner| *corner = y_up(*corner));
+        assert!(chunk.len() <= MAX_CHUNK_TRIANGLES, "a task made {} triangles", chunk.len());
+        let mut shelf = self.shelf();
+        shelf.ready.insert(ticket, chunk);
+        shelf.spare_scratch.push(scratch);
     }
 
     /// The next task and its place in the stream; at the end of the list, tells the reader.
@@ -290,43 +295,29 @@ impl<R: Recipe> Shared<R> {
             None => {
                 drop(tickets);
                 self.shelf().end = Some(ticket);
-                self.changed.notify_all();
                 None
             }
         }
     }
 
-    /// Waits until `ticket` is within the window, then hands out an empty buffer. `None`: stop.
-    fn admit(&self, ticket: u64) -> Option<TriangleBatch> {
-        let mut shelf = self.shelf();
-        loop {
-            if shelf.stop {
-                return None;
-            }
-            if ticket < shelf.next_out + self.window {
-                return Some(shelf.spare.pop().unwrap_or_default());
-            }
-            shelf = self.wait(shelf);
-        }
-    }
-
-    fn shelf(&self) -> MutexGuard<'_, Shelf> {
+    fn shelf(&self) -> MutexGuard<'_, Shelf<R::Scratch>> {
         self.shelf.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, shelf: MutexGuard<'a, Shelf>) -> MutexGuard<'a, Shelf> {
+    fn wait<'a>(&self, shelf: MutexGuard<'a, Shelf<R::Scratch>>) -> MutexGuard<'a, Shelf<R::Scratch>> {
         self.changed.wait(shelf).unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Tells the reader when a worker ends by a panic, so that it does not wait for ever.
-struct Alarm<'a, R: Recipe>(&'a Shared<R>);
+/// Tells the reader that a job has ended, by a panic too, so that it does not wait for ever.
+struct JobEnd<'a, R: Recipe>(&'a Shared<R>);
 
-impl<R: Recipe> Drop for Alarm<'_, R> {
+impl<R: Recipe> Drop for JobEnd<'_, R> {
     fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.shelf().broken = true;
-            self.0.changed.notify_all();
-        }
+        let mut shelf = self.0.shelf();
+        shelf.job_count -= 1;
+        shelf.broken |= std::thread::panicking();
+        drop(shelf);
+        self.0.changed.notify_all();
     }
 }

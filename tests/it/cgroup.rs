@@ -1,6 +1,6 @@
 //! Control groups: the kernel's own count of what a run takes, with the limit as a wall. Versions 1 and 2.
 
-use crate::command::{Ran, TREX, ran, skipped};
+use crate::command::{Ran, TREX, cannot_run, ran};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -26,7 +26,7 @@ impl Cgroup {
             group.limit(limit_bytes).then_some(group)
         });
         if made.is_none() {
-            skipped("no memory control group can be made here (needs root and a writable /sys/fs/cgroup)");
+            cannot_run("no memory control group can be made here (needs root and a writable /sys/fs/cgroup)");
         }
         made
     }

@@ -1,9 +1,10 @@
 //! The command as tests run it: arguments in, exit status, streams and documents out; folders before and after.
-// Tests say on stderr what they had to skip, and what they measured.
+// Tests say on stderr what they measured.
 #![allow(clippy::print_stderr)]
 
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use xxhash_rust::xxh3::xxh3_64;
@@ -20,9 +21,23 @@ pub(crate) struct Ran {
     pub(crate) stderr: String,
 }
 
-/// Says aloud that a test, or a part of one, does not run here.
+/// Set to 1 where every test has to run: what cannot run there fails.
+const REQUIRE_ALL: &str = "TREX_REQUIRE_ALL";
+
+/// Says aloud that a test, or a part of one, does not run here, and why; a failure where all have to run.
+#[track_caller]
+pub(crate) fn cannot_run(why: &str) {
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    let is_required = std::env::var_os(REQUIRE_ALL).is_some_and(|value| value == "1");
+    assert!(!is_required, "{test} cannot run here, and {REQUIRE_ALL} is set: {why}");
+    // Not `eprintln!`, which the runner captures and shows with failures alone. A closed stderr is no failure.
+    let _ = writeln!(std::io::stderr().lock(), "\nNOT RUN: {test}: {why}");
+}
+
+/// Another name of [`cannot_run`].
+#[track_caller]
 pub(crate) fn skipped(why: &str) {
-    said(&format!("skipped: {why}"));
+    cannot_run(why);
 }
 
 /// Says what a test saw, for those who run it with `--nocapture`.
@@ -146,7 +161,7 @@ pub(crate) fn pixels(path: &Path) -> (u32, u32, Vec<u8>) {
 pub(crate) fn models() -> Option<PathBuf> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/models"));
     if !folder.is_dir() {
-        skipped(&format!("there is no {}", folder.display()));
+        cannot_run(&format!("there is no {}", folder.display()));
         return None;
     }
     Some(folder.to_path_buf())

@@ -24,7 +24,8 @@ fn check(inside: &Path, input: &str, tight: &str) {
 #[test]
 fn generated_models_give_the_same_bytes() {
     let inside = folder();
-    for input in ["gen:isosurface:300k:2", "gen:pipes:200k:2", "gen:soup:20k:2"] {
+    // Of several chunks each, but for the soup, whose huge triangles take most of the time.
+    for input in ["gen:isosurface:200k:3", "gen:pipes:200k:2", "gen:soup:10k:2"] {
         check(inside.path(), input, "96MiB");
     }
 }
@@ -40,7 +41,7 @@ fn units_are_the_same_bytes() {
 #[test]
 fn files_give_the_same_bytes() {
     let inside = folder();
-    document_in(inside.path(), "gen isosurface --triangles 300k -o iso.ply");
+    document_in(inside.path(), "gen isosurface --triangles 200k --seed 3 -o iso.ply");
     document_in(inside.path(), "gen pipes --triangles 200k -o pipes.obj");
     for (input, tight) in
         [("iso.ply", "65MiB"), ("pipes.obj", "65MiB"), ("pipes.obj iso.ply gen:soup:10k --no-asvo", "96MiB")]

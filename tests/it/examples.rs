@@ -1,6 +1,6 @@
 //! The examples of the libraries, run as they are built: each must end well and say what it did.
 
-use crate::command::skipped;
+use crate::command::cannot_run;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -20,7 +20,7 @@ fn examples_say_what_they_did() {
     ] {
         let program = built(name);
         if !program.is_file() {
-            skipped(&format!("{name} is not built: `cargo test --workspace` builds it"));
+            cannot_run(&format!("{name} is not built: `cargo test --workspace` builds it"));
             continue;
         }
         let output = Command::new(&program).output().unwrap();

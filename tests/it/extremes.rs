@@ -2,8 +2,8 @@
 //! along axes and in planes. The oracle decides in integers (`oracle/exact.rs`), so what fails here is the tracer.
 //!
 //! The bound on a hit, across the ray (`Traced::bound`): 8 u E for the kernel, where u is 2^-24, or 2^-53 on lattices
-//! of more than 24 bits, and E the model's extent (derived in `rays.rs`); and 2^-49 of the largest coordinate on the way
-//! for what is done in f64 before and after. A hit may lie that far beside its triangle; along the ray that
+//! of more than 24 bits, and E the model's extent (derived in `rays.rs`); and 2^-49 of the largest coordinate on the
+//! way for what is done in f64 before and after. A hit may lie that far beside its triangle; along the ray that
 //! makes bound / cos, cos being that between ray and normal. What a ray meets with more than that to the next
 //! edge, and that much in front of its answer, it must not overlook. A hit on a triangle that is met exactly lies
 //! within `Hit::error`.
@@ -11,6 +11,7 @@
 //! Invariants: 1. each case is data through one `check`; 2. every check says its worst error over the bound, and
 //! fails where too few rays were decided.
 
+mod aims;
 mod boxes;
 mod cameras;
 mod closed;
@@ -20,10 +21,10 @@ mod shapes;
 use crate::command::said;
 use crate::oracle::exact::{self, ExactHit, Q, met};
 use crate::oracle::mesh::distance;
-use crate::support::{Built, build_options, build_source};
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::{Rng, SeedableRng};
-use shapes::{Shape, graded_box, needles, star};
+use crate::random::Random;
+use crate::support::{Built, Mesh, build_options, build_source};
+use aims::{Aim, WAYS, aim};
+use shapes::{graded_box, needles, placed, star};
 use std::collections::HashMap;
 use trex_render::{AllResident, Answer, Arithmetic, Hit, PagedMesh, Ray, Tracer};
 use trex_store::TriangleSource;
@@ -35,15 +36,6 @@ fn exact<T>(answer: Answer<T>) -> T {
         Answer::Exact(value) => value,
         Answer::Blocked => panic!("blocked with all pages resident"),
     }
-}
-
-/// A whole number below `bound`.
-fn below(rng: &mut Pcg64, bound: i64) -> i64 {
-    (rng.next_u64() % bound as u64) as i64
-}
-
-fn unit(rng: &mut Pcg64) -> f64 {
-    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
 fn norm(v: [f64; 3]) -> f64 {
@@ -111,14 +103,6 @@ impl Traced {
         let reach = (0..3).map(|a| ray.origin[a].abs() + (t * ray.direction[a]).abs()).fold(0.0, f64::max);
         8.0 * kernel * self.extent() + 2f64.powi(-49) * (reach / self.step() + self.extent())
     }
-}
-
-/// A ray on the lattice, and what is added to its direction (relative to it) that no integer can say.
-#[derive(Clone, Copy, Debug)]
-struct Aim {
-    origin: Q,
-    direction: Q,
-    tiny: [f64; 3],
 }
 
 /// What a comparison saw: rays with an answer that is due, and the worst errors over their bounds.
@@ -196,73 +180,6 @@ fn beside(corners: &[Q; 3], aim: &Aim, t: f64) -> f64 {
     (0..3).map(|i| distance(&[seen[i], seen[i], seen[(i + 1) % 3]], point)).fold(f64::INFINITY, f64::min)
 }
 
-/// How a ray is aimed at a model.
-#[derive(Clone, Copy)]
-enum Way {
-    /// From in and around the box to anywhere in it.
-    Anywhere,
-    /// To a point of a triangle; every third one to a vertex, every third one to an edge.
-    AtTriangles,
-    /// Along an axis, through a vertex.
-    AlongAxis,
-    /// In the plane of a box through a vertex.
-    InBoxPlane,
-    /// In the plane of a triangle.
-    InTriangle,
-    /// Along an axis through a vertex, but for a component of 1e-30.
-    Tiny,
-}
-
-const WAYS: [Way; 6] =
-    [Way::Anywhere, Way::AtTriangles, Way::AlongAxis, Way::InBoxPlane, Way::InTriangle, Way::Tiny];
-
-fn aim(model: &Traced, way: Way, i: usize, rng: &mut Pcg64) -> Aim {
-    let side: Q = exact::sub(model.hi, model.lo);
-    let mut inside = || -> Q { std::array::from_fn(|a| model.lo[a] + below(rng, side[a] + 1)) };
-    let (mut origin, mut target) = (inside(), inside());
-    if i.is_multiple_of(2) {
-        // Half of the way out of the box.
-        origin = std::array::from_fn(|a| origin[a] + [-1, 1][i / 2 % 2] * side[a] / 2);
-    }
-    let [a, b, c] = model.triangles[below(rng, model.triangles.len() as i64) as usize];
-    let axis = i % 3;
-    let mut tiny = [0.0; 3];
-    match way {
-        Way::Anywhere => {}
-        Way::AtTriangles => match i % 3 {
-            0 => target = a,
-            // Twice as far as the middle of the edge.
-            1 => target = std::array::from_fn(|x| a[x] + b[x] - origin[x]),
-            _ => {
-                let weights = [below(rng, 64), below(rng, 64), 1 + below(rng, 64)];
-                let middle = |x: usize| {
-                    let sum = weights
-                        .iter()
-                        .zip([a, b, c])
-                        .map(|(w, q)| i128::from(*w) * i128::from(q[x]))
-                        .sum::<i128>();
-                    (sum / i128::from(weights.iter().sum::<i64>())) as i64
-                };
-                target = std::array::from_fn(middle);
-            }
-        },
-        Way::AlongAxis | Way::Tiny => {
-            target = a;
-            target[axis] = origin[axis] + [1, -1][i / 3 % 2];
-            origin = std::array::from_fn(|x| if x == axis { origin[x] } else { a[x] });
-            if matches!(way, Way::Tiny) {
-                tiny[(axis + 1 + i / 6 % 2) % 3] = [1e-30, -1e-30][i / 12 % 2];
-            }
-        }
-        Way::InBoxPlane => (origin[axis], target[axis]) = (a[axis], a[axis]),
-        Way::InTriangle => {
-            origin = std::array::from_fn(|x| 2 * a[x] - b[x]);
-            target = std::array::from_fn(|x| b[x] + c[x] - a[x]);
-        }
-    }
-    Aim { origin, direction: exact::sub(target, origin), tiny }
-}
-
 /// A model and how fine its lattice is.
 struct Case {
     name: &'static str,
@@ -276,11 +193,11 @@ struct Case {
 
 /// Decoded corners against the input within the stated bound, then rays of all ways.
 fn check(case: Case, ray_count: usize) {
-    let mut shape = Shape::new(case.name, case.triangles);
+    let mut shape = Mesh::new(case.name, case.triangles);
     let model = Traced::of(&mut shape, case.precision);
     let snapped = compare_corners(case.name, &shape.triangles, &model.built);
     assert!(!case.is_exact || model.built.file.superblock().error_bound == 0.0, "{}: not exact", case.name);
-    let mut rng = Pcg64::seed_from_u64(31);
+    let mut rng = Random::seeded(31);
     let mut aims = Vec::new();
     for way in WAYS {
         let all = (0..ray_count).map(|i| aim(&model, way, i, &mut rng));
@@ -341,7 +258,7 @@ fn compare_corners(name: &str, input: &[[[f64; 3]; 3]], built: &Built) -> f64 {
 /// A bumpy sphere in model units, not on any lattice.
 fn bumpy(n: i64, center: [f64; 3], radius: f64) -> Vec<[[f64; 3]; 3]> {
     let fine = (1i64 << 30) as f64;
-    Shape::placed("star", &star(n, fine), center, radius / fine * 1.000_000_1).triangles
+    placed("star", &star(n, fine), center, radius / fine * 1.000_000_1).triangles
 }
 
 #[test]
@@ -371,7 +288,7 @@ fn models_of_any_size_are_alike() {
 /// lay off its plane, and in f32 a needle in front could lose to one behind it. Now its plane tells where it is.
 #[test]
 fn needles_are_hit_where_they_are() {
-    let mut rng = Pcg64::seed_from_u64(5);
+    let mut rng = Random::seeded(5);
     for (name, decided, needle) in [
         ("needles of 1:10^4, f32", 0.05, [1 << 21, 210, 1 << 10]),
         ("needles of 1:10^6, f32", 0.0, [1 << 21, 2, 1 << 10]),
@@ -380,7 +297,7 @@ fn needles_are_hit_where_they_are() {
     ] {
         let triangles = needles(300, needle, &mut rng);
         let unit = 2f64.powi(-20);
-        let triangles = Shape::placed(name, &triangles, [-1.0; 3], unit).triangles;
+        let triangles = placed(name, &triangles, [-1.0; 3], unit).triangles;
         check(
             Case { name, triangles, precision: Precision::Error(unit / 2.0), is_exact: true, decided },
             400,
@@ -415,7 +332,7 @@ fn what_lies_on_a_lattice_comes_back_bit_for_bit() {
         ("lattice at 0, f64", [0.0; 3], -38, 39),
     ] {
         let unit = 2f64.powi(exponent);
-        let triangles = Shape::placed(name, &graded_box(doublings), origin, unit).triangles;
+        let triangles = placed(name, &graded_box(doublings), origin, unit).triangles;
         check(
             Case { name, triangles, precision: Precision::Error(unit / 2.0), is_exact: true, decided: 0.2 },
             40,

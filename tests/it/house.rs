@@ -161,7 +161,8 @@ impl File {
                 let path: String = self.code[at..].chars().take_while(|&c| word(c)).collect();
                 let in_use = self.code[..at].rfind([';', '}', '{']).map_or(0, |end| end + 1);
                 if is_whole && !self.code[in_use..at].contains("use ") {
-                    let segments = path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
+                    let segments =
+                        path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
                     all.push(Named { segments, is_signpost: false });
                 }
             }
@@ -178,7 +179,9 @@ fn spread(tree: &str, above: &[String], tell: &mut impl FnMut(Vec<String>)) {
         None => (tree.split(" as ").next().unwrap(), None),
     };
     let mut path = above.to_vec();
-    path.extend(head.split("::").map(str::trim).filter(|part| !part.is_empty() && *part != "*").map(str::to_owned));
+    path.extend(
+        head.split("::").map(str::trim).filter(|part| !part.is_empty() && *part != "*").map(str::to_owned),
+    );
     let Some(inner) = inner else {
         if path.last().is_some_and(|last| last == "self") && path.len() > 1 {
             path.pop();
@@ -243,7 +246,8 @@ fn circles(arrows: &BTreeMap<&[String], BTreeSet<Vec<String>>>) -> BTreeSet<BTre
     let around = reached.iter().filter(|(module, all)| all.contains(**module));
     around
         .map(|(module, all)| {
-            let back = |other: &&Vec<String>| reached.get(other.as_slice()).is_some_and(|r| r.contains(*module));
+            let back =
+                |other: &&Vec<String>| reached.get(other.as_slice()).is_some_and(|r| r.contains(*module));
             all.iter().filter(back).cloned().collect()
         })
         .collect()

@@ -2,6 +2,7 @@
 //! pictures get.
 
 use crate::command::{Ran, document_in, folder, listing, pixels, run_in};
+use crate::fixtures::built_in;
 use crate::oracle::pictures::{Pixels, exr, figures, noise, png};
 use serde_json::Value;
 use std::path::Path;
@@ -70,7 +71,7 @@ fn png_and_exr_are_compared_in_linear_radiance() {
         "{same:#}"
     );
     // What render writes of one film, in both formats, differs by half a step of 8 bits at the most: 2.28 / 510.
-    document_in(inside.path(), "build gen:scan:20k -o scan.trex");
+    built_in(inside.path(), "gen:scan:20k", "scan.trex");
     for name in ["film.png", "film.exr --layers normal,albedo,depth,id"] {
         let line = format!("render scan.trex --integrator ao --resolution 64x48 --spp 3 -o {name}");
         document_in(inside.path(), &line);
@@ -85,7 +86,7 @@ fn png_and_exr_are_compared_in_linear_radiance() {
 #[test]
 fn the_mean_is_that_of_the_render() {
     let inside = folder();
-    document_in(inside.path(), "build gen:scan:20k -o scan.trex");
+    built_in(inside.path(), "gen:scan:20k", "scan.trex");
     let drawn = document_in(inside.path(), "render scan.trex --resolution 64x48 --spp 3 -o film.exr");
     let found = document_in(inside.path(), "image diff film.exr film.exr");
     for (c, name) in ["r", "g", "b"].into_iter().enumerate() {

@@ -52,8 +52,8 @@ fn sphere(n: usize) -> (Vec<[f64; 3]>, Vec<Vec<usize>>) {
     (corners, faces)
 }
 
-/// Builds `m.obj` and renders `scene` (camera, lights, render keys) with each integrator; the mean of the picture's first
-/// channel must be `expected` within the share given.
+/// Builds `m.obj` and renders `scene` (camera, lights, render keys) with each integrator; the mean of the picture's
+/// first channel must be `expected` within the share given.
 fn check(folder: &Path, voxels: &str, scene: &str, expected: f64, integrators: &[(&str, f64)]) {
     document_in(folder, &format!("build m.obj -o m.trex --voxels {voxels} --overwrite"));
     fs::write(folder.join("m.toml"), format!("model = 'm.trex'\n{scene}")).unwrap();
@@ -75,8 +75,9 @@ fn the_white_furnace() {
     write_obj(folder.path(), &corners, &faces, "Kd 0.5 0.5 0.5\nKe 1 1 1");
     let integrators = [("path --spp 256", 0.005), ("photon --spp 16 --photons 1M", 0.02)];
     check(folder.path(), "64", INSIDE, 2.0, &integrators);
-    // Without shadow rays a fourth of the light is missing, and with it their noise in corners. `full-gi` loses at most 0.17 r
-    // at edges of 8 to an area of 4, r^2 = 50 / (pi * 4 * 10^5 photons / 24): 1 % of what gather rays bring, a third of this.
+    // Without shadow rays a fourth of the light is missing, and with it their noise in corners. `full-gi` loses at
+    // most 0.17 r at edges of 8 to an area of 4, r^2 = 50 / (pi * 4 * 10^5 photons / 24): 1 % of what gather rays
+    // bring, a third of this.
     check(folder.path(), "64", INSIDE, 1.5, &[("full-gi --spp 64 --photons 200k --n-shadow 0", 0.005)]);
 }
 
@@ -154,7 +155,8 @@ fn same_picture(folder: &Path, integrator: &str) {
     let mut first = None;
     for options in ["--threads 1", "--threads 2", "--threads 2 --memory-limit 48MiB"] {
         let line = format!(
-            "render p.trex -o p.exr --overwrite --integrator {integrator} --resolution 64x64 --spp 3 --photons 30k {options}"
+            "render p.trex -o p.exr --overwrite --integrator {integrator} --resolution 64x64 --spp 3 \
+             --photons 30k {options}"
         );
         let document = document_in(folder, &line);
         for kind in ["primary", "shadow", "gather", "photon"] {

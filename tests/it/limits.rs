@@ -32,7 +32,7 @@ fn the_smallest_limit_that_is_named_works() {
         document_in(inside.path(), &line);
     }
     for line in [
-        "build gen:isosurface:400k -o out.trex --overwrite --threads 3",
+        "build gen:isosurface:300k:3 -o out.trex --overwrite --threads 3",
         "build scan.ply -o out.trex --overwrite --threads 1",
         "build scan.obj -o out.trex --overwrite --threads 2",
         "build scan.stl -o out.trex --overwrite --threads 2",

@@ -2,6 +2,7 @@
 //! without, and a verdict is one.
 
 use crate::command::{document_in, folder, hash_of, run_in};
+use crate::fixtures::built_in;
 use serde_json::Value;
 
 const SMALL: &str = "--resolution 96x72 --photons 20k --memory-limit 128MiB";
@@ -13,7 +14,7 @@ fn number(value: &Value) -> f64 {
 #[test]
 fn frames_come_to_the_picture_without_a_deadline() {
     let inside = folder();
-    document_in(inside.path(), "build gen:isosurface:60k -o iso.trex");
+    document_in(inside.path(), "build gen:isosurface:58k -o iso.trex");
     for picture in ["--integrator photon", "--integrator photon --lod-error 2", "--integrator direct"] {
         let line = format!("render iso.trex {picture} {SMALL} --spp 3 --overwrite");
         let plain = document_in(inside.path(), &format!("{line} -o plain.exr"));
@@ -40,7 +41,8 @@ fn the_footprint_rule_saves_pages_and_stays_near() {
     let exact = document_in(inside.path(), &format!("{line} -o exact.exr"));
     let near = document_in(inside.path(), &format!("{line} --lod-error 0.2 -o near.exr"));
     let far = document_in(inside.path(), &format!("{line} --lod-error 2 -o far.exr"));
-    // How many are asked for in vain before a nearer hit is known depends on time, so the counts of two runs do not compare.
+    // How many are asked for in vain before a nearer hit is known depends on time, so the counts of two runs do not
+    // compare.
     assert!(pages(&exact) > 0 && pages(&near) > 0 && pages(&far) == 0, "{near} {far}");
     for name in ["near.exr", "far.exr"] {
         let diff = document_in(inside.path(), &format!("image diff {name} exact.exr"));
@@ -97,7 +99,7 @@ fn every_scenario_passes_on_a_small_model() {
 #[test]
 fn a_verdict_can_be_no() {
     let inside = folder();
-    document_in(inside.path(), "build gen:isosurface:20k -o iso.trex");
+    built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
     let line = format!("stress iso.trex --scenario flip {SMALL} --switches 2 --hold 1 --require 0.1,0.1,0.1");
     let ran = run_in(inside.path(), &format!("{line} --json -q"));
     ran.expect(1);
@@ -123,7 +125,7 @@ fn what_cannot_be_live_is_refused() {
         );
     }
     std::fs::write(inside.path().join("views.toml"), "[[view]]\nposition = [1, 2]").unwrap();
-    document_in(inside.path(), "build gen:isosurface:20k -o iso.trex");
+    built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
     let ran = run_in(inside.path(), "stress iso.trex --scenario flip --views views.toml --json -q");
     ran.expect_error(3, "scene-format");
 }

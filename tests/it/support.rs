@@ -1,16 +1,20 @@
-//! What the tests share: building generated models in a temporary folder, decoding them.
-//! What they share of the command is in `command.rs`.
+//! What the tests share: triangles in memory as a source, building sources in a temporary folder, decoding them.
+//! What they share of the command is in `command.rs`; models that several tests look at are in `fixtures.rs`.
 
+use crate::command::folder;
+use std::path::Path;
 use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
-use trex_store::{Budget, Interrupt, PageFile, TriangleSource};
+use trex_store::{
+    Budget, Interrupt, Material, PageFile, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
+};
 
-/// A built file in its temporary folder.
+/// A built file.
 pub(crate) struct Built {
     pub(crate) file: PageFile,
-    /// Removed with the last look at the file.
-    _folder: tempfile::TempDir,
+    /// Removed with the last look at the file, where the file has a folder of its own.
+    _folder: Option<tempfile::TempDir>,
 }
 
 /// Options for a build without a tight limit, and without voxels: tests that need them ask for them, since on small
@@ -43,13 +47,17 @@ pub(crate) fn build_spec(spec: &str) -> Built {
     build_source(&mut *source(spec), &build_options())
 }
 
-/// Builds any source.
+/// Builds any source in a folder of its own.
 pub(crate) fn build_source(source: &mut dyn TriangleSource, options: &BuildOptions) -> Built {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("model.trex");
-    build(source, &path, options, &|_| {}, &|_| {}).unwrap();
-    let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
-    Built { file, _folder: folder }
+    let folder = folder();
+    let built = build_at(&folder.path().join("model.trex"), source, options);
+    Built { _folder: Some(folder), ..built }
+}
+
+/// Builds any source; who asks takes care of the file.
+pub(crate) fn build_at(path: &Path, source: &mut dyn TriangleSource, options: &BuildOptions) -> Built {
+    build(source, path, options, &|_| {}, &|_| {}).unwrap();
+    Built { file: PageFile::open(path, &Budget::unlimited()).unwrap(), _folder: None }
 }
 
 impl Built {
@@ -73,5 +81,50 @@ impl Built {
     /// Index of a triangle in `decode` by its store id.
     pub(crate) fn decoded_index(&self, triangle: u32) -> usize {
         triangle as usize
+    }
+}
+
+/// Triangles in memory, of one material.
+pub(crate) struct Mesh {
+    name: String,
+    pub(crate) triangles: Vec<[[f64; 3]; 3]>,
+    materials: Vec<Material>,
+    at: usize,
+}
+
+impl Mesh {
+    pub(crate) fn new(name: &str, triangles: Vec<[[f64; 3]; 3]>) -> Mesh {
+        Mesh { name: name.into(), triangles, materials: vec![Material::default()], at: 0 }
+    }
+}
+
+impl TriangleSource for Mesh {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
+        batch.clear();
+        let end = (self.at + TriangleBatch::TARGET_TRIANGLES).min(self.triangles.len());
+        self.triangles[self.at..end].iter().for_each(|&corners| batch.push(corners, 0));
+        self.at = end;
+        Ok(!batch.is_empty())
+    }
+
+    fn rewind(&mut self) -> Result<()> {
+        self.at = 0;
+        Ok(())
+    }
+
+    fn hint(&self) -> Option<ScanHint> {
+        None
+    }
+
+    fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    fn stats(&self) -> SourceStats {
+        SourceStats::default()
     }
 }

@@ -43,8 +43,8 @@ const UNSAFE_FILES: [&str; 16] = [
 ];
 /// Longest file: past this it is two files.
 const MAX_FILE_LINES: usize = 800;
-/// Lines of code of the renderer, shaders included: it stays readable in a day. Tests and comments do not count: a bound should
-/// speak against neither.
+/// Lines of code of the renderer, shaders included: it stays readable in a day. Tests and comments do not count: a
+/// bound should speak against neither.
 const MAX_RENDER_LINES: usize = 10_000;
 /// How far above its block a SAFETY comment may begin.
 const SAFETY_REACH: usize = 8;

@@ -1,18 +1,19 @@
 //! Rays through units: against all voxels one by one, whichever pages are there; and pictures of files with units.
 
 use crate::command::{document_in, folder};
+use crate::fixtures::model_with;
 use crate::format::read;
 use crate::format_octree::Upper;
 use crate::format_units::{Unit, read_links, read_units};
-use crate::support::{Built, build_options, build_source, source};
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::{Rng, SeedableRng};
+use crate::random::Random;
+use crate::support::Built;
 use std::collections::BTreeMap;
 use std::fs;
+use std::sync::Arc;
 use trex_render::{
     AllResident, Answer, LowerHit, LowerScene, Occluders, Page, Pages, Ray, VoxelScene, Voxels,
 };
-use trex_store::build::{BuildOptions, Voxels as VoxelOptions};
+use trex_store::build::Voxels as VoxelOptions;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::Refinement;
 use trex_store::{Budget, PageFile};
@@ -107,10 +108,6 @@ impl Oracle {
     }
 }
 
-fn number(rng: &mut Pcg64) -> f64 {
-    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-}
-
 /// Where the ray is in a cube: entry and exit.
 fn slab(ray: &Ray, lo: [f64; 3], side: f64) -> (f64, f64) {
     let (mut near, mut far) = (0.0f64, ray.t_max);
@@ -124,10 +121,10 @@ fn slab(ray: &Ray, lo: [f64; 3], side: f64) -> (f64, f64) {
 }
 
 /// A ray from somewhere about the box to somewhere about it.
-fn ray_about(file: &PageFile, rng: &mut Pcg64) -> Ray {
+fn ray_about(file: &PageFile, rng: &mut Random) -> Ray {
     let bounds = file.superblock().bounds;
     let mut point = || -> [f64; 3] {
-        [0, 1, 2].map(|a| bounds.lo[a] + (1.4 * number(rng) - 0.2) * (bounds.hi[a] - bounds.lo[a]))
+        [0, 1, 2].map(|a| bounds.lo[a] + (1.4 * rng.unit() - 0.2) * (bounds.hi[a] - bounds.lo[a]))
     };
     let (origin, target) = (point(), point());
     let way = [0, 1, 2].map(|a| target[a] - origin[a]);
@@ -135,9 +132,8 @@ fn ray_about(file: &PageFile, rng: &mut Pcg64) -> Ray {
     Ray { origin, direction: way.map(|v| v / length), t_max: 2.0 * length }
 }
 
-fn build(spec: &str, upper: u32, refinement: Refinement) -> Built {
-    let options = BuildOptions { voxels: VoxelOptions::Refined { upper, refinement }, ..build_options() };
-    build_source(&mut *source(spec), &options)
+fn refined(spec: &str, refinement: Refinement) -> Arc<Built> {
+    model_with(spec, VoxelOptions::Refined { upper: 64, refinement })
 }
 
 /// Rays against all cubes, for one set of pages.
@@ -152,7 +148,7 @@ fn check_rays(built: &Built, oracle: &Oracle, occluders: Occluders, pages: &mut 
     let lo_of = |at: [i64; 3], side: f64| [0, 1, 2].map(|a| corner[a] + at[a] as f64 * side);
     let grazed = 4e-3 * leaf_side / (4 * oracle.factor) as f64;
     let leaves = oracle.leaves(occluders, pages);
-    let mut rng = Pcg64::seed_from_u64(7);
+    let mut rng = Random::seeded(7);
     let mut hit_count = 0;
     for _ in 0..150 {
         let ray = ray_about(&built.file, &mut rng);
@@ -190,7 +186,7 @@ fn check_rays(built: &Built, oracle: &Oracle, occluders: Occluders, pages: &mut 
 #[test]
 fn rays_meet_what_all_voxels_of_units_say() {
     for refinement in [Refinement::By4, Refinement::By16] {
-        let built = build("gen:scan:10k:2", 64, refinement);
+        let built = refined("gen:scan:10k:2", refinement);
         let oracle = Oracle::of(&built);
         for share in [0, 1, 2] {
             let is_there = |page: u32| page.wrapping_mul(0x9e37_79b9) >> 31 < share;
@@ -205,9 +201,9 @@ fn rays_meet_what_all_voxels_of_units_say() {
 /// Without any unit a ray meets what it meets in the upper octree.
 #[test]
 fn without_units_there_is_the_upper_octree() {
-    let built = build("gen:pipes:10k:2", 64, Refinement::By4);
+    let built = refined("gen:pipes:10k:2", Refinement::By4);
     let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
-    let mut rng = Pcg64::seed_from_u64(5);
+    let mut rng = Random::seeded(5);
     let mut none = Shelf { frames: BTreeMap::new(), others: || Page::Damaged };
     for occluders in [Occluders::On, Occluders::Off] {
         let (upper, lower) = (voxels.scene(occluders), voxels.lower_scene(occluders).unwrap());
@@ -247,12 +243,12 @@ fn grazes(scene: &VoxelScene<'_>, ray: &Ray) {
 /// An answer is that of all pages, or the ray is blocked.
 #[test]
 fn missing_pages_block_and_change_nothing() {
-    let built = build("gen:pipes:10k:2", 64, Refinement::By4);
+    let built = refined("gen:pipes:10k:2", Refinement::By4);
     let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let scene = voxels.lower_scene(Occluders::On).unwrap();
     let all = AllResident::load(&built.file);
     let mut some = Shelf::of(&built.file, || Page::Missing, |page| page % 2 == 0);
-    let mut rng = Pcg64::seed_from_u64(6);
+    let mut rng = Random::seeded(6);
     let mut counts = [0; 3];
     for _ in 0..5000 {
         let ray = ray_about(&built.file, &mut rng);
@@ -269,13 +265,14 @@ fn missing_pages_block_and_change_nothing() {
     assert!(counts.iter().all(|&count| count > 50), "{counts:?}");
 }
 
-/// A ray that starts a clearance above a plane, on either side of it, meets none of the plane's voxels, however it leaves.
+/// A ray that starts a clearance above a plane, on either side of it, meets none of the plane's voxels, however it
+/// leaves.
 #[test]
 fn rays_leave_their_own_finest_voxels() {
     let folder = folder();
-    let mut rng = Pcg64::seed_from_u64(8);
+    let mut rng = Random::seeded(8);
     for round in 0..6 {
-        let corners: Vec<[f64; 3]> = (0..3).map(|_| [0; 3].map(|_| number(&mut rng))).collect();
+        let corners: Vec<[f64; 3]> = (0..3).map(|_| [0; 3].map(|_| rng.unit())).collect();
         let mut text = String::from("s off\n");
         corners.iter().for_each(|[x, y, z]| text += &format!("v {x} {y} {z}\n"));
         fs::write(folder.path().join("one.obj"), text + "f 1 2 3\n").unwrap();
@@ -303,14 +300,14 @@ fn leave_all(
     scene: &LowerScene<'_>,
     pages: &mut impl Pages,
     ([a, e, f], normal): ([[f64; 3]; 3], [f64; 3]),
-    rng: &mut Pcg64,
+    rng: &mut Random,
 ) {
     let mut met = 0;
     for index in 0..4000 {
         let side = if index % 2 == 0 { 1.0 } else { -1.0 };
-        let (u, v) = (number(rng), number(rng));
+        let (u, v) = (rng.unit(), rng.unit());
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        let mut way = [0; 3].map(|_| 2.0 * number(rng) - 1.0);
+        let mut way = [0; 3].map(|_| 2.0 * rng.unit() - 1.0);
         let height: f64 = (0..3).map(|i| way[i] * normal[i]).sum();
         // Some graze, and none goes back.
         let lift = if index % 3 == 0 { 1e-9 - height * side } else { (-2.0 * height * side).max(0.0) };
@@ -347,7 +344,8 @@ fn units_give_the_same_picture_whatever_threads_and_limit() {
         let mut first = None;
         for options in ["--threads 1", "--threads 2", "--threads 1 --memory-limit 33MiB"] {
             let line = format!(
-                "render p.trex -o p.exr --overwrite --resolution 48x48 --spp 2 --photons 10k --integrator {integrator} {options}"
+                "render p.trex -o p.exr --overwrite --resolution 48x48 --spp 2 --photons 10k \
+                 --integrator {integrator} {options}"
             );
             let document = document_in(folder.path(), &line);
             let is_tight = options.contains("limit");

@@ -13,8 +13,12 @@
 //! 1), so a child lies within the least and greatest of its support, widened by the noise still to come:
 //! the bound that skips empty space; 3. plain f32 operations, no fused ones: the same bits on every machine.
 
+use super::root::{BUBBLE_TOP, Bubbles, LAYER_SIDE, Root, bubbles_at, squared_to_bubble};
 use crate::dice::mix;
-use fastnoise_lite::{FastNoiseLite, NoiseType};
+use crate::pool::Pool;
+use glam::Vec3;
+use rayon::iter::{IndexedParallelIterator, ParallelIterator};
+use rayon::slice::ParallelSliceMut;
 
 /// Cells of a block along an axis.
 pub(super) const CELLS: usize = 8;
@@ -72,8 +76,8 @@ pub(super) struct Grid {
 }
 
 impl Field {
-    /// Samples level 0 on `threads` threads.
-    pub(super) fn new(seed: u64, grid: Grid, threads: usize) -> Field {
+    /// Samples level 0 on the threads of `pool`.
+    pub(super) fn new(seed: u64, grid: Grid, pool: &Pool) -> Field {
         let Grid { levels, step, center, root_blocks } = grid;
         let bump: Vec<f32> = (0..=levels)
             .map(|level| {
@@ -94,28 +98,21 @@ impl Field {
         let root_counts = root_blocks.map(|blocks| blocks * CELLS + SIDE - CELLS);
         let root = Vec::new();
         let mut field = Field { seed, levels, step, center, bump, slack, seed_bubbles, root, root_counts };
-        field.root = field.sample_root(threads);
+        field.root = field.sample_root(pool);
         field
     }
 
     /// The samples of level 0, `[z][y][x]`.
-    fn sample_root(&self, threads: usize) -> Vec<f32> {
+    fn sample_root(&self, pool: &Pool) -> Vec<f32> {
         let root = Root::new(self.seed);
         let [x_count, y_count, z_count] = self.root_counts;
         let mut values = vec![0f32; x_count * y_count * z_count];
-        let share = z_count.div_ceil(threads.clamp(1, 16)) * x_count * y_count;
-        std::thread::scope(|scope| {
-            for (part, values) in values.chunks_mut(share).enumerate() {
-                let root = &root;
-                scope.spawn(move || {
-                    for (i, value) in values.iter_mut().enumerate() {
-                        let i = part * share + i;
-                        let index = [i % x_count, i / x_count % y_count, i / (x_count * y_count)];
-                        *value = root.value(self.place(0, [0; 3], index));
-                    }
-                });
+        let fill = |(z, plane): (usize, &mut [f32])| {
+            for (i, value) in plane.iter_mut().enumerate() {
+                *value = root.value(self.place(0, [0; 3], [i % x_count, i / x_count, z]));
             }
-        });
+        };
+        pool.install(|| values.par_chunks_mut(x_count * y_count).enumerate().for_each(fill));
         values
     }
 
@@ -169,11 +166,12 @@ impl Field {
     }
 
     /// Where the sample `index` of a block stands, model units.
-    fn place(&self, level: u32, first: [i64; 3], index: [usize; 3]) -> [f32; 3] {
-        std::array::from_fn(|axis| {
+    fn place(&self, level: u32, first: [i64; 3], index: [usize; 3]) -> Vec3 {
+        let steps = std::array::from_fn(|axis| {
             let sample = first[axis] + index[axis] as i64 - 1;
-            ((sample << (self.levels - level)) - self.center[axis]) as f32 * self.step
-        })
+            ((sample << (self.levels - level)) - self.center[axis]) as f32
+        });
+        Vec3::from_array(steps) * self.step
     }
 
     /// Lowers what is near the centre of a bubble and raises what is far from all.
@@ -181,7 +179,7 @@ impl Field {
         for z in 0..SIDE {
             for y in 0..SIDE {
                 for x in 0..SIDE {
-                    let at = self.place(level, first, [x, y, z]).map(|value| value / size.side);
+                    let at = self.place(level, first, [x, y, z]) / size.side;
                     let apart = squared_to_bubble(self.seed_bubbles, at).min(1.0);
                     block.values[(z * SIDE + y) * STRIDE + x] += size.height * (apart - BUBBLE_TOP);
                 }
@@ -258,179 +256,9 @@ fn blend<'a>(a: usize, old: impl Fn(usize) -> &'a [f32; SUPPORT_ROW]) -> [f32; S
     }
 }
 
-/// Model units: the layer is a square of this side.
-pub(super) const LAYER_SIDE: f32 = 100.0;
-/// The surface stays within this distance of the plane z = 0, whatever the seed: the root field reaches 18, all
-/// bumps together some 3 more.
-pub(super) const HALF_HEIGHT: f32 = 24.0;
-/// Within this distance of that plane lies what the root field makes.
-const ROOT_REACH: f32 = 17.0;
-
 /// Height of a bump on a lattice of the given spacing. Falls a little faster than the spacing, so the surface
 /// gets rougher at every zoom, yet its area grows slowly.
 fn bump_height(spacing: f32) -> f32 {
     BUMP_SLOPE * spacing * (spacing / LAYER_SIDE).sqrt().sqrt()
 }
 const BUMP_SLOPE: f32 = 3.2;
-
-/// The large shapes, in layers: spikes with rolled-up caps over ground with pits, pushed about by a warp, and
-/// bubbles on every face of them.
-///
-/// ```text
-///      .-""""-.      cap: half of an ellipsoid
-///     ( ) |  | ( )   roll: a ring below its rim, what a vortex leaves
-///         |  |       stem, widening
-///   ___.-'    '-.__  ground
-/// ```
-struct Root {
-    warp: FastNoiseLite,
-    seed: u64,
-}
-
-/// One spike. Lengths in model units.
-struct Spike {
-    /// From its axis to the point asked, in the plane.
-    across: f32,
-    /// Height of the cap's rim.
-    rim: f32,
-    /// Radius of the rim.
-    radius: f32,
-}
-
-/// Side of the squares with one spike each, and how high the caps rise above the ground: few large ones among many
-/// small ones.
-const SPIKES: [(f32, f32); 2] = [(13.5, 13.0), (7.0, 6.5)];
-/// Level of the ground.
-const GROUND: f32 = -8.0;
-/// How far the warp moves a point at most, per octave, and its wavelength.
-const WARPS: [(f32, f32); 2] = [(3.6, 13.0), (1.8, 5.5)];
-/// Bubbles of one size on every face of the large shapes; one to a cube.
-#[derive(Clone, Copy)]
-struct Bubbles {
-    /// Side of the cube.
-    side: f32,
-    /// From the crease between two bubbles to their tops, at most.
-    height: f32,
-}
-
-/// The sizes of bubbles.
-const BUBBLES: [Bubbles; 2] = [Bubbles { side: 4.4, height: 1.9 }, Bubbles { side: 2.2, height: 1.0 }];
-/// The level at which they join: fine enough for the smallest (a sample has half of its side at most), so coarse
-/// that they are the same at every resolution and cost next to nothing.
-const BUBBLE_LEVEL: u32 = 1;
-/// Part of the height that a bubble's top stands out; its creases are as much lower as is left.
-const BUBBLE_TOP: f32 = 0.6;
-/// Shapes nearer than this to each other grow together.
-const BLEND: f32 = 1.6;
-/// Distances that matter; farther ones are cut, so that what is far away cannot be felt.
-const FAR: f32 = 7.0;
-
-impl Root {
-    fn new(seed: u64) -> Root {
-        let mut warp = FastNoiseLite::with_seed(mix(seed ^ 0x7761_7270) as i32);
-        warp.set_noise_type(Some(NoiseType::Perlin));
-        warp.set_frequency(Some(1.0));
-        Root { warp, seed: mix(seed ^ 0x7370_696b) }
-    }
-
-    /// Negative below the interface; about the distance from it.
-    fn value(&self, at: [f32; 3]) -> f32 {
-        if at[2].abs() > ROOT_REACH {
-            return at[2].clamp(-FAR, FAR);
-        }
-        let [x, y, z] = self.warped(at);
-        let swell = self.warp.get_noise_3d(x / 31.0 + 5.5, y / 31.0, 0.5);
-        // Pits: the bubbles that rise the other way.
-        let pit = 1.0 - squared_to_bubble(self.seed as u32, [x / 9.0, y / 9.0, 0.5]).min(1.0);
-        let mut shape = z - GROUND - 5.0 * swell + 6.0 * pit - 3.0;
-        for (side, height) in SPIKES {
-            shape = self.near_spikes([x, y], side).into_iter().fold(shape, |shape, (across, dice)| {
-                if across > 0.5 * side + FAR {
-                    return shape;
-                }
-                let part = |i: u32| (dice >> (16 * i) & 0xffff) as f32 / 65536.0;
-                let radius = side * (0.2 + 0.12 * part(0));
-                let rim = GROUND + 5.0 * swell + height * (0.55 + 0.45 * part(1));
-                blend_min(shape, Spike { across, rim, radius }.distance(z))
-            });
-        }
-        let limit = (z - ROOT_REACH).max(-FAR);
-        shape.clamp(-FAR, FAR).max(limit).min((z + ROOT_REACH).min(FAR))
-    }
-
-    /// Where the fluid at `at` came from: two octaves, the second at the place that the first gives.
-    fn warped(&self, at: [f32; 3]) -> [f32; 3] {
-        WARPS.iter().fold(at, |at, &(reach, wave)| {
-            let [x, y, z] = at.map(|value| value / wave);
-            let shift = |salt: f32| reach * self.warp.get_noise_3d(x + salt, y - salt, z + 0.7 * salt);
-            [at[0] + shift(0.0), at[1] + shift(17.3), at[2] + 0.6 * shift(31.9)]
-        })
-    }
-
-    /// Distance across from the nine spikes about `at`, and a random number for each.
-    fn near_spikes(&self, at: [f32; 2], side: f32) -> [(f32, u64); 9] {
-        let square = at.map(|value| (value / side).floor());
-        std::array::from_fn(|i| {
-            let cell = [square[0] + (i % 3) as f32 - 1.0, square[1] + (i / 3) as f32 - 1.0];
-            let place = (cell[0] as i64 as u64) << 32 ^ (cell[1] as i64 as u64 & 0xffff_ffff);
-            let dice = mix(self.seed ^ place ^ u64::from(side.to_bits()).rotate_left(24));
-            let part = |shift: u32| (dice >> shift & 0xffff) as f32 / 65536.0;
-            let axis = [(cell[0] + 0.2 + 0.6 * part(32)) * side, (cell[1] + 0.2 + 0.6 * part(48)) * side];
-            (length(at[0] - axis[0], at[1] - axis[1]), dice)
-        })
-    }
-}
-
-impl Spike {
-    /// About the distance from the spike at height `z`; negative inside.
-    fn distance(&self, z: f32) -> f32 {
-        let (radius, up) = (self.radius, z - self.rim);
-        let dome = length(self.across, 1.5 * up.max(0.0)) - radius;
-        let cap = dome.max(-up - 0.25 * radius);
-        let roll = length(self.across - 0.95 * radius, up + 0.3 * radius) - 0.42 * radius;
-        let below = (-up).max(0.0);
-        let stem = (self.across - 0.3 * radius - 0.06 * below).max(up);
-        cap.min(roll).min(stem)
-    }
-}
-
-/// The bubbles that join at `level`.
-fn bubbles_at(level: u32) -> &'static [Bubbles] {
-    if level == BUBBLE_LEVEL { &BUBBLES } else { &[] }
-}
-
-/// Squared distance from `at` to the nearest bubble's centre: one centre to a unit cube, in its middle half, so
-/// that the eight cubes about a point decide.
-fn squared_to_bubble(seed: u32, at: [f32; 3]) -> f32 {
-    let corner = at.map(|value| (value - 0.5).floor());
-    let cell = corner.map(|value| value as i32 as u32);
-    let mut least = f32::INFINITY;
-    for i in 0..8u32 {
-        let step = [i & 1, i >> 1 & 1, i >> 2];
-        let mut dice = seed;
-        for axis in 0..3 {
-            dice = (dice ^ cell[axis].wrapping_add(step[axis])).wrapping_mul(0x9e37_79b1);
-            dice ^= dice >> 15;
-        }
-        dice = dice.wrapping_mul(0x85eb_ca77);
-        let mut squared = 0.0;
-        for axis in 0..3 {
-            let part = (dice >> (10 * axis) & 1023) as f32 * (0.5 / 1024.0) + 0.25;
-            let apart = corner[axis] + step[axis] as f32 + part - at[axis];
-            squared += apart * apart;
-        }
-        least = least.min(squared);
-    }
-    least
-}
-
-/// By square root, which is the same to the bit everywhere.
-fn length(x: f32, y: f32) -> f32 {
-    (x * x + y * y).sqrt()
-}
-
-/// The lesser of two distances, rounded where both are about the same.
-fn blend_min(a: f32, b: f32) -> f32 {
-    let near = (1.0 - (a - b).abs() / BLEND).max(0.0);
-    a.min(b) - 0.25 * BLEND * near * near
-}

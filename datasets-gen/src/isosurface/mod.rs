@@ -11,12 +11,15 @@
 
 mod cubes;
 mod field;
+mod root;
 mod size;
 
+use crate::pool::Pool;
 use crate::stream::{Label, Recipe, Stream};
 use crate::{GenOptions, Spec, View};
 use cubes::{Cubes, Place, Table};
-use field::{Block, CELLS, Field, Grid, HALF_HEIGHT, LAYER_SIDE};
+use field::{Block, CELLS, Field, Grid};
+use root::{HALF_HEIGHT, LAYER_SIDE};
 use std::sync::Arc;
 use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource, geom};
 
@@ -30,8 +33,9 @@ const MEDIAN_EDGE_CELLS: f64 = 0.6;
 
 /// The stream of `spec`.
 pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>> {
-    let size = size::choose(spec, options)?;
-    let layer = Layer::new(spec.seed, size.cells, options.threads);
+    let pool = Pool::new(spec, options.threads)?;
+    let size = size::choose(spec, &pool, &options.interrupt)?;
+    let layer = Layer::new(spec.seed, size.cells, &pool);
     let half = |axis: usize| 0.5 * (size.cells[axis] + 2) as f64 * f64::from(layer.field.step);
     let bounds = Aabb {
         lo: [-half(0), -half(1), -f64::from(HALF_HEIGHT)],
@@ -44,8 +48,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
     };
     let interface = Material { name: "interface".into(), kd: [0.74, 0.69, 0.63], ..Material::default() };
     let label = Label { name: spec.to_string(), hint, materials: vec![interface.checked()] };
-    let stream = Stream::new(layer, label, options.threads, &options.budget, options.interrupt.clone())?;
-    Ok(Box::new(stream))
+    Ok(Box::new(Stream::new(layer, label, pool, options)?))
 }
 
 /// The layer from above one corner, and bubbles from near.
@@ -88,7 +91,7 @@ struct Scratch {
 
 impl Layer {
     /// `sides`: finest cells along x and y. The mean of both is the layer's side.
-    fn new(seed: u64, sides: [u64; 2], threads: usize) -> Layer {
+    fn new(seed: u64, sides: [u64; 2], pool: &Pool) -> Layer {
         let mean = 0.5 * (sides[0] + sides[1]) as f64;
         let step = (f64::from(LAYER_SIDE) / mean) as f32;
         let levels = Layer::level_of(mean as u64);
@@ -97,7 +100,7 @@ impl Layer {
         let center = cells.map(|count| (count / 2) as i64);
         let root_blocks = cells.map(|cells| cells.div_ceil((CELLS as u64) << levels) as usize);
         let grid = Grid { levels, step, center, root_blocks };
-        Layer { field: Field::new(seed, grid, threads), table: Table::new(), cells }
+        Layer { field: Field::new(seed, grid, pool), table: Table::new(), cells }
     }
 
     /// Index of the finest level of a layer of `side` cells a side.

@@ -9,10 +9,13 @@
 //! for a large one within 1 % (measured: see `GROWTH`).
 
 use super::{Layer, ROOT_CELLS, Scratch};
+use crate::Spec;
+use crate::pool::Pool;
 use crate::stream::Recipe;
-use crate::{GenOptions, Spec};
-use std::sync::{Arc, Mutex};
-use trex_store::Result;
+use rayon::iter::{ParallelBridge, ParallelIterator};
+use std::collections::HashMap;
+use std::sync::Arc;
+use trex_store::{Interrupt, Result};
 
 /// A resolution and what it makes.
 pub(super) struct Size {
@@ -46,13 +49,14 @@ const ROUNDS: usize = 4;
 ///
 /// # Errors
 /// `Code::Interrupted`.
-pub(super) fn choose(spec: &Spec, options: &GenOptions) -> Result<Size> {
+pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<Size> {
     let asked = spec.triangles as f64;
+    let mut counts = Counts { seed: spec.seed, pool, interrupt, known: HashMap::new() };
     let mut per_column = TYPICAL_PER_COLUMN;
     // A layer's density changes by a twentieth while its side doubles, by more where it is small: this settles it.
     for _ in 0..ROUNDS {
         let side = (asked / per_column).sqrt().round() as u64;
-        per_column = density(spec.seed, side, options)?;
+        per_column = counts.density(side)?;
     }
     let side = (asked / per_column).sqrt().round() as u64;
     if side > MOST_COUNTED_SIDE {
@@ -67,7 +71,7 @@ pub(super) fn choose(spec: &Spec, options: &GenOptions) -> Result<Size> {
     let mut best: Option<Size> = None;
     let error = |size: &Size| (size.triangle_count as f64 / asked - 1.0).abs();
     for cells in pairs.into_iter().take(MOST_TRIALS) {
-        let size = Size { cells, triangle_count: count(spec.seed, cells, options)? };
+        let size = Size { cells, triangle_count: counts.of(cells)? };
         if best.as_ref().is_none_or(|best| error(&size) < error(best)) {
             best = Some(size);
         }
@@ -78,45 +82,59 @@ pub(super) fn choose(spec: &Spec, options: &GenOptions) -> Result<Size> {
     Ok(best.expect("there is a pair"))
 }
 
-/// Triangles per column of a square layer: counted, or counted small and extrapolated.
-fn density(seed: u64, side: u64, options: &GenOptions) -> Result<f64> {
-    let mut halvings = 0;
-    while side >> halvings > MOST_COUNTED_SIDE {
-        halvings += 1;
+/// Layers of one seed, each counted once: the search comes back to the same sides.
+struct Counts<'a> {
+    seed: u64,
+    pool: &'a Pool,
+    interrupt: &'a Interrupt,
+    known: HashMap<[u64; 2], u64>,
+}
+
+impl Counts<'_> {
+    /// Triangles of a layer.
+    fn of(&mut self, cells: [u64; 2]) -> Result<u64> {
+        if let Some(&count) = self.known.get(&cells) {
+            return Ok(count);
+        }
+        let count = count(self.seed, cells, self.pool, self.interrupt)?;
+        self.known.insert(cells, count);
+        Ok(count)
     }
-    let counted = (side as f64 / (1u64 << halvings) as f64).round().min(MOST_COUNTED_SIDE as f64) as u64;
-    let columns = (counted * counted) as f64;
-    // How far into its level the layer is, 1 to 2: the same at all its halvings.
-    let part = counted as f64 / (ROOT_CELLS << Layer::level_of(counted)) as f64;
-    let growth = |halving: u32| {
-        let above = Layer::level_of(counted) + halving - 2;
-        let last = GROWTH.len() as u32 - 1;
-        let begin = GROWTH[above.min(last) as usize] * GROWTH_DECAY.powi(above.saturating_sub(last) as i32);
-        1.0 + begin * part.powf(GROWTH_POWER)
-    };
-    Ok(count(seed, [counted; 2], options)? as f64 / columns * (0..halvings).map(growth).product::<f64>())
+
+    /// Triangles per column of a square layer: counted, or counted small and extrapolated.
+    fn density(&mut self, side: u64) -> Result<f64> {
+        let mut halvings = 0;
+        while side >> halvings > MOST_COUNTED_SIDE {
+            halvings += 1;
+        }
+        let counted = (side as f64 / (1u64 << halvings) as f64).round().min(MOST_COUNTED_SIDE as f64) as u64;
+        let columns = (counted * counted) as f64;
+        // How far into its level the layer is, 1 to 2: the same at all its halvings.
+        let part = counted as f64 / (ROOT_CELLS << Layer::level_of(counted)) as f64;
+        let growth = |halving: u32| {
+            let above = Layer::level_of(counted) + halving - 2;
+            let last = GROWTH.len() as u32 - 1;
+            let begin =
+                GROWTH[above.min(last) as usize] * GROWTH_DECAY.powi(above.saturating_sub(last) as i32);
+            1.0 + begin * part.powf(GROWTH_POWER)
+        };
+        let per_column = self.of([counted; 2])? as f64 / columns;
+        Ok(per_column * (0..halvings).map(growth).product::<f64>())
+    }
 }
 
 /// Counts the triangles of a layer exactly.
-pub(super) fn count(seed: u64, cells: [u64; 2], options: &GenOptions) -> Result<u64> {
-    let layer = Arc::new(Layer::new(seed, cells, options.threads));
-    let tasks = Mutex::new(layer.clone().tasks());
-    let run = || {
-        let mut scratch = Scratch::default();
-        let mut sum = 0;
-        loop {
-            let next = tasks.lock().expect("no worker panicked").next();
-            match next {
-                Some(node) if !options.interrupt.is_raised() => sum += layer.count(&node, &mut scratch),
-                _ => return sum,
-            }
-        }
-    };
-    let sum = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..options.threads.clamp(1, 16)).map(|_| scope.spawn(run)).collect();
-        workers.into_iter().map(|worker| worker.join().expect("counting does not panic")).sum()
+pub(super) fn count(seed: u64, cells: [u64; 2], pool: &Pool, interrupt: &Interrupt) -> Result<u64> {
+    let layer = Arc::new(Layer::new(seed, cells, pool));
+    let tasks = layer.clone().tasks();
+    let sum = pool.install(|| {
+        tasks
+            .par_bridge()
+            .take_any_while(|_| !interrupt.is_raised())
+            .map_init(Scratch::default, |scratch, node| layer.count(&node, scratch))
+            .sum()
     });
-    options.interrupt.check()?;
+    interrupt.check()?;
     Ok(sum)
 }
 
@@ -129,14 +147,16 @@ mod tests {
     #[ignore = "prints a calibration, checks nothing"]
     #[allow(clippy::print_stdout)]
     fn calibrate() {
-        let options = GenOptions { threads: 2, ..GenOptions::default() };
+        let pool = Pool::new(&Spec::parse("gen:isosurface:1M").unwrap(), 2).unwrap();
+        let interrupt = Interrupt::default();
         for seed in 1..=2 {
             for m in [256u64, 320, 383, 384, 420, 511] {
                 let mut last = 0.0;
                 for k in 0..4 {
                     let side = m << k;
                     let now = std::time::Instant::now();
-                    let per_column = count(seed, [side; 2], &options).unwrap() as f64 / (side * side) as f64;
+                    let per_column =
+                        count(seed, [side; 2], &pool, &interrupt).unwrap() as f64 / (side * side) as f64;
                     println!("{seed} {side:6} {per_column:.5} {:.5} {:?}", per_column / last, now.elapsed());
                     last = per_column;
                 }

@@ -8,6 +8,7 @@ mod palette;
 mod parts;
 mod plant;
 
+use crate::pool::Pool;
 use crate::stream::{Label, Recipe, Stream};
 use crate::{GenOptions, Spec, View};
 use parts::{MAX_DETAIL, Part};
@@ -40,7 +41,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
     let pipes = Pipes::new(spec)?;
     let hint = pipes.hint();
     let label = Label { name: spec.to_string(), hint, materials: palette::materials() };
-    let stream = Stream::new(pipes, label, options.threads, &options.budget, options.interrupt.clone())?;
+    let stream = Stream::new(pipes, label, Pool::new(spec, options.threads)?, options)?;
     Ok(Box::new(stream))
 }
 

@@ -4,6 +4,7 @@
 //! that triangles of a part share is computed once per ring place, so it is equal to the bit; 3. triangles are
 //! counter-clockwise seen from outside; 4. at most [`Part::MAX_TRIANGLES`] a part up to [`MAX_DETAIL`].
 
+use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use trex_store::TriangleBatch;
 
@@ -173,8 +174,8 @@ impl Pen<'_> {
 
     fn elbow(&mut self, center: [f64; 3], axes: [[f64; 3]; 2], [bend, radius]: [f64; 2], detail: u64) {
         let (steps, around) = (2 + detail, around(detail));
-        let [p, q] = axes;
-        let normal = [1, 2, 0].map(|i| p[i] * q[(i + 1) % 3] - p[(i + 1) % 3] * q[i]);
+        let (center, [p, q]) = (DVec3::from(center), axes.map(DVec3::from));
+        let normal = p.cross(q);
         let point = |step: u64, sector: u64| -> [f64; 3] {
             let (turn, angle) = (step as f64 / steps as f64, TAU * (sector % around) as f64 / around as f64);
             // The ends are exact, so that they meet the pipes there.
@@ -184,9 +185,7 @@ impl Pen<'_> {
                 _ => [(FRAC_PI_2 * turn).cos(), (FRAC_PI_2 * turn).sin()],
             };
             let reach = bend + radius * angle.cos();
-            std::array::from_fn(|i| {
-                center[i] + (p[i] * cos + q[i] * sin) * reach + normal[i] * radius * angle.sin()
-            })
+            (center + (p * cos + q * sin) * reach + normal * radius * angle.sin()).to_array()
         };
         for step in 0..steps {
             for sector in 0..around {
@@ -245,12 +244,8 @@ mod tests {
             let mut out = TriangleBatch::default();
             Part { shape: shape.clone(), material: 0 }.tessellate(2, &mut out);
             for [a, b, c] in &out.corners {
-                let [u, v, w]: [[f64; 3]; 3] = [b, c, &inner].map(|p| std::array::from_fn(|i| p[i] - a[i]));
-                let volume: f64 = [0, 1, 2]
-                    .iter()
-                    .map(|&i| (u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3]) * w[i])
-                    .sum();
-                assert!(volume < 0.0, "{shape:?}");
+                let [u, v, w] = [b, c, &inner].map(|p| DVec3::from(*p) - DVec3::from(*a));
+                assert!(u.cross(v).dot(w) < 0.0, "{shape:?}");
             }
         }
     }

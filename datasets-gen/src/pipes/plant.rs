@@ -46,8 +46,8 @@ impl Plant {
         (0.22 * (width * depth).sqrt()).max(11.0)
     }
 
-    /// Holds all parts: walls stand 1 m off the floor's edge, flanges reach a little further, and columns of large halls
-    /// further still; a whole number of metres, which f32 corners do not round past.
+    /// Holds all parts: walls stand 1 m off the floor's edge, flanges reach a little further, and columns of large
+    /// halls further still; a whole number of metres, which f32 corners do not round past.
     pub(super) fn bounds(&self) -> Aabb {
         let ([w, d], h, aside) = (self.floor(), self.height(), self.beam().ceil().max(2.0));
         Aabb { lo: [-aside, -aside, -1.0], hi: [w + aside, d + aside, h + 1.0] }

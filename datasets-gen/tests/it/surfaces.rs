@@ -2,6 +2,7 @@
 
 use super::{collect, open_seeded};
 use datasets_gen::{Kind, Spec};
+use glam::DVec3;
 use std::collections::HashMap;
 
 type Point = [u64; 3];
@@ -60,16 +61,13 @@ fn the_statue_encloses_a_positive_volume_and_the_layer_faces_up() {
     let volume: f64 = statue
         .corners
         .iter()
-        .map(|[a, b, c]| (0..3).map(|i| a[i] * cross(*b, *c)[i]).sum::<f64>() / 6.0)
+        .map(|corners| corners.map(DVec3::from))
+        .map(|[a, b, c]| a.dot(b.cross(c)) / 6.0)
         .sum();
     assert!((1.0..20.0).contains(&volume), "{volume}");
     let layer = collect(&mut *open_seeded(Spec { kind: Kind::Isosurface, triangles: 50_000, seed: 1 }, 1));
-    let sub = |a: &[f64; 3], b: &[f64; 3]| [0, 1, 2].map(|i| a[i] - b[i]);
-    let upward: f64 = layer.corners.iter().map(|[a, b, c]| 0.5 * cross(sub(b, a), sub(c, a))[1]).sum();
+    let corners = layer.corners.iter().map(|corners| corners.map(DVec3::from));
+    let upward: f64 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).y).sum();
     // What the layer covers of its square, to a cell.
     assert!((9_500.0..10_500.0).contains(&upward), "{upward}");
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [1, 2, 0].map(|i| a[i] * b[(i + 1) % 3] - a[(i + 1) % 3] * b[i])
 }

@@ -6,11 +6,10 @@
 //! the boxes below it have moved, which are no coarser.
 
 use super::graded_box;
-use super::shapes::{Shape, needles};
+use super::shapes::{needles, placed};
 use crate::command::said;
+use crate::random::Random;
 use crate::support::{Built, build_options, build_source, source};
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::SeedableRng;
 use trex_store::TriangleSource;
 use trex_store::build::{BuildOptions, Precision};
 use trex_store::cluster::{ClusterView, FrameRef, FrameView, Node, TopRef};
@@ -139,9 +138,9 @@ fn every_box_holds_what_is_below_it() {
             check(&mut *source(&format!("gen:{kind}:40k:6")), precision);
         }
     }
-    let mut rng = Pcg64::seed_from_u64(5);
+    let mut rng = Random::seeded(5);
     for triangles in [graded_box(23), graded_box(39), needles(2000, [1 << 38, 27_488, 1 << 20], &mut rng)] {
-        let mut shape = Shape::placed("box or needles", &triangles, [0.0; 3], 1.0);
+        let mut shape = placed("box or needles", &triangles, [0.0; 3], 1.0);
         check(&mut shape, Precision::Error(0.5));
     }
 }

@@ -3,12 +3,12 @@
 //!
 //! The bound is that of `extremes.rs`, and once more 2^-49 of the largest coordinate for the oracle's own rounding.
 
-use super::shapes::{Shape, cube_surface, star};
-use super::{Traced, exact, norm, unit};
+use super::shapes::{cube_surface, placed, star};
+use super::{Traced, exact, norm};
 use crate::command::said;
 use crate::oracle::mesh::{OracleMesh, cross, distance, dot, sub};
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::SeedableRng;
+use crate::random::Random;
+use crate::support::Mesh;
 use trex_render::{Camera, Fov, Hit, Ray, Tracer};
 use trex_store::build::Precision;
 
@@ -35,7 +35,7 @@ fn cameras(model: &Traced, degrees: f64) -> Vec<Camera> {
     cameras
 }
 
-fn check(name: &str, shape: &mut Shape, precision: Precision) {
+fn check(name: &str, shape: &mut Mesh, precision: Precision) {
     let model = Traced::of(shape, precision);
     let oracle = OracleMesh::new(model.built.decode());
     let step = model.step();
@@ -93,9 +93,9 @@ fn the_narrowest_and_the_widest_picture_show_the_model() {
     let far = (1i64 << 30) as f64;
     for (origin, unit) in [([0.0; 3], 1.0 / far), ([1e7, -1e7, 1e7], 1e3 / far)] {
         for precision in [Precision::GridBits(16), Precision::GridBits(24), Precision::GridBits(40)] {
-            check("star", &mut Shape::placed("star", &star(12, far), origin, unit), precision);
+            check("star", &mut placed("star", &star(12, far), origin, unit), precision);
             let cube = cube_surface(2, |q| q.map(|x| x << 30));
-            check("cube", &mut Shape::placed("cube", &cube, origin, unit), precision);
+            check("cube", &mut placed("cube", &cube, origin, unit), precision);
         }
     }
 }
@@ -104,18 +104,18 @@ fn the_narrowest_and_the_widest_picture_show_the_model() {
 /// stop short of the box by more than that, or it begins behind the first wall and goes through the model.
 #[test]
 fn the_first_wall_is_met_from_any_distance() {
-    let mut cube = Shape::placed("cube", &cube_surface(2, |q| q.map(|x| x << 30)), [0.0; 3], 2f64.powi(-30));
+    let mut cube = placed("cube", &cube_surface(2, |q| q.map(|x| x << 30)), [0.0; 3], 2f64.powi(-30));
     let model = Traced::of(&mut cube, Precision::GridBits(40));
     let mut tracer = model.tracer(model.arithmetics()[0]);
-    let mut rng = Pcg64::seed_from_u64(7);
+    let mut rng = Random::seeded(7);
     let (mut worst, mut count) = (0.0f64, 0);
     for doublings in 1..40 {
-        let distance = 2f64.powi(doublings) * (1.0 + unit(&mut rng));
+        let distance = 2f64.powi(doublings) * (1.0 + rng.unit());
         for axis in 0..3 {
             for _ in 0..50 {
-                let mut target = [(); 3].map(|()| 0.5 + unit(&mut rng));
+                let mut target = [(); 3].map(|()| 0.5 + rng.unit());
                 target[axis] = 0.0;
-                let mut origin = target.map(|x| x + 6.0 * distance * (unit(&mut rng) - 0.5));
+                let mut origin = target.map(|x| x + 6.0 * distance * (rng.unit() - 0.5));
                 origin[axis] = -distance;
                 let way = sub(target, origin);
                 let ray = Ray { origin, direction: way.map(|x| x / norm(way)), t_max: f64::INFINITY };

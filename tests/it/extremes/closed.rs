@@ -4,17 +4,17 @@
 //! point of the surface has one exact answer, that point. A *leak* is a ray without an answer, or with one
 //! farther from its exact place than the bound of `extremes.rs`, where one crossing is all there is.
 //!
-//! Invariant: a ray is what is traced: origin and direction are numbers of f64 without rounding, up to the tracer's own.
+//! Invariant: a ray is what is traced: origin and direction are numbers of f64 without rounding, up to the tracer's
+//! own.
 
-use super::shapes::{Shape, graded_box, star};
-use super::{Traced, below, exact, norm};
+use super::shapes::{graded_box, placed, star};
+use super::{Traced, exact, norm};
 use crate::command::said;
 use crate::oracle::exact::{Q, met, sub, volume};
 use crate::oracle::mesh::dot;
+use crate::random::Random;
 use crate::rays::document;
 use crate::support::source;
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::{Rng, SeedableRng};
 use serde_json::json;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use trex_render::Tracer;
@@ -31,7 +31,7 @@ fn on_rim(corners: &[Q; 3], which: u64) -> Q {
 fn check(name: &str, triangles: &[[Q; 3]], center: Q, ray_count: usize) {
     assert!(triangles.iter().all(|t| volume(t, center) > 0), "{name}: not star-shaped");
     let unit = 2f64.powi(-7);
-    let mut shape = Shape::placed(name, triangles, [64.0; 3], unit);
+    let mut shape = placed(name, triangles, [64.0; 3], unit);
     let model = Traced::of(&mut shape, Precision::Error(unit / 2.0));
     // The lattice begins at the least corner.
     let least: Q = std::array::from_fn(|a| triangles.as_flattened().iter().map(|q| q[a]).min().unwrap());
@@ -39,11 +39,11 @@ fn check(name: &str, triangles: &[[Q; 3]], center: Q, ray_count: usize) {
     let mut worst = 0.0f64;
     for (at, arithmetic) in model.arithmetics().into_iter().enumerate() {
         let mut tracer = model.tracer(arithmetic);
-        let mut rng = Pcg64::seed_from_u64(17);
+        let mut rng = Random::seeded(17);
         // The slow twins take a tenth.
         for i in 0..if at == 0 { ray_count } else { ray_count / 10 } {
-            let corners = &model.triangles[below(&mut rng, model.triangles.len() as i64) as usize];
-            let twice = on_rim(corners, rng.next_u64());
+            let corners = &model.triangles[rng.below(model.triangles.len() as i64) as usize];
+            let twice = on_rim(corners, rng.bits());
             let out: Q = std::array::from_fn(|a| twice[a] - 2 * center[a]);
             // t of the surface: halfway of a ray from inside, a third of one from outside.
             let (origin, direction, t) = if i % 2 == 0 {
@@ -96,10 +96,10 @@ fn no_ray_at_an_edge_or_a_vertex_leaks() {
 }
 
 /// Lattice points inside of a closed mesh: a ray from there that meets no edge crosses it an odd number of times.
-fn inside(model: &Traced, count: usize, rng: &mut Pcg64) -> Vec<Q> {
+fn inside(model: &Traced, count: usize, rng: &mut Random) -> Vec<Q> {
     let mut found = Vec::new();
     while found.len() < count {
-        let p = std::array::from_fn(|a| model.lo[a] + 1 + below(rng, model.hi[a] - model.lo[a] - 1));
+        let p = std::array::from_fn(|a| model.lo[a] + 1 + rng.below(model.hi[a] - model.lo[a] - 1));
         let crossed = met(&model.triangles, p, [577_351, 577_349, 577_333]);
         let decided = crossed.iter().all(|hit| hit.clearance > 0.0 && hit.t != 0.0);
         if decided && crossed.iter().filter(|hit| hit.t > 0.0).count() % 2 == 1 {
@@ -112,14 +112,14 @@ fn inside(model: &Traced, count: usize, rng: &mut Pcg64) -> Vec<Q> {
 /// Rays from inside at the edges and vertices of a closed mesh, on two threads; leaks are counted.
 fn count_leaks(model: &Traced, name: &str, ray_count: usize) -> usize {
     const THREADS: usize = 2;
-    let origins = inside(model, 64, &mut Pcg64::seed_from_u64(3));
+    let origins = inside(model, 64, &mut Random::seeded(3));
     let (leaks, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let work = |seed: u64| {
         let mut tracer = model.tracer(model.arithmetics()[0]);
-        let mut rng = Pcg64::seed_from_u64(seed);
+        let mut rng = Random::seeded(seed);
         for i in 1..=ray_count / THREADS {
-            let corners = &model.triangles[below(&mut rng, model.triangles.len() as i64) as usize];
-            let (origin, twice) = (origins[i % origins.len()], on_rim(corners, rng.next_u64()));
+            let corners = &model.triangles[rng.below(model.triangles.len() as i64) as usize];
+            let (origin, twice) = (origins[i % origins.len()], on_rim(corners, rng.bits()));
             let direction = std::array::from_fn(|a| twice[a] - 2 * origin[a]);
             if direction != [0; 3] && exact(tracer.intersect(&model.ray(origin, direction))).is_none() {
                 leaks.fetch_add(1, Ordering::Relaxed);

@@ -4,13 +4,12 @@
 //! In a convex mesh both have exact answers: outward nothing is met, inward something always is. The meshes
 //! mix triangles of all sizes in one plane, since the small one's error is not the large one's.
 
-use super::shapes::{Shape, graded_box};
-use super::{Traced, below, exact, unit};
+use super::shapes::{graded_box, placed};
+use super::{Traced, exact};
 use crate::command::said;
 use crate::oracle::exact::Q;
 use crate::oracle::mesh::{cross, dot};
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::SeedableRng;
+use crate::random::Random;
 use trex_render::{Ray, Tracer};
 use trex_store::build::Precision;
 
@@ -18,9 +17,9 @@ use trex_store::build::Precision;
 const OFFSET_ERRORS: f64 = 4.0;
 
 /// A direction on the side of axis-parallel `normal`, mostly grazing: down to 10^-7 above the plane.
-fn leaving(normal: [f64; 3], rng: &mut Pcg64) -> [f64; 3] {
-    let above = 10f64.powf(-7.0 * unit(rng));
-    let turn = std::f64::consts::TAU * unit(rng);
+fn leaving(normal: [f64; 3], rng: &mut Random) -> [f64; 3] {
+    let above = 10f64.powf(-7.0 * rng.unit());
+    let turn = std::f64::consts::TAU * rng.unit();
     let flat = (1.0 - above * above).sqrt();
     let side = [normal[1], normal[2], normal[0]];
     let other = cross(normal, side);
@@ -41,17 +40,17 @@ fn exit(model: &Traced, ray: &Ray) -> (f64, usize) {
 }
 
 fn check(name: &str, doublings: i64, unit_length: f64, ray_count: usize) {
-    let mut shape = Shape::placed(name, &graded_box(doublings), [0.0; 3], unit_length);
+    let mut shape = placed(name, &graded_box(doublings), [0.0; 3], unit_length);
     let model = Traced::of(&mut shape, Precision::Error(unit_length / 2.0));
     let side = 1i64 << doublings;
     let mut worst = 0.0f64;
     for (at, arithmetic) in model.arithmetics().into_iter().enumerate() {
         let mut tracer = model.tracer(arithmetic);
-        let mut rng = Pcg64::seed_from_u64(23);
+        let mut rng = Random::seeded(23);
         // The slow twins take a tenth.
         for i in 0..if at == 0 { ray_count } else { ray_count / 10 } {
             // A triangle of any size alike, met near its middle along the normal, from inside or from outside.
-            let corners = &model.triangles[below(&mut rng, model.triangles.len() as i64) as usize];
+            let corners = &model.triangles[rng.below(model.triangles.len() as i64) as usize];
             let axis =
                 (0..3).find(|&a| corners.iter().all(|q| q[a] == corners[0][a])).expect("a face of the box");
             let out = if corners[0][axis] == 0 { -1 } else { 1 };

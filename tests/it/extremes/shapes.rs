@@ -1,54 +1,13 @@
 //! Shapes on integers: what is closed, convex or star-shaped here is so exactly.
 
 use crate::oracle::exact::{Q, volume};
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::Rng;
-use trex_store::{Material, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource};
+use crate::random::Random;
+use crate::support::Mesh;
 
-/// Triangles in memory.
-pub(super) struct Shape {
-    name: String,
-    pub(super) triangles: Vec<[[f64; 3]; 3]>,
-    materials: Vec<Material>,
-    at: usize,
-}
-
-impl Shape {
-    pub(super) fn new(name: &str, triangles: Vec<[[f64; 3]; 3]>) -> Shape {
-        Shape { name: name.into(), triangles, materials: vec![Material::default()], at: 0 }
-    }
-
-    /// Integer triangles at `origin + q * unit`.
-    pub(super) fn placed(name: &str, triangles: &[[Q; 3]], origin: [f64; 3], unit: f64) -> Shape {
-        let place = |q: Q| std::array::from_fn(|a| origin[a] + q[a] as f64 * unit);
-        Shape::new(name, triangles.iter().map(|corners| corners.map(place)).collect())
-    }
-}
-
-impl TriangleSource for Shape {
-    fn name(&self) -> String {
-        self.name.clone()
-    }
-    fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
-        batch.clear();
-        let end = (self.at + TriangleBatch::TARGET_TRIANGLES).min(self.triangles.len());
-        self.triangles[self.at..end].iter().for_each(|&corners| batch.push(corners, 0));
-        self.at = end;
-        Ok(!batch.is_empty())
-    }
-    fn rewind(&mut self) -> Result<()> {
-        self.at = 0;
-        Ok(())
-    }
-    fn hint(&self) -> Option<ScanHint> {
-        None
-    }
-    fn materials(&self) -> &[Material] {
-        &self.materials
-    }
-    fn stats(&self) -> SourceStats {
-        SourceStats::default()
-    }
+/// Integer triangles at `origin + q * unit`.
+pub(super) fn placed(name: &str, triangles: &[[Q; 3]], origin: [f64; 3], unit: f64) -> Mesh {
+    let place = |q: Q| std::array::from_fn(|a| origin[a] + q[a] as f64 * unit);
+    Mesh::new(name, triangles.iter().map(|corners| corners.map(place)).collect())
 }
 
 /// The surface of a cube of `n`^3 cells, two triangles to a square, each grid point put where `place` says:
@@ -92,9 +51,9 @@ pub(super) fn graded_box(doublings: i64) -> Vec<[Q; 3]> {
 
 /// Needles of length `long` (most of the way along x) and width `wide`, in pairs `apart` from each other along z, at
 /// slopes up to 1.
-pub(super) fn needles(pairs: usize, [long, wide, apart]: [i64; 3], rng: &mut Pcg64) -> Vec<[Q; 3]> {
+pub(super) fn needles(pairs: usize, [long, wide, apart]: [i64; 3], rng: &mut Random) -> Vec<[Q; 3]> {
     let mut triangles = Vec::new();
-    let mut below = |bound: i64| (rng.next_u64() % bound as u64) as i64;
+    let mut below = |bound| rng.below(bound);
     for _ in 0..pairs {
         let (at, rise) = ([0, below(long), below(long)], below(2 * long) - long);
         let far = [long, at[1] + below(long / 8), at[2] + rise];

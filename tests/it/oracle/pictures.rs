@@ -1,16 +1,15 @@
 //! Pictures written byte by byte, and their comparison as the formulas say it: nothing here is shared with the code
 //! under test, nor with the crates below it.
 
-use rand_pcg::Pcg32;
-use rand_pcg::rand_core::Rng;
+use crate::random::Random;
 
 /// Pixels by row from the top, R G B.
 pub(crate) type Pixels = Vec<[f32; 3]>;
 
 /// Seeded pixels of very different brightness.
 pub(crate) fn noise(count: usize, seed: u64) -> Pixels {
-    let mut random = Pcg32::new(seed, 3);
-    let mut unit = || (random.next_u32() >> 8) as f32 / (1u32 << 24) as f32;
+    let mut random = Random::seeded(seed);
+    let mut unit = || random.unit() as f32;
     (0..count).map(|_| [0; 3].map(|_| unit() * (unit() * 12.0 - 6.0).exp2())).collect()
 }
 

@@ -1,0 +1,175 @@
+//! What is fuzzed: functions of any bytes, which may be refused with an error, and never panic, hang, or take more
+//! memory than they were given. cargo-fuzz runs them without end; `tests/it/fuzzing.rs` runs them on `seeds/` and on
+//! some changes of each.
+//!
+//! Hashes would stop every change at the gate, so page files are sealed again before they are read.
+
+mod sealed;
+
+pub use sealed::{sealed, with_units};
+
+use std::path::Path;
+use trex_store::cluster::{self, FrameView};
+use trex_store::import::{self, ImportOptions};
+use trex_store::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, Superblock};
+use trex_store::{Budget, Code, Error, PageFile, RESERVE_BYTES, Result, TriangleBatch};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// A target: what `seeds/NAME` and `cargo fuzz run NAME` call it, and its body.
+pub type Target = (&'static str, fn(&[u8]));
+
+/// All of them.
+pub const TARGETS: [Target; 7] = [
+    ("page", page),
+    ("superblock", superblock),
+    ("page_file", page_file),
+    ("units", units),
+    ("ply", ply),
+    ("obj", obj),
+    ("stl", stl),
+];
+
+/// The memory that reading gets.
+const BUDGET_BYTES: u64 = RESERVE_BYTES + (8 << 20);
+/// Most bits of a lattice coordinate.
+const LATTICE_BITS_MAX: u32 = 40;
+
+/// A page of the mesh, unpacked, behind a byte that chooses the lattice's bits.
+pub fn page(bytes: &[u8]) {
+    let Some((&bits, packed)) = bytes.split_first() else { return };
+    let bits = u32::from(bits) % (LATTICE_BITS_MAX + 1);
+    let mut frame = vec![0; FRAME_BYTES];
+    if cluster::install(packed, bits, &mut frame).is_ok() {
+        walk(&frame, bits);
+    }
+}
+
+/// Looks at all that an installed page says.
+fn walk(frame: &[u8], lattice_bits: u32) {
+    let view = FrameView::new(frame);
+    let mut triangle_count = 0;
+    view.for_each_cluster(|cluster| {
+        let mesh = cluster.decode();
+        for vertex in &mesh.vertices {
+            assert!(
+                vertex.iter().all(|q| (0..1 << lattice_bits).contains(q)),
+                "{vertex:?} is off the lattice"
+            );
+        }
+        triangle_count += mesh.triangles.len();
+        for leaf in 0..cluster.leaf_count() {
+            cluster.leaf_corners(leaf);
+        }
+    });
+    assert_eq!(view.triangle_count(), triangle_count);
+    assert!(view.used_bytes() <= frame.len());
+}
+
+/// A superblock: short ones are filled up with zeros. What is taken is written and taken again as the same.
+pub fn superblock(bytes: &[u8]) {
+    let mut head = [0; SUPERBLOCK_BYTES];
+    let length = bytes.len().min(SUPERBLOCK_BYTES - 8);
+    head[..length].copy_from_slice(&bytes[..length]);
+    sealed::seal_head(&mut head);
+    if let Ok(block) = Superblock::parse(&head, Path::new("fuzzed.trex")) {
+        let again = Superblock::parse(&block.to_bytes(), Path::new("again.trex")).expect("our own bytes");
+        assert_eq!(format!("{again:?}"), format!("{block:?}"));
+    }
+}
+
+/// A whole page file: opened, its octree and all of its pages read.
+pub fn page_file(bytes: &[u8]) {
+    read_page_file(&sealed(bytes.to_vec()));
+}
+
+/// A page of units, unpacked, in a file that is sound but for it.
+pub fn units(bytes: &[u8]) {
+    if bytes.len() <= FRAME_BYTES {
+        read_page_file(&with_units(include_bytes!("../seeds/page_file/units.trex"), bytes));
+    }
+}
+
+fn read_page_file(bytes: &[u8]) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("fuzzed.trex");
+    std::fs::write(&path, bytes).expect("room for a small file");
+    let budget = Budget::new(BUDGET_BYTES);
+    let read = || -> Result<()> {
+        let file = PageFile::open(&path, &budget)?;
+        if let Some((octree, _lease)) = file.upper(&budget)? {
+            file.lower(&octree, &budget)?;
+        }
+        let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
+        for page in 0..file.pages().len() as u32 {
+            // A page is damaged by itself: the others are read.
+            let is_read = file.read_page(page, &mut frame, &mut buffers);
+            match is_read {
+                Ok(()) if !file.has_units(page) => walk(&frame, file.superblock().lattice_bits),
+                Ok(()) => {}
+                Err(error) => check(&error),
+            }
+        }
+        Ok(())
+    };
+    if let Err(error) = read() {
+        check(&error);
+    }
+    assert_eq!(budget.used_bytes(), 0, "memory that nobody gave back");
+}
+
+/// What a reader may answer: what is wrong, where, and what to do.
+fn check(error: &Error) {
+    let codes = [
+        Code::InputFormat,
+        Code::InputTruncated,
+        Code::InputRange,
+        Code::InputEmpty,
+        Code::Damaged,
+        Code::Version,
+        Code::MemoryLimit,
+    ];
+    assert!(codes.contains(&error.code()), "{error}");
+    let parts = [error.what(), error.place(), error.next_step()];
+    assert!(parts.iter().all(|part| !part.is_empty()), "{error}");
+}
+
+/// A PLY file.
+pub fn ply(bytes: &[u8]) {
+    import("fuzzed.ply", bytes);
+}
+
+/// An OBJ file.
+pub fn obj(bytes: &[u8]) {
+    import("fuzzed.obj", bytes);
+}
+
+/// An STL file, text or records.
+pub fn stl(bytes: &[u8]) {
+    import("fuzzed.stl", bytes);
+}
+
+fn import(name: &str, bytes: &[u8]) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).expect("room for a small file");
+    let options = ImportOptions::new(Budget::new(BUDGET_BYTES), folder.path());
+    let read = || -> Result<()> {
+        let mut source = import::open(&path, &options)?;
+        let mut batch = TriangleBatch::default();
+        while source.next_batch(&mut batch)? {
+            assert_eq!(batch.corners.len(), batch.material.len());
+        }
+        let materials = source.materials().len();
+        assert!(batch.material.iter().all(|&material| (material as usize) < materials));
+        Ok(())
+    };
+    if let Err(error) = read() {
+        check(&error);
+    }
+    assert_eq!(options.budget.used_bytes(), 0, "memory that nobody gave back");
+}
+
+/// The hash of a superblock, over all of it but the hash itself.
+fn head_hash(head: &[u8; SUPERBLOCK_BYTES]) -> u64 {
+    xxh3_64(&head[..SUPERBLOCK_BYTES - 8])
+}

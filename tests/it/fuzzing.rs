@@ -1,0 +1,227 @@
+//! The fuzz targets of `fuzz/` on their seeds, and on seeded changes of each: what cargo-fuzz does without end, for a
+//! moment, with the stable toolchain.
+
+use crate::command::{document_in, folder};
+use crate::random::Random;
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use trex_store::layout::{Packing, PageKind};
+use trex_store::{Budget, PageFile};
+
+#[allow(unreachable_pub, dead_code)]
+#[path = "../../fuzz/src/lib.rs"]
+mod targets;
+
+/// Changes of each seed, unless the variable says more.
+const CHANGES: u64 = 300;
+const CHANGES_VARIABLE: &str = "TREX_FUZZ_CHANGES";
+/// Most bytes of all seeds together.
+const SEED_BYTES: u64 = 100 << 10;
+
+fn seeds() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/seeds")
+}
+
+/// The seeds of a target, in the order of their names.
+fn seeds_of(target: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = seeds().join(target);
+    let entries = fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names.into_iter().map(|name| (name.clone(), fs::read(folder.join(name)).unwrap())).collect()
+}
+
+/// One to eight changes, of the kinds that fuzzers make.
+fn changed(seed: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut bytes = seed.to_vec();
+    for _ in 0..=random.below(8) {
+        if bytes.is_empty() {
+            bytes.push(random.bits() as u8);
+        }
+        let length = bytes.len() as i64;
+        let at = random.below(length) as usize;
+        let some = 1 + random.below(16.min(length - at as i64)) as usize;
+        match random.below(8) {
+            0 | 1 => bytes[at] ^= 1 << random.below(8),
+            2 => bytes[at] = random.bits() as u8,
+            3 => bytes[at] = [0, 1, 0x7f, 0x80, 0xff][random.below(5) as usize],
+            4 => bytes[at..at + some].fill([0, 0xff][random.below(2) as usize]),
+            5 => drop(bytes.drain(at..at + some)),
+            6 => {
+                let from = random.below(length - some as i64 + 1) as usize;
+                let copy = bytes[from..from + some].to_vec();
+                drop(bytes.splice(at..at, copy));
+            }
+            _ if random.below(4) == 0 => bytes.truncate(at),
+            _ => bytes[at] = bytes[at].wrapping_add(1),
+        }
+    }
+    bytes
+}
+
+/// Runs one input; what it panics with is told with the input.
+fn run(target: targets::Target, name: &str, bytes: &[u8]) {
+    let (target, body) = target;
+    if let Err(panic) = std::panic::catch_unwind(|| body(bytes)) {
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("crash-{target}"));
+        fs::write(&path, bytes).unwrap();
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let said = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("a panic");
+        panic!("{target} on {name} ({}): {said}", path.display());
+    }
+}
+
+fn check(name: &str) {
+    let target = *targets::TARGETS.iter().find(|(known, _)| *known == name).unwrap();
+    let seeds = seeds_of(name);
+    assert!(!seeds.is_empty());
+    let changes = std::env::var(CHANGES_VARIABLE).map_or(CHANGES, |count| count.parse().unwrap());
+    for (at, (seed, bytes)) in seeds.iter().enumerate() {
+        run(target, seed, bytes);
+        let mut random = Random::seeded(at as u64);
+        for change in 0..changes {
+            run(target, &format!("change {change} of {seed}"), &changed(bytes, &mut random));
+        }
+    }
+}
+
+#[test]
+fn pages() {
+    check("page");
+}
+
+#[test]
+fn superblocks() {
+    check("superblock");
+}
+
+#[test]
+fn page_files() {
+    check("page_file");
+}
+
+#[test]
+fn units() {
+    check("units");
+}
+
+#[test]
+fn ply() {
+    check("ply");
+}
+
+#[test]
+fn obj() {
+    check("obj");
+}
+
+#[test]
+fn stl() {
+    check("stl");
+}
+
+#[test]
+fn seeds_are_sound_and_few() {
+    let mut sum = 0;
+    for (target, _) in targets::TARGETS {
+        sum += seeds_of(target).iter().map(|(_, bytes)| bytes.len() as u64).sum::<u64>();
+    }
+    assert!(sum <= SEED_BYTES, "{sum} bytes of seeds, at most {SEED_BYTES}");
+    // What the targets do before they read lets a sound file through, or nothing behind the gate would be fuzzed.
+    let inside = folder();
+    let path = inside.path().join("sealed.trex");
+    for (name, bytes) in seeds_of("page_file") {
+        assert_eq!(targets::sealed(bytes.clone()), bytes, "{name} is another file once it is sealed");
+    }
+    let [(_, file), (_, content)] = [&seeds_of("page_file"), &seeds_of("units")]
+        .map(|seeds| seeds.iter().find(|(name, _)| name.starts_with("units")).unwrap().clone());
+    fs::write(&path, targets::with_units(&file, &content)).unwrap();
+    let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
+    let (mut frame, mut buffers) = (vec![0; trex_store::layout::FRAME_BYTES], [Vec::new(), Vec::new()]);
+    (0..file.pages().len() as u32).for_each(|page| file.read_page(page, &mut frame, &mut buffers).unwrap());
+}
+
+/// The content of a page, unpacked.
+fn unpacked(file: &PageFile, bytes: &[u8], kind: PageKind) -> Vec<u8> {
+    let entry = file.pages().iter().find(|entry| entry.kind == kind).unwrap();
+    let stored = &bytes[entry.offset as usize..][..entry.stored_bytes as usize];
+    match entry.packing {
+        Packing::Raw => stored.to_vec(),
+        Packing::Lz4 => lz4_flex::block::decompress(stored, entry.unpacked_bytes as usize).unwrap(),
+    }
+}
+
+/// A grid of n by n squares with hills, as OBJ.
+fn hills(n: usize) -> String {
+    let mut text = String::from("mtllib none.mtl\n");
+    for (y, x) in (0..=n).flat_map(|y| (0..=n).map(move |x| (y, x))) {
+        let z = (0.7 * x as f64).sin() * (0.5 * y as f64).cos();
+        writeln!(text, "v {x} {y} {z:.3}").unwrap();
+    }
+    for (y, x) in (0..n).flat_map(|y| (0..n).map(move |x| (y, x))) {
+        let at = 1 + y * (n + 1) + x;
+        writeln!(text, "usemtl m{}\nf {at} {} {} {}", (x + y) % 3, at + 1, at + n + 2, at + n + 1).unwrap();
+    }
+    text
+}
+
+#[test]
+#[ignore = "writes fuzz/seeds anew, checks nothing: cargo test --test it -- --ignored fuzz_seeds"]
+fn fuzz_seeds() {
+    let inside = folder();
+    let put = |target: &str, name: &str, bytes: &[u8]| {
+        fs::create_dir_all(seeds().join(target)).unwrap();
+        fs::write(seeds().join(target).join(name), bytes).unwrap();
+    };
+    let sliver = "v 0 0 0\nv 9 1 0.3\nv 9 1.05 0.3\nf 1 2 3\n";
+    for (name, text, flags) in [
+        ("units", sliver.to_owned(), "--voxels 64/256"),
+        ("hills", hills(9), "--no-asvo"),
+        ("fine", hills(4), "--no-asvo --grid-bits 36"),
+    ] {
+        fs::write(inside.path().join("m.obj"), &text).unwrap();
+        document_in(inside.path(), &format!("build m.obj -o {name}.trex {flags}"));
+        let path = inside.path().join(format!("{name}.trex"));
+        let bytes = fs::read(&path).unwrap();
+        put("page_file", &format!("{name}.trex"), &bytes);
+        put("superblock", name, &bytes[..1016]);
+        let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
+        let bits = [file.superblock().lattice_bits as u8];
+        put("page", name, &[&bits[..], &unpacked(&file, &bytes, PageKind::Mesh)].concat());
+        if name == "units" {
+            put("units", name, &unpacked(&file, &bytes, PageKind::Units));
+        }
+    }
+    let text = hills(2);
+    put("obj", "hills.obj", text.as_bytes());
+    put(
+        "obj",
+        "odd.obj",
+        b"v 0 0 0 # c\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl m\nf 1/2/3 2 3 4\nf -1 -2 \\\n -3\n",
+    );
+    fs::write(inside.path().join("m.obj"), sliver).unwrap();
+    let ply = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let ascii = ply("ascii") + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n4 0 1 2 3\n";
+    put("ply", "text.ply", ascii.as_bytes());
+    let corners = [0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0].map(|v| (v as f32).to_bits());
+    for (name, four) in [("little", u32::to_le_bytes as fn(u32) -> [u8; 4]), ("big", u32::to_be_bytes)] {
+        let mut bytes = ply(&format!("binary_{name}_endian")).into_bytes();
+        bytes.extend(corners.iter().flat_map(|&bits| four(bits)));
+        for face in [&[0u32, 1, 2][..], &[0, 1, 2, 3]] {
+            bytes.push(face.len() as u8);
+            bytes.extend(face.iter().flat_map(|&index| four(index)));
+        }
+        put("ply", &format!("{name}.ply"), &bytes);
+    }
+    let facet =
+        "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    put("stl", "text.stl", format!("solid a\n{facet}{facet}endsolid a\n").as_bytes());
+    let records: Vec<u8> = (0..100u8).map(|i| i.wrapping_mul(37) & 0x3f).collect();
+    put("stl", "records.stl", &[&[b'x'; 80][..], &2u32.to_le_bytes(), &records].concat());
+}
