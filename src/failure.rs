@@ -80,14 +80,14 @@ struct Failure {
 }
 
 impl Failure {
-    fn of(error: &anyhow::Error) -> (Failure, Exit) {
+    fn from_error(error: &anyhow::Error) -> (Failure, Exit) {
         if let Some(error) = error.downcast_ref::<Error>() {
-            return Failure::of_store(error);
+            return Failure::from_store(error);
         }
         if let Some(io) = error.chain().find_map(|cause| cause.downcast_ref::<io::Error>()) {
             let failure = Failure {
                 what: format!("{error:#}"),
-                ..Failure::of_store(&Error::io("write the result", "stdout".as_ref(), io)).0
+                ..Failure::from_store(&Error::io("write the result", "stdout".as_ref(), io)).0
             };
             let exit = if failure.code == Code::DiskFull.as_str() { Exit::Disk } else { Exit::Io };
             return (Failure { exit: exit as u8, ..failure }, exit);
@@ -95,7 +95,7 @@ impl Failure {
         (Failure::bug(format!("{error:#}")), Exit::Bug)
     }
 
-    fn of_store(error: &Error) -> (Failure, Exit) {
+    fn from_store(error: &Error) -> (Failure, Exit) {
         let exit = Exit::from(error.code());
         let failure = Failure {
             code: error.code().as_str(),
@@ -136,7 +136,7 @@ impl Failure {
 
 /// Tells `error` on stderr, and as a document with `--json`; says how the program ends.
 pub fn tell(error: &anyhow::Error, console: &Console, output: &Output) -> Exit {
-    let (failure, exit) = Failure::of(error);
+    let (failure, exit) = Failure::from_error(error);
     console.abandon();
     console.error(&failure.text());
     output.error_document(&failure);
@@ -225,7 +225,7 @@ mod tests {
             .numbers("5 of 3")
             .next("raise it")
             .smallest_limit(5);
-        let (failure, exit) = Failure::of(&anyhow::Error::from(error).context("while building"));
+        let (failure, exit) = Failure::from_error(&anyhow::Error::from(error).context("while building"));
         assert_eq!(exit, Exit::MemoryLimit);
         assert_eq!(
             failure.text(),
@@ -240,10 +240,10 @@ mod tests {
     #[test]
     fn stdout_that_fails_is_io_and_the_unknown_is_a_bug() {
         let full = anyhow::Error::from(io::Error::from(io::ErrorKind::StorageFull));
-        assert_eq!(Failure::of(&full).1, Exit::Disk);
+        assert_eq!(Failure::from_error(&full).1, Exit::Disk);
         let gone = anyhow::Error::from(io::Error::from(io::ErrorKind::TimedOut));
-        assert_eq!(Failure::of(&gone).1, Exit::Io);
-        let (failure, exit) = Failure::of(&anyhow::anyhow!("odd"));
+        assert_eq!(Failure::from_error(&gone).1, Exit::Io);
+        let (failure, exit) = Failure::from_error(&anyhow::anyhow!("odd"));
         assert_eq!((failure.code, exit), ("bug", Exit::Bug));
         assert!(failure.text().contains("please report it"));
     }

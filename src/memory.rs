@@ -25,7 +25,7 @@ pub struct Memory {
 
 impl Memory {
     /// The figures up to now.
-    pub fn of(budget: &Budget) -> Memory {
+    pub fn new(budget: &Budget) -> Memory {
         let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
         Memory {
             limit_bytes: budget.limit_bytes(),
@@ -47,7 +47,7 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn the_kernel_counts_this_process() {
-        let memory = Memory::of(&Budget::new(1 << 30));
+        let memory = Memory::new(&Budget::new(1 << 30));
         assert_eq!((memory.limit_bytes, memory.ledger_peak_bytes), (1 << 30, 0));
         assert!(memory.peak_rss_bytes.unwrap() > 100 << 10);
     }

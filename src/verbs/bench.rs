@@ -32,13 +32,13 @@ fn run_rays(args: &BenchRaysArgs, ctx: &Context) -> anyhow::Result<Exit> {
         peer: None,
     };
     let figures = rays::run(&model, &options, &around)?;
-    ctx.done(&RaysMeasured { figures, memory: Memory::of(&ctx.budget) })
+    ctx.done(&RaysMeasured { figures, memory: Memory::new(&ctx.budget) })
 }
 
 fn run_build(args: &BenchBuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let around = surroundings(args.scratch.temp_dir.as_deref(), ctx);
     let figures = building::run(&args.spec, usize::from(args.rounds), &around)?;
-    ctx.done(&BuildMeasured { figures, memory: Memory::of(&ctx.budget) })
+    ctx.done(&BuildMeasured { figures, memory: Memory::new(&ctx.budget) })
 }
 
 /// A bench has no output: its temporary folder is made where it runs.

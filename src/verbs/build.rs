@@ -105,7 +105,7 @@ impl Work<'_> {
             dropped_attribute_count: report.source.dropped_attribute_count,
             skipped_face_count: report.source.skipped_face_count,
             transparent_material_count: report.source.transparent_material_count,
-            memory: Memory::of(&ctx.budget),
+            memory: Memory::new(&ctx.budget),
             report,
         })
     }

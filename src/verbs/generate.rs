@@ -33,7 +33,7 @@ pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
         output_bytes: written.bytes,
         time_ms,
         triangles_per_s: written.triangle_count as f64 * 1e3 / time_ms.max(1) as f64,
-        memory: Memory::of(&ctx.budget),
+        memory: Memory::new(&ctx.budget),
     })
 }
 

@@ -47,8 +47,8 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let answer = Diff {
         scene: args.b.display().to_string(),
-        a: Side::of(&a),
-        b: Side::of(&b),
+        a: Side::new(&a),
+        b: Side::new(&b),
         image: Size { width: a.head.width, height: a.head.height },
         unit: "linear radiance",
         relmse_epsilon: args.epsilon,
@@ -58,7 +58,7 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
         threshold,
         false_colour,
         time_ms: start.elapsed().as_millis() as u64,
-        memory: Memory::of(&ctx.budget),
+        memory: Memory::new(&ctx.budget),
     };
     if answer.verdict != "beyond" {
         return ctx.done(&answer);
@@ -184,7 +184,7 @@ struct Size {
 }
 
 impl Side {
-    fn of(input: &Input<'_>) -> Side {
+    fn new(input: &Input<'_>) -> Side {
         Side {
             path: input.path.display().to_string(),
             format: input.head.format.as_str(),

@@ -34,7 +34,7 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             })
         }
         Input::File(path) if is_page_file(path) => {
-            ctx.done(&Stored::of(&PageFile::open(path, &ctx.budget)?, ctx)?)
+            ctx.done(&Stored::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
         Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),
     }
@@ -163,7 +163,7 @@ struct Stored {
 }
 
 impl Stored {
-    fn of(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
+    fn new(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
         let block = file.superblock();
         // Of the default size, 1024x1024.
         let picture = PictureNeeds::plain(ctx.threads);

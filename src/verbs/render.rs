@@ -278,7 +278,7 @@ impl Job<'_> {
             narrow_samples: stats.total.narrow_samples,
             pool: pool.stats(),
             shares: stage.shares,
-            memory: Memory::of(&ctx.budget),
+            memory: Memory::new(&ctx.budget),
             io_backend: pool.io().clone(),
             device: "cpu",
             arithmetic,

@@ -71,7 +71,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     if let Some(output) = output {
         output.write(&session, scene.render.exposure)?;
     }
-    let memory = Memory::of(&ctx.budget);
+    let memory = Memory::new(&ctx.budget);
     if memory.peak_rss_bytes.is_some_and(|peak| peak > memory.limit_bytes) {
         figures.failures.push("memory passed its limit".into());
     }

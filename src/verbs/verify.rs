@@ -26,7 +26,7 @@ pub fn run(args: &VerifyArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene: args.file.display().to_string(),
         verdict: if clean { "clean" } else { "damaged" },
         found: verdict,
-        memory: Memory::of(&ctx.budget),
+        memory: Memory::new(&ctx.budget),
     };
     if clean {
         return ctx.done(&answer);

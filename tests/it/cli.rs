@@ -56,6 +56,11 @@ fn usage_errors_exit_2_name_the_value_and_leave_stdout_empty() {
         ("build a.ply -o b.trex --voxels 9", "--voxels"),
         ("build a.ply -o b.trex --grid-bits 99", "99"),
         ("build a.ply -o b.trex --error 1 --grid-bits 20", "--grid-bits"),
+        // These were once ignored without a word.
+        ("render a.trex -o b.png --tile-order row", "--tile-order"),
+        ("render a.trex -o b.png --saliency itti", "--saliency"),
+        ("render a.trex -o b.png --prefetch off", "--prefetch"),
+        ("render a.trex -o b.png --fetch-block 64", "--fetch-block"),
         ("info a.ply --memory-limit 512M", "512MiB"),
         ("info a.ply --memory-limit 0%", "1% to 100%"),
         ("info a.ply --threads 0", "--threads"),

@@ -71,7 +71,7 @@ enum Unit {
 
 impl Unit {
     /// The unit of the innermost part of a dotted key that has one: `phase_ms.scan` is in milliseconds.
-    fn of(key: &str) -> Unit {
+    fn from_key(key: &str) -> Unit {
         let unit = |part: &str| {
             let ends =
                 |unit: &str| part == unit || part.strip_suffix(unit).is_some_and(|rest| rest.ends_with('_'));
@@ -94,7 +94,7 @@ impl Unit {
 }
 
 fn with_unit(number: f64, key: &str) -> String {
-    match Unit::of(key) {
+    match Unit::from_key(key) {
         Unit::Bytes => scaled(number, 1024.0, &["B", "KiB", "MiB", "GiB", "TiB"]),
         Unit::Milliseconds if number >= 1000.0 => scaled(number / 1000.0, f64::INFINITY, &["s"]),
         Unit::Milliseconds => scaled(number, f64::INFINITY, &["ms"]),

@@ -150,7 +150,7 @@ struct Mesh {
 
 impl Mesh {
     /// The mesh of a file, vertices welded over clusters.
-    fn of(file: &PageFile) -> anyhow::Result<Mesh> {
+    fn new(file: &PageFile) -> anyhow::Result<Mesh> {
         let mut places: HashMap<[i32; 3], u32> = HashMap::new();
         let mut mesh = Mesh { positions: Vec::new(), triangles: Vec::new() };
         for corners in decode(file)? {
@@ -376,7 +376,7 @@ fn answer(query: Query, geometry: u32, primitive: u32, t_far: f32) -> RayAnswer 
 pub(crate) fn set_up(file: &PageFile, threads: usize) -> anyhow::Result<PeerSetup> {
     let bits = file.superblock().lattice_bits;
     ensure!(bits <= NARROW_BITS, "Embree takes f32: the lattice has {bits} bits, {NARROW_BITS} fit");
-    let mesh = Arc::new(Mesh::of(file)?);
+    let mesh = Arc::new(Mesh::new(file)?);
     let mut modes: Vec<(Box<dyn Contender>, ModeFigures)> = Vec::new();
     let mut version = String::new();
     for (name, flags) in [("robust", SCENE_ROBUST), ("default", 0), ("compact", SCENE_COMPACT)] {

@@ -37,15 +37,15 @@ impl RayAnswer {
         self.triangle != MISS
     }
 
-    fn of_hit(hit: Option<Hit>) -> RayAnswer {
+    fn from_hit(hit: Option<Hit>) -> RayAnswer {
         hit.map_or(RayAnswer::NONE, |hit| RayAnswer { t: hit.t as f32, triangle: hit.triangle })
     }
 
-    fn of_voxel(hit: Option<VoxelHit>) -> RayAnswer {
+    fn from_voxel(hit: Option<VoxelHit>) -> RayAnswer {
         hit.map_or(RayAnswer::NONE, |hit| RayAnswer { t: hit.t as f32, triangle: hit.leaf })
     }
 
-    fn of_occlusion(occluded: bool) -> RayAnswer {
+    fn from_occlusion(occluded: bool) -> RayAnswer {
         RayAnswer { t: 0.0, triangle: if occluded { 0 } else { MISS } }
     }
 }
@@ -136,15 +136,16 @@ impl Contender for Packets<'_> {
                     hits.clear();
                     tracer.intersect_coherent(models, hits);
                     let pairs = answers.iter_mut().zip(hits);
-                    pairs
-                        .for_each(|(answer, hit)| *answer = RayAnswer::of_hit(exact(*hit).expect(ALL_THERE)));
+                    pairs.for_each(|(answer, hit)| {
+                        *answer = RayAnswer::from_hit(exact(*hit).expect(ALL_THERE))
+                    });
                 }
                 Query::Any => {
                     occluded.clear();
                     tracer.occluded_coherent(models, occluded);
                     let pairs = answers.iter_mut().zip(occluded);
                     pairs.for_each(|(answer, any)| {
-                        *answer = RayAnswer::of_occlusion(exact(*any).expect(ALL_THERE));
+                        *answer = RayAnswer::from_occlusion(exact(*any).expect(ALL_THERE));
                     });
                 }
             }
@@ -264,11 +265,11 @@ impl Contender for Gray<'_> {
             match set.query {
                 Query::Any => {
                     let pairs = answers.iter_mut().zip(&worker.occluded);
-                    pairs.for_each(|(answer, occluded)| *answer = RayAnswer::of_occlusion(*occluded));
+                    pairs.for_each(|(answer, occluded)| *answer = RayAnswer::from_occlusion(*occluded));
                 }
                 Query::Closest => {
                     let pairs = answers.iter_mut().zip(&worker.hits);
-                    pairs.for_each(|(answer, hit)| *answer = RayAnswer::of_voxel(*hit));
+                    pairs.for_each(|(answer, hit)| *answer = RayAnswer::from_voxel(*hit));
                 }
             }
         })
@@ -295,8 +296,8 @@ impl GrayWorker {
 fn ask(tracer: &mut impl Tracer, space: Space, query: Query, ray: &BenchRay) -> Option<RayAnswer> {
     let ray = space.to_model(ray);
     match query {
-        Query::Closest => exact(tracer.intersect(&ray)).map(RayAnswer::of_hit),
-        Query::Any => exact(tracer.occluded(&ray)).map(RayAnswer::of_occlusion),
+        Query::Closest => exact(tracer.intersect(&ray)).map(RayAnswer::from_hit),
+        Query::Any => exact(tracer.occluded(&ray)).map(RayAnswer::from_occlusion),
     }
 }
 

@@ -32,7 +32,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     let file = Arc::new(PageFile::open(&model.path, budget)?);
     let pixels = u64::from(options.resolution[0]) * u64::from(options.resolution[1]);
     let _rays_lease = budget.lease("the rays", pixels * BYTES_PER_PIXEL)?;
-    let space = Space::of(file.superblock());
+    let space = Space::new(file.superblock());
 
     let frames_bytes = (file.pages().len() * FRAME_BYTES) as u64;
     if let Ok(_pages_lease) = budget.lease("all pages", frames_bytes) {
@@ -105,7 +105,7 @@ fn make_sets(
     clearance: Option<f64>,
     mut hit: impl FnMut(&BenchRay) -> Option<Hit>,
 ) -> anyhow::Result<RaySets> {
-    let (block, space) = (file.superblock(), Space::of(file.superblock()));
+    let (block, space) = (file.superblock(), Space::new(file.superblock()));
     let camera = model.view.unwrap_or_else(|| Camera::framing(&block.bounds, options.resolution, None, None));
     let primary = sets::primary(space, &camera, options.resolution)?;
     let points: Vec<_> =

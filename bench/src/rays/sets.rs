@@ -86,7 +86,7 @@ pub(super) struct Space {
 }
 
 impl Space {
-    pub(super) fn of(block: &Superblock) -> Space {
+    pub(super) fn new(block: &Superblock) -> Space {
         let largest = block.lattice_bounds[1].into_iter().max().unwrap_or(1).max(1) as f64;
         Space {
             origin: block.lattice.origin,

@@ -71,7 +71,7 @@ pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<
     let mut best: Option<Size> = None;
     let error = |size: &Size| (size.triangle_count as f64 / asked - 1.0).abs();
     for cells in pairs.into_iter().take(MOST_TRIALS) {
-        let size = Size { cells, triangle_count: counts.of(cells)? };
+        let size = Size { cells, triangle_count: counts.triangles(cells)? };
         if best.as_ref().is_none_or(|best| error(&size) < error(best)) {
             best = Some(size);
         }
@@ -92,7 +92,7 @@ struct Counts<'a> {
 
 impl Counts<'_> {
     /// Triangles of a layer.
-    fn of(&mut self, cells: [u64; 2]) -> Result<u64> {
+    fn triangles(&mut self, cells: [u64; 2]) -> Result<u64> {
         if let Some(&count) = self.known.get(&cells) {
             return Ok(count);
         }
@@ -118,7 +118,7 @@ impl Counts<'_> {
                 GROWTH[above.min(last) as usize] * GROWTH_DECAY.powi(above.saturating_sub(last) as i32);
             1.0 + begin * part.powf(GROWTH_POWER)
         };
-        let per_column = self.of([counted; 2])? as f64 / columns;
+        let per_column = self.triangles([counted; 2])? as f64 / columns;
         Ok(per_column * (0..halvings).map(growth).product::<f64>())
     }
 }

@@ -84,12 +84,12 @@ impl Pipes {
     /// Finds the detail between whose counts the asked one lies, and how many parts get one step more.
     fn new(spec: &Spec) -> Result<Pipes> {
         let mut plant = plant_of(spec);
-        let mut counts = Counts::of(&plant);
+        let mut counts = Counts::new(&plant);
         // Bays differ by seed: a plant that is too rich for the count loses a row or a column.
         while counts.at[0] > spec.triangles && plant.bays[0] * plant.bays[1] > 1 {
             let longer = usize::from(plant.bays[1] > plant.bays[0]);
             plant.bays[longer] -= 1;
-            counts = Counts::of(&plant);
+            counts = Counts::new(&plant);
         }
         let fits = (0..MAX_DETAIL as usize).rev().find(|&detail| counts.at[detail] <= spec.triangles);
         let detail = fits.unwrap_or(0) as u32;
@@ -154,7 +154,7 @@ struct Counts {
 }
 
 impl Counts {
-    fn of(plant: &Plant) -> Counts {
+    fn new(plant: &Plant) -> Counts {
         let mut counts = Counts { at: [0; MAX_DETAIL as usize + 1], parts: 0 };
         let mut parts = Vec::new();
         for group in 0..plant.group_count() {
