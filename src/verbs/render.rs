@@ -177,6 +177,10 @@ impl Job<'_> {
         let seconds = (start.elapsed() - finishing).as_secs_f64();
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let render_seconds = seconds - photon_seconds;
+        let io_backend = pool.io();
+        if let Some(notice) = &io_backend.notice {
+            ctx.console.note(&format!("note: {notice}"));
+        }
         let damage = pool.damage();
         for (page, error) in damage.iter().take(10) {
             let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
@@ -215,7 +219,7 @@ impl Job<'_> {
             pool: pool.stats(),
             shares: stage.shares,
             memory: Memory::of(&ctx.budget),
-            io_backend: pool.io().clone(),
+            io_backend,
             device: "cpu",
             arithmetic: session.tracers()[0].arithmetic().name(),
         })

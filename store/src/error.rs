@@ -2,7 +2,7 @@
 //!
 //! Invariants: 1. every error that reaches a user names a place (a path, with a line or a byte offset when
 //! there is one); 2. `Code` strings never change once published; 3. only users' data, files and devices make
-//! an `Error`: our own mistakes are asserts.
+//! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one.
 
 use std::fmt;
 use std::path::Path;
@@ -42,6 +42,8 @@ pub enum Code {
     Io,
     /// The user interrupted the work.
     Interrupted,
+    /// A mistake of ours, met by somebody who waited for the thread that made it.
+    Bug,
 }
 
 impl Code {
@@ -62,6 +64,7 @@ impl Code {
             Code::Version => "version",
             Code::Io => "io",
             Code::Interrupted => "interrupted",
+            Code::Bug => "bug",
         }
     }
 }
@@ -163,6 +166,16 @@ impl Error {
             failed = failed.next("check that the folder is there and may be written to, or name another");
         }
         failed
+    }
+
+    /// The error of those who wait for a thread that panicked, with what it panicked with.
+    pub(crate) fn panicked(thread: &str, payload: &(dyn std::any::Any + Send)) -> Error {
+        let text = payload.downcast_ref::<&str>().copied();
+        let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+        Error::new(Code::Bug, "a thread of trex panicked")
+            .at_place(format!("thread {thread}"))
+            .numbers(text.unwrap_or("without a message"))
+            .next("this is a mistake in trex, not yours: please report it with this message")
     }
 
     /// The error of work that was interrupted by the user.

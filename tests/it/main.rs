@@ -8,6 +8,7 @@ mod damage;
 mod determinism;
 mod examples;
 mod extremes;
+mod faults;
 mod format;
 mod format_octree;
 mod format_units;

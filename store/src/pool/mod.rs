@@ -26,9 +26,11 @@
 //!    those that came: the oldest blocked tile keeps its own until it has run, and the scheduler bounds active tiles
 //!    so that their pins leave at least one frame. Where all is pinned nevertheless, [`PagePool::is_saturated`] says
 //!    so, and the loader sleeps until an unpin.
-//! 6. A damaged page is never the end: it is marked, its error is kept, `pin` of it is `None` for ever.
+//! 6. No idling on a dead pool: a panic of one of its threads ends it, and who waits for a page is told.
+//! 7. A damaged page is never the end: it is marked, its error is kept, `pin` of it is `None` for ever.
 
 mod clock;
+mod failure;
 mod frames;
 mod loader;
 mod pin;
@@ -51,6 +53,7 @@ use crate::budget::{Budget, Lease, RESERVE_BYTES};
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, IoDescription, IoOptions, Reader, staging_bytes_for};
 use clock::Clock;
+use failure::Failure;
 use frames::FrameArena;
 use loader::{JobQueue, Loader, Slot};
 use requests::Requests;
@@ -167,7 +170,6 @@ pub struct FrameCount {
 pub struct PagePool {
     shared: Arc<Shared>,
     budget: Budget,
-    io: IoDescription,
     threads: Vec<JoinHandle<()>>,
     _tables: Lease,
 }
@@ -186,6 +188,9 @@ struct Shared {
     bell: Bell,
     progress: Progress,
     damage: Mutex<Vec<(u32, Error)>>,
+    /// How the file is read now.
+    io: Mutex<IoDescription>,
+    failure: Failure,
     counters: Counters,
     /// The loader waits for an unpin: demand finds every frame busy, or frames are owed. `unpin` rings then.
     starved: AtomicBool,
@@ -281,19 +286,15 @@ impl PagePool {
             bell: Bell::default(),
             progress: Progress::default(),
             damage: Mutex::new(Vec::new()),
+            io: Mutex::new(reader.describe().clone()),
+            failure: Failure::default(),
             counters: Counters::default(),
             starved: AtomicBool::new(false),
             saturated: AtomicBool::new(false),
             stop: AtomicBool::new(false),
             store,
         });
-        let mut pool = PagePool {
-            shared,
-            budget: budget.clone(),
-            io: reader.describe().clone(),
-            threads: Vec::new(),
-            _tables: tables,
-        };
+        let mut pool = PagePool { shared, budget: budget.clone(), threads: Vec::new(), _tables: tables };
         pool.set_limit(options.frames_bytes)?;
         pool.start(reader, options)?;
         Ok(pool)
@@ -323,11 +324,14 @@ impl PagePool {
         };
         let shared = Arc::clone(&self.shared);
         let (slots, merge_bytes) = (options.staging_slots, u64::from(options.merge_bytes));
-        let io = move || Loader::new(&shared, reader, slots, merge_bytes).run();
+        let io = move || {
+            let mut loader = Loader::new(&shared, reader, slots, merge_bytes);
+            shared.guard(|| loader.run());
+        };
         spawn("trex-load-0".into(), Box::new(io))?;
         for index in 1..=options.decode_threads {
             let shared = Arc::clone(&self.shared);
-            spawn(format!("trex-load-{index}"), Box::new(move || shared.decode()))?;
+            spawn(format!("trex-load-{index}"), Box::new(move || shared.guard(|| shared.decode())))?;
         }
         Ok(())
     }
@@ -337,9 +341,9 @@ impl PagePool {
         self.shared.words.len() as u32
     }
 
-    /// Which backend reads, and why.
-    pub fn io(&self) -> &IoDescription {
-        &self.io
+    /// Which backend reads now, why, and what went wrong with the one before it.
+    pub fn io(&self) -> IoDescription {
+        lock(&self.shared.io).clone()
     }
 
     /// What `page` is doing. It may have changed when the call returns.
@@ -382,15 +386,27 @@ impl PagePool {
 
     /// Sleeps until a page has arrived since `epoch`, at most `timeout`. The epoch then. Take the epoch first, look
     /// at pages after: so no arrival is missed.
+    ///
+    /// # Panics
+    /// When a thread of the pool has panicked: nothing would ever come. [`PagePool::failure`] says what it was.
     pub fn wait_for_progress(&self, epoch: u64, timeout: Duration) -> u64 {
-        self.shared.progress.wait(epoch, timeout)
+        let now = self.shared.progress.wait(epoch, timeout);
+        if let Some(error) = self.failure() {
+            panic!("no page will come: {error}");
+        }
+        now
+    }
+
+    /// Why no page will come any more: one of the pool's threads has panicked. Pages that are resident stay.
+    pub fn failure(&self) -> Option<Error> {
+        self.shared.failure.get()
     }
 
     /// Pins `page`, and reads it first when it must.
     ///
     /// # Errors
     /// The error of a damaged page; [`Code::MemoryLimit`] when nothing has arrived for a minute, since all frames are
-    /// pinned.
+    /// pinned; [`Code::Bug`] when a thread of the pool has panicked.
     pub fn pin_blocking(&self, page: u32) -> Result<Pin<'_>> {
         let (mut epoch, mut since) = (self.epoch(), Instant::now());
         loop {
@@ -400,8 +416,11 @@ impl PagePool {
             if self.is_damaged(page) {
                 return Err(self.damage_of(page));
             }
+            if let Some(error) = self.failure() {
+                return Err(error);
+            }
             self.hold(page);
-            let now = self.wait_for_progress(epoch, Duration::from_millis(20));
+            let now = self.shared.progress.wait(epoch, Duration::from_millis(20));
             if now != epoch {
                 (epoch, since) = (now, Instant::now());
             } else if since.elapsed() > STALL_MAX {

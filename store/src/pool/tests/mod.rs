@@ -1,5 +1,7 @@
 //! The pool against a naive oracle: the page's content follows from its number, so every pinned frame can be checked.
 
+mod failure;
+
 use super::*;
 use crate::io::{DirectChoice, Extent, Fault, FaultPlan, IoChoice, Memory};
 use rand_pcg::Pcg64Mcg;
@@ -442,33 +444,6 @@ fn dropping_with_wants_and_reads_in_flight_ends() {
         pool.submit(0, &(0..100).map(|page| want(page, Class::Normal)).collect::<Vec<_>>());
         drop(pool);
     }
-}
-
-#[test]
-fn a_decoder_that_panics_costs_its_page() {
-    struct Panics(Arc<Synthetic>);
-    impl PageStore for Panics {
-        fn page_count(&self) -> u32 {
-            self.0.page_count()
-        }
-        fn extent(&self, page: u32) -> Extent {
-            self.0.extent(page)
-        }
-        fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
-            assert!(page != 2, "this panic belongs to the test");
-            self.0.install(page, stored, frame, scratch)
-        }
-        fn frame_bytes(&self) -> usize {
-            FRAME_BYTES
-        }
-    }
-    let store = Synthetic::new(5, 13);
-    let memory = store.memory(1);
-    let path = Path::new("synthetic");
-    let store = Arc::new(Panics(store));
-    let pool = PagePool::with_backend(store, memory, path, &Budget::unlimited(), &options(5)).unwrap();
-    assert!(pool.fetch_blocking(&[0, 1, 2, 3, 4]).is_err());
-    assert!(pool.is_damaged(2) && pool.pin(3).is_some());
 }
 
 #[test]
