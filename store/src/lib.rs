@@ -25,6 +25,7 @@ pub mod octree;
 pub mod output;
 pub mod pool;
 mod progress;
+mod scratch;
 mod source;
 pub mod verify;
 

@@ -60,6 +60,7 @@ pub(super) fn emit(
         scratch_bytes: parted.scratch.bytes(),
     };
     file.append(&[0; SUPERBLOCK_BYTES])?;
+    tell("clusters", "triangles", 0, parted.triangle_count);
     in_order(parted, voxels.as_ref(), workers, context, &options.interrupt, |chunk, pages| {
         writer.add_chunk(pages, &mut file)?;
         for piece in &parted.chunks[chunk].pieces {

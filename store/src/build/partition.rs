@@ -323,7 +323,7 @@ impl Cells {
         if cell.buffer.is_empty() {
             return Ok(());
         }
-        cell.runs.push(self.scratch.append(&encode(&cell.buffer), cell.buffer.len())?);
+        cell.runs.push(self.scratch.append(encode(&cell.buffer), cell.buffer.len())?);
         self.buffered -= cell.buffer.len() as u64;
         // The memory goes back: many cells are left behind by the stream and never filled again.
         cell.buffer = Vec::new();

@@ -130,6 +130,7 @@ impl VoxelWork {
             }
             Ok(())
         })?;
+        tell(done);
         lease.grow(what, builder.finish_bytes())?;
         let scratch_bytes = runs_bytes + builder.scratch_bytes();
         Ok(Merged { finished: builder.finish(pages, put)?, scratch_bytes, _lease: lease })
