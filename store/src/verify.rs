@@ -104,11 +104,14 @@ fn check_with(
         let is_deep = voxels == Voxels::Content;
         let upper = upper_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
         let lower = lower_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
-        table_bytes(&block)
-            + upper.map_or(0, |size| size.resident_bytes + size.reading_bytes)
-            + lower.map_or(0, |size| size.resident_bytes + size.reading_bytes)
+        let parts = [
+            upper.map_or(0, |size| size.resident_bytes.saturating_add(size.reading_bytes)),
+            lower.map_or(0, |size| size.resident_bytes.saturating_add(size.reading_bytes)),
+        ];
+        parts.into_iter().fold(table_bytes(&block), u64::saturating_add)
     });
-    let mut lease = budget.lease("the tables of the file and a frame", frame_bytes + tables_bytes)?;
+    let what = "the tables of the file and a frame";
+    let mut lease = budget.lease(what, tables_bytes.saturating_add(frame_bytes))?;
     lease.shrink_to(frame_bytes);
     let file = match PageFile::open(path, budget) {
         Ok(file) => file,

@@ -12,6 +12,7 @@ mod faults;
 mod format;
 mod format_octree;
 mod format_units;
+mod golden;
 mod image_diff;
 mod inputs;
 mod lies;

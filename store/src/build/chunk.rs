@@ -3,8 +3,9 @@
 //! Invariants: 1. every triangle of the chunk ends in exactly one cluster; 2. boxes in the tree are exact
 //! unions of lattice boxes; 3. work memory is bounded by [`worker_bytes`].
 
+use super::cells::{CHUNK_TRIANGLES, Chunk};
 use super::pages::{self, ChunkPages, PackContext};
-use super::partition::{CHUNK_TRIANGLES, Chunk};
+
 use super::sah::{Prim, Splitter};
 use super::scratch::{LatticeTriangle, Scratch};
 use crate::cluster::{ClusterMesh, LatticeBox, Orderer};

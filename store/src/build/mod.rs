@@ -15,6 +15,7 @@
 //! give the same bytes at any thread count and any limit; 3. scratch is an unlinked file and the output a
 //! temporary one until it is whole: nothing is left behind.
 
+mod cells;
 mod chunk;
 mod emit;
 mod lattice;
@@ -27,6 +28,7 @@ mod surface;
 #[cfg(test)]
 mod tests;
 mod voxels;
+mod writer;
 
 pub use crate::output::Existing;
 pub use lattice::Scan;
@@ -215,15 +217,12 @@ pub fn build(
     let parted = partition::partition(source, &scan, grid, options, &scratch_folder, &tell)?;
     out.phase_ms.generate += parted.wait_ms;
     out.phase_ms.partition = lap();
-    if parted.triangle_count == 0 {
-        return Err(no_triangles(&source.name(), &parted));
-    }
 
     // Clusters and pages, chunk by chunk, in order.
     let draft = publish::Draft::create(output, &folder)?;
     let voxels = voxels::begin(&parted, options.voxels, &scratch_folder)?;
-    let work = (&parted, &scan, voxels);
-    let block = emit::emit(work, source.materials(), options, draft.file(), &tell, &mut out)?;
+    let work = emit::Work { parted: &parted, scan: &scan, voxels, materials: source.materials() };
+    let block = emit::emit(work, options, draft.file(), &tell, &mut out)?;
     out.phase_ms.clusters = lap() - out.phase_ms.voxels;
 
     // Publish.
@@ -264,12 +263,23 @@ fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Pl
     Ok(plan)
 }
 
-fn no_triangles(name: &str, parted: &partition::Partition) -> Error {
-    Error::new(Code::InputEmpty, "the input holds no triangle that can be drawn")
+/// What became of the triangles of an input of which none is left.
+#[derive(Clone, Copy)]
+struct Rejected {
+    read: u64,
+    degenerate: u64,
+    non_finite: u64,
+}
+
+fn no_triangles(name: &str, Rejected { read, degenerate, non_finite }: Rejected) -> Error {
+    let what = match read {
+        0 => "there are no triangles in the input",
+        _ => "the input holds no triangle that can be drawn",
+    };
+    Error::new(Code::InputEmpty, what)
         .at_place(name)
         .numbers(format!(
-            "{} triangles read, {} degenerate, {} with coordinates that are no finite numbers",
-            parted.input_triangle_count, parted.rejected_degenerate, parted.rejected_non_finite
+            "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite numbers"
         ))
         .next("check the input in the program that wrote it")
 }

@@ -12,8 +12,8 @@ use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
 use crate::octree::{
-    Finished, LowerBuilder, RUN_BYTES, Refinement, STREAM_BYTES, VoxelGrid, VoxelRuns, family_bytes,
-    leaf_bytes, merge,
+    Finished, FirstPage, LowerBuilder, RUN_BYTES, Refinement, STREAM_BYTES, VoxelGrid, VoxelRuns,
+    family_bytes, leaf_bytes, merge,
 };
 use std::path::{Path, PathBuf};
 
@@ -107,7 +107,7 @@ impl VoxelWork {
     /// given page on, for a model with so many materials.
     pub(super) fn merge(
         self,
-        pages: (u32, usize),
+        pages: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
         budget: &Budget,
         tell: &dyn Fn(u64),

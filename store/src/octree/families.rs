@@ -67,6 +67,15 @@ struct Family {
     unpacked_bytes: u32,
 }
 
+/// Where pages of units begin.
+#[derive(Clone, Copy)]
+pub(crate) struct FirstPage {
+    /// Number of the first one.
+    pub(crate) number: u32,
+    /// Materials of the model.
+    pub(crate) material_count: usize,
+}
+
 /// What [`LowerBuilder::finish`] leaves to be written.
 pub(crate) struct Finished {
     pub(crate) upper: UpperBuilder,
@@ -176,13 +185,13 @@ impl LowerBuilder {
         Ok(())
     }
 
-    /// Gives the stored form of each page of units, before packing, to `put`; they are numbered from `first_page` on.
+    /// Gives the stored form of each page of units, before packing, to `put`; they are numbered from the first one on.
     ///
     /// # Errors
     /// Those of scratch files and of `put`; [`Code::InputRange`] when there are more pages than a file can have.
     pub(crate) fn finish(
         mut self,
-        (first_page, material_count): (u32, usize),
+        FirstPage { number, material_count }: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
     ) -> Result<Finished> {
         self.end_family()?;
@@ -193,7 +202,7 @@ impl LowerBuilder {
         let mut order: Vec<u32> = (0..self.families.len() as u32).collect();
         order.sort_unstable_by_key(|&family| self.families[family as usize].place);
         let mut pages = Pages {
-            next: first_page,
+            next: number,
             material_bytes: material_bytes(material_count),
             open: Units::default(),
             put,

@@ -29,7 +29,7 @@ mod voxelize;
 
 pub(crate) use emit::{STREAM_BYTES, UpperBuilder};
 pub use facets::Facets;
-pub(crate) use families::{Finished, LowerBuilder, family_bytes};
+pub(crate) use families::{Finished, FirstPage, LowerBuilder, family_bytes};
 pub use links::{LowerLinks, LowerSize, UnitRef};
 pub(crate) use merge::{RUN_BYTES, VoxelRuns, merge};
 pub(crate) use payload::LeafNormal;

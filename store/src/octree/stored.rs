@@ -36,6 +36,7 @@ impl UpperOctree {
         let (grid, leaf_count, facet_count, nodes) = r.head()?;
         let leaves = u64::from(leaf_count);
         let sound = facet_count <= leaf_count && nodes <= MAX_DEPTH as u64 * leaves;
+        // In this order: leaves are a 32-bit count, nodes a small multiple of it, and so all sums below fit.
         let sound =
             sound && 8 * nodes + STORED_LEAF_BYTES * leaves <= stored_bytes.checked_mul(PACKED_MOST)?;
         sound.then(|| UpperSize {
