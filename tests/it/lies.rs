@@ -308,7 +308,7 @@ fn slots_that_are_not_used_hold_nothing() {
     let forger = Forger::new();
     let unused = forger.block.sections.iter().position(|section| section.kind == 0).unwrap();
     let tables: u64 = SectionKind::ALL.iter().map(|&kind| forger.block.section(kind).bytes).sum();
-    let mut lie = |what: &str, change: &dyn Fn(&mut Section)| {
+    let lie = |what: &str, change: &dyn Fn(&mut Section)| {
         forger.seal(SectionKind::TopTree, |_, block| change(&mut block.sections[unused]));
         forger.refused();
         let line = "verify lie.trex --memory-limit 64MiB --json -q";
