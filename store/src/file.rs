@@ -171,7 +171,7 @@ impl PageFile {
     /// Where the cube stands follows from the model's box.
     fn has_grid(&self, octree: &UpperOctree, refinement: Refinement) -> bool {
         let [lo, hi] = self.block.lattice_bounds;
-        *octree.grid() == VoxelGrid::over(lo, hi, octree.grid().resolution, refinement)
+        *octree.grid() == VoxelGrid::from_bounds(lo, hi, octree.grid().resolution, refinement)
     }
 
     /// The bytes of a section, which match its hash.

@@ -303,7 +303,7 @@ fn length(v: [f64; 3]) -> f64 {
 
 /// Builds `spec`, reads the octree of the file and compares one of `every` leaves with the triangles, all with the store.
 pub(crate) fn check(spec: &str, (resolution, factor): (u32, u32), every: i64) {
-    let refinement = Refinement::of(factor).unwrap();
+    let refinement = Refinement::from_factor(factor).unwrap();
     let options =
         BuildOptions { voxels: Voxels::Refined { upper: resolution, refinement }, ..build_options() };
     let built = build_source(&mut *source(spec), &options);

@@ -75,7 +75,7 @@ impl Workspace {
         self.prims.extend(self.triangles.iter().enumerate().map(|(index, t)| {
             let mut exact = LatticeBox::EMPTY;
             t.q.iter().for_each(|&q| exact.add(q));
-            Prim::of(&exact, all.lo, index as u32)
+            Prim::new(&exact, all.lo, index as u32)
         }));
         let mut out = Clusters::default();
         out.grow(&mut self.splitter, &mut self.prims, &self.triangles);

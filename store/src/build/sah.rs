@@ -21,7 +21,7 @@ pub(super) struct Prim {
 type Four = [f32; 4];
 
 impl Prim {
-    pub(super) fn of(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
+    pub(super) fn new(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
         let relative = |at: &[i64; 3]| [0, 1, 2, 2].map(|a: usize| (at[a] - origin[a]) as f32);
         Prim { lo: relative(&exact.lo), hi: relative(&exact.hi), index }
     }
@@ -237,7 +237,7 @@ mod tests {
         fn the_left_side_has_the_least(corners in proptest::collection::vec(proptest::array::uniform3(-40i64..40), 2..300)) {
             let boxed = |(i, lo): (usize, &[i64; 3])| {
                 let exact = LatticeBox { lo: *lo, hi: lo.map(|v| v + (i % 7) as i64) };
-                Prim::of(&exact, [-3; 3], i as u32)
+                Prim::new(&exact, [-3; 3], i as u32)
             };
             let mut prims: Vec<_> = corners.iter().enumerate().map(boxed).collect();
             let quantum = 8;

@@ -40,7 +40,7 @@ impl Surface {
     pub(super) fn new(scan: &Scan, grid: &Grid) -> Surface {
         let [lo, hi] = [scan.bounds.lo, scan.bounds.hi].map(|corner| grid.lattice.snap(corner));
         Surface(RESOLUTIONS.map(|resolution| Counter {
-            leaf_steps: VoxelGrid::over(lo, hi, resolution, Refinement::None).leaf_steps() as f64,
+            leaf_steps: VoxelGrid::from_bounds(lo, hi, resolution, Refinement::None).leaf_steps() as f64,
             large: 0.0,
             small: 0.0,
             sketch: Sketch::default(),

@@ -49,7 +49,7 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
         Voxels::Within { upper_bytes } => (choose(parted, upper_bytes), Refinement::None),
     };
     Ok(Some(VoxelWork {
-        grid: VoxelGrid::over(lo, hi, resolution, refinement),
+        grid: VoxelGrid::from_bounds(lo, hi, resolution, refinement),
         refinement,
         runs: VoxelRuns::create(folder)?,
         folder: folder.to_path_buf(),
@@ -63,7 +63,7 @@ fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let [lo, hi] = parted.lattice_bounds;
     let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;
     let fits = |which: &usize| {
-        let leaf_steps = VoxelGrid::over(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
+        let leaf_steps = VoxelGrid::from_bounds(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
         let leaves = parted.surface.leaf_count(*which, leaf_steps);
         let resident = leaves * leaf_bytes() as f64;
         let is_due = leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;

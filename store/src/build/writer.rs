@@ -98,7 +98,7 @@ impl<'a> Writer<'a> {
             let node = self.nodes.len();
             let words =
                 children.iter().zip(0..).map(|(&(b, r), i)| (b, moved(r, Link::Child(node, i)).to_word()));
-            self.nodes.push(Node::over(&words.collect::<Vec<_>>(), self.node_shift));
+            self.nodes.push(Node::from_children(&words.collect::<Vec<_>>(), self.node_shift));
         }
         self.roots.push((chunk.root.0, moved(chunk.root.1, Link::Root(self.roots.len()))));
         Ok(())
@@ -228,10 +228,10 @@ impl<'a> Writer<'a> {
     fn join_roots(&mut self) -> TopRef {
         let all = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
         let mut prims: Vec<_> =
-            self.roots.iter().enumerate().map(|(i, (b, _))| Prim::of(b, all.lo, i as u32)).collect();
+            self.roots.iter().enumerate().map(|(i, (b, _))| Prim::new(b, all.lo, i as u32)).collect();
         let mut tree = Vec::new();
         grow(&mut Splitter::default(), &mut prims, &self.roots, &mut tree);
-        let wide = Wide::over(&tree);
+        let wide = Wide::new(&tree);
         let first = self.nodes.len() as u32;
         let word = |r: WideRef, roots: &[(LatticeBox, TopRef)]| match r {
             WideRef::Leaf(i) => roots[i as usize].1,
@@ -240,7 +240,7 @@ impl<'a> Writer<'a> {
         for children in &wide.nodes {
             let children: Vec<_> =
                 children.iter().map(|&(b, r)| (b, word(r, &self.roots).to_word())).collect();
-            self.nodes.push(Node::over(&children, self.node_shift));
+            self.nodes.push(Node::from_children(&children, self.node_shift));
         }
         word(wide.root, &self.roots)
     }

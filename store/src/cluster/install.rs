@@ -137,7 +137,7 @@ impl TreeInstaller<'_> {
         }
         let children = &children[..count];
         let bounds = children.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
-        let node = Node::over(children, node_shift(self.lattice_bits));
+        let node = Node::from_children(children, node_shift(self.lattice_bits));
         let at = self.nodes_at + index * Node::BYTES;
         self.frame[at..at + Node::BYTES].copy_from_slice(bytemuck::bytes_of(&node));
         Ok((bounds, FrameRef::node(at)))

@@ -212,7 +212,7 @@ impl ClusterInstaller {
     /// Vertices of a compact cluster, to the end of its frame bytes.
     #[inline(always)]
     fn vertices<M: Mover>(&mut self, mover: M, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) {
-        let lanes = Lanes::of(&plan.widths);
+        let lanes = Lanes::new(&plan.widths);
         let packed = lanes.fields();
         // The upper eight bits of each lane, and a byte for each.
         let cell_bits = lanes.bits.map(|b| b.min(8));

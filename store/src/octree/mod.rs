@@ -66,7 +66,7 @@ impl Refinement {
     pub const ALL: [Refinement; 3] = [Refinement::None, Refinement::By4, Refinement::By16];
 
     /// By its number; `None` for one that is not offered.
-    pub fn of(factor: u32) -> Option<Refinement> {
+    pub fn from_factor(factor: u32) -> Option<Refinement> {
         Refinement::ALL.into_iter().find(|known| known.factor() == factor)
     }
 
@@ -95,7 +95,7 @@ pub struct VoxelGrid {
 impl VoxelGrid {
     /// Over lattice points `lo` to `hi`, with `resolution` leaves along the longest side, which can be divided by
     /// `refinement`: boundaries of finer leaves are on the lattice, too.
-    pub fn over(lo: [i64; 3], hi: [i64; 3], resolution: u32, refinement: Refinement) -> VoxelGrid {
+    pub fn from_bounds(lo: [i64; 3], hi: [i64; 3], resolution: u32, refinement: Refinement) -> VoxelGrid {
         assert!(is_upper(resolution), "{resolution} leaves along an axis");
         let points = (0..3).map(|a| hi[a] - lo[a] + 1).max().expect("three axes").max(1) as u64;
         let steps = points.div_ceil(u64::from(resolution * LEAF_SIDE));
@@ -166,7 +166,7 @@ mod tests {
         {
             for resolution in [64, 256, 512, 1024] {
                 for refinement in Refinement::ALL {
-                    let upper = VoxelGrid::over(lo, hi, resolution, refinement);
+                    let upper = VoxelGrid::from_bounds(lo, hi, resolution, refinement);
                     let grid = upper.refined(refinement);
                     assert_eq!(grid.depth(), upper.depth() + refinement.levels());
                     for grid in [upper, grid] {

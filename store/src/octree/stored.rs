@@ -198,7 +198,7 @@ mod tests {
         /// Every leaf is found from the root, and nothing else; and all of it comes back from disk.
         #[test]
         fn leaves_are_found_from_the_root((side, places) in places()) {
-            let grid = VoxelGrid::over([0; 3], [100_000; 3], side, Refinement::None);
+            let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], side, Refinement::None);
             let depth = grid.depth();
             let leaves: BTreeMap<u64, u64> =
                 places.iter().map(|&(at, bitmap)| (leaf_key(at, depth), bitmap)).collect();
@@ -232,7 +232,7 @@ mod tests {
         /// Nothing that comes from outside panics.
         #[test]
         fn garbage_is_refused(change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6), cut in 0usize..200) {
-            let grid = VoxelGrid::over([0; 3], [100_000; 3], 256, Refinement::None);
+            let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], 256, Refinement::None);
             let leaves = (0..50u64).map(|i| (i * 7919 % (1 << 24), i + 1)).collect();
             let (_, mut bytes) = built(&leaves, grid);
             for (at, value) in change {
@@ -247,7 +247,7 @@ mod tests {
     /// The facets against sums over all leaves of a node.
     #[test]
     fn facets_part_the_leaves_of_a_node() {
-        let grid = VoxelGrid::over([0; 3], [100_000; 3], 64, Refinement::None);
+        let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], 64, Refinement::None);
         let leaves = (0..900u64).map(|i| (i * 31 % (1 << 12), !0)).collect();
         let (octree, _) = built(&leaves, grid);
         let mut area = vec![0.0f32; octree.facets().count()];

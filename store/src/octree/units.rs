@@ -251,7 +251,7 @@ pub(crate) fn install_units(
     }
     for node in 0..counts.links {
         let word = stored.link(node);
-        if !(context.is_units)(UnitRef::of(word).page()) {
+        if !(context.is_units)(UnitRef::from_word(word).page()) {
             return Err("a unit leads to a page that has none");
         }
         out.put(&word.to_le_bytes());

@@ -295,7 +295,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     fn grid(resolution: u32) -> VoxelGrid {
-        VoxelGrid::over([0; 3], [4095; 3], resolution, Refinement::None)
+        VoxelGrid::from_bounds([0; 3], [4095; 3], resolution, Refinement::None)
     }
 
     fn records(grid: VoxelGrid, triangles: &[[[i64; 3]; 3]]) -> Vec<Record> {

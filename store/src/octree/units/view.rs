@@ -74,7 +74,8 @@ impl<'a> UnitsView<'a> {
         let at = self.counts.units + 1 + node;
         let first = self.index(at);
         let link_at = self.links_at() + LINK_BYTES * node;
-        let link = (self.counts.links > 0).then(|| UnitRef::of(u32::from_le_bytes(self.bytes(link_at))));
+        let link =
+            (self.counts.links > 0).then(|| UnitRef::from_word(u32::from_le_bytes(self.bytes(link_at))));
         Some(UnitNode { first, count: self.index(at + 1) - first, link })
     }
 
