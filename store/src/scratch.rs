@@ -6,9 +6,9 @@
 //!
 //! A disk or a cable that turns one bit would otherwise make a model that is wrong and whose every hash is right.
 //!
-//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. no byte of a block is looked at
-//! before its hash was checked; 3. the length of a block is known to who wrote it, and never read from the file; 4. a name is
-//! given once in a file, so a block in another's place does not pass.
+//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. no byte of a block is looked
+//! at before its hash was checked; 3. the length of a block is known to who wrote it, and never read from the file;
+//! 4. a name is given once in a file, so a block in another's place does not pass.
 
 use crate::error::{Code, Error, Result};
 use std::fs::File;

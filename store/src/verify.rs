@@ -71,8 +71,8 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
     check_with(Voxels::Content, path, budget, report)
 }
 
-/// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by piece, so
-/// that no limit under which they could be written is too small.
+/// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by
+/// piece, so that no limit under which they could be written is too small.
 pub(crate) fn read_back(
     path: &Path,
     budget: &Budget,

@@ -1,4 +1,5 @@
-//! System calls that fail where they never do: what the kernel answers is changed by strace, in the command as it ships.
+//! System calls that fail where they never do: what the kernel answers is changed by strace, in the command as it
+//! ships.
 
 use crate::command::{Ran, TREX, document_in, folder, hash_of, ran, run_in, skipped};
 use std::path::Path;

@@ -273,7 +273,8 @@ fn octrees_whose_bytes_lie() {
     forger.octree_refused("another count of items");
 }
 
-/// Counts far above what is there: nothing of their size is allocated. The wall is an address space without room for it.
+/// Counts far above what is there: nothing of their size is allocated. The wall is an address space without room for
+/// it.
 #[test]
 fn octrees_that_claim_to_be_huge() {
     let forger = Forger::new();
@@ -301,8 +302,8 @@ fn octrees_that_claim_to_be_huge() {
     forger.octree_takes_no_room("what would fit zeros");
 }
 
-/// A slot that is not used had no rules: its length was added to what the tables take, until the sum came round to a small
-/// one, and 312 MB were taken under a limit of 64.
+/// A slot that is not used had no rules: its length was added to what the tables take, until the sum came round to a
+/// small one, and 312 MB were taken under a limit of 64.
 #[test]
 fn slots_that_are_not_used_hold_nothing() {
     let forger = Forger::new();

@@ -1,7 +1,7 @@
 //! `Cells`: snapped triangles sorted into cells, whose runs go to scratch; then cells joined into chunks.
 //!
-//! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone; 2. buffered triangles
-//! never exceed what `Sorted` allows.
+//! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone; 2. buffered
+//! triangles never exceed what `Sorted` allows.
 
 use super::BuildOptions;
 use super::scratch::{LatticeTriangle, Run, Scratch, encode};

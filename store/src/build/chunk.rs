@@ -12,8 +12,8 @@ use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::error::Result;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
-/// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (about 40 B), the read
-/// buffer and the pages that wait for their turn (about 30 B).
+/// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (about
+/// 40 B), the read buffer and the pages that wait for their turn (about 30 B).
 pub(super) fn worker_bytes() -> u64 {
     CHUNK_TRIANGLES * (80 + 44 + 40 + 32)
 }

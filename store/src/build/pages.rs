@@ -6,8 +6,8 @@
 //!                 else                                 -> a node of the top tree; place its children
 //! ```
 //!
-//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could. The last page of a
-//! chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
+//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could. The last
+//! page of a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
 //!
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.

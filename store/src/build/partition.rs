@@ -2,8 +2,8 @@
 //!
 //! A loose octree without pointers: a triangle goes to the finest level whose cells are at least as large as
 //! the triangle, and there to the cell of its centroid; so plates do not widen the boxes of bolts. Cells are
-//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](super::cells::CHUNK_TRIANGLES); a cell with more is cut
-//! again, finer.
+//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](super::cells::CHUNK_TRIANGLES); a
+//! cell with more is cut again, finer.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone: not from
 //! threads, limits or the lengths of runs; 2. buffered triangles never exceed the leased bytes; 3. a chunk holds

@@ -4,8 +4,8 @@
 //! Boxes have a fourth number, which means nothing: so a box is two vectors of four, and the compiler takes it as such.
 //!
 //! Invariants: 1. both sides get at least one primitive; 2. no side gets less than 1/8 (where the quantum
-//! allows), so depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result does not depend
-//! on the order of the input slice.
+//! allows), so depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result
+//! does not depend on the order of the input slice.
 
 use crate::cluster::LatticeBox;
 
@@ -121,7 +121,8 @@ impl Binning {
         [self.one(keys[0], 0), self.one(keys[1], 1), self.one(keys[2], 2)]
     }
 
-    /// Rounds down by arithmetic alone, exact for what an f32 from 0 to [`BINS`] can be: casts check for what cannot be here.
+    /// Rounds down by arithmetic alone, exact for what an f32 from 0 to [`BINS`] can be: casts check for what cannot
+    /// be here.
     #[inline(always)]
     fn one(&self, key: f32, axis: usize) -> usize {
         const HALF: f64 = 0.5 - 1.0 / (1u64 << 30) as f64;

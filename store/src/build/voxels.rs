@@ -1,8 +1,8 @@
 //! Which voxel octree a model gets, and how the records of its chunks become pages and sections of the file.
 //!
 //! Invariants: 1. the choice depends on the input and the options alone, never on the memory limit; 2. memory of the
-//! merge is leased, and does not grow with the leaves but for their nodes' masks and places; 3. sections are written and
-//! hashed piece by piece.
+//! merge is leased, and does not grow with the leaves but for their nodes' masks and places; 3. sections are written
+//! and hashed piece by piece.
 
 use super::Voxels;
 use super::partition::Partition;
@@ -58,7 +58,8 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
 
 /// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory. The coarser ones are
 /// for what is small: 256 up to [`CHEAP_BYTES`], since a picture needs that much whatever the model has. Units below it
-/// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when measured (ao).
+/// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when
+/// measured (ao).
 fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let [lo, hi] = parted.lattice_bounds;
     let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;

@@ -1,7 +1,7 @@
 //! `Writer`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
 //!
-//! Invariants: 1. a page that chunks share is written when it is full, and the nodes that lead to it are told then; 2. every
-//! byte is hashed before it is written.
+//! Invariants: 1. a page that chunks share is written when it is full, and the nodes that lead to it are told then;
+//! 2. every byte is hashed before it is written.
 
 use super::BuildReport;
 use super::lattice::Scan;

@@ -1,15 +1,16 @@
 //! The gates for the tables of a file: from the bytes of a section to what [`PageFile`](super::PageFile) keeps of it.
 //!
-//! Invariants: 1. each gives `None` for anything that is out of its range, and allocates by what is there; 2. pages stand
-//! without gaps, those of the mesh first; 3. the top tree is a tree of bounded depth, whose references lead to pages.
+//! Invariants: 1. each gives `None` for anything that is out of its range, and allocates by what is there; 2. pages
+//! stand without gaps, those of the mesh first; 3. the top tree is a tree of bounded depth, whose references lead to
+//! pages.
 
 use super::Emitter;
 use crate::cluster::{Node, TopRef};
 use crate::layout::*;
 use crate::material::Material;
 
-/// Memory while the tables are read: each section once raw and once parsed. Sections of a sparse file may be so large that
-/// no sum holds them: no limit has room for that.
+/// Memory while the tables are read: each section once raw and once parsed. Sections of a sparse file may be so large
+/// that no sum holds them: no limit has room for that.
 pub(crate) fn table_bytes(block: &Superblock) -> u64 {
     let tables = SectionKind::ALL.iter().map(|&kind| block.section(kind).bytes);
     tables.fold(0, u64::saturating_add).saturating_mul(3)

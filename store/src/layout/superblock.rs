@@ -1,7 +1,8 @@
 //! `Superblock`: the head of the file and its copy at the end: what the file holds, and where.
 //!
-//! Invariants: 1. what is read passes [`Superblock::parse`] before any field is believed; 2. counts agree with each other, so
-//! that no sum of them is too large; 3. a slot of the sections that is not used is zero, and no kind stands twice.
+//! Invariants: 1. what is read passes [`Superblock::parse`] before any field is believed; 2. counts agree with each
+//! other, so that no sum of them is too large; 3. a slot of the sections that is not used is zero, and no kind stands
+//! twice.
 
 use super::fields::{Cursor, Fields};
 use super::*;

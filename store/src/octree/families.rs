@@ -6,12 +6,12 @@
 //! families along the Hilbert curve: finest units -> pages;  then the units that lead to them -> pages
 //! ```
 //!
-//! Why the curve: keys follow rows of 4x4x4 nodes, which jump; along the curve neighbours share a page, and the next page
-//! lies beside it in the model.
+//! Why the curve: keys follow rows of 4x4x4 nodes, which jump; along the curve neighbours share a page, and the next
+//! page lies beside it in the model.
 //!
-//! Invariants: 1. a page is filled until the next unit does not fit; 2. memory is a family, and for each linking node its
-//! place and word (and, where units nest, a word for each upper leaf while pages are made); 3. a family in the scratch file is
-//! named by its offset.
+//! Invariants: 1. a page is filled until the next unit does not fit; 2. memory is a family, and for each linking node
+//! its place and word (and, where units nest, a word for each upper leaf while pages are made); 3. a family in the
+//! scratch file is named by its offset.
 
 use super::coarsen::{Coarser, OpenLeaf};
 use super::links::{LowerLinks, PAGE_UNITS, UnitRef};

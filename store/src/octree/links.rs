@@ -5,8 +5,8 @@
 //! word     page in bits 0 to 24, unit within it in bits 25 to 31
 //! ```
 //!
-//! Linking nodes are the last nodes of the upper octree, in its order: one word each, so that a page is linked by looking it
-//! up, and nothing is written when it comes or goes. Paper, section 4.2.
+//! Linking nodes are the last nodes of the upper octree, in its order: one word each, so that a page is linked by
+//! looking it up, and nothing is written when it comes or goes. Paper, section 4.2.
 //!
 //! Invariants: 1. every word leads to a page of units; whether the page has such a unit is known when it is read.
 

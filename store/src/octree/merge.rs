@@ -4,8 +4,8 @@
 //! run = blocks of up to 128 records: seal (`crate::scratch`), LZ4;   merge: a heap over the runs' next records, equal ones summed
 //! ```
 //!
-//! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in the order of
-//! runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
+//! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in
+//! the order of runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
 
 use super::voxelize::Record;
 use crate::error::Result;

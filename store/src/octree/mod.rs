@@ -7,12 +7,13 @@
 //! ```
 //!
 //! A node divides its cube by 4 along each axis: two octree levels at once, so that 64 children fit a word. Leaves are
-//! nodes of the same kind: their 64 children are the *occluder bitmap*, the subvoxels that the surface touches. So a leaf's
-//! bitmap is also the mask of the finer leaves in it: what lies below the upper leaves, the *lower octrees*, needs no masks.
+//! nodes of the same kind: their 64 children are the *occluder bitmap*, the subvoxels that the surface touches. So a
+//! leaf's bitmap is also the mask of the finer leaves in it: what lies below the upper leaves, the *lower octrees*,
+//! needs no masks.
 //!
-//! Invariants: 1. a subvoxel is set when and only when a triangle overlaps it, exactly (integers); 2. no vertex lies on a
-//! boundary, since boundaries stand half a lattice step off: a wall on a grid plane marks one layer, not two; 3. leaves
-//! and sums do not depend on threads: records are made and merged in the order of chunks.
+//! Invariants: 1. a subvoxel is set when and only when a triangle overlaps it, exactly (integers); 2. no vertex lies
+//! on a boundary, since boundaries stand half a lattice step off: a wall on a grid plane marks one layer, not two; 3.
+//! leaves and sums do not depend on threads: records are made and merged in the order of chunks.
 
 mod coarsen;
 mod emit;

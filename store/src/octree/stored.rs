@@ -4,12 +4,12 @@
 //! head 52 bytes | streams, each in Deflate blocks of 64 KiB: masks, bitmaps, normals, areas, materials
 //! ```
 //!
-//! Words of more than a byte are laid out in planes within a block, so that equal places of neighbouring words are alike.
-//! Deflate, since a reader unpacks the whole section once: 7.5 bytes a leaf where LZ4, which knows no entropy code, takes 10.5
-//! (`gen:isosurface:20M`).
+//! Words of more than a byte are laid out in planes within a block, so that equal places of neighbouring words are
+//! alike. Deflate, since a reader unpacks the whole section once: 7.5 bytes a leaf where LZ4, which knows no entropy
+//! code, takes 10.5 (`gen:isosurface:20M`).
 //!
-//! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one block,
-//! a byte per leaf and 8 per node.
+//! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one
+//! block, a byte per leaf and 8 per node.
 
 use super::payload::{LeafNormal, Materials, unpack_area};
 use super::upper::{UpperOctree, UpperSize, link};
@@ -30,7 +30,8 @@ impl UpperOctree {
     /// Bytes before the streams.
     pub(crate) const HEAD_BYTES: usize = 52;
 
-    /// What an octree stored in `stored_bytes` takes, by its head, for a model of so many materials; `None` for no such head.
+    /// What an octree stored in `stored_bytes` takes, by its head, for a model of so many materials; `None` for no
+    /// such head.
     pub(crate) fn peek(head: &[u8], stored_bytes: u64, material_count: usize) -> Option<UpperSize> {
         let mut r = Reader(head);
         let (grid, leaf_count, facet_count, nodes) = r.head()?;

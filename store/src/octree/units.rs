@@ -1,13 +1,15 @@
-//! Units of the lower octrees: 16^3 leaves each, those in 4x4x4 leaves above them. A page of them, on disk and in a frame.
+//! Units of the lower octrees: 16^3 leaves each, those in 4x4x4 leaves above them. A page of them, on disk and in a
+//! frame.
 //!
 //! ```text
 //! upper octree     linking node --mask--> leaf --bitmap--> subvoxel
 //! unit                                    node ----------> leaf --bitmap--> subvoxel
 //! ```
 //!
-//! The children of a linking node are the nodes of its unit, and their bitmaps are the nodes' masks: so a unit stores neither.
-//! A node is the index of its first leaf; the leaf in place `i` of a mask `m` is `first + popcount(m & (2^i - 1))`, as
-//! everywhere in the octree. Where units nest, each node of the outer unit is a linking node and holds a word that leads on.
+//! The children of a linking node are the nodes of its unit, and their bitmaps are the nodes' masks: so a unit stores
+//! neither. A node is the index of its first leaf; the leaf in place `i` of a mask `m` is `first + popcount(m & (2^i
+//! - 1))`, as everywhere in the octree. Where units nest, each node of the outer unit is a linking node and holds a
+//!   word that leads on.
 //!
 //! ```text
 //! disk   units u32 | nodes u32 | leaves u32 | linked u32 | nodes of each unit u8 | leaves of each node u8
@@ -18,8 +20,8 @@
 //!
 //! Areas are not stored: light is kept by the facets of the upper leaves.
 //!
-//! Invariants: 1. a page leads nowhere but by its words, so it can lie in any frame; 2. the largest unit fits a frame; 3. what
-//! `install_units` has passed, [`UnitsView`] reads without asking again.
+//! Invariants: 1. a page leads nowhere but by its words, so it can lie in any frame; 2. the largest unit fits a
+//! frame; 3. what `install_units` has passed, [`UnitsView`] reads without asking again.
 
 use super::NODE_SIDE;
 use super::links::UnitRef;

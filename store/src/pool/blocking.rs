@@ -1,7 +1,7 @@
 //! Pins that are waited for: for simple callers, and for those who have nothing else to do.
 //!
-//! Invariant: a blocking call ends: with a page, with the page's error, with the pool's, or after [`STALL_MAX`] in which
-//! nothing came.
+//! Invariant: a blocking call ends: with a page, with the page's error, with the pool's, or after [`STALL_MAX`] in
+//! which nothing came.
 
 use super::signal::lock;
 use super::{PagePool, PageState, Pin};

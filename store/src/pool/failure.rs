@@ -5,8 +5,8 @@
 //!                                                         pin_blocking: Err(bug)   wait_for_progress: panics, too
 //! ```
 //!
-//! Invariants: 1. the first failure is the one that is kept; 2. it is set before the other threads are told to stop, so who
-//! wakes finds it; 3. asking for it is one load as long as there is none.
+//! Invariants: 1. the first failure is the one that is kept; 2. it is set before the other threads are told to stop,
+//! so who wakes finds it; 3. asking for it is one load as long as there is none.
 
 use super::Shared;
 use super::signal::lock_always;

@@ -10,8 +10,8 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().expect("a thread of the pool panicked")
 }
 
-/// Locks what is whole between any two statements, so that a panic elsewhere does not matter: flags and counts that wake
-/// others must work while a panic is told.
+/// Locks what is whole between any two statements, so that a panic elsewhere does not matter: flags and counts that
+/// wake others must work while a panic is told.
 pub(super) fn lock_always<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,5 +1,5 @@
-//! Bits that turn while a build runs, in whatever it has spilled: the model that comes out is the right one, or there is
-//! none. One flipped bit used to end, in four of fourteen tries, in a wrong model whose every hash was right.
+//! Bits that turn while a build runs, in whatever it has spilled: the model that comes out is the right one, or there
+//! is none. One flipped bit used to end, in four of fourteen tries, in a wrong model whose every hash was right.
 
 use super::*;
 use crate::octree::Refinement;
