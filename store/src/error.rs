@@ -10,7 +10,7 @@ use std::path::Path;
 /// Result of every fallible call of the store.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What kind of failure it is. The string form (`as_str`) is stable and is what `--json` prints.
+/// Kinds of failures. The string form (`as_str`) is stable and is what `--json` prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Code {
@@ -127,7 +127,7 @@ impl Error {
         self
     }
 
-    /// What the user can do next.
+    /// Names the next step of the user.
     pub fn next(mut self, next_step: impl Into<String>) -> Error {
         self.0.next_step = next_step.into();
         self
@@ -158,7 +158,8 @@ impl Error {
         Error::new(code, format!("cannot {doing}")).at(path).numbers(numbers).next(next)
     }
 
-    /// As [`Error::io`], for what is written: a place that refuses is no fault of an input.
+    /// An I/O failure while `doing` something to `path` that is written: as [`Error::io`], but a place that refuses is
+    /// no fault of an input.
     pub fn writing(doing: &str, path: &Path, error: &std::io::Error) -> Error {
         let mut failed = Error::io(doing, path, error);
         if failed.code() == Code::InputUnreadable {

@@ -113,7 +113,7 @@ impl PageFile {
         &self.emitters
     }
 
-    /// What the resident octree takes, by its head; `None` for a file without.
+    /// Sizes of the resident octree, by its head; `None` for a file without.
     ///
     /// # Errors
     /// [`Code::Damaged`], [`Code::Io`].
@@ -139,7 +139,7 @@ impl PageFile {
         Ok(Some((octree, lease)))
     }
 
-    /// What the links to units take, by the head of their section; `None` for a file whose upper leaves are the finest.
+    /// Sizes of the links to units, by the head of their section; `None` for a file whose upper leaves are the finest.
     ///
     /// # Errors
     /// [`Code::Damaged`], [`Code::Io`].
@@ -252,7 +252,7 @@ impl PageFile {
     /// Reads and installs one page on the calling thread, without a pool.
     ///
     /// # Errors
-    /// As [`PageFile::install`], and [`Code::Io`].
+    /// Those of [`PageFile::install`], and [`Code::Io`].
     pub fn read_page(&self, page: u32, frame: &mut [u8], buffers: &mut [Vec<u8>; 2]) -> Result<()> {
         let entry = &self.pages[page as usize];
         let [stored, scratch] = buffers;

@@ -9,7 +9,7 @@ use crate::geom::{Aabb, Lattice, exp2i};
 use crate::source::{TriangleBatch, TriangleSource};
 use std::time::Instant;
 
-/// What is known of the input before the lattice is chosen.
+/// Bounds, edges and counts of the input, known before the lattice is chosen.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan {
     /// Box of the finite vertices.
@@ -18,7 +18,7 @@ pub struct Scan {
     pub median_edge: f64,
     /// Triangles to come (generators: within 1 %).
     pub triangle_count: u64,
-    /// Of these, with a coordinate that is no finite number.
+    /// Triangles among them with a coordinate that is no finite number.
     pub non_finite_count: u64,
 }
 

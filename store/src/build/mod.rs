@@ -93,13 +93,13 @@ pub struct BuildOptions {
     pub budget: Budget,
     /// Folder of the scratch file; `None` = the output's folder.
     pub temp_dir: Option<PathBuf>,
-    /// What to do when the output exists.
+    /// Whether an output that exists is kept or replaced.
     pub existing: Existing,
     /// Stops the build when raised.
     pub interrupt: Interrupt,
 }
 
-/// What a build is going to take, known before anything is written.
+/// Memory and disk that a build is going to take, known before anything is written.
 #[derive(Clone, Debug, Serialize)]
 pub struct Plan {
     /// Triangles to come.
@@ -116,7 +116,7 @@ pub struct Plan {
     pub free_bytes: u64,
 }
 
-/// What a build did.
+/// Counts, sizes and times of a build that is done.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct BuildReport {
     /// Triangles delivered by the source.
@@ -127,9 +127,9 @@ pub struct BuildReport {
     pub rejected_degenerate: u64,
     /// Left out: not finite.
     pub rejected_non_finite: u64,
-    /// Clusters, and of these the wide ones.
+    /// Clusters, wide ones included.
     pub cluster_count: u64,
-    /// See `cluster_count`.
+    /// Wide clusters.
     pub wide_cluster_count: u64,
     /// Pages.
     pub page_count: u32,
@@ -139,13 +139,13 @@ pub struct BuildReport {
     pub output_bytes: u64,
     /// Most scratch bytes alive at once.
     pub scratch_peak_bytes: u64,
-    /// Leaves of the voxel octree along an axis, 0 without, and how many there are.
+    /// Leaves of the resident octree along an axis; 0 without one.
     pub upper_resolution: u32,
-    /// See `upper_resolution`.
+    /// Leaves of the resident octree.
     pub upper_leaf_count: u64,
-    /// The same of the finest leaves, and how many there are below the upper ones.
+    /// Finest leaves along an axis; 0 without voxels.
     pub finest_resolution: u32,
-    /// See `finest_resolution`.
+    /// Leaves below the resident ones, of all levels.
     pub lower_leaf_count: u64,
     /// File id.
     pub file_id: String,
@@ -155,7 +155,7 @@ pub struct BuildReport {
     pub cluster_fill: f64,
     /// Per-axis error bound, model units.
     pub error_bound: f64,
-    /// What the source met on its last pass.
+    /// Counters of the source on its last pass.
     #[serde(skip)]
     pub source: SourceStats,
 }

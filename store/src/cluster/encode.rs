@@ -52,7 +52,7 @@ pub struct PageContent {
     pub clusters: Vec<ClusterMesh>,
 }
 
-/// What the bits of a disk form are spent on.
+/// Bits of a disk form by what they are spent on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DiskBits {
     /// The shape of the tree.

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::time::Duration;
 
-/// What goes wrong, and how often. Rates count in 1024 reads.
+/// Faults that a [`Fault`] makes, and how often. Rates count in 1024 reads.
 #[derive(Clone, Debug, Default)]
 pub struct FaultPlan {
     /// Chooses the reads.

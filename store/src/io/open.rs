@@ -107,7 +107,7 @@ pub struct IoDescription {
     pub direct: bool,
     /// Why this one, in words.
     pub reason: String,
-    /// What went wrong since the file was opened and how reading went on, one line for people.
+    /// One line for people, once something went wrong since the file was opened: what, and how reading went on.
     pub notice: Option<String>,
 }
 

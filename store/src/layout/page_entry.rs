@@ -5,7 +5,7 @@
 use super::fields::{Cursor, Fields};
 use super::{FRAME_BYTES, PAGE_ENTRY_BYTES, STORED_BYTES};
 
-/// What a page holds.
+/// Kinds of pages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum PageKind {
@@ -47,7 +47,7 @@ pub struct PageEntry {
     pub first_triangle: u32,
     /// Triangles in it.
     pub triangle_count: u32,
-    /// What it holds.
+    /// Kind of the page's content.
     pub kind: PageKind,
     /// How it is stored.
     pub packing: Packing,

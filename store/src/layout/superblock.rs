@@ -43,7 +43,7 @@ pub struct Superblock {
     pub error_bound: f64,
     /// Box of all stored vertices, model units.
     pub bounds: Aabb,
-    /// The same in lattice coordinates: least corner, greatest corner.
+    /// Box of all stored vertices, lattice coordinates: least corner, greatest corner.
     pub lattice_bounds: [[i64; 3]; 2],
     /// Median edge of the input that the lattice was chosen by; model units.
     pub median_edge: f64,
@@ -55,7 +55,7 @@ pub struct Superblock {
     pub vertex_count: u64,
     /// Clusters.
     pub cluster_count: u64,
-    /// Of these, wide ones.
+    /// Wide clusters among them.
     pub wide_cluster_count: u64,
     /// Triangles left out: two equal corners after the snap.
     pub rejected_degenerate: u64,

@@ -56,7 +56,7 @@ impl UnitRef {
     }
 }
 
-/// What the lower octrees of a file take, by the head of their section.
+/// Sizes of the lower octrees of a file, by the head of their section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LowerSize {
     /// How much finer their leaves are.

@@ -40,7 +40,7 @@ impl OctreeNode {
     }
 }
 
-/// What the surface in a leaf is like.
+/// Normal, flatness and material of the surface in a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeafVoxel {
     /// Mean unit normal, weighted by area; zero where none is known.
@@ -51,7 +51,7 @@ pub struct LeafVoxel {
     pub material: u16,
 }
 
-/// What an octree takes.
+/// Sizes of a resident octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UpperSize {
     /// Leaves along an axis of the cube.
@@ -133,7 +133,7 @@ impl UpperOctree {
         self.bitmaps.len()
     }
 
-    /// What the surface in `leaf` is like.
+    /// Normal, flatness and material of the surface in `leaf`.
     pub fn leaf(&self, leaf: usize) -> LeafVoxel {
         let (normal, flatness) = self.normals[leaf].unpack();
         LeafVoxel { normal, flatness, material: self.materials.get(leaf) }

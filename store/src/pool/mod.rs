@@ -356,7 +356,7 @@ impl PagePool {
         FrameCount { frames: clock.live(), owed: clock.owed() }
     }
 
-    /// What the pool did so far.
+    /// Counters of the pool so far.
     pub fn stats(&self) -> PoolStats {
         let requests = lock(&self.shared.requests);
         let (counts, queued) = (requests.counts(), requests.len() as u64);

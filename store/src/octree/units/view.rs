@@ -85,7 +85,7 @@ impl<'a> UnitsView<'a> {
         u64::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + BITMAP_BYTES * leaf as usize))
     }
 
-    /// What the surface in a leaf is like.
+    /// Normal, flatness and material of the surface in a leaf.
     pub fn leaf(&self, leaf: u32) -> LeafVoxel {
         let Counts { units, nodes, leaves, .. } = self.counts;
         let normals_at = self.indices_at() + INDEX_BYTES * (units + nodes + 2);
