@@ -2,7 +2,7 @@
 //!
 //! Invariants: 1. every end of the program passes through [`Exit`]; 2. a `trex_store::Error` keeps its code and
 //! its parts; anything else is an I/O failure of our own output, or a bug; 3. a panic in any thread is told
-//! once, with what to report, and ends in status 70.
+//! once, with what to report, and ends in status 70 within [`LEAVE_AFTER`], whatever the other threads wait for.
 
 use crate::progress::Console;
 use crate::report::Output;
@@ -11,7 +11,14 @@ use std::io::{self, Write};
 use std::panic::PanicHookInfo;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use trex_store::{Code, Error};
+
+/// Time for threads to end and for temporary files to go after a panic. Then the process ends as it stands.
+const LEAVE_AFTER: Duration = Duration::from_millis(700);
+
+/// A thread has panicked.
+static PANICKED: AtomicBool = AtomicBool::new(false);
 
 /// Exit status of the command; the numbers are part of its contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +67,7 @@ impl From<Code> for Exit {
             Code::DiskFull => Exit::Disk,
             Code::Io => Exit::Io,
             Code::Interrupted => Exit::Interrupted,
+            Code::Bug => Exit::Bug,
             // A code that this table has not met: nobody decided on its status.
             _ => Exit::Bug,
         }
@@ -163,17 +171,29 @@ pub fn tell_usage(error: &clap::Error, output: &Output) -> Exit {
 }
 
 /// Makes every panic say what it is, whose fault, and what to report. Only the first is told: the others follow
-/// from it.
+/// from it. The process ends soon after it: some other thread may wait for ever for the one that is gone.
 pub fn install_panic_hook(output: Output) {
-    static TOLD: AtomicBool = AtomicBool::new(false);
     std::panic::set_hook(Box::new(move |info| {
-        if TOLD.swap(true, Ordering::SeqCst) {
+        if PANICKED.swap(true, Ordering::SeqCst) {
             return;
         }
         let failure = Failure::bug(panic_text(info));
         let _ = writeln!(io::stderr().lock(), "\n{}", failure.text());
         output.error_document(&failure);
+        let leave = || std::process::exit(i32::from(Exit::Bug as u8));
+        let leave_later = move || {
+            std::thread::sleep(LEAVE_AFTER);
+            leave();
+        };
+        if std::thread::Builder::new().name("trex-leave".into()).spawn(leave_later).is_err() {
+            leave();
+        }
     }));
+}
+
+/// Whether any thread has panicked: the program ends as a bug then, whatever else came of it.
+pub fn has_panicked() -> bool {
+    PANICKED.load(Ordering::SeqCst)
 }
 
 fn panic_text(info: &PanicHookInfo<'_>) -> String {
@@ -213,6 +233,7 @@ mod tests {
             (Code::DiskFull, 5),
             (Code::Io, 7),
             (Code::Interrupted, 130),
+            (Code::Bug, 70),
         ] {
             assert_eq!(Exit::from(code) as u8, status, "{code:?}");
         }

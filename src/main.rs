@@ -55,9 +55,10 @@ fn run() -> Exit {
     if let Err(error) = context.listen_for_signals() {
         tracing::warn!("Ctrl-C will end trex at once, without cleaning up: {error}");
     }
-    // A panic has already been told by the hook; what remains is its exit status.
+    // A panic, of whatever thread, has already been told by the hook; what remains is its exit status.
     let verb = std::panic::AssertUnwindSafe(|| verbs::run(&cli.verb, &context));
     match std::panic::catch_unwind(verb) {
+        _ if failure::has_panicked() => Exit::Bug,
         Ok(Ok(exit)) => exit,
         Ok(Err(error)) => failure::tell(&error, &console, &output),
         Err(_) => Exit::Bug,

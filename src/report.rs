@@ -1,17 +1,22 @@
 //! The result on stdout: text for people, or one JSON document with `--json`. Nothing else writes to stdout.
 //!
-//! Invariants: 1. with `--json` stdout holds exactly one document, also after a failure; 2. a reader that hangs
-//! up (`trex info x | head -1`) ends the output, not the program, and is no error; 3. all notes go to stderr.
+//! Invariants: 1. with `--json` stdout holds exactly one document, also after a failure: the first that is said; 2. a
+//! reader that hangs up (`trex info x | head -1`) ends the output, not the program, and is no error; 3. all notes go to
+//! stderr.
 
 use serde::Serialize;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Where results go, and in which form.
 #[derive(Clone, Debug)]
 pub struct Output {
     json: bool,
     command: String,
+    /// Something was printed: a second document would be one too many.
+    said: Arc<AtomicBool>,
 }
 
 /// The envelope of every document: what it is, what made it, then the verb's own keys.
@@ -27,20 +32,23 @@ struct Document<'a, T> {
 impl Output {
     /// `command` is the command line as typed, for the document.
     pub fn new(json: bool, command: String) -> Output {
-        Output { json, command }
+        Output { json, command, said: Arc::default() }
     }
 
-    /// Prints the result of `verb`: its `Display` text, or the document `trex.<verb>/1` of its fields.
+    /// Prints the result of `verb`, unless something was said before: its `Display` text, or the document `trex.<verb>/1` of its fields.
     ///
     /// # Errors
     /// Stdout cannot be written (a full disk behind `>`); a closed pipe is no error.
     pub fn result<T: Serialize + Display>(&self, verb: &str, result: &T) -> io::Result<()> {
+        if self.said.swap(true, Ordering::SeqCst) {
+            return Ok(());
+        }
         write_quietly(&mut io::stdout().lock(), &self.render(verb, result))
     }
 
     /// The document of an error, if documents are asked for.
     pub fn error_document<T: Serialize>(&self, body: &T) {
-        if self.json {
+        if self.json && !self.said.swap(true, Ordering::SeqCst) {
             // The error itself is already on stderr: a failure here has nobody left to tell.
             let _ = write_quietly(&mut io::stdout().lock(), &self.document("error", body));
         }

@@ -193,7 +193,7 @@ pub fn voxels(text: &str) -> Result<Voxels, String> {
     let parsed = || {
         let upper = number(upper).filter(|upper| [64, 256, 512, 1024].contains(upper))?;
         let finest = number(finest).filter(|finest| finest.is_multiple_of(upper))?;
-        Some(Voxels { upper, refinement: Refinement::of(finest / upper)? })
+        Some(Voxels { upper, refinement: Refinement::from_factor(finest / upper)? })
     };
     parsed().ok_or_else(|| {
         "accepted is RU or RU/RFINEST, RU one of 64, 256, 512, 1024 and RFINEST 1, 4 or 16 times that, like 512/2048"

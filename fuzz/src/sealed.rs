@@ -3,8 +3,8 @@
 use super::head_hash;
 use std::path::Path;
 use trex_store::layout::{
-    PAGE_ENTRY_BYTES, Packing, PageEntry, PageKind, SUPERBLOCK_BYTES, Section, SectionKind, Superblock,
-    page_hash, section_hash,
+    PAGE_ENTRY_BYTES, Packing, PageEntry, PageKind, SUPERBLOCK_BYTES, SectionKind, Superblock, page_hash,
+    section_hash,
 };
 
 /// Makes the hash of a superblock right.
@@ -31,8 +31,6 @@ fn within(bytes: &[u8], offset: u64, length: u64) -> Option<std::ops::Range<usiz
 /// Hashes pages, the page table and the sections anew.
 fn seal(block: &mut Superblock, bytes: &mut [u8]) {
     block.file_bytes = bytes.len() as u64;
-    // `PageFile::open` adds up the lengths of slots that are not used, too; large ones do not fit a sum.
-    block.sections.iter_mut().filter(|section| section.kind == 0).for_each(|s| *s = Section::default());
     let table = block.find_section(SectionKind::PageTable);
     let table = table.and_then(|table| within(bytes, table.offset, table.bytes)).unwrap_or_default();
     for (page, at) in table.step_by(PAGE_ENTRY_BYTES).enumerate() {

@@ -63,7 +63,8 @@ fn resolutions_are_bounded() {
 
 #[test]
 fn voxels_are_one_or_two_resolutions() {
-    let voxels_of = |upper, factor| Ok(Voxels { upper, refinement: Refinement::of(factor).unwrap() });
+    let voxels_of =
+        |upper, factor| Ok(Voxels { upper, refinement: Refinement::from_factor(factor).unwrap() });
     for (text, upper, factor) in
         [("64", 64, 1), ("512/512", 512, 1), ("256/1024", 256, 4), ("1024/16384", 1024, 16)]
     {

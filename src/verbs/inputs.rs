@@ -27,7 +27,7 @@ pub fn open(
             }
         };
         let sources: Result<Vec<_>> = inputs.iter().map(open_one).collect();
-        Ok(Chain::of(sources?))
+        Ok(Chain::from_sources(sources?))
     };
     // Vertex caches fill while the files are read. All of them together take a quarter of the limit, and nothing of
     // what the sources' fixed parts and the work need.

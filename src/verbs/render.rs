@@ -279,7 +279,7 @@ impl Job<'_> {
             pool: pool.stats(),
             shares: stage.shares,
             memory: Memory::new(&ctx.budget),
-            io_backend: pool.io().clone(),
+            io_backend: pool.io(),
             device: "cpu",
             arithmetic,
         }
@@ -303,8 +303,11 @@ fn tell_samples(keys: &RenderKeys, ctx: &Context, done: Done) {
     ctx.report()(Progress { phase: "render", done: now, total, unit: "samples", memory_bytes });
 }
 
-/// What could not be drawn as it is.
+/// A backend that gave way to another, and what could not be drawn as it is.
 fn tell_damage(stage: &Stage, ctx: &Context) {
+    if let Some(notice) = &stage.pool.io().notice {
+        ctx.console.note(&format!("note: {notice}"));
+    }
     for (page, error) in stage.pool.damage().iter().take(DAMAGE_TOLD) {
         let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
         ctx.console.note(&format!("damaged page {page}, drawn {drawn}: {} {}", error.what(), error.place()));

@@ -86,7 +86,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         fetch_block: frames.fetch_block,
         figures,
         memory,
-        io_backend: stage.pool.io().clone(),
+        io_backend: stage.pool.io(),
         verdict: if passed { "pass" } else { "fail" },
     };
     ctx.done(&stressed)?;

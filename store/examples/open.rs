@@ -1,5 +1,5 @@
-//! What a page file holds, without its pages: `cargo run -p trex-store --example open [-- FILE.trex]`. Without a file it
-//! builds a small one for itself.
+//! What a page file holds, without its pages: `cargo run -p trex-store --example open [-- FILE.trex]`. Without a file
+//! it builds a small one for itself.
 #![allow(clippy::print_stdout)]
 
 #[path = "support/tiny.rs"]

@@ -7,7 +7,7 @@ use crate::error::{Code, Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What the process takes outside of the ledger: text, stacks, allocator slack (design section 4).
+/// Bytes that the process takes outside of the ledger: text, stacks, allocator slack (design section 4).
 pub const RESERVE_BYTES: u64 = 24 << 20;
 
 /// A memory limit and what is left of it. Clones share one ledger.
@@ -53,7 +53,7 @@ impl Budget {
         self.0.limit_bytes.store(limit_bytes, Ordering::Relaxed);
     }
 
-    /// What the ledger may lease in all.
+    /// Bytes that the ledger may lease in all.
     pub fn ledger_bytes(&self) -> u64 {
         self.limit_bytes().saturating_sub(RESERVE_BYTES)
     }
@@ -118,7 +118,7 @@ impl Lease {
     /// Takes `bytes` more into this lease.
     ///
     /// # Errors
-    /// As [`Budget::lease`]; the lease is unchanged then.
+    /// Those of [`Budget::lease`]; the lease is unchanged then.
     pub fn grow(&mut self, what: &str, bytes: u64) -> Result<()> {
         let mut more = self.budget.lease(what, bytes)?;
         self.bytes += std::mem::take(&mut more.bytes);

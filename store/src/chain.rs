@@ -8,7 +8,7 @@ use crate::geom::Aabb;
 use crate::material::Material;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
-/// Sources in a row. Build one with [`Chain::of`].
+/// Sources in a row. Build one with [`Chain::from_sources`].
 pub struct Chain {
     sources: Vec<Box<dyn TriangleSource>>,
     at: usize,
@@ -22,7 +22,7 @@ impl Chain {
     ///
     /// # Panics
     /// When there is none.
-    pub fn of(mut sources: Vec<Box<dyn TriangleSource>>) -> Box<dyn TriangleSource> {
+    pub fn from_sources(mut sources: Vec<Box<dyn TriangleSource>>) -> Box<dyn TriangleSource> {
         assert!(!sources.is_empty(), "a model has at least one source");
         if sources.len() == 1 {
             return sources.remove(0);

@@ -2,7 +2,7 @@
 //!
 //! Invariants: 1. every error that reaches a user names a place (a path, with a line or a byte offset when
 //! there is one); 2. `Code` strings never change once published; 3. only users' data, files and devices make
-//! an `Error`: our own mistakes are asserts.
+//! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one.
 
 use std::fmt;
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::path::Path;
 /// Result of every fallible call of the store.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What kind of failure it is. The string form (`as_str`) is stable and is what `--json` prints.
+/// Kinds of failures. The string form (`as_str`) is stable and is what `--json` prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Code {
@@ -42,6 +42,8 @@ pub enum Code {
     Io,
     /// The user interrupted the work.
     Interrupted,
+    /// A mistake of ours, met by somebody who waited for the thread that made it.
+    Bug,
 }
 
 impl Code {
@@ -62,6 +64,7 @@ impl Code {
             Code::Version => "version",
             Code::Io => "io",
             Code::Interrupted => "interrupted",
+            Code::Bug => "bug",
         }
     }
 }
@@ -124,7 +127,7 @@ impl Error {
         self
     }
 
-    /// What the user can do next.
+    /// Names the next step of the user.
     pub fn next(mut self, next_step: impl Into<String>) -> Error {
         self.0.next_step = next_step.into();
         self
@@ -155,7 +158,8 @@ impl Error {
         Error::new(code, format!("cannot {doing}")).at(path).numbers(numbers).next(next)
     }
 
-    /// As [`Error::io`], for what is written: a place that refuses is no fault of an input.
+    /// An I/O failure while `doing` something to `path` that is written: as [`Error::io`], but a place that refuses is
+    /// no fault of an input.
     pub fn writing(doing: &str, path: &Path, error: &std::io::Error) -> Error {
         let mut failed = Error::io(doing, path, error);
         if failed.code() == Code::InputUnreadable {
@@ -163,6 +167,16 @@ impl Error {
             failed = failed.next("check that the folder is there and may be written to, or name another");
         }
         failed
+    }
+
+    /// The error of those who wait for a thread that panicked, with what it panicked with.
+    pub(crate) fn panicked(thread: &str, payload: &(dyn std::any::Any + Send)) -> Error {
+        let text = payload.downcast_ref::<&str>().copied();
+        let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+        Error::new(Code::Bug, "a thread of trex panicked")
+            .at_place(format!("thread {thread}"))
+            .numbers(text.unwrap_or("without a message"))
+            .next("this is a mistake in trex, not yours: please report it with this message")
     }
 
     /// The error of work that was interrupted by the user.

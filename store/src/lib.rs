@@ -3,12 +3,13 @@
 //! # Life of a triangle
 //!
 //! [`import`] (or a generator) delivers it in a [`TriangleBatch`]. [`build::build`] snaps its corners to the model's
-//! [`Lattice`], sorts it into a cell in scratch, and puts it into a cluster of up to 128 ([`cluster`]), the cluster into a page,
-//! the page into the file ([`layout`]), which appears when it is whole. [`PageFile`] opens that file and its tables;
-//! [`pool::PagePool`] reads pages through [`io`] when somebody asks, checks their hash and installs them in
+//! [`Lattice`], sorts it into a cell in scratch, and puts it into a cluster of up to 128 ([`cluster`]), the cluster
+//! into a page, the page into the file ([`layout`]), which appears when it is whole. [`PageFile`] opens that file and
+//! its tables; [`pool::PagePool`] reads pages through [`io`] when somebody asks, checks their hash and installs them in
 //! frames, where they are traced as they lie ([`cluster::FrameView`]). [`verify`] reads every byte.
 //!
-//! All memory is leased from a [`Budget`] before it is taken. The crate knows no rays, prints nothing, and keeps no globals.
+//! All memory is leased from a [`Budget`] before it is taken. The crate knows no rays, prints nothing, and keeps no
+//! globals.
 
 mod budget;
 pub mod build;
@@ -25,6 +26,7 @@ pub mod octree;
 pub mod output;
 pub mod pool;
 mod progress;
+mod scratch;
 mod source;
 pub mod verify;
 

@@ -37,7 +37,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The same material with non-finite and negative numbers set to zero, and `kd`, `ks` scaled together
+    /// This material with non-finite and negative numbers set to zero, and `kd`, `ks` scaled together
     /// so that no channel reflects more than 1.
     pub fn checked(mut self) -> Material {
         let clean = |value: f32| if value.is_finite() && value > 0.0 { value } else { 0.0 };

@@ -26,8 +26,8 @@ impl Existing {
     /// Refuses an `output` that must not be written; gives its folder.
     ///
     /// # Errors
-    /// [`Code::Usage`]: the folder does not exist; a folder, a device, a pipe or a symbolic link has that name; or a file
-    /// has it and is kept.
+    /// [`Code::Usage`]: the folder does not exist; a folder, a device, a pipe or a symbolic link has that name; or a
+    /// file has it and is kept.
     pub fn check(self, output: &Path) -> Result<&Path> {
         let folder = folder_of(output);
         if !folder.is_dir() {

@@ -71,8 +71,8 @@ pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<(
     check_with(Voxels::Content, path, budget, report)
 }
 
-/// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by piece, so
-/// that no limit under which they could be written is too small.
+/// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by
+/// piece, so that no limit under which they could be written is too small.
 pub(crate) fn read_back(
     path: &Path,
     budget: &Budget,
@@ -104,11 +104,14 @@ fn check_with(
         let is_deep = voxels == Voxels::Content;
         let upper = upper_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
         let lower = lower_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
-        table_bytes(&block)
-            + upper.map_or(0, |size| size.resident_bytes + size.reading_bytes)
-            + lower.map_or(0, |size| size.resident_bytes + size.reading_bytes)
+        let parts = [
+            upper.map_or(0, |size| size.resident_bytes.saturating_add(size.reading_bytes)),
+            lower.map_or(0, |size| size.resident_bytes.saturating_add(size.reading_bytes)),
+        ];
+        parts.into_iter().fold(table_bytes(&block), u64::saturating_add)
     });
-    let mut lease = budget.lease("the tables of the file and a frame", frame_bytes + tables_bytes)?;
+    let what = "the tables of the file and a frame";
+    let mut lease = budget.lease(what, tables_bytes.saturating_add(frame_bytes))?;
     lease.shrink_to(frame_bytes);
     let file = match PageFile::open(path, budget) {
         Ok(file) => file,

@@ -1,5 +1,5 @@
-//! A reader of page files written from `docs/format.md` alone, compared with the store's. It shares no code with it: only
-//! the LZ4 and XXH3 of the crates that the page names. The upper octree is read in `format_octree.rs`, units in
+//! A reader of page files written from `docs/format.md` alone, compared with the store's. It shares no code with it:
+//! only the LZ4 and XXH3 of the crates that the page names. The upper octree is read in `format_octree.rs`, units in
 //! `format_units.rs`.
 
 use crate::support::{Built, build_spec};

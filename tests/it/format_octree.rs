@@ -215,8 +215,8 @@ fn ends(triangle: &Triangle) -> ([i64; 3], [i64; 3]) {
     ([0, 1, 2].map(|a| of(a).into_iter().min().unwrap()), [0, 1, 2].map(|a| of(a).into_iter().max().unwrap()))
 }
 
-/// True when a triangle and a closed cube have a point in common: then an edge of the triangle meets the cube, or, where all
-/// edges pass beside it, an edge of the cube meets the triangle.
+/// True when a triangle and a closed cube have a point in common: then an edge of the triangle meets the cube, or,
+/// where all edges pass beside it, an edge of the cube meets the triangle.
 fn overlap(triangle: &Triangle, lo: [i64; 3], side: i64) -> bool {
     let (least, most) = ends(triangle);
     (0..3).all(|a| least[a] <= lo[a] + side && lo[a] <= most[a])
@@ -301,9 +301,10 @@ fn length(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Builds `spec`, reads the octree of the file and compares one of `every` leaves with the triangles, all with the store.
+/// Builds `spec`, reads the octree of the file and compares one of `every` leaves with the triangles, all with the
+/// store.
 pub(crate) fn check(spec: &str, (resolution, factor): (u32, u32), every: i64) {
-    let refinement = Refinement::of(factor).unwrap();
+    let refinement = Refinement::from_factor(factor).unwrap();
     let options =
         BuildOptions { voxels: Voxels::Refined { upper: resolution, refinement }, ..build_options() };
     let built = build_source(&mut *source(spec), &options);

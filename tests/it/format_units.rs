@@ -1,5 +1,5 @@
-//! Units of the lower octrees, read from `docs/format.md` alone: which leaves they hold follows from the bitmaps above them, and
-//! each leaf is held against the triangles, as those of the upper octree are.
+//! Units of the lower octrees, read from `docs/format.md` alone: which leaves they hold follows from the bitmaps
+//! above them, and each leaf is held against the triangles, as those of the upper octree are.
 
 use crate::format::{Model, Reader};
 use crate::format_octree::{Upper, check_leaf, touched_at};
@@ -75,8 +75,8 @@ struct Lower {
 }
 
 impl Lower {
-    /// The leaves of the unit behind `word`, whose nodes are leaves at these places with these bitmaps; with the words of
-    /// their nodes.
+    /// The leaves of the unit behind `word`, whose nodes are leaves at these places with these bitmaps; with the
+    /// words of their nodes.
     fn leaves(&mut self, word: u64, above: &[([i64; 3], u64)]) -> Vec<Placed> {
         assert!(self.seen.insert(word, ()).is_none(), "two ways lead to one unit");
         let unit = &self.pages[&(word & 0x1ff_ffff)][(word >> 25) as usize];

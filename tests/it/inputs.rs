@@ -120,19 +120,32 @@ fn files_without_a_triangle_are_refused() {
         ("empty.stl", vec![], "input-empty", ""),
     ]);
     // Alone: beside another input these add nothing, which is no error.
-    for (name, bytes) in [
-        ("points.obj", b"v 0 0 0\nv 1 0 0\n".to_vec()),
-        ("points.ply", ply(10, 0, 0)),
-        ("degenerate.obj", flat.into()),
-        ("a-point.obj", b"v 1 1 1\nv 1 1 1\nf 1 2 1\n".to_vec()),
-        ("nan.stl", stl(5, 5, f32::NAN)),
-        ("infinite.stl", stl(5, 5, f32::INFINITY)),
-        ("nan.obj", b"v nan nan nan\nf 1 1 1\n".to_vec()),
-        ("none.stl", stl(0, 0, 0.0)),
+    for (name, bytes, [read, degenerate, non_finite]) in [
+        ("points.obj", b"v 0 0 0\nv 1 0 0\n".to_vec(), [0, 0, 0]),
+        ("points.ply", ply(10, 0, 0), [0, 0, 0]),
+        ("degenerate.obj", flat.into(), [1, 1, 0]),
+        ("a-point.obj", b"v 1 1 1\nv 1 1 1\nf 1 2 1\n".to_vec(), [1, 1, 0]),
+        ("nan.stl", stl(5, 5, f32::NAN), [5, 0, 5]),
+        ("infinite.stl", stl(5, 5, f32::INFINITY), [5, 0, 5]),
+        ("nan.obj", b"v nan nan nan\nf 1 1 1\n".to_vec(), [1, 0, 1]),
+        ("a-point-and-nan.obj", b"v 1 1 1\nv nan 1 1\nf 1 1 1\nf 1 2 1\n".to_vec(), [2, 1, 1]),
+        ("none.stl", stl(0, 0, 0.0), [0, 0, 0]),
     ] {
         let inside = folder();
         std::fs::write(inside.path().join(name), bytes).unwrap();
-        check(inside.path(), &format!("build {name} -o out.trex"), 3, "input-empty", name);
+        let line = format!("build {name} -o out.trex");
+        check(inside.path(), &line, 3, "input-empty", name);
+        // It used to be told that it has no extent that a lattice could divide.
+        let error = run_in(inside.path(), &format!("{line} --json -q")).document();
+        let (what, numbers) = (error["what"].as_str().unwrap(), error["numbers"].as_str().unwrap());
+        assert!(what.contains("no triangle"), "{name}: {error:#}");
+        assert_eq!(
+            numbers,
+            format!(
+                "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite numbers"
+            ),
+            "{name}"
+        );
     }
 }
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 use trex_store::PageFile;
 use trex_store::cluster::{Node, TopRef};
-use trex_store::layout::{SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
+use trex_store::layout::{SUPERBLOCK_BYTES, Section, SectionKind, Superblock, section_hash};
 
 /// A model of many materials and emitters, and its bytes.
 struct Forger {
@@ -273,7 +273,8 @@ fn octrees_whose_bytes_lie() {
     forger.octree_refused("another count of items");
 }
 
-/// Counts far above what is there: nothing of their size is allocated. The wall is an address space without room for it.
+/// Counts far above what is there: nothing of their size is allocated. The wall is an address space without room for
+/// it.
 #[test]
 fn octrees_that_claim_to_be_huge() {
     let forger = Forger::new();
@@ -299,4 +300,54 @@ fn octrees_that_claim_to_be_huge() {
     });
     forger.octree_refused("what would fit zeros");
     forger.octree_takes_no_room("what would fit zeros");
+}
+
+/// A slot that is not used had no rules: its length was added to what the tables take, until the sum came round to a
+/// small one, and 312 MB were taken under a limit of 64.
+#[test]
+fn slots_that_are_not_used_hold_nothing() {
+    let forger = Forger::new();
+    let unused = forger.block.sections.iter().position(|section| section.kind == 0).unwrap();
+    let tables: u64 = SectionKind::ALL.iter().map(|&kind| forger.block.section(kind).bytes).sum();
+    let lie = |what: &str, change: &dyn Fn(&mut Section)| {
+        forger.seal(SectionKind::TopTree, |_, block| change(&mut block.sections[unused]));
+        forger.refused();
+        let line = "verify lie.trex --memory-limit 64MiB --json -q";
+        let verified = run_in(forger.inside.path(), line);
+        verified.expect(1);
+        let peak = verified.document()["memory"]["peak_rss_bytes"].as_u64().unwrap();
+        assert!(peak < 64 << 20, "{what}: {peak} bytes of 64 MiB");
+    };
+    lie("a length", &|section| section.bytes = 1);
+    lie("a length that brings the sum round", &|section| section.bytes = u64::MAX - tables + 1);
+    lie("a third of that", &|section| section.bytes = (u64::MAX - 3 * tables) / 3 + 1);
+    lie("an offset", &|section| section.offset = 4096);
+    lie("a count", &|section| section.count = 1);
+    lie("a hash", &|section| section.hash = 1);
+    lie("a kind alone, behind the end", &|section| (section.kind, section.bytes) = (7, u64::MAX));
+    let twice = forger.block.section(SectionKind::Emitters);
+    lie("a section that is there already", &|section| *section = twice);
+}
+
+/// Counts whose sums or products would not fit: refused one by one, before anything is computed of them.
+#[test]
+fn superblocks_whose_counts_disagree() {
+    let forger = Forger::new();
+    let lies: [&dyn Fn(&mut Superblock); 8] = [
+        &|block| block.input_triangle_count += 1,
+        &|block| block.rejected_degenerate = u64::MAX,
+        &|block| {
+            block.rejected_degenerate = u64::MAX;
+            block.rejected_non_finite = 1 + block.input_triangle_count - block.triangle_count;
+        },
+        &|block| block.vertex_count = u64::MAX,
+        &|block| block.cluster_count = u64::MAX,
+        &|block| block.wide_cluster_count = u64::MAX,
+        &|block| block.resident_bytes = u64::MAX,
+        &|block| block.page_tree_bytes = u64::MAX,
+    ];
+    for lie in lies {
+        forger.seal(SectionKind::TopTree, |_, block| lie(block));
+        forger.refused();
+    }
 }

@@ -1,5 +1,5 @@
-//! Files whose hashes are right and whose units lie: pages of units and their links, sealed by hand. The gate refuses what would
-//! lead out of a page; what it cannot know, `verify` does; nothing panics.
+//! Files whose hashes are right and whose units lie: pages of units and their links, sealed by hand. The gate refuses
+//! what would lead out of a page; what it cannot know, `verify` does; nothing panics.
 
 use crate::command::{document_in, folder, run_in};
 use serde_json::Value;

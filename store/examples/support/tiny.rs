@@ -1,5 +1,5 @@
-//! The model of the examples: the page file that the command line names, or a wave of 80,000 triangles, built into a folder
-//! that goes with it.
+//! The model of the examples: the page file that the command line names, or a wave of 80,000 triangles, built into a
+//! folder that goes with it.
 
 use std::fmt::Write;
 use std::path::PathBuf;

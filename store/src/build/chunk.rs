@@ -3,16 +3,17 @@
 //! Invariants: 1. every triangle of the chunk ends in exactly one cluster; 2. boxes in the tree are exact
 //! unions of lattice boxes; 3. work memory is bounded by [`worker_bytes`].
 
+use super::cells::{CHUNK_TRIANGLES, Chunk};
 use super::pages::{self, ChunkPages, PackContext};
-use super::partition::{CHUNK_TRIANGLES, Chunk};
+
 use super::sah::{Prim, Splitter};
 use super::scratch::{LatticeTriangle, Scratch};
 use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::error::Result;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
-/// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (about 40 B), the read
-/// buffer and the pages that wait for their turn (about 30 B).
+/// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (about
+/// 40 B), the read buffer and the pages that wait for their turn (about 30 B).
 pub(super) fn worker_bytes() -> u64 {
     CHUNK_TRIANGLES * (80 + 44 + 40 + 32)
 }
@@ -74,7 +75,7 @@ impl Workspace {
         self.prims.extend(self.triangles.iter().enumerate().map(|(index, t)| {
             let mut exact = LatticeBox::EMPTY;
             t.q.iter().for_each(|&q| exact.add(q));
-            Prim::of(&exact, all.lo, index as u32)
+            Prim::new(&exact, all.lo, index as u32)
         }));
         let mut out = Clusters::default();
         out.grow(&mut self.splitter, &mut self.prims, &self.triangles);

@@ -3,13 +3,13 @@
 //! Invariants: 1. the median edge is never overstated: the histogram gives the lower end of its bin; 2. the
 //! lattice's origin is a multiple of the step, so that an input that lies on the lattice stays exact.
 
-use super::{BuildOptions, Precision};
+use super::{BuildOptions, Precision, Rejected, no_triangles};
 use crate::error::{Code, Error, Result};
 use crate::geom::{Aabb, Lattice, exp2i};
 use crate::source::{TriangleBatch, TriangleSource};
 use std::time::Instant;
 
-/// What is known of the input before the lattice is chosen.
+/// Bounds, edges and counts of the input, known before the lattice is chosen.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan {
     /// Box of the finite vertices.
@@ -18,6 +18,8 @@ pub struct Scan {
     pub median_edge: f64,
     /// Triangles to come (generators: within 1 %).
     pub triangle_count: u64,
+    /// Triangles among them with a coordinate that is no finite number.
+    pub non_finite_count: u64,
 }
 
 /// The lattice and how many bits its coordinates take.
@@ -39,11 +41,12 @@ pub(super) fn scan(
 ) -> Result<Scan> {
     if let Some(hint) = source.hint() {
         let (bounds, median_edge) = (hint.bounds, hint.median_edge);
-        return Ok(Scan { bounds, median_edge, triangle_count: hint.triangle_count });
+        return Ok(Scan { bounds, median_edge, triangle_count: hint.triangle_count, non_finite_count: 0 });
     }
     let _lease = options.budget.lease("a batch of triangles", TriangleBatch::BYTES + EdgeHistogram::BYTES)?;
     let mut batch = TriangleBatch::default();
-    let (mut bounds, mut edges, mut triangle_count) = (Aabb::EMPTY, EdgeHistogram::new(), 0);
+    let (mut bounds, mut edges) = (Aabb::EMPTY, EdgeHistogram::new());
+    let (mut triangle_count, mut non_finite_count) = (0, 0);
     let mut waited = std::time::Duration::ZERO;
     loop {
         let before = Instant::now();
@@ -54,7 +57,11 @@ pub(super) fn scan(
         }
         options.interrupt.check()?;
         triangle_count += batch.len() as u64;
-        for corners in batch.corners.iter().filter(|c| c.as_flattened().iter().all(|v| v.is_finite())) {
+        for corners in &batch.corners {
+            if !corners.as_flattened().iter().all(|v| v.is_finite()) {
+                non_finite_count += 1;
+                continue;
+            }
             corners.iter().for_each(|&corner| bounds.add(corner));
             for (a, b) in [(0, 1), (1, 2), (2, 0)] {
                 edges.add(corners[a], corners[b]);
@@ -65,12 +72,17 @@ pub(super) fn scan(
     }
     source.rewind()?;
     *wait_ms += waited.as_millis() as u64;
-    Ok(Scan { bounds, median_edge: edges.median(), triangle_count })
+    Ok(Scan { bounds, median_edge: edges.median(), triangle_count, non_finite_count })
 }
 
 /// The lattice for what the scan has seen. `name` is the input's, for messages.
 pub(super) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Grid> {
     let extent = scan.bounds.extent();
+    if extent.is_nan() || extent <= 0.0 {
+        // What is finite lies in one point.
+        let Scan { triangle_count: read, non_finite_count: non_finite, .. } = *scan;
+        return Err(no_triangles(name, Rejected { read, non_finite, degenerate: read - non_finite }));
+    }
     let magnitude = scan.bounds.lo.iter().chain(&scan.bounds.hi).fold(0.0f64, |m, v| m.max(v.abs()));
     if !(1e-200..1e200).contains(&extent) {
         return Err(Error::new(Code::InputEmpty, "the input has no extent that a lattice could divide")
@@ -153,7 +165,7 @@ mod tests {
     use super::*;
 
     fn scan_of(lo: [f64; 3], hi: [f64; 3], median_edge: f64) -> Scan {
-        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count: 1 }
+        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count: 1, non_finite_count: 0 }
     }
 
     #[test]

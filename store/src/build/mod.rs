@@ -15,6 +15,7 @@
 //! give the same bytes at any thread count and any limit; 3. scratch is an unlinked file and the output a
 //! temporary one until it is whole: nothing is left behind.
 
+mod cells;
 mod chunk;
 mod emit;
 mod lattice;
@@ -27,6 +28,7 @@ mod surface;
 #[cfg(test)]
 mod tests;
 mod voxels;
+mod writer;
 
 pub use crate::output::Existing;
 pub use lattice::Scan;
@@ -91,13 +93,13 @@ pub struct BuildOptions {
     pub budget: Budget,
     /// Folder of the scratch file; `None` = the output's folder.
     pub temp_dir: Option<PathBuf>,
-    /// What to do when the output exists.
+    /// Whether an output that exists is kept or replaced.
     pub existing: Existing,
     /// Stops the build when raised.
     pub interrupt: Interrupt,
 }
 
-/// What a build is going to take, known before anything is written.
+/// Memory and disk that a build is going to take, known before anything is written.
 #[derive(Clone, Debug, Serialize)]
 pub struct Plan {
     /// Triangles to come.
@@ -114,7 +116,7 @@ pub struct Plan {
     pub free_bytes: u64,
 }
 
-/// What a build did.
+/// Counts, sizes and times of a build that is done.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct BuildReport {
     /// Triangles delivered by the source.
@@ -125,9 +127,9 @@ pub struct BuildReport {
     pub rejected_degenerate: u64,
     /// Left out: not finite.
     pub rejected_non_finite: u64,
-    /// Clusters, and of these the wide ones.
+    /// Clusters, wide ones included.
     pub cluster_count: u64,
-    /// See `cluster_count`.
+    /// Wide clusters.
     pub wide_cluster_count: u64,
     /// Pages.
     pub page_count: u32,
@@ -137,13 +139,13 @@ pub struct BuildReport {
     pub output_bytes: u64,
     /// Most scratch bytes alive at once.
     pub scratch_peak_bytes: u64,
-    /// Leaves of the voxel octree along an axis, 0 without, and how many there are.
+    /// Leaves of the resident octree along an axis; 0 without one.
     pub upper_resolution: u32,
-    /// See `upper_resolution`.
+    /// Leaves of the resident octree.
     pub upper_leaf_count: u64,
-    /// The same of the finest leaves, and how many there are below the upper ones.
+    /// Finest leaves along an axis; 0 without voxels.
     pub finest_resolution: u32,
-    /// See `finest_resolution`.
+    /// Leaves below the resident ones, of all levels.
     pub lower_leaf_count: u64,
     /// File id.
     pub file_id: String,
@@ -153,7 +155,7 @@ pub struct BuildReport {
     pub cluster_fill: f64,
     /// Per-axis error bound, model units.
     pub error_bound: f64,
-    /// What the source met on its last pass.
+    /// Counters of the source on its last pass.
     #[serde(skip)]
     pub source: SourceStats,
 }
@@ -215,15 +217,12 @@ pub fn build(
     let parted = partition::partition(source, &scan, grid, options, &scratch_folder, &tell)?;
     out.phase_ms.generate += parted.wait_ms;
     out.phase_ms.partition = lap();
-    if parted.triangle_count == 0 {
-        return Err(no_triangles(&source.name(), &parted));
-    }
 
     // Clusters and pages, chunk by chunk, in order.
     let draft = publish::Draft::create(output, &folder)?;
     let voxels = voxels::begin(&parted, options.voxels, &scratch_folder)?;
-    let work = (&parted, &scan, voxels);
-    let block = emit::emit(work, source.materials(), options, draft.file(), &tell, &mut out)?;
+    let work = emit::Work { parted: &parted, scan: &scan, voxels, materials: source.materials() };
+    let block = emit::emit(work, options, draft.file(), &tell, &mut out)?;
     out.phase_ms.clusters = lap() - out.phase_ms.voxels;
 
     // Publish.
@@ -264,12 +263,23 @@ fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Pl
     Ok(plan)
 }
 
-fn no_triangles(name: &str, parted: &partition::Partition) -> Error {
-    Error::new(Code::InputEmpty, "the input holds no triangle that can be drawn")
+/// What became of the triangles of an input of which none is left.
+#[derive(Clone, Copy)]
+struct Rejected {
+    read: u64,
+    degenerate: u64,
+    non_finite: u64,
+}
+
+fn no_triangles(name: &str, Rejected { read, degenerate, non_finite }: Rejected) -> Error {
+    let what = match read {
+        0 => "there are no triangles in the input",
+        _ => "the input holds no triangle that can be drawn",
+    };
+    Error::new(Code::InputEmpty, what)
         .at_place(name)
         .numbers(format!(
-            "{} triangles read, {} degenerate, {} with coordinates that are no finite numbers",
-            parted.input_triangle_count, parted.rejected_degenerate, parted.rejected_non_finite
+            "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite numbers"
         ))
         .next("check the input in the program that wrote it")
 }

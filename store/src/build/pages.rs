@@ -6,8 +6,8 @@
 //!                 else                                 -> a node of the top tree; place its children
 //! ```
 //!
-//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could. The last page of a
-//! chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
+//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could. The last
+//! page of a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
 //!
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
@@ -122,7 +122,7 @@ const LZ4_GAIN_PERCENT: usize = 3;
 
 /// Cuts the tree into pages and encodes them.
 pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
-    let wide = Wide::over(&clusters.tree);
+    let wide = Wide::new(&clusters.tree);
     let sizes = clusters.page_bytes;
     let mut clusters: Vec<Option<ClusterMesh>> = clusters.clusters.into_iter().map(Some).collect();
     let mut packer = Packer {
@@ -158,7 +158,7 @@ pub(super) struct Wide {
 
 impl Wide {
     /// Collapses a binary tree: a node takes the largest of its subtrees apart until it has eight children.
-    pub(super) fn over(tree: &[(LatticeBox, Tree)]) -> Wide {
+    pub(super) fn new(tree: &[(LatticeBox, Tree)]) -> Wide {
         let (bounds, _) = tree[tree.len() - 1];
         let mut wide = Wide { nodes: Vec::new(), root: WideRef::Leaf(0), root_bounds: bounds };
         wide.root = wide.collapse(tree, tree.len() as u32 - 1);

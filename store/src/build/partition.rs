@@ -2,32 +2,27 @@
 //!
 //! A loose octree without pointers: a triangle goes to the finest level whose cells are at least as large as
 //! the triangle, and there to the cell of its centroid; so plates do not widen the boxes of bolts. Cells are
-//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`]; a cell with more is cut
-//! again, finer.
+//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](super::cells::CHUNK_TRIANGLES); a
+//! cell with more is cut again, finer.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone: not from
 //! threads, limits or the lengths of runs; 2. buffered triangles never exceed the leased bytes; 3. a chunk holds
 //! at most `CHUNK_TRIANGLES`.
 
+use super::cells::{By, Cells, Chunk, Sorted};
 use super::lattice::{Grid, Scan, Tell};
-use super::scratch::{LatticeTriangle, Run, Scratch, encode};
+use super::scratch::{LatticeTriangle, Scratch};
 use super::surface::Surface;
-use super::{BuildOptions, no_triangles};
+use super::{BuildOptions, Rejected, no_triangles};
 use crate::cluster::LatticeBox;
 use crate::error::{Code, Error, Result};
-use crate::geom::hilbert_key;
 use crate::layout::{MATERIALS, TRIANGLES};
 use crate::source::{TriangleBatch, TriangleSource};
-use std::collections::HashMap;
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 use xxhash_rust::xxh3::Xxh3;
 
-/// Most triangles of a chunk: about 16 pages, and 25 MB of work memory a thread.
-pub(super) const CHUNK_TRIANGLES: u64 = 1 << 17;
-/// Triangles of a full run.
-const RUN_TRIANGLES: usize = 4096;
 /// Bytes of a buffered triangle.
 const TRIANGLE_BYTES: u64 = size_of::<LatticeTriangle>() as u64;
 /// Memory for buffered triangles: at least this, so that runs are worth a disk access.
@@ -40,25 +35,6 @@ pub(super) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBa
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 /// Finest level of the first pass: 64^3 cells.
 const LEVELS_FIRST: u32 = 6;
-/// Levels that a second cut adds.
-const LEVELS_MORE: u32 = 3;
-/// Bits of a cell's Hilbert key per axis; cells cannot be cut finer.
-const KEY_BITS: u32 = 18;
-
-/// A stretch of a run: triangles `skip .. skip + take`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Piece {
-    pub(super) run: Run,
-    pub(super) skip: u32,
-    pub(super) take: u32,
-}
-
-/// The unit of the cluster phase.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Chunk {
-    pub(super) pieces: Vec<Piece>,
-    pub(super) triangle_count: u64,
-}
 
 /// The whole input in chunks, in scratch.
 pub(super) struct Partition {
@@ -148,7 +124,14 @@ pub(super) fn partition(
         wait_ms: waited.as_millis() as u64,
     };
     if parted.triangle_count == 0 {
-        return Err(no_triangles(&name, &parted));
+        return Err(no_triangles(
+            &name,
+            Rejected {
+                read: parted.input_triangle_count,
+                degenerate: parted.rejected_degenerate,
+                non_finite: parted.rejected_non_finite,
+            },
+        ));
     }
     Ok(parted)
 }
@@ -238,188 +221,5 @@ impl Snapper {
             .at_place(&self.name)
             .numbers(format!("at most {most}"))
             .next("cut the input in parts and build each")
-    }
-}
-
-/// A cell: its place on the curve, its runs so far, and the buffered end.
-struct Cell {
-    level: u32,
-    key: u64,
-    runs: Vec<Run>,
-    buffer: Vec<LatticeTriangle>,
-    triangle_count: u64,
-}
-
-/// What decides a triangle's cell.
-#[derive(Clone, Copy, PartialEq)]
-enum By {
-    SizeAndPlace,
-    Place,
-}
-
-/// How one pass sorts.
-#[derive(Clone, Copy)]
-struct Sorted {
-    by: By,
-    /// Finest level: 2^levels cells an axis.
-    levels: u32,
-    /// Bits of a lattice coordinate.
-    bits: u32,
-    /// Most triangles in buffers.
-    buffered_most: u64,
-}
-
-/// All cells of one pass.
-struct Cells {
-    scratch: Scratch,
-    sorted: Sorted,
-    cells: Vec<Cell>,
-    by_place: HashMap<(u32, [u32; 3]), usize>,
-    last: ((u32, [u32; 3]), usize),
-    buffered: u64,
-}
-
-impl Cells {
-    fn new(scratch: Scratch, sorted: Sorted) -> Cells {
-        let nowhere = ((u32::MAX, [0; 3]), 0);
-        Cells { scratch, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
-    }
-
-    fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
-        let index = self.cell_of(&triangle);
-        let cell = &mut self.cells[index];
-        cell.buffer.push(triangle);
-        cell.triangle_count += 1;
-        self.buffered += 1;
-        if cell.buffer.len() >= RUN_TRIANGLES {
-            self.write_run(index)?;
-        }
-        if self.buffered >= self.sorted.buffered_most {
-            for index in 0..self.cells.len() {
-                self.write_run(index)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn cell_of(&mut self, triangle: &LatticeTriangle) -> usize {
-        let place = cell_place(triangle, &self.sorted);
-        if self.last.0 == place {
-            return self.last.1;
-        }
-        let (level, at) = place;
-        let cells = &mut self.cells;
-        let index = *self.by_place.entry(place).or_insert_with(|| {
-            let key = if level == 0 { 0 } else { hilbert_key(at, level) << (3 * (KEY_BITS - level)) };
-            cells.push(Cell { level, key, runs: Vec::new(), buffer: Vec::new(), triangle_count: 0 });
-            cells.len() - 1
-        });
-        self.last = (place, index);
-        index
-    }
-
-    fn write_run(&mut self, index: usize) -> Result<()> {
-        let cell = &mut self.cells[index];
-        if cell.buffer.is_empty() {
-            return Ok(());
-        }
-        cell.runs.push(self.scratch.append(&encode(&cell.buffer), cell.buffer.len())?);
-        self.buffered -= cell.buffer.len() as u64;
-        // The memory goes back: many cells are left behind by the stream and never filled again.
-        cell.buffer = Vec::new();
-        Ok(())
-    }
-
-    /// Writes what is buffered, cuts cells that are too full, joins small ones.
-    fn into_chunks(mut self, options: &BuildOptions) -> Result<(Scratch, Vec<Chunk>)> {
-        for index in 0..self.cells.len() {
-            self.write_run(index)?;
-        }
-        let mut whole = std::mem::take(&mut self.cells);
-        // Large triangles first, then along the curve; a place is one cell, so the order is total.
-        whole.sort_by_key(|cell| (cell.level, cell.key));
-        let mut chunks = Joined::default();
-        for cell in whole {
-            options.interrupt.check()?;
-            let finest = KEY_BITS.min(self.sorted.bits);
-            if cell.triangle_count <= CHUNK_TRIANGLES || cell.level >= finest {
-                chunks.add(&cell);
-            } else {
-                let levels = (cell.level + LEVELS_MORE).min(finest);
-                let (scratch, finer) = cut(&cell, self.scratch, levels, &self.sorted, options)?;
-                self.scratch = scratch;
-                chunks.close();
-                chunks.done.extend(finer);
-            }
-        }
-        chunks.close();
-        self.scratch.flush()?;
-        Ok((self.scratch, chunks.done))
-    }
-}
-
-/// Sorts the triangles of a cell that is too full into finer cells, by place alone: it may be full of
-/// triangles as large as itself.
-fn cut(
-    cell: &Cell,
-    scratch: Scratch,
-    levels: u32,
-    like: &Sorted,
-    options: &BuildOptions,
-) -> Result<(Scratch, Vec<Chunk>)> {
-    let mut finer = Cells::new(scratch, Sorted { levels, by: By::Place, ..*like });
-    let (mut buffer, mut triangles) = (Vec::new(), Vec::new());
-    for run in &cell.runs {
-        triangles.clear();
-        finer.scratch.read(run, &mut buffer, &mut triangles)?;
-        finer.scratch.consume(run, run.triangle_count);
-        triangles.iter().try_for_each(|&triangle| finer.push(triangle))?;
-    }
-    finer.into_chunks(options)
-}
-
-/// The level and cell of a triangle.
-fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> (u32, [u32; 3]) {
-    let [a, b, c] = &triangle.q;
-    let (bits, mut level) = (sorted.bits, sorted.levels);
-    if sorted.by == By::SizeAndPlace {
-        let side = (0..3).map(|i| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i])).max().expect("three");
-        level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
-    }
-    let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
-    (level, at)
-}
-
-/// Joins cells that follow each other while they fit a chunk; cuts what could not be divided by place.
-#[derive(Default)]
-struct Joined {
-    done: Vec<Chunk>,
-    open: Chunk,
-}
-
-impl Joined {
-    fn add(&mut self, cell: &Cell) {
-        if self.open.triangle_count + cell.triangle_count > CHUNK_TRIANGLES {
-            self.close();
-        }
-        for &run in &cell.runs {
-            let mut skip = 0;
-            while skip < run.triangle_count {
-                let room = CHUNK_TRIANGLES - self.open.triangle_count;
-                let take = (run.triangle_count - skip).min(room as u32);
-                self.open.pieces.push(Piece { run, skip, take });
-                self.open.triangle_count += u64::from(take);
-                skip += take;
-                if self.open.triangle_count == CHUNK_TRIANGLES {
-                    self.close();
-                }
-            }
-        }
-    }
-
-    fn close(&mut self) {
-        if self.open.triangle_count > 0 {
-            self.done.push(std::mem::take(&mut self.open));
-        }
     }
 }

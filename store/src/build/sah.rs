@@ -4,8 +4,8 @@
 //! Boxes have a fourth number, which means nothing: so a box is two vectors of four, and the compiler takes it as such.
 //!
 //! Invariants: 1. both sides get at least one primitive; 2. no side gets less than 1/8 (where the quantum
-//! allows), so depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result does not depend
-//! on the order of the input slice.
+//! allows), so depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result
+//! does not depend on the order of the input slice.
 
 use crate::cluster::LatticeBox;
 
@@ -21,7 +21,7 @@ pub(super) struct Prim {
 type Four = [f32; 4];
 
 impl Prim {
-    pub(super) fn of(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
+    pub(super) fn new(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
         let relative = |at: &[i64; 3]| [0, 1, 2, 2].map(|a: usize| (at[a] - origin[a]) as f32);
         Prim { lo: relative(&exact.lo), hi: relative(&exact.hi), index }
     }
@@ -121,7 +121,8 @@ impl Binning {
         [self.one(keys[0], 0), self.one(keys[1], 1), self.one(keys[2], 2)]
     }
 
-    /// Rounds down by arithmetic alone, exact for what an f32 from 0 to [`BINS`] can be: casts check for what cannot be here.
+    /// Rounds down by arithmetic alone, exact for what an f32 from 0 to [`BINS`] can be: casts check for what cannot
+    /// be here.
     #[inline(always)]
     fn one(&self, key: f32, axis: usize) -> usize {
         const HALF: f64 = 0.5 - 1.0 / (1u64 << 30) as f64;
@@ -237,7 +238,7 @@ mod tests {
         fn the_left_side_has_the_least(corners in proptest::collection::vec(proptest::array::uniform3(-40i64..40), 2..300)) {
             let boxed = |(i, lo): (usize, &[i64; 3])| {
                 let exact = LatticeBox { lo: *lo, hi: lo.map(|v| v + (i % 7) as i64) };
-                Prim::of(&exact, [-3; 3], i as u32)
+                Prim::new(&exact, [-3; 3], i as u32)
             };
             let mut prims: Vec<_> = corners.iter().enumerate().map(boxed).collect();
             let quantum = 8;

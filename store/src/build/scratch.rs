@@ -1,21 +1,21 @@
 //! The scratch file: runs of snapped triangles, LZ4 blocks appended once and read once.
 //!
 //! ```text
-//! run = LZ4( 47 byte planes: corner 0 minus the run's least corner, corners 1 and 2 minus corner 0 (zigzag),
+//! run = seal (`crate::scratch`), least corner 3 x 8 bytes,
+//!       LZ4( 47 byte planes: corner 0 minus the run's least corner, corners 1 and 2 minus corner 0 (zigzag),
 //!            5 bytes a coordinate; material, 2 bytes )
 //! ```
 //!
-//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. what was written leaves
+//! Invariants: 1. a run is named by its offset; it comes back as it was, or as an error; 2. what was written leaves
 //! the page cache soon, so that a memory limit is not filled with it; 3. a segment whose runs are all consumed goes
 //! back to the disk as a whole: giving back run by run fragments the file, and a file system that discards freed
 //! blocks at once (ext4 `discard`) then takes longer to drop the file than the build took to make it.
 
-use crate::error::{Code, Error, Result};
+use crate::error::Result;
+use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
 use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
 use std::fs::File;
-use std::io::ErrorKind;
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 
 /// A triangle on the lattice.
@@ -44,8 +44,7 @@ const PLANES: usize = 9 * 5 + 2;
 
 /// The file. Writing needs `&mut`, reading does not.
 pub(super) struct Scratch {
-    file: File,
-    folder: PathBuf,
+    file: ScratchFile,
     end: u64,
     flushed: u64,
     /// Triangles not yet consumed, per segment.
@@ -54,9 +53,8 @@ pub(super) struct Scratch {
 
 impl Scratch {
     pub(super) fn create(folder: &Path) -> Result<Scratch> {
-        let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
-        Ok(Scratch { file, folder: folder.to_path_buf(), end: 0, flushed: 0, live: Mutex::default() })
+        let file = ScratchFile::create(folder)?;
+        Ok(Scratch { file, end: 0, flushed: 0, live: Mutex::default() })
     }
 
     /// Bytes written.
@@ -65,16 +63,15 @@ impl Scratch {
     }
 
     /// Appends a run made by [`encode`].
-    pub(super) fn append(&mut self, encoded: &[u8], triangle_count: usize) -> Result<Run> {
+    pub(super) fn append(&mut self, mut encoded: Vec<u8>, triangle_count: usize) -> Result<Run> {
         if self.end / SEGMENT_BYTES != (self.end + encoded.len() as u64) / SEGMENT_BYTES {
             self.end = self.end.next_multiple_of(SEGMENT_BYTES);
         }
         let live = self.live.get_mut().expect("no panic while held");
         live.resize((self.end / SEGMENT_BYTES) as usize + 1, 0);
         live[(self.end / SEGMENT_BYTES) as usize] += triangle_count as u64;
-        self.file
-            .write_all_at(encoded, self.end)
-            .map_err(|e| self.failed("write to the scratch file", &e))?;
+        seal(&mut encoded, self.end);
+        self.file.write(&encoded, self.end)?;
         let run =
             Run { offset: self.end, bytes: encoded.len() as u32, triangle_count: triangle_count as u32 };
         self.end += encoded.len() as u64;
@@ -86,22 +83,18 @@ impl Scratch {
 
     /// Writes back what is dirty and drops it from the page cache.
     pub(super) fn flush(&mut self) -> Result<()> {
-        fdatasync(&self.file).map_err(|e| self.failed("write to the scratch file", &e.into()))?;
-        drop_cache(&self.file, self.flushed, self.end - self.flushed);
+        let file = self.file.file();
+        fdatasync(file).map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
+        drop_cache(file, self.flushed, self.end - self.flushed);
         self.flushed = self.end;
         Ok(())
     }
 
     /// Reads a run and appends its triangles to `out`.
     pub(super) fn read(&self, run: &Run, buffer: &mut Vec<u8>, out: &mut Vec<LatticeTriangle>) -> Result<()> {
-        buffer.resize(run.bytes as usize, 0);
-        self.file.read_exact_at(buffer, run.offset).map_err(|e| self.failed("read the scratch file", &e))?;
-        drop_cache(&self.file, run.offset, u64::from(run.bytes));
-        decode(buffer, run.triangle_count as usize, out).ok_or_else(|| {
-            Error::new(Code::Io, "the scratch file gave back other bytes than were written")
-                .at_byte(&self.folder, run.offset)
-                .next("check the disk")
-        })
+        let content = self.file.read(run.offset, run.bytes as usize, run.offset, buffer)?;
+        drop_cache(self.file.file(), run.offset, u64::from(run.bytes));
+        decode(content, run.triangle_count as usize, out).ok_or_else(|| self.file.damaged(run.offset))
     }
 
     /// Counts triangles of a run as consumed; gives a segment that holds no others back to the file system, where
@@ -113,16 +106,8 @@ impl Scratch {
         *left -= u64::from(triangle_count);
         if *left == 0 && self.end / SEGMENT_BYTES > segment {
             let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
-            let _ = fallocate(&self.file, flags, segment * SEGMENT_BYTES, SEGMENT_BYTES);
+            let _ = fallocate(self.file.file(), flags, segment * SEGMENT_BYTES, SEGMENT_BYTES);
         }
-    }
-
-    fn failed(&self, doing: &str, error: &std::io::Error) -> Error {
-        let mut failed = Error::io(doing, &self.folder, error);
-        if error.kind() == ErrorKind::StorageFull {
-            failed = failed.next("free space there, or name another folder with --temp-dir");
-        }
-        failed
     }
 }
 
@@ -131,7 +116,7 @@ pub(super) fn drop_cache(file: &File, offset: u64, bytes: u64) {
     let _ = fadvise(file, offset, std::num::NonZeroU64::new(bytes), Advice::DontNeed);
 }
 
-/// The bytes of a run.
+/// The bytes of a run, with room for its seal.
 pub(super) fn encode(triangles: &[LatticeTriangle]) -> Vec<u8> {
     let n = triangles.len();
     let mut base = [i64::MAX; 3];
@@ -159,7 +144,8 @@ pub(super) fn encode(triangles: &[LatticeTriangle]) -> Vec<u8> {
         planes[45 * n + i] = t.material as u8;
         planes[46 * n + i] = (t.material >> 8) as u8;
     }
-    let mut out: Vec<u8> = base.iter().flat_map(|b| b.to_le_bytes()).collect();
+    let mut out = vec![0; SEAL_BYTES];
+    out.extend(base.iter().flat_map(|b| b.to_le_bytes()));
     out.extend(lz4_flex::block::compress(&planes));
     out
 }
@@ -216,7 +202,7 @@ mod tests {
                 })
                 .collect();
             let mut back = Vec::new();
-            decode(&encode(&triangles), triangles.len(), &mut back).unwrap();
+            decode(&encode(&triangles)[SEAL_BYTES..], triangles.len(), &mut back).unwrap();
             prop_assert_eq!(back, triangles);
         }
     }

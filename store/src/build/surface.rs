@@ -5,9 +5,9 @@
 //!                                  smaller -> points on it, two a leaf         -> distinct leaves of theirs, plus a fifth
 //! ```
 //!
-//! Area alone guesses too many where a leaf holds several sheets or a thin tube: 2.3 times for `gen:pipes:20M` at 256, with 1.5
-//! leaves a square. A table of all leaves would take 128 MiB at 1024; the sketches take 12 KiB, and their standard error is
-//! 1.04 / sqrt(4096) = 1.6 % (Flajolet et al., "HyperLogLog", 2007).
+//! Area alone guesses too many where a leaf holds several sheets or a thin tube: 2.3 times for `gen:pipes:20M` at
+//! 256, with 1.5 leaves a square. A table of all leaves would take 128 MiB at 1024; the sketches take 12 KiB, and
+//! their standard error is 1.04 / sqrt(4096) = 1.6 % (Flajolet et al., "HyperLogLog", 2007).
 //!
 //! Invariant: the guess depends on the stream of triangles alone.
 
@@ -40,7 +40,7 @@ impl Surface {
     pub(super) fn new(scan: &Scan, grid: &Grid) -> Surface {
         let [lo, hi] = [scan.bounds.lo, scan.bounds.hi].map(|corner| grid.lattice.snap(corner));
         Surface(RESOLUTIONS.map(|resolution| Counter {
-            leaf_steps: VoxelGrid::over(lo, hi, resolution, Refinement::None).leaf_steps() as f64,
+            leaf_steps: VoxelGrid::from_bounds(lo, hi, resolution, Refinement::None).leaf_steps() as f64,
             large: 0.0,
             small: 0.0,
             sketch: Sketch::default(),
@@ -83,8 +83,8 @@ fn point(q: &[[i64; 3]; 3], index: u32) -> [f64; 3] {
     })
 }
 
-/// Areas of the shadows on the three planes of the axes, added, squares of the lattice step: a plane meets so many voxels of
-/// side 1 (one a square where it lies along an axis, 1.7 across a diagonal).
+/// Areas of the shadows on the three planes of the axes, added, squares of the lattice step: a plane meets so many
+/// voxels of side 1 (one a square where it lies along an axis, 1.7 across a diagonal).
 fn shadows(q: &[[i64; 3]; 3]) -> f64 {
     let edge = |i: usize, a: usize| (q[i][a] - q[0][a]) as f64;
     let twice = |a: usize, b: usize| (edge(1, a) * edge(2, b) - edge(1, b) * edge(2, a)).abs();

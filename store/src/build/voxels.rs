@@ -1,8 +1,8 @@
 //! Which voxel octree a model gets, and how the records of its chunks become pages and sections of the file.
 //!
 //! Invariants: 1. the choice depends on the input and the options alone, never on the memory limit; 2. memory of the
-//! merge is leased, and does not grow with the leaves but for their nodes' masks and places; 3. sections are written and
-//! hashed piece by piece.
+//! merge is leased, and does not grow with the leaves but for their nodes' masks and places; 3. sections are written
+//! and hashed piece by piece.
 
 use super::Voxels;
 use super::partition::Partition;
@@ -12,8 +12,8 @@ use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
 use crate::octree::{
-    Finished, LowerBuilder, RUN_BYTES, Refinement, STREAM_BYTES, VoxelGrid, VoxelRuns, family_bytes,
-    leaf_bytes, merge,
+    Finished, FirstPage, LowerBuilder, RUN_BYTES, Refinement, STREAM_BYTES, VoxelGrid, VoxelRuns,
+    family_bytes, leaf_bytes, merge,
 };
 use std::path::{Path, PathBuf};
 
@@ -49,7 +49,7 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
         Voxels::Within { upper_bytes } => (choose(parted, upper_bytes), Refinement::None),
     };
     Ok(Some(VoxelWork {
-        grid: VoxelGrid::over(lo, hi, resolution, refinement),
+        grid: VoxelGrid::from_bounds(lo, hi, resolution, refinement),
         refinement,
         runs: VoxelRuns::create(folder)?,
         folder: folder.to_path_buf(),
@@ -58,12 +58,13 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
 
 /// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory. The coarser ones are
 /// for what is small: 256 up to [`CHEAP_BYTES`], since a picture needs that much whatever the model has. Units below it
-/// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when measured (ao).
+/// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when
+/// measured (ao).
 fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
     let [lo, hi] = parted.lattice_bounds;
     let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;
     let fits = |which: &usize| {
-        let leaf_steps = VoxelGrid::over(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
+        let leaf_steps = VoxelGrid::from_bounds(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
         let leaves = parted.surface.leaf_count(*which, leaf_steps);
         let resident = leaves * leaf_bytes() as f64;
         let is_due = leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;
@@ -107,7 +108,7 @@ impl VoxelWork {
     /// given page on, for a model with so many materials.
     pub(super) fn merge(
         self,
-        pages: (u32, usize),
+        pages: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
         budget: &Budget,
         tell: &dyn Fn(u64),
@@ -130,6 +131,7 @@ impl VoxelWork {
             }
             Ok(())
         })?;
+        tell(done);
         lease.grow(what, builder.finish_bytes())?;
         let scratch_bytes = runs_bytes + builder.scratch_bytes();
         Ok(Merged { finished: builder.finish(pages, put)?, scratch_bytes, _lease: lease })

@@ -1,5 +1,5 @@
-//! Boxes of vertices in 256ths of their cluster's: what leaf boxes are made of, 24 corners a leaf; and the range of these
-//! corners' indices.
+//! Boxes of vertices in 256ths of their cluster's: what leaf boxes are made of, 24 corners a leaf; and the range of
+//! these corners' indices.
 //!
 //! ```text
 //! byte   0 1 2     3 4 5                    6 to 15

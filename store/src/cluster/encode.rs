@@ -12,9 +12,9 @@
 //! Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
 //! and clusters stand in the order in which a walk from the first root on meets them.
 //!
-//! Invariants: 1. one page content has one disk form; 2. neither that nor the frame form is longer than a frame, where the
-//! builder set [`disk_bytes_most`] aside; 3. the decoder is the judge: `encode` has nothing to say that `install` does not
-//! read back.
+//! Invariants: 1. one page content has one disk form; 2. neither that nor the frame form is longer than a frame,
+//! where the builder set [`disk_bytes_most`] aside; 3. the decoder is the judge: `encode` has nothing to say that
+//! `install` does not read back.
 
 use super::bits::{BitWriter, bits_of};
 use super::topology::{self, Walk};
@@ -52,7 +52,7 @@ pub struct PageContent {
     pub clusters: Vec<ClusterMesh>,
 }
 
-/// What the bits of a disk form are spent on.
+/// Bits of a disk form by what they are spent on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DiskBits {
     /// The shape of the tree.

@@ -4,12 +4,13 @@
 //! packed = | z | y | x |     spread ->     fields = |  z  | y   |  x |     gather ->     packed
 //! ```
 //!
-//! With eight fields, the bytes of a word are narrowed (`pext` again). Install is bound by instructions: 196 a triangle with
-//! spread and gather in BMI2, 224 in shifts (`gen:isosurface:5M`, before leaves had widths of their own), and 0.82 of the time. Whoever has [`Work`] to do asks a [`Machine`], which hands it the ones that it has. (AMD before Zen 3 has both in
-//! microcode: slower there, and right.)
+//! With eight fields, the bytes of a word are narrowed (`pext` again). Install is bound by instructions: 196 a
+//! triangle with spread and gather in BMI2, 224 in shifts (`gen:isosurface:5M`, before leaves had widths of their
+//! own), and 0.82 of the time. Whoever has [`Work`] to do asks a [`Machine`], which hands it the ones that it has.
+//! (AMD before Zen 3 has both in microcode: slower there, and right.)
 //!
-//! Why unsafe: intrinsics, and a call into a function that is compiled for them. `Bmi2` is the proof that they are there,
-//! and is made in one place, which asks for them.
+//! Why unsafe: intrinsics, and a call into a function that is compiled for them. `Bmi2` is the proof that they are
+//! there, and is made in one place, which asks for them.
 //!
 //! Invariant: `Bmi2` and `Portable` give the same words; tests compare them, word by word and page by page.
 

@@ -11,11 +11,12 @@
 //! leaf    = least index u8 | corner 0 of 8 triangles, above it | corner 1 | corner 2        (4 to 7 bits each)
 //! ```
 //!
-//! Why a width for each leaf: 44 % of the leaves of `gen:isosurface:20M` have their corners within 16 numbers, 29 % within 32,
-//! since vertices are numbered in the order of first use. Bytes a triangle, all counted, of 5M of iso-surface / scan / pipes: 6.30
-//! / 6.02 / 7.51; with 7 bits for all corners (and heads of 48 bytes, aligned) 7.19 / 6.90 / 8.47. Lost: strips, 11
-//! bytes where a leaf is one in the order in which it is told (52 / 71 / 56 %) and 22 elsewhere: 16.3 / 14.1 / 15.9 bytes a leaf
-//! to these 15.6 / 15.5 / 15.2, and each leaf has to be unrolled by every ray.
+//! Why a width for each leaf: 44 % of the leaves of `gen:isosurface:20M` have their corners within 16 numbers, 29 %
+//! within 32, since vertices are numbered in the order of first use. Bytes a triangle, all counted, of 5M of
+//! iso-surface / scan / pipes: 6.30 / 6.02 / 7.51; with 7 bits for all corners (and heads of 48 bytes, aligned) 7.19
+//! / 6.90 / 8.47. Lost: strips, 11 bytes where a leaf is one in the order in which it is told (52 / 71 / 56 %) and 22
+//! elsewhere: 16.3 / 14.1 / 15.9 bytes a leaf to these 15.6 / 15.5 / 15.2, and each leaf has to be unrolled by every
+//! ray.
 //!
 //! Invariants: 1. no byte of the input is believed: counts and indices are compared with their bounds, and a
 //! frame that was installed can be traced without checks; 2. boxes are rounded outward, made from the vertices, never
@@ -137,7 +138,7 @@ impl TreeInstaller<'_> {
         }
         let children = &children[..count];
         let bounds = children.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
-        let node = Node::over(children, node_shift(self.lattice_bits));
+        let node = Node::from_children(children, node_shift(self.lattice_bits));
         let at = self.nodes_at + index * Node::BYTES;
         self.frame[at..at + Node::BYTES].copy_from_slice(bytemuck::bytes_of(&node));
         Ok((bounds, FrameRef::node(at)))

@@ -1,6 +1,6 @@
 //! Install of one cluster: bits to corners and vertices, and these to a header, leaf boxes, indices and packed
-//! vertices in the frame. Indices of a leaf stand in as many bits as it needs, so that only behind the topology it is known
-//! where all else goes.
+//! vertices in the frame. Indices of a leaf stand in as many bits as it needs, so that only behind the topology it is
+//! known where all else goes.
 //!
 //! ```text
 //! topology::decode -> corners, guides -> vertices::decode -> packed vertices, and per vertex its *cell*:
@@ -128,8 +128,8 @@ impl ClusterInstaller {
         self.first_triangle
     }
 
-    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there. Behind them
-    /// stand [`FRAME_TAIL_BYTES`] zeros.
+    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there. Behind
+    /// them stand [`FRAME_TAIL_BYTES`] zeros.
     pub(super) fn install(&mut self, packed: &mut &[u8], frame: &mut [u8]) -> Result<usize, &'static str> {
         let mut input = BitReader::new(packed);
         let plan = Plan::read(&mut input, &self.head, self.lattice_bits)?;
@@ -212,7 +212,7 @@ impl ClusterInstaller {
     /// Vertices of a compact cluster, to the end of its frame bytes.
     #[inline(always)]
     fn vertices<M: Mover>(&mut self, mover: M, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) {
-        let lanes = Lanes::of(&plan.widths);
+        let lanes = Lanes::new(&plan.widths);
         let packed = lanes.fields();
         // The upper eight bits of each lane, and a byte for each.
         let cell_bits = lanes.bits.map(|b| b.min(8));
@@ -266,8 +266,8 @@ impl ClusterInstaller {
         (0..plan.vertex_count).all(|i| is_inside(cluster.vertex(i)))
     }
 
-    /// What the indices of each leaf take. The corners of triangles that are not there become one vertex of the last one, so
-    /// that they are met by no ray and ask for nothing more.
+    /// What the indices of each leaf take. The corners of triangles that are not there become one vertex of the last
+    /// one, so that they are met by no ray and ask for nothing more.
     fn measure_leaves(&mut self, plan: &Plan) -> [LeafIndices; CLUSTER_LEAVES] {
         let corners = self.walk.corners_mut();
         let padded = plan.leaf_count() * LEAF_TRIANGLES;

@@ -27,7 +27,7 @@ pub(super) struct Lanes {
 
 impl Lanes {
     /// Lanes for a compact cluster.
-    pub(super) fn of(widths: &Widths) -> Lanes {
+    pub(super) fn new(widths: &Widths) -> Lanes {
         let bits = widths.bits.map(u32::from);
         let shift = [0, bits[0] + 1, bits[0] + bits[1] + 2];
         let mask = (0..3).map(|a| ((1 << bits[a]) - 1) << shift[a]).sum();
@@ -97,7 +97,7 @@ mod tests {
             bits in prop::array::uniform3(0u8..=24).prop_filter("57 in all", |b| b.iter().sum::<u8>() <= 57),
             values in prop::array::uniform3(prop::array::uniform3(any::<u64>())),
         ) {
-            let lanes = Lanes::of(&Widths { base: [0; 3], bits, wide: false });
+            let lanes = Lanes::new(&Widths { base: [0; 3], bits, wide: false });
             let modulo = |v: [u64; 3]| -> [u64; 3] { std::array::from_fn(|a| v[a] & ((1 << bits[a]) - 1)) };
             let [a, b, c] = values.map(modulo);
             let [x, y, z] = [a, b, c].map(|v| lanes.put(v));

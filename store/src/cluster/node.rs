@@ -72,7 +72,7 @@ impl Node {
     pub const BYTES: usize = size_of::<Node>();
 
     /// A node over `children`: 1 to 8 boxes, each with the word that leads to it.
-    pub fn over(children: &[(LatticeBox, u32)], node_shift: u32) -> Node {
+    pub fn from_children(children: &[(LatticeBox, u32)], node_shift: u32) -> Node {
         assert!((1..=NODE_WIDTH).contains(&children.len()), "{} children", children.len());
         let all = children.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
         let up = |q: i64| (q + (1 << node_shift) - 1) >> node_shift;
@@ -172,7 +172,7 @@ mod tests {
         #[test]
         fn eight_bit_boxes_hold_the_exact_ones(boxes in proptest::collection::vec(any_box(), 1..=8)) {
             let children: Vec<_> = boxes.iter().map(|&b| (b, 7)).collect();
-            let node = Node::over(&children, 10);
+            let node = Node::from_children(&children, 10);
             for (i, exact) in boxes.iter().enumerate() {
                 let coarse = node.child_box(i, 10);
                 prop_assert_eq!(coarse.join(exact), coarse);

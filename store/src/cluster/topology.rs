@@ -301,8 +301,8 @@ pub(super) fn decode(
             let name = word >> (u32::from(entry.bits).wrapping_sub(NAME_BITS) % 64);
             let known_or_new = (counts.vertices as u32 | (name as u32) << 24) >> entry.shift;
             // All four at once, the rim last: from gate to rim to the next gate is the longest wait in here. Lost: the
-            // two newest gates in registers (3 to 10 % slower: it is the instructions that count), and two clusters side by
-            // side (a tenth of this loop, for which pages would have to tell where clusters begin).
+            // two newest gates in registers (3 to 10 % slower: it is the instructions that count), and two clusters
+            // side by side (a tenth of this loop, for which pages would have to tell where clusters begin).
             let x = known_or_new as u8 & NAME_MASK
                 | tables.behind[usize::from(gate.to())] & entry.behind
                 | tables.before[usize::from(gate.from())] & entry.before;

@@ -83,7 +83,7 @@ pub(super) struct Guided<'a> {
 impl Guided<'_> {
     /// Chooses the class widths: all that fewer than three classes could do is tried, too.
     pub(super) fn class_widths(&self) -> ClassWidths {
-        let lanes = Lanes::of(self.widths);
+        let lanes = Lanes::new(self.widths);
         // How many differences need at most so many bits.
         let mut fitting = [0u32; AXIS_BITS as usize + 1];
         self.differences(|_, _, needs| fitting[needs as usize] += 1);
@@ -113,7 +113,7 @@ impl Guided<'_> {
 
     /// Writes the vertices.
     pub(super) fn encode(&self, classes: ClassWidths, out: &mut BitWriter) {
-        let lanes = Lanes::of(self.widths);
+        let lanes = Lanes::new(self.widths);
         let biases = classes.map(|width| Class::difference(width, &lanes).bias);
         let mut values = Vec::with_capacity(self.cluster.vertices.len());
         self.differences(|vertex, difference, needs| {
@@ -135,7 +135,7 @@ impl Guided<'_> {
 
     /// Calls `visit` with each vertex in lanes, its difference from the prediction, and the width that this needs.
     fn differences(&self, mut visit: impl FnMut(u64, u64, u32)) {
-        let lanes = Lanes::of(self.widths);
+        let lanes = Lanes::new(self.widths);
         let mut placed = [0u64; CLUSTER_VERTICES];
         for (i, vertex) in self.cluster.vertices.iter().enumerate() {
             placed[i] = lanes.put(std::array::from_fn(|a| (vertex[a] - self.widths.base[a]) as u64));

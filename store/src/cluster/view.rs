@@ -15,7 +15,7 @@ use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
 /// Leaf boxes of a cluster as they lie in the frame: lo x, y, z, hi x, y, z, one byte per leaf each.
 pub type LeafBoxes = [[u8; CLUSTER_LEAVES]; 6];
 
-/// What a cluster begins with in a frame. Numbers of several bytes are little-endian.
+/// The first bytes of a cluster in a frame. Numbers of several bytes are little-endian.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct ClusterHead {
@@ -146,7 +146,7 @@ impl<'a> ClusterView<'a> {
         ClusterView { head: bytemuck::from_bytes(&bytes[..CLUSTER_LEAVES_AT]), bytes }
     }
 
-    /// What it begins with.
+    /// The first bytes of the cluster.
     #[inline(always)]
     pub fn head(&self) -> &'a ClusterHead {
         self.head

@@ -68,7 +68,7 @@ impl ImportOptions {
     }
 }
 
-/// What an input says about itself. Nothing of it has been checked beyond the file's length.
+/// An input's own words about itself. Nothing of it has been checked beyond the file's length.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct InputInfo {
     /// The file format.
@@ -115,10 +115,10 @@ pub fn open(path: &Path, options: &ImportOptions) -> Result<Box<dyn TriangleSour
     })
 }
 
-/// What `path` declares, without loading it.
+/// Reads what `path` declares, without loading it.
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub fn info(path: &Path) -> Result<InputInfo> {
     let mut input = Input::open(path, &ImportOptions::unlimited(Path::new("")))?;
     let format = sniff::format(&mut input)?;

@@ -21,6 +21,7 @@ use super::ImportOptions;
 use super::scalar::{ByteOrder, Scalar};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
+use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
@@ -37,7 +38,7 @@ pub(super) const MAX_STRIDE_BYTES: u64 = 256;
 const MIN_FRAMES: usize = 2;
 
 /// Bytes of a block in the scratch file.
-const SPOOL_BLOCK_BYTES: usize = BLOCK_VERTICES * 24;
+const SPOOL_BLOCK_BYTES: usize = SEAL_BYTES + BLOCK_VERTICES * 24;
 
 /// Directory entry of a block that no frame holds.
 const NO_FRAME: u32 = u32::MAX;
@@ -76,7 +77,7 @@ pub(super) struct VertexCache {
 
 enum Backing {
     Input { file: File, path: PathBuf, first_byte: u64, layout: VertexLayout },
-    Spool { file: Option<File>, folder: PathBuf },
+    Spool { scratch: Option<ScratchFile>, folder: PathBuf },
 }
 
 struct Frame {
@@ -117,7 +118,7 @@ impl VertexCache {
     /// An array that grows by [`VertexCache::push`].
     pub(super) fn growing(options: &ImportOptions) -> Result<VertexCache> {
         VertexCache::new(
-            Backing::Spool { file: None, folder: options.temp_dir.clone() },
+            Backing::Spool { scratch: None, folder: options.temp_dir.clone() },
             SPOOL_BLOCK_BYTES,
             options,
         )
@@ -223,12 +224,11 @@ impl VertexCache {
                 })?;
                 cells.decode(raw, layout);
             }
-            Backing::Spool { file, folder } => {
-                let file = file.as_ref().expect("a block without a frame has been written");
+            Backing::Spool { scratch, .. } => {
+                let scratch = scratch.as_ref().expect("a block without a frame has been written");
                 let at = (block * SPOOL_BLOCK_BYTES) as u64;
-                file.read_exact_at(&mut self.staging, at)
-                    .map_err(|error| Error::io("read the vertex scratch file", folder, &error))?;
-                cells.decode(&self.staging, &SPOOL_LAYOUT);
+                let content = scratch.read(at, SPOOL_BLOCK_BYTES, at, &mut self.staging)?;
+                cells.decode(content, &SPOOL_LAYOUT);
             }
         }
         self.bind(frame, block);
@@ -273,19 +273,18 @@ impl VertexCache {
         else {
             return Ok(());
         };
-        let Backing::Spool { file, folder } = &mut self.backing else {
+        let Backing::Spool { scratch, folder } = &mut self.backing else {
             unreachable!("blocks of the input are never written")
         };
-        let failed = |error| Error::writing("write the vertex scratch file", folder, &error);
-        for (raw, value) in self.staging.chunks_exact_mut(8).zip(cells.as_flattened()) {
-            raw.copy_from_slice(&value.to_le_bytes());
-        }
-        if file.is_none() {
-            *file = Some(tempfile::tempfile_in(&*folder).map_err(failed)?);
-        }
-        if let Some(file) = file {
-            file.write_all_at(&self.staging, (*block * SPOOL_BLOCK_BYTES) as u64).map_err(failed)?;
-        }
+        let values = self.staging[SEAL_BYTES..].chunks_exact_mut(8).zip(cells.as_flattened());
+        values.for_each(|(raw, value)| raw.copy_from_slice(&value.to_le_bytes()));
+        let at = (*block * SPOOL_BLOCK_BYTES) as u64;
+        seal(&mut self.staging, at);
+        let scratch = match scratch {
+            Some(scratch) => scratch,
+            none => none.insert(ScratchFile::create(folder)?),
+        };
+        scratch.write(&self.staging, at)?;
         *dirty = false;
         Ok(())
     }
@@ -348,67 +347,4 @@ impl Cells {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::budget::{Budget, RESERVE_BYTES};
-    use rand_pcg::{Pcg64, rand_core::Rng};
-
-    fn position(index: u64) -> [f64; 3] {
-        [index as f64 + 0.1, -(index as f64) / 3.0, 1e7 + index as f64]
-    }
-
-    fn options(cache_bytes: u64) -> ImportOptions {
-        let mut options = ImportOptions::unlimited(&std::env::temp_dir());
-        options.vertex_cache_bytes = cache_bytes;
-        options
-    }
-
-    /// Pushes `count` vertices with look-ups in between, and looks all up in a random order.
-    fn check_growing(count: u64, options: &ImportOptions) -> VertexCache {
-        let mut cache = VertexCache::growing(options).unwrap();
-        let mut random = Pcg64::new(1, count.into());
-        for index in 0..count {
-            cache.push(position(index)).unwrap();
-            if index % 97 == 0 {
-                let other = random.next_u64() % (index + 1);
-                assert_eq!(cache.get(other).unwrap(), position(other));
-            }
-        }
-        for _ in 0..4 * count.min(5000) {
-            let index = random.next_u64() % count;
-            assert_eq!(cache.get(index).unwrap(), position(index));
-        }
-        cache
-    }
-
-    #[test]
-    fn what_fits_is_never_written() {
-        let cache = check_growing(20_000, &options(u64::MAX));
-        assert!(matches!(cache.backing, Backing::Spool { file: None, .. }));
-        assert_eq!(cache.lookups_and_misses().1, 0);
-    }
-
-    #[test]
-    fn what_does_not_fit_comes_back_the_same() {
-        for blocks in [1, 2, 3, 7] {
-            let cache =
-                check_growing(20_001, &options(blocks * (SPOOL_BLOCK_BYTES as u64 + FRAME_OVERHEAD_BYTES)));
-            assert_eq!(cache.frames.len() as u64, blocks.max(MIN_FRAMES as u64));
-            assert!(cache.lookups_and_misses().1 > 0);
-        }
-    }
-
-    #[test]
-    fn a_tight_budget_makes_a_small_cache() {
-        let mut options = options(u64::MAX);
-        options.budget = Budget::new(RESERVE_BYTES + 4 * SPOOL_BLOCK_BYTES as u64);
-        let cache = check_growing(20_001, &options);
-        assert_eq!(cache.frames.len(), 2);
-        assert!(options.budget.peak_bytes() <= options.budget.ledger_bytes());
-        options.budget = Budget::new(RESERVE_BYTES + 2 * SPOOL_BLOCK_BYTES as u64 + 200);
-        VertexCache::growing(&options).unwrap().push([0.0; 3]).unwrap();
-        options.budget = Budget::new(RESERVE_BYTES + SPOOL_BLOCK_BYTES as u64);
-        let refused = VertexCache::growing(&options).unwrap().push([0.0; 3]);
-        assert_eq!(refused.unwrap_err().code(), Code::MemoryLimit);
-    }
-}
+mod tests;

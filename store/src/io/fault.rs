@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::time::Duration;
 
-/// What goes wrong, and how often. Rates count in 1024 reads.
+/// Faults that a [`Fault`] makes, and how often. Rates count in 1024 reads.
 #[derive(Clone, Debug, Default)]
 pub struct FaultPlan {
     /// Chooses the reads.
@@ -25,6 +25,8 @@ pub struct FaultPlan {
     pub delay: Duration,
     /// A part of the file that cannot be read at all.
     pub broken: Option<Range<u64>>,
+    /// The backend itself panics at the first read that completes after so many.
+    pub panic_after: Option<u64>,
 }
 
 /// A backend with faults.
@@ -32,6 +34,8 @@ pub struct Fault {
     inner: Box<dyn Backend>,
     plan: FaultPlan,
     seen: HashMap<u64, u64>,
+    /// Reads that completed.
+    completed: u64,
     description: IoDescription,
 }
 
@@ -40,7 +44,7 @@ impl Fault {
     pub fn new(inner: Box<dyn Backend>, plan: FaultPlan) -> Fault {
         let mut description = inner.describe().clone();
         description.backend = format!("fault+{}", description.backend);
-        Fault { inner, plan, seen: HashMap::new(), description }
+        Fault { inner, plan, seen: HashMap::new(), completed: 0, description }
     }
 
     fn disturb(&mut self, done: &mut RawDone) {
@@ -119,6 +123,8 @@ impl Backend for Fault {
         let first = done.len();
         self.inner.complete(wait, done);
         for one in &mut done[first..] {
+            self.completed += 1;
+            assert!(self.plan.panic_after.is_none_or(|most| self.completed <= most), "a panic on demand");
             self.disturb(one);
         }
     }

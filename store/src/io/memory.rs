@@ -18,8 +18,7 @@ pub struct Memory {
 impl Memory {
     /// A backend over `bytes`. `align_bytes` is 1, or [`ALIGN_BYTES`](super::ALIGN_BYTES) to act like direct reads.
     pub fn new(bytes: Arc<[u8]>, depth: usize, align_bytes: usize) -> Memory {
-        let description =
-            IoDescription { backend: "memory".into(), direct: false, reason: "the file is in memory".into() };
+        let description = IoDescription::new("memory", false, "the file is in memory".into());
         Memory { bytes, depth, align_bytes, queue: VecDeque::with_capacity(depth), description }
     }
 }

@@ -34,8 +34,7 @@ impl Mmap {
         // (invariant 3 says what happens to who breaks that).
         let map = unsafe { memmap2::Mmap::map(&file) }.map_err(|error| Error::io("map", path, &error))?;
         let _ = map.advise(Advice::Random);
-        let description =
-            IoDescription { backend: "mmap".into(), direct: false, reason: "mmap was asked for".into() };
+        let description = IoDescription::new("mmap", false, "mmap was asked for".into());
         Ok(Mmap { map, file, depth, queue: VecDeque::with_capacity(depth), description })
     }
 

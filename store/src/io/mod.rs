@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! pool -> Reader (alignment, retries, errors with a place)
-//!           -> Backend: uring | pread | mmap | memory | fault(another)   (raw reads, may fall short or fail)
+//!           -> Backend: failover(uring, pread) | pread | mmap | memory | fault(another)
+//!                                                                    (raw reads, may fall short or fail)
 //! ```
 //!
 //! Invariants
@@ -10,8 +11,10 @@
 //!    touch or free it while the kernel may write, since nobody else has it.
 //! 2. Every read that was submitted completes exactly once, or the backend is dropped, which waits for it.
 //! 3. A backend reports what the system said. Only [`Reader`] judges, retries and gives up.
-//! 4. At most [`Backend::depth`] reads are in flight: the queue stays on our side of the disk.
+//! 4. No device and no kernel ends the work by refusing a system call: a ring that fails is left for `pread`.
+//! 5. At most [`Backend::depth`] reads are in flight: the queue stays on our side of the disk.
 
+mod failover;
 mod fault;
 mod memory;
 mod mmap;
@@ -23,6 +26,7 @@ mod region;
 mod tests;
 mod uring;
 
+pub use failover::Failover;
 pub use fault::{Fault, FaultPlan};
 pub use memory::Memory;
 pub use mmap::Mmap;

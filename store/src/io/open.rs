@@ -9,7 +9,7 @@
 //! never replaced; 3. direct reading is proven by a read at open, not believed from a flag (tmpfs and some network
 //! file systems accept the flag and refuse the read).
 
-use super::{ALIGN_BYTES, Backend, Mmap, Pread, Staging, Uring};
+use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, Staging, Uring};
 use crate::error::{Code, Error, Result};
 use rustix::fs::OFlags;
 use serde::Serialize;
@@ -17,6 +17,7 @@ use std::fs::File;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Deepest queue that may be asked for.
 pub const DEPTH_MAX: usize = 1024;
@@ -106,6 +107,14 @@ pub struct IoDescription {
     pub direct: bool,
     /// Why this one, in words.
     pub reason: String,
+    /// One line for people, once something went wrong since the file was opened: what, and how reading went on.
+    pub notice: Option<String>,
+}
+
+impl IoDescription {
+    pub(super) fn new(backend: &str, direct: bool, reason: String) -> IoDescription {
+        IoDescription { backend: backend.into(), direct, reason, notice: None }
+    }
 }
 
 /// Opens `path` for reading in the way that `options` ask for.
@@ -131,12 +140,13 @@ pub fn open(path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
         let reason = format!("pread was asked for; {direct_reason}");
         return Ok(Box::new(Pread::new(source, options.depth, options.pread_threads, reason)));
     }
-    match Uring::new(source, options.depth, format!("the kernel offers io_uring; {direct_reason}")) {
-        Ok(uring) => Ok(Box::new(uring)),
-        Err((_, error)) if options.io == IoChoice::Uring => {
+    let reason = format!("the kernel offers io_uring; {direct_reason}");
+    match Uring::new(source.clone(), options.depth, reason) {
+        Ok(ring) => Ok(Box::new(Failover::new(ring, source, options.pread_threads))),
+        Err(error) if options.io == IoChoice::Uring => {
             Err(refused("io_uring does not work here", path, &error.to_string()))
         }
-        Err((source, error)) => {
+        Err(error) => {
             let reason = format!("io_uring does not work here ({error}); {direct_reason}");
             Ok(Box::new(Pread::new(source, options.depth, options.pread_threads, reason)))
         }
@@ -148,8 +158,9 @@ fn refused(what: &str, path: &Path, numbers: &str) -> Error {
 }
 
 /// An open file and whether its reads go past the page cache.
+#[derive(Clone)]
 pub struct Source {
-    pub(super) file: File,
+    pub(super) file: Arc<File>,
     pub(super) direct: bool,
 }
 
@@ -160,18 +171,21 @@ impl Source {
     }
 }
 
-fn open_source(path: &Path, choice: DirectChoice) -> Result<(Source, String)> {
+pub(super) fn open_source(path: &Path, choice: DirectChoice) -> Result<(Source, String)> {
     let buffered = |reason: String| {
         let file = File::open(path).map_err(|error| Error::io("open", path, &error))?;
         // Pages lie in no order that read-ahead could guess.
         let _ = rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::Random);
-        Ok((Source { file, direct: false }, reason))
+        Ok((Source { file: Arc::new(file), direct: false }, reason))
     };
     if choice == DirectChoice::Off {
         return buffered("buffered reads were asked for".into());
     }
     match open_direct(path) {
-        Ok(file) => Ok((Source { file, direct: true }, "the file system reads past the page cache".into())),
+        Ok(file) => {
+            let source = Source { file: Arc::new(file), direct: true };
+            Ok((source, "the file system reads past the page cache".into()))
+        }
         Err(error) if choice == DirectChoice::On => {
             File::open(path).map_err(|error| Error::io("open", path, &error))?;
             Err(refused("this file system does not read past the page cache", path, &error.to_string()))

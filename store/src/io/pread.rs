@@ -1,6 +1,7 @@
 //! `Pread`: a few threads that call `pread`. Works on every kernel and every file system.
 //!
-//! Invariants: 1. a read is either queued, in the hands of one thread, or done; 2. dropping the backend lets reads that
+//! Invariants: 1. a read is either queued, in the hands of one thread, or done (where the system refuses threads, those
+//! are the caller's hands); 2. dropping the backend lets reads that
 //! are in a thread's hands end, joins the threads, and only then frees buffers; 3. buffered reads are dropped from the
 //! page cache once copied.
 
@@ -20,7 +21,7 @@ pub struct Pread {
     depth: usize,
     in_flight: usize,
     align_bytes: usize,
-    description: IoDescription,
+    pub(super) description: IoDescription,
 }
 
 struct Shared {
@@ -37,9 +38,9 @@ struct Queues {
 }
 
 impl Pread {
-    /// Starts `threads` threads (at least one, at most `depth`) that read from `source`.
+    /// Starts up to `threads` threads (at most `depth`) that read from `source`.
     pub(super) fn new(source: Source, depth: usize, threads: usize, reason: String) -> Pread {
-        let description = IoDescription { backend: "pread".into(), direct: source.direct, reason };
+        let description = IoDescription::new("pread", source.direct, reason);
         let align_bytes = source.align_bytes();
         let queues =
             Queues { waiting: VecDeque::with_capacity(depth), done: Vec::with_capacity(depth), stop: false };
@@ -49,16 +50,13 @@ impl Pread {
             work: Condvar::new(),
             done: Condvar::new(),
         });
-        let threads = (0..threads.clamp(1, depth))
-            .map(|index| {
-                let shared = Arc::clone(&shared);
-                std::thread::Builder::new()
-                    .name(format!("trex-pread-{index}"))
-                    .stack_size(STACK_BYTES)
-                    .spawn(move || shared.serve())
-                    .expect("the system refuses threads")
-            })
-            .collect();
+        let start = |index| {
+            let shared = Arc::clone(&shared);
+            let thread = std::thread::Builder::new().name(format!("trex-pread-{index}"));
+            thread.stack_size(STACK_BYTES).spawn(move || shared.serve()).ok()
+        };
+        // As many as the system gives; with none, the caller reads.
+        let threads = (0..threads.clamp(1, depth)).map_while(start).collect();
         Pread { shared, threads, depth, in_flight: 0, align_bytes, description }
     }
 }
@@ -122,6 +120,12 @@ impl Backend for Pread {
 
     fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
         let mut queues = self.shared.lock();
+        if self.threads.is_empty() {
+            while let Some(mut read) = queues.waiting.pop_front() {
+                let result = self.shared.read(&mut read);
+                queues.done.push(RawDone { read, result });
+            }
+        }
         while wait == Wait::One && queues.done.is_empty() && self.in_flight > 0 {
             queues = self.shared.done.wait(queues).expect("a reading thread panicked");
         }

@@ -105,7 +105,7 @@ impl Reader {
         self.pending.len() - self.free.len()
     }
 
-    /// What was read so far.
+    /// Counters of what was read so far.
     pub fn stats(&self) -> ReaderStats {
         self.stats
     }

@@ -48,7 +48,10 @@ fn extents() -> Vec<Extent> {
 
 /// Reads all extents at the full depth; results in their order.
 fn read_all(backend: Box<dyn Backend>, path: &Path, extents: &[Extent]) -> Vec<Result<Vec<u8>>> {
-    let mut reader = Reader::new(backend, path);
+    read_all_of(&mut Reader::new(backend, path), extents)
+}
+
+fn read_all_of(reader: &mut Reader, extents: &[Extent]) -> Vec<Result<Vec<u8>>> {
     let mut idle: Vec<Staging> =
         (0..reader.room()).map(|_| Staging::new(staging_bytes_for(66 << 10)).unwrap()).collect();
     let mut results: Vec<Option<Result<Vec<u8>>>> = vec![None; extents.len()];
@@ -220,4 +223,70 @@ fn delays_and_flips_follow_the_plan() {
     assert!(start.elapsed() >= Duration::from_millis(2));
     let ones: u32 = results[0].as_ref().unwrap().iter().map(|byte| byte.count_ones()).sum();
     assert_eq!(ones, 1);
+}
+
+/// A ring over `source` whose kernel refuses after so many calls.
+fn failing_ring(source: Source, depth: usize, enters: u32) -> Failover {
+    let ring = Uring::new(source.clone(), depth, "a test".into()).unwrap();
+    let mut failover = Failover::new(ring, source, 3);
+    failover.ring.enters_left = Some(enters);
+    failover
+}
+
+/// One call of `io_uring_enter` that failed left its reads in the ring's queue for ever: the next ones panicked, since
+/// the queue was full, or were read as damaged pages.
+#[test]
+fn a_ring_that_fails_is_left_for_pread() {
+    let content = content();
+    let file = file_of(&content);
+    let extents = extents();
+    for direct in [DirectChoice::Auto, DirectChoice::Off] {
+        for enters in [0, 1, 2, 3, 7, 15] {
+            let (source, _) = open::open_source(file.path(), direct).unwrap();
+            let failover = failing_ring(source, 8, enters);
+            let mut reader = Reader::new(Box::new(failover), file.path());
+            let results = read_all_of(&mut reader, &extents);
+            check_same(&results, &extents, &content);
+            let description = reader.describe();
+            assert_eq!(description.backend, "pread", "{enters}");
+            let notice = description.notice.as_deref().unwrap();
+            assert!(
+                notice.contains("io_uring failed") && notice.contains("Cannot allocate memory"),
+                "{notice}"
+            );
+            assert_eq!((reader.in_flight(), reader.room()), (0, 8));
+        }
+    }
+}
+
+/// Reads that the kernel has taken and never ends: a pipe without a writer's word.
+#[test]
+fn buffers_that_the_kernel_keeps_are_not_given_to_others() {
+    let (receiver, mut sender) = std::io::pipe().unwrap();
+    // For the read that tries the ring.
+    sender.write_all(&[7; ALIGN_BYTES]).unwrap();
+    let file = Arc::new(std::fs::File::from(std::os::fd::OwnedFd::from(receiver)));
+    let mut failover = failing_ring(Source { file, direct: false }, 4, 1);
+    let mut done = Vec::new();
+    let submit = |failover: &mut Failover, tag| {
+        let staging = Staging::new(ALIGN_BYTES).unwrap();
+        failover.submit(RawRead { tag, offset: 0, at: 0, bytes: ALIGN_BYTES, staging });
+    };
+    submit(&mut failover, 0);
+    failover.complete(Wait::No, &mut done);
+    submit(&mut failover, 1);
+    failover.complete(Wait::One, &mut done);
+    // The one that the kernel never took: pipes cannot be read at an offset, so it fails at once.
+    assert_eq!((done.len(), failover.in_flight()), (1, 1));
+    assert_eq!((done[0].read.tag, done[0].result.is_err()), (1, true));
+    failover.complete(Wait::One, &mut done);
+    // The other one, after a second, with another buffer.
+    assert_eq!((done.len(), failover.in_flight(), failover.ring.in_flight()), (2, 0, 0));
+    let RawDone { read, result } = done.pop().unwrap();
+    assert_eq!((read.tag, result.is_err()), (0, true));
+    sender.write_all(&[9; ALIGN_BYTES]).unwrap();
+    std::thread::sleep(Duration::from_millis(20));
+    failover.complete(Wait::No, &mut done);
+    assert!(read.staging.iter().all(|&byte| byte == 0), "the kernel wrote to a buffer that was given back");
+    assert_eq!(failover.ring.set_aside(), 0, "the buffer was waited for");
 }

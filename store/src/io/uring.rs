@@ -2,19 +2,33 @@
 //!
 //! Unsafe code stands here because the kernel writes to the buffers of queued reads.
 //!
+//! ```text
+//! submit -> queue (the kernel takes from it in `enter` alone) -> in the kernel's hands -> completion -> reaped
+//!              '--- a ring that failed is never entered again: taken back ---'   '--- still awaited ---'
+//! ```
+//!
 //! Invariants
-//! 1. `flights[i]` owns the buffer of the queued read with user data `i` until its completion has been reaped.
-//! 2. Drop reaps every read. Should the ring itself fail, the buffers are leaked: lost memory is better than memory
-//!    that the kernel writes to after it was given to somebody else.
-//! 3. No more than `depth` reads are queued, so neither queue can overflow.
-//! 4. Buffered reads leave nothing in the page cache: RWF_DONTCACHE where the kernel has it (6.14), fadvise elsewhere.
+//! 1. `flights[i]` owns the buffer of the read with user data `i` until its completion has been reaped, or until it is
+//!    known that the kernel never took it.
+//! 2. No more than `depth` reads are queued, so neither queue can overflow.
+//! 3. Buffered reads leave nothing in the page cache: RWF_DONTCACHE where the kernel has it (6.14), fadvise elsewhere.
+//! 4. A ring whose `enter` has failed is left for good. Reads that the kernel has not taken (it moves the head of the
+//!    queue for each that it takes) come back as they were. The others are still the kernel's: completions are written
+//!    to shared memory without our asking, so they are waited for by looking there. One that has not come within
+//!    [`PATIENCE`] is read again elsewhere into another buffer, and its own is set aside until it does come: the one
+//!    memory that nobody leases, at most a buffer for each read in flight.
+//! 5. Closing a ring only *begins* to cancel what is in flight, so no drop may rely on it. Drop waits for completions;
+//!    what a ring that failed still owes after [`PATIENCE`] is leaked: lost memory is better than memory that the
+//!    kernel writes to after it was given to somebody else.
 #![allow(unsafe_code)]
 
 use super::open::drop_cached;
-use super::{Backend, IoDescription, RawDone, RawRead, Source, Wait, check_read};
+use super::{Backend, IoDescription, RawDone, RawRead, Source, Staging, Wait, check_read};
 use io_uring::{IoUring, opcode, types};
+use std::collections::VecDeque;
 use std::io::{Error, ErrorKind, Result};
 use std::os::fd::AsRawFd;
+use std::time::{Duration, Instant};
 
 /// Tells the kernel to drop what a buffered read brought to the cache.
 const RWF_DONTCACHE: i32 = 0x80;
@@ -22,61 +36,68 @@ const RWF_DONTCACHE: i32 = 0x80;
 /// Tries of one system call that reports EINTR, EAGAIN or EBUSY before the ring counts as broken.
 const ENTER_TRIES_MAX: u32 = 1000;
 
+/// How long a read of a ring that failed may take. A disk that works answers in a tenth of that under any load.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Sleep between two looks for completions of a ring that failed; each is a kernel entry, which lets them be posted.
+pub(super) const GLANCE: Duration = Duration::from_micros(200);
+
 /// Reads through a ring of its own.
 pub struct Uring {
     ring: IoUring,
     source: Source,
-    flights: Vec<Option<RawRead>>,
+    flights: Vec<Option<Flight>>,
     free: Vec<u32>,
-    /// A ring that failed: what was asked of it since fails with this error number.
-    broken: Option<i32>,
+    /// Reads in the queue, in its order; the kernel takes from the front.
+    queued: VecDeque<u32>,
+    /// Flights whose reads were taken back.
+    set_aside: usize,
+    /// Why the ring was left, and when.
+    failed: Option<(Error, Instant)>,
     uncached: bool,
     description: IoDescription,
+    /// Lets `enter` fail after so many calls.
+    #[cfg(test)]
+    pub(super) enters_left: Option<u32>,
+}
+
+/// A read that the ring has.
+struct Flight {
+    read: RawRead,
+    /// It was taken back: only its buffer is waited for.
+    is_set_aside: bool,
 }
 
 impl Uring {
-    /// Sets a ring up and reads once through it. Gives the source back when the kernel refuses.
-    pub(super) fn new(
-        source: Source,
-        depth: usize,
-        reason: String,
-    ) -> std::result::Result<Uring, (Source, Error)> {
+    /// Sets a ring up and reads once through it. An error when the kernel refuses.
+    pub(super) fn new(source: Source, depth: usize, reason: String) -> Result<Uring> {
         // Completions are reaped by the thread that waits for them: no interrupt of other work is needed.
         let ring = IoUring::builder()
             .setup_coop_taskrun()
             .build(depth as u32)
-            .or_else(|_| IoUring::new(depth as u32));
-        let ring = match ring {
-            Ok(ring) => ring,
-            Err(error) => return Err((source, error)),
-        };
-        let description = IoDescription { backend: "uring".into(), direct: source.direct, reason };
+            .or_else(|_| IoUring::new(depth as u32))?;
+        let description = IoDescription::new("uring", source.direct, reason);
         let mut uring = Uring {
             ring,
             uncached: !source.direct,
             source,
             flights: (0..depth).map(|_| None).collect(),
             free: (0..depth as u32).collect(),
-            broken: None,
+            queued: VecDeque::with_capacity(depth),
+            set_aside: 0,
+            failed: None,
             description,
+            #[cfg(test)]
+            enters_left: None,
         };
-        match uring.probe() {
-            Ok(()) => Ok(uring),
-            Err(error) => {
-                let file = uring.source.file.try_clone();
-                match file {
-                    Ok(file) => Err((Source { file, direct: uring.source.direct }, error)),
-                    // No descriptor left: the ring that failed will say so with each read.
-                    Err(_) => Ok(uring),
-                }
-            }
-        }
+        uring.probe()?;
+        Ok(uring)
     }
 
     /// One read, to see that opcode and flags work (kernels before 5.6 have rings without plain reads).
     fn probe(&mut self) -> Result<()> {
         for _ in 0..2 {
-            let staging = super::Staging::new(super::ALIGN_BYTES).map_err(Error::other)?;
+            let staging = Staging::new(super::ALIGN_BYTES).map_err(Error::other)?;
             let mut done = Vec::with_capacity(1);
             self.submit(RawRead { tag: 0, offset: 0, at: 0, bytes: super::ALIGN_BYTES, staging });
             self.complete(Wait::One, &mut done);
@@ -84,14 +105,21 @@ impl Uring {
                 Some(Ok(_)) => return Ok(()),
                 Some(Err(_)) if self.uncached => self.uncached = false,
                 Some(Err(error)) => return Err(error),
-                None => return Err(Error::other("a read did not come back")),
+                None => {
+                    let failed = self.failed.as_ref().map(|(error, _)| error.to_string());
+                    return Err(Error::other(failed.unwrap_or("a read did not come back".into())));
+                }
             }
         }
         Ok(())
     }
 
     /// Submits what is queued and waits for `want` completions. An error means that the ring is broken.
-    fn enter(&self, want: usize) -> Result<()> {
+    fn enter(&mut self, want: usize) -> Result<()> {
+        #[cfg(test)]
+        if let Some(left) = &mut self.enters_left {
+            *left = left.checked_sub(1).ok_or(rustix::io::Errno::NOMEM)?;
+        }
         for _ in 0..ENTER_TRIES_MAX {
             match self.ring.submit_and_wait(want) {
                 Ok(_) => return Ok(()),
@@ -108,8 +136,13 @@ impl Uring {
     fn reap(&mut self, done: &mut Vec<RawDone>) {
         for entry in self.ring.completion() {
             let index = entry.user_data() as usize;
-            let read = self.flights[index].take().expect("a completion without a read");
+            let Flight { read, is_set_aside } =
+                self.flights[index].take().expect("a completion without a read");
             self.free.push(index as u32);
+            if is_set_aside {
+                self.set_aside -= 1;
+                continue;
+            }
             let result = match entry.result() {
                 got @ 0.. => Ok(got as usize),
                 errno => Err(Error::from_raw_os_error(-errno)),
@@ -136,11 +169,12 @@ impl Backend for Uring {
     }
 
     fn in_flight(&self) -> usize {
-        self.flights.len() - self.free.len()
+        self.flights.len() - self.free.len() - self.set_aside
     }
 
     fn submit(&mut self, mut read: RawRead) {
         check_read(&read, self.in_flight(), self.depth(), self.align_bytes());
+        assert!(self.failed.is_none(), "a read for a ring that failed");
         let index = self.free.pop().expect("checked above");
         let target = read.target();
         let entry = opcode::Read::new(
@@ -152,42 +186,67 @@ impl Backend for Uring {
         .rw_flags(if self.uncached { RWF_DONTCACHE } else { 0 })
         .build()
         .user_data(u64::from(index));
-        self.flights[index as usize] = Some(read);
-        // SAFETY: buffer and file live in `self` until the completion has been reaped (invariants 1 and 2); moving
-        // the `RawRead` moves a handle, not the mapped memory.
+        self.flights[index as usize] = Some(Flight { read, is_set_aside: false });
+        self.queued.push_back(index);
+        // SAFETY: buffer and file live in `self` until the completion has been reaped or the kernel is known not to
+        // have taken the read (invariants 1, 4 and 5); moving the `RawRead` moves a handle, not the mapped memory.
         let pushed = unsafe { self.ring.submission().push(&entry) };
         assert!(pushed.is_ok(), "the ring has fewer entries than the depth");
     }
 
     fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
-        let in_flight = self.in_flight();
-        if in_flight == 0 {
-            return;
-        }
-        if let Some(errno) = self.broken {
-            // The kernel may hold the buffers still: they stay in `flights`, and the reads fail with new ones.
-            return self.fail_all(errno, done);
-        }
         let before = done.len();
         self.reap(done);
+        if self.in_flight() == 0 || self.failed.is_some() {
+            return;
+        }
         let want = usize::from(wait == Wait::One && done.len() == before);
         if let Err(error) = self.enter(want) {
-            self.broken = Some(error.raw_os_error().unwrap_or(rustix::io::Errno::IO.raw_os_error()));
+            self.failed = Some((error, Instant::now()));
         }
+        let left = self.ring.submission().len();
+        self.queued.drain(..self.queued.len() - left);
         self.reap(done);
     }
 }
 
+/// A ring that failed.
 impl Uring {
-    /// Ends all reads of a broken ring. The old buffers are leaked (invariant 2).
-    fn fail_all(&mut self, errno: i32, done: &mut Vec<RawDone>) {
-        for (index, flight) in self.flights.iter_mut().enumerate() {
-            if let Some(mut read) = flight.take() {
-                let fresh = super::Staging::new(read.staging.len()).expect("no memory after a broken ring");
-                std::mem::forget(std::mem::replace(&mut read.staging, fresh));
-                done.push(RawDone { read, result: Err(Error::from_raw_os_error(errno)) });
-                self.free.push(index as u32);
-            }
+    /// Why the ring was left. From then on nothing may be submitted, and [`Backend::complete`] never waits.
+    pub(super) fn failure(&self) -> Option<&Error> {
+        self.failed.as_ref().map(|(error, _)| error)
+    }
+
+    /// Buffers that the kernel may still write to, of reads that were taken back.
+    #[cfg(test)]
+    pub(super) fn set_aside(&self) -> usize {
+        self.set_aside
+    }
+
+    /// Takes reads back that must be made elsewhere: those that the kernel never took; and, once [`PATIENCE`] is over,
+    /// those whose completions have not come, with new buffers, as far as there is memory for these.
+    pub(super) fn take_back(&mut self, reads: &mut Vec<RawRead>) {
+        let Some((_, since)) = &self.failed else { return };
+        let is_late = since.elapsed() >= PATIENCE;
+        self.take_unsent(reads);
+        if self.in_flight() == 0 || !is_late {
+            return;
+        }
+        for flight in self.flights.iter_mut().flatten().filter(|flight| !flight.is_set_aside) {
+            let RawRead { tag, offset, at, bytes, ref staging } = flight.read;
+            // Without memory the old buffer goes on waiting.
+            let Ok(staging) = Staging::new(staging.len()) else { return };
+            reads.push(RawRead { tag, offset, at, bytes, staging });
+            flight.is_set_aside = true;
+            self.set_aside += 1;
+        }
+    }
+
+    /// Takes back what the kernel never took.
+    fn take_unsent(&mut self, reads: &mut Vec<RawRead>) {
+        for index in self.queued.drain(..) {
+            reads.extend(self.flights[index as usize].take().map(|flight| flight.read));
+            self.free.push(index);
         }
     }
 }
@@ -195,11 +254,19 @@ impl Uring {
 impl Drop for Uring {
     fn drop(&mut self) {
         let mut done = Vec::new();
-        while self.in_flight() > 0 && self.broken.is_none() {
+        while self.in_flight() > 0 && self.failed.is_none() {
             self.complete(Wait::One, &mut done);
         }
-        for read in self.flights.drain(..).flatten() {
-            std::mem::forget(read);
+        self.take_unsent(&mut Vec::new());
+        while let Some((_, since)) = &self.failed
+            && self.free.len() < self.flights.len()
+            && since.elapsed() < PATIENCE
+        {
+            std::thread::sleep(GLANCE);
+            self.reap(&mut done);
+        }
+        for flight in self.flights.drain(..).flatten() {
+            std::mem::forget(flight);
         }
     }
 }

@@ -5,8 +5,8 @@
 //! records of 64 leaves                -> Coarser  -> records of their parent, one per material
 //! ```
 //!
-//! Invariants: 1. a bit of a parent is set when and only when that child is there: a triangle touches a cube when and only
-//! when it touches a part of it; 2. sums are made in the order of keys; 3. memory is a record per material.
+//! Invariants: 1. a bit of a parent is set when and only when that child is there: a triangle touches a cube when and
+//! only when it touches a part of it; 2. sums are made in the order of keys; 3. memory is a record per material.
 
 use super::voxelize::Record;
 use super::{KEY_BITS, NODE_SIDE};

@@ -5,17 +5,17 @@
 //!                -> masks of its nodes, which stay in memory: about a byte a leaf
 //! ```
 //!
-//! Invariants: 1. memory is a block for each stream and the masks; 2. scratch files are unlinked from the start.
+//! Invariants: 1. memory is a block for each stream, the length of each of its blocks, and the masks; 2. a block in a
+//! scratch file is named by its offset.
 
 use super::coarsen::OpenLeaf;
 use super::payload::{LeafNormal, pack_area};
 use super::stored::{BLOCK_BYTES, head, packed_planes};
 use super::voxelize::Record;
 use super::{KEY_BITS, MAX_DEPTH, VoxelGrid};
-use crate::error::{Error, Result};
-use std::fs::File;
-use std::io::{Read, Seek, Write};
-use std::path::{Path, PathBuf};
+use crate::error::Result;
+use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
+use std::path::Path;
 
 /// Bytes of memory that the blocks of all streams take, with what packing takes.
 pub(crate) const STREAM_BYTES: u64 = 16 * BLOCK_BYTES as u64;
@@ -116,15 +116,16 @@ impl UpperBuilder {
 struct Stream {
     bytes: usize,
     block: Vec<u64>,
-    file: File,
-    folder: PathBuf,
+    scratch: ScratchFile,
+    /// Bytes of each block in it.
+    written: Vec<u32>,
+    scratch_bytes: u64,
 }
 
 impl Stream {
     fn new(bytes: usize, folder: &Path) -> Result<Stream> {
-        let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
-        Ok(Stream { bytes, block: Vec::new(), file, folder: folder.to_path_buf() })
+        let scratch = ScratchFile::create(folder)?;
+        Ok(Stream { bytes, block: Vec::new(), scratch, written: Vec::new(), scratch_bytes: 0 })
     }
 
     fn push(&mut self, word: u64) -> Result<()> {
@@ -136,23 +137,23 @@ impl Stream {
         if self.block.is_empty() {
             return Ok(());
         }
-        let packed = packed_planes(&self.block, self.bytes);
+        let mut sealed = vec![0; SEAL_BYTES];
+        sealed.extend(packed_planes(&self.block, self.bytes));
         self.block.clear();
-        self.file
-            .write_all(&packed)
-            .map_err(|e| Error::writing("write to the scratch file", &self.folder, &e))
+        seal(&mut sealed, self.scratch_bytes);
+        self.scratch.write(&sealed, self.scratch_bytes)?;
+        self.written.push(sealed.len() as u32);
+        self.scratch_bytes += sealed.len() as u64;
+        Ok(())
     }
 
     fn finish(mut self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         self.flush()?;
-        let failed = |e: &std::io::Error| Error::io("read the scratch file", &self.folder, e);
-        self.file.rewind().map_err(|e| failed(&e))?;
-        let mut piece = vec![0; BLOCK_BYTES];
-        loop {
-            match self.file.read(&mut piece).map_err(|e| failed(&e))? {
-                0 => return Ok(()),
-                count => put(&piece[..count])?,
-            }
+        let (mut offset, mut buffer) = (0, Vec::new());
+        for bytes in self.written {
+            put(self.scratch.read(offset, bytes as usize, offset, &mut buffer)?)?;
+            offset += u64::from(bytes);
         }
+        Ok(())
     }
 }

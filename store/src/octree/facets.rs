@@ -4,20 +4,21 @@
 //! node of 64 leaves -> leaves whose mean normal is longest along +x | -x | +y | -y | +z | -z    (those that are there)
 //! ```
 //!
-//! Why not per leaf: a fat voxel that stands out of a slanted surface catches more light than its area says, and is met by
-//! more rays, too: the mean of what rays fetch comes out too high, by 13 % on a sphere of 64 leaves across (Jensen's
-//! inequality on caught / own area). Over a node the two agree to half a percent. It also takes a sixth of the memory.
+//! Why not per leaf: a fat voxel that stands out of a slanted surface catches more light than its area says, and is
+//! met by more rays, too: the mean of what rays fetch comes out too high, by 13 % on a sphere of 64 leaves across
+//! (Jensen's inequality on caught / own area). Over a node the two agree to half a percent. It also takes a sixth of
+//! the memory.
 //!
-//! A leaf that a triangle merely grazes has nearly no area, yet its subvoxels catch light on their whole cross section: its
-//! area counts as no less than [`AREA_OF_SUBVOXEL`] for each set bit.
+//! A leaf that a triangle merely grazes has nearly no area, yet its subvoxels catch light on their whole cross
+//! section: its area counts as no less than [`AREA_OF_SUBVOXEL`] for each set bit.
 //!
 //! Invariants: 1. every leaf belongs to one facet of its node; 2. every facet has a positive area.
 
 use super::upper::OctreeNode;
 use super::{LEAF_SIDE, LeafNormal};
 
-/// Least area per set bit of a bitmap, in squares of a subvoxel: a plane across an axis has 1, slanted ones set up to 1.7
-/// bits per square of their area.
+/// Least area per set bit of a bitmap, in squares of a subvoxel: a plane across an axis has 1, slanted ones set up to
+/// 1.7 bits per square of their area.
 const AREA_OF_SUBVOXEL: f32 = 0.6;
 
 /// The facets of all last nodes.

@@ -6,12 +6,12 @@
 //! families along the Hilbert curve: finest units -> pages;  then the units that lead to them -> pages
 //! ```
 //!
-//! Why the curve: keys follow rows of 4x4x4 nodes, which jump; along the curve neighbours share a page, and the next page
-//! lies beside it in the model.
+//! Why the curve: keys follow rows of 4x4x4 nodes, which jump; along the curve neighbours share a page, and the next
+//! page lies beside it in the model.
 //!
-//! Invariants: 1. a page is filled until the next unit does not fit; 2. memory is a family, and for each linking node its
-//! place and word (and, where units nest, a word for each upper leaf while pages are made); 3. the scratch file is unlinked
-//! from the start.
+//! Invariants: 1. a page is filled until the next unit does not fit; 2. memory is a family, and for each linking node
+//! its place and word (and, where units nest, a word for each upper leaf while pages are made); 3. a family in the
+//! scratch file is named by its offset.
 
 use super::coarsen::{Coarser, OpenLeaf};
 use super::links::{LowerLinks, PAGE_UNITS, UnitRef};
@@ -19,18 +19,18 @@ use super::payload::LeafNormal;
 use super::units::{Counts, Stored, Units, material_bytes};
 use super::voxelize::Record;
 use super::{KEY_BITS, Refinement, UpperBuilder, VoxelGrid, place_of};
-use crate::error::{Code, Error, Result};
+use crate::error::Result;
 use crate::geom::hilbert_key;
 use crate::layout::{FRAME_BYTES, PAGES, too_many_pages};
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
+use std::path::Path;
 
 /// Bytes of a material in the scratch file.
 const SCRATCH_MATERIAL_BYTES: usize = 2;
 /// Bytes of a leaf's words, and how many copies of a family there are while it is packed.
 const WORK_LEAF_BYTES: u64 = 4 * (8 + 2 + 2);
+/// Bytes of families that are written together.
+const WRITE_BYTES: usize = 64 << 10;
 
 /// Makes units and upper records of the finest records.
 pub(crate) struct LowerBuilder {
@@ -42,9 +42,10 @@ pub(crate) struct LowerBuilder {
     /// Key of the linking node at hand.
     open: Option<u64>,
     families: Vec<Family>,
-    scratch: BufWriter<File>,
+    scratch: ScratchFile,
+    /// The end of what was made, which `unwritten` is the last part of.
     scratch_bytes: u64,
-    folder: PathBuf,
+    unwritten: Vec<u8>,
     leaf_count: u64,
 }
 
@@ -63,6 +64,16 @@ struct Family {
     place: u64,
     offset: u64,
     bytes: u32,
+    unpacked_bytes: u32,
+}
+
+/// Where pages of units begin.
+#[derive(Clone, Copy)]
+pub(crate) struct FirstPage {
+    /// Number of the first one.
+    pub(crate) number: u32,
+    /// Materials of the model.
+    pub(crate) material_count: usize,
 }
 
 /// What [`LowerBuilder::finish`] leaves to be written.
@@ -82,8 +93,6 @@ pub(crate) fn family_bytes(refinement: Refinement) -> u64 {
 impl LowerBuilder {
     /// For an upper octree on `grid`; scratch files go to `folder`.
     pub(crate) fn new(grid: VoxelGrid, refinement: Refinement, folder: &Path) -> Result<LowerBuilder> {
-        let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
         Ok(LowerBuilder {
             upper: UpperBuilder::new(grid, folder)?,
             grid,
@@ -91,9 +100,9 @@ impl LowerBuilder {
             levels: (0..refinement.levels()).map(|_| Level::default()).collect(),
             open: None,
             families: Vec::new(),
-            scratch: BufWriter::new(file),
+            scratch: ScratchFile::create(folder)?,
             scratch_bytes: 0,
-            folder: folder.to_path_buf(),
+            unwritten: Vec::new(),
             leaf_count: 0,
         })
     }
@@ -156,39 +165,44 @@ impl LowerBuilder {
             units.clear();
             *last = None;
         }
-        let packed = lz4_flex::block::compress_prepend_size(&bytes);
-        self.scratch
-            .write_all(&packed)
-            .map_err(|e| Error::writing("write to the scratch file", &self.folder, &e))?;
+        let begin = self.unwritten.len();
+        self.unwritten.extend([0; SEAL_BYTES]);
+        self.unwritten.extend(lz4_flex::block::compress(&bytes));
+        let block = &mut self.unwritten[begin..];
+        seal(block, self.scratch_bytes);
         let above = self.grid.depth() - 1;
         let place = hilbert_key(place_of(key, above), 2 * above as u32);
-        self.families.push(Family { place, offset: self.scratch_bytes, bytes: packed.len() as u32 });
-        self.scratch_bytes += packed.len() as u64;
+        let (offset, block_bytes) = (self.scratch_bytes, block.len() as u32);
+        let family = Family { place, offset, bytes: block_bytes, unpacked_bytes: bytes.len() as u32 };
+        self.families.push(family);
+        self.scratch_bytes += u64::from(block_bytes);
+        if self.unwritten.len() >= WRITE_BYTES { self.write() } else { Ok(()) }
+    }
+
+    fn write(&mut self) -> Result<()> {
+        self.scratch.write(&self.unwritten, self.scratch_bytes - self.unwritten.len() as u64)?;
+        self.unwritten.clear();
         Ok(())
     }
 
-    /// Gives the stored form of each page of units, before packing, to `put`; they are numbered from `first_page` on.
+    /// Gives the stored form of each page of units, before packing, to `put`; they are numbered from the first one on.
     ///
     /// # Errors
     /// Those of scratch files and of `put`; [`Code::InputRange`] when there are more pages than a file can have.
     pub(crate) fn finish(
         mut self,
-        (first_page, material_count): (u32, usize),
+        FirstPage { number, material_count }: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
     ) -> Result<Finished> {
         self.end_family()?;
         if self.levels.is_empty() {
             return Ok(Finished { upper: self.upper, links: None, leaf_count: 0 });
         }
-        let folder = self.folder;
-        let file = self
-            .scratch
-            .into_inner()
-            .map_err(|e| Error::writing("write to the scratch file", &folder, e.error()))?;
+        self.write()?;
         let mut order: Vec<u32> = (0..self.families.len() as u32).collect();
         order.sort_unstable_by_key(|&family| self.families[family as usize].place);
         let mut pages = Pages {
-            next: first_page,
+            next: number,
             material_bytes: material_bytes(material_count),
             open: Units::default(),
             put,
@@ -198,7 +212,7 @@ impl LowerBuilder {
             let mut below = nested.into_iter();
             nested = Vec::new();
             for &family in &order {
-                let bytes = self.families[family as usize].read(&file, &folder)?;
+                let bytes = self.families[family as usize].read(&self.scratch)?;
                 let stored = part(&bytes, self.levels.len() - 1 - level);
                 let mut begin = Counts::default();
                 for &nodes in stored.units {
@@ -252,15 +266,12 @@ impl Level {
 }
 
 impl Family {
-    fn read(&self, file: &File, folder: &Path) -> Result<Vec<u8>> {
-        let mut packed = vec![0; self.bytes as usize];
-        file.read_exact_at(&mut packed, self.offset)
-            .map_err(|e| Error::io("read the scratch file", folder, &e))?;
-        lz4_flex::block::decompress_size_prepended(&packed).map_err(|_| {
-            Error::new(Code::Io, "the scratch file gave back other bytes than were written")
-                .at_byte(folder, self.offset)
-                .next("check the disk")
-        })
+    fn read(&self, scratch: &ScratchFile) -> Result<Vec<u8>> {
+        let mut packed = Vec::new();
+        let packed = scratch.read(self.offset, self.bytes as usize, self.offset, &mut packed)?;
+        let mut bytes = vec![0; self.unpacked_bytes as usize];
+        let unpacked = lz4_flex::block::decompress_into(packed, &mut bytes);
+        if unpacked.ok() == Some(bytes.len()) { Ok(bytes) } else { Err(scratch.damaged(self.offset)) }
     }
 }
 

@@ -5,8 +5,8 @@
 //! word     page in bits 0 to 24, unit within it in bits 25 to 31
 //! ```
 //!
-//! Linking nodes are the last nodes of the upper octree, in its order: one word each, so that a page is linked by looking it
-//! up, and nothing is written when it comes or goes. Paper, section 4.2.
+//! Linking nodes are the last nodes of the upper octree, in its order: one word each, so that a page is linked by
+//! looking it up, and nothing is written when it comes or goes. Paper, section 4.2.
 //!
 //! Invariants: 1. every word leads to a page of units; whether the page has such a unit is known when it is read.
 
@@ -34,7 +34,7 @@ impl UnitRef {
     }
 
     /// Of its word.
-    pub(super) fn of(word: u32) -> UnitRef {
+    pub(super) fn from_word(word: u32) -> UnitRef {
         UnitRef(word)
     }
 
@@ -56,7 +56,7 @@ impl UnitRef {
     }
 }
 
-/// What the lower octrees of a file take, by the head of their section.
+/// Sizes of the lower octrees of a file, by the head of their section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LowerSize {
     /// How much finer their leaves are.
@@ -87,7 +87,7 @@ impl LowerLinks {
     /// What a section of `stored_bytes` with `link_count` words takes, by its head; `None` for no such head.
     pub(crate) fn peek(head: &[u8], link_count: u32, stored_bytes: u64) -> Option<LowerSize> {
         let mut r = Reader(head);
-        let (refinement, leaf_count) = (Refinement::of(r.u32()?)?, r.u64()?);
+        let (refinement, leaf_count) = (Refinement::from_factor(r.u32()?)?, r.u64()?);
         let resident_bytes = u64::from(link_count) * WORD_BYTES as u64;
         let sound =
             refinement != Refinement::None && resident_bytes <= stored_bytes.checked_mul(PACKED_MOST)?;
@@ -112,7 +112,7 @@ impl LowerLinks {
         let mut r = Reader(&bytes[LowerLinks::HEAD_BYTES..]);
         let mut words = Vec::with_capacity(link_count);
         r.planes(link_count, WORD_BYTES, |word| words.push(word as u32))?;
-        let sound = r.0.is_empty() && words.iter().all(|&word| is_units(UnitRef::of(word).page()));
+        let sound = r.0.is_empty() && words.iter().all(|&word| is_units(UnitRef::from_word(word).page()));
         sound.then_some(LowerLinks { refinement: size.refinement, words })
     }
 

@@ -1,19 +1,18 @@
 //! Runs of records in a scratch file, and their merge into leaves.
 //!
 //! ```text
-//! run = blocks of up to 128 records, LZ4;   merge: a heap over the runs' next records, equal ones summed
+//! run = blocks of up to 128 records: seal (`crate::scratch`), LZ4;   merge: a heap over the runs' next records, equal ones summed
 //! ```
 //!
-//! Invariants: 1. the file is unlinked from the start; 2. records of one leaf and material are summed in the order of
-//! runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
+//! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in
+//! the order of runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
 
 use super::voxelize::Record;
-use crate::error::{Code, Error, Result};
+use crate::error::Result;
+use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 
 /// Records of a block.
@@ -23,8 +22,7 @@ pub(crate) const RUN_BYTES: u64 = (BLOCK * size_of::<Record>() * 2) as u64;
 
 /// The runs of all chunks.
 pub(crate) struct VoxelRuns {
-    file: File,
-    folder: PathBuf,
+    file: ScratchFile,
     written: Mutex<Written>,
 }
 
@@ -46,9 +44,7 @@ struct Run {
 impl VoxelRuns {
     /// Makes the scratch file in `folder`.
     pub(crate) fn create(folder: &Path) -> Result<VoxelRuns> {
-        let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
-        Ok(VoxelRuns { file, folder: folder.to_path_buf(), written: Mutex::default() })
+        Ok(VoxelRuns { file: ScratchFile::create(folder)?, written: Mutex::default() })
     }
 
     /// Bytes written, runs, and records.
@@ -63,31 +59,32 @@ impl VoxelRuns {
         let mut bytes = Vec::new();
         let mut blocks = Vec::new();
         for block in records.chunks(BLOCK) {
-            let packed = lz4_flex::block::compress(bytemuck::cast_slice(block));
-            blocks.push(packed.len() as u32);
-            bytes.extend(packed);
+            let begin = bytes.len();
+            bytes.extend([0; SEAL_BYTES]);
+            bytes.extend(lz4_flex::block::compress(bytemuck::cast_slice(block)));
+            seal(&mut bytes[begin..], block_name(order, blocks.len()));
+            blocks.push((bytes.len() - begin) as u32);
         }
         let mut written = self.written.lock().expect("no panic while held");
         let offset = written.end;
-        self.file.write_all_at(&bytes, offset).map_err(|e| {
-            let failed = Error::writing("write to the scratch file", &self.folder, &e);
-            if e.kind() == std::io::ErrorKind::StorageFull {
-                return failed.next("free space there, or name another folder with --temp-dir");
-            }
-            failed
-        })?;
+        self.file.write(&bytes, offset)?;
         written.end += bytes.len() as u64;
         written.runs.push(Run { order, offset, blocks, record_count: records.len() });
         drop(written);
         // Started, not waited for: the pages leave the cache when they are clean and dropped after the merge.
         let _ = rustix::fs::fadvise(
-            &self.file,
+            self.file.file(),
             offset,
             std::num::NonZeroU64::new(bytes.len() as u64),
             rustix::fs::Advice::DontNeed,
         );
         Ok(())
     }
+}
+
+/// The name of a block: numbers of chunks and runs are far from 32 and 16 bits, and a run has few blocks.
+fn block_name((chunk, run): (u32, u32), number: usize) -> u64 {
+    u64::from(chunk) << 32 | u64::from(run) << 16 ^ number as u64
 }
 
 /// A run while it is merged.
@@ -104,17 +101,14 @@ impl Reader {
         if self.at == self.block.len() {
             let Some(&bytes) = self.run.blocks.get(self.next_block) else { return Ok(None) };
             let count = (self.run.record_count - self.next_block * BLOCK).min(BLOCK);
-            let mut packed = vec![0; bytes as usize];
-            runs.file
-                .read_exact_at(&mut packed, self.run.offset)
-                .map_err(|e| Error::io("read the scratch file", &runs.folder, &e))?;
+            let name = block_name(self.run.order, self.next_block);
+            let mut packed = Vec::new();
+            let packed = runs.file.read(self.run.offset, bytes as usize, name, &mut packed)?;
             self.block.resize(count, Record::default());
             let unpacked =
-                lz4_flex::block::decompress_into(&packed, bytemuck::cast_slice_mut(&mut self.block));
+                lz4_flex::block::decompress_into(packed, bytemuck::cast_slice_mut(&mut self.block));
             if unpacked.ok() != Some(count * size_of::<Record>()) {
-                return Err(Error::new(Code::Io, "the scratch file gave back other bytes than were written")
-                    .at_byte(&runs.folder, self.run.offset)
-                    .next("check the disk"));
+                return Err(runs.file.damaged(self.run.offset));
             }
             self.run.offset += u64::from(bytes);
             (self.next_block, self.at) = (self.next_block + 1, 0);

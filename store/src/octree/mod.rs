@@ -7,12 +7,13 @@
 //! ```
 //!
 //! A node divides its cube by 4 along each axis: two octree levels at once, so that 64 children fit a word. Leaves are
-//! nodes of the same kind: their 64 children are the *occluder bitmap*, the subvoxels that the surface touches. So a leaf's
-//! bitmap is also the mask of the finer leaves in it: what lies below the upper leaves, the *lower octrees*, needs no masks.
+//! nodes of the same kind: their 64 children are the *occluder bitmap*, the subvoxels that the surface touches. So a
+//! leaf's bitmap is also the mask of the finer leaves in it: what lies below the upper leaves, the *lower octrees*,
+//! needs no masks.
 //!
-//! Invariants: 1. a subvoxel is set when and only when a triangle overlaps it, exactly (integers); 2. no vertex lies on a
-//! boundary, since boundaries stand half a lattice step off: a wall on a grid plane marks one layer, not two; 3. leaves
-//! and sums do not depend on threads: records are made and merged in the order of chunks.
+//! Invariants: 1. a subvoxel is set when and only when a triangle overlaps it, exactly (integers); 2. no vertex lies
+//! on a boundary, since boundaries stand half a lattice step off: a wall on a grid plane marks one layer, not two; 3.
+//! leaves and sums do not depend on threads: records are made and merged in the order of chunks.
 
 mod coarsen;
 mod emit;
@@ -29,7 +30,7 @@ mod voxelize;
 
 pub(crate) use emit::{STREAM_BYTES, UpperBuilder};
 pub use facets::Facets;
-pub(crate) use families::{Finished, LowerBuilder, family_bytes};
+pub(crate) use families::{Finished, FirstPage, LowerBuilder, family_bytes};
 pub use links::{LowerLinks, LowerSize, UnitRef};
 pub(crate) use merge::{RUN_BYTES, VoxelRuns, merge};
 pub(crate) use payload::LeafNormal;
@@ -66,7 +67,7 @@ impl Refinement {
     pub const ALL: [Refinement; 3] = [Refinement::None, Refinement::By4, Refinement::By16];
 
     /// By its number; `None` for one that is not offered.
-    pub fn of(factor: u32) -> Option<Refinement> {
+    pub fn from_factor(factor: u32) -> Option<Refinement> {
         Refinement::ALL.into_iter().find(|known| known.factor() == factor)
     }
 
@@ -95,7 +96,7 @@ pub struct VoxelGrid {
 impl VoxelGrid {
     /// Over lattice points `lo` to `hi`, with `resolution` leaves along the longest side, which can be divided by
     /// `refinement`: boundaries of finer leaves are on the lattice, too.
-    pub fn over(lo: [i64; 3], hi: [i64; 3], resolution: u32, refinement: Refinement) -> VoxelGrid {
+    pub fn from_bounds(lo: [i64; 3], hi: [i64; 3], resolution: u32, refinement: Refinement) -> VoxelGrid {
         assert!(is_upper(resolution), "{resolution} leaves along an axis");
         let points = (0..3).map(|a| hi[a] - lo[a] + 1).max().expect("three axes").max(1) as u64;
         let steps = points.div_ceil(u64::from(resolution * LEAF_SIDE));
@@ -166,7 +167,7 @@ mod tests {
         {
             for resolution in [64, 256, 512, 1024] {
                 for refinement in Refinement::ALL {
-                    let upper = VoxelGrid::over(lo, hi, resolution, refinement);
+                    let upper = VoxelGrid::from_bounds(lo, hi, resolution, refinement);
                     let grid = upper.refined(refinement);
                     assert_eq!(grid.depth(), upper.depth() + refinement.levels());
                     for grid in [upper, grid] {

@@ -8,8 +8,8 @@ const OCTAHEDRAL_BITS: u32 = 6;
 const OCTAHEDRAL_MOST: i32 = (1 << OCTAHEDRAL_BITS) - 2;
 const LENGTH_MOST: f32 = 15.0;
 
-/// Mean normal of a leaf: direction (octahedral, Cigolle et al., "A survey of efficient representations for independent unit
-/// vectors", JCGT 2014) and how long the mean is.
+/// Mean normal of a leaf: direction (octahedral, Cigolle et al., "A survey of efficient representations for
+/// independent unit vectors", JCGT 2014) and how long the mean is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LeafNormal(pub(super) u16);
 
@@ -150,7 +150,8 @@ mod tests {
             let packed = LeafNormal::pack(unit.map(|v| v * area * 0.8), area);
             let (back, flatness) = packed.unpack();
             let cos: f32 = (0..3).map(|a| back[a] * unit[a]).sum();
-            // Half a step in two coordinates, both in the third, on a vector no shorter than 1 / sqrt(3): sqrt(18) / 62 rad.
+            // Half a step in two coordinates, both in the third, on a vector no shorter than 1 / sqrt(3): sqrt(18) /
+            // 62 rad.
             prop_assert!(cos > 0.9976 && (flatness - 0.8).abs() < 0.04, "{} {}", cos, flatness);
             prop_assert!((unpack_area(pack_area(area)) / area - 1.0).abs() < 0.035);
             let longest = unit.iter().fold(0f32, |m, v| m.max(v.abs()));

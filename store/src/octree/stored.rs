@@ -4,12 +4,12 @@
 //! head 52 bytes | streams, each in Deflate blocks of 64 KiB: masks, bitmaps, normals, areas, materials
 //! ```
 //!
-//! Words of more than a byte are laid out in planes within a block, so that equal places of neighbouring words are alike.
-//! Deflate, since a reader unpacks the whole section once: 7.5 bytes a leaf where LZ4, which knows no entropy code, takes 10.5
-//! (`gen:isosurface:20M`).
+//! Words of more than a byte are laid out in planes within a block, so that equal places of neighbouring words are
+//! alike. Deflate, since a reader unpacks the whole section once: 7.5 bytes a leaf where LZ4, which knows no entropy
+//! code, takes 10.5 (`gen:isosurface:20M`).
 //!
-//! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one block,
-//! a byte per leaf and 8 per node.
+//! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one
+//! block, a byte per leaf and 8 per node.
 
 use super::payload::{LeafNormal, Materials, unpack_area};
 use super::upper::{UpperOctree, UpperSize, link};
@@ -30,12 +30,14 @@ impl UpperOctree {
     /// Bytes before the streams.
     pub(crate) const HEAD_BYTES: usize = 52;
 
-    /// What an octree stored in `stored_bytes` takes, by its head, for a model of so many materials; `None` for no such head.
+    /// What an octree stored in `stored_bytes` takes, by its head, for a model of so many materials; `None` for no
+    /// such head.
     pub(crate) fn peek(head: &[u8], stored_bytes: u64, material_count: usize) -> Option<UpperSize> {
         let mut r = Reader(head);
         let (grid, leaf_count, facet_count, nodes) = r.head()?;
         let leaves = u64::from(leaf_count);
         let sound = facet_count <= leaf_count && nodes <= MAX_DEPTH as u64 * leaves;
+        // In this order: leaves are a 32-bit count, nodes a small multiple of it, and so all sums below fit.
         let sound =
             sound && 8 * nodes + STORED_LEAF_BYTES * leaves <= stored_bytes.checked_mul(PACKED_MOST)?;
         sound.then(|| UpperSize {
@@ -197,7 +199,7 @@ mod tests {
         /// Every leaf is found from the root, and nothing else; and all of it comes back from disk.
         #[test]
         fn leaves_are_found_from_the_root((side, places) in places()) {
-            let grid = VoxelGrid::over([0; 3], [100_000; 3], side, Refinement::None);
+            let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], side, Refinement::None);
             let depth = grid.depth();
             let leaves: BTreeMap<u64, u64> =
                 places.iter().map(|&(at, bitmap)| (leaf_key(at, depth), bitmap)).collect();
@@ -231,7 +233,7 @@ mod tests {
         /// Nothing that comes from outside panics.
         #[test]
         fn garbage_is_refused(change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6), cut in 0usize..200) {
-            let grid = VoxelGrid::over([0; 3], [100_000; 3], 256, Refinement::None);
+            let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], 256, Refinement::None);
             let leaves = (0..50u64).map(|i| (i * 7919 % (1 << 24), i + 1)).collect();
             let (_, mut bytes) = built(&leaves, grid);
             for (at, value) in change {
@@ -246,7 +248,7 @@ mod tests {
     /// The facets against sums over all leaves of a node.
     #[test]
     fn facets_part_the_leaves_of_a_node() {
-        let grid = VoxelGrid::over([0; 3], [100_000; 3], 64, Refinement::None);
+        let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], 64, Refinement::None);
         let leaves = (0..900u64).map(|i| (i * 31 % (1 << 12), !0)).collect();
         let (octree, _) = built(&leaves, grid);
         let mut area = vec![0.0f32; octree.facets().count()];

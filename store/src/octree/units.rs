@@ -1,13 +1,15 @@
-//! Units of the lower octrees: 16^3 leaves each, those in 4x4x4 leaves above them. A page of them, on disk and in a frame.
+//! Units of the lower octrees: 16^3 leaves each, those in 4x4x4 leaves above them. A page of them, on disk and in a
+//! frame.
 //!
 //! ```text
 //! upper octree     linking node --mask--> leaf --bitmap--> subvoxel
 //! unit                                    node ----------> leaf --bitmap--> subvoxel
 //! ```
 //!
-//! The children of a linking node are the nodes of its unit, and their bitmaps are the nodes' masks: so a unit stores neither.
-//! A node is the index of its first leaf; the leaf in place `i` of a mask `m` is `first + popcount(m & (2^i - 1))`, as
-//! everywhere in the octree. Where units nest, each node of the outer unit is a linking node and holds a word that leads on.
+//! The children of a linking node are the nodes of its unit, and their bitmaps are the nodes' masks: so a unit stores
+//! neither. A node is the index of its first leaf; the leaf in place `i` of a mask `m` is `first + popcount(m & (2^i
+//! - 1))`, as everywhere in the octree. Where units nest, each node of the outer unit is a linking node and holds a
+//!   word that leads on.
 //!
 //! ```text
 //! disk   units u32 | nodes u32 | leaves u32 | linked u32 | nodes of each unit u8 | leaves of each node u8
@@ -18,13 +20,19 @@
 //!
 //! Areas are not stored: light is kept by the facets of the upper leaves.
 //!
-//! Invariants: 1. a page leads nowhere but by its words, so it can lie in any frame; 2. the largest unit fits a frame; 3. what
-//! `install_units` has passed, [`UnitsView`] reads without asking again.
+//! Invariants: 1. a page leads nowhere but by its words, so it can lie in any frame; 2. the largest unit fits a
+//! frame; 3. what `install_units` has passed, [`UnitsView`] reads without asking again.
 
+use super::NODE_SIDE;
 use super::links::UnitRef;
 use super::payload::LeafNormal;
-use super::{LeafVoxel, NODE_SIDE};
 use crate::layout::FRAME_BYTES;
+
+#[cfg(test)]
+mod tests;
+mod view;
+
+pub use view::{UnitNode, UnitsView};
 
 /// Children of a node, in all.
 const NODE_CHILDREN: usize = (NODE_SIDE * NODE_SIDE * NODE_SIDE) as usize;
@@ -245,7 +253,7 @@ pub(crate) fn install_units(
     }
     for node in 0..counts.links {
         let word = stored.link(node);
-        if !(context.is_units)(UnitRef::of(word).page()) {
+        if !(context.is_units)(UnitRef::from_word(word).page()) {
             return Err("a unit leads to a page that has none");
         }
         out.put(&word.to_le_bytes());
@@ -285,224 +293,5 @@ impl Writer<'_> {
     fn put(&mut self, bytes: &[u8]) {
         self.frame[self.at..self.at + bytes.len()].copy_from_slice(bytes);
         self.at += bytes.len();
-    }
-}
-
-/// A node of a unit: one leaf of the octree above it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct UnitNode {
-    /// Index within the page of its first leaf.
-    first: u32,
-    /// Its leaves.
-    count: u32,
-    /// Where the unit is that hangs here, when units nest.
-    pub link: Option<UnitRef>,
-}
-
-impl UnitNode {
-    /// Index within the page of the leaf in `place`, which is set in `mask`, the bitmap of the leaf that this node is;
-    /// `None` when that cannot be its mask.
-    #[inline]
-    pub fn leaf(&self, mask: u64, place: u32) -> Option<u32> {
-        let rank = (mask & ((1 << place) - 1)).count_ones();
-        (mask.count_ones() == self.count).then_some(self.first + rank)
-    }
-
-    /// Index within the page of its first leaf; the others follow.
-    pub fn first_leaf(&self) -> u32 {
-        self.first
-    }
-
-    /// Count of its leaves, 1 to 64.
-    pub fn leaf_count(&self) -> u32 {
-        self.count
-    }
-}
-
-/// A page of units in its frame.
-#[derive(Clone, Copy, Debug)]
-pub struct UnitsView<'a> {
-    frame: &'a [u8],
-    counts: Counts,
-    material_bytes: usize,
-}
-
-impl<'a> UnitsView<'a> {
-    /// The view of a frame that `install` has filled with a page of units.
-    #[inline]
-    pub fn new(frame: &'a [u8]) -> UnitsView<'a> {
-        let count = |i: usize| usize::from(u16::from_le_bytes([frame[2 * i], frame[2 * i + 1]]));
-        let links = if frame[7] == 0 { 0 } else { count(1) };
-        let counts = Counts { units: count(0), nodes: count(1), leaves: count(2), links };
-        UnitsView { frame, counts, material_bytes: usize::from(frame[6]) }
-    }
-
-    /// Nodes of a unit, 1 to 64; 0 where there is no such unit.
-    pub fn node_count(&self, unit: u32) -> u32 {
-        let unit = unit as usize;
-        if unit >= self.counts.units { 0 } else { self.index(unit + 1) - self.index(unit) }
-    }
-
-    /// Node `rank` of a unit: of the leaves above it the one with so many before it. `None` where there is none.
-    #[inline]
-    pub fn node(&self, unit: u32, rank: u32) -> Option<UnitNode> {
-        let unit = unit as usize;
-        if unit >= self.counts.units || rank >= self.index(unit + 1) - self.index(unit) {
-            return None;
-        }
-        let node = (self.index(unit) + rank) as usize;
-        // First leaves stand behind the first nodes and their end.
-        let at = self.counts.units + 1 + node;
-        let first = self.index(at);
-        let link_at = self.links_at() + LINK_BYTES * node;
-        let link = (self.counts.links > 0).then(|| UnitRef::of(u32::from_le_bytes(self.bytes(link_at))));
-        Some(UnitNode { first, count: self.index(at + 1) - first, link })
-    }
-
-    /// Occluder bitmap of a leaf, by its index within the page.
-    #[inline]
-    pub fn bitmap(&self, leaf: u32) -> u64 {
-        u64::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + BITMAP_BYTES * leaf as usize))
-    }
-
-    /// What the surface in a leaf is like.
-    pub fn leaf(&self, leaf: u32) -> LeafVoxel {
-        let Counts { units, nodes, leaves, .. } = self.counts;
-        let normals_at = self.indices_at() + INDEX_BYTES * (units + nodes + 2);
-        let word = self.bytes(normals_at + NORMAL_BYTES * leaf as usize);
-        let (normal, flatness) = LeafNormal(u16::from_le_bytes(word)).unpack();
-        let material_at = normals_at + NORMAL_BYTES * leaves + self.material_bytes * leaf as usize;
-        let material = match self.material_bytes {
-            1 => u16::from(self.frame[material_at]),
-            _ => u16::from_le_bytes(self.bytes(material_at)),
-        };
-        LeafVoxel { normal, flatness, material }
-    }
-
-    fn links_at(&self) -> usize {
-        FRAME_HEAD_BYTES + BITMAP_BYTES * self.counts.leaves
-    }
-
-    fn indices_at(&self) -> usize {
-        self.links_at() + LINK_BYTES * self.counts.links
-    }
-
-    /// Of the first nodes and first leaves.
-    #[inline]
-    fn index(&self, at: usize) -> u32 {
-        u32::from(u16::from_le_bytes(self.bytes(self.indices_at() + INDEX_BYTES * at)))
-    }
-
-    #[inline]
-    fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
-        *self.frame[at..].first_chunk().expect("inside of the frame")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    /// Units of these leaf counts per node, every leaf another one.
-    fn units(shape: &[Vec<u8>], linked: bool) -> Units {
-        let mut units = Units::default();
-        for nodes in shape {
-            units.units.push(nodes.len() as u8);
-            units.nodes.extend(nodes);
-        }
-        let leaves = units.nodes.iter().map(|&count| u64::from(count)).sum::<u64>();
-        let turn = |leaf: u64| leaf.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        units.bitmaps.extend((0..leaves).map(|leaf| turn(leaf) | 1));
-        units
-            .normals
-            .extend((0..leaves).map(|leaf| LeafNormal::pack([leaf as f32 - 9.0, 2.0, -1.0], 99.0).0));
-        units.materials.extend((0..leaves).map(|leaf| (turn(leaf) >> 40) as u16 % 300));
-        if linked {
-            units
-                .links
-                .extend((0..units.nodes.len()).map(|node| UnitRef::new(node as u32, node % 128).word()));
-        }
-        units
-    }
-
-    fn context(material_count: usize) -> UnitsContext<'static> {
-        UnitsContext { material_count, is_units: &|page| page < 5000 }
-    }
-
-    fn shapes() -> impl Strategy<Value = Vec<Vec<u8>>> {
-        proptest::collection::vec(proptest::collection::vec(1u8..=64, 1..=20), 1..=4)
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
-
-        /// All that is in the units is found again in the frame.
-        #[test]
-        fn frames_hold_what_was_stored(shape in shapes(), linked in any::<bool>()) {
-            let units = units(&shape, linked);
-            let raw = units.encode(2);
-            let mut frame = vec![0xaa; FRAME_BYTES];
-            install_units(&raw, &context(300), &mut frame).unwrap();
-            let view = UnitsView::new(&frame);
-            let (mut leaf, mut number) = (0, 0);
-            for (unit, nodes) in (0..).zip(&shape) {
-                prop_assert_eq!(view.node_count(unit) as usize, nodes.len());
-                for (rank, &count) in (0..).zip(nodes) {
-                    let node = view.node(unit, rank).unwrap();
-                    prop_assert_eq!((node.first_leaf(), node.leaf_count()), (leaf, u32::from(count)));
-                    prop_assert_eq!(node.link.map(UnitRef::word), units.links.get(number).copied());
-                    // The upper bits of a word, as many as there are leaves.
-                    let mask = !0u64 << (64 - u32::from(count));
-                    prop_assert_eq!(node.leaf(mask, 63), Some(leaf + u32::from(count) - 1));
-                    prop_assert_eq!(node.leaf(mask.reverse_bits(), 0), Some(leaf));
-                    prop_assert_eq!(node.leaf(mask << 1, 63), None);
-                    for _ in 0..count {
-                        let (normal, flatness) = LeafNormal(units.normals[leaf as usize]).unpack();
-                        let material = units.materials[leaf as usize];
-                        prop_assert_eq!(view.bitmap(leaf), units.bitmaps[leaf as usize]);
-                        prop_assert_eq!(view.leaf(leaf), LeafVoxel { normal, flatness, material });
-                        leaf += 1;
-                    }
-                    number += 1;
-                }
-                prop_assert_eq!(view.node(unit, nodes.len() as u32), None);
-            }
-            prop_assert_eq!(view.node(shape.len() as u32, 0), None);
-            prop_assert_eq!(view.node_count(shape.len() as u32), 0);
-        }
-
-        /// Nothing that comes from outside panics.
-        #[test]
-        fn garbage_is_refused(
-            shape in shapes(),
-            change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6),
-            cut in 0usize..100,
-        ) {
-            let mut raw = units(&shape, true).encode(2);
-            for (at, value) in change {
-                let length = raw.len();
-                raw[at % if at % 2 == 0 { length } else { 80.min(length) }] ^= value;
-            }
-            raw.truncate(raw.len() - cut.min(raw.len()));
-            let mut frame = vec![0; FRAME_BYTES];
-            if install_units(&raw, &context(300), &mut frame).is_ok() {
-                let view = UnitsView::new(&frame);
-                let leaves = (0..128).flat_map(|unit| (0..view.node_count(unit)).map(move |rank| (unit, rank)));
-                for (unit, rank) in leaves {
-                    let node = view.node(unit, rank).unwrap();
-                    let last = node.first_leaf() + node.leaf_count() - 1;
-                    prop_assert!(view.bitmap(last) != 0 && view.leaf(last).material < 300);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn the_largest_unit_fits_a_frame() {
-        let raw = units(&[vec![64; 64]], true).encode(2);
-        install_units(&raw, &context(300), &mut vec![0; FRAME_BYTES]).unwrap();
-        let two = units(&[vec![64; 64], vec![64; 64]], true).encode(2);
-        assert!(install_units(&two, &context(300), &mut vec![0; FRAME_BYTES]).is_err());
     }
 }

@@ -6,10 +6,11 @@
 //! payload per leaf: normal u16 | material u8 or u16 (where there are several);   facets per last node: what light is kept by
 //! ```
 //!
-//! The child in place `i` of a node with mask `m` is `first + popcount(m & (2^i - 1))`: a node of the next level, or at the
-//! last level a leaf.
+//! The child in place `i` of a node with mask `m` is `first + popcount(m & (2^i - 1))`: a node of the next level, or
+//! at the last level a leaf.
 //!
-//! Invariants: 1. every mask and bitmap has a bit set; 2. nodes and leaves stand in key order, so that neighbours are near;
+//! Invariants: 1. every mask and bitmap has a bit set; 2. nodes and leaves stand in key order, so that neighbours are
+//! near;
 //! 3. counts agree with masks, materials are below the count of materials.
 
 use super::payload::{LeafNormal, Materials};
@@ -39,7 +40,7 @@ impl OctreeNode {
     }
 }
 
-/// What the surface in a leaf is like.
+/// Normal, flatness and material of the surface in a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeafVoxel {
     /// Mean unit normal, weighted by area; zero where none is known.
@@ -50,7 +51,7 @@ pub struct LeafVoxel {
     pub material: u16,
 }
 
-/// What an octree takes.
+/// Sizes of a resident octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UpperSize {
     /// Leaves along an axis of the cube.
@@ -132,7 +133,7 @@ impl UpperOctree {
         self.bitmaps.len()
     }
 
-    /// What the surface in `leaf` is like.
+    /// Normal, flatness and material of the surface in `leaf`.
     pub fn leaf(&self, leaf: usize) -> LeafVoxel {
         let (normal, flatness) = self.normals[leaf].unpack();
         LeafVoxel { normal, flatness, material: self.materials.get(leaf) }
@@ -159,8 +160,8 @@ impl UpperOctree {
     }
 }
 
-/// Bytes in memory of a leaf and its share of nodes and facets, as a rule: a byte of material; twelve leaves a node, and a
-/// facet for six of them (16 and 8 on the iso-surface).
+/// Bytes in memory of a leaf and its share of nodes and facets, as a rule: a byte of material; twelve leaves a node,
+/// and a facet for six of them (16 and 8 on the iso-surface).
 pub(crate) fn leaf_bytes() -> u64 {
     LEAF_BYTES + 1 + (size_of::<OctreeNode>() as u64 + Facets::bytes(1, 2)).div_ceil(12)
 }

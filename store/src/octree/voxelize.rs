@@ -6,8 +6,8 @@
 //! ```
 //!
 //! A record is what one material brings to one leaf. Records pile up to [`PILE`], are then sorted and those of the same
-//! leaf and material summed; what is still many goes to the scratch file as a run, so that memory does not grow with what
-//! a triangle covers.
+//! leaf and material summed; what is still many goes to the scratch file as a run, so that memory does not grow with
+//! what a triangle covers.
 //!
 //! Invariants: 1. in a run records are in order of leaf and material, each pair once; 2. sums depend on the order of
 //! triangles alone.
@@ -295,7 +295,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     fn grid(resolution: u32) -> VoxelGrid {
-        VoxelGrid::over([0; 3], [4095; 3], resolution, Refinement::None)
+        VoxelGrid::from_bounds([0; 3], [4095; 3], resolution, Refinement::None)
     }
 
     fn records(grid: VoxelGrid, triangles: &[[[i64; 3]; 3]]) -> Vec<Record> {

@@ -6,8 +6,9 @@
 //!      '------- set_limit shrinks --'---- evicted ----'
 //! ```
 //!
-//! Lost: passing over half of the pages, in runs of 32, but every 8th or 32nd round, so that of views which alternate and do
-//! not fit together each keeps a part: as many or more pages were read, and the slowest responses took half as long again.
+//! Lost: passing over half of the pages, in runs of 32, but every 8th or 32nd round, so that of views which alternate
+//! and do not fit together each keeps a part: as many or more pages were read, and the slowest responses took half as
+//! long again.
 //!
 //! Unsafe code stands here because frames without an owner are given back to the kernel.
 //!

@@ -13,19 +13,19 @@
 //! 2. A slot is idle, being read, waiting for a decoder, or in the hands of one: there are never more of any of these
 //!    than slots, so no queue can overflow and nothing is allocated per read.
 //! 3. A page in READING stands in exactly one slot, or in `split`: single flight.
-//! 4. A failed read of several pages is repeated page by page: one bad sector costs one page.
+//! 4. A panic of one of these threads ends the pool: whoever waits is told (`failure.rs`), nobody idles.
+//! 5. A failed read of several pages is repeated page by page: one bad sector costs one page.
 #![allow(unsafe_code)]
 
 use super::requests::Requests;
-use super::signal::lock;
+use super::signal::{lock, lock_always};
 use super::stats::count;
 use super::{Class, Shared};
-use crate::error::{Code, Error, Result};
+use crate::error::Result;
 use crate::io::{Arrival, Extent, Reader, Staging, Wait};
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{Ordering, fence};
-use std::sync::{Condvar, Mutex};
+use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Bytes between two extents that are read and thrown away to save one read. At 16 KiB the transfer costs what the
@@ -83,7 +83,7 @@ struct JobState {
 
 impl JobQueue {
     fn push(&self, slot: Slot) {
-        let mut state = lock(&self.state);
+        let mut state = lock_always(&self.state);
         state.slots.push_back(slot);
         if state.sleepers > 0 {
             self.ready.notify_one();
@@ -92,7 +92,7 @@ impl JobQueue {
 
     /// The next slot; `None` once stopped.
     fn pop(&self) -> Option<Slot> {
-        let mut state = lock(&self.state);
+        let mut state = lock_always(&self.state);
         loop {
             if state.stop {
                 return None;
@@ -101,13 +101,13 @@ impl JobQueue {
                 return Some(slot);
             }
             state.sleepers += 1;
-            state = self.ready.wait(state).expect("a thread of the pool panicked");
+            state = self.ready.wait(state).unwrap_or_else(PoisonError::into_inner);
             state.sleepers -= 1;
         }
     }
 
     pub(super) fn stop(&self) {
-        lock(&self.state).stop = true;
+        lock_always(&self.state).stop = true;
         self.ready.notify_all();
     }
 }
@@ -122,6 +122,8 @@ pub(super) struct Loader<'a> {
     split: Vec<Part>,
     merge_bytes: u64,
     starved: bool,
+    /// What is known of the backend's troubles.
+    notice: Option<String>,
 }
 
 enum Fill {
@@ -140,11 +142,12 @@ impl<'a> Loader<'a> {
             split: Vec::with_capacity(slots * PARTS_MAX),
             merge_bytes,
             starved: false,
+            notice: None,
         }
     }
 
     /// Works until the pool stops. Reads in flight are waited for by the drop of the reader.
-    pub(super) fn run(mut self) {
+    pub(super) fn run(&mut self) {
         let mut arrivals = Vec::with_capacity(self.reading.len());
         while !self.shared.stop.load(Ordering::Acquire) {
             self.pump();
@@ -247,11 +250,16 @@ impl<'a> Loader<'a> {
         lock(&self.shared.idle).push(slot);
     }
 
-    fn publish_stats(&self) {
+    fn publish_stats(&mut self) {
         let (stats, counters) = (self.reader.stats(), &self.shared.counters);
         counters.reads.store(stats.reads - stats.retries, Ordering::Relaxed);
         counters.read_retries.store(stats.retries, Ordering::Relaxed);
         counters.bytes_read.store(stats.bytes, Ordering::Relaxed);
+        let description = self.reader.describe();
+        if description.notice != self.notice {
+            self.notice.clone_from(&description.notice);
+            lock(&self.shared.io).clone_from(description);
+        }
     }
 }
 
@@ -330,14 +338,7 @@ impl Shared {
         let stored = &staging[at..at + extent.stored_bytes as usize];
         // SAFETY: the page is READING, and stands in this slot alone (invariant 3), which this thread owns.
         let frame = unsafe { self.arena.frame_mut(part.frame) };
-        // A decoder that panics must not leave its page READING for ever, with everybody asleep.
-        let decoded =
-            catch_unwind(AssertUnwindSafe(|| self.store.install(part.page, stored, frame, scratch)));
-        decoded.unwrap_or_else(|_| {
-            Err(Error::new(Code::Damaged, "the decoder panicked")
-                .at_place(format!("page {} at byte {}", part.page, extent.offset))
-                .next("report this as a bug, with the file"))
-        })
+        self.store.install(part.page, stored, frame, scratch)
     }
 }
 

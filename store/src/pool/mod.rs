@@ -26,11 +26,15 @@
 //!    those that came: the oldest blocked tile keeps its own until it has run, and the scheduler bounds active tiles
 //!    so that their pins leave at least one frame. Where all is pinned nevertheless, [`PagePool::is_saturated`] says
 //!    so, and the loader sleeps until an unpin.
-//! 6. A damaged page is never the end: it is marked, its error is kept, `pin` of it is `None` for ever.
+//! 6. No idling on a dead pool: a panic of one of its threads ends it, and who waits for a page is told.
+//! 7. A damaged page is never the end: it is marked, its error is kept, `pin` of it is `None` for ever.
 
+mod blocking;
 mod clock;
+mod failure;
 mod frames;
 mod loader;
+mod options;
 mod pin;
 mod requests;
 mod signal;
@@ -41,6 +45,7 @@ mod tests;
 mod want;
 mod word;
 
+pub use options::PoolOptions;
 pub use pin::{Pin, PinToken};
 pub use requests::ORIGINS_MAX;
 pub use stats::{GuessStats, PoolStats};
@@ -49,10 +54,12 @@ pub use word::PageState;
 
 use crate::budget::{Budget, Lease, RESERVE_BYTES};
 use crate::error::{Code, Error, Result};
-use crate::io::{Backend, IoDescription, IoOptions, Reader, staging_bytes_for};
+use crate::io::{Backend, IoDescription, Reader};
 use clock::Clock;
+use failure::Failure;
 use frames::FrameArena;
 use loader::{JobQueue, Loader, Slot};
+use options::Plan;
 use requests::Requests;
 use signal::{Bell, Progress, lock};
 use stats::Counters;
@@ -60,7 +67,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use word::Word;
 
 /// Fewest frames that a pool works with: one for the page in use, one for the page that arrives.
@@ -68,46 +75,6 @@ pub const FRAMES_MIN: usize = 2;
 
 /// Most decode threads.
 pub const DECODE_THREADS_MAX: usize = 16;
-
-/// Pages that [`PagePool::fetch_blocking`] asks for ahead of the one it waits for.
-const FETCH_WINDOW: usize = 32;
-
-/// After so long without any arrival a blocking call gives up: all frames are pinned, or the device hangs.
-const STALL_MAX: Duration = Duration::from_secs(60);
-
-/// How a pool is set up.
-#[derive(Clone, Debug)]
-pub struct PoolOptions {
-    /// Memory for frames at open. At least [`FRAMES_MIN`] frames.
-    pub frames_bytes: u64,
-    /// The most that `set_limit` may ever ask for; addresses are reserved for it. `None`: all pages of the file.
-    pub frames_bytes_max: Option<u64>,
-    /// Buffers between disk and decoder, each of `merge_bytes` and two blocks more. At least 1; more than `io.depth`
-    /// lets decoders work while the queue of the disk is full.
-    pub staging_slots: usize,
-    /// Longest read that several pages share. A page that is longer is read alone.
-    pub merge_bytes: u32,
-    /// Threads that check and decode, 1 to 16.
-    pub decode_threads: usize,
-    /// Most pages wanted at once; prefetch and background may take half of it.
-    pub queue_capacity: usize,
-    /// How the file is read.
-    pub io: IoOptions,
-}
-
-impl Default for PoolOptions {
-    fn default() -> PoolOptions {
-        PoolOptions {
-            frames_bytes: 64 << 20,
-            frames_bytes_max: None,
-            staging_slots: 40,
-            merge_bytes: 256 << 10,
-            decode_threads: 2,
-            queue_capacity: 4096,
-            io: IoOptions::default(),
-        }
-    }
-}
 
 /// The number of frames after [`PagePool::set_limit`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,7 +134,6 @@ pub struct FrameCount {
 pub struct PagePool {
     shared: Arc<Shared>,
     budget: Budget,
-    io: IoDescription,
     threads: Vec<JoinHandle<()>>,
     _tables: Lease,
 }
@@ -186,54 +152,15 @@ struct Shared {
     bell: Bell,
     progress: Progress,
     damage: Mutex<Vec<(u32, Error)>>,
+    /// How the file is read now.
+    io: Mutex<IoDescription>,
+    failure: Failure,
     counters: Counters,
     /// The loader waits for an unpin: demand finds every frame busy, or frames are owed. `unpin` rings then.
     starved: AtomicBool,
     /// Demand finds every frame busy.
     saturated: AtomicBool,
     stop: AtomicBool,
-}
-
-/// The sizes that follow from a file and the options.
-struct Plan {
-    frames_max: usize,
-    slot_bytes: usize,
-    overhead_bytes: u64,
-}
-
-impl Plan {
-    fn of(store: &dyn PageStore, options: &PoolOptions) -> Result<Plan> {
-        let out_of_range = options.staging_slots == 0
-            || options.staging_slots > crate::io::DEPTH_MAX
-            || options.decode_threads == 0
-            || options.decode_threads > DECODE_THREADS_MAX
-            || options.queue_capacity < 2;
-        if out_of_range {
-            return Err(Error::new(Code::Usage, "a pool option is out of range")
-                .numbers(format!(
-                    "{} staging slots, {} decode threads, room for {} wants",
-                    options.staging_slots, options.decode_threads, options.queue_capacity
-                ))
-                .next("use the defaults of PoolOptions"));
-        }
-        let (pages, frame_bytes) = (store.page_count(), store.frame_bytes());
-        assert!(frame_bytes > 0 && frame_bytes.is_multiple_of(crate::io::ALIGN_BYTES));
-        let longest = (0..pages).map(|page| store.extent(page).stored_bytes).max().unwrap_or(1);
-        let slot_bytes = staging_bytes_for(longest.max(options.merge_bytes) as usize);
-        let wanted_max = match options.frames_bytes_max {
-            Some(bytes) => bytes.max(options.frames_bytes) / frame_bytes as u64,
-            None => u64::from(pages),
-        };
-        let most = u64::from(pages).min(word::FRAMES_MAX as u64);
-        let frames_max = (wanted_max.min(most) as usize).max(FRAMES_MIN);
-        let overhead_bytes = (options.staging_slots * slot_bytes) as u64
-            + u64::from(pages) * size_of::<Word>() as u64
-            + frames_max as u64 * Clock::BYTES_PER_FRAME
-            + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
-            // What a decoder may keep as scratch.
-            + (options.decode_threads * frame_bytes) as u64;
-        Ok(Plan { frames_max, slot_bytes, overhead_bytes })
-    }
 }
 
 impl PagePool {
@@ -263,7 +190,7 @@ impl PagePool {
         budget: &Budget,
         options: &PoolOptions,
     ) -> Result<PagePool> {
-        let plan = Plan::of(&*store, options)?;
+        let plan = Plan::new(&*store, options)?;
         let tables = budget.lease("tables and staging of the page pool", plan.overhead_bytes)?;
         let frames_lease = budget.lease("page frames", 0)?;
         let reader = Reader::new(backend, path);
@@ -281,19 +208,15 @@ impl PagePool {
             bell: Bell::default(),
             progress: Progress::default(),
             damage: Mutex::new(Vec::new()),
+            io: Mutex::new(reader.describe().clone()),
+            failure: Failure::default(),
             counters: Counters::default(),
             starved: AtomicBool::new(false),
             saturated: AtomicBool::new(false),
             stop: AtomicBool::new(false),
             store,
         });
-        let mut pool = PagePool {
-            shared,
-            budget: budget.clone(),
-            io: reader.describe().clone(),
-            threads: Vec::new(),
-            _tables: tables,
-        };
+        let mut pool = PagePool { shared, budget: budget.clone(), threads: Vec::new(), _tables: tables };
         pool.set_limit(options.frames_bytes)?;
         pool.start(reader, options)?;
         Ok(pool)
@@ -305,7 +228,7 @@ impl PagePool {
     /// # Errors
     /// [`Code::Usage`] for options out of range.
     pub fn smallest_bytes(store: &dyn PageStore, options: &PoolOptions) -> Result<(u64, u64)> {
-        let plan = Plan::of(store, options)?;
+        let plan = Plan::new(store, options)?;
         let frames_bytes = (FRAMES_MIN * store.frame_bytes()) as u64;
         Ok((plan.overhead_bytes, plan.overhead_bytes + frames_bytes))
     }
@@ -323,11 +246,14 @@ impl PagePool {
         };
         let shared = Arc::clone(&self.shared);
         let (slots, merge_bytes) = (options.staging_slots, u64::from(options.merge_bytes));
-        let io = move || Loader::new(&shared, reader, slots, merge_bytes).run();
+        let io = move || {
+            let mut loader = Loader::new(&shared, reader, slots, merge_bytes);
+            shared.guard(|| loader.run());
+        };
         spawn("trex-load-0".into(), Box::new(io))?;
         for index in 1..=options.decode_threads {
             let shared = Arc::clone(&self.shared);
-            spawn(format!("trex-load-{index}"), Box::new(move || shared.decode()))?;
+            spawn(format!("trex-load-{index}"), Box::new(move || shared.guard(|| shared.decode())))?;
         }
         Ok(())
     }
@@ -337,9 +263,9 @@ impl PagePool {
         self.shared.words.len() as u32
     }
 
-    /// Which backend reads, and why.
-    pub fn io(&self) -> &IoDescription {
-        &self.io
+    /// Which backend reads now, why, and what went wrong with the one before it.
+    pub fn io(&self) -> IoDescription {
+        lock(&self.shared.io).clone()
     }
 
     /// What `page` is doing. It may have changed when the call returns.
@@ -382,75 +308,20 @@ impl PagePool {
 
     /// Sleeps until a page has arrived since `epoch`, at most `timeout`. The epoch then. Take the epoch first, look
     /// at pages after: so no arrival is missed.
+    ///
+    /// # Panics
+    /// When a thread of the pool has panicked: nothing would ever come. [`PagePool::failure`] says what it was.
     pub fn wait_for_progress(&self, epoch: u64, timeout: Duration) -> u64 {
-        self.shared.progress.wait(epoch, timeout)
-    }
-
-    /// Pins `page`, and reads it first when it must.
-    ///
-    /// # Errors
-    /// The error of a damaged page; [`Code::MemoryLimit`] when nothing has arrived for a minute, since all frames are
-    /// pinned.
-    pub fn pin_blocking(&self, page: u32) -> Result<Pin<'_>> {
-        let (mut epoch, mut since) = (self.epoch(), Instant::now());
-        loop {
-            if let Some(token) = self.pin_uncounted(page) {
-                return Ok(self.pin_of(token));
-            }
-            if self.is_damaged(page) {
-                return Err(self.damage_of(page));
-            }
-            self.hold(page);
-            let now = self.wait_for_progress(epoch, Duration::from_millis(20));
-            if now != epoch {
-                (epoch, since) = (now, Instant::now());
-            } else if since.elapsed() > STALL_MAX {
-                return Err(self.stalled(page));
-            }
+        let now = self.shared.progress.wait(epoch, timeout);
+        if let Some(error) = self.failure() {
+            panic!("no page will come: {error}");
         }
+        now
     }
 
-    /// Sees to it that each of `pages` has been in a frame once, in this order, and so was checked and decoded. They
-    /// need not fit at once.
-    ///
-    /// # Errors
-    /// The first error of [`PagePool::pin_blocking`], after all pages were tried.
-    pub fn fetch_blocking(&self, pages: &[u32]) -> Result<()> {
-        let frames = lock(&self.shared.clock).live();
-        let window = FETCH_WINDOW.min(frames / 2).max(1);
-        let mut first_error = Ok(());
-        for (index, &page) in pages.iter().enumerate() {
-            // One step ahead for each step done, the whole window at the start.
-            let ahead =
-                if index == 0 { 0..window.min(pages.len()) } else { index + window - 1..index + window };
-            for &page in pages.get(ahead).unwrap_or_default() {
-                self.hold(page);
-            }
-            first_error = first_error.and(self.pin_blocking(page).map(drop));
-        }
-        first_error
-    }
-
-    fn hold(&self, page: u32) {
-        if self.state(page) == PageState::Absent || self.state(page) == PageState::Queued {
-            lock(&self.shared.requests).hold(page, &self.shared.words);
-            self.shared.bell.ring();
-        }
-    }
-
-    fn damage_of(&self, page: u32) -> Error {
-        let damage = lock(&self.shared.damage);
-        let known = damage.iter().find(|(damaged, _)| *damaged == page);
-        known.map(|(_, error)| error.clone()).unwrap_or_else(|| {
-            Error::new(Code::Damaged, "a page is damaged").at_place(format!("page {page}"))
-        })
-    }
-
-    fn stalled(&self, page: u32) -> Error {
-        Error::new(Code::MemoryLimit, "no page has arrived for a minute")
-            .at_place(format!("page {page}"))
-            .numbers(format!("{:?}, saturated: {}", self.frames(), self.is_saturated()))
-            .next("raise --memory-limit, or look whether the device hangs (dmesg)")
+    /// Why no page will come any more: one of the pool's threads has panicked. Pages that are resident stay.
+    pub fn failure(&self) -> Option<Error> {
+        self.shared.failure.get()
     }
 
     /// Sets the memory for frames, in bytes: takes it from the budget, or evicts and gives it back to the kernel. More
@@ -485,7 +356,7 @@ impl PagePool {
         FrameCount { frames: clock.live(), owed: clock.owed() }
     }
 
-    /// What the pool did so far.
+    /// Counters of the pool so far.
     pub fn stats(&self) -> PoolStats {
         let requests = lock(&self.shared.requests);
         let (counts, queued) = (requests.counts(), requests.len() as u64);

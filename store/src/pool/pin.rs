@@ -65,7 +65,7 @@ impl PagePool {
         self.try_pin(page).map(|token| self.pin_of(token))
     }
 
-    /// As [`PagePool::pin`], with a token instead of a borrow.
+    /// Pins `page` if it is resident, as [`PagePool::pin`], with a token instead of a borrow.
     pub fn try_pin(&self, page: u32) -> Option<PinToken> {
         let token = self.pin_uncounted(page);
         match token {

@@ -2,12 +2,18 @@
 //!
 //! Invariants: 1. nobody pays a system call to wake a thread that is awake; 2. a ring before the sleep is not lost.
 
-use std::sync::{Condvar, Mutex, MutexGuard};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Locks; a thread that panicked while it held the lock is our bug.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().expect("a thread of the pool panicked")
+}
+
+/// Locks what is whole between any two statements, so that a panic elsewhere does not matter: flags and counts that
+/// wake others must work while a panic is told.
+pub(super) fn lock_always<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Wakes one thread: the loader.
@@ -26,7 +32,7 @@ struct BellState {
 impl Bell {
     /// Wakes the sleeper, or keeps him from falling asleep once.
     pub(super) fn ring(&self) {
-        let mut state = lock(&self.state);
+        let mut state = lock_always(&self.state);
         state.rung = true;
         if state.asleep {
             self.wake.notify_one();
@@ -35,14 +41,14 @@ impl Bell {
 
     /// Sleeps until rung, at most `timeout` when there is one.
     pub(super) fn wait(&self, timeout: Option<Duration>) {
-        let mut state = lock(&self.state);
+        let mut state = lock_always(&self.state);
         state.asleep = true;
         while !state.rung {
             let Some(timeout) = timeout else {
-                state = self.wake.wait(state).expect("a thread of the pool panicked");
+                state = self.wake.wait(state).unwrap_or_else(PoisonError::into_inner);
                 continue;
             };
-            state = self.wake.wait_timeout(state, timeout).expect("a thread of the pool panicked").0;
+            state = self.wake.wait_timeout(state, timeout).unwrap_or_else(PoisonError::into_inner).0;
             break;
         }
         *state = BellState::default();
@@ -60,34 +66,41 @@ pub(super) struct Progress {
 struct ProgressState {
     epoch: u64,
     sleepers: usize,
+    given_up: bool,
 }
 
 impl Progress {
     /// One more arrival.
     pub(super) fn bump(&self) {
-        let mut state = lock(&self.state);
+        let mut state = lock_always(&self.state);
         state.epoch += 1;
         if state.sleepers > 0 {
             self.wake.notify_all();
         }
     }
 
-    /// Arrivals so far.
-    pub(super) fn epoch(&self) -> u64 {
-        lock(&self.state).epoch
+    /// Wakes all without an arrival: none will come.
+    pub(super) fn give_up(&self) {
+        lock_always(&self.state).given_up = true;
+        self.wake.notify_all();
     }
 
-    /// Sleeps while the count is `epoch`, at most `timeout`. The count then.
+    /// Arrivals so far.
+    pub(super) fn epoch(&self) -> u64 {
+        lock_always(&self.state).epoch
+    }
+
+    /// Sleeps while the count is `epoch` and more may come, at most `timeout`. The count then.
     pub(super) fn wait(&self, epoch: u64, timeout: Duration) -> u64 {
         let deadline = Instant::now() + timeout;
-        let mut state = lock(&self.state);
+        let mut state = lock_always(&self.state);
         state.sleepers += 1;
-        while state.epoch == epoch {
+        while state.epoch == epoch && !state.given_up {
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 break;
             }
-            state = self.wake.wait_timeout(state, left).expect("a thread of the pool panicked").0;
+            state = self.wake.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
         state.sleepers -= 1;
         state.epoch

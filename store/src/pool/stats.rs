@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Stripes of the hot counters. More threads than this share some.
 const STRIPES: usize = 16;
 
-/// What became of the guesses of a predictor.
+/// Guesses of a predictor, by what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct GuessStats {
     /// Pages read.
@@ -23,7 +23,7 @@ pub struct GuessStats {
     pub wasted: u64,
 }
 
-/// What a pool did since it was opened. Counts only grow, except for the ones that say `now`.
+/// Counters of a pool since it was opened. Counts only grow, except for the ones that say `now`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct PoolStats {
     /// Pins that found their page.
@@ -54,7 +54,7 @@ pub struct PoolStats {
     pub queued: u64,
     /// Pages read because somebody needed them then.
     pub demand_reads: u64,
-    /// What became of the guesses of each predictor, by place in [`super::PREDICTOR_ORIGINS`].
+    /// Guesses of each predictor, by what became of them, by place in [`super::PREDICTOR_ORIGINS`].
     pub guesses: [GuessStats; PREDICTORS],
     /// Prefetched pages read.
     pub prefetch_issued: u64,

@@ -5,8 +5,8 @@
 //!     per leaf:                              leaves of its node  = bits of its bitmap      (and so on, where units nest)
 //! ```
 //!
-//! Invariants: 1. each page of units is read once more, as long as words ascend along the curve, as `build` writes them; 2. a
-//! damaged page is named with the box of the linking nodes that lead to it.
+//! Invariants: 1. each page of units is read once more, as long as words ascend along the curve, as `build` writes
+//! them; 2. a damaged page is named with the box of the linking nodes that lead to it.
 
 use super::{Damage, Verdict};
 use crate::budget::Budget;

@@ -1,11 +1,16 @@
 //! The pool against a naive oracle: the page's content follows from its number, so every pinned frame can be checked.
 
+mod failure;
+mod limits;
+mod stress;
+
 use super::*;
-use crate::io::{DirectChoice, Extent, Fault, FaultPlan, IoChoice, Memory};
+use crate::io::{DirectChoice, Extent, Fault, FaultPlan, IoChoice, IoOptions, Memory};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng;
 use std::io::Write;
 use std::sync::atomic::AtomicU32;
+use std::time::Instant;
 
 const FRAME_BYTES: usize = 64 << 10;
 const FRAME: u64 = FRAME_BYTES as u64;
@@ -215,79 +220,6 @@ fn one_caller_sees_a_plain_clock() {
 
 /// Threads pin, want and unpin at random; every frame is compared whole while pinned. A resize runs beside them.
 #[test]
-fn stress_with_few_frames() {
-    let store = Synthetic::new(300, 3);
-    let plan = FaultPlan { seed: 5, short_per_1024: 50, interrupt_per_1024: 50, ..FaultPlan::default() };
-    let options = PoolOptions { frames_bytes_max: Some(64 * FRAME), ..options(24) };
-    let pool = pool_with(&store, store.faulty(plan), &options);
-    let checked = AtomicU32::new(0);
-    let stop = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..3_usize)
-            .map(|origin| {
-                let (pool, checked) = (&pool, &checked);
-                scope.spawn(move || stress_worker(pool, origin, checked))
-            })
-            .collect();
-        let (pool, stop) = (&pool, &stop);
-        let resizer = scope.spawn(move || {
-            let mut random = Pcg64Mcg::new(99);
-            while !stop.load(Ordering::Relaxed) {
-                // Never below what the workers pin (3 x 4) and one frame that moves.
-                let frames = 14 + u64::from(random.next_u32() % 50);
-                let count = pool.set_limit(frames * FRAME).unwrap();
-                assert_eq!(count.frames - count.owed, frames as usize);
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        });
-        for worker in workers {
-            worker.join().unwrap();
-        }
-        stop.store(true, Ordering::Relaxed);
-        resizer.join().unwrap();
-    });
-    let stats = pool.stats();
-    assert!(checked.into_inner() > 1000 && stats.refaults > 0, "{stats:?}");
-    assert_eq!(stats.damaged, 0, "{:?}", pool.damage());
-    let installs: u64 = (0..300).map(|page| u64::from(store.installs(page))).sum();
-    wait_until(&pool, "the last page", || pool.stats().queued == 0);
-    assert!(installs <= pool.stats().pages_read);
-}
-
-fn stress_worker(pool: &PagePool, origin: usize, checked: &AtomicU32) {
-    let mut random = Pcg64Mcg::new(origin as u128 + 17);
-    let mut held: Vec<PinToken> = Vec::new();
-    for _ in 0..1500 {
-        let wants: Vec<Want> = (0..6)
-            .map(|index| {
-                want(random.next_u32() % 300, [Class::Urgent, Class::Normal, Class::Prefetch][index % 3])
-            })
-            .collect();
-        pool.submit(origin, &wants);
-        let epoch = pool.epoch();
-        for want in &wants {
-            if let Some(token) = pool.try_pin(want.page) {
-                check_frame(want.page, pool.bytes(&token));
-                checked.fetch_add(1, Ordering::Relaxed);
-                held.push(token);
-            }
-            if held.len() == 4 {
-                let token = held.swap_remove(random.next_u32() as usize % 4);
-                check_frame(token.page(), pool.bytes(&token));
-                pool.unpin(token);
-            }
-        }
-        pool.wait_for_progress(epoch, Duration::from_micros(200));
-    }
-    for token in held {
-        check_frame(token.page(), pool.bytes(&token));
-        pool.unpin(token);
-    }
-    pool.submit(origin, &[]);
-    pool.submit(origin, &[]);
-}
-
-#[test]
 fn a_page_that_many_want_is_read_once() {
     let store = Synthetic::new(50, 4);
     let plan = FaultPlan { delay: Duration::from_millis(1), ..FaultPlan::default() };
@@ -305,75 +237,6 @@ fn a_page_that_many_want_is_read_once() {
     });
     assert!((0..50).all(|page| store.installs(page) == 1));
     assert_eq!(pool.stats().pages_read, 50);
-}
-
-#[test]
-fn saturated_until_somebody_unpins() {
-    let store = Synthetic::new(20, 5);
-    let pool = pool_of(&store, store.memory(1), 4);
-    let mut pins: Vec<Pin> = (0..4).map(|page| pool.pin_blocking(page).unwrap()).collect();
-    assert!(!pool.is_saturated());
-    pool.submit(0, &[want(10, Class::Urgent)]);
-    wait_until(&pool, "saturation", || pool.is_saturated());
-    assert_eq!((pool.state(10), pool.stats().saturated), (PageState::Queued, 1));
-    pins.remove(2);
-    check_frame(10, &pool.pin_blocking(10).unwrap());
-    wait_until(&pool, "the end of saturation", || !pool.is_saturated());
-    assert_eq!(pool.state(2), PageState::Absent);
-    for pin in &pins {
-        check_frame(pin.page(), pin);
-    }
-}
-
-#[test]
-fn the_limit_shrinks_and_grows_with_its_lease() {
-    let store = Synthetic::new(64, 6);
-    let budget = Budget::new(RESERVE_BYTES + (64 << 20));
-    let shared: Arc<dyn PageStore> = Arc::clone(&store) as Arc<dyn PageStore>;
-    let options = PoolOptions { frames_bytes_max: Some(64 * FRAME), ..options(32) };
-    let path = Path::new("synthetic");
-    let pool = PagePool::with_backend(shared, store.memory(1), path, &budget, &options).unwrap();
-    let overhead = PagePool::smallest_bytes(&*store, &options).unwrap().0;
-    assert_eq!(budget.used_bytes(), overhead + 32 * FRAME);
-
-    let pins: Vec<Pin> = (0..20).map(|page| pool.pin_blocking(page).unwrap()).collect();
-    pool.fetch_blocking(&(20..64).collect::<Vec<_>>()).unwrap();
-    assert_eq!(pool.set_limit(8 * FRAME).unwrap(), FrameCount { frames: 20, owed: 12 });
-    assert_eq!(budget.used_bytes(), overhead + 20 * FRAME);
-    for pin in pins {
-        check_frame(pin.page(), &pin);
-    }
-    // Paid without anybody asking for a page.
-    wait_until(&pool, "the debt", || pool.frames() == FrameCount { frames: 8, owed: 0 });
-    assert_eq!(budget.used_bytes(), overhead + 8 * FRAME);
-
-    assert_eq!(pool.set_limit(1000 * FRAME).unwrap(), FrameCount { frames: 64, owed: 0 });
-    pool.fetch_blocking(&(0..64).collect::<Vec<_>>()).unwrap();
-    assert!((0..64).all(|page| pool.state(page) == PageState::Resident));
-    assert_eq!(pool.set_limit(FRAME).unwrap_err().code(), Code::MemoryLimit);
-    let _rest = budget.lease("others", budget.free_bytes()).unwrap();
-    pool.set_limit(10 * FRAME).unwrap();
-    let _rest = budget.lease("others", budget.free_bytes()).unwrap();
-    assert_eq!(pool.set_limit(11 * FRAME).unwrap_err().code(), Code::MemoryLimit);
-    assert_eq!(pool.frames(), FrameCount { frames: 10, owed: 0 });
-    drop((pool, _rest));
-}
-
-#[test]
-fn nothing_stays_leased_after_drop() {
-    let store = Synthetic::new(8, 7);
-    let budget = Budget::new(RESERVE_BYTES + (64 << 20));
-    let shared: Arc<dyn PageStore> = Arc::clone(&store) as Arc<dyn PageStore>;
-    let path = Path::new("synthetic");
-    let pool =
-        PagePool::with_backend(Arc::clone(&shared), store.memory(1), path, &budget, &options(8)).unwrap();
-    pool.fetch_blocking(&[1, 2]).unwrap();
-    drop(pool);
-    assert_eq!(budget.used_bytes(), 0);
-    let tight = Budget::new(RESERVE_BYTES + 1);
-    let error = PagePool::with_backend(shared, store.memory(1), path, &tight, &options(8)).err().unwrap();
-    assert_eq!(error.code(), Code::MemoryLimit);
-    assert!(error.smallest_limit_bytes().is_some());
 }
 
 #[test]
@@ -442,33 +305,6 @@ fn dropping_with_wants_and_reads_in_flight_ends() {
         pool.submit(0, &(0..100).map(|page| want(page, Class::Normal)).collect::<Vec<_>>());
         drop(pool);
     }
-}
-
-#[test]
-fn a_decoder_that_panics_costs_its_page() {
-    struct Panics(Arc<Synthetic>);
-    impl PageStore for Panics {
-        fn page_count(&self) -> u32 {
-            self.0.page_count()
-        }
-        fn extent(&self, page: u32) -> Extent {
-            self.0.extent(page)
-        }
-        fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
-            assert!(page != 2, "this panic belongs to the test");
-            self.0.install(page, stored, frame, scratch)
-        }
-        fn frame_bytes(&self) -> usize {
-            FRAME_BYTES
-        }
-    }
-    let store = Synthetic::new(5, 13);
-    let memory = store.memory(1);
-    let path = Path::new("synthetic");
-    let store = Arc::new(Panics(store));
-    let pool = PagePool::with_backend(store, memory, path, &Budget::unlimited(), &options(5)).unwrap();
-    assert!(pool.fetch_blocking(&[0, 1, 2, 3, 4]).is_err());
-    assert!(pool.is_damaged(2) && pool.pin(3).is_some());
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! The build against a plain snap of the same triangles: nothing lost, nothing changed, nothing order-dependent.
 
+mod scratch;
+
 use super::*;
 use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;

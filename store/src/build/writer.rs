@@ -1,0 +1,307 @@
+//! `Writer`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
+//!
+//! Invariants: 1. a page that chunks share is written when it is full, and the nodes that lead to it are told then;
+//! 2. every byte is hashed before it is written.
+
+use super::BuildReport;
+use super::lattice::Scan;
+use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
+use super::partition::Partition;
+use super::publish::DraftFile;
+use super::sah::{Prim, Splitter};
+use super::voxels::VoxelWork;
+use crate::cluster::{LatticeBox, Node, TopRef};
+use crate::error::Result;
+use crate::geom::Aabb;
+use crate::layout::*;
+use crate::octree::Refinement;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Collects what the tables need while pages go out.
+pub(super) struct Writer<'a> {
+    file_id: u64,
+    node_shift: u32,
+    block: Superblock,
+    context: PackContext<'a>,
+    pages: Vec<PageEntry>,
+    /// The page that the ends of the last chunks share, and what leads into it.
+    open: OpenPage,
+    links: Vec<(Link, u32)>,
+    nodes: Vec<Node>,
+    /// Per chunk: its box and where its root is.
+    roots: Vec<(LatticeBox, TopRef)>,
+    emitters: Vec<u8>,
+    emitter_count: u64,
+}
+
+/// Where it is said in which page a subtree is.
+enum Link {
+    /// This child of this node.
+    Child(usize, usize),
+    /// The root of this chunk.
+    Root(usize),
+}
+
+impl<'a> Writer<'a> {
+    pub(super) fn new(file_id: u64, block: Superblock, context: PackContext<'a>) -> Writer<'a> {
+        Writer {
+            file_id,
+            node_shift: block.node_shift,
+            block,
+            context,
+            pages: Vec::new(),
+            open: OpenPage::default(),
+            links: Vec::new(),
+            nodes: Vec::new(),
+            roots: Vec::new(),
+            emitters: Vec::new(),
+            emitter_count: 0,
+        }
+    }
+
+    /// Triangles in pages so far.
+    pub(super) fn triangle_count(&self) -> u64 {
+        self.block.triangle_count
+    }
+
+    /// Pages so far.
+    pub(super) fn page_count(&self) -> u32 {
+        self.pages.len() as u32
+    }
+
+    /// The slots for the sections of the octree.
+    pub(super) fn voxel_sections(&mut self) -> &mut [Section] {
+        &mut self.block.sections[SectionKind::ALL.len()..]
+    }
+
+    /// Writes the pages of a chunk, and begins or fills the one that chunks share.
+    pub(super) fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
+        let (first_page, first_node) = (self.pages.len() as u32, self.nodes.len() as u32);
+        let open_page = chunk.pages.len() as u32;
+        for page in chunk.pages {
+            self.add_page(page, file)?;
+        }
+        if !self.open.takes(&chunk.open) {
+            self.close(file)?;
+        }
+        let first_slot = self.open.append(chunk.open);
+        let links = &mut self.links;
+        let mut moved = |r: TopRef, link: Link| match r {
+            TopRef::Node(index) => TopRef::Node(first_node + index),
+            TopRef::Page { page, slot } if page == open_page => {
+                links.push((link, first_slot + slot));
+                r
+            }
+            TopRef::Page { page, slot } => TopRef::Page { page: first_page + page, slot },
+        };
+        for children in &chunk.nodes {
+            let node = self.nodes.len();
+            let words =
+                children.iter().zip(0..).map(|(&(b, r), i)| (b, moved(r, Link::Child(node, i)).to_word()));
+            self.nodes.push(Node::from_children(&words.collect::<Vec<_>>(), self.node_shift));
+        }
+        self.roots.push((chunk.root.0, moved(chunk.root.1, Link::Root(self.roots.len()))));
+        Ok(())
+    }
+
+    /// Ends the open page, if anything is in it.
+    pub(super) fn close(&mut self, file: &mut DraftFile<'_>) -> Result<()> {
+        let page = self.pages.len() as u32;
+        let full = std::mem::take(&mut self.open);
+        if !full.is_empty() {
+            self.add_page(full.pack(self.context), file)?;
+        }
+        for (link, slot) in self.links.drain(..) {
+            let there = TopRef::Page { page, slot };
+            match link {
+                Link::Child(node, i) => self.nodes[node].child[i] = there.to_word(),
+                Link::Root(chunk) => self.roots[chunk].1 = there,
+            }
+        }
+        Ok(())
+    }
+
+    fn add_page(&mut self, page: PackedPage, file: &mut DraftFile<'_>) -> Result<()> {
+        if self.pages.len() >= PAGES as usize {
+            return Err(too_many_pages());
+        }
+        let (id, first_triangle) = (self.pages.len() as u32, self.block.triangle_count as u32);
+        let offset = file.append(&page.stored)?;
+        self.pages.push(PageEntry {
+            offset,
+            hash: page_hash(&page.stored, self.file_id, id),
+            stored_bytes: page.stored.len() as u32,
+            unpacked_bytes: page.unpacked_bytes as u32,
+            first_triangle,
+            triangle_count: page.triangle_count as u32,
+            kind: PageKind::Mesh,
+            packing: page.packing,
+        });
+        for emitter in &page.emitters {
+            emitter.corners.as_flattened().iter().for_each(|q| self.emitters.extend(q.to_le_bytes()));
+            self.emitters.extend(u32::from(emitter.material).to_le_bytes());
+            self.emitters.extend((first_triangle + emitter.triangle).to_le_bytes());
+            self.emitter_count += 1;
+        }
+        let block = &mut self.block;
+        block.triangle_count += page.triangle_count as u64;
+        block.vertex_count += page.vertex_count as u64;
+        block.cluster_count += page.cluster_count as u64;
+        block.wide_cluster_count += page.wide_cluster_count as u64;
+        block.resident_bytes += page.frame_bytes as u64;
+        block.page_tree_bytes += page.tree_bytes as u64;
+        Ok(())
+    }
+
+    /// Writes a page of units, given in its stored form before packing.
+    pub(super) fn add_units(&mut self, raw: Vec<u8>, file: &mut DraftFile<'_>) -> Result<()> {
+        let (id, unpacked_bytes) = (self.pages.len() as u32, raw.len() as u32);
+        let (stored, packing) = packed(raw);
+        self.pages.push(PageEntry {
+            offset: file.append(&stored)?,
+            hash: page_hash(&stored, self.file_id, id),
+            stored_bytes: stored.len() as u32,
+            unpacked_bytes,
+            first_triangle: self.block.triangle_count as u32,
+            triangle_count: 0,
+            kind: PageKind::Units,
+            packing,
+        });
+        Ok(())
+    }
+
+    /// Joins the chunks' trees and writes the tables.
+    pub(super) fn write_tables(
+        &mut self,
+        file: &mut DraftFile<'_>,
+        materials_json: &[u8],
+        material_count: usize,
+    ) -> Result<()> {
+        let bounds = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
+        self.block.root = self.join_roots().to_word();
+        self.block.lattice_bounds = [bounds.lo, bounds.hi];
+        self.block.bounds =
+            Aabb { lo: self.block.lattice.position(bounds.lo), hi: self.block.lattice.position(bounds.hi) };
+        let mut table = Vec::with_capacity(self.pages.len() * PAGE_ENTRY_BYTES);
+        self.pages.iter().for_each(|entry| entry.write(&mut table));
+        let tree: &[u8] = bytemuck::cast_slice(&self.nodes);
+        let sections = [
+            (SectionKind::PageTable, table.as_slice(), self.pages.len()),
+            (SectionKind::TopTree, tree, self.nodes.len()),
+            (SectionKind::Materials, materials_json, material_count),
+            (SectionKind::Emitters, &self.emitters, self.emitter_count as usize),
+        ];
+        self.block.file_id = self.file_id;
+        for (slot, (kind, bytes, count)) in sections.into_iter().enumerate() {
+            let offset = file.append(bytes)?;
+            let hash = section_hash(bytes, self.file_id, kind as u32);
+            self.block.sections[slot] =
+                Section { kind: kind as u32, count: count as u32, offset, bytes: bytes.len() as u64, hash };
+        }
+        Ok(())
+    }
+
+    /// Writes both superblocks.
+    pub(super) fn seal(mut self, file: &mut DraftFile<'_>, out: &mut BuildReport) -> Result<Superblock> {
+        self.block.file_bytes = file.bytes() + SUPERBLOCK_BYTES as u64;
+        let head = self.block.to_bytes();
+        file.append(&head)?;
+        file.write_head(&head)?;
+        let block = &self.block;
+        out.input_triangle_count = block.input_triangle_count;
+        out.triangle_count = block.triangle_count;
+        out.rejected_degenerate = block.rejected_degenerate;
+        out.rejected_non_finite = block.rejected_non_finite;
+        out.cluster_count = block.cluster_count;
+        out.wide_cluster_count = block.wide_cluster_count;
+        out.page_count = self.pages.len() as u32;
+        out.emitter_count = self.emitter_count;
+        out.output_bytes = block.file_bytes;
+        out.file_id = format!("{:016x}", self.file_id);
+        out.cluster_fill =
+            block.triangle_count as f64 / (block.cluster_count.max(1) * CLUSTER_TRIANGLES as u64) as f64;
+        out.error_bound = block.error_bound;
+        Ok(self.block)
+    }
+
+    /// The tree above the chunks: SAH again, collapsed to 8-wide nodes. Gives the root of all.
+    fn join_roots(&mut self) -> TopRef {
+        let all = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
+        let mut prims: Vec<_> =
+            self.roots.iter().enumerate().map(|(i, (b, _))| Prim::new(b, all.lo, i as u32)).collect();
+        let mut tree = Vec::new();
+        grow(&mut Splitter::default(), &mut prims, &self.roots, &mut tree);
+        let wide = Wide::new(&tree);
+        let first = self.nodes.len() as u32;
+        let word = |r: WideRef, roots: &[(LatticeBox, TopRef)]| match r {
+            WideRef::Leaf(i) => roots[i as usize].1,
+            WideRef::Node(i) => TopRef::Node(first + i),
+        };
+        for children in &wide.nodes {
+            let children: Vec<_> =
+                children.iter().map(|&(b, r)| (b, word(r, &self.roots).to_word())).collect();
+            self.nodes.push(Node::from_children(&children, self.node_shift));
+        }
+        word(wide.root, &self.roots)
+    }
+}
+
+/// The binary tree over chunk roots.
+fn grow(
+    splitter: &mut Splitter,
+    prims: &mut [Prim],
+    roots: &[(LatticeBox, TopRef)],
+    tree: &mut Vec<(LatticeBox, super::chunk::Tree)>,
+) -> u32 {
+    use super::chunk::Tree;
+    if let [only] = prims {
+        tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
+    } else {
+        let cut = splitter.split(prims, 1);
+        let (left, right) = prims.split_at_mut(cut);
+        let left = grow(splitter, left, roots, tree);
+        let right = grow(splitter, right, roots, tree);
+        tree.push((tree[left as usize].0.join(&tree[right as usize].0), Tree::Split(left, right)));
+    }
+    tree.len() as u32 - 1
+}
+
+/// The file id: what was read and what was asked.
+pub(super) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_json: &[u8]) -> u64 {
+    let mut bytes = Vec::from(materials_json);
+    bytes.extend(parted.content_hash.to_le_bytes());
+    bytes.extend(parted.grid.lattice.exponent.to_le_bytes());
+    parted.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
+    bytes.extend(VERSION.to_le_bytes());
+    bytes.extend(voxels.map_or(0, |work| work.grid.resolution).to_le_bytes());
+    if let Some(work) = voxels.filter(|work| work.refinement != Refinement::None) {
+        bytes.extend(work.refinement.factor().to_le_bytes());
+    }
+    xxh3_64(&bytes)
+}
+
+/// The superblock of a file in which nothing is yet.
+pub(super) fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
+    Superblock {
+        file_bytes: 0,
+        file_id: 0,
+        lattice: parted.grid.lattice,
+        lattice_bits: parted.grid.bits,
+        node_shift: node_shift(parted.grid.bits),
+        error_bound: parted.error_bound,
+        bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
+        lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
+        median_edge: scan.median_edge,
+        input_triangle_count: parted.input_triangle_count,
+        triangle_count: 0,
+        vertex_count: 0,
+        cluster_count: 0,
+        wide_cluster_count: 0,
+        rejected_degenerate: parted.rejected_degenerate,
+        rejected_non_finite: parted.rejected_non_finite,
+        resident_bytes: 0,
+        page_tree_bytes: 0,
+        root: 0,
+        sections: [Section::default(); SECTIONS],
+    }
+}

@@ -1,0 +1,98 @@
+//! `PageEntry`: one page in the page table.
+//!
+//! Invariant: an entry that was parsed has lengths that a frame can hold, and a kind and a packing that are known.
+
+use super::fields::{Cursor, Fields};
+use super::{FRAME_BYTES, PAGE_ENTRY_BYTES, STORED_BYTES};
+
+/// Kinds of pages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum PageKind {
+    /// Clusters and the tree above them.
+    Mesh = 0,
+    /// Units of the lower octrees.
+    Units = 1,
+}
+
+impl PageKind {
+    /// The kind of a byte.
+    fn of(byte: u32) -> Option<PageKind> {
+        [PageKind::Mesh, PageKind::Units].into_iter().find(|kind| *kind as u32 == byte)
+    }
+}
+
+/// How a page or section is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Packing {
+    /// As it is.
+    Raw = 0,
+    /// One LZ4 block.
+    Lz4 = 1,
+}
+
+/// One page in the page table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PageEntry {
+    /// Where its stored bytes begin.
+    pub offset: u64,
+    /// XXH3-64 of the stored bytes, seeded with file id and page id.
+    pub hash: u64,
+    /// Length on disk.
+    pub stored_bytes: u32,
+    /// Length of the disk form after unpacking.
+    pub unpacked_bytes: u32,
+    /// Store id of its first triangle.
+    pub first_triangle: u32,
+    /// Triangles in it.
+    pub triangle_count: u32,
+    /// Kind of the page's content.
+    pub kind: PageKind,
+    /// How it is stored.
+    pub packing: Packing,
+}
+
+impl PageEntry {
+    /// Appends the entry as it stands on disk.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        let mut w = Fields(std::mem::take(out));
+        w.u64(self.offset);
+        w.u64(self.hash);
+        w.u32(self.stored_bytes);
+        w.u32(self.unpacked_bytes);
+        w.u32(self.first_triangle);
+        w.u32(self.triangle_count);
+        w.u32(u32::from(self.kind as u8) | u32::from(self.packing as u8) << 8);
+        w.u32(0);
+        *out = w.0;
+    }
+
+    /// Reads one entry; `None` when a field is out of its range.
+    pub fn parse(bytes: &[u8; PAGE_ENTRY_BYTES]) -> Option<PageEntry> {
+        let mut r = Cursor { bytes, at: 0 };
+        let (offset, hash, stored_bytes, unpacked_bytes) = (r.u64(), r.u64(), r.u32(), r.u32());
+        let (first_triangle, triangle_count) = (r.u32(), r.u32());
+        let (kind, reserved) = (r.u32(), r.u32());
+        let packing = match kind >> 8 {
+            0 => Packing::Raw,
+            1 => Packing::Lz4,
+            _ => return None,
+        };
+        let page_kind = PageKind::of(kind & 0xff)?;
+        let sound = reserved == 0
+            && (page_kind == PageKind::Mesh || triangle_count == 0)
+            && (1..=STORED_BYTES as u32).contains(&stored_bytes)
+            && (1..=FRAME_BYTES as u32).contains(&unpacked_bytes);
+        sound.then_some(PageEntry {
+            offset,
+            hash,
+            stored_bytes,
+            unpacked_bytes,
+            first_triangle,
+            triangle_count,
+            kind: page_kind,
+            packing,
+        })
+    }
+}

@@ -1,0 +1,87 @@
+//! Pins that are waited for: for simple callers, and for those who have nothing else to do.
+//!
+//! Invariant: a blocking call ends: with a page, with the page's error, with the pool's, or after [`STALL_MAX`] in
+//! which nothing came.
+
+use super::signal::lock;
+use super::{PagePool, PageState, Pin};
+use crate::error::{Code, Error, Result};
+use std::time::{Duration, Instant};
+
+/// Pages that [`PagePool::fetch_blocking`] asks for ahead of the one it waits for.
+const FETCH_WINDOW: usize = 32;
+
+/// After so long without any arrival a blocking call gives up: all frames are pinned, or the device hangs.
+const STALL_MAX: Duration = Duration::from_secs(60);
+
+impl PagePool {
+    /// Pins `page`, and reads it first when it must.
+    ///
+    /// # Errors
+    /// The error of a damaged page; [`Code::MemoryLimit`] when nothing has arrived for a minute, since all frames are
+    /// pinned; [`Code::Bug`] when a thread of the pool has panicked.
+    pub fn pin_blocking(&self, page: u32) -> Result<Pin<'_>> {
+        let (mut epoch, mut since) = (self.epoch(), Instant::now());
+        loop {
+            if let Some(token) = self.pin_uncounted(page) {
+                return Ok(self.pin_of(token));
+            }
+            if self.is_damaged(page) {
+                return Err(self.damage_of(page));
+            }
+            if let Some(error) = self.failure() {
+                return Err(error);
+            }
+            self.hold(page);
+            let now = self.shared.progress.wait(epoch, Duration::from_millis(20));
+            if now != epoch {
+                (epoch, since) = (now, Instant::now());
+            } else if since.elapsed() > STALL_MAX {
+                return Err(self.stalled(page));
+            }
+        }
+    }
+
+    /// Sees to it that each of `pages` has been in a frame once, in this order, and so was checked and decoded. They
+    /// need not fit at once.
+    ///
+    /// # Errors
+    /// The first error of [`PagePool::pin_blocking`], after all pages were tried.
+    pub fn fetch_blocking(&self, pages: &[u32]) -> Result<()> {
+        let frames = lock(&self.shared.clock).live();
+        let window = FETCH_WINDOW.min(frames / 2).max(1);
+        let mut first_error = Ok(());
+        for (index, &page) in pages.iter().enumerate() {
+            // One step ahead for each step done, the whole window at the start.
+            let ahead =
+                if index == 0 { 0..window.min(pages.len()) } else { index + window - 1..index + window };
+            for &page in pages.get(ahead).unwrap_or_default() {
+                self.hold(page);
+            }
+            first_error = first_error.and(self.pin_blocking(page).map(drop));
+        }
+        first_error
+    }
+
+    fn hold(&self, page: u32) {
+        if self.state(page) == PageState::Absent || self.state(page) == PageState::Queued {
+            lock(&self.shared.requests).hold(page, &self.shared.words);
+            self.shared.bell.ring();
+        }
+    }
+
+    fn damage_of(&self, page: u32) -> Error {
+        let damage = lock(&self.shared.damage);
+        let known = damage.iter().find(|(damaged, _)| *damaged == page);
+        known.map(|(_, error)| error.clone()).unwrap_or_else(|| {
+            Error::new(Code::Damaged, "a page is damaged").at_place(format!("page {page}"))
+        })
+    }
+
+    fn stalled(&self, page: u32) -> Error {
+        Error::new(Code::MemoryLimit, "no page has arrived for a minute")
+            .at_place(format!("page {page}"))
+            .numbers(format!("{:?}, saturated: {}", self.frames(), self.is_saturated()))
+            .next("raise --memory-limit, or look whether the device hangs (dmesg)")
+    }
+}

@@ -1,0 +1,84 @@
+//! `PoolOptions`, and the sizes that follow from them for a file.
+
+use super::clock::Clock;
+use super::requests::Requests;
+use super::word::{self, Word};
+use super::{DECODE_THREADS_MAX, FRAMES_MIN, PageStore};
+use crate::error::{Code, Error, Result};
+use crate::io::{IoOptions, staging_bytes_for};
+
+/// How a pool is set up.
+#[derive(Clone, Debug)]
+pub struct PoolOptions {
+    /// Memory for frames at open. At least [`FRAMES_MIN`] frames.
+    pub frames_bytes: u64,
+    /// The most that `set_limit` may ever ask for; addresses are reserved for it. `None`: all pages of the file.
+    pub frames_bytes_max: Option<u64>,
+    /// Buffers between disk and decoder, each of `merge_bytes` and two blocks more. At least 1; more than `io.depth`
+    /// lets decoders work while the queue of the disk is full.
+    pub staging_slots: usize,
+    /// Longest read that several pages share. A page that is longer is read alone.
+    pub merge_bytes: u32,
+    /// Threads that check and decode, 1 to 16.
+    pub decode_threads: usize,
+    /// Most pages wanted at once; prefetch and background may take half of it.
+    pub queue_capacity: usize,
+    /// How the file is read.
+    pub io: IoOptions,
+}
+
+impl Default for PoolOptions {
+    fn default() -> PoolOptions {
+        PoolOptions {
+            frames_bytes: 64 << 20,
+            frames_bytes_max: None,
+            staging_slots: 40,
+            merge_bytes: 256 << 10,
+            decode_threads: 2,
+            queue_capacity: 4096,
+            io: IoOptions::default(),
+        }
+    }
+}
+
+/// The sizes that follow from a file and the options.
+pub(super) struct Plan {
+    pub(super) frames_max: usize,
+    pub(super) slot_bytes: usize,
+    pub(super) overhead_bytes: u64,
+}
+
+impl Plan {
+    pub(super) fn new(store: &dyn PageStore, options: &PoolOptions) -> Result<Plan> {
+        let out_of_range = options.staging_slots == 0
+            || options.staging_slots > crate::io::DEPTH_MAX
+            || options.decode_threads == 0
+            || options.decode_threads > DECODE_THREADS_MAX
+            || options.queue_capacity < 2;
+        if out_of_range {
+            return Err(Error::new(Code::Usage, "a pool option is out of range")
+                .numbers(format!(
+                    "{} staging slots, {} decode threads, room for {} wants",
+                    options.staging_slots, options.decode_threads, options.queue_capacity
+                ))
+                .next("use the defaults of PoolOptions"));
+        }
+        let (pages, frame_bytes) = (store.page_count(), store.frame_bytes());
+        assert!(frame_bytes > 0 && frame_bytes.is_multiple_of(crate::io::ALIGN_BYTES));
+        let longest = (0..pages).map(|page| store.extent(page).stored_bytes).max().unwrap_or(1);
+        let slot_bytes = staging_bytes_for(longest.max(options.merge_bytes) as usize);
+        let wanted_max = match options.frames_bytes_max {
+            Some(bytes) => bytes.max(options.frames_bytes) / frame_bytes as u64,
+            None => u64::from(pages),
+        };
+        let most = u64::from(pages).min(word::FRAMES_MAX as u64);
+        let frames_max = (wanted_max.min(most) as usize).max(FRAMES_MIN);
+        let overhead_bytes = (options.staging_slots * slot_bytes) as u64
+            + u64::from(pages) * size_of::<Word>() as u64
+            + frames_max as u64 * Clock::BYTES_PER_FRAME
+            + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
+            // What a decoder may keep as scratch.
+            + (options.decode_threads * frame_bytes) as u64;
+        Ok(Plan { frames_max, slot_bytes, overhead_bytes })
+    }
+}

@@ -1,0 +1,124 @@
+//! `ScratchFile`: what a build spills to disk comes back as it was written, or as an error.
+//!
+//! ```text
+//! block = XXH3-64 of the rest, seeded with the block's name (8 bytes) | content
+//! ```
+//!
+//! A disk or a cable that turns one bit would otherwise make a model that is wrong and whose every hash is right.
+//!
+//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. no byte of a block is looked
+//! at before its hash was checked; 3. the length of a block is known to who wrote it, and never read from the file;
+//! 4. a name is given once in a file, so a block in another's place does not pass.
+
+use crate::error::{Code, Error, Result};
+use std::fs::File;
+use std::io::ErrorKind;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::xxh3_64_with_seed;
+
+/// Bytes of a block before its content.
+pub(crate) const SEAL_BYTES: usize = 8;
+
+/// An unlinked file.
+pub(crate) struct ScratchFile {
+    file: File,
+    folder: PathBuf,
+}
+
+/// Writes the hash of `block[SEAL_BYTES..]` to its first bytes.
+pub(crate) fn seal(block: &mut [u8], name: u64) {
+    let (hash, content) = block.split_at_mut(SEAL_BYTES);
+    hash.copy_from_slice(&xxh3_64_with_seed(content, name).to_le_bytes());
+}
+
+impl ScratchFile {
+    /// A new file in `folder`.
+    pub(crate) fn create(folder: &Path) -> Result<ScratchFile> {
+        let file =
+            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
+        Ok(ScratchFile { file, folder: folder.to_path_buf() })
+    }
+
+    /// The file, for what is neither reading nor writing.
+    pub(crate) fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Writes sealed blocks.
+    pub(crate) fn write(&self, blocks: &[u8], offset: u64) -> Result<()> {
+        self.file.write_all_at(blocks, offset).map_err(|e| self.failed("write to the scratch file", &e))
+    }
+
+    /// Reads the block of so many bytes, seal included, and gives its content.
+    pub(crate) fn read<'a>(
+        &self,
+        offset: u64,
+        bytes: usize,
+        name: u64,
+        buffer: &'a mut Vec<u8>,
+    ) -> Result<&'a [u8]> {
+        buffer.resize(bytes, 0);
+        self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read the scratch file", &e))?;
+        let (hash, content) = buffer.split_first_chunk::<SEAL_BYTES>().expect("a block is sealed");
+        let (found, expected) = (xxh3_64_with_seed(content, name), u64::from_le_bytes(*hash));
+        if found != expected {
+            let numbers = format!("{bytes} bytes: hash {found:016x}, expected {expected:016x}");
+            return Err(self.damaged(offset).numbers(numbers));
+        }
+        Ok(content)
+    }
+
+    /// The error of a block that is not what was written.
+    pub(crate) fn damaged(&self, offset: u64) -> Error {
+        Error::new(Code::Io, "the scratch file gave back other bytes than were written")
+            .at_byte(&self.folder, offset)
+            .next("check the disk and the memory, or name another folder with --temp-dir; nothing was published")
+    }
+
+    /// The error of a call that failed.
+    pub(crate) fn failed(&self, doing: &str, error: &std::io::Error) -> Error {
+        let failed = Error::writing(doing, &self.folder, error);
+        if error.kind() == ErrorKind::StorageFull {
+            return failed.next("free space there, or name another folder with --temp-dir");
+        }
+        failed
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    impl ScratchFile {
+        /// Turns one bit, as a bad disk would.
+        pub(crate) fn flip(&self, bit: u64) {
+            let mut byte = [0];
+            self.file.read_exact_at(&mut byte, bit / 8).unwrap();
+            byte[0] ^= 1 << (bit % 8);
+            self.file.write_all_at(&byte, bit / 8).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_block_comes_back_or_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let scratch = ScratchFile::create(folder.path()).unwrap();
+        let mut block: Vec<u8> = (0..100).collect();
+        seal(&mut block, 7);
+        scratch.write(&block, 50).unwrap();
+        let read = |name| scratch.read(50, 100, name, &mut Vec::new()).map(<[u8]>::to_vec);
+        assert_eq!(read(7).unwrap(), &block[SEAL_BYTES..]);
+        assert_eq!(read(8).unwrap_err().code(), Code::Io, "another block's name");
+        for bit in 8 * 50..8 * 150 {
+            scratch.flip(bit);
+            let error = read(7).unwrap_err();
+            assert!(
+                error.place().ends_with("at byte 50") && error.next_step().contains("--temp-dir"),
+                "{error}"
+            );
+            scratch.flip(bit);
+        }
+        assert!(read(7).is_ok());
+    }
+}

@@ -1,0 +1,74 @@
+//! System calls that fail where they never do: what the kernel answers is changed by strace, in the command as it
+//! ships.
+
+use crate::command::{Ran, TREX, document_in, folder, hash_of, ran, run_in, skipped};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Reads a few hundred pages.
+const RENDER: &str =
+    "render m.trex -o out.png --overwrite --resolution 320x240 --spp 1 --memory-limit 64MiB --json";
+
+/// A model of a few hundred pages, with its picture; `None`, said aloud, where strace cannot be had.
+fn model() -> Option<tempfile::TempDir> {
+    let traced = Command::new("strace").args(["-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
+    if !traced.is_ok_and(|status| status.success()) {
+        skipped("strace is not installed, or may not trace");
+        return None;
+    }
+    let inside = folder();
+    document_in(inside.path(), "build gen:pipes:1M -o m.trex");
+    Some(inside)
+}
+
+/// Runs `trex LINE` with what strace changes; for a minute at most.
+fn run_with(inside: &Path, inject: &str, line: &str) -> Ran {
+    let call = inject.split(':').next().unwrap();
+    let mut command = Command::new("timeout");
+    command.args(["60", "strace", "-f", "-qq", "-o", "/dev/null", "-e", &format!("trace={call}")]);
+    command.args(["-e", &format!("inject={inject}"), TREX]).args(line.split_whitespace());
+    ran(line, command.current_dir(inside).stdin(Stdio::null()).output().unwrap())
+}
+
+/// A call that failed once left reads in the ring's queue: the loader panicked when it was full, pages whose reads did
+/// not come back were taken for damaged, and a render hung for ever, or ended as well done.
+#[test]
+fn a_ring_that_fails_costs_a_line() {
+    let Some(inside) = model() else { return };
+    let whole = document_in(inside.path(), RENDER.trim_end_matches(" --json"));
+    let picture = hash_of(&inside.path().join("out.png"));
+    if whole["io_backend"]["backend"] != "uring" {
+        return skipped("this machine has no io_uring");
+    }
+    for (errno, when) in [("ENOMEM", "10"), ("EIO", "10"), ("ENOMEM", "3"), ("EIO", "20+")] {
+        let rendered = run_with(inside.path(), &format!("io_uring_enter:error={errno}:when={when}"), RENDER);
+        rendered.expect(0);
+        let document = rendered.document();
+        assert_eq!(document["exact"], true, "{errno} {when}: {document:#}");
+        assert_eq!(hash_of(&inside.path().join("out.png")), picture, "{errno} {when}");
+        assert_eq!(document["io_backend"]["backend"], "pread", "{errno} {when}");
+        let notice = document["io_backend"]["notice"].as_str().unwrap();
+        let told = rendered.stderr.lines().filter(|line| line.contains(notice)).count();
+        assert_eq!(told, 1, "{notice}:\n{}", rendered.stderr);
+    }
+}
+
+/// A kernel that says that more bytes arrived than were asked for: an assert in the loader. Nobody may wait for it.
+#[test]
+fn a_loader_that_panics_ends_the_command() {
+    let Some(inside) = model() else { return };
+    // Each reading thread makes more calls than the one that opens the file.
+    let render = format!("{RENDER} --io pread --integrator path").replace("64MiB", "38MiB");
+    for more in ["", " --time-limit 30"] {
+        let start = Instant::now();
+        let ended = run_with(inside.path(), "pread64:retval=1000000000:when=16+", &format!("{render}{more}"));
+        assert!(start.elapsed() < Duration::from_secs(20), "{more}: took {:?}", start.elapsed());
+        ended.expect(70);
+        let document = ended.document();
+        assert_eq!((&document["code"], &document["exit"]), (&"bug".into(), &70.into()), "{document:#}");
+        assert!(document["what"].as_str().unwrap().contains("trex-load-0"), "{document:#}");
+        assert_eq!(ended.stderr.matches("error:").count(), 1, "{}", ended.stderr);
+    }
+    run_in(inside.path(), RENDER).expect(0);
+}
