@@ -35,7 +35,8 @@ impl Output {
         Output { json, command, said: Arc::default() }
     }
 
-    /// Prints the result of `verb`, unless something was said before: its `Display` text, or the document `trex.<verb>/1` of its fields.
+    /// Prints the result of `verb`, unless something was said before: its `Display` text, or the document
+    /// `trex.<verb>/1` of its fields.
     ///
     /// # Errors
     /// Stdout cannot be written (a full disk behind `>`); a closed pipe is no error.

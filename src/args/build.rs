@@ -47,7 +47,8 @@ pub struct VoxelArgs {
     pub upper_budget: Bytes,
     /// The memory limit that pictures will be made under: sets --upper-budget so that the voxels with their light
     /// take at most two fifths of it
-    #[arg(long, value_name = "SIZE", value_parser = values::render_limit, conflicts_with_all = ["upper_budget", "voxels"])]
+    #[arg(long, value_name = "SIZE", value_parser = values::render_limit,
+          conflicts_with_all = ["upper_budget", "voxels"])]
     pub render_limit: Option<Bytes>,
     /// Leave the voxel octree out: smaller, but without global illumination
     #[arg(long)]

@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let seconds = start.elapsed().as_secs_f64();
         let stats = source.stats();
         println!(
-            "pass {pass}: {:.0} MB/s, {:.1} M triangles/s, {} triangles, {} of {} look-ups missed, {} bytes held, sum {sum:e}",
+            "pass {pass}: {:.0} MB/s, {:.1} M triangles/s, {} triangles, {} of {} look-ups missed, \
+             {} bytes held, sum {sum:e}",
             stats.bytes_total as f64 / 1e6 / seconds,
             stats.triangle_count as f64 / 1e6 / seconds,
             stats.triangle_count,

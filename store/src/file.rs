@@ -21,19 +21,10 @@ use std::path::{Path, PathBuf};
 
 mod tables;
 
+pub use tables::Emitter;
+
 pub(crate) use tables::table_bytes;
 use tables::{kept_bytes, parse_emitters, parse_materials, parse_pages, parse_top};
-
-/// An emissive triangle of the model.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Emitter {
-    /// Corners, lattice.
-    pub corners: [[i64; 3]; 3],
-    /// Index into the materials.
-    pub material: u32,
-    /// Store id.
-    pub triangle: u32,
-}
 
 /// An open page file. See the module's invariants.
 pub struct PageFile {

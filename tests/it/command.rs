@@ -34,12 +34,6 @@ pub(crate) fn cannot_run(why: &str) {
     let _ = writeln!(std::io::stderr().lock(), "\nNOT RUN: {test}: {why}");
 }
 
-/// Another name of [`cannot_run`].
-#[track_caller]
-pub(crate) fn skipped(why: &str) {
-    cannot_run(why);
-}
-
 /// Says what a test saw, for those who run it with `--nocapture`.
 pub(crate) fn said(what: &str) {
     eprintln!("{what}");

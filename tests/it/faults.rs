@@ -1,7 +1,7 @@
 //! System calls that fail where they never do: what the kernel answers is changed by strace, in the command as it
 //! ships.
 
-use crate::command::{Ran, TREX, document_in, folder, hash_of, ran, run_in, skipped};
+use crate::command::{Ran, TREX, cannot_run, document_in, folder, hash_of, ran, run_in};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ const RENDER: &str =
 fn model() -> Option<tempfile::TempDir> {
     let traced = Command::new("strace").args(["-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
     if !traced.is_ok_and(|status| status.success()) {
-        skipped("strace is not installed, or may not trace");
+        cannot_run("strace is not installed, or may not trace");
         return None;
     }
     let inside = folder();
@@ -39,7 +39,7 @@ fn a_ring_that_fails_costs_a_line() {
     let whole = document_in(inside.path(), RENDER.trim_end_matches(" --json"));
     let picture = hash_of(&inside.path().join("out.png"));
     if whole["io_backend"]["backend"] != "uring" {
-        return skipped("this machine has no io_uring");
+        return cannot_run("this machine has no io_uring");
     }
     for (errno, when) in [("ENOMEM", "10"), ("EIO", "10"), ("ENOMEM", "3"), ("EIO", "20+")] {
         let rendered = run_with(inside.path(), &format!("io_uring_enter:error={errno}:when={when}"), RENDER);

@@ -4,7 +4,7 @@
 //! file -> its `use` lines and inline paths -> the file that defines the name (through re-exports) -> arrows
 //! ```
 //!
-//! A re-export (`pub use`, `pub(crate) use`) is a signpost, not an arrow: what counts is who names the thing in the end.
+//! A re-export (`pub use`, `pub(crate) use`) is a signpost, not an arrow: who names the thing in the end counts.
 //! Tests at a file's end, and files of tests, are left aside.
 
 use std::collections::{BTreeMap, BTreeSet};

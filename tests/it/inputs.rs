@@ -1,7 +1,7 @@
 //! What bad input gets, through the command: exit status 3, an error in four parts with a line or a byte offset on
 //! stderr and as a document, and a folder that looks as before.
 
-use crate::command::{TREX, document_in, folder, listing, ran, run_in, skipped, trex_in};
+use crate::command::{TREX, cannot_run, document_in, folder, listing, ran, run_in, trex_in};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -142,7 +142,8 @@ fn files_without_a_triangle_are_refused() {
         assert_eq!(
             numbers,
             format!(
-                "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite numbers"
+                "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite \
+                 numbers"
             ),
             "{name}"
         );
@@ -247,7 +248,7 @@ fn a_file_without_permission_is_named() {
         command.uid(NOBODY).gid(NOBODY);
     }
     let Ok(output) = command.output() else {
-        return skipped(&format!("this user reads all files, and nobody cannot run {TREX}"));
+        return cannot_run(&format!("this user reads all files, and nobody cannot run {TREX}"));
     };
     let document = ran("build closed.obj", output).expect_error(3, "input-unreadable");
     assert!(document["where"].as_str().unwrap().ends_with("closed.obj"), "{document}");

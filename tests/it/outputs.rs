@@ -1,7 +1,7 @@
 //! Where results go: outputs that exist, disks that are full, folders that refuse, and Ctrl-C. Whatever happens, the
 //! old file or the whole new one stands there, and nothing beside it.
 
-use crate::command::{document_in, folder, hash_of, listing, ran, run_in, skipped, trex_in};
+use crate::command::{cannot_run, document_in, folder, hash_of, listing, ran, run_in, trex_in};
 use crate::oracle::pictures::{exr, noise};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -98,7 +98,7 @@ impl SmallDisk {
             .stderr(Stdio::null())
             .status();
         if !mounted.is_ok_and(|status| status.success()) {
-            skipped("a small file system cannot be mounted here (needs root)");
+            cannot_run("a small file system cannot be mounted here (needs root)");
             return None;
         }
         Some(SmallDisk(at.to_path_buf()))
@@ -162,7 +162,7 @@ fn a_folder_that_refuses_is_said() {
             command.uid(NOBODY).gid(NOBODY);
         }
         let Ok(output) = command.output() else {
-            return skipped("this user writes everywhere, and nobody cannot run the command");
+            return cannot_run("this user writes everywhere, and nobody cannot run the command");
         };
         // Nothing is wrong with the input: writing failed.
         let document = ran(line, output).expect_error(7, "io");

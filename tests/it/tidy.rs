@@ -300,8 +300,8 @@ fn lines_fit_and_functions_fit_a_screen() {
     none(bad);
 }
 
-/// Name, first line (from 1) and count of lines of each function whose body is a block of its own: rustfmt closes it at the
-/// indentation where it began.
+/// Name, first line (from 1) and count of lines of each function whose body is a block of its own: rustfmt closes it at
+/// the indentation where it began.
 fn function_lengths(text: &str) -> Vec<(&str, usize, usize)> {
     let lines: Vec<&str> = text.lines().collect();
     let mut found = Vec::new();
@@ -336,7 +336,8 @@ fn function_lengths(text: &str) -> Vec<(&str, usize, usize)> {
 fn functions_are_measured() {
     let body = "    x();\n".repeat(3);
     let text = format!(
-        "impl A {{\n    pub(crate) fn one(&self) {{\n{body}    }}\n}}\nfn two();\nconst fn three(\n    a: u8,\n) {{\n{body}}}\n"
+        "impl A {{\n    pub(crate) fn one(&self) {{\n{body}    }}\n}}\nfn two();\n\
+         const fn three(\n    a: u8,\n) {{\n{body}}}\n"
     );
     assert_eq!(function_lengths(&text), [("one", 2, 5), ("three", 9, 6)]);
 }

@@ -4,10 +4,20 @@
 //! stand without gaps, those of the mesh first; 3. the top tree is a tree of bounded depth, whose references lead to
 //! pages.
 
-use super::Emitter;
 use crate::cluster::{Node, TopRef};
 use crate::layout::*;
 use crate::material::Material;
+
+/// An emissive triangle of the model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emitter {
+    /// Corners, lattice.
+    pub corners: [[i64; 3]; 3],
+    /// Index into the materials.
+    pub material: u32,
+    /// Store id.
+    pub triangle: u32,
+}
 
 /// Memory while the tables are read: each section once raw and once parsed. Sections of a sparse file may be so large
 /// that no sum holds them: no limit has room for that.

@@ -286,11 +286,13 @@ mod tests {
         fn any_text_gives_sound_materials(lines in proptest::collection::vec(
             ("(newmtl|Kd|Ks|Ke|Ns|d|Tr|illum|map_Kd|bump|#)", "[ -~]{0,12}"), 0..12), tail: Vec<u8>)
         {
-            let mut text: Vec<u8> = lines.iter().flat_map(|(key, rest)| format!("{key} {rest}\n").into_bytes()).collect();
+            let line = |(key, rest): &(_, _)| format!("{key} {rest}\n").into_bytes();
+            let mut text: Vec<u8> = lines.iter().flat_map(line).collect();
             text.extend(tail);
             let (table, _) = load(&text);
             for material in table.entries() {
-                let numbers = material.kd.iter().chain(&material.ks).chain(&material.ke).chain([&material.ns, &material.d]);
+                let colours = material.kd.iter().chain(&material.ks).chain(&material.ke);
+                let numbers = colours.chain([&material.ns, &material.d]);
                 prop_assert!(numbers.clone().all(|value| value.is_finite() && *value >= 0.0));
             }
         }

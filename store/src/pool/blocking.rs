@@ -3,8 +3,10 @@
 //! Invariant: a blocking call ends: with a page, with the page's error, with the pool's, or after [`STALL_MAX`] in
 //! which nothing came.
 
+use super::page_pool::PagePool;
+use super::pin::Pin;
 use super::signal::lock;
-use super::{PagePool, PageState, Pin};
+use super::word::PageState;
 use crate::error::{Code, Error, Result};
 use std::time::{Duration, Instant};
 

@@ -17,100 +17,26 @@
 //! 5. A failed read of several pages is repeated page by page: one bad sector costs one page.
 #![allow(unsafe_code)]
 
+use super::jobs::{PARTS_MAX, Part, Slot};
 use super::requests::Requests;
-use super::signal::{lock, lock_always};
+use super::shared::Shared;
+use super::signal::lock;
 use super::stats::count;
-use super::{Class, Shared};
+use super::want::Class;
 use crate::error::Result;
-use crate::io::{Arrival, Extent, Reader, Staging, Wait};
-use std::collections::VecDeque;
+use crate::io::{Arrival, Extent, Reader, Wait};
 use std::sync::atomic::{Ordering, fence};
-use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Bytes between two extents that are read and thrown away to save one read. At 16 KiB the transfer costs what the
 /// saved request does on a fast SSD (about 10 us).
 const GAP_MAX_BYTES: u64 = 16 << 10;
 
-/// Pages of one read. Bounds the time from its first page to its last.
-const PARTS_MAX: usize = 32;
-
 /// Sleep of the loader when every frame is pinned, should the wake-up by `unpin` ever be late.
 const STARVED_SLEEP: Duration = Duration::from_millis(10);
 
 /// Most damaged pages whose errors are kept. All are counted.
 pub(super) const DAMAGE_MAX: usize = 1024;
-
-/// One page of a read.
-#[derive(Clone, Copy)]
-struct Part {
-    page: u32,
-    frame: u32,
-}
-
-/// One read: a staging buffer and the pages that come with it.
-pub(super) struct Slot {
-    id: u32,
-    /// `None` while the backend has it.
-    staging: Option<Staging>,
-    /// Where the read begins in the file.
-    offset: u64,
-    /// Where it begins in `staging`, once it has arrived.
-    start: usize,
-    parts: Vec<Part>,
-}
-
-impl Slot {
-    pub(super) fn new(id: u32, bytes: usize) -> Result<Slot> {
-        let staging = Some(Staging::new(bytes)?);
-        Ok(Slot { id, staging, offset: 0, start: 0, parts: Vec::with_capacity(PARTS_MAX) })
-    }
-}
-
-/// Slots that have arrived and wait for a decoder.
-#[derive(Default)]
-pub(super) struct JobQueue {
-    state: Mutex<JobState>,
-    ready: Condvar,
-}
-
-#[derive(Default)]
-struct JobState {
-    slots: VecDeque<Slot>,
-    sleepers: usize,
-    stop: bool,
-}
-
-impl JobQueue {
-    fn push(&self, slot: Slot) {
-        let mut state = lock_always(&self.state);
-        state.slots.push_back(slot);
-        if state.sleepers > 0 {
-            self.ready.notify_one();
-        }
-    }
-
-    /// The next slot; `None` once stopped.
-    fn pop(&self) -> Option<Slot> {
-        let mut state = lock_always(&self.state);
-        loop {
-            if state.stop {
-                return None;
-            }
-            if let Some(slot) = state.slots.pop_front() {
-                return Some(slot);
-            }
-            state.sleepers += 1;
-            state = self.ready.wait(state).unwrap_or_else(PoisonError::into_inner);
-            state.sleepers -= 1;
-        }
-    }
-
-    pub(super) fn stop(&self) {
-        lock_always(&self.state).stop = true;
-        self.ready.notify_all();
-    }
-}
 
 /// The I/O thread.
 pub(super) struct Loader<'a> {

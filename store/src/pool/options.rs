@@ -2,10 +2,16 @@
 
 use super::clock::Clock;
 use super::requests::Requests;
+use super::want::PageStore;
 use super::word::{self, Word};
-use super::{DECODE_THREADS_MAX, FRAMES_MIN, PageStore};
 use crate::error::{Code, Error, Result};
 use crate::io::{IoOptions, staging_bytes_for};
+
+/// Fewest frames that a pool works with: one for the page in use, one for the page that arrives.
+pub const FRAMES_MIN: usize = 2;
+
+/// Most decode threads.
+pub const DECODE_THREADS_MAX: usize = 16;
 
 /// How a pool is set up.
 #[derive(Clone, Debug)]

@@ -7,7 +7,8 @@
 //! block, so that no later pool can stand at its address and be taken for it.
 #![allow(unsafe_code)]
 
-use super::{PagePool, Shared};
+use super::page_pool::PagePool;
+use super::shared::Shared;
 use std::ops::Deref;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

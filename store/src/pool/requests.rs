@@ -13,16 +13,13 @@
 //! 3. `order` holds every page of the table, best last, or is marked dirty; it may hold pages that have left.
 //! 4. Nothing is allocated after `new`.
 
-use super::want::{Class, PREDICTORS, Want, predictor_of};
+use super::want::{Class, ORIGINS_MAX, PREDICTORS, Want, predictor_of};
 use super::word::{PageState, Word};
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-
-/// Origins (callers with want-lists of their own) are `0 .. ORIGINS_MAX`: one bit each.
-pub const ORIGINS_MAX: usize = 64;
 
 struct Request {
     class: Class,

@@ -1,6 +1,5 @@
 //! What callers ask for: `Want`, its `Class`; and what the pool asks of a file: `PageStore`.
 
-use super::requests::ORIGINS_MAX;
 use crate::error::Result;
 use crate::io::Extent;
 use serde::Serialize;
@@ -37,6 +36,8 @@ impl Class {
     }
 }
 
+/// Origins (callers with want-lists of their own) are `0 .. ORIGINS_MAX`: one bit each.
+pub const ORIGINS_MAX: usize = 64;
 /// Predictors whose guesses are counted apart.
 pub const PREDICTORS: usize = 3;
 /// Want-lists of these predictors: what they ask for as [`Class::Prefetch`] is counted as theirs.

@@ -24,8 +24,8 @@
 //! 5. `class` is the class of the want that read the page; the first pin of a prefetched page turns it to NORMAL, so
 //!    a page that is evicted as PREFETCH was read in vain.
 
-use super::Class;
 use super::sync::{AtomicU64, Ordering};
+use super::want::Class;
 
 const SCORE_SHIFT: u32 = 3;
 const CLASS_SHIFT: u32 = 5;

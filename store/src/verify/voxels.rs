@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! per linking node, in the order of words:   nodes of its unit   = its leaves
-//!     per leaf:                              leaves of its node  = bits of its bitmap      (and so on, where units nest)
+//!     per leaf:                              leaves of its node  = bits of its bitmap  (and so on, in nested units)
 //! ```
 //!
 //! Invariants: 1. each page of units is read once more, as long as words ascend along the curve, as `build` writes

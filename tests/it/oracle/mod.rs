@@ -2,4 +2,5 @@
 
 pub(crate) mod exact;
 pub(crate) mod mesh;
+pub(crate) mod overlap;
 pub(crate) mod pictures;

@@ -4,8 +4,8 @@ use super::random_rays;
 use crate::fixtures::model;
 use trex_render::{AllResident, Answer, Hit, Page, PagedMesh, Pages, Ray, Tracer};
 
-/// Rays in packets against the same rays one by one, in an order where neighbours go the same way, and in one where they
-/// do not; with all pages, and with some that are not there.
+/// Rays in packets against the same rays one by one, in an order where neighbours go the same way, and in one where
+/// they do not; with all pages, and with some that are not there.
 #[test]
 fn packets_answer_as_single_rays_do() {
     for spec in ["gen:isosurface:50k:4", "gen:pipes:50k:4"] {

@@ -9,6 +9,7 @@
 //! Invariants: 1. sections come in the order of the file; faces may stand before their vertices; 2. each index is
 //! compared with the vertex count before the look-up; 3. what is neither position nor index is stepped over.
 
+mod fill;
 mod header;
 mod rows;
 mod section;
@@ -26,9 +27,6 @@ use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::material::Material;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
-
-/// Names of the elements that are faces, and of the list that holds their corners.
-const INDEX_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 /// Columns that tell of an attribute that is dropped: normal, colour, texture coordinate.
 const ATTRIBUTE_NAMES: [&[&str]; 3] = [&["nx"], &["red", "r", "diffuse_red"], &["s", "u", "texture_u"]];

@@ -29,7 +29,8 @@ fn seeds() -> Vec<(&'static str, Vec<u8>, usize)> {
     };
     let little = [ply("binary_little_endian").as_bytes(), &bytes(u32::to_le_bytes)].concat();
     let big = [ply("binary_big_endian").as_bytes(), &bytes(u32::to_be_bytes)].concat();
-    let text = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n";
+    let text = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+                endsolid a\n";
     let mut records = vec![b'x'; 80];
     records.extend(2u32.to_le_bytes());
     records.extend([1; 100]);
@@ -103,9 +104,12 @@ proptest! {
 
     #[test]
     fn words_of_the_formats(name in "a(\\.obj|\\.ply|\\.stl)?", words in proptest::collection::vec(
-        "(\n|\r\n|\\\\\n| |v |f |usemtl |mtllib |-?[0-9]{1,3} |[0-9]/[0-9] |1e[0-9]{1,3} |nan |ply\n|format ascii 1.0\n|\
-         format binary_little_endian 1.0\n|element (vertex|face|tristrips|x) [0-9]{1,3}\n|property (float|uchar) [xyz]\n|\
-         property list (uchar|int|char) (int|uchar|double) vertex_index\n|end_header\n|solid |facet |normal |outer |loop |\
+        "(\n|\r\n|\\\\\n| |v |f |usemtl |mtllib |-?[0-9]{1,3} |[0-9]/[0-9] |1e[0-9]{1,3} |nan |ply\n|\
+         format ascii 1.0\n|\
+         format binary_little_endian 1.0\n|element (vertex|face|tristrips|x) [0-9]{1,3}\n|\
+         property (float|uchar) [xyz]\n|\
+         property list (uchar|int|char) (int|uchar|double) vertex_index\n|end_header\n|solid |facet |normal |\
+         outer |loop |\
          vertex |endloop |endfacet |endsolid )", 0..60),
         ply in any::<bool>())
     {

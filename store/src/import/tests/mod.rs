@@ -110,7 +110,8 @@ pub(super) fn check_error(name: &str, content: &[u8], code: Code, words: &str) -
 #[test]
 fn formats_are_told_by_ending_and_content() {
     let obj = b"# c\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-    let stl = b"Solid a\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet endsolid";
+    let stl = b"Solid a\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop \
+                endfacet endsolid";
     let ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
                 element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
     for (name, content) in

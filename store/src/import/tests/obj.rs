@@ -81,9 +81,14 @@ fn non_finite_coordinates_are_delivered() {
 
 #[test]
 fn materials_by_name() {
-    let fixture = Fixture::new("a.obj", cube(
-        "f 1 2 3\nusemtl later\nf 1 2 3\nmtllib gone.mtl b c.mtl\nusemtl red one \nf 1 2 3\nusemtl none\nf 1 2 3\nusemtl\nf 1 2 3\n",
-    ).as_bytes());
+    let fixture = Fixture::new(
+        "a.obj",
+        cube(
+            "f 1 2 3\nusemtl later\nf 1 2 3\nmtllib gone.mtl b c.mtl\nusemtl red one \nf 1 2 3\nusemtl none\n\
+         f 1 2 3\nusemtl\nf 1 2 3\n",
+        )
+        .as_bytes(),
+    );
     let text = "newmtl red one\nKd 1 0 0\nd 0.5\nnewmtl later\nKe 1 1 1\n";
     std::fs::write(fixture.folder.path().join("c.mtl"), text).unwrap();
     let mesh = fixture.read().unwrap();

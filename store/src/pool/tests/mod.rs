@@ -5,12 +5,16 @@ mod limits;
 mod stress;
 
 use super::*;
-use crate::io::{DirectChoice, Extent, Fault, FaultPlan, IoChoice, IoOptions, Memory};
+use crate::budget::{Budget, RESERVE_BYTES};
+use crate::error::{Code, Error, Result};
+use crate::io::{Backend, DirectChoice, Extent, Fault, FaultPlan, IoChoice, IoOptions, Memory};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng;
 use std::io::Write;
-use std::sync::atomic::AtomicU32;
-use std::time::Instant;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::{Duration, Instant};
 
 const FRAME_BYTES: usize = 64 << 10;
 const FRAME: u64 = FRAME_BYTES as u64;

@@ -1,0 +1,315 @@
+//! `PagePool`: opens the pool, starts and joins its threads, and answers its callers. See the folder's text.
+
+use super::clock::Clock;
+use super::failure::Failure;
+use super::frames::FrameArena;
+use super::jobs::{JobQueue, Slot};
+use super::loader::Loader;
+use super::options::{FRAMES_MIN, Plan, PoolOptions};
+use super::requests::Requests;
+use super::shared::Shared;
+use super::signal::{Bell, Progress, lock};
+use super::stats::{Counters, PoolStats};
+use super::want::{PageStore, Want};
+use super::word::{PageState, Word};
+use crate::budget::{Budget, Lease, RESERVE_BYTES};
+use crate::error::{Code, Error, Result};
+use crate::io::{Backend, IoDescription, Reader};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// The number of frames after [`PagePool::set_limit`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameCount {
+    /// Frames that memory is leased for.
+    pub frames: usize,
+    /// How many of them are above the limit and pinned: released as soon as they are unpinned and the loader passes.
+    pub owed: usize,
+}
+
+/// Pages of one file, in frames. See the folder's text. Dropping it waits for reads in flight and joins its threads.
+///
+/// ```
+/// use std::{path::Path, sync::Arc, time::Duration};
+/// use trex_store::io::{Extent, Memory};
+/// use trex_store::pool::{Class, PagePool, PageStore, PoolOptions, Want};
+/// use trex_store::{Budget, Result};
+///
+/// /// A file whose page `i` is the one byte at offset `i`, and fills its frame with it.
+/// struct Bytes;
+/// impl PageStore for Bytes {
+///     fn page_count(&self) -> u32 {
+///         100
+///     }
+///     fn extent(&self, page: u32) -> Extent {
+///         Extent { offset: page.into(), stored_bytes: 1 }
+///     }
+///     fn install(&self, _: u32, stored: &[u8], frame: &mut [u8], _: &mut Vec<u8>) -> Result<()> {
+///         frame.fill(stored[0]);
+///         Ok(())
+///     }
+///     fn frame_bytes(&self) -> usize {
+///         64 << 10
+///     }
+/// }
+///
+/// let file = Memory::new((0..100).collect(), 8, 1);
+/// let options = PoolOptions { frames_bytes: 1 << 20, ..PoolOptions::default() };
+/// let budget = Budget::new(64 << 20);
+/// let pool = PagePool::with_backend(Arc::new(Bytes), Box::new(file), Path::new("bytes"), &budget, &options)?;
+///
+/// // Never blocking: want, do other work, look again.
+/// pool.submit(0, &[Want { page: 42, class: Class::Urgent, weight: 3 }]);
+/// let mut epoch = 0;
+/// let pin = loop {
+///     match pool.pin(42) {
+///         Some(pin) => break pin,
+///         None => epoch = pool.wait_for_progress(epoch, Duration::from_millis(10)),
+///     }
+/// };
+/// assert_eq!(pin[5], 42);
+///
+/// // Or blocking, for simple callers.
+/// assert_eq!(pool.pin_blocking(7)?[0], 7);
+/// # Ok::<(), trex_store::Error>(())
+/// ```
+pub struct PagePool {
+    pub(super) shared: Arc<Shared>,
+    budget: Budget,
+    threads: Vec<JoinHandle<()>>,
+    _tables: Lease,
+}
+
+impl PagePool {
+    /// Opens `path` by the ladder of [`crate::io::open`] and starts the pool's threads.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] when the budget has no room for tables, staging and the frames asked for;
+    /// [`Code::Usage`] for options out of range; those of [`crate::io::open`].
+    pub fn open(
+        store: Arc<dyn PageStore>,
+        path: &Path,
+        budget: &Budget,
+        options: &PoolOptions,
+    ) -> Result<PagePool> {
+        let backend = crate::io::open(path, &options.io)?;
+        PagePool::with_backend(store, backend, path, budget, options)
+    }
+
+    /// As [`PagePool::open`], over a backend that is open already; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`PagePool::open`].
+    pub fn with_backend(
+        store: Arc<dyn PageStore>,
+        backend: Box<dyn Backend>,
+        path: &Path,
+        budget: &Budget,
+        options: &PoolOptions,
+    ) -> Result<PagePool> {
+        let plan = Plan::new(&*store, options)?;
+        let tables = budget.lease("tables and staging of the page pool", plan.overhead_bytes)?;
+        let frames_lease = budget.lease("page frames", 0)?;
+        let reader = Reader::new(backend, path);
+        let slots: Result<Vec<Slot>> =
+            (0..options.staging_slots).map(|id| Slot::new(id as u32, plan.slot_bytes)).collect();
+        let clock = Clock::new(plan.frames_max, frames_lease);
+        let shared = Arc::new(Shared {
+            words: (0..store.page_count()).map(|_| Word::absent()).collect(),
+            arena: FrameArena::reserve(plan.frames_max, store.frame_bytes())?,
+            requests: Mutex::new(Requests::new(options.queue_capacity, clock.guessed_by())),
+            guessed_by: clock.guessed_by(),
+            clock: Mutex::new(clock),
+            idle: Mutex::new(slots?),
+            jobs: JobQueue::default(),
+            bell: Bell::default(),
+            progress: Progress::default(),
+            damage: Mutex::new(Vec::new()),
+            io: Mutex::new(reader.describe().clone()),
+            failure: Failure::default(),
+            counters: Counters::default(),
+            starved: AtomicBool::new(false),
+            saturated: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+            store,
+        });
+        let mut pool = PagePool { shared, budget: budget.clone(), threads: Vec::new(), _tables: tables };
+        pool.set_limit(options.frames_bytes)?;
+        pool.start(reader, options)?;
+        Ok(pool)
+    }
+
+    /// Bytes of the budget that a pool over `store` takes beside its frames, and the fewest with which it works:
+    /// `(overhead, overhead + FRAMES_MIN frames)`.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] for options out of range.
+    pub fn smallest_bytes(store: &dyn PageStore, options: &PoolOptions) -> Result<(u64, u64)> {
+        let plan = Plan::new(store, options)?;
+        let frames_bytes = (FRAMES_MIN * store.frame_bytes()) as u64;
+        Ok((plan.overhead_bytes, plan.overhead_bytes + frames_bytes))
+    }
+
+    fn start(&mut self, reader: Reader, options: &PoolOptions) -> Result<()> {
+        let mut spawn = |name: String, work: Box<dyn FnOnce() + Send>| -> Result<()> {
+            let thread = std::thread::Builder::new().name(name).spawn(work);
+            let thread = thread.map_err(|error| {
+                Error::new(Code::Io, "the system refuses a thread")
+                    .at_place("page pool")
+                    .numbers(error.to_string())
+            })?;
+            self.threads.push(thread);
+            Ok(())
+        };
+        let shared = Arc::clone(&self.shared);
+        let (slots, merge_bytes) = (options.staging_slots, u64::from(options.merge_bytes));
+        let io = move || {
+            let mut loader = Loader::new(&shared, reader, slots, merge_bytes);
+            shared.guard(|| loader.run());
+        };
+        spawn("trex-load-0".into(), Box::new(io))?;
+        for index in 1..=options.decode_threads {
+            let shared = Arc::clone(&self.shared);
+            spawn(format!("trex-load-{index}"), Box::new(move || shared.guard(|| shared.decode())))?;
+        }
+        Ok(())
+    }
+
+    /// Pages of the file.
+    pub fn page_count(&self) -> u32 {
+        self.shared.words.len() as u32
+    }
+
+    /// Which backend reads now, why, and what went wrong with the one before it.
+    pub fn io(&self) -> IoDescription {
+        lock(&self.shared.io).clone()
+    }
+
+    /// What `page` is doing. It may have changed when the call returns.
+    pub fn state(&self, page: u32) -> PageState {
+        self.shared.words[page as usize].view().state
+    }
+
+    /// True for a page that will never come: go on without it.
+    pub fn is_damaged(&self, page: u32) -> bool {
+        self.state(page) == PageState::Damaged
+    }
+
+    /// Damaged pages with their errors, at most the first 1024; [`PoolStats::damaged`] counts all.
+    pub fn damage(&self) -> Vec<(u32, Error)> {
+        lock(&self.shared.damage).clone()
+    }
+
+    /// True while demand waits and every frame is pinned or being read.
+    pub fn is_saturated(&self) -> bool {
+        self.shared.saturated.load(Ordering::Relaxed)
+    }
+
+    /// Replaces the want-list of `origin` (a caller's number, below [`ORIGINS_MAX`]): call it once per frame or round.
+    /// A page that an origin leaves out twice in a row is dropped, unless another wants it. Wants for pages that are
+    /// resident, on their way or damaged are ignored. A page wanted by several gets the best class, and the greatest
+    /// weight in it.
+    ///
+    /// # Panics
+    /// When there is no such page or origin.
+    pub fn submit(&self, origin: usize, wants: &[Want]) {
+        if lock(&self.shared.requests).submit(origin, wants, &self.shared.words) {
+            self.shared.bell.ring();
+        }
+    }
+
+    /// Arrivals so far, damaged ones included.
+    pub fn epoch(&self) -> u64 {
+        self.shared.progress.epoch()
+    }
+
+    /// Sleeps until a page has arrived since `epoch`, at most `timeout`. The epoch then. Take the epoch first, look
+    /// at pages after: so no arrival is missed.
+    ///
+    /// # Panics
+    /// When a thread of the pool has panicked: nothing would ever come. [`PagePool::failure`] says what it was.
+    pub fn wait_for_progress(&self, epoch: u64, timeout: Duration) -> u64 {
+        let now = self.shared.progress.wait(epoch, timeout);
+        if let Some(error) = self.failure() {
+            panic!("no page will come: {error}");
+        }
+        now
+    }
+
+    /// Why no page will come any more: one of the pool's threads has panicked. Pages that are resident stay.
+    pub fn failure(&self) -> Option<Error> {
+        self.shared.failure.get()
+    }
+
+    /// Sets the memory for frames, in bytes: takes it from the budget, or evicts and gives it back to the kernel. More
+    /// than the addresses reserved at open is cut to that. Frames that are pinned now are owed.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] below [`FRAMES_MIN`] frames, or when the budget has no room; nothing is changed then.
+    pub fn set_limit(&self, frames_bytes: u64) -> Result<FrameCount> {
+        let frame_bytes = self.shared.arena.frame_bytes() as u64;
+        let mut clock = lock(&self.shared.clock);
+        let frames = (frames_bytes / frame_bytes).min(clock.frames_max() as u64) as usize;
+        if frames < FRAMES_MIN {
+            let held = clock.live() as u64 * frame_bytes;
+            let others = self.budget.used_bytes().saturating_sub(held) + RESERVE_BYTES;
+            let smallest = others + FRAMES_MIN as u64 * frame_bytes;
+            return Err(Error::new(Code::MemoryLimit, "too little memory for page frames")
+                .at_place("--memory-limit")
+                .numbers(format!("{frames_bytes} bytes, {FRAMES_MIN} frames of {frame_bytes} needed"))
+                .next(format!("raise the limit to at least {}MiB", smallest.div_ceil(1 << 20)))
+                .smallest_limit(smallest));
+        }
+        clock.set_frames(frames, &self.shared.words, &self.shared.arena)?;
+        let count = FrameCount { frames: clock.live(), owed: clock.owed() };
+        drop(clock);
+        self.shared.bell.ring();
+        Ok(count)
+    }
+
+    /// How many frames there are now.
+    pub fn frames(&self) -> FrameCount {
+        let clock = lock(&self.shared.clock);
+        FrameCount { frames: clock.live(), owed: clock.owed() }
+    }
+
+    /// Counters of the pool so far.
+    pub fn stats(&self) -> PoolStats {
+        let requests = lock(&self.shared.requests);
+        let (counts, queued) = (requests.counts(), requests.len() as u64);
+        drop(requests);
+        let clock = lock(&self.shared.clock);
+        let mut stats = self.shared.counters.snapshot();
+        for (by, guess) in stats.guesses.iter_mut().enumerate() {
+            (guess.late, guess.wasted) = (counts.late[by], clock.swept.wasted[by]);
+        }
+        PoolStats {
+            evictions: clock.swept.evicted,
+            prefetch_wasted: clock.swept.wasted.iter().sum(),
+            frames: clock.live() as u64,
+            frames_owed: clock.owed() as u64,
+            wants_dropped: counts.dropped,
+            wants_refused: counts.refused,
+            prefetch_late: counts.late.iter().sum(),
+            queue_peak: counts.peak,
+            queued,
+            ..stats
+        }
+    }
+}
+
+impl Drop for PagePool {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Release);
+        self.shared.bell.ring();
+        self.shared.jobs.stop();
+        for thread in self.threads.drain(..) {
+            // A panic in there was reported by its hook; dropping goes on.
+            let _ = thread.join();
+        }
+        self.leak_if_pinned();
+    }
+}

@@ -1,0 +1,56 @@
+//! `Shared`: what the pool's threads and its callers share.
+
+use super::clock::Clock;
+use super::failure::Failure;
+use super::frames::FrameArena;
+use super::jobs::{JobQueue, Slot};
+use super::requests::Requests;
+use super::signal::{Bell, Progress};
+use super::stats::Counters;
+use super::want::PageStore;
+use super::word::Word;
+use crate::error::Error;
+use crate::io::IoDescription;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// What the pool's threads and its callers share.
+pub(super) struct Shared {
+    pub(super) store: Arc<dyn PageStore>,
+    pub(super) words: Box<[Word]>,
+    pub(super) arena: FrameArena,
+    pub(super) clock: Mutex<Clock>,
+    pub(super) requests: Mutex<Requests>,
+    /// By frame: see [`Clock`].
+    pub(super) guessed_by: Arc<[AtomicU8]>,
+    pub(super) idle: Mutex<Vec<Slot>>,
+    pub(super) jobs: JobQueue,
+    pub(super) bell: Bell,
+    pub(super) progress: Progress,
+    pub(super) damage: Mutex<Vec<(u32, Error)>>,
+    /// How the file is read now.
+    pub(super) io: Mutex<IoDescription>,
+    pub(super) failure: Failure,
+    pub(super) counters: Counters,
+    /// The loader waits for an unpin: demand finds every frame busy, or frames are owed. `unpin` rings then.
+    pub(super) starved: AtomicBool,
+    /// Demand finds every frame busy.
+    pub(super) saturated: AtomicBool,
+    pub(super) stop: AtomicBool,
+}
+
+impl Shared {
+    /// Does the work of one of the pool's threads; a panic in it ends the pool.
+    pub(super) fn guard(&self, work: impl FnOnce()) {
+        // What the work leaves half done is never looked at again, but by those who are told of the failure.
+        if let Err(payload) = catch_unwind(AssertUnwindSafe(work)) {
+            let thread = std::thread::current();
+            self.failure.set(Error::panicked(thread.name().unwrap_or("unnamed"), &*payload));
+            self.stop.store(true, Ordering::Release);
+            self.jobs.stop();
+            self.bell.ring();
+            self.progress.give_up();
+        }
+    }
+}
