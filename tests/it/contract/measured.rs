@@ -142,7 +142,9 @@ fn stress_tells_times_rays_and_a_verdict() {
     has_only(&document["rays"], &RAY_KINDS);
     for kind in RAY_KINDS {
         let seconds = at("/time_ms") / 1e3;
-        near(at(&format!("/rays_per_s/{kind}")) * seconds, at(&format!("/rays/{kind}")), 0.02, &document);
+        // Whole milliseconds of a run that takes some tens of them.
+        let rounding = 1.5 / at("/time_ms");
+        near(at(&format!("/rays_per_s/{kind}")) * seconds, at(&format!("/rays/{kind}")), rounding, &document);
     }
     assert!(at("/rays/primary") > 0.0 && at("/rays/shadow") > 0.0 && at("/rays/gather") > 0.0);
     assert_eq!(at("/bytes_read"), at("/pool/bytes_read"));
