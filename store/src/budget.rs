@@ -7,7 +7,7 @@ use crate::error::{Code, Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes that the process takes outside of the ledger: text, stacks, allocator slack (design section 4).
+/// Bytes that the process takes outside of the ledger: text, stacks, allocator slack.
 pub const RESERVE_BYTES: u64 = 24 << 20;
 
 /// A memory limit and what is left of it. Clones share one ledger.

@@ -1,4 +1,4 @@
-//! `Material`: modified Phong as MTL files state it (design section 5, "Definitions").
+//! `Material`: modified Phong as MTL files state it.
 //!
 //! Invariants: 1. all numbers are finite and >= 0; 2. kd + ks <= 1 per channel; both hold after [`Material::checked`].
 

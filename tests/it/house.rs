@@ -1,4 +1,5 @@
-//! The house keeps its shape: no file imports in a circle, and each floor of the renderer imports floors above it only.
+//! The house keeps its shape: no file imports in a circle, and each floor of the renderer imports the floors that are
+//! listed before it only.
 //!
 //! ```text
 //! file -> its `use` lines and inline paths -> the file that defines the name (through re-exports) -> arrows
@@ -11,8 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The floors of the renderer, the lowest first: each imports those before it.
-const FLOORS: [&str; 14] = [
+/// The floors of the renderer, in the order of ARCHITECTURE.md: each imports itself and those before it.
+const FLOORS: [&str; 13] = [
     "math",
     "sampler",
     "sampling",
@@ -25,7 +26,6 @@ const FLOORS: [&str; 14] = [
     "photon",
     "integrate",
     "schedule",
-    "gpu",
     "session",
 ];
 /// The crates whose files are looked at, by folder.
@@ -267,7 +267,7 @@ fn no_files_import_each_other_in_a_circle() {
 }
 
 #[test]
-fn each_floor_of_the_renderer_imports_floors_above_it_only() {
+fn each_floor_of_the_renderer_imports_those_listed_before_it() {
     let files = Crate::read("render");
     let floor = |module: &[String]| {
         let name = module.first()?;

@@ -374,6 +374,31 @@ fn ci_runs_what_the_readme_says() {
 }
 
 #[test]
+fn files_that_pages_and_comments_name_are_there() {
+    let folders =
+        ["store/", "datasets-gen/", "render/", "image/", "bench/", "src/", "tests/", "fuzz/", "docs/"];
+    let mut bad = Vec::new();
+    for page in files("md").into_iter().chain(files("rs")) {
+        for (number, line) in page.text.lines().enumerate() {
+            let is_prose = page.path.ends_with(".md") || line.trim_start().starts_with("//");
+            let quoted = line.split('`').skip(1).step_by(2).filter(|_| is_prose);
+            let named = quoted.filter(|word| folders.iter().any(|folder| word.starts_with(folder)));
+            let missing = named.filter(|word| {
+                let is_file = [".rs", ".md", ".sh", ".toml"].iter().any(|ending| word.ends_with(ending));
+                // `src/pool.rs` may be said within its own crate.
+                let at_home = page.path.split_once('/').map(|(folder, _)| root().join(folder).join(word));
+                is_file
+                    && !word.contains(['*', '{', ' '])
+                    && !root().join(word).exists()
+                    && !at_home.is_some_and(|path| path.exists())
+            });
+            bad.extend(missing.map(|word| format!("{}:{}: there is no {word}", page.path, number + 1)));
+        }
+    }
+    none(bad);
+}
+
+#[test]
 fn links_between_pages_lead_somewhere() {
     let mut bad = Vec::new();
     for page in files("md") {

@@ -1,5 +1,5 @@
 //! Rays that leave a surface, as the renderer sends them: from the hit, along the normal by four times the hit's error
-//! (`render/src/surface.rs`). They must neither meet the surface that they leave, nor miss what stands beside it.
+//! (`render/src/shading/surface.rs`). They must neither meet the surface that they leave, nor miss what stands beside it.
 //!
 //! In a convex mesh both have exact answers: outward nothing is met, inward something always is. The meshes
 //! mix triangles of all sizes in one plane, since the small one's error is not the large one's.
@@ -13,7 +13,7 @@ use crate::random::Random;
 use trex_render::{Ray, Tracer};
 use trex_store::build::Precision;
 
-/// What `render/src/surface.rs` goes off the surface, in errors of the hit.
+/// What `render/src/shading/surface.rs` goes off the surface, in errors of the hit.
 const OFFSET_ERRORS: f64 = 4.0;
 
 /// A direction on the side of axis-parallel `normal`, mostly grazing: down to 10^-7 above the plane.
