@@ -385,7 +385,7 @@ fn files_that_pages_and_comments_name_are_there() {
             let named = quoted.filter(|word| folders.iter().any(|folder| word.starts_with(folder)));
             let missing = named.filter(|word| {
                 let is_file = [".rs", ".md", ".sh", ".toml"].iter().any(|ending| word.ends_with(ending));
-                // `src/pool.rs` may be said within its own crate.
+                // A crate may name its own files from its folder on.
                 let at_home = page.path.split_once('/').map(|(folder, _)| root().join(folder).join(word));
                 is_file
                     && !word.contains(['*', '{', ' '])
