@@ -17,6 +17,7 @@
 
 mod cells;
 mod chunk;
+mod clusters;
 mod emit;
 mod in_order;
 mod lattice;

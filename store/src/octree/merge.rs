@@ -7,7 +7,7 @@
 //! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in
 //! the order of runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
 
-use super::voxelize::Record;
+use super::record::Record;
 use crate::error::Result;
 use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
 use std::cmp::Reverse;

@@ -11,8 +11,9 @@
 //! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one
 //! block, a byte per leaf and 8 per node.
 
+use super::node::link;
 use super::payload::{LeafNormal, Materials, unpack_area};
-use super::upper::{UpperOctree, UpperSize, link};
+use super::upper::{UpperOctree, UpperSize};
 use super::{Facets, MAX_DEPTH, VoxelGrid, is_upper};
 
 /// Bytes of a leaf before packing: bitmap, normal, area, material.
@@ -164,7 +165,7 @@ fn unpack(stored: &[u8], block: &mut [u8]) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::super::emit::UpperBuilder;
-    use super::super::voxelize::Record;
+    use super::super::record::Record;
     use super::super::{Refinement, leaf_key};
     use super::*;
     use proptest::prelude::*;
