@@ -1,7 +1,7 @@
 //! `InOrder`: items that are built side by side in a pool of threads, and taken one by one, in order.
 //!
 //! ```text
-//! next index -> workers, each a task of the pool -> bounded channel -> take(0, ..), take(1, ..), ..: the caller's thread
+//! next index -> workers: tasks of the pool -> bounded channel -> take(0, ..), take(1, ..), ..: the caller's thread
 //! ```
 //!
 //! A worker waits for its turn while it holds a thread of the pool. So it must not hand work to that pool itself: a

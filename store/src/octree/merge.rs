@@ -1,7 +1,8 @@
 //! Runs of records in a scratch file, and their merge into leaves.
 //!
 //! ```text
-//! run = blocks of up to 128 records: seal (`crate::scratch`), LZ4;   merge: a heap over the runs' next records, equal ones summed
+//! run   = blocks of up to 128 records: seal (`crate::scratch`), LZ4
+//! merge = a heap over the runs' next records, equal ones summed
 //! ```
 //!
 //! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in
@@ -32,9 +33,17 @@ struct Written {
     runs: Vec<Run>,
 }
 
+/// The place of a run in the order: by chunk, then by when it was full.
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct RunOrder {
+    pub(super) chunk: u32,
+    /// Runs of the chunk before it.
+    pub(super) number: u32,
+}
+
 /// A run: its place in the order, and where its blocks stand.
 struct Run {
-    order: (u32, u32),
+    order: RunOrder,
     offset: u64,
     /// Bytes of each block.
     blocks: Vec<u32>,
@@ -55,7 +64,7 @@ impl VoxelRuns {
     }
 
     /// Appends records that are in order.
-    pub(super) fn append(&self, order: (u32, u32), records: &[Record]) -> Result<()> {
+    pub(super) fn append(&self, order: RunOrder, records: &[Record]) -> Result<()> {
         let mut bytes = Vec::new();
         let mut blocks = Vec::new();
         for block in records.chunks(BLOCK) {
@@ -83,8 +92,8 @@ impl VoxelRuns {
 }
 
 /// The name of a block: numbers of chunks and runs are far from 32 and 16 bits, and a run has few blocks.
-fn block_name((chunk, run): (u32, u32), number: usize) -> u64 {
-    u64::from(chunk) << 32 | u64::from(run) << 16 ^ number as u64
+fn block_name(run: RunOrder, number: usize) -> u64 {
+    u64::from(run.chunk) << 32 | u64::from(run.number) << 16 ^ number as u64
 }
 
 /// A run while it is merged.

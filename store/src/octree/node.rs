@@ -31,8 +31,28 @@ impl OctreeNode {
     }
 }
 
+/// Nodes, level by level, linked.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Tree {
+    /// Where each level begins in `nodes`, the root's first.
+    pub(super) levels: Vec<usize>,
+    pub(super) nodes: Vec<OctreeNode>,
+}
+
+impl Tree {
+    /// Index of the first node whose children are leaves.
+    pub(super) fn first_last(&self) -> usize {
+        *self.levels.last().expect("an octree has a root")
+    }
+
+    /// Nodes whose children are leaves, in order.
+    pub(super) fn last_nodes(&self) -> &[OctreeNode] {
+        &self.nodes[self.first_last()..]
+    }
+}
+
 /// Nodes from masks in level order; `None` when the levels do not come out at `leaf_count`.
-pub(super) fn link(masks: &[u64], depth: usize, leaf_count: usize) -> Option<(Vec<OctreeNode>, Vec<usize>)> {
+pub(super) fn link(masks: &[u64], depth: usize, leaf_count: usize) -> Option<Tree> {
     let mut nodes = Vec::with_capacity(masks.len());
     let (mut levels, mut begin, mut count) = (Vec::with_capacity(depth), 0usize, 1usize);
     for level in 0..depth {
@@ -50,5 +70,5 @@ pub(super) fn link(masks: &[u64], depth: usize, leaf_count: usize) -> Option<(Ve
         count = if is_last { first } else { first - end };
         begin = end;
     }
-    (begin == masks.len() && count == leaf_count).then_some((nodes, levels))
+    (begin == masks.len() && count == leaf_count).then_some(Tree { levels, nodes })
 }

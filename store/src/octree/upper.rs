@@ -10,7 +10,7 @@
 //! Invariants: 1. every mask and bitmap has a bit set; 2. nodes and leaves stand in key order, so that neighbours are
 //! near; 3. counts agree with masks, materials are below the count of materials.
 
-use super::node::OctreeNode;
+use super::node::{OctreeNode, Tree};
 use super::payload::{LeafNormal, Materials};
 use super::{Facets, VoxelGrid};
 
@@ -61,25 +61,23 @@ const LEAF_BYTES: u64 = 8 + 2;
 #[derive(Clone, Debug, PartialEq)]
 pub struct UpperOctree {
     grid: VoxelGrid,
-    /// Where each level begins in `nodes`, the root's first.
-    levels: Vec<usize>,
-    nodes: Vec<OctreeNode>,
-    bitmaps: Vec<u64>,
-    normals: Vec<LeafNormal>,
-    materials: Materials,
+    tree: Tree,
+    leaves: Leaves,
     facets: Facets,
 }
 
+/// What is known of each leaf, in key order.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Leaves {
+    pub(super) bitmaps: Vec<u64>,
+    pub(super) normals: Vec<LeafNormal>,
+    pub(super) materials: Materials,
+}
+
 impl UpperOctree {
-    /// An octree of checked parts: levels and nodes, normals and materials.
-    pub(super) fn of_parts(
-        grid: VoxelGrid,
-        (levels, nodes): (Vec<usize>, Vec<OctreeNode>),
-        bitmaps: Vec<u64>,
-        (normals, materials): (Vec<LeafNormal>, Materials),
-        facets: Facets,
-    ) -> UpperOctree {
-        UpperOctree { grid, levels, nodes, bitmaps, normals, materials, facets }
+    /// An octree of checked parts.
+    pub(super) fn new(grid: VoxelGrid, tree: Tree, leaves: Leaves, facets: Facets) -> UpperOctree {
+        UpperOctree { grid, tree, leaves, facets }
     }
 
     /// The cube.
@@ -89,33 +87,33 @@ impl UpperOctree {
 
     /// Nodes, level by level; the root is the first.
     pub fn nodes(&self) -> &[OctreeNode] {
-        &self.nodes
+        &self.tree.nodes
     }
 
     /// Nodes whose children are leaves, in order.
     pub fn last_nodes(&self) -> &[OctreeNode] {
-        &self.nodes[*self.levels.last().expect("an octree has a root")..]
+        self.tree.last_nodes()
     }
 
     /// Occluder bitmaps, one per leaf.
     pub fn bitmaps(&self) -> &[u64] {
-        &self.bitmaps
+        &self.leaves.bitmaps
     }
 
     /// Count of leaves.
     pub fn leaf_count(&self) -> usize {
-        self.bitmaps.len()
+        self.leaves.bitmaps.len()
     }
 
     /// Normal, flatness and material of the surface in `leaf`.
     pub fn leaf(&self, leaf: usize) -> LeafVoxel {
-        let (normal, flatness) = self.normals[leaf].unpack();
-        LeafVoxel { normal, flatness, material: self.materials.get(leaf) }
+        let (normal, flatness) = self.leaves.normals[leaf].unpack();
+        LeafVoxel { normal, flatness, material: self.leaves.materials.get(leaf) }
     }
 
     /// Material of `leaf`.
     pub fn material(&self, leaf: usize) -> u16 {
-        self.materials.get(leaf)
+        self.leaves.materials.get(leaf)
     }
 
     /// The facets.
@@ -129,8 +127,8 @@ impl UpperOctree {
     /// When `node` is none of the last level.
     #[inline]
     pub fn facet(&self, node: u32, leaf: u32) -> u32 {
-        let number = node as usize - self.levels[self.levels.len() - 1];
-        self.facets.index(number, self.normals[leaf as usize])
+        let number = node as usize - self.tree.first_last();
+        self.facets.index(number, self.leaves.normals[leaf as usize])
     }
 }
 

@@ -12,7 +12,7 @@
 //! Invariants: 1. in a run records are in order of leaf and material, each pair once; 2. sums depend on the order of
 //! triangles alone.
 
-use super::merge::VoxelRuns;
+use super::merge::{RunOrder, VoxelRuns};
 use super::overlap::{NARROW_REACH, Triangle, Wide};
 use super::record::Record;
 use super::{LEAF_SIDE, NODE_SIDE, VoxelGrid, leaf_key};
@@ -27,8 +27,8 @@ const FEW: i64 = 4;
 pub(crate) struct Voxelizer<'a> {
     grid: VoxelGrid,
     runs: &'a VoxelRuns,
-    /// Chunk and number of the next run.
-    order: (u32, u32),
+    /// Of the next run.
+    order: RunOrder,
     pile: Vec<Record>,
     /// The first error of writing a run.
     outcome: Result<()>,
@@ -45,7 +45,7 @@ struct Job {
 impl<'a> Voxelizer<'a> {
     /// Runs go to `runs`.
     pub(crate) fn new(grid: VoxelGrid, runs: &'a VoxelRuns) -> Voxelizer<'a> {
-        Voxelizer { grid, runs, order: (0, 0), pile: Vec::new(), outcome: Ok(()) }
+        Voxelizer { grid, runs, order: RunOrder::default(), pile: Vec::new(), outcome: Ok(()) }
     }
 
     /// Most bytes that a voxelizer holds: the pile, and what sorting and packing take.
@@ -53,7 +53,7 @@ impl<'a> Voxelizer<'a> {
 
     /// Begins the chunk `index`.
     pub(crate) fn begin(&mut self, index: usize) {
-        self.order = (index as u32, 0);
+        self.order = RunOrder { chunk: index as u32, number: 0 };
     }
 
     /// Writes what is left of the chunk.
@@ -153,7 +153,7 @@ impl<'a> Voxelizer<'a> {
         if !self.pile.is_empty() && self.outcome.is_ok() {
             self.outcome = self.runs.append(self.order, &self.pile);
         }
-        self.order.1 += 1;
+        self.order.number += 1;
         self.pile.clear();
     }
 }
@@ -317,7 +317,9 @@ mod tests {
             let grid = grid(256);
             let all = records(grid, &triangles);
             let side = (2 * grid.leaf_steps()) as f64;
-            let expected: f64 = triangles.iter().map(|q| area(&q.map(|q| q.map(|v| 2 * v + 1)))).sum::<f64>() / (side * side);
+            let half_steps = |q: &[[i64; 3]; 3]| q.map(|q| q.map(|v| 2 * v + 1));
+            let areas: f64 = triangles.iter().map(|q| area(&half_steps(q))).sum();
+            let expected = areas / (side * side);
             let found: f64 = all.iter().map(|r| f64::from(r.area)).sum();
             prop_assert!((found - expected).abs() <= 1e-4 * expected + 1e-6, "{} for {}", found, expected);
             prop_assert!(all.windows(2).all(|pair| pair[0].key() < pair[1].key()));
