@@ -93,7 +93,13 @@ pub(super) fn partition(
                 }
             }
         };
-        std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader).expect("a thread");
+        let thread = std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader);
+        thread.map_err(|error| {
+            Error::new(Code::Io, "the system refused a thread")
+                .at_place("the reader of the input")
+                .numbers(error.to_string())
+                .next("raise the limit of processes, or end some")
+        })?;
         tell("partition", "triangles", 0, scan.triangle_count);
         loop {
             let before = Instant::now();

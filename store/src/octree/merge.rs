@@ -27,6 +27,12 @@ pub(crate) struct VoxelRuns {
     written: Mutex<Written>,
 }
 
+/// How much there is to be merged.
+pub(crate) struct RunsSize {
+    pub(crate) bytes: u64,
+    pub(crate) run_count: u64,
+}
+
 #[derive(Default)]
 struct Written {
     end: u64,
@@ -56,11 +62,10 @@ impl VoxelRuns {
         Ok(VoxelRuns { file: ScratchFile::create(folder)?, written: Mutex::default() })
     }
 
-    /// Bytes written, runs, and records.
-    pub(crate) fn size(&self) -> (u64, u64, u64) {
+    /// What has been written.
+    pub(crate) fn size(&self) -> RunsSize {
         let written = self.written.lock().expect("no panic while held");
-        let records = written.runs.iter().map(|run| run.record_count as u64).sum();
-        (written.end, written.runs.len() as u64, records)
+        RunsSize { bytes: written.end, run_count: written.runs.len() as u64 }
     }
 
     /// Appends records that are in order.
