@@ -3,7 +3,9 @@
 //! Invariant: nothing is left behind: the folder of a built model goes with its [`Model`].
 
 use datasets_gen::{GenOptions, Spec};
+use rayon::ThreadPoolBuilder;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tempfile::TempDir;
 use trex_render::{Camera, Fov};
 use trex_store::build::{BuildOptions, BuildReport, Existing, Precision, Voxels};
@@ -95,7 +97,7 @@ pub(crate) fn build(
     let options = BuildOptions {
         precision: Precision::Default,
         voxels,
-        threads,
+        pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?),
         budget,
         temp_dir: None,
         existing: Existing::Keep,

@@ -72,7 +72,7 @@ impl Work<'_> {
         let options = BuildOptions {
             precision: self.precision,
             voxels: self.voxels,
-            threads: ctx.threads,
+            pool: ctx.thread_pool()?,
             budget: ctx.budget.clone(),
             temp_dir: self.temp_dir.map(Path::to_path_buf),
             existing: self.existing,

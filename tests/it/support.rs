@@ -2,7 +2,9 @@
 //! What they share of the command is in `command.rs`; models that several tests look at are in `fixtures.rs`.
 
 use crate::command::folder;
+use rayon::ThreadPoolBuilder;
 use std::path::Path;
+use std::sync::Arc;
 use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
@@ -23,7 +25,7 @@ pub(crate) fn build_options() -> BuildOptions {
     BuildOptions {
         precision: Precision::Default,
         voxels: Voxels::None,
-        threads: 2,
+        pool: Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap()),
         budget: Budget::new(1 << 30),
         temp_dir: None,
         existing: Existing::Keep,

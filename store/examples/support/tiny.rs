@@ -1,11 +1,13 @@
 //! The model of the examples: the page file that the command line names, or a wave of 80,000 triangles, built into a
 //! folder that goes with it.
 
+use rayon::ThreadPoolBuilder;
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::import::{ImportOptions, open};
-use trex_store::{Budget, Error, Interrupt};
+use trex_store::{Budget, Code, Error, Interrupt};
 
 /// Squares along a side of the wave.
 const SIDE: usize = 200;
@@ -33,10 +35,14 @@ pub(crate) fn model() -> Result<Model, Error> {
         let _ = writeln!(text, "f {a} {} {} {}", a + SIDE + 1, a + SIDE + 2, a + 1);
     }
     std::fs::write(&input, text).map_err(|error| Error::writing("write the wave", &input, &error))?;
+    let pool = ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .map_err(|error| Error::new(Code::Io, "the system refused a thread").numbers(error.to_string()))?;
     let options = BuildOptions {
         precision: Precision::Default,
         voxels: Voxels::Resolution(64),
-        threads: 2,
+        pool: Arc::new(pool),
         budget: Budget::unlimited(),
         temp_dir: None,
         existing: Existing::Keep,

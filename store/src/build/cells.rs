@@ -42,6 +42,13 @@ struct Cell {
     triangle_count: u64,
 }
 
+/// Which cell: its level, and where it is among the 2^level an axis.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Place {
+    level: u32,
+    at: [u32; 3],
+}
+
 /// What decides a triangle's cell.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum By {
@@ -66,14 +73,15 @@ pub(super) struct Cells {
     scratch: Scratch,
     sorted: Sorted,
     cells: Vec<Cell>,
-    by_place: HashMap<(u32, [u32; 3]), usize>,
-    last: ((u32, [u32; 3]), usize),
+    by_place: HashMap<Place, usize>,
+    /// Of the last triangle, and the index of its cell.
+    last: (Place, usize),
     buffered: u64,
 }
 
 impl Cells {
     pub(super) fn new(scratch: Scratch, sorted: Sorted) -> Cells {
-        let nowhere = ((u32::MAX, [0; 3]), 0);
+        let nowhere = (Place { level: u32::MAX, at: [0; 3] }, 0);
         Cells { scratch, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
     }
 
@@ -99,7 +107,7 @@ impl Cells {
         if self.last.0 == place {
             return self.last.1;
         }
-        let (level, at) = place;
+        let Place { level, at } = place;
         let cells = &mut self.cells;
         let index = *self.by_place.entry(place).or_insert_with(|| {
             let key = if level == 0 { 0 } else { hilbert_key(at, level) << (3 * (KEY_BITS - level)) };
@@ -170,8 +178,8 @@ fn cut(
     finer.into_chunks(options)
 }
 
-/// The level and cell of a triangle.
-fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> (u32, [u32; 3]) {
+/// The cell of a triangle.
+fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> Place {
     let [a, b, c] = &triangle.q;
     let (bits, mut level) = (sorted.bits, sorted.levels);
     if sorted.by == By::SizeAndPlace {
@@ -179,7 +187,7 @@ fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> (u32, [u32; 3]) {
         level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
     }
     let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
-    (level, at)
+    Place { level, at }
 }
 
 /// Joins cells that follow each other while they fit a chunk; cuts what could not be divided by place.

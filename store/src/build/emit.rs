@@ -1,9 +1,10 @@
 //! Emit: workers build chunks, one writer puts their pages into the file in chunk order, then tables and heads.
 //!
-//! Invariants: 1. pages stand in chunk order whatever the number of workers; 2. at most [`WINDOW`] finished
-//! chunks a worker wait for their turn; 3. every byte written is covered by a hash.
+//! Invariants: 1. pages stand in chunk order whatever the number of workers; 2. every byte written is covered by a
+//! hash.
 
 use super::chunk::{Workspace, worker_bytes};
+use super::in_order::InOrder;
 use super::lattice::{Scan, Tell};
 use super::pages::{ChunkPages, PackContext};
 use super::partition::Partition;
@@ -16,14 +17,7 @@ use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::material::Material;
 use crate::octree::{FirstPage, Voxelizer};
-use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, sync_channel};
-use std::sync::{Condvar, Mutex};
-use std::time::{Duration, Instant};
-
-/// Chunks that may be finished ahead of the writer, per worker.
-const WINDOW: usize = 3;
+use std::time::Instant;
 
 /// What is written.
 pub(super) struct Work<'a> {
@@ -54,9 +48,7 @@ pub(super) fn emit(
     tell("clusters", "triangles", 0, parted.triangle_count);
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
-    let workers = worker_count(options).min(parted.chunks.len()).max(1);
-    let lease = options.budget.lease("the cluster builders", needed_bytes(options) * workers as u64)?;
-    in_order(parted, voxels.as_ref(), workers, context, &options.interrupt, |chunk, pages| {
+    build_chunks(parted, voxels.as_ref(), context, options, |chunk, pages| {
         writer.add_chunk(pages, &mut file)?;
         for piece in &parted.chunks[chunk].pieces {
             parted.scratch.consume(&piece.run, piece.take);
@@ -65,7 +57,6 @@ pub(super) fn emit(
         Ok(())
     })?;
     writer.close(&mut file)?;
-    drop(lease);
     out.scratch_peak_bytes = parted.scratch.bytes();
 
     // Records merged into the octree; pages of units.
@@ -101,82 +92,35 @@ pub(super) fn needed_bytes(options: &BuildOptions) -> u64 {
 
 /// As many workers as there is room for: the result does not depend on it.
 pub(super) fn worker_count(options: &BuildOptions) -> usize {
-    options.threads.min((options.budget.free_bytes() / needed_bytes(options)) as usize).max(1)
+    options
+        .pool
+        .current_num_threads()
+        .min((options.budget.free_bytes() / needed_bytes(options)) as usize)
+        .max(1)
 }
 
-/// Builds all chunks on `workers` threads and hands the results to `take`, in order.
-fn in_order(
+/// Builds all chunks, with their voxel records, and hands their pages to `put`, in order.
+fn build_chunks(
     parted: &Partition,
     voxels: Option<&VoxelWork>,
-    workers: usize,
     context: PackContext<'_>,
-    interrupt: &crate::Interrupt,
-    mut take: impl FnMut(usize, ChunkPages) -> Result<()>,
+    options: &BuildOptions,
+    put: impl FnMut(usize, ChunkPages) -> Result<()>,
 ) -> Result<()> {
-    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let written = (Mutex::new(0usize), Condvar::new());
-    let window = WINDOW * workers;
-    std::thread::scope(|scope| {
-        let (sender, results) = sync_channel::<(usize, Result<ChunkPages>)>(workers);
-        for worker in 0..workers {
-            let (sender, next, stop, written) = (sender.clone(), &next, &stop, &written);
-            let work = move || {
-                let mut workspace = Workspace::default();
-                let mut voxelizer = voxels.map(|work| Voxelizer::new(work.finest(), &work.runs));
-                loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    if index >= parted.chunks.len() || stop.load(Ordering::Relaxed) {
-                        return;
-                    }
-                    let mut done = written.0.lock().expect("no panic while held");
-                    while index >= *done + window && !stop.load(Ordering::Relaxed) {
-                        done = written.1.wait_timeout(done, Duration::from_millis(100)).expect("as above").0;
-                    }
-                    drop(done);
-                    let built = workspace.build(&parted.chunks[index], &parted.scratch, context);
-                    let result = built.and_then(|pages| {
-                        voxelizer.as_mut().map_or(Ok(()), |v| voxelize(v, index, workspace.triangles()))?;
-                        Ok(pages)
-                    });
-                    if sender.send((index, result)).is_err() {
-                        return;
-                    }
-                }
-            };
-            let name = format!("trex-build-{worker}");
-            std::thread::Builder::new().name(name).spawn_scoped(scope, work).expect("a thread");
+    let worker_count = worker_count(options).min(parted.chunks.len()).max(1);
+    let bytes = needed_bytes(options) * worker_count as u64;
+    let _lease = options.budget.lease("the cluster builders", bytes)?;
+    let (pool, item_count, interrupt) = (&options.pool, parted.chunks.len(), &options.interrupt);
+    let begin = || {
+        let mut workspace = Workspace::default();
+        let mut voxelizer = voxels.map(|work| Voxelizer::new(work.finest(), &work.runs));
+        move |chunk: usize| {
+            let pages = workspace.build(&parted.chunks[chunk], &parted.scratch, context)?;
+            voxelizer.as_mut().map_or(Ok(()), |v| voxelize(v, chunk, workspace.triangles()))?;
+            Ok(pages)
         }
-        drop(sender);
-        let mut waiting = BTreeMap::new();
-        let mut turn = 0;
-        let outcome = loop {
-            if let Err(error) = interrupt.check() {
-                break Err(error);
-            }
-            let (index, result) = match results.recv_timeout(Duration::from_millis(100)) {
-                Ok(message) => message,
-                Err(RecvTimeoutError::Timeout) => continue,
-                Err(RecvTimeoutError::Disconnected) => break Ok(()),
-            };
-            let taken = result.and_then(|pages| {
-                waiting.insert(index, pages);
-                while let Some(pages) = waiting.remove(&turn) {
-                    take(turn, pages)?;
-                    turn += 1;
-                    *written.0.lock().expect("no panic while held") = turn;
-                    written.1.notify_all();
-                }
-                Ok(())
-            });
-            if let Err(error) = taken {
-                break Err(error);
-            }
-        };
-        stop.store(true, Ordering::Relaxed);
-        written.1.notify_all();
-        drop(results);
-        outcome
-    })
+    };
+    InOrder { pool, worker_count, item_count, interrupt }.run(begin, put)
 }
 
 /// Makes voxel records of a chunk.

@@ -5,7 +5,7 @@
 //! lattice     one step for the whole model
 //! partition   snap, weld by integers, sort into cells: runs in a scratch file beside the output
 //! chunks      cells in Hilbert order, up to 2^17 triangles each
-//! clusters    per chunk: SAH tree, clusters of 128, 8-wide nodes, pages       (threads, in order)
+//! clusters    per chunk: SAH tree, clusters of 128, 8-wide nodes, pages       (a pool of threads, in order)
 //! voxels      per chunk: records of the leaf voxels that its triangles touch; merged into the octree at the end
 //! emit        pages, page table, top tree, materials, emitters, octree, links, superblocks
 //! publish     fsync, read back, rename, fsync the folder
@@ -17,7 +17,9 @@
 
 mod cells;
 mod chunk;
+mod clusters;
 mod emit;
+mod in_order;
 mod lattice;
 mod pages;
 mod partition;
@@ -38,8 +40,10 @@ use crate::error::{Code, Error, Result};
 use crate::octree::{Refinement, Voxelizer};
 use crate::progress::{Interrupt, Progress, Report};
 use crate::source::{SourceStats, TriangleSource};
+use rayon::ThreadPool;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// How the lattice step is chosen.
@@ -87,8 +91,8 @@ pub struct BuildOptions {
     pub precision: Precision,
     /// The voxel octree.
     pub voxels: Voxels,
-    /// Worker threads, at least 1.
-    pub threads: usize,
+    /// The threads that chunks are built on. A build is called from another thread: it waits for these.
+    pub pool: Arc<ThreadPool>,
     /// Where memory is leased from.
     pub budget: Budget,
     /// Folder of the scratch file; `None` = the output's folder.
@@ -185,6 +189,9 @@ pub struct PhaseMs {
 /// Those of the source; [`Code::Usage`] when the output exists or the precision cannot be had;
 /// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
 /// [`Code::Interrupted`]. Nothing is left behind then.
+///
+/// # Panics
+/// On a thread of the options' pool.
 pub fn build(
     source: &mut dyn TriangleSource,
     output: &Path,

@@ -12,7 +12,7 @@
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
 
-use super::chunk::{Clusters, Tree};
+use super::clusters::{Clusters, Tree};
 use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef, TopRef};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 

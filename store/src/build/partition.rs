@@ -75,38 +75,8 @@ pub(super) fn partition(
     };
     let mut cells = Cells::new(Scratch::create(scratch_folder)?, sorted);
     let mut snapper = Snapper::new(grid, Surface::new(scan, &grid), name.clone());
-    let mut waited = Duration::ZERO;
-
-    std::thread::scope(|scope| -> Result<()> {
-        let (full, batches) = sync_channel::<Result<TriangleBatch>>(1);
-        let (back, empties) = sync_channel::<TriangleBatch>(BATCHES as usize);
-        (0..BATCHES - 1).for_each(|_| back.send(TriangleBatch::default()).expect("the channel has room"));
-        let reader = move || {
-            while let Ok(mut batch) = empties.recv() {
-                let message = match source.next_batch(&mut batch) {
-                    Ok(true) => Ok(batch),
-                    Ok(false) => return,
-                    Err(error) => Err(error),
-                };
-                if full.send(message).is_err() {
-                    return;
-                }
-            }
-        };
-        std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader).expect("a thread");
-        tell("partition", "triangles", 0, scan.triangle_count);
-        loop {
-            let before = Instant::now();
-            let Ok(message) = batches.recv() else { break };
-            waited += before.elapsed();
-            let batch = message?;
-            options.interrupt.check()?;
-            snapper.snap_all(&batch, &mut cells)?;
-            tell("partition", "triangles", snapper.input_triangle_count, scan.triangle_count);
-            let _ = back.send(batch);
-        }
-        Ok(())
-    })?;
+    let tell_count = |count| tell("partition", "triangles", count, scan.triangle_count);
+    let waited = sort(source, &mut snapper, &mut cells, options, &tell_count)?;
 
     let (scratch, chunks) = cells.into_chunks(options)?;
     let parted = Partition {
@@ -134,6 +104,54 @@ pub(super) fn partition(
         ));
     }
     Ok(parted)
+}
+
+/// Reads the source on a thread of its own, and sorts what comes into cells; gives the time that it was waited for.
+fn sort(
+    source: &mut dyn TriangleSource,
+    snapper: &mut Snapper,
+    cells: &mut Cells,
+    options: &BuildOptions,
+    tell: &dyn Fn(u64),
+) -> Result<Duration> {
+    let mut waited = Duration::ZERO;
+    std::thread::scope(|scope| -> Result<()> {
+        let (full, batches) = sync_channel::<Result<TriangleBatch>>(1);
+        let (back, empties) = sync_channel::<TriangleBatch>(BATCHES as usize);
+        (0..BATCHES - 1).for_each(|_| back.send(TriangleBatch::default()).expect("the channel has room"));
+        let reader = move || {
+            while let Ok(mut batch) = empties.recv() {
+                let message = match source.next_batch(&mut batch) {
+                    Ok(true) => Ok(batch),
+                    Ok(false) => return,
+                    Err(error) => Err(error),
+                };
+                if full.send(message).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader);
+        thread.map_err(|error| {
+            Error::new(Code::Io, "the system refused a thread")
+                .at_place("the reader of the input")
+                .numbers(error.to_string())
+                .next("raise the limit of processes, or end some")
+        })?;
+        tell(0);
+        loop {
+            let before = Instant::now();
+            let Ok(message) = batches.recv() else { break };
+            waited += before.elapsed();
+            let batch = message?;
+            options.interrupt.check()?;
+            snapper.snap_all(&batch, cells)?;
+            tell(snapper.input_triangle_count);
+            let _ = back.send(batch);
+        }
+        Ok(())
+    })?;
+    Ok(waited)
 }
 
 /// Bytes for buffered triangles when so many are free.

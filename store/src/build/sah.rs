@@ -117,7 +117,7 @@ struct Binning {
 
 impl Binning {
     #[inline(always)]
-    fn of(&self, keys: Four) -> [usize; 3] {
+    fn each(&self, keys: Four) -> [usize; 3] {
         [self.one(keys[0], 0), self.one(keys[1], 1), self.one(keys[2], 2)]
     }
 
@@ -146,7 +146,7 @@ fn best_cut(prims: &[Prim]) -> Option<Cut> {
     let binning = Binning { lo, scale };
     let mut bins = [[Bin::EMPTY; BINS]; 3];
     for prim in prims {
-        let [x, y, z] = binning.of(prim.keys());
+        let [x, y, z] = binning.each(prim.keys());
         for (bins, bin) in bins.iter_mut().zip([x, y, z]) {
             bins[bin].add(prim);
         }
@@ -235,7 +235,9 @@ mod tests {
     proptest! {
         /// Against a sort by centre, then index, along the axis that tells the sides apart.
         #[test]
-        fn the_left_side_has_the_least(corners in proptest::collection::vec(proptest::array::uniform3(-40i64..40), 2..300)) {
+        fn the_left_side_has_the_least(
+            corners in proptest::collection::vec(proptest::array::uniform3(-40i64..40), 2..300),
+        ) {
             let boxed = |(i, lo): (usize, &[i64; 3])| {
                 let exact = LatticeBox { lo: *lo, hi: lo.map(|v| v + (i % 7) as i64) };
                 Prim::new(&exact, [-3; 3], i as u32)

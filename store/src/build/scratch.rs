@@ -193,7 +193,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn runs_survive(corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>()), 1..300), shift in 0u32..8) {
+        fn runs_survive(
+            corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>()), 1..300),
+            shift in 0u32..8,
+        ) {
             let triangles: Vec<_> = corners
                 .iter()
                 .map(|(q, material)| LatticeTriangle {

@@ -1,8 +1,8 @@
 //! How many leaf voxels there will be, before there are any: what their resolution is chosen by.
 //!
 //! ```text
-//! triangle, for each resolution:   over 64 leaves by its shadows    -> these     (its shadows on the planes of the axes, added)
-//!                                  smaller -> points on it, two a leaf         -> distinct leaves of theirs, plus a fifth
+//! triangle, for each resolution:   over 64 leaves by its shadows on the planes of the axes, added  -> so many
+//!                                  smaller -> points on it, two a leaf -> distinct leaves of theirs, plus a fifth
 //! ```
 //!
 //! Area alone guesses too many where a leaf holds several sheets or a thin tube: 2.3 times for `gen:pipes:20M` at

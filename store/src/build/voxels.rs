@@ -12,7 +12,7 @@ use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
 use crate::octree::{
-    Finished, FirstPage, LowerBuilder, RUN_BYTES, Refinement, STREAM_BYTES, VoxelGrid, VoxelRuns,
+    Finished, FirstPage, LowerBuilder, RUN_BYTES, Refinement, RunsSize, STREAM_BYTES, VoxelGrid, VoxelRuns,
     family_bytes, leaf_bytes, merge,
 };
 use std::path::{Path, PathBuf};
@@ -113,7 +113,7 @@ impl VoxelWork {
         budget: &Budget,
         tell: &dyn Fn(u64),
     ) -> Result<Merged> {
-        let (runs_bytes, run_count, _) = self.runs.size();
+        let RunsSize { bytes: runs_bytes, run_count } = self.runs.size();
         let what = "the merge of voxels";
         let family_bytes =
             if self.refinement == Refinement::None { 0 } else { family_bytes(self.refinement) };

@@ -4,6 +4,7 @@
 //! 2. every byte is hashed before it is written.
 
 use super::BuildReport;
+use super::clusters::Tree;
 use super::lattice::Scan;
 use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
 use super::partition::Partition;
@@ -251,9 +252,8 @@ fn grow(
     splitter: &mut Splitter,
     prims: &mut [Prim],
     roots: &[(LatticeBox, TopRef)],
-    tree: &mut Vec<(LatticeBox, super::chunk::Tree)>,
+    tree: &mut Vec<(LatticeBox, Tree)>,
 ) -> u32 {
-    use super::chunk::Tree;
     if let [only] = prims {
         tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
     } else {

@@ -8,7 +8,7 @@
 //! Invariants: 1. a bit of a parent is set when and only when that child is there: a triangle touches a cube when and
 //! only when it touches a part of it; 2. sums are made in the order of keys; 3. memory is a record per material.
 
-use super::voxelize::Record;
+use super::record::Record;
 use super::{KEY_BITS, NODE_SIDE};
 
 /// The leaf at hand: all of it so far, and the area of the material that has most.

@@ -10,8 +10,8 @@
 
 use super::coarsen::OpenLeaf;
 use super::payload::{LeafNormal, pack_area};
+use super::record::Record;
 use super::stored::{BLOCK_BYTES, head, packed_planes};
-use super::voxelize::Record;
 use super::{KEY_BITS, MAX_DEPTH, VoxelGrid};
 use crate::error::Result;
 use crate::scratch::{SEAL_BYTES, ScratchFile, seal};

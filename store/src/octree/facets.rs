@@ -14,7 +14,7 @@
 //!
 //! Invariants: 1. every leaf belongs to one facet of its node; 2. every facet has a positive area.
 
-use super::upper::OctreeNode;
+use super::node::OctreeNode;
 use super::{LEAF_SIDE, LeafNormal};
 
 /// Least area per set bit of a bitmap, in squares of a subvoxel: a plane across an axis has 1, slanted ones set up to

@@ -16,8 +16,8 @@
 use super::coarsen::{Coarser, OpenLeaf};
 use super::links::{LowerLinks, PAGE_UNITS, UnitRef};
 use super::payload::LeafNormal;
+use super::record::Record;
 use super::units::{Counts, Stored, Units, material_bytes};
-use super::voxelize::Record;
 use super::{KEY_BITS, Refinement, UpperBuilder, VoxelGrid, place_of};
 use crate::error::Result;
 use crate::geom::hilbert_key;

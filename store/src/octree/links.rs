@@ -1,7 +1,8 @@
 //! `LowerLinks`: where the unit of each linking node is. Resident beside the upper octree; a section of the file.
 //!
 //! ```text
-//! section  refinement u32 | leaves of all units u64 | words u32, one per linking node, in Deflate blocks as the octree's streams
+//! section  refinement u32 | leaves of all units u64
+//!          | words u32, one per linking node, in Deflate blocks as the octree's streams
 //! word     page in bits 0 to 24, unit within it in bits 25 to 31
 //! ```
 //!

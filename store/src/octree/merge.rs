@@ -1,13 +1,14 @@
 //! Runs of records in a scratch file, and their merge into leaves.
 //!
 //! ```text
-//! run = blocks of up to 128 records: seal (`crate::scratch`), LZ4;   merge: a heap over the runs' next records, equal ones summed
+//! run   = blocks of up to 128 records: seal (`crate::scratch`), LZ4
+//! merge = a heap over the runs' next records, equal ones summed
 //! ```
 //!
 //! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in
 //! the order of runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
 
-use super::voxelize::Record;
+use super::record::Record;
 use crate::error::Result;
 use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
 use std::cmp::Reverse;
@@ -26,15 +27,29 @@ pub(crate) struct VoxelRuns {
     written: Mutex<Written>,
 }
 
+/// How much there is to be merged.
+pub(crate) struct RunsSize {
+    pub(crate) bytes: u64,
+    pub(crate) run_count: u64,
+}
+
 #[derive(Default)]
 struct Written {
     end: u64,
     runs: Vec<Run>,
 }
 
+/// The place of a run in the order: by chunk, then by when it was full.
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct RunOrder {
+    pub(super) chunk: u32,
+    /// Runs of the chunk before it.
+    pub(super) number: u32,
+}
+
 /// A run: its place in the order, and where its blocks stand.
 struct Run {
-    order: (u32, u32),
+    order: RunOrder,
     offset: u64,
     /// Bytes of each block.
     blocks: Vec<u32>,
@@ -47,15 +62,14 @@ impl VoxelRuns {
         Ok(VoxelRuns { file: ScratchFile::create(folder)?, written: Mutex::default() })
     }
 
-    /// Bytes written, runs, and records.
-    pub(crate) fn size(&self) -> (u64, u64, u64) {
+    /// What has been written.
+    pub(crate) fn size(&self) -> RunsSize {
         let written = self.written.lock().expect("no panic while held");
-        let records = written.runs.iter().map(|run| run.record_count as u64).sum();
-        (written.end, written.runs.len() as u64, records)
+        RunsSize { bytes: written.end, run_count: written.runs.len() as u64 }
     }
 
     /// Appends records that are in order.
-    pub(super) fn append(&self, order: (u32, u32), records: &[Record]) -> Result<()> {
+    pub(super) fn append(&self, order: RunOrder, records: &[Record]) -> Result<()> {
         let mut bytes = Vec::new();
         let mut blocks = Vec::new();
         for block in records.chunks(BLOCK) {
@@ -83,8 +97,8 @@ impl VoxelRuns {
 }
 
 /// The name of a block: numbers of chunks and runs are far from 32 and 16 bits, and a run has few blocks.
-fn block_name((chunk, run): (u32, u32), number: usize) -> u64 {
-    u64::from(chunk) << 32 | u64::from(run) << 16 ^ number as u64
+fn block_name(run: RunOrder, number: usize) -> u64 {
+    u64::from(run.chunk) << 32 | u64::from(run.number) << 16 ^ number as u64
 }
 
 /// A run while it is merged.

@@ -1,8 +1,10 @@
 //! The voxel octree (ASVO): the second, decoupled form of the model, which answers G-rays. Paper, section 4.
 //!
 //! ```text
-//! triangles --voxelize--> records (leaf, material, bitmap, area, normal) --sort, merge--> leaves in key order --> octree
-//! finest leaves --sum by 64--> coarser leaves --sum by 64--> upper leaves --> upper octree     (where there are finer ones)
+//! triangles --voxelize--> records (leaf, material, bitmap, area, normal) --sort, merge--> leaves in key order
+//!
+//! leaves --> octree; where there are finer ones:
+//! finest leaves --sum by 64--> coarser leaves --sum by 64--> upper leaves --> upper octree
 //!       '-------------------------'--> units of 16^3 leaves --> pages
 //! ```
 //!
@@ -21,8 +23,10 @@ mod facets;
 mod families;
 mod links;
 mod merge;
+mod node;
 mod overlap;
 mod payload;
+mod record;
 mod stored;
 mod units;
 mod upper;
@@ -32,12 +36,13 @@ pub(crate) use emit::{STREAM_BYTES, UpperBuilder};
 pub use facets::Facets;
 pub(crate) use families::{Finished, FirstPage, LowerBuilder, family_bytes};
 pub use links::{LowerLinks, LowerSize, UnitRef};
-pub(crate) use merge::{RUN_BYTES, VoxelRuns, merge};
+pub(crate) use merge::{RUN_BYTES, RunsSize, VoxelRuns, merge};
+pub use node::OctreeNode;
 pub(crate) use payload::LeafNormal;
 pub use units::{UnitNode, UnitsView};
 pub(crate) use units::{UnitsContext, install_units};
 pub(crate) use upper::leaf_bytes;
-pub use upper::{LeafVoxel, OctreeNode, UpperOctree, UpperSize};
+pub use upper::{LeafVoxel, UpperOctree, UpperSize};
 pub(crate) use voxelize::Voxelizer;
 
 /// Children of a node along an axis.

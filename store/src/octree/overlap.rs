@@ -148,14 +148,22 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 4000, ..ProptestConfig::default() })]
 
         #[test]
-        fn touching_is_what_clipping_leaves(corner in corners(-9..10), lo in proptest::array::uniform3(-8i64..8), side in 0i64..8) {
+        fn touching_is_what_clipping_leaves(
+            corner in corners(-9..10),
+            lo in proptest::array::uniform3(-8i64..8),
+            side in 0i64..8,
+        ) {
             let expected = clipped(corner, lo, side);
             prop_assert_eq!(Triangle::<i64>::new(corner).touches(lo, side), expected);
             prop_assert_eq!(Triangle::<i128>::new(corner).touches(lo, side), expected);
         }
 
         #[test]
-        fn large_ones_too(corner in corners(-200_000..200_000), lo in proptest::array::uniform3(-100_000i64..100_000), side in 0i64..60_000) {
+        fn large_ones_too(
+            corner in corners(-200_000..200_000),
+            lo in proptest::array::uniform3(-100_000i64..100_000),
+            side in 0i64..60_000,
+        ) {
             prop_assert_eq!(Triangle::<i128>::new(corner).touches(lo, side), clipped(corner, lo, side));
         }
     }

@@ -11,8 +11,9 @@
 //! Invariants: 1. what `parse` returns was checked; 2. beside the stored bytes and the octree itself it takes one
 //! block, a byte per leaf and 8 per node.
 
+use super::node::link;
 use super::payload::{LeafNormal, Materials, unpack_area};
-use super::upper::{UpperOctree, UpperSize, link};
+use super::upper::{Leaves, UpperOctree, UpperSize};
 use super::{Facets, MAX_DEPTH, VoxelGrid, is_upper};
 
 /// Bytes of a leaf before packing: bitmap, normal, area, material.
@@ -77,11 +78,11 @@ impl UpperOctree {
             && greatest < material_count
             // 512 leaves take one octant of the cube of 1024.
             && (grid.resolution != 512 || masks.first().is_some_and(|mask| mask & !FIRST_OCTANT == 0));
-        let (nodes, levels) = link(&masks, grid.depth(), leaf_count).filter(|_| sound)?;
+        let tree = link(&masks, grid.depth(), leaf_count).filter(|_| sound)?;
         let area = |leaf: usize| unpack_area(areas[leaf]);
-        let facets = Facets::new(&nodes[*levels.last()?..], &normals, &bitmaps, area);
+        let facets = Facets::new(tree.last_nodes(), &normals, &bitmaps, area);
         (facets.count() == facet_count as usize)
-            .then(|| UpperOctree::of_parts(grid, (levels, nodes), bitmaps, (normals, materials), facets))
+            .then(|| UpperOctree::new(grid, tree, Leaves { bitmaps, normals, materials }, facets))
     }
 }
 
@@ -164,7 +165,7 @@ fn unpack(stored: &[u8], block: &mut [u8]) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::super::emit::UpperBuilder;
-    use super::super::voxelize::Record;
+    use super::super::record::Record;
     use super::super::{Refinement, leaf_key};
     use super::*;
     use proptest::prelude::*;
@@ -226,13 +227,17 @@ mod tests {
             }
             prop_assert_eq!(&found, &leaves);
             let size = UpperOctree::peek(&bytes[..UpperOctree::HEAD_BYTES], bytes.len() as u64, 3).unwrap();
-            prop_assert_eq!((size.leaf_count as usize, size.facet_count as usize), (leaves.len(), octree.facets().count()));
+            prop_assert_eq!(size.leaf_count as usize, leaves.len());
+            prop_assert_eq!(size.facet_count as usize, octree.facets().count());
             prop_assert_eq!(UpperOctree::parse(&bytes, 2).is_some(), leaves.keys().all(|key| key % 3 < 2));
         }
 
         /// Nothing that comes from outside panics.
         #[test]
-        fn garbage_is_refused(change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6), cut in 0usize..200) {
+        fn garbage_is_refused(
+            change in proptest::collection::vec((any::<usize>(), any::<u8>()), 1..6),
+            cut in 0usize..200,
+        ) {
             let grid = VoxelGrid::from_bounds([0; 3], [100_000; 3], 256, Refinement::None);
             let leaves = (0..50u64).map(|i| (i * 7919 % (1 << 24), i + 1)).collect();
             let (_, mut bytes) = built(&leaves, grid);

@@ -13,9 +13,11 @@
 //!
 //! ```text
 //! disk   units u32 | nodes u32 | leaves u32 | linked u32 | nodes of each unit u8 | leaves of each node u8
-//!        | words of nodes u32, when linked | bitmaps u64 | normals u16 | materials u8 or u16     (in planes, see `stored`)
+//!        | words of nodes u32, when linked | bitmaps u64 | normals u16 | materials u8 or u16
+//!        (words of more than a byte in planes, see `stored`)
 //! frame  units u16 | nodes u16 | leaves u16 | material bytes u8 | linked u8 | bitmaps u64 | words of nodes u32
-//!        | first node of each unit u16, and the end | first leaf of each node u16, and the end | normals u16 | materials
+//!        | first node of each unit u16, and the end | first leaf of each node u16, and the end
+//!        | normals u16 | materials
 //! ```
 //!
 //! Areas are not stored: light is kept by the facets of the upper leaves.

@@ -1,44 +1,18 @@
 //! `UpperOctree`: the octree that is always resident: how it lies in memory.
 //!
 //! ```text
-//! nodes, level by level from the root: mask u64 | first child u32     (children of a node stand together)
-//! bitmaps u64 per leaf                                                 (all that shadow rays read)
-//! payload per leaf: normal u16 | material u8 or u16 (where there are several);   facets per last node: what light is kept by
+//! nodes, level by level from the root: see `node`     (children of a node stand together)
+//! bitmaps u64 per leaf                                (all that shadow rays read)
+//! payload per leaf: normal u16 | material u8 or u16   (where there are several)
+//! facets per last node                                (what light is kept by)
 //! ```
 //!
-//! The child in place `i` of a node with mask `m` is `first + popcount(m & (2^i - 1))`: a node of the next level, or
-//! at the last level a leaf.
-//!
 //! Invariants: 1. every mask and bitmap has a bit set; 2. nodes and leaves stand in key order, so that neighbours are
-//! near;
-//! 3. counts agree with masks, materials are below the count of materials.
+//! near; 3. counts agree with masks, materials are below the count of materials.
 
+use super::node::{OctreeNode, Tree};
 use super::payload::{LeafNormal, Materials};
 use super::{Facets, VoxelGrid};
-
-/// A node of the octree. 12 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct OctreeNode {
-    /// Children that are there: bit `x + 4 y + 16 z`, least word first.
-    pub mask: [u32; 2],
-    /// Index of the first child.
-    pub first: u32,
-}
-
-impl OctreeNode {
-    /// The mask as one word.
-    pub fn bits(&self) -> u64 {
-        u64::from(self.mask[0]) | u64::from(self.mask[1]) << 32
-    }
-
-    /// Index of the child in `place`, if it is there.
-    #[inline]
-    pub fn child(&self, place: u32) -> Option<u32> {
-        let bits = self.bits();
-        (bits >> place & 1 == 1).then(|| self.first + (bits & ((1 << place) - 1)).count_ones())
-    }
-}
 
 /// Normal, flatness and material of the surface in a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,25 +61,23 @@ const LEAF_BYTES: u64 = 8 + 2;
 #[derive(Clone, Debug, PartialEq)]
 pub struct UpperOctree {
     grid: VoxelGrid,
-    /// Where each level begins in `nodes`, the root's first.
-    levels: Vec<usize>,
-    nodes: Vec<OctreeNode>,
-    bitmaps: Vec<u64>,
-    normals: Vec<LeafNormal>,
-    materials: Materials,
+    tree: Tree,
+    leaves: Leaves,
     facets: Facets,
 }
 
+/// What is known of each leaf, in key order.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Leaves {
+    pub(super) bitmaps: Vec<u64>,
+    pub(super) normals: Vec<LeafNormal>,
+    pub(super) materials: Materials,
+}
+
 impl UpperOctree {
-    /// An octree of checked parts: levels and nodes, normals and materials.
-    pub(super) fn of_parts(
-        grid: VoxelGrid,
-        (levels, nodes): (Vec<usize>, Vec<OctreeNode>),
-        bitmaps: Vec<u64>,
-        (normals, materials): (Vec<LeafNormal>, Materials),
-        facets: Facets,
-    ) -> UpperOctree {
-        UpperOctree { grid, levels, nodes, bitmaps, normals, materials, facets }
+    /// An octree of checked parts.
+    pub(super) fn new(grid: VoxelGrid, tree: Tree, leaves: Leaves, facets: Facets) -> UpperOctree {
+        UpperOctree { grid, tree, leaves, facets }
     }
 
     /// The cube.
@@ -115,33 +87,33 @@ impl UpperOctree {
 
     /// Nodes, level by level; the root is the first.
     pub fn nodes(&self) -> &[OctreeNode] {
-        &self.nodes
+        &self.tree.nodes
     }
 
     /// Nodes whose children are leaves, in order.
     pub fn last_nodes(&self) -> &[OctreeNode] {
-        &self.nodes[*self.levels.last().expect("an octree has a root")..]
+        self.tree.last_nodes()
     }
 
     /// Occluder bitmaps, one per leaf.
     pub fn bitmaps(&self) -> &[u64] {
-        &self.bitmaps
+        &self.leaves.bitmaps
     }
 
     /// Count of leaves.
     pub fn leaf_count(&self) -> usize {
-        self.bitmaps.len()
+        self.leaves.bitmaps.len()
     }
 
     /// Normal, flatness and material of the surface in `leaf`.
     pub fn leaf(&self, leaf: usize) -> LeafVoxel {
-        let (normal, flatness) = self.normals[leaf].unpack();
-        LeafVoxel { normal, flatness, material: self.materials.get(leaf) }
+        let (normal, flatness) = self.leaves.normals[leaf].unpack();
+        LeafVoxel { normal, flatness, material: self.leaves.materials.get(leaf) }
     }
 
     /// Material of `leaf`.
     pub fn material(&self, leaf: usize) -> u16 {
-        self.materials.get(leaf)
+        self.leaves.materials.get(leaf)
     }
 
     /// The facets.
@@ -155,8 +127,8 @@ impl UpperOctree {
     /// When `node` is none of the last level.
     #[inline]
     pub fn facet(&self, node: u32, leaf: u32) -> u32 {
-        let number = node as usize - self.levels[self.levels.len() - 1];
-        self.facets.index(number, self.normals[leaf as usize])
+        let number = node as usize - self.tree.first_last();
+        self.facets.index(number, self.leaves.normals[leaf as usize])
     }
 }
 
@@ -164,26 +136,4 @@ impl UpperOctree {
 /// and a facet for six of them (16 and 8 on the iso-surface).
 pub(crate) fn leaf_bytes() -> u64 {
     LEAF_BYTES + 1 + (size_of::<OctreeNode>() as u64 + Facets::bytes(1, 2)).div_ceil(12)
-}
-
-/// Nodes from masks in level order; `None` when the levels do not come out at `leaf_count`.
-pub(super) fn link(masks: &[u64], depth: usize, leaf_count: usize) -> Option<(Vec<OctreeNode>, Vec<usize>)> {
-    let mut nodes = Vec::with_capacity(masks.len());
-    let (mut levels, mut begin, mut count) = (Vec::with_capacity(depth), 0usize, 1usize);
-    for level in 0..depth {
-        levels.push(begin);
-        let end = begin.checked_add(count)?;
-        let is_last = level + 1 == depth;
-        let mut first = if is_last { 0 } else { end };
-        for &mask in masks.get(begin..end)? {
-            nodes.push(OctreeNode {
-                mask: [mask as u32, (mask >> 32) as u32],
-                first: u32::try_from(first).ok()?,
-            });
-            first += mask.count_ones() as usize;
-        }
-        count = if is_last { first } else { first - end };
-        begin = end;
-    }
-    (begin == masks.len() && count == leaf_count).then_some((nodes, levels))
 }

@@ -12,24 +12,11 @@
 //! Invariants: 1. in a run records are in order of leaf and material, each pair once; 2. sums depend on the order of
 //! triangles alone.
 
-use super::merge::VoxelRuns;
+use super::merge::{RunOrder, VoxelRuns};
 use super::overlap::{NARROW_REACH, Triangle, Wide};
+use super::record::Record;
 use super::{LEAF_SIDE, NODE_SIDE, VoxelGrid, leaf_key};
 use crate::error::Result;
-
-/// What one material brings to one leaf.
-#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub(crate) struct Record {
-    /// The leaf's key (see `leaf_key`) over 16 bits of the material: the order of records.
-    pub(super) order: u64,
-    /// Subvoxels touched: bit `x + 4 y + 16 z`.
-    pub(crate) bitmap: u64,
-    /// Area inside of the leaf, in squares of its side.
-    pub(crate) area: f32,
-    /// Sum of unit normals weighted by area.
-    pub(crate) normal: [f32; 3],
-}
 
 /// Records after which the pile is sorted and summed; when half of that is left, it goes out as a run.
 const PILE: usize = 1 << 17;
@@ -40,8 +27,8 @@ const FEW: i64 = 4;
 pub(crate) struct Voxelizer<'a> {
     grid: VoxelGrid,
     runs: &'a VoxelRuns,
-    /// Chunk and number of the next run.
-    order: (u32, u32),
+    /// Of the next run.
+    order: RunOrder,
     pile: Vec<Record>,
     /// The first error of writing a run.
     outcome: Result<()>,
@@ -58,7 +45,7 @@ struct Job {
 impl<'a> Voxelizer<'a> {
     /// Runs go to `runs`.
     pub(crate) fn new(grid: VoxelGrid, runs: &'a VoxelRuns) -> Voxelizer<'a> {
-        Voxelizer { grid, runs, order: (0, 0), pile: Vec::new(), outcome: Ok(()) }
+        Voxelizer { grid, runs, order: RunOrder::default(), pile: Vec::new(), outcome: Ok(()) }
     }
 
     /// Most bytes that a voxelizer holds: the pile, and what sorting and packing take.
@@ -66,7 +53,7 @@ impl<'a> Voxelizer<'a> {
 
     /// Begins the chunk `index`.
     pub(crate) fn begin(&mut self, index: usize) {
-        self.order = (index as u32, 0);
+        self.order = RunOrder { chunk: index as u32, number: 0 };
     }
 
     /// Writes what is left of the chunk.
@@ -151,7 +138,8 @@ impl<'a> Voxelizer<'a> {
 
     /// Sorts the pile and sums what belongs together.
     fn sum(&mut self) {
-        // Stable: records of one leaf and material keep the order of their triangles.
+        // Stable: records of one leaf and material keep the order of their triangles. On this thread alone: the pool's
+        // others have chunks of their own, and a worker must not wait for them (see `build::in_order`).
         self.pile.sort_by_key(|record| record.order);
         self.pile.dedup_by(|next, sum| {
             let is_same = next.order == sum.order;
@@ -166,32 +154,8 @@ impl<'a> Voxelizer<'a> {
         if !self.pile.is_empty() && self.outcome.is_ok() {
             self.outcome = self.runs.append(self.order, &self.pile);
         }
-        self.order.1 += 1;
+        self.order.number += 1;
         self.pile.clear();
-    }
-}
-
-impl Record {
-    /// An empty one.
-    pub(super) fn at(key: u64, material: u16) -> Record {
-        Record { order: key << 16 | u64::from(material), ..Record::default() }
-    }
-
-    /// The leaf.
-    pub(super) fn key(&self) -> u64 {
-        self.order >> 16
-    }
-
-    /// The material.
-    pub(super) fn material(&self) -> u16 {
-        self.order as u16
-    }
-
-    /// Sums another record of the same leaf.
-    pub(crate) fn add(&mut self, other: &Record) {
-        self.bitmap |= other.bitmap;
-        self.area += other.area;
-        (0..3).for_each(|a| self.normal[a] += other.normal[a]);
     }
 }
 
@@ -354,7 +318,9 @@ mod tests {
             let grid = grid(256);
             let all = records(grid, &triangles);
             let side = (2 * grid.leaf_steps()) as f64;
-            let expected: f64 = triangles.iter().map(|q| area(&q.map(|q| q.map(|v| 2 * v + 1)))).sum::<f64>() / (side * side);
+            let half_steps = |q: &[[i64; 3]; 3]| q.map(|q| q.map(|v| 2 * v + 1));
+            let areas: f64 = triangles.iter().map(|q| area(&half_steps(q))).sum();
+            let expected = areas / (side * side);
             let found: f64 = all.iter().map(|r| f64::from(r.area)).sum();
             prop_assert!((found - expected).abs() <= 1e-4 * expected + 1e-6, "{} for {}", found, expected);
             prop_assert!(all.windows(2).all(|pair| pair[0].key() < pair[1].key()));

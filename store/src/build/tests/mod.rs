@@ -7,6 +7,7 @@ use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;
 use crate::{Lattice, Material, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
+use rayon::ThreadPoolBuilder;
 
 /// Triangles in memory.
 struct Mesh {
@@ -54,7 +55,7 @@ fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
     BuildOptions {
         precision: Precision::Default,
         voxels: Voxels::default(),
-        threads,
+        pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).build().unwrap()),
         budget: Budget::new(limit_bytes),
         temp_dir: None,
         existing: Existing::Keep,

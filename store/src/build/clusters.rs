@@ -1,0 +1,100 @@
+//! `Clusters`: the triangles of a chunk in clusters, and the binary SAH tree above these.
+//!
+//! Invariants: 1. every triangle ends in exactly one cluster; 2. boxes in the tree are exact unions of lattice boxes.
+
+use super::sah::{Prim, Splitter};
+use super::scratch::LatticeTriangle;
+use crate::cluster::{ClusterMesh, LatticeBox};
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
+
+/// A node of the binary tree over a chunk's clusters.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Tree {
+    Cluster(u32),
+    Split(u32, u32),
+}
+
+/// Clusters and the tree above them; the last node is the root.
+#[derive(Default)]
+pub(super) struct Clusters {
+    pub(super) clusters: Vec<ClusterMesh>,
+    /// By cluster: bytes to set aside for it in a page.
+    pub(super) page_bytes: Vec<usize>,
+    pub(super) tree: Vec<(LatticeBox, Tree)>,
+}
+
+impl Clusters {
+    /// Adds the subtree over `prims`; gives its node.
+    pub(super) fn grow(
+        &mut self,
+        splitter: &mut Splitter,
+        prims: &mut [Prim],
+        triangles: &[LatticeTriangle],
+    ) -> u32 {
+        if prims.len() <= CLUSTER_TRIANGLES {
+            order_leaves(splitter, prims);
+            if let Some(cluster) = cluster_of(prims, triangles) {
+                self.tree.push((cluster.bounds(), Tree::Cluster(self.clusters.len() as u32)));
+                self.clusters.push(cluster);
+                return self.tree.len() as u32 - 1;
+            }
+        }
+        let quantum = if prims.len() > CLUSTER_TRIANGLES { CLUSTER_TRIANGLES } else { LEAF_TRIANGLES };
+        let cut = splitter.split(prims, quantum);
+        let (left, right) = prims.split_at_mut(cut);
+        let left = self.grow(splitter, left, triangles);
+        let right = self.grow(splitter, right, triangles);
+        let bounds = self.tree[left as usize].0.join(&self.tree[right as usize].0);
+        self.tree.push((bounds, Tree::Split(left, right)));
+        self.tree.len() as u32 - 1
+    }
+}
+
+/// Orders a cluster's primitives so that each eight in a row make a tight leaf.
+fn order_leaves(splitter: &mut Splitter, prims: &mut [Prim]) {
+    if prims.len() <= LEAF_TRIANGLES {
+        prims.sort_unstable_by_key(|prim| prim.index);
+        return;
+    }
+    let cut = splitter.split(prims, LEAF_TRIANGLES);
+    let (left, right) = prims.split_at_mut(cut);
+    order_leaves(splitter, left);
+    order_leaves(splitter, right);
+}
+
+/// Welds the primitives' corners; `None` when they are more than a cluster can hold. Vertices stand in the
+/// order of first use.
+fn cluster_of(prims: &[Prim], triangles: &[LatticeTriangle]) -> Option<ClusterMesh> {
+    const SLOTS: usize = 4 * CLUSTER_TRIANGLES;
+    const FREE: u8 = 255;
+    const { assert!(CLUSTER_VERTICES <= FREE as usize && SLOTS > CLUSTER_VERTICES) }
+    let mut slots = [FREE; SLOTS];
+    let mut cluster = ClusterMesh::default();
+    for prim in prims {
+        let triangle = &triangles[prim.index as usize];
+        let mut corners = [0; 3];
+        for (corner, q) in triangle.q.iter().enumerate() {
+            let mut slot = hash(q) % SLOTS;
+            corners[corner] = loop {
+                match slots[slot] {
+                    FREE if cluster.vertices.len() == CLUSTER_VERTICES => return None,
+                    FREE => {
+                        slots[slot] = cluster.vertices.len() as u8;
+                        cluster.vertices.push(*q);
+                        break slots[slot];
+                    }
+                    index if cluster.vertices[index as usize] == *q => break index,
+                    _ => slot = (slot + 1) % SLOTS,
+                }
+            };
+        }
+        cluster.triangles.push(corners);
+        cluster.materials.push(triangle.material);
+    }
+    Some(cluster)
+}
+
+fn hash(q: &[i64; 3]) -> usize {
+    let mix = q.iter().fold(0u64, |h, &v| (h ^ v as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23));
+    (mix >> 20) as usize
+}
