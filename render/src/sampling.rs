@@ -2,7 +2,7 @@
 //!
 //! Invariant: a direction has length 1 to rounding, and the density that its function states.
 
-use crate::math::{along, basis, scale};
+use crate::math::arrays::{along, basis, scale};
 use std::f64::consts::TAU;
 
 /// A unit direction about `normal` with density `cos / pi`, from two numbers in [0, 1).

@@ -1,7 +1,7 @@
 //! What a C-ray meets first: a place on the mesh, or behind the cut of the footprint rule in the voxels.
 
 use crate::image::film::NO_ID;
-use crate::math::{along, to_f64};
+use crate::math::arrays::{along, to_f64};
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
 use crate::trace::{Hit, Ray};
 use crate::voxel::{VoxelHit, VoxelScene};

@@ -5,7 +5,7 @@ use super::c_ray::CRayHit;
 use super::g_scene::GScene;
 use super::path_state::{Origin, Path, ShadowQuery, Stage};
 use crate::image::film::Layers;
-use crate::math::{dot, max_rgb, mul_rgb, reflect, scale, scale_rgb, to_f64};
+use crate::math::arrays::{dot, max_rgb, mul_rgb, reflect, scale, scale_rgb, to_f64};
 use crate::photon::irradiance::Irradiance;
 use crate::photon::kd_tree::PhotonTree;
 use crate::sampler::Decision;

@@ -11,7 +11,7 @@ use super::c_ray::{CRayHit, Form};
 use super::context::RenderContext;
 use super::path_state::{Path, Stage};
 use super::{CRays, Integrator};
-use crate::math::{add_rgb, dot, scale_rgb, to_f64};
+use crate::math::arrays::{add_rgb, dot, scale_rgb, to_f64};
 use crate::sampler::mix;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;

@@ -17,7 +17,7 @@ use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::g_scene::MIRRORS_MAX;
 use super::path_state::{GatherRay, Path, Stage};
-use crate::math::{dot, max_rgb, mul_rgb, reflect, to_f64};
+use crate::math::arrays::{dot, max_rgb, mul_rgb, reflect, to_f64};
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};

@@ -17,7 +17,7 @@ use super::context::RenderContext;
 use super::g_batch::{ASKED_MAX, GBatch, Part, Place};
 use super::gather::GatherQuery;
 use super::path_state::{Path, Stage};
-use crate::math::mul_rgb;
+use crate::math::arrays::mul_rgb;
 use crate::scene::settings::Near;
 use crate::shading::surface::SurfaceInteraction;
 

@@ -8,7 +8,7 @@
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are units, rays wait
 //! for those that they need; light is kept by the facets of the upper leaves above them.
 
-use crate::math::{add_rgb, along, dot, length, max_rgb, mul_rgb, reflect, sub, unit};
+use crate::math::arrays::{add_rgb, along, dot, length, max_rgb, mul_rgb, reflect, sub, unit};
 use crate::photon::irradiance::Irradiance;
 use crate::scene::settings::Near;
 use crate::shading::bsdf::diffuse_equivalent;

@@ -15,7 +15,7 @@ use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::g_scene::{GScene, Gathered};
 use super::path_state::{GatherRay, Path, Stage};
-use crate::math::{max_rgb, mul_rgb, scale_rgb};
+use crate::math::arrays::{max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::Decision;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::trace::{Answer, Ray, Tracer};

@@ -16,7 +16,7 @@ use super::Integrator;
 use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::path_state::{Origin, Path, ShadowQuery, Stage};
-use crate::math::{along, dot, mul_rgb, scale_rgb, to_f64};
+use crate::math::arrays::{along, dot, mul_rgb, scale_rgb, to_f64};
 use crate::sampler::Decision;
 use crate::shading::bsdf::Bsdf;
 use crate::shading::light::LightSample;

@@ -6,7 +6,7 @@
 use super::c_ray::FarRay;
 use super::g_batch::Place;
 use crate::image::film::LayerPixel;
-use crate::math::{add_rgb, max_rgb, mul_rgb, scale_rgb};
+use crate::math::arrays::{add_rgb, max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};

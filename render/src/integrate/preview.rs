@@ -4,7 +4,7 @@
 use super::c_ray::FarRay;
 use super::context::RenderContext;
 use super::g_scene::GScene;
-use crate::math::{add_rgb, dot, mul_rgb, scale_rgb, to_f64};
+use crate::math::arrays::{add_rgb, dot, mul_rgb, scale_rgb, to_f64};
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::VoxelHit;

@@ -20,7 +20,7 @@ use super::path::PathTracing;
 use super::path_state::{Origin, Path, Sample, ShadowQuery, Stage};
 use super::{CRays, Integrator};
 use crate::image::film::{LayerPixel, NO_ID};
-use crate::math::add_rgb;
+use crate::math::arrays::add_rgb;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::settings::Method;
 use crate::shading::surface::SurfaceInteraction;

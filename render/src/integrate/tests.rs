@@ -2,7 +2,7 @@
 
 use super::context::RenderContext;
 use super::sample_integrator::SampleIntegrator;
-use crate::math::{along, length, sub, unit};
+use crate::math::arrays::{along, length, sub, unit};
 use crate::scene::settings::{Method, RenderKeys};
 use crate::scene::world::{Model, World};
 use crate::shading::light::{Emitter, Light};
@@ -284,7 +284,7 @@ fn in_a_sphere_the_light_of_its_centre_comes_back_evenly() {
         .iter()
         .map(|t| {
             let [a, b, c] = t.corners;
-            0.5 * length(crate::math::cross(sub(b, a), sub(c, a)))
+            0.5 * length(crate::math::arrays::cross(sub(b, a), sub(c, a)))
         })
         .sum();
     let light = Light::Point { position: [0.0; 3], intensity: [3.0; 3] };

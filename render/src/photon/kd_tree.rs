@@ -18,7 +18,7 @@
 //! most photons there can be, before any is traced; 3. light is told of the surface's own side alone.
 
 use super::mesh::{BATCH, Deposit, deposits_max};
-use crate::math::{add_rgb, dot, mul_rgb, scale_rgb};
+use crate::math::arrays::{add_rgb, dot, mul_rgb, scale_rgb};
 use crate::scene::settings::TREE_PHOTONS_MAX;
 use crate::shading::bsdf::takes_shadow_rays;
 use crate::shading::surface::SurfaceInteraction;

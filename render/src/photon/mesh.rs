@@ -12,7 +12,7 @@
 //! blocked, or not at all.
 
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler};
-use crate::math::along;
+use crate::math::arrays::along;
 use crate::scene::world::World;
 use crate::shading::light::PhotonSources;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn the_flux_that_first_arrives_is_what_the_sun_sends() {
         let (found, _) = trace(vec![model().1], 3 * BATCH);
-        let direction = crate::math::unit([0.3, 0.2, -1.0]).unwrap();
+        let direction = crate::math::arrays::unit([0.3, 0.2, -1.0]).unwrap();
         let first = |d: &&Deposit| d.key.trailing_zeros() >= VERTEX_BITS && d.normal[2] > 0.9;
         let on_floor: f64 = found.iter().flatten().filter(first).map(|d| f64::from(d.flux[0])).sum();
         // The open top passes it all; the walls throw their shadows on the floor, but for mirrors, which take none.

@@ -4,7 +4,7 @@
 //! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
 //! at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
 
-use crate::math::{max_rgb, mul_rgb, scale_rgb};
+use crate::math::arrays::{max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::bsdf::Bsdf;
 use crate::stats::PhotonStats;

@@ -12,7 +12,7 @@
 
 use super::irradiance::{PhotonMap, PhotonPass};
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler, send_in_passes};
-use crate::math::{along, scale};
+use crate::math::arrays::{along, scale};
 use crate::sampler::Sampler;
 use crate::scene::world::World;
 use crate::shading::bsdf::Bsdf;

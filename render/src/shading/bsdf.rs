@@ -5,7 +5,7 @@
 //! from any direction; 3. the Ks of a mirror is its bounce, never a lobe; 4. [`Bsdf::pdf`] is the density of what
 //! [`Bsdf::sample`] draws.
 
-use crate::math::{dot, max_rgb, reflect, scale, scale_rgb};
+use crate::math::arrays::{dot, max_rgb, reflect, scale, scale_rgb};
 use crate::sampling::{cosine_direction, lobe_direction};
 use std::f32::consts::{FRAC_1_PI, TAU};
 use trex_store::Material;

@@ -4,7 +4,7 @@
 //! that it leaves, nor the one that it is sent to.
 
 use super::bsdf::Bsdf;
-use crate::math::{along, dot, length, scale, sub, to_f64, unit};
+use crate::math::arrays::{along, dot, length, scale, sub, to_f64, unit};
 use crate::trace::{Hit, Ray};
 use trex_store::Material;
 

@@ -28,6 +28,8 @@ pub(crate) use retry::{Advance, Retry, WAIT};
 pub use steps::ProbeStep;
 pub(crate) use unit_pages::UnitPages;
 
+use glam::DVec3;
+
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
@@ -37,6 +39,20 @@ pub struct Ray {
     pub direction: [f64; 3],
     /// End of the ray; `f64::INFINITY` for none.
     pub t_max: f64,
+}
+
+impl Ray {
+    /// The ray from `origin` in `direction` to `t_max`, where those are vectors.
+    #[inline]
+    pub(crate) fn new(origin: DVec3, direction: DVec3, t_max: f64) -> Ray {
+        Ray { origin: origin.to_array(), direction: direction.to_array(), t_max }
+    }
+
+    /// The point at parameter `t`, model units.
+    #[inline]
+    pub(crate) fn at(&self, t: f64) -> DVec3 {
+        DVec3::from(self.origin) + t * DVec3::from(self.direction)
+    }
 }
 
 /// The nearest point where a ray meets the mesh.

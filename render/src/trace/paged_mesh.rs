@@ -15,6 +15,7 @@ use super::scalar::Scalar;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
 use super::{Answer, Hit, Ray, Tracer};
+use glam::DVec3;
 use trex_store::PageFile;
 
 /// Traces rays against the clusters of a file, through whatever gives it pages.
@@ -146,16 +147,17 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         let q = found.corners;
         let t = local.model_t(found.t);
         let n = normal(q);
-        let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let length = n.length();
         let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
         let size = edges.fold(1.0f64, |m, x| m.max(x.abs() as f64));
-        let reach = (0..3).map(|a| ray.origin[a].abs() + (t * ray.direction[a]).abs()).fold(0.0, f64::max);
+        let (origin, way) = (DVec3::from(ray.origin), t * DVec3::from(ray.direction));
+        let reach = (origin.abs() + way.abs()).max_element();
         Hit {
             t,
             triangle: found.triangle,
             page: found.page,
             material: u32::from(found.material),
-            normal: n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 }),
+            normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
             error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
         }
     }

@@ -6,7 +6,7 @@
 //! Invariant: the normal of a [`LeafHit`] is unit, and on the side that the ray came from.
 
 use super::traverse::{VoxelHit, VoxelScene};
-use crate::math::{along, dot, scale, to_f64};
+use crate::math::arrays::{along, dot, scale, to_f64};
 use crate::trace::Ray;
 use trex_store::Material;
 use trex_store::octree::LeafVoxel;

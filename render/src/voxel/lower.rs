@@ -19,7 +19,7 @@
 
 use super::leaf::LeafHit;
 use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
-use crate::math::along;
+use crate::math::arrays::along;
 use crate::trace::{Answer, Page, Pages, Ray};
 use trex_store::Material;
 use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};

@@ -16,7 +16,7 @@
 
 use super::lights::{Lights, Source};
 use super::scene_light::Light;
-use crate::math::{add_rgb, along, basis, brightness, cross, length, scale_rgb, unit};
+use crate::math::arrays::{add_rgb, along, basis, brightness, cross, length, scale_rgb, unit};
 use crate::sampler::{Decision, Sampler};
 use crate::sampling::{cosine_direction, sphere_direction};
 use std::f64::consts::PI;
@@ -167,7 +167,7 @@ impl<'a> PhotonSources<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::dot;
+    use crate::math::arrays::dot;
     use crate::shading::light::Emitter;
     use std::f64::consts::TAU;
     use trex_store::Material;

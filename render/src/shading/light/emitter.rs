@@ -4,7 +4,7 @@
 //! Invariants: 1. every kept triangle has a positive power; 2. the cumulated shares rise and end at 1;
 //! 3. light leaves the counter-clockwise side only.
 
-use crate::math::{add_rgb, along, brightness, cross, length, scale, scale_rgb, sub};
+use crate::math::arrays::{add_rgb, along, brightness, cross, length, scale, scale_rgb, sub};
 use trex_store::{Aabb, Material};
 
 /// A triangle of the model whose material gives light.

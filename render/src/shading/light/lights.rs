@@ -5,7 +5,7 @@
 
 use super::emitter::{Emitter, Emitters};
 use super::scene_light::Light;
-use crate::math::{add_rgb, along, cross, dot, ground_axes, scale, sub};
+use crate::math::arrays::{add_rgb, along, cross, dot, ground_axes, scale, sub};
 use crate::trace::Ray;
 use trex_store::{Material, Result};
 

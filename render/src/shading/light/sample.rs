@@ -9,7 +9,7 @@
 
 use super::lights::{Lights, Source};
 use super::scene_light::Light;
-use crate::math::{along, brightness, cross, dot, length, scale, scale_rgb, sub, unit};
+use crate::math::arrays::{along, brightness, cross, dot, length, scale, scale_rgb, sub, unit};
 use crate::shading::bsdf::BsdfSample;
 use crate::shading::surface::ShadingPoint;
 use crate::trace::Ray;

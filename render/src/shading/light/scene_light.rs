@@ -1,6 +1,6 @@
 //! `Light`: a light of the scene, and whether its numbers make sense.
 
-use crate::math::{cross, unit};
+use crate::math::arrays::{cross, unit};
 use trex_store::{Code, Error, Result};
 
 /// A light of the scene. Emissive triangles of the model are not among these: see [`super::Emitter`].
