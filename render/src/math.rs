@@ -1,17 +1,15 @@
 //! What the renderer's vectors need beyond `glam`: `DVec3` (f64) for geometry, `Vec3` (f32) for light in linear RGB.
 //!
-//! The pictures' bytes rest on `glam` without its feature `fast-math`: componentwise products, sums from x to z, nothing
-//! fused. Hence no `mul_add`, which the machine may fuse or not, and no `Vec3A`, whose sums run otherwise.
+//! The bytes of pictures rest on `glam` without its feature `fast-math`: componentwise products, sums from x to z, nothing
+//! fused. Hence no `mul_add`, and no `Vec3A`, which computes as the machine's SIMD does.
 //!
 //! Invariant: directions that leave [`unit`] have length 1 to rounding.
 
 use glam::{DVec3, Vec3};
 
-pub(crate) mod arrays;
-
 /// The direction of `a`; `None` when it has none (zero, not finite, or too short to divide by).
 ///
-/// Not `DVec3::try_normalize`: the square of a component below 1e-154 or above 1e154 has left the range of f64.
+/// Not `DVec3::try_normalize`: squares of components below 1e-154 or above 1e154 leave the range of f64.
 pub(crate) fn unit(a: DVec3) -> Option<DVec3> {
     let most = a.abs().max_element();
     if !a.is_finite() || most < f64::MIN_POSITIVE {

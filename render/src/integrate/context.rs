@@ -5,7 +5,6 @@ use super::c_ray::CRayHit;
 use super::g_scene::GScene;
 use super::path_state::{Origin, Path, ShadowQuery, Stage};
 use crate::image::film::Layers;
-use crate::math::arrays::{dot, max_rgb, mul_rgb, reflect, scale, scale_rgb, to_f64};
 use crate::photon::irradiance::Irradiance;
 use crate::photon::kd_tree::PhotonTree;
 use crate::sampler::Decision;
@@ -16,6 +15,7 @@ use crate::shading::light::LightSample;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::Occluders;
+use glam::{DVec3, Vec3};
 use trex_store::Material;
 
 /// The share of a light sample, one of so many, that counts beside other ways to find its light.
@@ -88,8 +88,8 @@ impl<'a> RenderContext<'a> {
             return Stage::Done;
         };
         let material = &self.world.materials[hit.point.material as usize];
-        if dot(to_f64(hit.point.normal), ray.direction) < 0.0 {
-            path.gain(material.ke);
+        if hit.point.normal.as_dvec3().dot(DVec3::from(ray.direction)) < 0.0 {
+            path.gain(Vec3::from(material.ke));
         }
         self.lit(SurfaceInteraction::new(ray, &hit.point))
     }
@@ -127,12 +127,12 @@ impl<'a> RenderContext<'a> {
         let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
         let point = surface.shading_point(&self.world.materials);
         let sample = self.world.lights.sample(&point, u)?;
-        let cos = dot(surface.normal, sample.wi) as f32;
+        let cos = surface.normal.dot(sample.wi) as f32;
         let weight = cos * mis_weight(&point.bsdf, &sample, count);
-        let returned = scale_rgb(weight, mul_rgb(point.bsdf.eval(sample.wi), sample.weight));
-        let light = scale_rgb(1.0 / count as f32, returned);
+        let returned = weight * (point.bsdf.eval(sample.wi) * sample.weight);
+        let light = 1.0 / count as f32 * returned;
         let LightSample { wi, distance, front, .. } = sample;
-        (max_rgb(light) > 0.0).then_some(ShadowQuery { direction: wi, distance, front, light })
+        (light.max_element() > 0.0).then_some(ShadowQuery { direction: wi, distance, front, light })
     }
 
     /// The mirror ray, if the surface is a mirror. All of its reflectance goes with it, so that without roulette a picture
@@ -142,13 +142,13 @@ impl<'a> RenderContext<'a> {
         if !material.mirror {
             return Stage::Done;
         }
-        path.throughput = mul_rgb(path.throughput, material.ks);
+        path.throughput *= Vec3::from(material.ks);
         if !path.survives() {
             return Stage::Done;
         }
         path.vertex += 1;
         path.origin = Origin::Mirror;
-        let direction = reflect(scale(-1.0, surface.wo), surface.normal);
+        let direction = (-surface.wo).reflect(surface.normal);
         Stage::CRay(surface.ray_to(direction, f64::INFINITY, None))
     }
 }

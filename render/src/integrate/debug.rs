@@ -11,16 +11,16 @@ use super::c_ray::{CRayHit, Form};
 use super::context::RenderContext;
 use super::path_state::{Path, Stage};
 use super::{CRays, Integrator};
-use crate::math::arrays::{add_rgb, dot, scale_rgb, to_f64};
 use crate::sampler::mix;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer, UnitPages};
+use glam::{DVec3, Vec3};
 
 /// Light on faces across x, y and z.
 const FACE_SHADE: [f32; 3] = [0.6, 1.0, 0.8];
 /// Behind the model.
-const BACKGROUND: [f32; 3] = [0.05; 3];
+const BACKGROUND: Vec3 = Vec3::splat(0.05);
 
 /// The voxels as they are: C-rays are asked of them.
 #[derive(Debug)]
@@ -53,10 +53,9 @@ impl Integrator for DebugPages {
                 Form::Voxel => u32::MAX,
             };
             let hash = mix(u64::from(page));
-            let colour: [f32; 3] =
-                std::array::from_fn(|c| 0.25 + 0.75 * ((hash >> (16 * c)) & 0xffff) as f32 / 65535.0);
-            let cos = dot(to_f64(hit.point.normal), ray.direction).abs() as f32;
-            scale_rgb(0.3 + 0.7 * cos, colour)
+            let colour = [0, 16, 32].map(|shift| 0.25 + 0.75 * (hash >> shift & 0xffff) as f32 / 65535.0);
+            let cos = hit.point.normal.as_dvec3().dot(DVec3::from(ray.direction)).abs() as f32;
+            (0.3 + 0.7 * cos) * Vec3::from(colour)
         }));
         Stage::Done
     }
@@ -98,8 +97,8 @@ impl RenderContext<'_> {
         Answer::Exact(Stage::Done)
     }
 
-    fn face_shown(&self, material: u16, axis: usize) -> [f32; 3] {
+    fn face_shown(&self, material: u16, axis: usize) -> Vec3 {
         let material = &self.world.materials[usize::from(material)];
-        scale_rgb(FACE_SHADE[axis], add_rgb(material.kd, material.ks))
+        FACE_SHADE[axis] * (Vec3::from(material.kd) + Vec3::from(material.ks))
     }
 }

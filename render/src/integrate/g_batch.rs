@@ -6,6 +6,7 @@ use super::c_ray::FarRay;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::{VoxelHit, VoxelScene};
+use glam::Vec3;
 use std::ops::Range;
 
 /// Rays of one path in a batch: bounds what a batch holds, whatever `n_shadow` and `n_gather`.
@@ -15,7 +16,7 @@ pub(super) const ASKED_MAX: u32 = 16;
 #[derive(Debug, Default)]
 pub(crate) struct GBatch {
     /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it brings.
-    entries: Vec<(Option<u32>, [f32; 3])>,
+    entries: Vec<(Option<u32>, Vec3)>,
     /// These, and C-rays behind the cut of the footprint rule.
     rays: Vec<Ray>,
     answers: Vec<Option<VoxelHit>>,
@@ -52,7 +53,7 @@ impl GBatch {
     }
 
     /// Asks for a shadow or gather ray, if anything is left of it; `weight` is what it brings.
-    pub(super) fn push(&mut self, ray: Option<Ray>, weight: [f32; 3]) {
+    pub(super) fn push(&mut self, ray: Option<Ray>, weight: Vec3) {
         let place = ray.map(|ray| {
             self.rays.push(ray);
             self.rays.len() as u32 - 1
@@ -61,7 +62,7 @@ impl GBatch {
     }
 
     /// The rays of a part, with their weights.
-    pub(super) fn entries(&self, part: &Part) -> &[(Option<u32>, [f32; 3])] {
+    pub(super) fn entries(&self, part: &Part) -> &[(Option<u32>, Vec3)] {
         &self.entries[part.entries.start as usize..part.entries.end as usize]
     }
 
@@ -91,7 +92,7 @@ impl GBatches {
     /// Bytes that the batches of so many paths take.
     pub(crate) fn bytes(path_count: usize) -> u64 {
         let ray = size_of::<Ray>() + size_of::<Option<VoxelHit>>();
-        let entry = size_of::<(Option<u32>, [f32; 3])>() + ray;
+        let entry = size_of::<(Option<u32>, Vec3)>() + ray;
         // Two batches, of vectors that grow by doubling.
         (4 * path_count * (ray + ASKED_MAX as usize * entry)) as u64
     }

@@ -17,7 +17,6 @@ use super::context::RenderContext;
 use super::g_batch::{ASKED_MAX, GBatch, Part, Place};
 use super::gather::GatherQuery;
 use super::path_state::{Path, Stage};
-use crate::math::arrays::mul_rgb;
 use crate::scene::settings::Near;
 use crate::shading::surface::SurfaceInteraction;
 
@@ -80,7 +79,7 @@ impl RenderContext<'_> {
             let Some(ray) = ray else { continue };
             let found = scene.gather_from(batch.answer(ray), &self.world.materials, self.world.lights.sky());
             path.sample.rays.gather += found.rays;
-            path.gain_indirect(mul_rgb(weight, found.radiance));
+            path.gain_indirect(weight * found.radiance);
         }
         self.after_gather_ray(*surface, gather.next)
     }

@@ -6,11 +6,11 @@
 use super::c_ray::FarRay;
 use super::g_batch::Place;
 use crate::image::film::LayerPixel;
-use crate::math::arrays::{add_rgb, max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};
 use crate::trace::{Hit, Ray};
+use glam::{DVec3, Vec3};
 
 /// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
 const BOUNCES_SURE: u32 = 4;
@@ -23,9 +23,9 @@ pub(crate) const BOUNCES_MAX: u32 = 256;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sample {
     /// Radiance, linear RGB.
-    pub radiance: [f32; 3],
+    pub radiance: Vec3,
     /// Of this, what gather rays brought to the surface that is seen.
-    pub indirect: [f32; 3],
+    pub indirect: Vec3,
     /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
     pub layers: Option<LayerPixel>,
     /// Rays that this sample took.
@@ -46,7 +46,7 @@ pub(crate) struct Path {
     pub(crate) travelled: f64,
     /// Whether the current C-ray leaves a place that voxels answered for.
     pub(crate) is_far: bool,
-    pub(crate) throughput: [f32; 3],
+    pub(crate) throughput: Vec3,
     /// How the current C-ray came about.
     pub(crate) origin: Origin,
     pub(crate) sample: Sample,
@@ -92,12 +92,12 @@ pub(crate) enum Stage {
 /// A ray from a surface that asks whether anything is hit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ShadowQuery {
-    pub(crate) direction: [f64; 3],
+    pub(crate) direction: DVec3,
     pub(crate) distance: f64,
     /// Normal of the surface at the other end, if there is one.
-    pub(crate) front: Option<[f64; 3]>,
+    pub(crate) front: Option<DVec3>,
     /// What is gained when nothing is.
-    pub(crate) light: [f32; 3],
+    pub(crate) light: Vec3,
 }
 
 /// A gather ray on its way through the mesh: `index` of those that leave `surface`.
@@ -107,7 +107,7 @@ pub(crate) struct GatherRay {
     pub(crate) index: u32,
     pub(crate) ray: Ray,
     /// What a radiance at its end counts.
-    pub(crate) weight: [f32; 3],
+    pub(crate) weight: Vec3,
     /// Mirrors up to now.
     pub(crate) mirrors: u32,
 }
@@ -142,15 +142,15 @@ impl Path {
     }
 
     /// Adds radiance that arrives at the current vertex.
-    pub(crate) fn gain(&mut self, radiance: [f32; 3]) {
-        self.sample.radiance = add_rgb(self.sample.radiance, mul_rgb(self.throughput, radiance));
+    pub(crate) fn gain(&mut self, radiance: Vec3) {
+        self.sample.radiance += self.throughput * radiance;
     }
 
     /// Adds radiance that gather rays brought to the current vertex: what the filter may smooth, unless a mirror shows it.
-    pub(crate) fn gain_indirect(&mut self, radiance: [f32; 3]) {
+    pub(crate) fn gain_indirect(&mut self, radiance: Vec3) {
         self.gain(radiance);
         if self.vertex == 0 {
-            self.sample.indirect = add_rgb(self.sample.indirect, mul_rgb(self.throughput, radiance));
+            self.sample.indirect += self.throughput * radiance;
         }
     }
 
@@ -159,11 +159,11 @@ impl Path {
         if self.vertex < BOUNCES_SURE {
             return true;
         }
-        let chance = max_rgb(self.throughput).min(ROULETTE_MAX);
+        let chance = self.throughput.max_element().min(ROULETTE_MAX);
         if self.vertex == BOUNCES_MAX || self.sampler.draw(Decision::Roulette(self.vertex))[0] >= chance {
             return false;
         }
-        self.throughput = scale_rgb(1.0 / chance, self.throughput);
+        self.throughput *= 1.0 / chance;
         true
     }
 }

@@ -20,12 +20,12 @@ use super::path::PathTracing;
 use super::path_state::{Origin, Path, Sample, ShadowQuery, Stage};
 use super::{CRays, Integrator};
 use crate::image::film::{LayerPixel, NO_ID};
-use crate::math::arrays::add_rgb;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::settings::Method;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
+use glam::Vec3;
 
 /// How far a step took a sample.
 pub(crate) enum Step {
@@ -72,7 +72,7 @@ impl<'a> SampleIntegrator<'a> {
             vertex: 0,
             travelled: 0.0,
             is_far: false,
-            throughput: [1.0; 3],
+            throughput: Vec3::ONE,
             origin: Origin::Camera,
             sample: Sample::default(),
         };
@@ -198,8 +198,8 @@ impl<'a> SampleIntegrator<'a> {
             None => LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID },
             Some(hit) => {
                 let material = &self.ctx.world.materials[hit.point.material as usize];
-                let albedo = add_rgb(material.kd, material.ks);
-                let (depth, normal) = (hit.point.t as f32, hit.point.normal);
+                let albedo = (Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
+                let (depth, normal) = (hit.point.t as f32, hit.point.normal.to_array());
                 LayerPixel { depth, normal, albedo, id: hit.layer_id() }
             }
         });

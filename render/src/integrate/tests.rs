@@ -2,13 +2,13 @@
 
 use super::context::RenderContext;
 use super::sample_integrator::SampleIntegrator;
-use crate::math::arrays::{along, length, sub, unit};
 use crate::scene::settings::{Method, RenderKeys};
 use crate::scene::world::{Model, World};
 use crate::shading::light::{Emitter, Light};
 use crate::stats::RayCounts;
 use crate::testing::view;
 use crate::trace::{Answer, NaiveMesh, NaiveTriangle};
+use glam::DVec3;
 use std::f64::consts::PI;
 use trex_store::{Aabb, Material};
 
@@ -283,8 +283,8 @@ fn in_a_sphere_the_light_of_its_centre_comes_back_evenly() {
     let area: f64 = triangles
         .iter()
         .map(|t| {
-            let [a, b, c] = t.corners;
-            0.5 * length(crate::math::arrays::cross(sub(b, a), sub(c, a)))
+            let [a, b, c] = t.corners.map(DVec3::from);
+            0.5 * (b - a).cross(c - a).length()
         })
         .sum();
     let light = Light::Point { position: [0.0; 3], intensity: [3.0; 3] };
@@ -302,7 +302,7 @@ fn sphere(rounds: u32) -> Vec<NaiveTriangle> {
         faces.push([[sign(0), 0.0, 0.0], [0.0, sign(1), 0.0], [0.0, 0.0, sign(2)]]);
     }
     for _ in 0..rounds {
-        let middle = |a: [f64; 3], b| unit(along(a, 1.0, b)).unwrap();
+        let middle = |a: [f64; 3], b: [f64; 3]| (DVec3::from(a) + DVec3::from(b)).normalize().to_array();
         faces = faces
             .into_iter()
             .flat_map(|[a, b, c]| {

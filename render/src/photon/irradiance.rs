@@ -10,6 +10,7 @@
 //!
 //! Invariants: 1. the same photons give the same map, whatever the threads; 2. a pass counts whole or not at all.
 
+use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
 use trex_store::octree::Facets;
 use trex_store::{Budget, Lease, Result};
@@ -52,14 +53,11 @@ impl<'a> Irradiance<'a> {
 
     /// W/m^2 in linear RGB.
     #[inline]
-    pub(crate) fn at(&self, facet: u32) -> [f32; 3] {
-        let shown = self.shown[facet as usize];
+    pub(crate) fn at(&self, facet: u32) -> Vec3 {
+        let shown = Vec3::from(self.shown[facet as usize]);
         match self.next {
             None => shown,
-            Some((next, share)) => {
-                let next = next[facet as usize];
-                std::array::from_fn(|c| shown[c] + share * (next[c] - shown[c]))
-            }
+            Some((next, share)) => shown + share * (Vec3::from(next[facet as usize]) - shown),
         }
     }
 }
@@ -69,9 +67,9 @@ impl<'a> Irradiance<'a> {
 pub(crate) struct PhotonPass {
     sums: Vec<AtomicU32>,
     /// Flux of a unit, per channel.
-    unit: [f32; 3],
+    unit: Vec3,
     /// Units of a flux, per channel; 0 for a channel without light.
-    per_flux: [f32; 3],
+    per_flux: Vec3,
     _lease: Lease,
 }
 
@@ -127,29 +125,29 @@ impl PhotonPass {
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`].
-    pub(crate) fn new(facet_count: usize, flux: [f32; 3], budget: &Budget) -> Result<PhotonPass> {
+    pub(crate) fn new(facet_count: usize, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
         let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
         let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();
-        let mut pass = PhotonPass { sums, unit: [0.0; 3], per_flux: [0.0; 3], _lease: lease };
+        let mut pass = PhotonPass { sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, _lease: lease };
         pass.set_flux(flux);
         Ok(pass)
     }
 
     /// Empties the sums, for photons of another mean flux.
-    pub(crate) fn reset(&mut self, flux: [f32; 3]) {
+    pub(crate) fn reset(&mut self, flux: Vec3) {
         self.sums.iter_mut().for_each(|sum| *sum.get_mut() = 0);
         self.set_flux(flux);
     }
 
-    fn set_flux(&mut self, flux: [f32; 3]) {
-        self.unit = flux.map(|flux| flux / UNITS_PER_PHOTON);
+    fn set_flux(&mut self, flux: Vec3) {
+        self.unit = flux / UNITS_PER_PHOTON;
         self.per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
     }
 
     /// Adds a photon's flux to `facet`. Full sums stay full.
-    pub(crate) fn add(&self, facet: u32, flux: [f32; 3]) {
-        for (c, flux) in flux.into_iter().enumerate() {
-            let units = (flux * self.per_flux[c] + 0.5) as u32;
+    pub(crate) fn add(&self, facet: u32, flux: Vec3) {
+        for (c, units) in (flux * self.per_flux).to_array().into_iter().enumerate() {
+            let units = (units + 0.5) as u32;
             if units > 0 {
                 let sum = &self.sums[3 * facet as usize + c];
                 let add = |sum: u32| Some(sum.saturating_add(units));

@@ -12,12 +12,12 @@
 //! blocked, or not at all.
 
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler};
-use crate::math::arrays::along;
 use crate::scene::world::World;
 use crate::shading::light::PhotonSources;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::stats::PhotonStats;
 use crate::trace::{Advance, Answer, PagedTracer, Ray, Retry, WAIT};
+use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use std::ops::Range;
 use std::sync::Mutex;
@@ -40,13 +40,13 @@ pub(crate) struct Deposit {
     /// Photon in its batch and bounce.
     key: u32,
     /// Model units.
-    pub(crate) point: [f64; 3],
+    pub(crate) point: DVec3,
     /// Unit, on the side that the photon came from.
-    pub(crate) normal: [f64; 3],
+    pub(crate) normal: DVec3,
     /// Unit, where it came from.
-    pub(crate) from: [f32; 3],
+    pub(crate) from: Vec3,
     /// Flux over the photon's chance, W in linear RGB.
-    pub(crate) flux: [f32; 3],
+    pub(crate) flux: Vec3,
 }
 
 /// Most deposits that a batch of `photons` hands over: three a photon are the most on average, with a variance of 6; eight
@@ -78,7 +78,7 @@ struct Flight {
     /// In its batch.
     index: u32,
     vertex: u32,
-    flux: [f32; 3],
+    flux: Vec3,
     ray: Ray,
 }
 
@@ -187,10 +187,10 @@ impl Batch<'_> {
     /// Photon `index` as it leaves its light.
     fn start(&self, index: u64) -> Option<Flight> {
         let start = self.photons.sources.emit(&photon_sampler(self.photons.world.settings.seed, index))?;
-        let largest = start.origin.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let largest = start.origin.abs().max_element();
         let off = EMITTER_OFF_SHARE * start.size + MODEL_OFF_SHARE * largest;
-        let origin = start.front.map_or(start.origin, |front| along(start.origin, off, front));
-        let ray = Ray { origin, direction: start.direction, t_max: f64::INFINITY };
+        let origin = start.front.map_or(start.origin, |front| start.origin + off * front);
+        let ray = Ray::new(origin, start.direction, f64::INFINITY);
         Some(Flight { index: (index - self.first) as u32, vertex: 0, flux: start.flux, ray })
     }
 
@@ -227,8 +227,7 @@ impl Batch<'_> {
         }
         let SurfaceInteraction { point, normal, wo, .. } = *surface;
         let key = flight.index << VERTEX_BITS | flight.vertex;
-        let from = wo.map(|x| x as f32);
-        self.deposits.push(Deposit { key, point, normal, from, flux: flight.flux });
+        self.deposits.push(Deposit { key, point, normal, from: wo.as_vec3(), flux: flight.flux });
     }
 
     /// Hands over what has arrived, in the order of photons and bounces.
@@ -256,7 +255,7 @@ mod tests {
 
     impl Deposit {
         /// The first hit of the first photon.
-        pub(crate) fn new(point: [f64; 3], normal: [f64; 3], from: [f32; 3], flux: [f32; 3]) -> Deposit {
+        pub(crate) fn new(point: DVec3, normal: DVec3, from: Vec3, flux: Vec3) -> Deposit {
             Deposit { key: 0, point, normal, from, flux }
         }
     }
@@ -350,7 +349,8 @@ mod tests {
     }
 
     fn is_same(a: &[Vec<Deposit>], b: &[Vec<Deposit>]) -> bool {
-        let bits = |d: &Deposit| (d.key, d.point.map(f64::to_bits), d.flux.map(f32::to_bits));
+        let bits =
+            |d: &Deposit| (d.key, d.point.to_array().map(f64::to_bits), d.flux.to_array().map(f32::to_bits));
         a.iter().flatten().map(bits).eq(b.iter().flatten().map(bits))
     }
 
@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn the_flux_that_first_arrives_is_what_the_sun_sends() {
         let (found, _) = trace(vec![model().1], 3 * BATCH);
-        let direction = crate::math::arrays::unit([0.3, 0.2, -1.0]).unwrap();
+        let direction = DVec3::new(0.3, 0.2, -1.0).normalize();
         let first = |d: &&Deposit| d.key.trailing_zeros() >= VERTEX_BITS && d.normal[2] > 0.9;
         let on_floor: f64 = found.iter().flatten().filter(first).map(|d| f64::from(d.flux[0])).sum();
         // The open top passes it all; the walls throw their shadows on the floor, but for mirrors, which take none.

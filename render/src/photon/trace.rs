@@ -4,10 +4,10 @@
 //! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
 //! at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
 
-use crate::math::arrays::{max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::bsdf::Bsdf;
 use crate::stats::PhotonStats;
+use glam::{DVec3, Vec3};
 use std::ops::{ControlFlow, Range};
 use trex_store::Material;
 
@@ -33,19 +33,14 @@ pub(crate) fn keeps_light(material: &Material) -> bool {
 
 /// Where a photon of `flux` goes on from its hit `vertex`, and with which flux; `None` at its end. `bsdf` is seen from
 /// where the photon came.
-pub(crate) fn bounce(
-    bsdf: &Bsdf<'_>,
-    sampler: &Sampler,
-    vertex: u32,
-    flux: [f32; 3],
-) -> Option<([f64; 3], [f32; 3])> {
+pub(crate) fn bounce(bsdf: &Bsdf<'_>, sampler: &Sampler, vertex: u32, flux: Vec3) -> Option<(DVec3, Vec3)> {
     let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
     let bounce = bsdf.sample(u)?;
-    let chance = max_rgb(bounce.weight).min(ROULETTE_MAX);
+    let chance = bounce.weight.max_element().min(ROULETTE_MAX);
     if sampler.draw(Decision::Roulette(vertex))[0] >= chance {
         return None;
     }
-    Some((bounce.wi, scale_rgb(1.0 / chance, mul_rgb(flux, bounce.weight))))
+    Some((bounce.wi, 1.0 / chance * (flux * bounce.weight)))
 }
 
 /// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of it,

@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(model.materials[0].ns, 40.0);
         assert_eq!((view.settings.resolution, view.camera.fov), ([1280, 720], Fov::Y(35.0)));
         // "it shines downwards"
-        let lights = Lights::new(&scene.lights[2..3], &[], &[], [0.0, 1.0, 0.0]).unwrap();
+        let lights = Lights::new(&scene.lights[2..3], &[], &[], glam::DVec3::Y).unwrap();
         let up = |y| crate::trace::Ray { origin: [0.0, y, 0.0], direction: [0.0, 1.0, 0.0], t_max: 9.0 };
         assert!(lights.seen(&up(0.0), 9.0).is_some() && lights.seen(&up(3.0), 9.0).is_none());
     }

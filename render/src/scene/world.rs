@@ -153,7 +153,7 @@ impl World {
         Ok(World {
             lod_distance: World::lod_distance(model, &projection, settings.lod_error),
             projection,
-            lights: Lights::new(&view.lights, &model.emitters, &materials, up)?.with_sky_by(sky_by),
+            lights: Lights::new(&view.lights, &model.emitters, &materials, up.into())?.with_sky_by(sky_by),
             materials,
             settings,
             ao_radius: 0.5 * model.bounds.diagonal(),

@@ -67,10 +67,10 @@ impl Job {
 
     /// Takes what a sample came to.
     pub(super) fn finish(&mut self, slot: u32, sample: &Sample) {
-        let finite = sample.radiance.iter().all(|x| x.is_finite());
+        let finite = sample.radiance.is_finite();
         self.not_finite += u64::from(!finite);
-        self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };
-        self.indirect[slot as usize] = if finite { sample.indirect } else { [0.0; 3] };
+        self.radiances[slot as usize] = if finite { sample.radiance.into() } else { [0.0; 3] };
+        self.indirect[slot as usize] = if finite { sample.indirect.into() } else { [0.0; 3] };
         self.rays.add(&sample.rays);
         self.look_ups += sample.look_ups;
         if let Some(seen) = sample.layers {

@@ -93,7 +93,7 @@ impl<T: PagedTracer + Send> Session<T> {
             return Ok(PhotonStats::default());
         };
         let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
-        let store = Mutex::new(PhotonStore::new(target, model.bounds.center(), budget)?);
+        let store = Mutex::new(PhotonStore::new(target, model.bounds.center().into(), budget)?);
         let land = |batch, deposits: &[Deposit]| {
             store.lock().expect("a worker panicked").land(batch, deposits);
             deposits.len() as u64

@@ -19,8 +19,8 @@
 
 use super::leaf::LeafHit;
 use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
-use crate::math::arrays::along;
 use crate::trace::{Answer, Page, Pages, Ray};
+use glam::DVec3;
 use trex_store::Material;
 use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
 
@@ -91,7 +91,7 @@ impl<'a> LowerScene<'a> {
             Occluders::On => cube.cell,
             Occluders::Off => self.leaf_side(),
         };
-        (side + ROUNDING * cube.side()) * normal.iter().map(|n| n.abs()).sum::<f64>()
+        (side + ROUNDING * cube.side()) * DVec3::from(normal).abs().element_sum()
     }
 
     /// The cube in subvoxels of the finest leaves.
@@ -145,9 +145,9 @@ impl<'a> LowerScene<'a> {
     }
 
     /// As `VoxelScene::ray_from_leaf`, for the finest voxels.
-    pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: [f64; 3]) -> Ray {
-        let origin = along(hit.point, 2.0 * self.clearance(hit.normal), hit.normal);
-        Ray { origin, direction, t_max: f64::INFINITY }
+    pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
+        let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;
+        Ray::new(origin, direction, f64::INFINITY)
     }
 
     /// Material of the voxel that was met, for `debug-lower`; the upper leaf's where its page is gone.

@@ -17,6 +17,7 @@
 //! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
 
 use crate::trace::Ray;
+use glam::DVec3;
 use trex_store::Lattice;
 use trex_store::octree::{LEAF_SIDE, MAX_DEPTH, UpperOctree, VoxelGrid};
 
@@ -226,7 +227,7 @@ impl<'a> VoxelScene<'a> {
             Occluders::On => self.subvoxel,
             Occluders::Off => self.leaf_side(),
         };
-        side * normal.iter().map(|n| n.abs()).sum::<f64>()
+        side * DVec3::from(normal).abs().element_sum()
     }
 
     /// The cube in subvoxels.

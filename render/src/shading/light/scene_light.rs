@@ -1,6 +1,7 @@
 //! `Light`: a light of the scene, and whether its numbers make sense.
 
-use crate::math::arrays::{cross, unit};
+use crate::math::unit;
+use glam::DVec3;
 use trex_store::{Code, Error, Result};
 
 /// A light of the scene. Emissive triangles of the model are not among these: see [`super::Emitter`].
@@ -63,12 +64,14 @@ impl Light {
             return bad("a light that is nowhere", format!("{vectors:?}"), "give finite numbers");
         }
         match *self {
-            Light::Directional { direction, .. } if unit(direction).is_none() => bad(
+            Light::Directional { direction, .. } if unit(direction.into()).is_none() => bad(
                 "a light without a direction",
                 format!("{direction:?}"),
                 "give a direction that is not zero",
             ),
-            Light::Rect { edge_u, edge_v, .. } if unit(cross(edge_u, edge_v)).is_none() => {
+            Light::Rect { edge_u, edge_v, .. }
+                if unit(DVec3::from(edge_u).cross(edge_v.into())).is_none() =>
+            {
                 let numbers = format!("edge_u {edge_u:?}, edge_v {edge_v:?}");
                 bad("a rectangle without an area", numbers, "give two edges that are not parallel")
             }
