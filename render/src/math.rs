@@ -1,7 +1,7 @@
 //! What the renderer's vectors need beyond `glam`: `DVec3` (f64) for geometry, `Vec3` (f32) for light in linear RGB.
 //!
-//! The bytes of pictures rest on `glam` without its feature `fast-math`: componentwise products, sums from x to z, nothing
-//! fused. Hence no `mul_add`, and no `Vec3A`, which computes as the machine's SIMD does.
+//! The bytes of pictures rest on `glam` without its feature `fast-math`: componentwise products, sums from x to z,
+//! nothing fused. Hence no `mul_add`, and no `Vec3A`, which computes as the machine's SIMD does.
 //!
 //! Invariant: directions that leave [`unit`] have length 1 to rounding.
 

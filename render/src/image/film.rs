@@ -220,7 +220,8 @@ impl Film {
         self.counts.iter().copied().min().unwrap_or(0)
     }
 
-    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the film was.
+    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the
+    /// film was.
     pub fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
         let at = self.place(pixel);

@@ -1,5 +1,5 @@
-//! The joint bilateral filter on indirect light, with what the pixels show as its edges. Paper, section 5; G. Petschnigg
-//! et al., "Digital photography with flash and no-flash image pairs" (2004).
+//! The joint bilateral filter on indirect light, with what the pixels show as its edges. Paper, section 5; G.
+//! Petschnigg et al., "Digital photography with flash and no-flash image pairs" (2004).
 //!
 //! ```text
 //! indirect(p) = sum of w(p, q) indirect(q) / sum of w(p, q)          q up to 2 s pixels off, along both axes
@@ -9,12 +9,13 @@
 //!   * exp(-|difference of albedo|^2 / 2 (0.1)^2)          another material
 //! ```
 //!
-//! Only what gather rays bring to the surface that is seen is smoothed: lights, shadows of lights, and what mirrors show stay
-//! as they are. `s` falls with the sixth root of the samples: the noise of n samples falls as 1 / (n s^2), the blur's error
-//! rises as s^4, and their sum is least where s^6 goes as 1 / n. So the filter fades as the picture converges.
+//! Only what gather rays bring to the surface that is seen is smoothed: lights, shadows of lights, and what mirrors
+//! show stay as they are. `s` falls with the sixth root of the samples: the noise of n samples falls as 1 / (n s^2),
+//! the blur's error rises as s^4, and their sum is least where s^6 goes as 1 / n. So the filter fades as the picture
+//! converges.
 //!
-//! Invariants: 1. weights are divided by their sum, so even light stays even; 2. a pixel's sum has one order, so the bytes do
-//! not depend on threads; 3. a pixel that shows nothing neither gives nor takes.
+//! Invariants: 1. weights are divided by their sum, so even light stays even; 2. a pixel's sum has one order, so the
+//! bytes do not depend on threads; 3. a pixel that shows nothing neither gives nor takes.
 
 use super::film::Film;
 use crate::scene::camera::Projection;

@@ -6,9 +6,9 @@
 //!         -> mean per tile
 //! ```
 //!
-//! R. Achanta, S. Hemami, F. Estrada, S. Suesstrunk, "Frequency-tuned salient region detection" (2009); L. Itti, C. Koch,
-//! E. Niebur, "A model of saliency-based visual attention for rapid scene analysis" (1998). Itti's scales begin at a quarter of
-//! the picture's size, which is what two samples a tile are.
+//! R. Achanta, S. Hemami, F. Estrada, S. Suesstrunk, "Frequency-tuned salient region detection" (2009); L. Itti, C.
+//! Koch, E. Niebur, "A model of saliency-based visual attention for rapid scene analysis" (1998). Itti's scales begin
+//! at a quarter of the picture's size, which is what two samples a tile are.
 //!
 //! Invariant: a picture of one colour has one saliency everywhere.
 

@@ -1,5 +1,5 @@
-//! `RenderContext`: what integrators share: the world, the voxels and photons that answer for it, and the steps that most
-//! of them take at a surface.
+//! `RenderContext`: what integrators share: the world, the voxels and photons that answer for it, and the steps that
+//! most of them take at a surface.
 
 use super::c_ray::CRayHit;
 use super::g_scene::GScene;
@@ -135,8 +135,8 @@ impl<'a> RenderContext<'a> {
         (light.max_element() > 0.0).then_some(ShadowQuery { direction: wi, distance, front, light })
     }
 
-    /// The mirror ray, if the surface is a mirror. All of its reflectance goes with it, so that without roulette a picture
-    /// of mirrors has no noise.
+    /// The mirror ray, if the surface is a mirror. All of its reflectance goes with it, so that without roulette a
+    /// picture of mirrors has no noise.
     pub(super) fn mirror_bounce(&self, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
         let material = self.material(surface);
         if !material.mirror {

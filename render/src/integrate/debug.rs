@@ -1,4 +1,5 @@
-//! `debug-upper`, `debug-lower`, `debug-occluders`, `debug-pages`: what the other integrators work with, drawn. Paper, Fig. 4.
+//! `debug-upper`, `debug-lower`, `debug-occluders`, `debug-pages`: what the other integrators work with, drawn.
+//! Paper, Fig. 4.
 //!
 //! ```text
 //! debug-upper      the leaves of the octree as cubes     shade by the face that is seen

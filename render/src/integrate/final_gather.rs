@@ -1,6 +1,6 @@
-//! `full-gi`: photon mapping on the exact mesh, without voxels: what `photon` is measured by. Shadow rays, mirrors and
-//! gather rays meet the mesh; where a gather ray ends, the photons next to that place say what leaves it. H. W. Jensen, "Realistic
-//! image synthesis using photon mapping" (2001), with final gathering.
+//! `full-gi`: photon mapping on the exact mesh, without voxels: what `photon` is measured by. Shadow rays, mirrors
+//! and gather rays meet the mesh; where a gather ray ends, the photons next to that place say what leaves it. H. W.
+//! Jensen, "Realistic image synthesis using photon mapping" (2001), with final gathering.
 //!
 //! ```text
 //! surface -> gather ray -> surface: photons next to it (emitters left out: shadow rays bring their light)
@@ -10,7 +10,8 @@
 //!
 //! Left out is what points and suns bring to a place that is seen, over a mirror: no gather ray meets them.
 //!
-//! Invariants: 1. a retry asks one ray; 2. a gather ray follows [`MIRRORS_MAX`] mirrors at most, and what lies behind is dark.
+//! Invariants: 1. a retry asks one ray; 2. a gather ray follows [`MIRRORS_MAX`] mirrors at most, and what lies behind
+//! is dark.
 
 use super::Integrator;
 use super::c_ray::CRayHit;

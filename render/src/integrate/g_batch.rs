@@ -12,10 +12,12 @@ use std::ops::Range;
 /// Rays of one path in a batch: bounds what a batch holds, whatever `n_shadow` and `n_gather`.
 pub(super) const ASKED_MAX: u32 = 16;
 
-/// Rays that ask the voxels, and their answers. All kinds in one: the more rays side by side, the fewer lanes stand empty.
+/// Rays that ask the voxels, and their answers. All kinds in one: the more rays side by side, the fewer lanes stand
+/// empty.
 #[derive(Debug, Default)]
 pub(crate) struct GBatch {
-    /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it brings.
+    /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it
+    /// brings.
     entries: Vec<(Option<u32>, Vec3)>,
     /// These, and C-rays behind the cut of the footprint rule.
     rays: Vec<Ray>,

@@ -3,14 +3,15 @@
 //!
 //! ```text
 //! path at a surface -> asks: its shadow and gather rays go to the batch, the path waits
-//!                      all paths of a tile have asked or ended -> the batch is traced -> each takes its answers, in order
+//! all paths of a tile have asked or ended -> the batch is traced -> each takes its answers, in order
 //! ```
 //!
-//! Only rays that the resident octree answers go here: with `near = exact`, or with units, a ray may be blocked, and is asked
-//! alone.
+//! Only rays that the resident octree answers go here: with `near = exact`, or with units, a ray may be blocked, and
+//! is asked alone.
 //!
-//! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same order;
-//! 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most `ASKED_MAX` at a time.
+//! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same
+//! order; 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most
+//! `ASKED_MAX` at a time.
 
 use super::Integrator;
 use super::context::RenderContext;

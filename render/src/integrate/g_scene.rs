@@ -1,12 +1,13 @@
-//! `GScene`: rays between a surface of the exact mesh and the voxels: how they leave it, what stops them, what they bring back.
+//! `GScene`: rays between a surface of the exact mesh and the voxels: how they leave it, what stops them, what they
+//! bring back.
 //!
 //! ```text
 //! voxel   surface --clearance along the normal--> voxels
 //! exact   surface --mesh for some leaves' length--> voxels          (`--near exact`: no boxes in corners; Fig. 8)
 //! ```
 //!
-//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are units, rays wait
-//! for those that they need; light is kept by the facets of the upper leaves above them.
+//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
+//! units, rays wait for those that they need; light is kept by the facets of the upper leaves above them.
 
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
@@ -67,8 +68,8 @@ impl<'a> GScene<'a> {
         }
     }
 
-    /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it leaves
-    /// that one's voxels, too. `None` when nothing is left of it.
+    /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it
+    /// leaves that one's voxels, too. `None` when nothing is left of it.
     pub(crate) fn leave(
         &self,
         surface: &SurfaceInteraction,
@@ -98,7 +99,8 @@ impl<'a> GScene<'a> {
         Some(Ray::new(origin, unit(way)?, way.length()))
     }
 
-    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In the upper octree alone.
+    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In the upper
+    /// octree alone.
     pub(crate) fn gather(&self, ray: Ray, materials: &'a [Material], sky: Vec3) -> Gathered {
         self.gather_from((ray, self.voxels.intersect(&ray)), materials, sky)
     }

@@ -1,10 +1,11 @@
-//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it. Paper,
-//! section 5. Perfect mirrors carry the view on, as in `direct`. The directions of gather rays are drawn here, for
-//! `full-gi` too.
+//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it.
+//! Paper, section 5. Perfect mirrors carry the view on, as in `direct`. The directions of gather rays are drawn here,
+//! for `full-gi` too.
 //!
 //! ```text
-//! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi  (no emitters: shadow rays bring these)
-//!                       -> nothing: the sky                                       (left out by the shadow rays)
+//! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi   (emitters left out, as shadow
+//!                                                                                    rays bring them)
+//!                       -> nothing: the sky                                         (left out by the shadow rays)
 //! ```
 //!
 //! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it

@@ -5,8 +5,8 @@
 //!        --- mirror: the way goes on --- cut ---
 //! ```
 //!
-//! A view then needs pages in proportion to its pixels, not to the model. The voxels of a leaf hold all of its surface, so
-//! no crack opens at the cut.
+//! A view then needs pages in proportion to its pixels, not to the model. The voxels of a leaf hold all of its
+//! surface, so no crack opens at the cut.
 //!
 //! Invariants: 1. with `lod_error` 0 voxels are never asked here; 2. a hit says which form answered.
 
@@ -15,7 +15,8 @@ use super::context::RenderContext;
 use super::path_state::{Origin, Path, Stage};
 use crate::trace::{Answer, Hit, Ray, Tracer};
 
-/// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing angles.
+/// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing
+/// angles.
 const MIRROR_LEAVES: f64 = 16.0;
 
 /// What is known of the first thing that a C-ray meets.
@@ -105,8 +106,8 @@ impl RenderContext<'_> {
         }
     }
 
-    /// Traces the rays from the camera of a tile's paths together: neighbours mostly meet the same pages and nodes. A path
-    /// whose ray is blocked stays as it is, and is told so.
+    /// Traces the rays from the camera of a tile's paths together: neighbours mostly meet the same pages and nodes. A
+    /// path whose ray is blocked stays as it is, and is told so.
     pub(super) fn meet_together<'p, T: Tracer>(
         &self,
         paths: impl Iterator<Item = (&'p mut Path, &'p mut bool)>,

@@ -146,7 +146,8 @@ impl Path {
         self.sample.radiance += self.throughput * radiance;
     }
 
-    /// Adds radiance that gather rays brought to the current vertex: what the filter may smooth, unless a mirror shows it.
+    /// Adds radiance that gather rays brought to the current vertex: what the filter may smooth, unless a mirror
+    /// shows it.
     pub(crate) fn gain_indirect(&mut self, radiance: Vec3) {
         self.gain(radiance);
         if self.vertex == 0 {

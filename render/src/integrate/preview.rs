@@ -1,5 +1,5 @@
-//! Previews: what rays from the camera see in the voxels alone, without pages and shadows. What a frame shows first, and
-//! what stands in for tiles that wait.
+//! Previews: what rays from the camera see in the voxels alone, without pages and shadows. What a frame shows first,
+//! and what stands in for tiles that wait.
 
 use super::c_ray::FarRay;
 use super::context::RenderContext;

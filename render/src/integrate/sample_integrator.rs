@@ -87,8 +87,8 @@ impl<'a> SampleIntegrator<'a> {
         self.ctx.previews(paths.map(|path| self.primary_ray(path)))
     }
 
-    /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is told
-    /// so.
+    /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is
+    /// told so.
     pub(crate) fn meet_together<'p, T: Tracer>(
         &self,
         paths: impl Iterator<Item = (&'p mut Path, &'p mut bool)>,
@@ -110,8 +110,8 @@ impl<'a> SampleIntegrator<'a> {
         batches.trace(&self.ctx.voxels.as_ref().expect("batches have voxels").voxels);
     }
 
-    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it asks
-    /// of `batches`, where there are any.
+    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it
+    /// asks of `batches`, where there are any.
     ///
     /// # Panics
     /// When the sample is finished already.

@@ -1,7 +1,8 @@
 //! `PhotonMap`: the light that photons brought to the surface, per facet of the octree. Paper, sections 4.2 and 5.1.
 //!
 //! ```text
-//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel) -> folded into the mean irradiance (f32) -> next pass
+//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel)
+//!                      -> folded into the mean irradiance (f32) -> next pass
 //! irradiance = flux / covered area
 //! ```
 //!
@@ -104,7 +105,8 @@ impl PhotonMap {
         self.photons = 0;
     }
 
-    /// Folds the sums of `photons` photons, whose mean flux is that of the lights, into the mean; they are zero after it.
+    /// Folds the sums of `photons` photons, whose mean flux is that of the lights, into the mean; they are zero after
+    /// it.
     pub(crate) fn fold(&mut self, pass: &mut PhotonPass, photons: u64, facets: &Facets, leaf_side: f64) {
         self.photons += photons;
         let share = (photons as f64 / self.photons as f64) as f32;

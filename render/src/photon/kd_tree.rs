@@ -7,15 +7,16 @@
 //!     L = sum over the k - 1 nearer ones on the same surface: bsdf * flux * 2 (1 - d^2 / r^2) / (pi r^2)
 //! ```
 //!
-//! What is known of the estimate. Photons strewn evenly over a plane: given r, the k - 1 nearer ones lie evenly in the disc,
-//! and pi r^2 has the mean of 1 / x that k - 1 photons take, so the sum is right on average (with the k-th it is k / (k - 1)
-//! too bright). On a sphere too: what a chord r cuts off has the area pi r^2. Nearer than r to an edge a part of the disc lies
-//! beside the surface; over a strip along the edge the kernel loses on average
-//! `r * integral of x * 8 / (3 pi) (1 - x^2)^(3/2) over 0..1 = 8 / (15 pi) r = 0.17 r` of the light of its width (a flat
-//! kernel: 0.21 r). So a surface of area A and edges P looks too dark by 0.17 r P / A, r^2 = k / (pi * photons per area).
+//! What is known of the estimate. Photons strewn evenly over a plane: given r, the k - 1 nearer ones lie evenly in
+//! the disc, and pi r^2 has the mean of 1 / x that k - 1 photons take, so the sum is right on average (with the k-th
+//! it is k / (k - 1) too bright). On a sphere too: what a chord r cuts off has the area pi r^2. Nearer than r to an
+//! edge a part of the disc lies beside the surface; over a strip along the edge the kernel loses on average `r *
+//! integral of x * 8 / (3 pi) (1 - x^2)^(3/2) over 0..1 = 8 / (15 pi) r = 0.17 r` of the light of its width (a flat
+//! kernel: 0.21 r). So a surface of area A and edges P looks too dark by 0.17 r P / A, r^2 = k / (pi * photons per
+//! area).
 //!
-//! Invariants: 1. the same photons give the same tree and the same light, whatever the threads; 2. all memory is leased for the
-//! most photons there can be, before any is traced; 3. light is told of the surface's own side alone.
+//! Invariants: 1. the same photons give the same tree and the same light, whatever the threads; 2. all memory is
+//! leased for the most photons there can be, before any is traced; 3. light is told of the surface's own side alone.
 
 use super::mesh::{BATCH, Deposit, deposits_max};
 use crate::scene::settings::TREE_PHOTONS_MAX;
@@ -32,15 +33,15 @@ const _: () = assert!(TREE_PHOTONS_MAX / BATCH * deposits_max(BATCH) < 1 << 32);
 
 /// Photons in a leaf of the tree.
 const LEAF_PHOTONS: usize = 32;
-/// Bytes that the tree takes for a hit while it is built, at most: its coordinates and number, stems and extents for twice
-/// as many leaves as are full, a place in the order.
+/// Bytes that the tree takes for a hit while it is built, at most: its coordinates and number, stems and extents for
+/// twice as many leaves as are full, a place in the order.
 const BUILD_BYTES: u64 = 26;
 /// Bytes of the tree for a hit when it stands.
 const TREE_BYTES: u64 = 18;
 /// What an almost empty tree takes.
 const TREE_BYTES_LEAST: u64 = 4096;
-/// Least cosine between the normals of a photon and of the place that is asked for: between the corners of an octagon (0.71)
-/// and those of a hexagon (0.5), so that rounding decides neither.
+/// Least cosine between the normals of a photon and of the place that is asked for: between the corners of an octagon
+/// (0.71) and those of a hexagon (0.5), so that rounding decides neither.
 const SAME_SURFACE_COS: f64 = 0.6;
 /// A unit in the parts of a stored direction.
 const DIRECTION_UNITS: f64 = 32767.0;

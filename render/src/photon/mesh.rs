@@ -7,9 +7,9 @@
 //!     request pages, wait, ask again those that are left ([`Retry`])
 //! ```
 //!
-//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
-//! at most [`BOUNCES_MAX`] bounces; 4. a batch is handed over whole, in the order of photons and bounces, whatever was
-//! blocked, or not at all.
+//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3.
+//! it has at most [`BOUNCES_MAX`] bounces; 4. a batch is handed over whole, in the order of photons and bounces,
+//! whatever was blocked, or not at all.
 
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler};
 use crate::scene::world::World;
@@ -25,7 +25,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Photons that a worker takes at a time: their pages are asked for together.
 pub(crate) const BATCH: u64 = 4096;
-/// A photon starts off the emitter that it leaves by this share of its longest edge: eight times the tracer's plane error.
+/// A photon starts off the emitter that it leaves by this share of its longest edge: eight times the tracer's plane
+/// error.
 const EMITTER_OFF_SHARE: f64 = 1.0 / (1 << 15) as f64;
 /// The same for the rounding of model coordinates, as a share of the largest one.
 const MODEL_OFF_SHARE: f64 = 1.0 / (1u64 << 46) as f64;
@@ -49,8 +50,8 @@ pub(crate) struct Deposit {
     pub(crate) flux: Vec3,
 }
 
-/// Most deposits that a batch of `photons` hands over: three a photon are the most on average, with a variance of 6; eight
-/// standard deviations more come once in 10^15 batches. What is beyond is left out and counted as lost.
+/// Most deposits that a batch of `photons` hands over: three a photon are the most on average, with a variance of 6;
+/// eight standard deviations more come once in 10^15 batches. What is beyond is left out and counted as lost.
 pub(crate) const fn deposits_max(photons: u64) -> u64 {
     3 * photons + 20 * (photons.isqrt() + 1) + 64
 }

@@ -1,8 +1,8 @@
-//! What photons share, whatever they fly through: their numbers, how they bounce, and the passes that they come in. Paper,
-//! section 5.1; H. W. Jensen, "Realistic image synthesis using photon mapping" (2001).
+//! What photons share, whatever they fly through: their numbers, how they bounce, and the passes that they come in.
+//! Paper, section 5.1; H. W. Jensen, "Realistic image synthesis using photon mapping" (2001).
 //!
-//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
-//! at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
+//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3.
+//! it has at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
 
 use crate::sampler::{Decision, Sampler};
 use crate::shading::bsdf::Bsdf;
@@ -43,8 +43,8 @@ pub(crate) fn bounce(bsdf: &Bsdf<'_>, sampler: &Sampler, vertex: u32, flux: Vec3
     Some((bounce.wi, 1.0 / chance * (flux * bounce.weight)))
 }
 
-/// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of it,
-/// Continue when the pass is in, Break when it was stopped. `tell` hears after each pass how many photons are in.
+/// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of
+/// it, Continue when the pass is in, Break when it was stopped. `tell` hears after each pass how many photons are in.
 pub(crate) fn send_in_passes(
     indices: Range<u64>,
     mut send: impl FnMut(Range<u64>) -> ControlFlow<PhotonStats, PhotonStats>,

@@ -5,8 +5,8 @@
 //!           -> roulette -> diffuse, glossy or mirror bounce -> leaf ...
 //! ```
 //!
-//! Where the normals of a leaf cancel each other, light goes back to where it came from, by the cosine about the photon's
-//! own direction.
+//! Where the normals of a leaf cancel each other, light goes back to where it came from, by the cosine about the
+//! photon's own direction.
 //!
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
@@ -85,8 +85,8 @@ impl VoxelPhotons<'_> {
         PhotonSources::new(&self.world.lights, self.bounds).is_some()
     }
 
-    /// Sends photons until `map` has those of `target`, pass by pass, or `stop`, asked between batches, says true; what is
-    /// done by then stays in `work`, and a later call goes on. `tell` hears how many photons are in the map.
+    /// Sends photons until `map` has those of `target`, pass by pass, or `stop`, asked between batches, says true;
+    /// what is done by then stays in `work`, and a later call goes on. `tell` hears how many photons are in the map.
     pub(crate) fn trace(
         &self,
         (work, map): (&mut PassInWork, &mut PhotonMap),

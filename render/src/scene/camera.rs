@@ -76,8 +76,8 @@ pub struct Projection {
 }
 
 impl Camera {
-    /// A camera that sees the whole of `bounds` at `resolution` (width, height; pixels), three-quarter from above
-    /// the front (the left side, where that is much longer). `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
+    /// A camera that sees the whole of `bounds` at `resolution` (width, height; pixels), three-quarter from above the
+    /// front (the left side, where that is much longer). `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
     ///
     /// # Panics
     /// When a side of the picture is 0.

@@ -36,7 +36,8 @@ pub enum Method {
     Path,
     /// Ambient occlusion: see `integrate/ao.rs`.
     Ao,
-    /// Photon mapping on voxels: see `integrate/photon.rs`. As `cpu-gi` with all of it on the CPU, where all of it runs.
+    /// Photon mapping on voxels: see `integrate/photon.rs`. As `cpu-gi` with all of it on the CPU, where all of it
+    /// runs.
     #[serde(alias = "cpu-gi")]
     Photon,
     /// Photon mapping on the exact mesh: see `integrate/full_gi.rs`.

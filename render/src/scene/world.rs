@@ -124,8 +124,8 @@ impl World {
     /// What `view` shows of `model`.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`]: a camera without rays, a light that makes no sense, an integrator or a footprint rule that
-    /// needs voxels which the model has not.
+    /// [`Code::SceneFormat`]: a camera without rays, a light that makes no sense, an integrator or a footprint rule
+    /// that needs voxels which the model has not.
     ///
     /// # Panics
     /// When an emitter of the model names a material that is not there.
@@ -160,8 +160,8 @@ impl World {
         })
     }
 
-    /// The cut of the footprint rule: where a leaf voxel covers `lod_error` pixels, model units from the camera; infinite
-    /// for 0 and without voxels.
+    /// The cut of the footprint rule: where a leaf voxel covers `lod_error` pixels, model units from the camera;
+    /// infinite for 0 and without voxels.
     pub(crate) fn lod_distance(model: &Model, projection: &Projection, lod_error: f64) -> f64 {
         let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
         leaf_side.map_or(f64::INFINITY, |side| side / (lod_error * projection.pixel_angle()))

@@ -12,12 +12,12 @@
 //! among the parked ones are deferred to the end of the pass, so that what can be drawn is drawn first, and what is
 //! blocked shows a stand-in.
 //!
-//! Why it ends, however few frames there are: see [`crate::trace::Retry`]. A deadline interrupts the narrow mode, and the
-//! next piece goes on with it.
+//! Why it ends, however few frames there are: see [`crate::trace::Retry`]. A deadline interrupts the narrow mode, and
+//! the next piece goes on with it.
 //!
-//! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order, deadlines or
-//! blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all together
-//! or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
+//! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
+//! deadlines or blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all
+//! together or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
 
 use super::job::{JOB_SAMPLES_MAX, Job};
 use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, Worker};
@@ -77,8 +77,8 @@ impl Pass {
         u64::from(tiles.count() - begun) + (waiting + deferred) as u64
     }
 
-    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each. On a canvas with a display
-    /// blocked tiles without samples get stand-ins there, and a blocked tile without room is deferred.
+    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each. On a canvas with a
+    /// display blocked tiles without samples get stand-ins there, and a blocked tile without room is deferred.
     ///
     /// # Panics
     /// When there are not as many tracers as workers, or a worker panics.

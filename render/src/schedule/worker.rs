@@ -1,7 +1,7 @@
 //! The workers of a pass: each takes tiles, asks their samples, parks those that wait for pages, and tries these again.
 //!
-//! Invariants: 1. at most [`PARKED_MAX`] tiles wait per worker; 2. a tile's samples reach the film all together or not at
-//! all; 3. a stand-in never reaches the film.
+//! Invariants: 1. at most [`PARKED_MAX`] tiles wait per worker; 2. a tile's samples reach the film all together or
+//! not at all; 3. a stand-in never reaches the film.
 
 use super::job::{Job, Pending};
 use crate::image::display::Display;

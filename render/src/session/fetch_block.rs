@@ -1,5 +1,5 @@
-//! `FetchBlock`: how many tiles are shown together. What the user asks for, or as many as take half of `t_max` at the speed
-//! of late, whichever is less: it shrinks at once, also when `t_max` has passed, and grows by a quarter.
+//! `FetchBlock`: how many tiles are shown together. What the user asks for, or as many as take half of `t_max` at the
+//! speed of late, whichever is less: it shrinks at once, also when `t_max` has passed, and grows by a quarter.
 
 use std::time::Duration;
 
@@ -14,8 +14,8 @@ pub(super) const BLOCK_PART_LEAST: u32 = 8;
 /// A block grows by this much a frame.
 const BLOCK_GROWTH: f64 = 1.25;
 
-/// The size of the fetch block: of the first block after an event, and of those that follow. They differ, since an order
-/// by saliency begins with what is hard.
+/// The size of the fetch block: of the first block after an event, and of those that follow. They differ, since an
+/// order by saliency begins with what is hard.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FetchBlock {
     most: u32,

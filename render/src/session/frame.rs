@@ -34,9 +34,9 @@ struct Plan {
 }
 
 impl<T: PagedTracer + Send> LiveSession<T> {
-    /// Goes on with the picture until a fetch block is done, the picture is complete or `t_max` has passed. `spp`: samples
-    /// that are enough. `stop` is asked between tiles. Light that has changed comes by voxels, whether it was baked or not;
-    /// for `full-gi` it comes when [`LiveSession::illuminate`] is called again.
+    /// Goes on with the picture until a fetch block is done, the picture is complete or `t_max` has passed. `spp`:
+    /// samples that are enough. `stop` is asked between tiles. Light that has changed comes by voxels, whether it was
+    /// baked or not; for `full-gi` it comes when [`LiveSession::illuminate`] is called again.
     pub fn frame(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) -> FrameReport {
         let begin = Instant::now();
         if std::mem::take(&mut self.live.is_new) {

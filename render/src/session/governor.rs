@@ -1,5 +1,5 @@
-//! `Governor`: raises the error of the footprint rule where the pages in demand are too many for the frames there are, until
-//! every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
+//! `Governor`: raises the error of the footprint rule where the pages in demand are too many for the frames there
+//! are, until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 
 /// Share of the frames in demand above which the governor raises the error, and below which it lowers it and pages are
 /// guessed ahead.

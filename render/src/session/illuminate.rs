@@ -1,5 +1,5 @@
-//! The light of a session that is at leisure: photons through the voxels, or through the exact mesh: the tree of `full-gi`,
-//! and the facets of `photon` where they are baked.
+//! The light of a session that is at leisure: photons through the voxels, or through the exact mesh: the tree of
+//! `full-gi`, and the facets of `photon` where they are baked.
 //!
 //! Invariants: 1. a pass of photons counts whole or not at all; 2. the light depends on world and photon count alone.
 
@@ -21,8 +21,8 @@ use trex_store::Result;
 const _: () = assert!(PASS_PHOTONS.is_multiple_of(BATCH));
 
 impl<T: PagedTracer + Send> Session<T> {
-    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without. `stop` is
-    /// asked in between; `tell` hears how many are done, and of how many.
+    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without.
+    /// `stop` is asked in between; `tell` hears how many are done, and of how many.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons, or for all of `full-gi`.

@@ -3,19 +3,19 @@
 //! ```text
 //! event -> frame: a preview, one voxel ray a tile                       first picture
 //!       -> frame: tiles in order until a fetch block is done            response
-//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is complete or t_max
-//!                 has passed
+//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is
+//!                 complete or t_max has passed
 //!       -> ...    every pixel has a sample                              complete picture
 //! ```
 //!
 //! The first fetch block counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
 //! job queue between them is the worker's own; the block is what is shown together.
 //!
-//! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule, until every
-//! pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
+//! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule,
+//! until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 //!
-//! Invariants: 1. no pixel shows nothing after the first frame; 2. what is not of the state, a preview or a stand-in, is
-//! never on the film; 3. once the view stands still, the film goes to the same bytes as
+//! Invariants: 1. no pixel shows nothing after the first frame; 2. what is not of the state, a preview or a stand-in,
+//! is never on the film; 3. once the view stands still, the film goes to the same bytes as
 //! [`super::Session::render`]'s.
 
 use super::fetch_block::FetchBlock;

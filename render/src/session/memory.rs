@@ -153,8 +153,8 @@ impl MemoryPlan {
     }
 }
 
-/// What the renderer's copies of materials and emitters of `file` take: those of the caller, of the session and of an edit;
-/// and what lights are drawn from, twice while a state replaces the one before.
+/// What the renderer's copies of materials and emitters of `file` take: those of the caller, of the session and of an
+/// edit; and what lights are drawn from, twice while a state replaces the one before.
 pub fn model_bytes(file: &PageFile) -> u64 {
     let (materials, emitters) = (file.materials().len(), file.emitters().len());
     let copies = 3 * (materials * size_of::<trex_store::Material>() + emitters * size_of::<Emitter>());

@@ -7,8 +7,8 @@
 //!                                          <- apply(Event)
 //! ```
 //!
-//! Two ways to a picture: [`Session::render`] takes what it takes; [`LiveSession::frame`] goes on for as long as a deadline
-//! allows and tells what there is.
+//! Two ways to a picture: [`Session::render`] takes what it takes; [`LiveSession::frame`] goes on for as long as a
+//! deadline allows and tells what there is.
 //!
 //! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film, so all samples of a
 //! film are of one state; 3. film and frame loop are leased from the budget for the life of the session.
@@ -208,9 +208,9 @@ impl<T: PagedTracer + Send> Session<T> {
         }
     }
 
-    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the indirect light that
-    /// [`Session::illuminate`] brought up to then. `stop` is asked between tiles,
-    /// `after_pass` looks at the film and may end the work; what is on the film stays, and a later call goes on.
+    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the
+    /// indirect light that [`Session::illuminate`] brought up to then. `stop` is asked between tiles, `after_pass`
+    /// looks at the film and may end the work; what is on the film stays, and a later call goes on.
     pub fn render(
         &mut self,
         spp: u32,

@@ -41,8 +41,8 @@ impl NextLight {
         self.share.is_none()
     }
 
-    /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached. Gives the count of rays, and
-    /// whether the light that gather rays find has changed.
+    /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached. Gives the count of rays,
+    /// and whether the light that gather rays find has changed.
     pub(super) fn go_on(
         &mut self,
         world: &VoxelPhotons<'_>,

@@ -54,8 +54,8 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Draws a direction by what the surface scatters, from numbers in [0, 1); `None` when it goes nowhere (which counts
-    /// as black).
+    /// Draws a direction by what the surface scatters, from numbers in [0, 1); `None` when it goes nowhere (which
+    /// counts as black).
     pub(crate) fn sample(&self, [pick, u, v, _]: [f32; 4]) -> Option<BsdfSample> {
         let diffuse = self.diffuse_chance()?;
         let mirrored = (-self.wo).reflect(self.normal);
@@ -75,8 +75,8 @@ impl Bsdf<'_> {
         (cos > 0.0 && pdf > 0.0).then_some(BsdfSample { wi, weight, pdf: Some(pdf) })
     }
 
-    /// Draws a direction for light from everywhere, as [`Bsdf::sample`] but never the mirror's one direction. Drawing the
-    /// sky by this and not by the cosine keeps shiny materials free of sparks. Its `pdf` is always there.
+    /// Draws a direction for light from everywhere, as [`Bsdf::sample`] but never the mirror's one direction. Drawing
+    /// the sky by this and not by the cosine keeps shiny materials free of sparks. Its `pdf` is always there.
     pub(crate) fn sample_rough(&self, [pick, u, v]: [f32; 3]) -> Option<BsdfSample> {
         let rough = self.rough_chance()?;
         let drawn = self.sample([pick * rough as f32, u, v, 0.0])?;

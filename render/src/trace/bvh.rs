@@ -9,14 +9,14 @@
 //! the answer is exact when no recorded box begins before the hit
 //! ```
 //!
-//! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent rays no
-//! faster: they wait for instructions, not for memory); children put without a branch on their number (single primary rays
-//! 16 % slower); huge pages under the frames (no faster).
+//! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent
+//! rays no faster: they wait for instructions, not for memory); children put without a branch on their number (single
+//! primary rays 16 % slower); huge pages under the frames (no faster).
 //!
-//! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others may
-//! move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`);
-//! 4. of hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order;
-//! 5. what kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
+//! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others
+//! may move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`); 4. of
+//! hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order; 5. what
+//! kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
 use super::Ray;
 use super::kernel::{Kernel, Lanes};
@@ -28,8 +28,8 @@ use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH}
 
 /// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
-/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A power of
-/// two, so that places need no check.
+/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A
+/// power of two, so that places need no check.
 pub(super) const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER_LEAVES).next_power_of_two();
 
 /// Cache lines that are fetched ahead of a cluster's leaves: mostly most of its indices and vertices.

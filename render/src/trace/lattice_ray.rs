@@ -37,9 +37,9 @@ pub(super) struct LatticeFrame {
 
 /// Steps around the box that the entry stays away from it, and that kernels look beyond the end; at least, see `FAR`.
 const MARGIN: f64 = 2.0;
-/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way there
-/// is rounded by (origin, difference, inverse, two products, sum: half an ulp each, six of eight). On a lattice of 40 bits it is more than `MARGIN` from
-/// 2^11 sizes on.
+/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way
+/// there is rounded by (origin, difference, inverse, two products, sum: half an ulp each, six of eight). On a lattice
+/// of 40 bits it is more than `MARGIN` from 2^11 sizes on.
 const FAR: f64 = 1.0 / (1u64 << 50) as f64;
 
 /// Below that a component moves the ray by nothing on its way through any lattice, and its inverse may be infinite.

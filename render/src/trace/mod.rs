@@ -101,8 +101,8 @@ pub trait Tracer {
         answers.extend(rays.iter().map(|ray| self.occluded(ray)));
     }
 
-    /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer without
-    /// pages has none.
+    /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer
+    /// without pages has none.
     fn unit_page(&mut self, _page: u32) -> Page<'_> {
         Page::Damaged
     }

@@ -26,8 +26,8 @@ pub trait PagedTracer: Tracer {
     /// Sleeps until something has arrived, or for `longest`.
     fn wait(&mut self, longest: Duration);
 
-    /// Hands the pages recorded since the last call to the loader as guesses, in place of this predictor's earlier ones;
-    /// for [`Predictor::Neighbours`], those beside the pages in use.
+    /// Hands the pages recorded since the last call to the loader as guesses, in place of this predictor's earlier
+    /// ones; for [`Predictor::Neighbours`], those beside the pages in use.
     fn prefetch(&mut self, _predictor: Predictor) {}
 
     /// Adds the pages asked for since [`PagedTracer::forget_demand`] to `pages`, a bit each; gives the count of frames,

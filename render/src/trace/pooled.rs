@@ -18,7 +18,8 @@ use trex_store::pool::{
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
-/// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon over.
+/// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon
+/// over.
 const GUESSES_MAX: usize = 64;
 /// One of so many guesses that came to something may have been wasted; a predictor that wastes more is not trusted.
 const WASTE_OF: u64 = 5;

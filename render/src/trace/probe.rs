@@ -1,5 +1,5 @@
-//! `Probe`: steps of traversal on their own, for benchmarks: the tests of nodes, of leaf boxes and of triangles, without
-//! the way that leads to them.
+//! `Probe`: steps of traversal on their own, for benchmarks: the tests of nodes, of leaf boxes and of triangles,
+//! without the way that leads to them.
 //!
 //! Invariant: each ray is tested against all that was collected, met or not.
 

@@ -4,8 +4,8 @@
 //! rays -> queue -> lanes (`simd`), or one by one where the machine has neither -> answers, in any order
 //! ```
 //!
-//! Lanes that are done take the next ray, so a batch should have many times more rays than the 32 or 64 that are under way.
-//! Neighbouring rays should follow each other: they read the same nodes.
+//! Lanes that are done take the next ray, so a batch should have many times more rays than the 32 or 64 that are
+//! under way. Neighbouring rays should follow each other: they read the same nodes.
 //!
 //! Invariant: answers are those of [`VoxelScene::intersect`] and [`VoxelScene::occluded`], bit for bit.
 

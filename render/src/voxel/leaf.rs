@@ -1,7 +1,7 @@
 //! What a leaf of the octree says of the surface in it: to rays that met it, and to places on the mesh.
 //!
-//! The surface in a leaf is its mean normal and its material of most area; where the normals cancel each other, it faces
-//! the ray.
+//! The surface in a leaf is its mean normal and its material of most area; where the normals cancel each other, it
+//! faces the ray.
 //!
 //! Invariant: the normal of a [`LeafHit`] is unit, and on the side that the ray came from.
 

@@ -8,14 +8,15 @@
 //!   a bit of a finest bitmap is set  -> hit
 //! ```
 //!
-//! A unit is asked for where a ray meets a subvoxel of the leaves above it, not where it enters the linking node: what the ray
-//! passes by costs no page. With `occluders` off, leaves are cubes, so it is asked for where a leaf is entered.
+//! A unit is asked for where a ray meets a subvoxel of the leaves above it, not where it enters the linking node:
+//! what the ray passes by costs no page. With `occluders` off, leaves are cubes, so it is asked for where a leaf is
+//! entered.
 //!
-//! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what positions in
-//! f32 are rounded by.
+//! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what
+//! positions in f32 are rounded by.
 //!
-//! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of the upper
-//! octree; 3. no allocation; a page is in use until the next one is looked up.
+//! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of
+//! the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
 use super::leaf::LeafHit;
 use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
@@ -24,8 +25,8 @@ use glam::DVec3;
 use trex_store::Material;
 use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
 
-/// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by 2^-24 of it
-/// at most.
+/// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by
+/// 2^-24 of it at most.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 
 /// The octree of a model with its units.

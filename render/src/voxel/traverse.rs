@@ -6,13 +6,14 @@
 //!   the child is missing      -> the ray leaves that empty cube; up to the node that holds the next cell too
 //! ```
 //!
-//! Units are subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a cube the
-//! axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side. So each step
-//! goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a corner's width.
+//! Units are subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a cube
+//! the axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side. So
+//! each step goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a
+//! corner's width.
 //!
 //! A ray leaves its own voxels by its start: a cube of side `s` that a plane of unit normal `n` touches lies within
-//! `s * (|n.x| + |n.y| + |n.z|)` of the plane, so from beyond that distance a ray that does not come back meets none of the
-//! plane's voxels. [`VoxelScene::clearance`] is that distance; it holds at the end of a shadow ray, too.
+//! `s * (|n.x| + |n.y| + |n.z|)` of the plane, so from beyond that distance a ray that does not come back meets none
+//! of the plane's voxels. [`VoxelScene::clearance`] is that distance; it holds at the end of a shadow ray, too.
 //!
 //! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
 
@@ -103,8 +104,8 @@ impl Entry {
         (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4) ^ self.flip
     }
 
-    /// Of the child around `cell`, which is not there, the cells along an axis, less one; of the eighth of the node around it
-    /// when that is empty, too. `bits` is the node's mask.
+    /// Of the child around `cell`, which is not there, the cells along an axis, less one; of the eighth of the node
+    /// around it when that is empty, too. `bits` is the node's mask.
     #[inline(always)]
     pub(super) fn within(&self, cell: [u32; 3], shift: u32, bits: u64) -> u32 {
         let place = self.place(cell, shift);
@@ -112,8 +113,8 @@ impl Entry {
         (1u32 << (shift + u32::from(is_eighth_empty))) - 1
     }
 
-    /// Out of the empty cube around a cell, `within + 1` cells along an axis: the next cell, and how many levels above the cells
-    /// the node is that holds both. `t` and `axis` go on to its face; `None` behind the ray's end.
+    /// Out of the empty cube around a cell, `within + 1` cells along an axis: the next cell, and how many levels
+    /// above the cells the node is that holds both. `t` and `axis` go on to its face; `None` behind the ray's end.
     #[inline(always)]
     pub(super) fn leave(
         &self,
@@ -269,7 +270,8 @@ impl<'a> VoxelScene<'a> {
         let mut path = [0u32; MAX_DEPTH + 1];
         let mut level = 0;
         loop {
-            // Down to the leaf, or to a child that is missing. Children of a node of `level` have 4^(depth - level) cells.
+            // Down to the leaf, or to a child that is missing. Children of a node of `level` have 4^(depth - level)
+            // cells.
             let (shift, bits) = loop {
                 let shift = 2 * (depth - level) as u32;
                 let place = ray.place(cell, shift);

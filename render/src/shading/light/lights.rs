@@ -1,7 +1,7 @@
 //! `Lights`: all that gives light in a scene, as one list of sources, and which of them a ray sees.
 //!
-//! Invariants: 1. rectangles and emitters give light on one side only; 2. rectangles are seen by C-rays and shade nothing:
-//! they are no part of the model.
+//! Invariants: 1. rectangles and emitters give light on one side only; 2. rectangles are seen by C-rays and shade
+//! nothing: they are no part of the model.
 
 use super::emitter::{Emitter, Emitters};
 use super::scene_light::Light;

@@ -79,8 +79,8 @@ impl Lights {
         self.share(at, &Source::Sky(self.sky())) * at.bsdf.pdf_rough(direction)
     }
 
-    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws `point` on an emitter of this radiance that is
-    /// seen with cosine `cos` > 0.
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws `point` on an emitter of this radiance
+    /// that is seen with cosine `cos` > 0.
     pub(crate) fn emitter_pdf(&self, at: &ShadingPoint<'_>, point: DVec3, cos: f64, radiance: Vec3) -> f64 {
         let to = point - at.point;
         let per_area = self.emitters().pdf(radiance);

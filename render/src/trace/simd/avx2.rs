@@ -4,8 +4,8 @@
 //! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Vertices of wide clusters are fetched
 //! one by one and tested like the others.
 //!
-//! Invariants: 1. the same operations in the same order as `scalar.rs`: the same bits; 2. loads stay inside of the frame:
-//! indices were checked by `install`, and eight bytes stand behind the last vertex.
+//! Invariants: 1. the same operations in the same order as `scalar.rs`: the same bits; 2. loads stay inside of the
+//! frame: indices were checked by `install`, and eight bytes stand behind the last vertex.
 #![allow(unsafe_code)]
 
 use crate::trace::kernel::{Kernel, Lanes};

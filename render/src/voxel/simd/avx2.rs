@@ -1,7 +1,7 @@
 //! Eight lanes with AVX2. See `packet.rs`.
 //!
-//! Invariants: 1. the same operations in the same order as `traverse.rs`, none fused: the same bits; 2. what is read are
-//! nodes and bitmaps at which lanes stand.
+//! Invariants: 1. the same operations in the same order as `traverse.rs`, none fused: the same bits; 2. what is read
+//! are nodes and bitmaps at which lanes stand.
 #![allow(unsafe_code)]
 
 use super::packet::{Ends, Packet, Queue, Row, Tree, fits, take_turns};

@@ -1,5 +1,5 @@
-//! Sixteen lanes with AVX-512: as `avx2.rs`, with masks in registers of their own and an instruction that counts ones. See
-//! `packet.rs`.
+//! Sixteen lanes with AVX-512: as `avx2.rs`, with masks in registers of their own and an instruction that counts
+//! ones. See `packet.rs`.
 //!
 //! Invariants: those of `avx2.rs`.
 #![allow(unsafe_code)]

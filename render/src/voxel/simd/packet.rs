@@ -9,13 +9,14 @@
 //!     what the lanes are at now is prefetched; the other packets' visits pass until it is looked at
 //! ```
 //!
-//! The scalar walk (`traverse.rs`) goes down in a loop of its own; here going down one level is a visit like any other, so
-//! that lanes need not agree. A ray makes 30 to 40 visits. Speed of single rays, eight lanes, sixteen: 1, 5, 7.5.
+//! The scalar walk (`traverse.rs`) goes down in a loop of its own; here going down one level is a visit like any
+//! other, so that lanes need not agree. A ray makes 30 to 40 visits. Speed of single rays, eight lanes, sixteen: 1,
+//! 5, 7.5.
 //!
-//! Tried and lost, by the speed left: gathers without prefetch (0.6: misses of two packets are under way, not of all);
-//! 2 packets (0.8), 3 (0.95), 6 (1.0, but more lanes idle at the end of a batch); the code for eight lanes compiled for
-//! AVX-512VL (1.1 where sixteen gain 1.5); huge pages for the octree (1.03); a visit in three parts, each for all packets
-//! in turn (0.95); reciprocals instead of divisions when a ray enters (1.0).
+//! Tried and lost, by the speed left: gathers without prefetch (0.6: misses of two packets are under way, not of
+//! all); 2 packets (0.8), 3 (0.95), 6 (1.0, but more lanes idle at the end of a batch); the code for eight lanes
+//! compiled for AVX-512VL (1.1 where sixteen gain 1.5); huge pages for the octree (1.03); a visit in three parts,
+//! each for all packets in turn (0.95); reciprocals instead of divisions when a ray enters (1.0).
 //!
 //! Invariant: a lane stands at a node or leaf of the octree at all times, also one without a ray.
 
