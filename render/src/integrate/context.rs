@@ -49,7 +49,7 @@ impl<'a> RenderContext<'a> {
 
     /// The mesh of `world` alone.
     #[cfg(test)]
-    pub(crate) fn of_mesh(world: &'a World) -> RenderContext<'a> {
+    pub(crate) fn from_mesh(world: &'a World) -> RenderContext<'a> {
         RenderContext { world, voxels: None, photons: None, has_layers: false }
     }
 

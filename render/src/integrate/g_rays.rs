@@ -21,9 +21,10 @@ use super::path_state::{Path, Stage};
 use crate::scene::settings::Near;
 use crate::shading::surface::SurfaceInteraction;
 
-/// The first shadow and the first gather ray that a path has not asked for yet.
+/// A surface, and the first shadow and the first gather ray there that a path has not asked for yet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FirstRays {
+pub(super) struct FirstRays<'a> {
+    pub(super) surface: &'a SurfaceInteraction,
     pub(super) shadow: u32,
     pub(super) gather: u32,
 }
@@ -39,9 +40,10 @@ impl RenderContext<'_> {
         &self,
         integrator: &dyn Integrator,
         path: &mut Path,
-        (surface, first): (&SurfaceInteraction, FirstRays),
+        first: FirstRays<'_>,
         batch: &mut GBatch,
     ) -> Stage {
+        let FirstRays { surface, .. } = first;
         let scene = self.g_scene().expect("batches have voxels");
         let n_shadow = self.world.settings.n_shadow;
         let (from, next) = (batch.entry_count(), n_shadow.min(first.shadow + ASKED_MAX));
@@ -78,7 +80,8 @@ impl RenderContext<'_> {
         let scene = self.g_scene().expect("batches have voxels");
         for &(ray, weight) in batch.entries(gather) {
             let Some(ray) = ray else { continue };
-            let found = scene.gather_from(batch.answer(ray), &self.world.materials, self.world.lights.sky());
+            let (ray, found) = batch.answer(ray);
+            let found = scene.gather_from(ray, found, &self.world.materials, self.world.lights.sky());
             path.sample.rays.gather += found.rays;
             path.gain_indirect(weight * found.radiance);
         }

@@ -102,13 +102,14 @@ impl<'a> GScene<'a> {
     /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In the upper
     /// octree alone.
     pub(crate) fn gather(&self, ray: Ray, materials: &'a [Material], sky: Vec3) -> Gathered {
-        self.gather_from((ray, self.voxels.intersect(&ray)), materials, sky)
+        self.gather_from(ray, self.voxels.intersect(&ray), materials, sky)
     }
 
     /// What arrives along `ray`, when the first voxel that it meets is known.
     pub(crate) fn gather_from(
         &self,
-        (ray, found): (Ray, Option<VoxelHit>),
+        ray: Ray,
+        found: Option<VoxelHit>,
         materials: &'a [Material],
         sky: Vec3,
     ) -> Gathered {
@@ -127,7 +128,8 @@ impl<'a> GScene<'a> {
     pub(crate) fn gather_finest<T: Tracer>(
         &self,
         ray: Ray,
-        (materials, sky): (&'a [Material], Vec3),
+        materials: &'a [Material],
+        sky: Vec3,
         tracer: &mut T,
     ) -> Answer<Gathered> {
         match &self.lower {

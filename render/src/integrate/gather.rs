@@ -102,7 +102,7 @@ impl RenderContext<'_> {
             }
         }
         match voxels.leave(surface, direction, f64::INFINITY, None) {
-            Some(ray) => voxels.gather_finest(ray, (&world.materials, world.lights.sky()), tracer),
+            Some(ray) => voxels.gather_finest(ray, &world.materials, world.lights.sky(), tracer),
             None => Answer::Exact(Gathered { radiance: Vec3::ZERO, rays: 0 }),
         }
     }

@@ -131,12 +131,13 @@ impl<'a> SampleIntegrator<'a> {
                     Answer::Exact(self.c_ray_met(path, ray, behind(ray, *cut, *found), all))
                 }
                 (Stage::Shadow { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let first = FirstRays { shadow: *index, gather: 0 };
-                    Answer::Exact(ctx.ask(integrator, path, (surface, first), &mut all.asked))
+                    let first = FirstRays { surface, shadow: *index, gather: 0 };
+                    Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
                 }
                 (Stage::Gather { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let first = FirstRays { shadow: ctx.world.settings.n_shadow, gather: *index };
-                    Answer::Exact(ctx.ask(integrator, path, (surface, first), &mut all.asked))
+                    let shadow = ctx.world.settings.n_shadow;
+                    let first = FirstRays { surface, shadow, gather: *index };
+                    Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
                 }
                 (Stage::Shadow { surface, index }, _) => self.shadow_step(path, surface, *index, tracer),
                 (Stage::Gather { surface, index }, _) => ctx.gather_step(path, surface, *index, tracer),

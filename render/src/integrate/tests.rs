@@ -85,7 +85,7 @@ impl Case {
     fn render(&self, count: u32) -> (f64, RayCounts) {
         let (world, mut mesh) = (self.world(), NaiveMesh::new(self.triangles.clone()));
         let (mut sum, mut rays) = (0.0, RayCounts::default());
-        let integrator = SampleIntegrator::new(RenderContext::of_mesh(&world));
+        let integrator = SampleIntegrator::new(RenderContext::from_mesh(&world));
         for index in 0..count {
             let Answer::Exact(sample) = integrator.advance(&mut integrator.start([0, 0], index), &mut mesh)
             else {

@@ -38,6 +38,12 @@ pub(crate) struct Canvas<'a> {
     pub(crate) display: Option<&'a mut Display>,
 }
 
+/// The workers of a pass: a tracer each, and the threads that they run on.
+pub(crate) struct Workers<'a, T> {
+    pub(crate) tracers: &'a mut [T],
+    pub(crate) pool: &'a ThreadPool,
+}
+
 /// A pass in work: takes every tile to so many samples a pixel, by at most [`super::PASS_SAMPLES_MAX`].
 pub(crate) struct Pass {
     target: u32,
@@ -86,9 +92,10 @@ impl Pass {
         &mut self,
         work: &TileWork<'_>,
         canvas: Canvas<'_>,
-        (tracers, pool): (&mut [T], &ThreadPool),
+        workers: Workers<'_, T>,
         until: &Until<'_>,
     ) -> PassStats {
+        let Workers { tracers, pool } = workers;
         assert_eq!(tracers.len(), self.lanes.len(), "a pass needs a tracer per worker");
         let Pass { target, turn, deferred, lanes } = self;
         let piece = Piece {

@@ -67,7 +67,7 @@ fn render<T: PagedTracer + Send>(method: Method, tracers: &mut [T], targets: &[u
 }
 
 fn integrator(world: &World) -> SampleIntegrator<'_> {
-    SampleIntegrator::new(RenderContext::of_mesh(world).with_layers(LAYERS))
+    SampleIntegrator::new(RenderContext::from_mesh(world).with_layers(LAYERS))
 }
 
 /// A whole pass.
@@ -81,7 +81,7 @@ fn render_pass<T: PagedTracer + Send>(
     let until = Until { stop, deadline: None, tiles: u32::MAX };
     let pool = pool(tracers.len());
     let canvas = Canvas { film, display: None };
-    Pass::new(target, tracers.len()).run(work, canvas, (tracers, &pool), &until)
+    Pass::new(target, tracers.len()).run(work, canvas, Workers { tracers, pool: &pool }, &until)
 }
 
 fn naive(count: usize) -> Vec<NaiveMesh> {

@@ -12,7 +12,7 @@ use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
 use crate::integrate::{RenderContext, SampleIntegrator};
-use crate::schedule::{Canvas, Pass, TileWork, Until};
+use crate::schedule::{Canvas, Pass, TileWork, Until, Workers};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::prelude::*;
@@ -41,7 +41,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let begin = Instant::now();
         if std::mem::take(&mut self.live.is_new) {
             self.show_preview();
-            return self.report(FrameProgress::Preview, (PassStats::default(), 0));
+            return self.report(FrameProgress::Preview, PassStats::default(), 0);
         }
         let t_max = self.live.options.t_max;
         let mut photon_rays = 0;
@@ -63,7 +63,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
         };
-        self.report(progress, (pass, photon_rays))
+        self.report(progress, pass, photon_rays)
     }
 
     /// One voxel ray a tile.
@@ -96,8 +96,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let Some(mut map) = self.session.photons.take() else { return 0 };
         let target = self.session.view.settings.photons;
         let stop = || Instant::now() >= deadline || stop();
-        let done =
-            self.session.voxel_photons().map(|photons| next.go_on(&photons, (&mut map, target), &stop));
+        let done = self.session.voxel_photons().map(|photons| next.go_on(&photons, &mut map, target, &stop));
         let (rays, has_changed) = done.unwrap_or_default();
         self.session.photons = Some(map);
         if has_changed {
@@ -150,7 +149,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len()));
             let until = Until { stop, deadline: Some(deadline), tiles: wanted as u32 };
             let canvas = Canvas { film, display: Some(display) };
-            let stats = pass.run(&work, canvas, (tracers, pool), &until);
+            let stats = pass.run(&work, canvas, Workers { tracers, pool }, &until);
             total.add(&stats);
             wanted = wanted.saturating_sub(stats.tiles_finished);
             *finished += stats.tiles_finished;
@@ -178,7 +177,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    fn report(&self, progress: FrameProgress, (pass, photon_rays): (PassStats, u64)) -> FrameReport {
+    fn report(&self, progress: FrameProgress, pass: PassStats, photon_rays: u64) -> FrameReport {
         let live = &self.live;
         let [stand_in_tiles, hole_tiles] = live.display.count(&self.film);
         FrameReport {

@@ -36,7 +36,7 @@ use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::settings::Method;
 use crate::scene::world::{MaterialEdit, Model, View, World};
-use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, TileWork, Until, pass_bytes};
+use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, TileWork, Until, Workers, pass_bytes};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
@@ -228,7 +228,8 @@ impl<T: PagedTracer + Send> Session<T> {
             let until = Until { stop, deadline: None, tiles: u32::MAX };
             let mut pass = Pass::new(target, self.tracers.len());
             let canvas = Canvas { film: &mut self.film, display: None };
-            stats.total.add(&pass.run(&work, canvas, (&mut self.tracers, &self.pool), &until));
+            let workers = Workers { tracers: &mut self.tracers, pool: &self.pool };
+            stats.total.add(&pass.run(&work, canvas, workers, &until));
             stats.passes += 1;
             stats.spp = self.film.samples();
             if after_pass(&self.film, &stats).is_break() {

@@ -46,7 +46,8 @@ impl NextLight {
     pub(super) fn go_on(
         &mut self,
         world: &VoxelPhotons<'_>,
-        (shown, target): (&mut PhotonMap, u64),
+        shown: &mut PhotonMap,
+        target: u64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> (u64, bool) {
         if self.is_idle() {

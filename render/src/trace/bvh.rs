@@ -150,9 +150,10 @@ pub(super) fn walk<K: Kernel, P: Pages>(
             }
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
-                    let first = scene.file.pages()[page as usize].first_triangle;
+                    let first_triangle = scene.file.pages()[page as usize].first_triangle;
                     let frame = FrameView::new(frame);
-                    let visit = PageVisit { frame, page, first_triangle: first, ray, goal };
+                    let page = OpenPage { frame, page, first_triangle };
+                    let visit = PageVisit { page, ray, goal };
                     let root = Entry::new(at.t(), frame.root(slot as usize).0);
                     visit.under(kernel, root, pending, best);
                     if goal == Goal::Any && best.found.is_some() {
@@ -184,12 +185,19 @@ pub(super) struct Found {
     pub(super) material: u16,
 }
 
-/// A page while a ray is in it.
-pub(super) struct PageVisit<'a> {
+/// A page that is there.
+#[derive(Clone, Copy)]
+pub(super) struct OpenPage<'a> {
     pub(super) frame: FrameView<'a>,
+    /// Index of the page.
     pub(super) page: u32,
     /// Store id of its first triangle.
     pub(super) first_triangle: u32,
+}
+
+/// A page while a ray is in it.
+pub(super) struct PageVisit<'a> {
+    pub(super) page: OpenPage<'a>,
     pub(super) ray: &'a LatticeRay,
     pub(super) goal: Goal,
 }
@@ -210,12 +218,12 @@ impl PageVisit<'_> {
             next = None;
             let at = FrameRef(at.word());
             if !at.is_cluster() {
-                let node = self.frame.node(at);
+                let node = self.page.frame.node(at);
                 let met = kernel.node(node, best.t);
                 next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
                 continue;
             }
-            self.cluster(kernel, self.frame.cluster(at), pending, best);
+            self.cluster(kernel, self.page.frame.cluster(at), pending, best);
             if self.goal == Goal::Any && best.found.is_some() {
                 pending.len = floor;
                 return;
@@ -247,10 +255,10 @@ impl PageVisit<'_> {
                 mask &= mask - 1;
                 let corners = cluster.triangle(index);
                 let Some(t) = self.ray.reach(corners) else { continue };
-                let triangle = self.first_triangle + (cluster.first_triangle() + index) as u32;
+                let triangle = self.page.first_triangle + (cluster.first_triangle() + index) as u32;
                 if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
                     best.t = t_above(t);
-                    let (page, material) = (self.page, cluster.material(index));
+                    let (page, material) = (self.page.page, cluster.material(index));
                     best.found = Some(Found { t, page, triangle, corners, material });
                     if self.goal == Goal::Any {
                         return;

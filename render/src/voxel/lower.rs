@@ -211,7 +211,7 @@ impl<'a> LowerScene<'a> {
                     }
                 }
             };
-            let Some((next, apart)) = ray.leave((cell, ray.within(cell, shift, bits)), &mut t, &mut axis)
+            let Some((next, apart)) = ray.leave(cell, ray.within(cell, shift, bits), &mut t, &mut axis)
             else {
                 return Answer::Exact(None);
             };

@@ -118,7 +118,8 @@ impl Entry {
     #[inline(always)]
     pub(super) fn leave(
         &self,
-        (cell, within): ([u32; 3], u32),
+        cell: [u32; 3],
+        within: u32,
         t: &mut f32,
         axis: &mut usize,
     ) -> Option<([u32; 3], u32)> {
@@ -288,7 +289,7 @@ impl<'a> VoxelScene<'a> {
                 level += 1;
                 path[level] = child;
             };
-            let (next, apart) = ray.leave((cell, ray.within(cell, shift, bits)), &mut t, &mut axis)?;
+            let (next, apart) = ray.leave(cell, ray.within(cell, shift, bits), &mut t, &mut axis)?;
             if next[axis] > last {
                 return None;
             }

@@ -29,7 +29,7 @@ fn no_sample_of_the_sky_is_brighter_than_the_sky() {
         let shiny = Material { kd: [0.1; 3], ks: [0.8; 3], ns: 900.0, mirror, ..grey(0.1) };
         let case = Case::new(square(9.0, 0.0, false, 0).to_vec(), vec![shiny], vec![sky]);
         let (world, mut mesh) = (case.world(), NaiveMesh::new(case.triangles.clone()));
-        let integrator = SampleIntegrator::new(RenderContext::of_mesh(&world));
+        let integrator = SampleIntegrator::new(RenderContext::from_mesh(&world));
         for index in 0..2000 {
             let Answer::Exact(sample) = integrator.advance(&mut integrator.start([0, 0], index), &mut mesh)
             else {

@@ -15,7 +15,7 @@
 use super::avx2::Avx2;
 use crate::trace::Ray;
 use crate::trace::bvh::{
-    Best, Ended, Entry, Goal, Missing, PageVisit, Pending, STACK, Scene, Stack, t_above, walk,
+    Best, Ended, Entry, Goal, Missing, OpenPage, PageVisit, Pending, STACK, Scene, Stack, t_above, walk,
 };
 use crate::trace::kernel::Kernel;
 use crate::trace::pages::{Page, Pages};
@@ -145,8 +145,9 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages>(
             TopRef::Node(index) => packet.node(&scene.file.top()[index as usize], scene, at.rays),
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
-                    let first = scene.file.pages()[page as usize].first_triangle;
-                    packet.page((FrameView::new(frame), page, first), slot, scene, &mut pending, at);
+                    let first_triangle = scene.file.pages()[page as usize].first_triangle;
+                    let page = OpenPage { frame: FrameView::new(frame), page, first_triangle };
+                    packet.page(&page, slot, scene, &mut pending, at);
                 }
                 Page::Missing => {
                     for ray in bits(at.rays) {
@@ -182,25 +183,25 @@ impl Packet<'_> {
     #[inline(always)]
     fn page(
         &mut self,
-        (frame, page, first_triangle): (FrameView<'_>, u32, u32),
+        page: &OpenPage<'_>,
         slot: u32,
         scene: &Scene<'_>,
         pending: &mut Pending<'_>,
         at: Waiting,
     ) {
         let floor = self.len;
-        self.put(Waiting { word: frame.root(slot as usize).0, ..at });
+        self.put(Waiting { word: page.frame.root(slot as usize).0, ..at });
         while let Some(at) = self.pop_above(floor) {
             let word = FrameRef(at.word);
             if !word.is_cluster() && at.rays.count_ones() > SPLIT {
-                self.node(frame.node(word), scene, at.rays);
+                self.node(page.frame.node(word), scene, at.rays);
                 continue;
             }
             for i in bits(at.rays) {
                 let kernel = self.kernels[i].get_or_insert_with(|| Avx2::from_scalar(&self.plain[i]));
                 let Ended { ray, found } = &mut self.ended[i];
                 let mut best = Best { t: self.t_max[i], found: *found };
-                let visit = PageVisit { frame, page, first_triangle, ray, goal: self.goal };
+                let visit = PageVisit { page: *page, ray, goal: self.goal };
                 visit.under(kernel, Entry::new(at.t[i], at.word), pending, &mut best);
                 *found = best.found;
                 self.settle(i, best.t);
