@@ -26,7 +26,7 @@ use trex_store::{Budget, Result};
 
 /// Reach of the filter at 4 samples, pixels: 4 pi s^2 = 200 pixels count, which makes 1600 gather rays of a pixel's 8.
 const REACH_PIXELS: f64 = 4.0;
-/// The samples it is meant for.
+/// Samples of a pixel that [`REACH_PIXELS`] is meant for.
 const REACH_SAMPLES: f64 = 4.0;
 /// Window, in reaches: what is left out weighs an eighth of the middle or less.
 const WINDOW_REACHES: f64 = 2.0;
@@ -37,15 +37,15 @@ const NORMAL_POWER: i32 = 32;
 /// Difference of albedo that counts as an edge.
 const ALBEDO_REACH: f64 = 0.1;
 
-/// Bytes that the filter takes at `resolution` while it works, film not counted.
+/// Bytes that the filter takes at `resolution` (width, height; pixels) while it works, film not counted.
 pub fn filter_bytes(resolution: [u32; 2]) -> u64 {
     u64::from(resolution[0]) * u64::from(resolution[1]) * size_of::<Seen>() as u64
 }
 
-/// What a pixel shows.
+/// A pixel as the filter sees it.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
-    /// From the camera, model units; infinite where nothing is seen.
+    /// Place from the camera, model units; zero where nothing is seen.
     place: Vec3,
     normal: Vec3,
     albedo: Vec3,
@@ -134,7 +134,7 @@ impl Window<'_> {
 }
 
 impl Seen {
-    /// How much the light there says of the light here, 0 to 1.
+    /// Weight of the light at `there` for the light here, 0 to 1.
     fn likeness(&self, there: &Seen) -> f64 {
         let normal = self.normal.as_dvec3();
         let cos = normal.dot(there.normal.as_dvec3());

@@ -20,7 +20,7 @@ use crate::stats::RayKind;
 use crate::trace::Ray;
 use glam::Vec3;
 
-/// See the top of the file.
+/// Ambient occlusion: see the top of the file.
 #[derive(Debug)]
 pub(super) struct AmbientOcclusion;
 

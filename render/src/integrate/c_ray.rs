@@ -16,7 +16,7 @@ pub(crate) struct CRayHit {
     pub(crate) form: Form,
 }
 
-/// Which form of the model answered.
+/// The form of the model that answered a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
     /// The exact mesh: store id of the triangle, and its page.
@@ -46,7 +46,7 @@ impl CRayHit {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FarRay {
     pub(crate) ray: Ray,
-    /// Where it begins on the C-ray.
+    /// Parameter on the C-ray where it begins.
     cut: f64,
 }
 
@@ -56,7 +56,7 @@ impl FarRay {
         FarRay { ray: Ray { origin: ray.at(cut).to_array(), t_max: ray.t_max - cut, ..*ray }, cut }
     }
 
-    /// What it met, as a hit of the C-ray.
+    /// The voxel `found`, as a hit of the C-ray.
     pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelHit>) -> Option<CRayHit> {
         let found = found?;
         let leaf = voxels.octree().leaf(found.leaf as usize);

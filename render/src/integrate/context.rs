@@ -21,7 +21,7 @@ use trex_store::Material;
 /// The share of a light sample, one of so many, that counts beside other ways to find its light.
 pub(super) type MisWeight = fn(&Bsdf<'_>, &LightSample, u32) -> f32;
 
-/// What the integrators of a picture read.
+/// All that the integrators of a picture read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RenderContext<'a> {
     pub(crate) world: &'a World,
@@ -29,12 +29,12 @@ pub(crate) struct RenderContext<'a> {
     pub(crate) voxels: Option<GScene<'a>>,
     /// The photons of `full-gi`; without, surfaces are dark to gather rays.
     pub(crate) photons: Option<&'a PhotonTree>,
-    /// Whether the first sample of each pixel also says what its centre shows.
+    /// True when the first sample of each pixel also says what its centre shows.
     pub(crate) has_layers: bool,
 }
 
 impl<'a> RenderContext<'a> {
-    /// What integrators read of `world`, which was made from `model`, with light in the voxels as `irradiance` has it.
+    /// The context of `world`, which was made from `model`, with light in the voxels as `irradiance` has it.
     pub(crate) fn new(world: &'a World, model: &'a Model, irradiance: Irradiance<'a>) -> RenderContext<'a> {
         let RenderKeys { integrator: method, occluders, near, .. } = *world.settings;
         let is_cubes = matches!(method, Method::DebugUpper | Method::DebugLower);
@@ -47,23 +47,23 @@ impl<'a> RenderContext<'a> {
         RenderContext { world, voxels, photons: None, has_layers: false }
     }
 
-    /// The mesh of `world` alone.
+    /// The context of `world` with its mesh alone.
     #[cfg(test)]
     pub(crate) fn from_mesh(world: &'a World) -> RenderContext<'a> {
         RenderContext { world, voxels: None, photons: None, has_layers: false }
     }
 
-    /// With what the layers of a film take.
+    /// This context, with what the layers of a film take.
     pub(crate) fn with_layers(self, layers: Layers) -> RenderContext<'a> {
         RenderContext { has_layers: layers.kept().any(), ..self }
     }
 
-    /// With the photons of `full-gi`.
+    /// This context, with the photons of `full-gi`.
     pub(crate) fn with_photons(self, photons: Option<&'a PhotonTree>) -> RenderContext<'a> {
         RenderContext { photons, ..self }
     }
 
-    /// Material of a surface.
+    /// Material of `surface`.
     pub(super) fn material(&self, surface: &SurfaceInteraction) -> &'a Material {
         &self.world.materials[surface.material as usize]
     }
@@ -73,13 +73,13 @@ impl<'a> RenderContext<'a> {
         self.voxels.as_ref().filter(|scene| scene.answers_g_rays)
     }
 
-    /// Gather rays at a surface.
+    /// Count of gather rays at a surface.
     pub(super) fn n_gather(&self) -> u32 {
         let settings = &self.world.settings;
         if settings.integrator.gathers() { settings.n_gather } else { 0 }
     }
 
-    /// The end of a ray that no light sample could have been: all that it sees counts.
+    /// The stage after a ray that no light sample could have been: all that it sees counts.
     pub(super) fn seen(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
         let lights = &self.world.lights;
         let seen = lights.seen(ray, hit.map_or(f64::INFINITY, |hit| hit.point.t));
@@ -94,7 +94,7 @@ impl<'a> RenderContext<'a> {
         self.lit(SurfaceInteraction::new(ray, &hit.point))
     }
 
-    /// What follows at a surface: shadow rays, where they can bring anything.
+    /// The stage after a surface is met: shadow rays, where they can bring anything.
     pub(super) fn lit(&self, surface: SurfaceInteraction) -> Stage {
         match takes_shadow_rays(self.material(&surface)) {
             true => self.after_shadow_ray(surface, 0),
@@ -102,7 +102,7 @@ impl<'a> RenderContext<'a> {
         }
     }
 
-    /// What follows the shadow rays before number `index`.
+    /// The stage after the shadow rays before number `index`.
     pub(super) fn after_shadow_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
         if index < self.world.settings.n_shadow {
             return Stage::Shadow { surface, index };
@@ -110,7 +110,7 @@ impl<'a> RenderContext<'a> {
         self.after_gather_ray(surface, 0)
     }
 
-    /// What follows the gather rays before number `index`.
+    /// The stage after the gather rays before number `index`.
     pub(super) fn after_gather_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
         if index < self.n_gather() { Stage::Gather { surface, index } } else { Stage::Bounce(surface) }
     }

@@ -18,9 +18,9 @@ use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer, UnitPages};
 use glam::{DVec3, Vec3};
 
-/// Light on faces across x, y and z.
+/// Share of light on faces across x, y and z.
 const FACE_SHADE: [f32; 3] = [0.6, 1.0, 0.8];
-/// Behind the model.
+/// Radiance behind the model.
 const BACKGROUND: Vec3 = Vec3::splat(0.05);
 
 /// The voxels as they are: C-rays are asked of them.
@@ -36,7 +36,7 @@ impl Integrator for DebugVoxels {
         self.0
     }
 
-    /// Of the rays through the centres of pixels, for layers: these show the mesh.
+    /// Ends the path: only rays through the centres of pixels, for layers, meet the mesh.
     fn c_ray_end(&self, _: &RenderContext<'_>, _: &mut Path, _: &Ray, _: Option<CRayHit>) -> Stage {
         Stage::Done
     }

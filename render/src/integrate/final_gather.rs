@@ -23,7 +23,7 @@ use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
 use glam::{DVec3, Vec3};
 
-/// See the top of the file.
+/// Photon mapping on the exact mesh: see the top of the file.
 #[derive(Debug)]
 pub(super) struct FullGi;
 

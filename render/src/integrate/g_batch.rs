@@ -19,7 +19,7 @@ pub(crate) struct GBatch {
     /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it
     /// brings.
     entries: Vec<(Option<u32>, Vec3)>,
-    /// These, and C-rays behind the cut of the footprint rule.
+    /// Shadow and gather rays, and C-rays behind the cut of the footprint rule.
     rays: Vec<Ray>,
     answers: Vec<Option<VoxelHit>>,
 }
@@ -73,7 +73,7 @@ impl GBatch {
         self.entries.len() as u32
     }
 
-    /// What a C-ray behind the cut has met.
+    /// The voxel that a C-ray behind the cut has met.
     pub(super) fn far_answer(&self, place: u32) -> Option<VoxelHit> {
         self.answers[place as usize]
     }

@@ -30,7 +30,7 @@ pub(super) struct FirstRays<'a> {
 }
 
 impl RenderContext<'_> {
-    /// Whether shadow and gather rays are asked in batches.
+    /// True when shadow and gather rays are asked in batches.
     pub(super) fn batches_g_rays(&self) -> bool {
         self.g_scene().is_some_and(|scene| scene.near == Near::Voxel && scene.lower.is_none())
     }

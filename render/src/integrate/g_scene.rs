@@ -21,7 +21,7 @@ use trex_store::Material;
 
 /// Length of the part of a ray that `near = exact` takes from the mesh, in leaves.
 const NEAR_LEAVES: f64 = 2.0;
-/// Most of that where a ray grazes its surface.
+/// Greatest length of that part, in leaves: where a ray grazes its surface.
 const NEAR_LEAVES_MAX: f64 = 16.0;
 /// Mirrors that a gather ray follows; what lies behind more of them is dark.
 pub(crate) const MIRRORS_MAX: u32 = 8;
@@ -34,11 +34,11 @@ pub(crate) struct GScene<'a> {
     pub(crate) lower: Option<LowerScene<'a>>,
     pub(crate) irradiance: Irradiance<'a>,
     pub(crate) near: Near,
-    /// Whether G-rays are asked of them; without, they stand in for the mesh alone.
+    /// True when G-rays are asked of the voxels; else these stand in for the mesh alone.
     pub(crate) answers_g_rays: bool,
 }
 
-/// What a gather ray brought.
+/// The yield of a gather ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gathered {
     /// Radiance, emitters left out.
@@ -54,13 +54,13 @@ impl<'a> GScene<'a> {
         (self.near == Near::Exact).then(|| clear.clamp(NEAR_LEAVES * leaf, NEAR_LEAVES_MAX * leaf))
     }
 
-    /// How far off a surface rays start and end.
+    /// Distance off a surface of unit `normal` at which rays start and end, model units.
     fn clearance(&self, normal: DVec3) -> f64 {
         let normal = normal.to_array();
         self.lower.map_or(self.voxels.clearance(normal), |lower| lower.clearance(normal))
     }
 
-    /// Whether `ray` meets anything.
+    /// True when `ray` meets any voxel.
     pub(crate) fn occluded<T: Tracer>(&self, ray: &Ray, tracer: &mut T) -> Answer<bool> {
         match &self.lower {
             Some(lower) => lower.occluded(ray, &mut UnitPages(tracer)),
@@ -99,13 +99,13 @@ impl<'a> GScene<'a> {
         Some(Ray::new(origin, unit(way)?, way.length()))
     }
 
-    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In the upper
-    /// octree alone.
+    /// The radiance that arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In
+    /// the upper octree alone.
     pub(crate) fn gather(&self, ray: Ray, materials: &'a [Material], sky: Vec3) -> Gathered {
         self.gather_from(ray, self.voxels.intersect(&ray), materials, sky)
     }
 
-    /// What arrives along `ray`, when the first voxel that it meets is known.
+    /// The radiance that arrives along `ray`, when the first voxel that it meets is known.
     pub(crate) fn gather_from(
         &self,
         ray: Ray,
@@ -124,7 +124,7 @@ impl<'a> GScene<'a> {
         }
     }
 
-    /// What arrives along `ray` through units, where there are any.
+    /// The radiance that arrives along `ray` through units, where there are any.
     pub(crate) fn gather_finest<T: Tracer>(
         &self,
         ray: Ray,
@@ -175,7 +175,7 @@ impl<'a> GScene<'a> {
         Answer::Exact(Gathered { radiance, rays })
     }
 
-    /// What leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
+    /// The radiance that leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
     pub(crate) fn leaving_surface(&self, surface: &SurfaceInteraction, material: &Material) -> Option<Vec3> {
         let facet = self.voxels.facet_at(surface.point, surface.normal)?;
         Some(diffuse_equivalent(material) * self.irradiance.at(facet))

@@ -21,7 +21,7 @@ use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::trace::{Answer, Ray, Tracer};
 use glam::{DVec3, Vec3};
 
-/// See the top of the file.
+/// Photon mapping on voxels: see the top of the file.
 #[derive(Debug)]
 pub(super) struct PhotonMapping;
 
@@ -80,7 +80,7 @@ impl RenderContext<'_> {
         (weight.max_element() > 0.0).then_some(GatherQuery { direction: sample.wi, weight })
     }
 
-    /// What arrives at a surface from unit `direction`.
+    /// Radiance that arrives at a surface from unit `direction`.
     fn gathered_along<T: Tracer>(
         &self,
         voxels: &GScene<'_>,

@@ -23,7 +23,7 @@ use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 
-/// See the top of the file.
+/// Path tracing: see the top of the file.
 #[derive(Debug)]
 pub(super) struct PathTracing;
 

@@ -16,19 +16,19 @@ use glam::{DVec3, Vec3};
 const BOUNCES_SURE: u32 = 4;
 /// Greatest chance that a path goes on after that; ends halls of mirrors that lose no light.
 const ROULETTE_MAX: f32 = 0.95;
-/// Most bounces. By roulette one path in 400,000 gets so far; what it would still bring is lost.
+/// Most bounces of a path. By roulette one path in 400,000 gets so far; what it would still bring is lost.
 pub(crate) const BOUNCES_MAX: u32 = 256;
 
-/// What one finished sample says of its pixel.
+/// The result of a sample of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sample {
     /// Radiance, linear RGB.
     pub radiance: Vec3,
-    /// Of this, what gather rays brought to the surface that is seen.
+    /// The part of `radiance` that gather rays brought to the surface that is seen.
     pub indirect: Vec3,
-    /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
+    /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for.
     pub layers: Option<LayerPixel>,
-    /// Rays that this sample took.
+    /// Rays that the sample took.
     pub rays: RayCounts,
     /// Look-ups of the photons next to a place; of `full-gi`.
     pub look_ups: u64,
@@ -44,14 +44,15 @@ pub(crate) struct Path {
     pub(crate) vertex: u32,
     /// Length of the C-rays before the current one, model units.
     pub(crate) travelled: f64,
-    /// Whether the current C-ray leaves a place that voxels answered for.
+    /// True when the current C-ray leaves a place that voxels answered for.
     pub(crate) is_far: bool,
     pub(crate) throughput: Vec3,
-    /// How the current C-ray came about.
+    /// The origin of the current C-ray.
     pub(crate) origin: Origin,
     pub(crate) sample: Sample,
 }
 
+/// The next step of a path.
 #[derive(Clone, Debug)]
 pub(crate) enum Stage {
     /// The ray through the pixel's centre, for the layers.
@@ -84,7 +85,7 @@ pub(crate) enum Stage {
     TakeGRays(Place),
     /// A ray that gathers light on the exact mesh, on its way.
     GatherRay(GatherRay),
-    /// What comes after these.
+    /// The bounce after a surface's shadow and gather rays.
     Bounce(SurfaceInteraction),
     Done,
 }
@@ -96,7 +97,7 @@ pub(crate) struct ShadowQuery {
     pub(crate) distance: f64,
     /// Normal of the surface at the other end, if there is one.
     pub(crate) front: Option<DVec3>,
-    /// What is gained when nothing is.
+    /// Radiance that is gained when nothing is hit.
     pub(crate) light: Vec3,
 }
 
@@ -106,13 +107,13 @@ pub(crate) struct GatherRay {
     pub(crate) surface: SurfaceInteraction,
     pub(crate) index: u32,
     pub(crate) ray: Ray,
-    /// What a radiance at its end counts.
+    /// Factor on the radiance at its end.
     pub(crate) weight: Vec3,
-    /// Mirrors up to now.
+    /// Mirrors that the ray has followed.
     pub(crate) mirrors: u32,
 }
 
-/// How a C-ray came about: what it sees has another weight where light samples could have found it too.
+/// The origin of a C-ray: what it sees has another weight where light samples could have found it too.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Origin {
     Camera,
@@ -125,7 +126,7 @@ pub(crate) enum Origin {
 }
 
 impl Origin {
-    /// How the C-ray is counted.
+    /// The kind that the C-ray is counted as.
     pub(crate) fn ray_kind(&self) -> RayKind {
         match self {
             Origin::Camera => RayKind::Primary,
@@ -155,7 +156,7 @@ impl Path {
         }
     }
 
-    /// Whether the path goes on after its vertex: roulette, by what it can still bring.
+    /// Decides whether the path goes on after its vertex: by roulette, with what it can still bring.
     pub(crate) fn survives(&mut self) -> bool {
         if self.vertex < BOUNCES_SURE {
             return true;

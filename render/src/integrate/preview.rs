@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 const MIDDLE: [f32; 4] = [0.5; 4];
 
 impl RenderContext<'_> {
-    /// What some rays from the camera see; `None` without voxels.
+    /// Radiance that some rays from the camera see, linear RGB; `None` without voxels.
     pub(super) fn previews(&self, rays: impl Iterator<Item = Ray>) -> Option<Vec<[f32; 3]>> {
         let scene = self.voxels.as_ref()?;
         let far: Vec<_> = rays.map(|ray| FarRay::new(&ray, 0.0)).collect();

@@ -27,7 +27,7 @@ use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
 use glam::Vec3;
 
-/// How far a step took a sample.
+/// The end of a step of a sample.
 pub(crate) enum Step {
     /// The next ray waits for pages.
     Blocked,
@@ -82,7 +82,8 @@ impl<'a> SampleIntegrator<'a> {
         path
     }
 
-    /// What the first rays of some paths see in the voxels, without pages and shadows; `None` without voxels.
+    /// Radiance that the first rays of some paths see in the voxels, without pages and shadows; `None` without
+    /// voxels.
     pub(crate) fn previews<'p>(&self, paths: impl Iterator<Item = &'p Path>) -> Option<Vec<[f32; 3]>> {
         self.ctx.previews(paths.map(|path| self.primary_ray(path)))
     }
@@ -100,7 +101,7 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// Whether any rays are asked in batches.
+    /// True when any rays are asked in batches.
     pub(crate) fn has_batches(&self) -> bool {
         self.ctx.voxels.is_some()
     }
@@ -225,7 +226,7 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// What follows when it is known what a C-ray meets, or where.
+    /// The stage once it is known what a C-ray meets, or where.
     fn c_ray_met(
         &self,
         path: &mut Path,
@@ -243,7 +244,7 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// What follows the end of a C-ray.
+    /// The stage after the end of a C-ray.
     fn c_ray_end(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
         path.travelled += hit.map_or(0.0, |hit| hit.point.t);
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
@@ -270,7 +271,7 @@ impl<'a> SampleIntegrator<'a> {
         Answer::Exact(self.ctx.after_shadow_ray(*surface, index + 1))
     }
 
-    /// Whether anything stands between a surface and the place that a query names.
+    /// Answers whether anything stands between a surface and the place that a query names.
     fn occluded<T: Tracer>(
         &self,
         surface: &SurfaceInteraction,

@@ -23,7 +23,7 @@ const UNITS_PER_PHOTON: f32 = 1024.0;
 /// Irradiance of the facets of an octree.
 #[derive(Debug)]
 pub struct PhotonMap {
-    /// Per facet, W/m^2 in linear RGB.
+    /// Irradiance per facet, W/m^2 in linear RGB.
     irradiance: Vec<[f32; 3]>,
     photons: u64,
     _lease: Lease,
@@ -33,7 +33,7 @@ pub struct PhotonMap {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Irradiance<'a> {
     shown: &'a [[f32; 3]],
-    /// What comes, and its share.
+    /// The light that comes, and its share, 0 to 1.
     next: Option<(&'a [[f32; 3]], f32)>,
 }
 
@@ -41,18 +41,18 @@ impl<'a> Irradiance<'a> {
     /// No light; what does not gather asks for none.
     pub(crate) const NONE: Irradiance<'static> = Irradiance { shown: &[], next: None };
 
-    /// `shown` alone, or blended with `next` by its share, 0 to 1.
+    /// The light of `shown` alone, or blended with `next` by its share, 0 to 1.
     pub(crate) fn new(shown: &'a PhotonMap, next: Option<(&'a PhotonMap, f32)>) -> Irradiance<'a> {
         let next = next.filter(|(_, share)| *share > 0.0);
         Irradiance { shown: shown.irradiance(), next: next.map(|(map, share)| (map.irradiance(), share)) }
     }
 
-    /// Whether there is no map.
+    /// True when there is no map.
     pub(crate) fn is_none(&self) -> bool {
         self.shown.is_empty()
     }
 
-    /// W/m^2 in linear RGB.
+    /// Irradiance of `facet`, W/m^2 in linear RGB.
     #[inline]
     pub(crate) fn at(&self, facet: u32) -> Vec3 {
         let shown = Vec3::from(self.shown[facet as usize]);
@@ -75,26 +75,26 @@ pub(crate) struct PhotonPass {
 }
 
 impl PhotonMap {
-    /// Bytes that the map of so many facets takes, and as many again while a pass runs.
+    /// Bytes that the map of `facet_count` facets takes, and as many again while a pass runs.
     pub fn bytes(facet_count: usize) -> u64 {
         (facet_count * size_of::<[f32; 3]>()) as u64
     }
 
-    /// A dark map.
+    /// A dark map of `facet_count` facets.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
     pub fn new(facet_count: usize, budget: &Budget) -> Result<PhotonMap> {
         let lease = budget.lease("the photon map", PhotonMap::bytes(facet_count))?;
         Ok(PhotonMap { irradiance: vec![[0.0; 3]; facet_count], photons: 0, _lease: lease })
     }
 
-    /// Photons whose light is in.
+    /// Count of photons whose light is in.
     pub fn photons(&self) -> u64 {
         self.photons
     }
 
-    /// Per facet, W/m^2 in linear RGB.
+    /// Irradiance per facet, W/m^2 in linear RGB.
     pub fn irradiance(&self) -> &[[f32; 3]] {
         &self.irradiance
     }
@@ -126,7 +126,7 @@ impl PhotonPass {
     /// Empty sums for photons whose flux is `flux` on average.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
     pub(crate) fn new(facet_count: usize, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
         let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
         let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();

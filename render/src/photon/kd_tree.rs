@@ -38,7 +38,7 @@ const LEAF_PHOTONS: usize = 32;
 const BUILD_BYTES: u64 = 26;
 /// Bytes of the tree for a hit when it stands.
 const TREE_BYTES: u64 = 18;
-/// What an almost empty tree takes.
+/// Bytes of an almost empty tree.
 const TREE_BYTES_LEAST: u64 = 4096;
 /// Least cosine between the normals of a photon and of the place that is asked for: between the corners of an octagon
 /// (0.71) and those of a hexagon (0.5), so that rounding decides neither.
@@ -46,7 +46,7 @@ const SAME_SURFACE_COS: f64 = 0.6;
 /// A unit in the parts of a stored direction.
 const DIRECTION_UNITS: f64 = 32767.0;
 
-/// What is kept of a hit beside its place.
+/// A hit, but for its place.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stored {
     flux: [f32; 3],
@@ -57,7 +57,7 @@ struct Stored {
 /// Room for hits while they come in.
 #[derive(Debug)]
 pub(crate) struct PhotonStore {
-    /// Where, model units from `center`; room for each batch.
+    /// Places of hits, model units from `center`; room for each batch.
     places: Vec<[f32; 3]>,
     stored: Vec<Stored>,
     /// Hits of each batch.
@@ -66,7 +66,7 @@ pub(crate) struct PhotonStore {
     lease: Lease,
 }
 
-/// All hits of photons, for look-ups.
+/// The hits of all photons, for look-ups.
 #[derive(Debug)]
 pub(crate) struct PhotonTree {
     tree: ImmutableKdTree<f32, u32, 3, LEAF_PHOTONS>,
@@ -77,7 +77,7 @@ pub(crate) struct PhotonTree {
     _lease: Lease,
 }
 
-/// Hits that there is room for.
+/// Count of hits of `photons` photons that there is room for.
 fn room(photons: u64) -> u64 {
     photons / BATCH * deposits_max(BATCH)
         + if photons.is_multiple_of(BATCH) { 0 } else { deposits_max(photons % BATCH) }
@@ -87,7 +87,7 @@ impl PhotonStore {
     /// Room for the hits of `photons` photons and for their tree; `center` is the middle of the model.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonTree::bytes`].
     pub(crate) fn new(photons: u64, center: DVec3, budget: &Budget) -> Result<PhotonStore> {
         let lease = budget.lease("the photons", PhotonTree::bytes(photons))?;
         let room = room(photons) as usize;
@@ -189,7 +189,7 @@ mod tests {
         (mix(key) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// What a ray from above sees at (x, y) of a plane with normal `normal`.
+    /// The surface that a ray from above sees at (x, y) of a plane with normal `normal`.
     fn surface([x, y]: [f64; 2], normal: [f32; 3]) -> SurfaceInteraction {
         let ray = Ray { origin: [x, y, 2.0], direction: [0.0, 0.6, -0.8], t_max: 9.0 };
         let hit = HitPoint { t: 2.5, material: 0, normal: normal.into(), error: 0.0 };

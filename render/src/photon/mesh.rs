@@ -28,7 +28,8 @@ pub(crate) const BATCH: u64 = 4096;
 /// A photon starts off the emitter that it leaves by this share of its longest edge: eight times the tracer's plane
 /// error.
 const EMITTER_OFF_SHARE: f64 = 1.0 / (1 << 15) as f64;
-/// The same for the rounding of model coordinates, as a share of the largest one.
+/// A photon starts off its emitter by this share of the largest coordinate, too: for the rounding of model
+/// coordinates.
 const MODEL_OFF_SHARE: f64 = 1.0 / (1u64 << 46) as f64;
 /// Bits of a deposit's key that number the bounce.
 const VERTEX_BITS: u32 = 7;
@@ -56,7 +57,7 @@ pub(crate) const fn deposits_max(photons: u64) -> u64 {
     3 * photons + 20 * (photons.isqrt() + 1) + 64
 }
 
-/// Bytes that the tracing takes for `worker_count` workers.
+/// Bytes that tracing photons on the mesh takes for `worker_count` workers.
 pub(crate) fn flight_bytes(worker_count: usize) -> u64 {
     let batch = BATCH * size_of::<Flight>() as u64 + deposits_max(BATCH) * size_of::<Deposit>() as u64;
     worker_count as u64 * batch
@@ -76,7 +77,7 @@ pub(crate) struct MeshPhotons<'a> {
 /// A photon under way.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
-    /// In its batch.
+    /// Index in its batch.
     index: u32,
     vertex: u32,
     flux: Vec3,
@@ -86,7 +87,7 @@ struct Flight {
 /// A batch of photons, and what it has brought.
 struct Batch<'a> {
     photons: &'a MeshPhotons<'a>,
-    /// Its first photon.
+    /// Index of its first photon.
     first: u64,
     deposits: Vec<Deposit>,
     stats: PhotonStats,

@@ -26,13 +26,13 @@ pub(crate) fn photon_sampler(seed: u64, index: u64) -> Sampler {
     Sampler::new(seed ^ SEED_OF_PHOTONS, block, index as u32 & 0xffff)
 }
 
-/// Whether light stays on a surface: on a pure mirror none does.
+/// True when light stays on a surface: on a pure mirror none does.
 pub(crate) fn keeps_light(material: &Material) -> bool {
     !material.mirror || material.kd != [0.0; 3]
 }
 
-/// Where a photon of `flux` goes on from its hit `vertex`, and with which flux; `None` at its end. `bsdf` is seen from
-/// where the photon came.
+/// The direction and the flux with which a photon of `flux` goes on from its hit `vertex`; `None` at its end. `bsdf`
+/// is seen from where the photon came.
 pub(crate) fn bounce(bsdf: &Bsdf<'_>, sampler: &Sampler, vertex: u32, flux: Vec3) -> Option<(DVec3, Vec3)> {
     let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
     let bounce = bsdf.sample(u)?;

@@ -28,7 +28,7 @@ use trex_store::{Aabb, Budget, Result};
 /// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
 const BATCH: u64 = 512;
 
-/// What photons go through, and who sends them.
+/// The voxels that photons go through, and the world that sends them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct VoxelPhotons<'a> {
     pub(crate) world: &'a World,
@@ -62,7 +62,7 @@ pub(crate) struct PassInWork {
 }
 
 impl VoxelPhotons<'_> {
-    /// Empty sums; `None` when nothing gives light.
+    /// A pass with empty sums; `None` when nothing gives light.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
@@ -80,7 +80,7 @@ impl VoxelPhotons<'_> {
         work.done = 0;
     }
 
-    /// Whether anything sends photons.
+    /// True when anything sends photons.
     pub(crate) fn is_lit(&self) -> bool {
         PhotonSources::new(&self.world.lights, self.bounds).is_some()
     }

@@ -57,7 +57,7 @@ pub struct Camera {
     pub position: [f64; 3],
     /// A point in the middle of the picture, model units.
     pub target: [f64; 3],
-    /// What is up in the picture; any length, not along the view.
+    /// Upward direction of the picture; any length, not along the view.
     pub up: [f64; 3],
     /// Angle of view.
     pub fov: Fov,
@@ -68,9 +68,9 @@ pub struct Camera {
 pub struct Projection {
     position: DVec3,
     forward: DVec3,
-    /// From the middle of the picture to its right edge, at distance 1 along `forward`.
+    /// Way from the middle of the picture to its right edge, at distance 1 along `forward`.
     right: DVec3,
-    /// From the middle of the picture to its lower edge, at distance 1.
+    /// Way from the middle of the picture to its lower edge, at distance 1 along `forward`.
     down: DVec3,
     resolution: [u32; 2],
 }
@@ -182,12 +182,12 @@ impl Projection {
         self.resolution
     }
 
-    /// Whether a camera has hardly turned: by less than 30 degrees.
+    /// True when `other` looks nearly the same way: within 30 degrees.
     pub(crate) fn is_near(&self, other: &Projection) -> bool {
         self.forward.dot(other.forward) > NEAR_VIEWS_COS
     }
 
-    /// `steps` of the way from this camera to `other`, and on beyond 1.
+    /// The camera `steps` of the way from this one to `other`, and on beyond 1.
     pub(crate) fn towards(&self, other: &Projection, steps: f64) -> Projection {
         let mix = |a: DVec3, b: DVec3| a + steps * (b - a);
         Projection {
@@ -214,8 +214,8 @@ impl Projection {
     }
 }
 
-/// Which way is up in a model: +y, as OBJ and PLY scans have it, unless the box is flat along z alone (terrain,
-/// maps), then +z.
+/// Unit upward axis of a model with this box: +y, as OBJ and PLY scans have it, unless the box is flat along z alone
+/// (terrain, maps), then +z.
 pub fn up_axis(bounds: &Aabb) -> [f64; 3] {
     let (_, size) = solid(bounds);
     if size.z < FLAT_SHARE * size.x.min(size.y) { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] }

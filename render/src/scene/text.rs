@@ -17,13 +17,13 @@ use trex_store::{Code, Error, Result};
 pub struct Scene {
     /// Path of the model, as written.
     pub model: String,
-    /// What is said of the camera.
+    /// Keys of the camera.
     pub camera: CameraKeys,
     /// The lights.
     pub lights: Vec<Light>,
     /// Changes to materials, by name.
     pub materials: BTreeMap<String, MaterialEdit>,
-    /// How to render.
+    /// Keys of the picture: integrator and numbers.
     pub render: RenderKeys,
 }
 
@@ -33,9 +33,9 @@ pub struct Scene {
 pub struct CameraKeys {
     /// The pinhole, model units; with `target` or not at all.
     pub position: Option<[f64; 3]>,
-    /// What it looks at, model units.
+    /// Point in the middle of the picture, model units.
     pub target: Option<[f64; 3]>,
-    /// Up.
+    /// Upward direction of the picture; any length, not along the view.
     pub up: Option<[f64; 3]>,
     /// Angle across, degrees.
     pub fov_x: Option<f64>,

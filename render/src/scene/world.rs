@@ -12,7 +12,7 @@ use trex_store::{Aabb, Code, Error, Material, Result};
 /// Most names of materials that a message lists.
 const NAMES_SHOWN: usize = 8;
 
-/// What the renderer is told of a model beside the rays' answers.
+/// A model, but for the answers of its rays.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// Box around all triangles, model units.
@@ -37,16 +37,16 @@ pub struct MaterialEdit {
     pub ns: Option<f32>,
     /// Radiance that leaves the counter-clockwise side.
     pub ke: Option<[f32; 3]>,
-    /// Whether the surface is a perfect mirror (with reflectance `ks`).
+    /// True for a perfect mirror (with reflectance `ks`).
     pub mirror: Option<bool>,
 }
 
 /// Camera, lights, materials and the numbers that make a picture out of them.
 #[derive(Clone, Debug)]
 pub struct World {
-    /// Makes the rays of the picture.
+    /// The camera with its film, which makes the rays of the picture.
     pub projection: Projection,
-    /// All that gives light.
+    /// The lights of the scene and of the model.
     pub lights: Lights,
     /// Checked materials, as hits name them.
     pub materials: Vec<Material>,
@@ -58,7 +58,7 @@ pub struct World {
     pub lod_distance: f64,
 }
 
-/// What a [`World`] is built from, beside the model.
+/// The part of a scene that a [`World`] is built from, beside the model.
 #[derive(Clone, Debug)]
 pub struct View {
     /// The camera.
@@ -121,7 +121,7 @@ impl Model {
 }
 
 impl World {
-    /// What `view` shows of `model`.
+    /// The world that `view` shows of `model`.
     ///
     /// # Errors
     /// [`Code::SceneFormat`]: a camera without rays, a light that makes no sense, an integrator or a footprint rule

@@ -32,7 +32,7 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Where samples go, and where stand-ins are shown, if anywhere.
+/// The film that samples go to, and the display of stand-ins, if there is one.
 pub(crate) struct Canvas<'a> {
     pub(crate) film: &'a mut Film,
     pub(crate) display: Option<&'a mut Display>,
@@ -61,12 +61,12 @@ impl Pass {
         Pass { target, turn: AtomicU32::new(0), deferred: Mutex::default(), lanes }
     }
 
-    /// Whether every tile has had its turn, and none waits.
+    /// True when every tile has had its turn, and none waits.
     pub(crate) fn is_done(&self, tiles: &Tiles) -> bool {
         self.left(tiles) == 0
     }
 
-    /// Whether a worker was interrupted while it narrowed down to one ray, whose pages it holds.
+    /// True when a worker was interrupted while it narrowed down to one ray, whose pages it holds.
     pub(crate) fn is_narrow(&self) -> bool {
         self.lanes.iter().any(|lane| lane.is_narrow)
     }

@@ -152,7 +152,7 @@ impl Scarce {
         Scarce { mesh, boxes, frame_count, resident, pinned: HashSet::new(), missing, queue }
     }
 
-    /// Whether all pages of the ray are here; records those that are not, pins those that are.
+    /// True when all pages of the ray are here; records those that are not, pins those that are.
     fn touch(&mut self, ray: &Ray) -> bool {
         let mut all = true;
         for page in (0..self.boxes.len()).filter(|&page| meets(&self.boxes[page], ray)) {

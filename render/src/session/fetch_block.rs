@@ -22,7 +22,7 @@ pub(super) struct FetchBlock {
     tiles: [f64; 2],
 }
 
-/// Which block.
+/// A block after an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Nth {
     First,
@@ -39,7 +39,7 @@ impl FetchBlock {
         (self.tiles[nth as usize] as u32).clamp(BLOCK_TILES_MIN, self.most)
     }
 
-    /// After `finished` tiles took `time`, which should be `allowed`: shrinks at once, grows slowly.
+    /// Learns that `finished` tiles took `time`, which should be `allowed`: shrinks at once, grows slowly.
     pub(super) fn learn(&mut self, nth: Nth, finished: u64, time: Duration, allowed: Duration) {
         let tiles = &mut self.tiles[nth as usize];
         let fit = finished as f64 * allowed.as_secs_f64() / time.as_secs_f64().max(1e-9);

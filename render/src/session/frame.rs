@@ -23,7 +23,7 @@ const PREVIEW_TILES_MOST: u32 = 256;
 /// Photons take this part of a frame while light changes.
 const PHOTON_PART: u32 = 2;
 
-/// How long the tiles of a frame may take, and how many are wanted.
+/// The time that the tiles of a frame may take, and how many are wanted.
 struct Plan {
     nth: Nth,
     deadline: Instant,
@@ -66,7 +66,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.report(progress, pass, photon_rays)
     }
 
-    /// One voxel ray a tile.
+    /// Shows what one voxel ray a tile sees.
     fn show_preview(&mut self) {
         let Session { world, model, photons, film, tiles, tracers, pool, .. } = &self.session;
         let Live { next, display, .. } = &mut self.live;
@@ -90,7 +90,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    /// Photons of changed light. Gives the count of their rays.
+    /// Sends photons of changed light. Gives the count of their rays.
     fn illuminate_until(&mut self, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> u64 {
         let Some(next) = &mut self.live.next else { return 0 };
         let Some(mut map) = self.session.photons.take() else { return 0 };
@@ -105,7 +105,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         rays
     }
 
-    /// What the tiles of a frame that began at `begin` may take.
+    /// The plan of a frame that began at `begin`.
     fn plan(&self, begin: Instant) -> Plan {
         let live = &self.live;
         let t_max = live.options.t_max;
@@ -192,7 +192,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 }
 
-/// Where the ray of a tile's preview goes.
+/// The pixel that the ray of a tile's preview goes through.
 pub(super) fn middle(tile: &Tile) -> [u32; 2] {
     std::array::from_fn(|a| tile.first[a] + tile.size[a].min(TILE_SIDE_PIXELS) / 2)
 }

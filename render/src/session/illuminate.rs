@@ -48,7 +48,7 @@ impl<T: PagedTracer + Send> Session<T> {
         Ok(stats?.unwrap_or_default())
     }
 
-    /// What photons go through; `None` for a model without voxels.
+    /// The voxels that photons go through, with the world; `None` for a model without voxels.
     pub(super) fn voxel_photons(&self) -> Option<VoxelPhotons<'_>> {
         let voxels = self.model.voxels.as_ref()?;
         Some(VoxelPhotons {
@@ -81,7 +81,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// Sends all photons through the mesh, into a tree; there is none where there is no light.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`mesh_photons_bytes`].
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the photons, or for those under way.
     fn grow_tree(
         &mut self,
         stop: &(dyn Fn() -> bool + Sync),

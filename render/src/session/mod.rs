@@ -45,7 +45,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use trex_store::{Budget, Lease, Result};
 
-/// Something the user did.
+/// A change by the user.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// Another camera.
@@ -56,21 +56,21 @@ pub enum Event {
     Material {
         /// Index into the model's materials.
         index: usize,
-        /// What changes.
+        /// Changes to it.
         edit: MaterialEdit,
     },
 }
 
-/// What a [`Session`] is made of.
+/// The parts that a [`Session`] is made of.
 #[derive(Debug)]
 pub struct SessionSetup<T> {
-    /// What is on show.
+    /// The model on show.
     pub model: Model,
-    /// How it is looked at.
+    /// Camera, lights and the numbers of the picture.
     pub view: View,
-    /// What the film keeps beside radiance.
+    /// Layers that the film keeps beside radiance.
     pub layers: Layers,
-    /// What answers rays: as many workers trace.
+    /// Tracers, one for each worker.
     pub tracers: Vec<T>,
     /// The threads of the workers, at least one a tracer.
     pub pool: Arc<ThreadPool>,
@@ -119,25 +119,25 @@ pub struct Session<T> {
     _lease: Lease,
 }
 
-/// What an event has changed.
+/// The effect of an event.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Change {
     /// The camera before.
     pub(super) before: Projection,
-    /// Lights or a material.
+    /// True for other lights or another material.
     pub(super) light: bool,
 }
 
-/// What [`Session::render`] did.
+/// Counts of what [`Session::render`] did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct RenderStats {
-    /// All passes together.
+    /// Counts of all passes together.
     pub total: PassStats,
     /// Passes begun.
     pub passes: u32,
     /// Samples that every pixel has now.
     pub spp: u32,
-    /// Whether that is as many as were asked for.
+    /// True when every pixel has the samples that were asked for.
     pub complete: bool,
 }
 
@@ -240,7 +240,7 @@ impl<T: PagedTracer + Send> Session<T> {
         stats
     }
 
-    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see [`crate::filter`]. Does
+    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see `image/filter.rs`. Does
     /// nothing for others.
     ///
     /// # Errors
@@ -252,7 +252,7 @@ impl<T: PagedTracer + Send> Session<T> {
         filter::smooth(&mut self.film, &self.world.projection, &self.pool, &self.budget)
     }
 
-    /// What has been collected.
+    /// The film with the samples up to now.
     pub fn film(&self) -> &Film {
         &self.film
     }

@@ -125,8 +125,8 @@ pub(crate) fn diffuse_equivalent(material: &Material) -> Vec3 {
     (Vec3::from(material.kd) + glossy * Vec3::from(material.ks)) * FRAC_1_PI
 }
 
-/// What a lobe of Ks = 1 reflects of light from everywhere: at grazing angles half of it points into the surface. From
-/// 5/6 for n = 0 to 2/3 for a sharp one; fitted to the integral, to 5e-4.
+/// Share of light from everywhere that a lobe of Ks = 1 reflects: at grazing angles half of it points into the
+/// surface. From 5/6 for n = 0 to 2/3 for a sharp one; fitted to the integral, to 5e-4.
 fn hemispherical_albedo(ns: f32) -> f32 {
     2.0 / 3.0 + 1.0 / (6.0 + ns * (7.4 + 0.75 * ns))
 }

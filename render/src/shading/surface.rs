@@ -16,7 +16,7 @@ pub(crate) const OFFSET_ERRORS: f64 = 4.0;
 /// works in f32 relative to the ray, whose error at the far end no hit has told.
 const END_SHARE: f64 = 1.0 / (1 << 20) as f64;
 
-/// Where a ray met a surface, of whatever form.
+/// The hit of a ray on a surface of whatever form.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HitPoint {
     /// Parameter of the hit on the ray.
@@ -68,7 +68,7 @@ impl SurfaceInteraction {
         }
     }
 
-    /// How the surface scatters towards where the ray came from; `materials` are the world's.
+    /// The scattering of the surface towards where the ray came from; `materials` are the world's.
     pub(crate) fn bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
         Bsdf { material: &materials[self.material as usize], normal: self.normal, wo: self.wo }
     }
@@ -78,7 +78,7 @@ impl SurfaceInteraction {
         ShadingPoint { point: self.point, bsdf: self.bsdf(materials) }
     }
 
-    /// How far off the surface rays start, for the error of the hit, model units.
+    /// Distance off the surface at which rays start for the error of the hit, model units.
     pub(crate) fn offset(&self) -> f64 {
         OFFSET_ERRORS * self.error
     }

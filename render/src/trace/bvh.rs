@@ -35,7 +35,7 @@ pub(super) const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER
 /// Cache lines that are fetched ahead of a cluster's leaves: mostly most of its indices and vertices.
 const BODY_LINES: usize = 9;
 
-/// What the traversal of one ray looks for.
+/// The goal of the traversal of one ray.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Goal {
     Closest,
@@ -56,7 +56,7 @@ impl Missing {
         Missing { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
     }
 
-    /// For the next ray.
+    /// Empties the list for the next ray.
     #[cfg(target_arch = "x86_64")]
     pub(super) fn clear(&mut self) {
         (self.count, self.nearest) = (0, f64::INFINITY);
@@ -78,7 +78,7 @@ impl Missing {
     }
 }
 
-/// What is traced: the tables of a file, and its lattice as rays see it.
+/// The scene that is traced: the tables of a file, and its lattice as rays see it.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) file: &'a PageFile,
@@ -88,13 +88,13 @@ pub(super) struct Scene<'a> {
 /// The best hit so far.
 #[derive(Clone, Copy)]
 pub(super) struct Best {
-    /// Its t or the ray's end, rounded up.
+    /// t of the best hit or the ray's end, rounded up.
     pub(super) t: f32,
     pub(super) found: Option<Found>,
 }
 
 impl Best {
-    /// Nothing yet.
+    /// No hit yet.
     pub(super) fn new(ray: &LatticeRay) -> Best {
         Best { t: t_above(ray.t_max), found: None }
     }
@@ -173,13 +173,13 @@ pub(super) fn t_above(t: f64) -> f32 {
     (t as f32).next_up()
 }
 
-/// A hit.
+/// A hit of a kernel, refined.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
     /// Lattice t, refined.
     pub(super) t: f64,
     pub(super) page: u32,
-    /// Store id.
+    /// Store id of the triangle.
     pub(super) triangle: u32,
     pub(super) corners: [[i64; 3]; 3],
     pub(super) material: u16,
@@ -269,7 +269,7 @@ impl PageVisit<'_> {
     }
 }
 
-/// Where to go on, and the t where its box begins: one number, ordered by t.
+/// An entry of the stack: where to go on, and the t where its box begins, in one number that is ordered by t.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Entry(u64);
 
@@ -309,8 +309,8 @@ impl Stack {
     }
 }
 
-/// What is left to visit; the nearest of a node on top. One for top tree, page and cluster together: each level
-/// works above the `floor` where it began.
+/// The stack of what is left to visit; the nearest of a node on top. One for top tree, page and cluster together:
+/// each level works above the `floor` where it began.
 pub(super) struct Pending<'a> {
     pub(super) entries: &'a mut [Entry; STACK],
     pub(super) len: usize,
@@ -338,7 +338,7 @@ impl Pending<'_> {
         self.len += 1;
     }
 
-    /// Of the lanes that are set, gives the nearest and keeps the others, farthest first.
+    /// Gives the nearest of the lanes that are set and puts the others, farthest first.
     #[inline(always)]
     fn push(&mut self, mut mask: u32, entry: impl Fn(usize) -> Entry) -> Option<Entry> {
         let count = mask.count_ones();

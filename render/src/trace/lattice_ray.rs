@@ -15,13 +15,13 @@ use super::Ray;
 use glam::DVec3;
 use trex_store::PageFile;
 
-/// What rays need of a model: the lattice and the box.
+/// The part of a model that rays need: the lattice and the box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LatticeFrame {
     /// Model position of lattice point 0.
     origin: DVec3,
     step: f64,
-    /// Of a power of two: exact.
+    /// Inverse of `step`, a power of two: exact.
     inverse_step: f64,
     /// Lattice steps from 0 to the end of the lattice.
     side: f64,
@@ -29,7 +29,7 @@ pub(super) struct LatticeFrame {
     hi: DVec3,
     /// Lattice shift of node origins.
     pub(super) node_shift: u32,
-    /// What box planes move outward, lattice steps, so that rounding in the node test loses no hit.
+    /// Distance that box planes move outward, lattice steps, so that rounding in the node test loses no hit.
     pub(super) slack: f64,
     /// Error of a kernel's t that may decide: half of what a hit may be off, lattice steps.
     pub(super) blur: f64,
@@ -42,7 +42,7 @@ const MARGIN: f64 = 2.0;
 /// of 40 bits it is more than `MARGIN` from 2^11 sizes on.
 const FAR: f64 = 1.0 / (1u64 << 50) as f64;
 
-/// Below that a component moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
+/// A component below this moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
 const STILL: f64 = 1e-250;
 
 /// A ray in lattice units.
@@ -50,17 +50,17 @@ const STILL: f64 = 1e-250;
 pub(super) struct LatticeRay {
     /// Integer part of the entry.
     pub(super) cell: [i64; 3],
-    /// The rest.
+    /// Fraction of the entry.
     pub(super) fraction: [f64; 3],
     /// Longest component 1 or -1.
     pub(super) direction: [f64; 3],
-    /// One over each.
+    /// Inverse of each component of the direction.
     pub(super) inverse: [f64; 3],
     pub(super) shear: Shear,
     /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
     /// the kernels' t.
     pub(super) t_max: f64,
-    /// Where the ray itself ends; what was refined is compared with this.
+    /// End of the ray itself, from the entry; what was refined is compared with this.
     t_end: f64,
     /// Model t = (t + t_entry) * t_scale.
     t_entry: f64,
@@ -222,7 +222,7 @@ pub(super) struct Shear {
 }
 
 impl Shear {
-    /// Of a direction whose longest component is 1 or -1.
+    /// The shear of a direction whose longest component is 1 or -1.
     #[inline(always)]
     pub(super) fn new(direction: [f64; 3]) -> Shear {
         let kz = (0..3).fold(0, |best, a| if direction[a].abs() > direction[best].abs() { a } else { best });

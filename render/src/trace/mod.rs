@@ -85,18 +85,19 @@ pub enum Answer<T> {
 /// Answers rays against a triangle mesh. One per worker thread: it owns scratch memory and page pins.
 /// Implementations: the paged clusters, and the naive mesh in memory that serves as oracle.
 pub trait Tracer {
-    /// Closest hit.
+    /// Closest hit of `ray`, if it meets anything.
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>>;
 
-    /// Whether anything is hit.
+    /// Answers whether `ray` meets anything.
     fn occluded(&mut self, ray: &Ray) -> Answer<bool>;
 
-    /// Closest hits of rays that go much the same way, such as those of a tile: the answers that each gets alone.
+    /// Closest hits of rays that go much the same way, such as those of a tile: the answers that each gets alone,
+    /// appended to `answers`.
     fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {
         answers.extend(rays.iter().map(|ray| self.intersect(ray)));
     }
 
-    /// Whether anything is hit, for rays that go much the same way.
+    /// Answers whether rays that go much the same way meet anything, each by itself; appended to `answers`.
     fn occluded_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<bool>>) {
         answers.extend(rays.iter().map(|ray| self.occluded(ray)));
     }

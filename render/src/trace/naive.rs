@@ -40,7 +40,10 @@ impl NaiveMesh {
         &self.triangles
     }
 
-    /// Closest hit among the triangles with index in `range`.
+    /// Closest hit of `ray` among the triangles with index in `range`.
+    ///
+    /// # Panics
+    /// When `range` reaches beyond the triangles.
     pub fn closest(&self, ray: &Ray, range: std::ops::Range<usize>) -> Option<Hit> {
         let mut best: Option<(f64, usize)> = None;
         for index in range {

@@ -36,13 +36,15 @@ const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
 const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
 
 impl<'a, P: Pages> PagedMesh<'a, P> {
-    /// A tracer with the fastest arithmetic.
+    /// A tracer of `file` with the fastest arithmetic, through `pages`.
     pub fn new(file: &'a PageFile, pages: P) -> PagedMesh<'a, P> {
         PagedMesh::with_arithmetic(file, pages, Arithmetic::for_file(file))
     }
 
-    /// A tracer with a chosen arithmetic. Panics for f32 on a lattice of more than 24 bits, and for AVX2 where the
-    /// machine has none.
+    /// A tracer of `file` with a chosen arithmetic, through `pages`.
+    ///
+    /// # Panics
+    /// For f32 on a lattice of more than 24 bits, and for AVX2 where the machine has none.
     pub fn with_arithmetic(file: &'a PageFile, pages: P, arithmetic: Arithmetic) -> PagedMesh<'a, P> {
         arithmetic.check(file);
         let scene = Scene { file, frame: LatticeFrame::new(file) };
@@ -57,22 +59,22 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         }
     }
 
-    /// What traces.
+    /// The arithmetic that traces.
     pub fn arithmetic(&self) -> Arithmetic {
         self.arithmetic
     }
 
-    /// The pages.
+    /// The pages that rays are traced through.
     pub fn pages(&self) -> &P {
         &self.pages
     }
 
-    /// The pages.
+    /// The pages that rays are traced through.
     pub fn pages_mut(&mut self) -> &mut P {
         &mut self.pages
     }
 
-    /// Takes the pages that blocked rays since the last call, with how many each blocked.
+    /// Moves the pages that blocked rays since the last call to `into`, with how many rays each blocked.
     pub fn take_wanted(&mut self, into: &mut Vec<(u32, u32)>) {
         into.clear();
         into.append(&mut self.wanted);

@@ -28,7 +28,7 @@ pub(super) trait Real:
     fn from_f64(value: f64) -> Self;
     /// The nearest number to `value`.
     fn from_i64(value: i64) -> Self;
-    /// As f32, not above it; for what is not negative.
+    /// The value as f32, not above it; for what is not negative.
     fn below(self) -> f32;
     fn fused(self, factor: Self, addend: Self) -> Self;
     fn least(self, other: Self) -> Self;
@@ -83,9 +83,9 @@ pub(super) struct Scalar<T> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slabs<T> {
     pub(super) inverse: [T; 3],
-    /// Of the planes where the ray enters, moved outward by the slack.
+    /// Start for the planes where the ray enters, moved outward by the slack.
     pub(super) start_near: [T; 3],
-    /// Of the planes where it leaves.
+    /// Start for the planes where it leaves.
     pub(super) start_far: [T; 3],
     pub(super) negative: [bool; 3],
 }
@@ -199,7 +199,7 @@ impl<T: Real> Kernel for Scalar<T> {
 }
 
 impl<T: Real> Scalar<T> {
-    /// Whether `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
+    /// True when `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
     fn is_surely_off(&self, [a, b, c]: [[T; 3]; 3], [u, v, w]: [T; 3], t_max: T) -> bool {
         let zero = T::ZERO;
         let (sum, volume) = (u + v + w, u * a[2] + v * b[2] + w * c[2]);
@@ -211,7 +211,7 @@ impl<T: Real> Scalar<T> {
     }
 }
 
-/// What rounding takes from a product.
+/// The part of a product that rounding takes.
 fn lost<T: Real>(p: T, q: T) -> T {
     p.fused(q, T::ZERO - p * q)
 }

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 use trex_store::Material;
 use trex_store::octree::LeafVoxel;
 
-/// Where a photon or a gather ray met the voxels.
+/// The hit of a photon or a gather ray on the voxels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LeafHit<'a> {
     pub(crate) facet: u32,

@@ -36,7 +36,7 @@ pub struct LowerScene<'a> {
     links: &'a LowerLinks,
 }
 
-/// What a ray met.
+/// The hit of a ray on the finest voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowerHit {
     /// The voxel: where the finest one is entered, and the leaf and node of the upper octree that hold it.
@@ -48,9 +48,9 @@ pub struct LowerHit {
 /// A leaf of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LowerLeaf {
-    /// Its page.
+    /// Index of its page.
     pub page: u32,
-    /// Its index within the page.
+    /// Index within the page.
     pub leaf: u32,
 }
 
@@ -64,11 +64,11 @@ struct Open {
     at: Option<LowerLeaf>,
 }
 
-/// What lies below a leaf.
+/// The answer of a look below a leaf.
 enum Below {
-    /// Its page is not there yet.
+    /// The page is not there yet.
     Missing,
-    /// There is nothing to be had.
+    /// Nothing is to be had.
     Never,
     /// The child asked for, if it is there.
     Child(Option<Open>),
@@ -85,7 +85,8 @@ impl<'a> LowerScene<'a> {
         self.upper.leaf_side() / f64::from(self.links.refinement().factor())
     }
 
-    /// As [`VoxelScene::clearance`], for the finest voxels.
+    /// Distance off a surface of unit `normal` at which a ray starts or ends free of that surface's own finest
+    /// voxels, model units.
     pub fn clearance(&self, normal: [f64; 3]) -> f64 {
         let cube = self.cube();
         let side = match self.upper.occluders() {
@@ -116,7 +117,7 @@ impl<'a> LowerScene<'a> {
         }
     }
 
-    /// True when the ray meets any voxel.
+    /// True when the ray meets any voxel; blocked where that depends on a page that is missing.
     pub fn occluded(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<bool> {
         match self.intersect(ray, pages) {
             Answer::Exact(hit) => Answer::Exact(hit.is_some()),
@@ -145,7 +146,7 @@ impl<'a> LowerScene<'a> {
         Answer::Exact(Some(self.upper.surface_of(&voxel, ray, &hit.upper, materials)))
     }
 
-    /// As `VoxelScene::ray_from_leaf`, for the finest voxels.
+    /// The ray that leaves a leaf in unit `direction`: as `VoxelScene::ray_from_leaf`, for the finest voxels.
     pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
         let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;
         Ray::new(origin, direction, f64::INFINITY)
@@ -159,7 +160,7 @@ impl<'a> LowerScene<'a> {
         }
     }
 
-    /// From the cube's side on.
+    /// Walks from the cube's side on.
     fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<(Found, Option<LowerLeaf>)>> {
         let octree = self.upper.octree();
         let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());

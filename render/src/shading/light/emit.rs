@@ -25,19 +25,19 @@ use trex_store::Aabb;
 /// A photon as it leaves its light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Emission {
-    /// Where, model units.
+    /// Place, model units.
     pub(crate) origin: DVec3,
     /// Unit normal of the light's front where it is a surface of the model.
     pub(crate) front: Option<DVec3>,
     /// Longest edge of its triangle, model units; 0 where the light is none.
     pub(crate) size: f64,
-    /// Unit.
+    /// Unit direction of flight.
     pub(crate) direction: DVec3,
     /// Flux over the photon's chance, W in linear RGB; the mean over photons is the flux of all lights.
     pub(crate) flux: Vec3,
 }
 
-/// All that sends photons.
+/// The sources of photons: all that gives light.
 #[derive(Clone, Debug)]
 pub(crate) struct PhotonSources<'a> {
     bounds: Aabb,
@@ -142,7 +142,7 @@ impl<'a> PhotonSources<'a> {
         ([e, f], [e, f].map(|axis| half.dot(axis.abs())))
     }
 
-    /// What a source sends, W in linear RGB; of the sky about that.
+    /// Flux of a source, W in linear RGB; of the sky about that.
     fn flux_of(&self, source: &Source<'_>) -> Vec3 {
         let (factor, light) = match source {
             Source::Point { intensity, .. } => (4.0 * PI, *intensity),

@@ -17,7 +17,7 @@ pub struct Emitter {
     pub material: u32,
 }
 
-/// All triangles that give light, ready to draw from.
+/// The triangles that give light, ready to draw from.
 #[derive(Clone, Debug)]
 pub struct Emitters {
     kept: Vec<Kept>,
@@ -33,7 +33,7 @@ pub struct Emitters {
 #[derive(Clone, Copy, Debug)]
 struct Kept {
     corner: DVec3,
-    /// From there to the other two.
+    /// Edges from there to the other two corners.
     edges: [DVec3; 2],
     normal: DVec3,
     radiance: Vec3,
@@ -42,7 +42,7 @@ struct Kept {
 /// A point on an emitter.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EmitterSample {
-    /// Where, model units.
+    /// Place, model units.
     pub(crate) point: DVec3,
     /// Unit normal of the side that gives light.
     pub(crate) normal: DVec3,
@@ -63,7 +63,7 @@ impl EmitterSample {
 }
 
 impl Emitters {
-    /// Those of `emitters` that give light with these `materials`.
+    /// The ones of `emitters` that give light with these `materials`.
     ///
     /// # Panics
     /// When an emitter names a material that is not there.
@@ -101,7 +101,7 @@ impl Emitters {
         self.kept.is_empty()
     }
 
-    /// Bytes on the heap for so many.
+    /// Bytes on the heap for `emitter_count` triangles.
     pub fn bytes(emitter_count: usize) -> u64 {
         (emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
     }
@@ -121,8 +121,10 @@ impl Emitters {
         if self.is_empty() { 0.0 } else { brightness(radiance) / self.power }
     }
 
-    /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in
-    /// [0, 1). Not for an empty set.
+    /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in [0, 1).
+    ///
+    /// # Panics
+    /// When nothing gives light.
     pub(crate) fn sample(&self, pick: f32, u: [f32; 2]) -> EmitterSample {
         let pick = f64::from(pick);
         let index = self.cumulated.partition_point(|&sum| sum <= pick).min(self.kept.len() - 1);

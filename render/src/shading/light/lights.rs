@@ -10,16 +10,16 @@ use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use trex_store::{Material, Result};
 
-/// Where the sun of models without lights stands: towards it along (right, up, front). To the left of the default
-/// camera and behind it, 30 degrees high, so that relief throws shadows.
+/// Direction towards the sun of models without lights, along (right, up, front). To the left of the default camera
+/// and behind it, 30 degrees high, so that relief throws shadows.
 pub(super) const DEFAULT_SUN_TOWARDS: DVec3 = DVec3::new(-0.75, 0.5, 0.433);
-/// Its irradiance on a surface that faces it: warm. With [`DEFAULT_SKY_RADIANCE`] a lit surface of Kd 0.7 stays
-/// below 1.
+/// Irradiance of that sun on a surface that faces it: warm. With [`DEFAULT_SKY_RADIANCE`] a lit surface of Kd 0.7
+/// stays below 1.
 pub(super) const DEFAULT_SUN_IRRADIANCE: [f32; 3] = [3.3, 2.85, 2.25];
 /// Radiance of the sky of models without lights: bluish, an eighth of the sun's light on level ground.
 pub(super) const DEFAULT_SKY_RADIANCE: [f32; 3] = [0.2, 0.27, 0.4];
 
-/// All that gives light in a scene.
+/// The sources of light in a scene, those of the model included.
 #[derive(Clone, Debug)]
 pub struct Lights {
     /// Points, suns and rectangles.
@@ -29,7 +29,7 @@ pub struct Lights {
     sky_by: SkyBy,
 }
 
-/// Which rays bring the sky's light to a surface.
+/// The rays that bring the sky's light to a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SkyBy {
     /// Light samples, as any light's.
@@ -38,16 +38,16 @@ pub(crate) enum SkyBy {
     GatherRays,
 }
 
-/// What gives light, one of a list.
+/// One source of light.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source<'a> {
-    /// See [`Light::Point`].
+    /// A point: see [`Light::Point`].
     Point { position: DVec3, intensity: Vec3 },
-    /// See [`Light::Directional`].
+    /// A sun: see [`Light::Directional`].
     Directional { direction: DVec3, irradiance: Vec3 },
-    /// See [`Light::Rect`].
+    /// A rectangle: see [`Light::Rect`].
     Rect { corner: DVec3, edge_u: DVec3, edge_v: DVec3, radiance: Vec3 },
-    /// All emissive triangles of the model.
+    /// The emissive triangles of the model, together.
     Emitters(&'a Emitters),
     /// The radiance of all skies together.
     Sky(Vec3),
@@ -103,12 +103,12 @@ impl Lights {
         Ok(all)
     }
 
-    /// These lights, with the sky brought by other rays.
+    /// Lights as these, with the sky brought by the rays that `sky_by` names.
     pub(crate) fn with_sky_by(self, sky_by: SkyBy) -> Lights {
         Lights { sky_by, ..self }
     }
 
-    /// Radiance from where nothing is hit.
+    /// Radiance from where nothing is hit, linear RGB.
     pub(crate) fn sky(&self) -> Vec3 {
         self.sky
     }
@@ -127,7 +127,7 @@ impl Lights {
         nearest.1
     }
 
-    /// All sources, in the order in which they are picked.
+    /// The sources, in the order in which they are picked.
     pub(super) fn sources(&self) -> impl Iterator<Item = Source<'_>> {
         let emitters = (!self.emitters.is_empty()).then_some(Source::Emitters(&self.emitters));
         self.lights.iter().map(Source::from).chain(emitters).chain([Source::Sky(self.sky)])
@@ -142,7 +142,7 @@ impl Lights {
         self.sources().filter(is_sampled)
     }
 
-    /// The rectangles whose front `ray` crosses before `t_max`, and where.
+    /// The rectangles whose front `ray` crosses before `t_max`, and at which parameter.
     pub(super) fn rects_crossed(&self, ray: &Ray, t_max: f64) -> impl Iterator<Item = (Source<'_>, f64)> {
         self.lights.iter().filter_map(move |light| {
             let Light::Rect { corner, edge_u, edge_v, .. } = *light else { return None };
@@ -156,7 +156,7 @@ impl Lights {
     }
 }
 
-/// Where `ray` meets the front of a parallelogram, given by a corner and the two edges from there.
+/// Parameter at which `ray` meets the front of a parallelogram, given by a corner and the two edges from there.
 fn rect_hit(ray: &Ray, rect: [[f64; 3]; 3]) -> Option<f64> {
     let [corner, edge_u, edge_v] = rect.map(DVec3::from);
     let normal = edge_u.cross(edge_v);

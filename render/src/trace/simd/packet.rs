@@ -26,13 +26,13 @@ use trex_store::layout::NODE_WIDTH;
 
 /// Rays of a packet: what a register holds.
 pub(in crate::trace) const PACKET_RAYS: usize = 8;
-/// So many rays left at a node go on by themselves.
+/// Count of rays left at a node, or fewer, that go on by themselves.
 const SPLIT: u32 = 2;
 
 /// A number per ray.
 type Row = [f32; PACKET_RAYS];
 
-/// Where to go on with which rays, and where its box begins for each.
+/// An entry of the stack: where to go on with which rays, and where its box begins for each.
 #[derive(Clone, Copy)]
 struct Waiting {
     t: Row,
@@ -44,9 +44,9 @@ struct Waiting {
 /// Room for a packet; and what came of the last one, for the rays that reached the model's box, in their order.
 pub(in crate::trace) struct PacketRoom {
     waiting: Box<[Waiting; STACK]>,
-    /// The ray and what it found.
+    /// Rays and what they found.
     pub(in crate::trace) ended: Vec<Ended>,
-    /// Where it stands among the rays that were asked.
+    /// Index of each among the rays that were asked.
     pub(in crate::trace) places: Vec<usize>,
     pub(in crate::trace) missing: [Missing; PACKET_RAYS],
 }
@@ -68,7 +68,7 @@ struct Boxes {
     inverse: [__m256; 3],
     start_near: [__m256; 3],
     start_far: [__m256; 3],
-    /// Of all rays.
+    /// Axes along which the direction of all rays is negative.
     negative: [bool; 3],
 }
 
@@ -76,7 +76,7 @@ struct Boxes {
 struct Packet<'a> {
     boxes: Boxes,
     plain: [Scalar<f32>; PACKET_RAYS],
-    /// Of those that have gone on by themselves.
+    /// Kernels of the rays that have gone on by themselves.
     kernels: [Option<Avx2>; PACKET_RAYS],
     goal: Goal,
     /// The t of the best hit of each; below all where one is enough and found.
@@ -87,7 +87,7 @@ struct Packet<'a> {
     len: usize,
 }
 
-/// Traces up to eight rays.
+/// Traces up to eight rays; `room` holds their answers.
 ///
 /// # Safety
 /// The caller runs with AVX2 and FMA.

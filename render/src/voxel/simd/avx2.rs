@@ -198,7 +198,7 @@ fn settle(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -
     Ends { hit: mask(hit), miss: mask(miss) }
 }
 
-/// Of masks, or at height 0 of bitmaps.
+/// Addresses of masks, or at height 0 of bitmaps.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn addresses(tree: &Tree, at: __m256i, height: __m256i) -> [__m256i; 2] {
@@ -214,7 +214,7 @@ fn addresses(tree: &Tree, at: __m256i, height: __m256i) -> [__m256i; 2] {
     })
 }
 
-/// Words to 64 bits; see `SLOT`.
+/// Words to 64 bits; for their order see `slot`.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn wide(words: __m256i) -> [__m256i; 2] {
@@ -222,7 +222,7 @@ fn wide(words: __m256i) -> [__m256i; 2] {
     [_mm256_unpacklo_epi32(words, zeros), _mm256_unpackhi_epi32(words, zeros)]
 }
 
-/// Back, the upper words (`0xdd`) or the lower ones (`0x88`).
+/// Words from 64 bits, the upper ones (`0xdd`) or the lower ones (`0x88`).
 #[inline]
 #[target_feature(enable = "avx2")]
 fn narrow<const WORDS: i32>([low, high]: [__m256i; 2]) -> __m256i {

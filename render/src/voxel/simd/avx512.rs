@@ -197,7 +197,7 @@ fn settle(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -
     Ends { hit: u32::from(hit), miss: u32::from(miss) }
 }
 
-/// Of masks, or at height 0 of bitmaps.
+/// Addresses of masks, or at height 0 of bitmaps.
 #[inline]
 #[target_feature(enable = "avx512f,avx512dq")]
 fn addresses(tree: &Tree, at: __m512i, height: __m512i) -> [__m512i; 2] {

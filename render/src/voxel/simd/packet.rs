@@ -88,18 +88,18 @@ pub(super) struct Packet<const N: usize> {
     pub(super) height: Row<u32, N>,
     /// The node or leaf.
     pub(super) at: Row<u32, N>,
-    /// Its address, in the order of [`slot`].
+    /// Address of its mask or bitmap, in the order of [`slot`].
     pub(super) address: Row<u64, N>,
     /// Leaf and nodes on the way to it by height; above the greatest there is only the root, 0.
     pub(super) path: [Row<u32, N>; MAX_DEPTH],
     /// Lanes with a ray.
     busy: u32,
-    /// Which one it is, and its distance to the cube.
+    /// Index of the lane's ray, and its distance to the cube.
     ray: [usize; N],
     t_in: [f64; N],
 }
 
-/// Where a lane's 64 bits are: registers are unpacked within parts of four words, their lower pairs first.
+/// Place of a lane's 64 bits: registers are unpacked within parts of four words, their lower pairs first.
 fn slot<const N: usize>(lane: usize) -> usize {
     let (part, place) = (lane / 4, lane % 4);
     place / 2 * (N / 2) + 2 * part + place % 2
@@ -153,7 +153,7 @@ pub(in crate::voxel) struct Queue<'a, A> {
 }
 
 impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
-    /// All of `rays`, to be answered by place.
+    /// The queue of all `rays`, to be answered by place.
     pub(in crate::voxel) fn new(scene: &'a VoxelScene<'a>, rays: &'a [Ray], answer: A) -> Queue<'a, A> {
         Queue { scene, rays, taken: 0, answer }
     }
@@ -172,7 +172,7 @@ impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
         None
     }
 
-    /// What the walk of `ray` found, with its distance to the cube.
+    /// Answers `ray` with what its walk found, and its distance to the cube.
     #[inline(always)]
     pub(in crate::voxel) fn answer(&mut self, ray: usize, found: Option<(f64, Found)>) {
         (self.answer)(ray, found.map(|(t_in, found)| self.scene.hit_of(t_in, &found)));
@@ -180,7 +180,7 @@ impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
 }
 
 impl<const N: usize> Packet<N> {
-    /// Without rays, all lanes at the root.
+    /// A packet without rays, all lanes at the root.
     fn idle(tree: &Tree) -> Packet<N> {
         let (zeros, zero) = (Row([0; N]), Row([0.0; N]));
         Packet {
@@ -237,7 +237,7 @@ impl<const N: usize> Packet<N> {
         self.address.0[slot::<N>(lane)] = tree.nodes;
     }
 
-    /// Where a lane is that hit.
+    /// The voxel at which a lane stands that hit.
     fn found(&self, lane: usize) -> Found {
         Found {
             t: self.t.0[lane],
