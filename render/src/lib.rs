@@ -1,9 +1,9 @@
 //! trex-render: rays to picture.
 //!
-//! Life of a sample: the [`Scene`] text and the [`Model`] make a [`World`]; a [`Session`] hands out tiles of the picture to
-//! its workers; for each pixel and sample index an integrator draws numbers, asks the [`Projection`] for a ray and a
-//! [`Tracer`] for what it meets, sums light over the material, and adds the radiance to the [`Film`], which [`write_png`] or
-//! [`write_exr`] encodes. A session takes [`Event`]s while the user edits.
+//! Life of a sample: the [`Scene`] text and the [`Model`] make a [`World`]; a [`Session`] hands out tiles of the
+//! picture to its workers; for each pixel and sample index an integrator draws numbers, asks the [`Projection`] for a
+//! ray and a [`Tracer`] for what it meets, sums light over the material, and adds the radiance to the [`Film`], which
+//! [`write_png`] or [`write_exr`] encodes. A session takes [`Event`]s while the user edits.
 //!
 //! Floors: each folder imports those above it alone.
 //!

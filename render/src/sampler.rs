@@ -17,12 +17,12 @@ pub(crate) struct Sampler {
     sample: u32,
 }
 
-/// What the numbers are for.
+/// A decision that takes random numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Decision {
-    /// Where in the pixel the primary ray goes (2 numbers).
+    /// Place in the pixel where the primary ray goes (2 numbers).
     Pixel,
-    /// Whether the path goes on after the vertex with this index (1 number).
+    /// Going on, or not, after the path vertex with this index (1 number).
     Roulette(u32),
     /// Shadow ray `index` of `count` at a path vertex: which light, which emitter, where on it (4 numbers).
     Light {
@@ -42,9 +42,9 @@ pub(crate) enum Decision {
         /// Rays at this vertex.
         count: u32,
     },
-    /// Which light a photon leaves, and where on it (3 numbers).
+    /// Light that a photon leaves, and place on it (3 numbers).
     PhotonStart,
-    /// Whither it leaves (2 numbers).
+    /// Direction in which a photon leaves its light (2 numbers).
     PhotonDirection,
 }
 

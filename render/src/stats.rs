@@ -2,7 +2,7 @@
 //!
 //! Invariant: counts of workers, passes and frames add up with `add`.
 
-/// What a ray is for.
+/// The purpose of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RayKind {
     Primary,
@@ -29,15 +29,15 @@ pub struct RayCounts {
 /// Rays per second, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct RayRates {
-    /// From the camera.
+    /// Rays per second from the camera.
     pub primary: f64,
-    /// From perfect mirrors.
+    /// Rays per second off perfect mirrors.
     pub mirror: f64,
-    /// Towards lights.
+    /// Rays per second towards lights.
     pub shadow: f64,
-    /// That gather light.
+    /// Rays per second that gather light.
     pub gather: f64,
-    /// Of photons.
+    /// Rays per second of photons.
     pub photon: f64,
 }
 
@@ -61,12 +61,12 @@ impl RayCounts {
         self.photon += other.photon;
     }
 
-    /// All kinds together.
+    /// Count of rays of all kinds together.
     pub fn total(&self) -> u64 {
         self.primary + self.mirror + self.shadow + self.gather + self.photon
     }
 
-    /// Each kind over a time.
+    /// Rates of each kind over `seconds`.
     pub fn per_s(&self, seconds: f64) -> RayRates {
         let rate = |count: u64| count as f64 / seconds.max(1e-9);
         RayRates {
@@ -79,7 +79,7 @@ impl RayCounts {
     }
 }
 
-/// What a pass did.
+/// Counts of a pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct PassStats {
     /// Rays of finished samples.
@@ -117,12 +117,12 @@ impl PassStats {
     }
 }
 
-/// What photon tracing did.
+/// Counts of photon tracing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct PhotonStats {
     /// Photons sent.
     pub photons: u64,
-    /// Rays that they took.
+    /// Rays that the photons took.
     pub rays: u64,
     /// Hits whose flux was kept: added to a facet, or stored as a photon of `full-gi`.
     pub deposits: u64,

@@ -6,13 +6,13 @@ use super::film::Film;
 use super::tile::{Tile, Tiles, tile_count};
 use trex_store::{Budget, Lease, Result};
 
-/// What a tile shows while it has no samples.
+/// The content of a tile on show that has no samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shows {
     Nothing,
-    /// What one voxel ray saw, linear RGB.
+    /// The radiance that one voxel ray saw, linear RGB.
     Preview([f32; 3]),
-    /// The picture of the last state.
+    /// The pixels of the last state, in `radiance`.
     Before,
     StandIn,
 }
@@ -27,12 +27,16 @@ pub struct Display {
 }
 
 impl Display {
-    /// Bytes that it takes at `resolution` (width, height; pixels).
+    /// Bytes that a display takes at `resolution` (width, height; pixels).
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
         pixels * size_of::<[f32; 3]>() as u64 + u64::from(tile_count(resolution)) * size_of::<Shows>() as u64
     }
 
+    /// A display of `resolution` (width, height; pixels) that shows nothing.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`Display::bytes`].
     pub(crate) fn new(resolution: [u32; 2], budget: &Budget) -> Result<Display> {
         let lease = budget.lease("the picture on show", Display::bytes(resolution))?;
         let pixels = resolution[0] as usize * resolution[1] as usize;
@@ -40,7 +44,7 @@ impl Display {
         Ok(Display { resolution, radiance: vec![[0.0; 3]; pixels], tiles, _lease: lease })
     }
 
-    /// What the pixel (x, y) of tile `tile` shows.
+    /// Radiance on show at pixel (x, y), which is of tile `tile`; linear RGB.
     pub(crate) fn radiance(&self, pixel: [u32; 2], tile: u32) -> [f32; 3] {
         match self.tiles[tile as usize] {
             Shows::Preview(radiance) => radiance,
@@ -48,20 +52,23 @@ impl Display {
         }
     }
 
+    /// Sets the radiance of a pixel (x, y), linear RGB; its tile says whether it is shown.
     pub(crate) fn set(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {
         let at = self.place(pixel);
         self.radiance[at] = radiance;
     }
 
-    /// One colour for all of a tile.
+    /// Shows one radiance for all of a tile, linear RGB.
     pub(crate) fn set_preview(&mut self, tile: &Tile, radiance: [f32; 3]) {
         self.tiles[tile.index as usize] = Shows::Preview(radiance);
     }
 
+    /// True when the pixels of `tile` stand in for pages on their way.
     pub(crate) fn has_stand_in(&self, tile: &Tile) -> bool {
         self.tiles[tile.index as usize] == Shows::StandIn
     }
 
+    /// Takes the pixels that were set for a stand-in of `tile`.
     pub(crate) fn mark_stand_in(&mut self, tile: &Tile) {
         self.tiles[tile.index as usize] = Shows::StandIn;
     }

@@ -19,12 +19,12 @@ use std::io::{Error, Result, Seek, Write};
 const EXR_BLOCK_LINES: u64 = 16;
 /// Copies of a block that the EXR encoder holds: the lines, their reordered bytes, the compressed ones, one spare.
 const EXR_COPIES: u64 = 4;
-/// What zlib and the buffers around it take.
+/// Bytes of zlib and the buffers around it.
 const ENCODER_FIXED_BYTES: u64 = 1 << 20;
 
 /// A picture to be written: a film, or a session that shows more than its film.
 pub trait Image {
-    /// Its size and its layers.
+    /// The film that gives the picture its size and its layers.
     fn film(&self) -> &Film;
 
     /// Radiance of a pixel (x, y), linear RGB.
@@ -52,7 +52,7 @@ pub fn encoder_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
 /// Writes `image` as PNG: sRGB of `clamp(exposure * radiance)`.
 ///
 /// # Errors
-/// Those of the writer.
+/// Errors of `writer`.
 pub fn write_png<W: Write>(image: &impl Image, exposure: f32, writer: W) -> Result<()> {
     let [width, height] = image.film().resolution();
     let mut encoder = png::Encoder::new(writer, width, height);
@@ -76,7 +76,7 @@ pub fn write_png<W: Write>(image: &impl Image, exposure: f32, writer: W) -> Resu
 /// Writes `image` as EXR, with the layers of its film.
 ///
 /// # Errors
-/// Those of the writer.
+/// Errors of `writer`.
 pub fn write_exr<W: Write + Seek>(image: &impl Image, writer: W) -> Result<()> {
     let film = image.film();
     let channels = channels(film.layers());

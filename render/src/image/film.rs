@@ -11,7 +11,7 @@ use trex_store::{Budget, Lease, Result};
 /// `id` of a pixel where no triangle is seen.
 pub const NO_ID: u32 = u32::MAX;
 
-/// Which layers a film keeps beside the radiance.
+/// The layers that a film keeps beside the radiance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Layers {
     /// Distance from the camera, model units; infinite where nothing is hit.
@@ -22,20 +22,20 @@ pub struct Layers {
     pub albedo: bool,
     /// Store id of the triangle, [`NO_ID`] for none.
     pub id: bool,
-    /// What the filter works on: depth, normal, albedo, and indirect light apart. None of it is written for that.
+    /// The input of the filter: depth, normal, albedo, and indirect light apart. None of it is written for that.
     pub filter: bool,
 }
 
-/// What a ray through the centre of a pixel meets.
+/// The layers of one pixel: what a ray through its centre meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerPixel {
-    /// See [`Layers::depth`].
+    /// Distance, see [`Layers::depth`].
     pub depth: f32,
-    /// See [`Layers::normal`].
+    /// Normal, see [`Layers::normal`].
     pub normal: [f32; 3],
-    /// See [`Layers::albedo`].
+    /// Albedo, see [`Layers::albedo`].
     pub albedo: [f32; 3],
-    /// See [`Layers::id`].
+    /// Triangle, see [`Layers::id`].
     pub id: u32,
 }
 
@@ -44,7 +44,7 @@ pub struct LayerPixel {
 pub struct Film {
     resolution: [u32; 2],
     layers: Layers,
-    /// Per pixel, in rows.
+    /// Sums of radiance per pixel, in rows.
     sums: Vec<[f64; 3]>,
     /// Samples of each pixel, per tile.
     counts: Vec<u32>,
@@ -52,11 +52,11 @@ pub struct Film {
     normal: Vec<[f32; 3]>,
     albedo: Vec<[f32; 3]>,
     id: Vec<u32>,
-    /// Of the light in `sums`, what the filter is to smooth.
+    /// The part of `sums` that the filter is to smooth.
     indirect: Vec<[f64; 3]>,
-    /// Its smoothed mean, as of the last time that it was smoothed.
+    /// Mean of `indirect`, smoothed, as of the last time.
     smoothed: Vec<[f32; 3]>,
-    /// Whether `smoothed` is of all samples.
+    /// True when `smoothed` is of all samples.
     is_smooth: bool,
     _lease: Lease,
 }
@@ -76,12 +76,12 @@ pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
 }
 
 impl Layers {
-    /// True when any is asked for, to be written.
+    /// True when any layer is asked for, to be written.
     pub fn any(&self) -> bool {
         self.depth || self.normal || self.albedo || self.id
     }
 
-    /// Those that are asked for, or that the filter takes.
+    /// The layers that are asked for, with those that the filter takes.
     pub(crate) fn kept(self) -> Layers {
         let Layers { depth, normal, albedo, filter, .. } = self;
         Layers { depth: depth || filter, normal: normal || filter, albedo: albedo || filter, ..self }
@@ -89,7 +89,7 @@ impl Layers {
 }
 
 impl Film {
-    /// A black film.
+    /// A black film of `resolution` (width, height; pixels) that keeps `layers`.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`film_bytes`].
@@ -119,7 +119,7 @@ impl Film {
         self.resolution
     }
 
-    /// The layers that it keeps.
+    /// The layers that were asked for.
     pub fn layers(&self) -> Layers {
         self.layers
     }
@@ -186,7 +186,8 @@ impl Film {
         self.indirect[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
     }
 
-    /// Where the smoothed indirect light goes, by rows; it counts in place of the other until samples are added.
+    /// The smoothed indirect light, to be written, by rows; from now on it counts in place of the other until samples
+    /// are added.
     pub(crate) fn smoothed_mut(&mut self) -> &mut [[f32; 3]] {
         assert!(self.layers.filter, "this film keeps no indirect light");
         self.is_smooth = true;
@@ -220,7 +221,8 @@ impl Film {
         self.counts.iter().copied().min().unwrap_or(0)
     }
 
-    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the film was.
+    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the
+    /// film was.
     pub fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
         let at = self.place(pixel);
@@ -246,22 +248,34 @@ impl Film {
         mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
     }
 
-    /// Distance; only with [`Layers::depth`] or [`Layers::filter`].
+    /// Distance from the camera at a pixel (x, y), model units; infinite where nothing is hit.
+    ///
+    /// # Panics
+    /// Without [`Layers::depth`] and [`Layers::filter`], or outside of the film.
     pub fn depth(&self, pixel: [u32; 2]) -> f32 {
         self.depth[self.place(pixel)]
     }
 
-    /// Normal; only with [`Layers::normal`] or [`Layers::filter`].
+    /// Unit normal at a pixel (x, y); zero where nothing is hit.
+    ///
+    /// # Panics
+    /// Without [`Layers::normal`] and [`Layers::filter`], or outside of the film.
     pub fn normal(&self, pixel: [u32; 2]) -> [f32; 3] {
         self.normal[self.place(pixel)]
     }
 
-    /// Albedo; only with [`Layers::albedo`] or [`Layers::filter`].
+    /// Kd + Ks at a pixel (x, y); zero where nothing is hit.
+    ///
+    /// # Panics
+    /// Without [`Layers::albedo`] and [`Layers::filter`], or outside of the film.
     pub fn albedo(&self, pixel: [u32; 2]) -> [f32; 3] {
         self.albedo[self.place(pixel)]
     }
 
-    /// Triangle; only with [`Layers::id`].
+    /// Store id of the triangle at a pixel (x, y); [`NO_ID`] where nothing is hit.
+    ///
+    /// # Panics
+    /// Without [`Layers::id`], or outside of the film.
     pub fn id(&self, pixel: [u32; 2]) -> u32 {
         self.id[self.place(pixel)]
     }

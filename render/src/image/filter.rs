@@ -1,5 +1,5 @@
-//! The joint bilateral filter on indirect light, with what the pixels show as its edges. Paper, section 5; G. Petschnigg
-//! et al., "Digital photography with flash and no-flash image pairs" (2004).
+//! The joint bilateral filter on indirect light, with what the pixels show as its edges. Paper, section 5; G.
+//! Petschnigg et al., "Digital photography with flash and no-flash image pairs" (2004).
 //!
 //! ```text
 //! indirect(p) = sum of w(p, q) indirect(q) / sum of w(p, q)          q up to 2 s pixels off, along both axes
@@ -9,23 +9,24 @@
 //!   * exp(-|difference of albedo|^2 / 2 (0.1)^2)          another material
 //! ```
 //!
-//! Only what gather rays bring to the surface that is seen is smoothed: lights, shadows of lights, and what mirrors show stay
-//! as they are. `s` falls with the sixth root of the samples: the noise of n samples falls as 1 / (n s^2), the blur's error
-//! rises as s^4, and their sum is least where s^6 goes as 1 / n. So the filter fades as the picture converges.
+//! Only what gather rays bring to the surface that is seen is smoothed: lights, shadows of lights, and what mirrors
+//! show stay as they are. `s` falls with the sixth root of the samples: the noise of n samples falls as 1 / (n s^2),
+//! the blur's error rises as s^4, and their sum is least where s^6 goes as 1 / n. So the filter fades as the picture
+//! converges.
 //!
-//! Invariants: 1. weights are divided by their sum, so even light stays even; 2. a pixel's sum has one order, so the bytes do
-//! not depend on threads; 3. a pixel that shows nothing neither gives nor takes.
+//! Invariants: 1. weights are divided by their sum, so even light stays even; 2. a pixel's sum has one order, so the
+//! bytes do not depend on threads; 3. a pixel that shows nothing neither gives nor takes.
 
 use super::film::Film;
-use crate::math::{dot, scale, sub, to_f64};
 use crate::scene::camera::Projection;
+use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use rayon::prelude::*;
 use trex_store::{Budget, Result};
 
 /// Reach of the filter at 4 samples, pixels: 4 pi s^2 = 200 pixels count, which makes 1600 gather rays of a pixel's 8.
 const REACH_PIXELS: f64 = 4.0;
-/// The samples it is meant for.
+/// Samples of a pixel that [`REACH_PIXELS`] is meant for.
 const REACH_SAMPLES: f64 = 4.0;
 /// Window, in reaches: what is left out weighs an eighth of the middle or less.
 const WINDOW_REACHES: f64 = 2.0;
@@ -36,21 +37,21 @@ const NORMAL_POWER: i32 = 32;
 /// Difference of albedo that counts as an edge.
 const ALBEDO_REACH: f64 = 0.1;
 
-/// Bytes that the filter takes at `resolution` while it works, film not counted.
+/// Bytes that the filter takes at `resolution` (width, height; pixels) while it works, film not counted.
 pub fn filter_bytes(resolution: [u32; 2]) -> u64 {
     u64::from(resolution[0]) * u64::from(resolution[1]) * size_of::<Seen>() as u64
 }
 
-/// What a pixel shows.
+/// A pixel as the filter sees it.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
-    /// From the camera, model units; infinite where nothing is seen.
-    place: [f32; 3],
-    normal: [f32; 3],
-    albedo: [f32; 3],
+    /// Place from the camera, model units; zero where nothing is seen.
+    place: Vec3,
+    normal: Vec3,
+    albedo: Vec3,
     /// Width of the pixel there, model units; 0 where nothing is seen.
     width: f32,
-    indirect: [f32; 3],
+    indirect: Vec3,
 }
 
 struct Window<'a> {
@@ -84,7 +85,7 @@ pub(crate) fn smooth(
     pool.install(|| {
         let lines = film.smoothed_mut().par_chunks_mut(resolution[0]).enumerate();
         lines.for_each(|(y, line)| {
-            line.iter_mut().enumerate().for_each(|(x, out)| *out = window.mean(y * resolution[0] + x));
+            line.iter_mut().enumerate().for_each(|(x, out)| *out = window.mean(y * resolution[0] + x).into());
         });
     });
     Ok(())
@@ -97,13 +98,13 @@ fn seen(film: &Film, projection: &Projection) -> Vec<Seen> {
         let depth = f64::from(film.depth(pixel));
         let [x, y] = pixel.map(|x| f64::from(x) + 0.5);
         let is_hit = depth.is_finite();
-        let place = scale(if is_hit { depth } else { 0.0 }, projection.ray(x, y).direction);
+        let place = if is_hit { depth } else { 0.0 } * DVec3::from(projection.ray(x, y).direction);
         Seen {
-            place: place.map(|x| x as f32),
-            normal: film.normal(pixel),
-            albedo: film.albedo(pixel),
+            place: place.as_vec3(),
+            normal: film.normal(pixel).into(),
+            albedo: film.albedo(pixel).into(),
             width: if is_hit { (depth * projection.pixel_angle()) as f32 } else { 0.0 },
-            indirect: film.indirect(pixel),
+            indirect: film.indirect(pixel).into(),
         }
     });
     seen.collect()
@@ -111,40 +112,39 @@ fn seen(film: &Film, projection: &Projection) -> Vec<Seen> {
 
 impl Window<'_> {
     /// The smoothed light of pixel `at`.
-    fn mean(&self, at: usize) -> [f32; 3] {
+    fn mean(&self, at: usize) -> Vec3 {
         let [width, height] = self.resolution;
         let (x, y) = (at % width, at / width);
         let here = &self.seen[at];
         if here.width == 0.0 {
             return here.indirect;
         }
-        let (mut sum, mut weights) = ([0.0f64; 3], 0.0f64);
+        let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
         for v in y.saturating_sub(self.radius)..(y + self.radius + 1).min(height) {
             for u in x.saturating_sub(self.radius)..(x + self.radius + 1).min(width) {
                 let there = &self.seen[v * width + u];
                 let weight = self.near[u.abs_diff(x)] * self.near[v.abs_diff(y)] * here.likeness(there);
                 weights += weight;
-                for (sum, light) in sum.iter_mut().zip(there.indirect) {
-                    *sum += weight * f64::from(light);
-                }
+                sum += weight * there.indirect.as_dvec3();
             }
         }
         // The pixel itself counts with 1, or with nothing where its normal is none.
-        if weights > 0.0 { sum.map(|sum| (sum / weights) as f32) } else { here.indirect }
+        if weights > 0.0 { (sum / weights).as_vec3() } else { here.indirect }
     }
 }
 
 impl Seen {
-    /// How much the light there says of the light here, 0 to 1.
+    /// Weight of the light at `there` for the light here, 0 to 1.
     fn likeness(&self, there: &Seen) -> f64 {
-        let (normal, place) = (to_f64(self.normal), to_f64(self.place));
-        let cos = dot(normal, to_f64(there.normal));
+        let normal = self.normal.as_dvec3();
+        let cos = normal.dot(there.normal.as_dvec3());
         if there.width == 0.0 || cos <= 0.0 {
             return 0.0;
         }
-        let off_plane = dot(normal, sub(to_f64(there.place), place)) / (PLANE_PIXELS * f64::from(self.width));
-        let albedo = sub(to_f64(self.albedo), to_f64(there.albedo));
-        let edges = off_plane * off_plane + dot(albedo, albedo) / (ALBEDO_REACH * ALBEDO_REACH);
+        let way = there.place.as_dvec3() - self.place.as_dvec3();
+        let off_plane = normal.dot(way) / (PLANE_PIXELS * f64::from(self.width));
+        let albedo = self.albedo.as_dvec3() - there.albedo.as_dvec3();
+        let edges = off_plane * off_plane + albedo.length_squared() / (ALBEDO_REACH * ALBEDO_REACH);
         cos.min(1.0).powi(NORMAL_POWER) * (-0.5 * edges).exp()
     }
 }

@@ -6,9 +6,9 @@
 //!         -> mean per tile
 //! ```
 //!
-//! R. Achanta, S. Hemami, F. Estrada, S. Suesstrunk, "Frequency-tuned salient region detection" (2009); L. Itti, C. Koch,
-//! E. Niebur, "A model of saliency-based visual attention for rapid scene analysis" (1998). Itti's scales begin at a quarter of
-//! the picture's size, which is what two samples a tile are.
+//! R. Achanta, S. Hemami, F. Estrada, S. Suesstrunk, "Frequency-tuned salient region detection" (2009); L. Itti, C.
+//! Koch, E. Niebur, "A model of saliency-based visual attention for rapid scene analysis" (1998). Itti's scales begin
+//! at a quarter of the picture's size, which is what two samples a tile are.
 //!
 //! Invariant: a picture of one colour has one saliency everywhere.
 
@@ -24,7 +24,7 @@ const WHITE: [f32; 3] = [0.950_47, 1.0, 1.088_83];
 /// Intensity below which a colour has no hue, as a share of the greatest.
 const HUE_SHARE: f32 = 0.1;
 
-/// How saliency is measured.
+/// A measure of saliency.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Saliency {
     /// Achanta et al. 2009.
@@ -50,7 +50,7 @@ struct Plane {
 }
 
 impl Reduced {
-    /// Of a picture of `tiles` (columns, rows), linear RGB by sample (x, y).
+    /// The reduction of a picture of `tiles` (columns, rows), linear RGB by sample (x, y).
     pub(crate) fn new(tiles: [u32; 2], mut radiance: impl FnMut([u32; 2]) -> [f32; 3]) -> Reduced {
         let [width, height] = tiles.map(|side| side * SAMPLES_PER_SIDE);
         let places = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
@@ -171,7 +171,7 @@ impl Plane {
         Plane { size: self.size, values: values.collect() }
     }
 
-    /// This plane and up to `levels` more, each half the size of the one before, as long as there are two samples.
+    /// The plane and up to `levels` more, each half the size of the one before, as long as there are two samples.
     fn pyramid(&self, levels: usize) -> Vec<Plane> {
         let mut scales = vec![self.clone()];
         for _ in 0..levels {
@@ -187,7 +187,7 @@ impl Plane {
         scales
     }
 
-    /// What is left where a coarser plane is taken away, without its sign.
+    /// Difference to a coarser plane, without its sign.
     fn minus(&self, coarser: &Plane) -> Plane {
         let [width, height] = self.size;
         let other =

@@ -16,22 +16,22 @@ const _: () = assert!(TILE_SIDE_PIXELS * TILE_SIDE_PIXELS < 100);
 pub struct Tile {
     /// Place in rows of tiles, from the top left.
     pub index: u32,
-    /// Its first pixel (x, y).
+    /// First pixel (x, y).
     pub first: [u32; 2],
     /// Width and height, pixels; smaller than the side at the right and lower edge.
     pub size: [u32; 2],
 }
 
-/// In which order tiles are worked on. Paper, section 5.2.
+/// The order in which tiles are worked on. Paper, section 5.2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TileOrder {
     /// Along a z-curve: neighbours share pages. What pictures without a deadline use.
     ZCurve,
     /// Row by row.
     Row,
-    /// By chance, the same for every picture of a size.
+    /// A random order, the same for every picture of a size.
     Random,
-    /// What catches the eye in the last picture first.
+    /// Tiles that catch the eye in the last picture first.
     Saliency(Saliency),
 }
 
@@ -49,7 +49,7 @@ pub struct Tiles {
 }
 
 impl Tile {
-    /// How many pixels.
+    /// Count of pixels.
     pub fn pixel_count(&self) -> u32 {
         self.size[0] * self.size[1]
     }
@@ -74,7 +74,7 @@ impl Tiles {
         Tiles { resolution, order }
     }
 
-    /// The same tiles in `order`; `eye` is what the last picture was like, for saliency.
+    /// The tiles of the picture in `order`; `eye` is the last picture, reduced, for saliency.
     pub(crate) fn ordered(&self, order: TileOrder, eye: &Reduced) -> Tiles {
         let mut tiles = Tiles::z_curve(self.resolution);
         match order {
@@ -95,30 +95,33 @@ impl Tiles {
         tile(self.resolution, index)
     }
 
-    /// How many tiles.
+    /// Count of tiles.
     pub fn count(&self) -> u32 {
         self.order.len() as u32
     }
 
     /// The tile whose turn is `turn`-th, from 0.
+    ///
+    /// # Panics
+    /// When there are not so many tiles.
     pub fn nth(&self, turn: u32) -> Tile {
         tile(self.resolution, self.order[turn as usize])
     }
 
-    /// Bytes on the heap for a picture of `resolution`.
+    /// Bytes on the heap of the tiles of a picture of `resolution` (width, height; pixels).
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         u64::from(tile_count(resolution)) * size_of::<u32>() as u64
     }
 }
 
-/// Tile `index` of a picture.
+/// Tile `index` of a picture of `resolution` (width, height; pixels).
 pub(crate) fn tile(resolution: [u32; 2], index: u32) -> Tile {
     let columns = columns(resolution);
     let first = [index % columns, index / columns].map(|x| x * TILE_SIDE_PIXELS);
     Tile { index, first, size: std::array::from_fn(|a| TILE_SIDE_PIXELS.min(resolution[a] - first[a])) }
 }
 
-/// Tiles in a picture.
+/// Count of tiles in a picture of `resolution` (width, height; pixels).
 pub(crate) fn tile_count(resolution: [u32; 2]) -> u32 {
     columns(resolution) * resolution[1].div_ceil(TILE_SIDE_PIXELS)
 }

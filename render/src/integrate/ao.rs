@@ -18,8 +18,9 @@ use crate::sampling::cosine_direction;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::Ray;
+use glam::Vec3;
 
-/// See the top of the file.
+/// Ambient occlusion: see the top of the file.
 #[derive(Debug)]
 pub(super) struct AmbientOcclusion;
 
@@ -31,7 +32,7 @@ impl Integrator for AmbientOcclusion {
             }
             Some(_) => Stage::Done,
             None => {
-                path.gain([1.0; 3]);
+                path.gain(Vec3::ONE);
                 Stage::Done
             }
         }
@@ -48,7 +49,7 @@ impl Integrator for AmbientOcclusion {
         let count = ctx.world.settings.n_shadow;
         let u = path.sampler.draw(Decision::Gather { vertex: 0, index, count });
         let direction = cosine_direction(surface.normal, [u[0], u[1]]);
-        let light = [1.0 / count as f32; 3];
+        let light = Vec3::splat(1.0 / count as f32);
         Some(ShadowQuery { direction, distance: ctx.world.ao_radius, front: None, light })
     }
 

@@ -1,10 +1,10 @@
 //! What a C-ray meets first: a place on the mesh, or behind the cut of the footprint rule in the voxels.
 
 use crate::image::film::NO_ID;
-use crate::math::{along, to_f64};
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
 use crate::trace::{Hit, Ray};
 use crate::voxel::{VoxelHit, VoxelScene};
+use glam::Vec3;
 
 /// Clearances that a ray leaves a voxel by: the point of the hit is within one of the surface.
 const CLEARANCES: f64 = 2.0;
@@ -16,7 +16,7 @@ pub(crate) struct CRayHit {
     pub(crate) form: Form,
 }
 
-/// Which form of the model answered.
+/// The form of the model that answered a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
     /// The exact mesh: store id of the triangle, and its page.
@@ -46,23 +46,23 @@ impl CRayHit {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FarRay {
     pub(crate) ray: Ray,
-    /// Where it begins on the C-ray.
+    /// Parameter on the C-ray where it begins.
     cut: f64,
 }
 
 impl FarRay {
     /// The part of `ray` behind `cut`.
     pub(crate) fn new(ray: &Ray, cut: f64) -> FarRay {
-        let origin = along(ray.origin, cut, ray.direction);
-        FarRay { ray: Ray { origin, direction: ray.direction, t_max: ray.t_max - cut }, cut }
+        FarRay { ray: Ray { origin: ray.at(cut).to_array(), t_max: ray.t_max - cut, ..*ray }, cut }
     }
 
-    /// What it met, as a hit of the C-ray.
+    /// The voxel `found`, as a hit of the C-ray.
     pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelHit>) -> Option<CRayHit> {
         let found = found?;
         let leaf = voxels.octree().leaf(found.leaf as usize);
-        let error = CLEARANCES * voxels.clearance(to_f64(leaf.normal)) / OFFSET_ERRORS;
+        let normal = Vec3::from(leaf.normal);
+        let error = CLEARANCES * voxels.clearance(normal.as_dvec3().into()) / OFFSET_ERRORS;
         let (t, material) = (self.cut + found.t, leaf.material.into());
-        Some(CRayHit { point: HitPoint { t, material, normal: leaf.normal, error }, form: Form::Voxel })
+        Some(CRayHit { point: HitPoint { t, material, normal, error }, form: Form::Voxel })
     }
 }

@@ -1,11 +1,10 @@
-//! `RenderContext`: what integrators share: the world, the voxels and photons that answer for it, and the steps that most
-//! of them take at a surface.
+//! `RenderContext`: what integrators share: the world, the voxels and photons that answer for it, and the steps that
+//! most of them take at a surface.
 
 use super::c_ray::CRayHit;
 use super::g_scene::GScene;
 use super::path_state::{Origin, Path, ShadowQuery, Stage};
 use crate::image::film::Layers;
-use crate::math::{dot, max_rgb, mul_rgb, reflect, scale, scale_rgb, to_f64};
 use crate::photon::irradiance::Irradiance;
 use crate::photon::kd_tree::PhotonTree;
 use crate::sampler::Decision;
@@ -16,12 +15,13 @@ use crate::shading::light::LightSample;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::Occluders;
+use glam::{DVec3, Vec3};
 use trex_store::Material;
 
 /// The share of a light sample, one of so many, that counts beside other ways to find its light.
 pub(super) type MisWeight = fn(&Bsdf<'_>, &LightSample, u32) -> f32;
 
-/// What the integrators of a picture read.
+/// All that the integrators of a picture read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RenderContext<'a> {
     pub(crate) world: &'a World,
@@ -29,12 +29,12 @@ pub(crate) struct RenderContext<'a> {
     pub(crate) voxels: Option<GScene<'a>>,
     /// The photons of `full-gi`; without, surfaces are dark to gather rays.
     pub(crate) photons: Option<&'a PhotonTree>,
-    /// Whether the first sample of each pixel also says what its centre shows.
+    /// True when the first sample of each pixel also says what its centre shows.
     pub(crate) has_layers: bool,
 }
 
 impl<'a> RenderContext<'a> {
-    /// What integrators read of `world`, which was made from `model`, with light in the voxels as `irradiance` has it.
+    /// The context of `world`, which was made from `model`, with light in the voxels as `irradiance` has it.
     pub(crate) fn new(world: &'a World, model: &'a Model, irradiance: Irradiance<'a>) -> RenderContext<'a> {
         let RenderKeys { integrator: method, occluders, near, .. } = *world.settings;
         let is_cubes = matches!(method, Method::DebugUpper | Method::DebugLower);
@@ -47,23 +47,23 @@ impl<'a> RenderContext<'a> {
         RenderContext { world, voxels, photons: None, has_layers: false }
     }
 
-    /// The mesh of `world` alone.
+    /// The context of `world` with its mesh alone.
     #[cfg(test)]
-    pub(crate) fn of_mesh(world: &'a World) -> RenderContext<'a> {
+    pub(crate) fn from_mesh(world: &'a World) -> RenderContext<'a> {
         RenderContext { world, voxels: None, photons: None, has_layers: false }
     }
 
-    /// With what the layers of a film take.
+    /// This context, with what the layers of a film take.
     pub(crate) fn with_layers(self, layers: Layers) -> RenderContext<'a> {
         RenderContext { has_layers: layers.kept().any(), ..self }
     }
 
-    /// With the photons of `full-gi`.
+    /// This context, with the photons of `full-gi`.
     pub(crate) fn with_photons(self, photons: Option<&'a PhotonTree>) -> RenderContext<'a> {
         RenderContext { photons, ..self }
     }
 
-    /// Material of a surface.
+    /// Material of `surface`.
     pub(super) fn material(&self, surface: &SurfaceInteraction) -> &'a Material {
         &self.world.materials[surface.material as usize]
     }
@@ -73,13 +73,13 @@ impl<'a> RenderContext<'a> {
         self.voxels.as_ref().filter(|scene| scene.answers_g_rays)
     }
 
-    /// Gather rays at a surface.
+    /// Count of gather rays at a surface.
     pub(super) fn n_gather(&self) -> u32 {
         let settings = &self.world.settings;
         if settings.integrator.gathers() { settings.n_gather } else { 0 }
     }
 
-    /// The end of a ray that no light sample could have been: all that it sees counts.
+    /// The stage after a ray that no light sample could have been: all that it sees counts.
     pub(super) fn seen(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
         let lights = &self.world.lights;
         let seen = lights.seen(ray, hit.map_or(f64::INFINITY, |hit| hit.point.t));
@@ -88,13 +88,13 @@ impl<'a> RenderContext<'a> {
             return Stage::Done;
         };
         let material = &self.world.materials[hit.point.material as usize];
-        if dot(to_f64(hit.point.normal), ray.direction) < 0.0 {
-            path.gain(material.ke);
+        if hit.point.normal.as_dvec3().dot(DVec3::from(ray.direction)) < 0.0 {
+            path.gain(Vec3::from(material.ke));
         }
         self.lit(SurfaceInteraction::new(ray, &hit.point))
     }
 
-    /// What follows at a surface: shadow rays, where they can bring anything.
+    /// The stage after a surface is met: shadow rays, where they can bring anything.
     pub(super) fn lit(&self, surface: SurfaceInteraction) -> Stage {
         match takes_shadow_rays(self.material(&surface)) {
             true => self.after_shadow_ray(surface, 0),
@@ -102,7 +102,7 @@ impl<'a> RenderContext<'a> {
         }
     }
 
-    /// What follows the shadow rays before number `index`.
+    /// The stage after the shadow rays before number `index`.
     pub(super) fn after_shadow_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
         if index < self.world.settings.n_shadow {
             return Stage::Shadow { surface, index };
@@ -110,7 +110,7 @@ impl<'a> RenderContext<'a> {
         self.after_gather_ray(surface, 0)
     }
 
-    /// What follows the gather rays before number `index`.
+    /// The stage after the gather rays before number `index`.
     pub(super) fn after_gather_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
         if index < self.n_gather() { Stage::Gather { surface, index } } else { Stage::Bounce(surface) }
     }
@@ -127,28 +127,28 @@ impl<'a> RenderContext<'a> {
         let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
         let point = surface.shading_point(&self.world.materials);
         let sample = self.world.lights.sample(&point, u)?;
-        let cos = dot(surface.normal, sample.wi) as f32;
+        let cos = surface.normal.dot(sample.wi) as f32;
         let weight = cos * mis_weight(&point.bsdf, &sample, count);
-        let returned = scale_rgb(weight, mul_rgb(point.bsdf.eval(sample.wi), sample.weight));
-        let light = scale_rgb(1.0 / count as f32, returned);
+        let returned = weight * (point.bsdf.eval(sample.wi) * sample.weight);
+        let light = 1.0 / count as f32 * returned;
         let LightSample { wi, distance, front, .. } = sample;
-        (max_rgb(light) > 0.0).then_some(ShadowQuery { direction: wi, distance, front, light })
+        (light.max_element() > 0.0).then_some(ShadowQuery { direction: wi, distance, front, light })
     }
 
-    /// The mirror ray, if the surface is a mirror. All of its reflectance goes with it, so that without roulette a picture
-    /// of mirrors has no noise.
+    /// The mirror ray, if the surface is a mirror. All of its reflectance goes with it, so that without roulette a
+    /// picture of mirrors has no noise.
     pub(super) fn mirror_bounce(&self, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
         let material = self.material(surface);
         if !material.mirror {
             return Stage::Done;
         }
-        path.throughput = mul_rgb(path.throughput, material.ks);
+        path.throughput *= Vec3::from(material.ks);
         if !path.survives() {
             return Stage::Done;
         }
         path.vertex += 1;
         path.origin = Origin::Mirror;
-        let direction = reflect(scale(-1.0, surface.wo), surface.normal);
+        let direction = (-surface.wo).reflect(surface.normal);
         Stage::CRay(surface.ray_to(direction, f64::INFINITY, None))
     }
 }

@@ -1,4 +1,5 @@
-//! `debug-upper`, `debug-lower`, `debug-occluders`, `debug-pages`: what the other integrators work with, drawn. Paper, Fig. 4.
+//! `debug-upper`, `debug-lower`, `debug-occluders`, `debug-pages`: what the other integrators work with, drawn.
+//! Paper, Fig. 4.
 //!
 //! ```text
 //! debug-upper      the leaves of the octree as cubes     shade by the face that is seen
@@ -11,16 +12,16 @@ use super::c_ray::{CRayHit, Form};
 use super::context::RenderContext;
 use super::path_state::{Path, Stage};
 use super::{CRays, Integrator};
-use crate::math::{add_rgb, dot, scale_rgb, to_f64};
 use crate::sampler::mix;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer, UnitPages};
+use glam::{DVec3, Vec3};
 
-/// Light on faces across x, y and z.
+/// Share of light on faces across x, y and z.
 const FACE_SHADE: [f32; 3] = [0.6, 1.0, 0.8];
-/// Behind the model.
-const BACKGROUND: [f32; 3] = [0.05; 3];
+/// Radiance behind the model.
+const BACKGROUND: Vec3 = Vec3::splat(0.05);
 
 /// The voxels as they are: C-rays are asked of them.
 #[derive(Debug)]
@@ -35,7 +36,7 @@ impl Integrator for DebugVoxels {
         self.0
     }
 
-    /// Of the rays through the centres of pixels, for layers: these show the mesh.
+    /// Ends the path: only rays through the centres of pixels, for layers, meet the mesh.
     fn c_ray_end(&self, _: &RenderContext<'_>, _: &mut Path, _: &Ray, _: Option<CRayHit>) -> Stage {
         Stage::Done
     }
@@ -53,10 +54,9 @@ impl Integrator for DebugPages {
                 Form::Voxel => u32::MAX,
             };
             let hash = mix(u64::from(page));
-            let colour: [f32; 3] =
-                std::array::from_fn(|c| 0.25 + 0.75 * ((hash >> (16 * c)) & 0xffff) as f32 / 65535.0);
-            let cos = dot(to_f64(hit.point.normal), ray.direction).abs() as f32;
-            scale_rgb(0.3 + 0.7 * cos, colour)
+            let colour = [0, 16, 32].map(|shift| 0.25 + 0.75 * (hash >> shift & 0xffff) as f32 / 65535.0);
+            let cos = hit.point.normal.as_dvec3().dot(DVec3::from(ray.direction)).abs() as f32;
+            (0.3 + 0.7 * cos) * Vec3::from(colour)
         }));
         Stage::Done
     }
@@ -98,8 +98,8 @@ impl RenderContext<'_> {
         Answer::Exact(Stage::Done)
     }
 
-    fn face_shown(&self, material: u16, axis: usize) -> [f32; 3] {
+    fn face_shown(&self, material: u16, axis: usize) -> Vec3 {
         let material = &self.world.materials[usize::from(material)];
-        scale_rgb(FACE_SHADE[axis], add_rgb(material.kd, material.ks))
+        FACE_SHADE[axis] * (Vec3::from(material.kd) + Vec3::from(material.ks))
     }
 }

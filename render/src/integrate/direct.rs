@@ -7,7 +7,7 @@ use super::path_state::{Path, Stage};
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 
-/// See the top of the file.
+/// Direct light: see the top of the file.
 #[derive(Debug)]
 pub(super) struct Direct;
 

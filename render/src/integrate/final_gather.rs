@@ -1,6 +1,6 @@
-//! `full-gi`: photon mapping on the exact mesh, without voxels: what `photon` is measured by. Shadow rays, mirrors and
-//! gather rays meet the mesh; where a gather ray ends, the photons next to that place say what leaves it. H. W. Jensen, "Realistic
-//! image synthesis using photon mapping" (2001), with final gathering.
+//! `full-gi`: photon mapping on the exact mesh, without voxels: what `photon` is measured by. Shadow rays, mirrors
+//! and gather rays meet the mesh; where a gather ray ends, the photons next to that place say what leaves it. H. W.
+//! Jensen, "Realistic image synthesis using photon mapping" (2001), with final gathering.
 //!
 //! ```text
 //! surface -> gather ray -> surface: photons next to it (emitters left out: shadow rays bring their light)
@@ -10,19 +10,20 @@
 //!
 //! Left out is what points and suns bring to a place that is seen, over a mirror: no gather ray meets them.
 //!
-//! Invariants: 1. a retry asks one ray; 2. a gather ray follows [`MIRRORS_MAX`] mirrors at most, and what lies behind is dark.
+//! Invariants: 1. a retry asks one ray; 2. a gather ray follows [`MIRRORS_MAX`] mirrors at most, and what lies behind
+//! is dark.
 
 use super::Integrator;
 use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::g_scene::MIRRORS_MAX;
 use super::path_state::{GatherRay, Path, Stage};
-use crate::math::{dot, max_rgb, mul_rgb, reflect, to_f64};
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
+use glam::{DVec3, Vec3};
 
-/// See the top of the file.
+/// Photon mapping on the exact mesh: see the top of the file.
 #[derive(Debug)]
 pub(super) struct FullGi;
 
@@ -51,24 +52,26 @@ impl RenderContext<'_> {
         let lights = &self.world.lights;
         let lamp = if mirrors > 0 { lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) } else { None };
         let Some(hit) = hit.filter(|_| lamp.is_none()) else {
-            path.gain_indirect(mul_rgb(weight, lamp.unwrap_or(lights.sky())));
+            path.gain_indirect(weight * lamp.unwrap_or(lights.sky()));
             return done;
         };
-        let material = &self.world.materials[hit.material as usize];
-        if mirrors > 0 && dot(to_f64(hit.normal), ray.direction) < 0.0 {
-            path.gain_indirect(mul_rgb(weight, material.ke));
+        let hit = HitPoint::from(&hit);
+        let (material, direction) =
+            (&self.world.materials[hit.material as usize], DVec3::from(ray.direction));
+        if mirrors > 0 && hit.normal.as_dvec3().dot(direction) < 0.0 {
+            path.gain_indirect(weight * Vec3::from(material.ke));
         }
-        let met = SurfaceInteraction::new(&ray, &HitPoint::from(&hit));
+        let met = SurfaceInteraction::new(&ray, &hit);
         if let Some(photons) = self.photons {
             path.sample.look_ups += 1;
             let k_nearest = self.world.settings.k_nearest;
-            path.gain_indirect(mul_rgb(weight, photons.radiance(&met, &self.world.materials, k_nearest)));
+            path.gain_indirect(weight * photons.radiance(&met, &self.world.materials, k_nearest));
         }
-        let weight = mul_rgb(weight, material.ks);
-        if !material.mirror || mirrors == MIRRORS_MAX || max_rgb(weight) == 0.0 {
+        let weight = weight * Vec3::from(material.ks);
+        if !material.mirror || mirrors == MIRRORS_MAX || weight.max_element() == 0.0 {
             return done;
         }
-        let ray = met.ray_to(reflect(ray.direction, met.normal), f64::INFINITY, None);
+        let ray = met.ray_to(direction.reflect(met.normal), f64::INFINITY, None);
         Answer::Exact(Stage::GatherRay(GatherRay { ray, weight, mirrors: mirrors + 1, ..*gather }))
     }
 }

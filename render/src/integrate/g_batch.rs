@@ -6,17 +6,20 @@ use super::c_ray::FarRay;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::{VoxelHit, VoxelScene};
+use glam::Vec3;
 use std::ops::Range;
 
 /// Rays of one path in a batch: bounds what a batch holds, whatever `n_shadow` and `n_gather`.
 pub(super) const ASKED_MAX: u32 = 16;
 
-/// Rays that ask the voxels, and their answers. All kinds in one: the more rays side by side, the fewer lanes stand empty.
+/// Rays that ask the voxels, and their answers. All kinds in one: the more rays side by side, the fewer lanes stand
+/// empty.
 #[derive(Debug, Default)]
 pub(crate) struct GBatch {
-    /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it brings.
-    entries: Vec<(Option<u32>, [f32; 3])>,
-    /// These, and C-rays behind the cut of the footprint rule.
+    /// Shadow and gather rays in the order of asking: which ray, if anything is left of it, and the weight of what it
+    /// brings.
+    entries: Vec<(Option<u32>, Vec3)>,
+    /// Shadow and gather rays, and C-rays behind the cut of the footprint rule.
     rays: Vec<Ray>,
     answers: Vec<Option<VoxelHit>>,
 }
@@ -52,7 +55,7 @@ impl GBatch {
     }
 
     /// Asks for a shadow or gather ray, if anything is left of it; `weight` is what it brings.
-    pub(super) fn push(&mut self, ray: Option<Ray>, weight: [f32; 3]) {
+    pub(super) fn push(&mut self, ray: Option<Ray>, weight: Vec3) {
         let place = ray.map(|ray| {
             self.rays.push(ray);
             self.rays.len() as u32 - 1
@@ -61,7 +64,7 @@ impl GBatch {
     }
 
     /// The rays of a part, with their weights.
-    pub(super) fn entries(&self, part: &Part) -> &[(Option<u32>, [f32; 3])] {
+    pub(super) fn entries(&self, part: &Part) -> &[(Option<u32>, Vec3)] {
         &self.entries[part.entries.start as usize..part.entries.end as usize]
     }
 
@@ -70,7 +73,7 @@ impl GBatch {
         self.entries.len() as u32
     }
 
-    /// What a C-ray behind the cut has met.
+    /// The voxel that a C-ray behind the cut has met.
     pub(super) fn far_answer(&self, place: u32) -> Option<VoxelHit> {
         self.answers[place as usize]
     }
@@ -91,7 +94,7 @@ impl GBatches {
     /// Bytes that the batches of so many paths take.
     pub(crate) fn bytes(path_count: usize) -> u64 {
         let ray = size_of::<Ray>() + size_of::<Option<VoxelHit>>();
-        let entry = size_of::<(Option<u32>, [f32; 3])>() + ray;
+        let entry = size_of::<(Option<u32>, Vec3)>() + ray;
         // Two batches, of vectors that grow by doubling.
         (4 * path_count * (ray + ASKED_MAX as usize * entry)) as u64
     }

@@ -3,33 +3,34 @@
 //!
 //! ```text
 //! path at a surface -> asks: its shadow and gather rays go to the batch, the path waits
-//!                      all paths of a tile have asked or ended -> the batch is traced -> each takes its answers, in order
+//! all paths of a tile have asked or ended -> the batch is traced -> each takes its answers, in order
 //! ```
 //!
-//! Only rays that the resident octree answers go here: with `near = exact`, or with units, a ray may be blocked, and is asked
-//! alone.
+//! Only rays that the resident octree answers go here: with `near = exact`, or with units, a ray may be blocked, and
+//! is asked alone.
 //!
-//! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same order;
-//! 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most `ASKED_MAX` at a time.
+//! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same
+//! order; 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most
+//! `ASKED_MAX` at a time.
 
 use super::Integrator;
 use super::context::RenderContext;
 use super::g_batch::{ASKED_MAX, GBatch, Part, Place};
 use super::gather::GatherQuery;
 use super::path_state::{Path, Stage};
-use crate::math::mul_rgb;
 use crate::scene::settings::Near;
 use crate::shading::surface::SurfaceInteraction;
 
-/// The first shadow and the first gather ray that a path has not asked for yet.
+/// A surface, and the first shadow and the first gather ray there that a path has not asked for yet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FirstRays {
+pub(super) struct FirstRays<'a> {
+    pub(super) surface: &'a SurfaceInteraction,
     pub(super) shadow: u32,
     pub(super) gather: u32,
 }
 
 impl RenderContext<'_> {
-    /// Whether shadow and gather rays are asked in batches.
+    /// True when shadow and gather rays are asked in batches.
     pub(super) fn batches_g_rays(&self) -> bool {
         self.g_scene().is_some_and(|scene| scene.near == Near::Voxel && scene.lower.is_none())
     }
@@ -39,9 +40,10 @@ impl RenderContext<'_> {
         &self,
         integrator: &dyn Integrator,
         path: &mut Path,
-        (surface, first): (&SurfaceInteraction, FirstRays),
+        first: FirstRays<'_>,
         batch: &mut GBatch,
     ) -> Stage {
+        let FirstRays { surface, .. } = first;
         let scene = self.g_scene().expect("batches have voxels");
         let n_shadow = self.world.settings.n_shadow;
         let (from, next) = (batch.entry_count(), n_shadow.min(first.shadow + ASKED_MAX));
@@ -78,9 +80,10 @@ impl RenderContext<'_> {
         let scene = self.g_scene().expect("batches have voxels");
         for &(ray, weight) in batch.entries(gather) {
             let Some(ray) = ray else { continue };
-            let found = scene.gather_from(batch.answer(ray), &self.world.materials, self.world.lights.sky());
+            let (ray, found) = batch.answer(ray);
+            let found = scene.gather_from(ray, found, &self.world.materials, self.world.lights.sky());
             path.sample.rays.gather += found.rays;
-            path.gain_indirect(mul_rgb(weight, found.radiance));
+            path.gain_indirect(weight * found.radiance);
         }
         self.after_gather_ray(*surface, gather.next)
     }

@@ -1,25 +1,27 @@
-//! `GScene`: rays between a surface of the exact mesh and the voxels: how they leave it, what stops them, what they bring back.
+//! `GScene`: rays between a surface of the exact mesh and the voxels: how they leave it, what stops them, what they
+//! bring back.
 //!
 //! ```text
 //! voxel   surface --clearance along the normal--> voxels
 //! exact   surface --mesh for some leaves' length--> voxels          (`--near exact`: no boxes in corners; Fig. 8)
 //! ```
 //!
-//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are units, rays wait
-//! for those that they need; light is kept by the facets of the upper leaves above them.
+//! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
+//! units, rays wait for those that they need; light is kept by the facets of the upper leaves above them.
 
-use crate::math::{add_rgb, along, dot, length, max_rgb, mul_rgb, reflect, sub, unit};
+use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
 use crate::scene::settings::Near;
 use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray, Tracer, UnitPages};
 use crate::voxel::{LeafHit, LowerScene, VoxelHit, VoxelScene};
+use glam::{DVec3, Vec3};
 use trex_store::Material;
 
 /// Length of the part of a ray that `near = exact` takes from the mesh, in leaves.
 const NEAR_LEAVES: f64 = 2.0;
-/// Most of that where a ray grazes its surface.
+/// Greatest length of that part, in leaves: where a ray grazes its surface.
 const NEAR_LEAVES_MAX: f64 = 16.0;
 /// Mirrors that a gather ray follows; what lies behind more of them is dark.
 pub(crate) const MIRRORS_MAX: u32 = 8;
@@ -32,32 +34,33 @@ pub(crate) struct GScene<'a> {
     pub(crate) lower: Option<LowerScene<'a>>,
     pub(crate) irradiance: Irradiance<'a>,
     pub(crate) near: Near,
-    /// Whether G-rays are asked of them; without, they stand in for the mesh alone.
+    /// True when G-rays are asked of the voxels; else these stand in for the mesh alone.
     pub(crate) answers_g_rays: bool,
 }
 
-/// What a gather ray brought.
+/// The yield of a gather ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gathered {
     /// Radiance, emitters left out.
-    pub(crate) radiance: [f32; 3],
+    pub(crate) radiance: Vec3,
     pub(crate) rays: u64,
 }
 
 impl<'a> GScene<'a> {
     /// Length of the part of a ray from `surface` in unit `direction` that the mesh answers; `None` for none.
-    pub(crate) fn near_length(&self, surface: &SurfaceInteraction, direction: [f64; 3]) -> Option<f64> {
+    pub(crate) fn near_length(&self, surface: &SurfaceInteraction, direction: DVec3) -> Option<f64> {
         let leaf = self.lower.map_or(self.voxels.leaf_side(), |lower| lower.leaf_side());
-        let clear = self.clearance(surface.normal) / dot(surface.normal, direction).max(1e-9);
+        let clear = self.clearance(surface.normal) / surface.normal.dot(direction).max(1e-9);
         (self.near == Near::Exact).then(|| clear.clamp(NEAR_LEAVES * leaf, NEAR_LEAVES_MAX * leaf))
     }
 
-    /// How far off a surface rays start and end.
-    fn clearance(&self, normal: [f64; 3]) -> f64 {
+    /// Distance off a surface of unit `normal` at which rays start and end, model units.
+    fn clearance(&self, normal: DVec3) -> f64 {
+        let normal = normal.to_array();
         self.lower.map_or(self.voxels.clearance(normal), |lower| lower.clearance(normal))
     }
 
-    /// Whether `ray` meets anything.
+    /// True when `ray` meets any voxel.
     pub(crate) fn occluded<T: Tracer>(&self, ray: &Ray, tracer: &mut T) -> Answer<bool> {
         match &self.lower {
             Some(lower) => lower.occluded(ray, &mut UnitPages(tracer)),
@@ -65,48 +68,50 @@ impl<'a> GScene<'a> {
         }
     }
 
-    /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it leaves
-    /// that one's voxels, too. `None` when nothing is left of it.
+    /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it
+    /// leaves that one's voxels, too. `None` when nothing is left of it.
     pub(crate) fn leave(
         &self,
         surface: &SurfaceInteraction,
-        direction: [f64; 3],
+        direction: DVec3,
         distance: f64,
-        front: Option<[f64; 3]>,
+        front: Option<DVec3>,
     ) -> Option<Ray> {
         let clearance = self.clearance(surface.normal);
         let near = self.near_length(surface, direction).unwrap_or(0.0);
         if distance <= near {
             return None;
         }
-        let height = near * dot(surface.normal, direction);
-        let start = along(surface.point, near, direction);
-        let origin = along(start, (clearance - height).max(0.0) + surface.offset(), surface.normal);
+        let height = near * surface.normal.dot(direction);
+        let start = surface.point + near * direction;
+        let origin = start + ((clearance - height).max(0.0) + surface.offset()) * surface.normal;
         if distance == f64::INFINITY {
-            return Some(Ray { origin, direction, t_max: distance });
+            return Some(Ray::new(origin, direction, distance));
         }
-        let mut end = along(surface.point, distance, direction);
+        let mut end = surface.point + distance * direction;
         if let Some(front) = front {
-            end = along(end, self.clearance(front), front);
+            end += self.clearance(front) * front;
         }
-        let way = sub(end, origin);
-        if dot(way, direction) <= 0.0 {
+        let way = end - origin;
+        if way.dot(direction) <= 0.0 {
             return None;
         }
-        Some(Ray { origin, direction: unit(way)?, t_max: length(way) })
+        Some(Ray::new(origin, unit(way)?, way.length()))
     }
 
-    /// What arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In the upper octree alone.
-    pub(crate) fn gather(&self, ray: Ray, materials: &'a [Material], sky: [f32; 3]) -> Gathered {
-        self.gather_from((ray, self.voxels.intersect(&ray)), materials, sky)
+    /// The radiance that arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In
+    /// the upper octree alone.
+    pub(crate) fn gather(&self, ray: Ray, materials: &'a [Material], sky: Vec3) -> Gathered {
+        self.gather_from(ray, self.voxels.intersect(&ray), materials, sky)
     }
 
-    /// What arrives along `ray`, when the first voxel that it meets is known.
+    /// The radiance that arrives along `ray`, when the first voxel that it meets is known.
     pub(crate) fn gather_from(
         &self,
-        (ray, found): (Ray, Option<VoxelHit>),
+        ray: Ray,
+        found: Option<VoxelHit>,
         materials: &'a [Material],
-        sky: [f32; 3],
+        sky: Vec3,
     ) -> Gathered {
         let mut first = Some(found);
         let meet = |ray: &Ray| {
@@ -119,11 +124,12 @@ impl<'a> GScene<'a> {
         }
     }
 
-    /// What arrives along `ray` through units, where there are any.
+    /// The radiance that arrives along `ray` through units, where there are any.
     pub(crate) fn gather_finest<T: Tracer>(
         &self,
         ray: Ray,
-        (materials, sky): (&'a [Material], [f32; 3]),
+        materials: &'a [Material],
+        sky: Vec3,
         tracer: &mut T,
     ) -> Answer<Gathered> {
         match &self.lower {
@@ -139,28 +145,28 @@ impl<'a> GScene<'a> {
     fn collect(
         &self,
         mut ray: Ray,
-        sky: [f32; 3],
+        sky: Vec3,
         lower: Option<&LowerScene<'a>>,
         mut meet: impl FnMut(&Ray) -> Answer<Option<LeafHit<'a>>>,
     ) -> Answer<Gathered> {
-        let (mut radiance, mut throughput) = ([0.0; 3], [1.0; 3]);
+        let (mut radiance, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let mut rays = 0;
         while rays <= u64::from(MIRRORS_MAX) {
             let Answer::Exact(found) = meet(&ray) else { return Answer::Blocked };
             rays += 1;
             let Some(hit) = found else {
-                radiance = add_rgb(radiance, mul_rgb(throughput, sky));
+                radiance += throughput * sky;
                 break;
             };
-            radiance = add_rgb(radiance, mul_rgb(throughput, self.leaving(&hit)));
+            radiance += throughput * self.leaving(&hit);
             if !hit.material.mirror {
                 break;
             }
-            throughput = mul_rgb(throughput, hit.material.ks);
-            if max_rgb(throughput) == 0.0 {
+            throughput *= Vec3::from(hit.material.ks);
+            if throughput.max_element() == 0.0 {
                 break;
             }
-            let direction = reflect(ray.direction, hit.normal);
+            let direction = DVec3::from(ray.direction).reflect(hit.normal);
             ray = match lower {
                 Some(lower) => lower.ray_from_leaf(&hit, direction),
                 None => self.voxels.ray_from_leaf(&hit, direction),
@@ -169,17 +175,13 @@ impl<'a> GScene<'a> {
         Answer::Exact(Gathered { radiance, rays })
     }
 
-    /// What leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
-    pub(crate) fn leaving_surface(
-        &self,
-        surface: &SurfaceInteraction,
-        material: &Material,
-    ) -> Option<[f32; 3]> {
+    /// The radiance that leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
+    pub(crate) fn leaving_surface(&self, surface: &SurfaceInteraction, material: &Material) -> Option<Vec3> {
         let facet = self.voxels.facet_at(surface.point, surface.normal)?;
-        Some(mul_rgb(diffuse_equivalent(material), self.irradiance.at(facet)))
+        Some(diffuse_equivalent(material) * self.irradiance.at(facet))
     }
 
-    fn leaving(&self, hit: &LeafHit<'_>) -> [f32; 3] {
-        mul_rgb(diffuse_equivalent(hit.material), self.irradiance.at(hit.facet))
+    fn leaving(&self, hit: &LeafHit<'_>) -> Vec3 {
+        diffuse_equivalent(hit.material) * self.irradiance.at(hit.facet)
     }
 }

@@ -1,10 +1,11 @@
-//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it. Paper,
-//! section 5. Perfect mirrors carry the view on, as in `direct`. The directions of gather rays are drawn here, for
-//! `full-gi` too.
+//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it.
+//! Paper, section 5. Perfect mirrors carry the view on, as in `direct`. The directions of gather rays are drawn here,
+//! for `full-gi` too.
 //!
 //! ```text
-//! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi  (no emitters: shadow rays bring these)
-//!                       -> nothing: the sky                                       (left out by the shadow rays)
+//! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi   (emitters left out, as shadow
+//!                                                                                    rays bring them)
+//!                       -> nothing: the sky                                         (left out by the shadow rays)
 //! ```
 //!
 //! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it
@@ -15,20 +16,20 @@ use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::g_scene::{GScene, Gathered};
 use super::path_state::{GatherRay, Path, Stage};
-use crate::math::{max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::Decision;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::trace::{Answer, Ray, Tracer};
+use glam::{DVec3, Vec3};
 
-/// See the top of the file.
+/// Photon mapping on voxels: see the top of the file.
 #[derive(Debug)]
 pub(super) struct PhotonMapping;
 
 /// The direction of a gather ray, and what a radiance from there counts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GatherQuery {
-    pub(super) direction: [f64; 3],
-    pub(super) weight: [f32; 3],
+    pub(super) direction: DVec3,
+    pub(super) weight: Vec3,
 }
 
 impl Integrator for PhotonMapping {
@@ -60,7 +61,7 @@ impl RenderContext<'_> {
                 return Answer::Blocked;
             };
             path.sample.rays.gather += found.rays;
-            path.gain_indirect(mul_rgb(weight, found.radiance));
+            path.gain_indirect(weight * found.radiance);
         }
         Answer::Exact(self.after_gather_ray(*surface, index + 1))
     }
@@ -75,16 +76,16 @@ impl RenderContext<'_> {
         let count = self.world.settings.n_gather;
         let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index, count });
         let sample = surface.bsdf(&self.world.materials).sample_rough([u[0], u[1], u[2]])?;
-        let weight = scale_rgb(1.0 / count as f32, sample.weight);
-        (max_rgb(weight) > 0.0).then_some(GatherQuery { direction: sample.wi, weight })
+        let weight = 1.0 / count as f32 * sample.weight;
+        (weight.max_element() > 0.0).then_some(GatherQuery { direction: sample.wi, weight })
     }
 
-    /// What arrives at a surface from unit `direction`.
+    /// Radiance that arrives at a surface from unit `direction`.
     fn gathered_along<T: Tracer>(
         &self,
         voxels: &GScene<'_>,
         surface: &SurfaceInteraction,
-        direction: [f64; 3],
+        direction: DVec3,
         tracer: &mut T,
     ) -> Answer<Gathered> {
         let world = self.world;
@@ -95,14 +96,14 @@ impl RenderContext<'_> {
                 Answer::Exact(None) => {}
                 Answer::Exact(Some(hit)) => {
                     let met = SurfaceInteraction::new(&ray, &HitPoint::from(&hit));
-                    let radiance = voxels.leaving_surface(&met, self.material(&met)).unwrap_or([0.0; 3]);
+                    let radiance = voxels.leaving_surface(&met, self.material(&met)).unwrap_or(Vec3::ZERO);
                     return Answer::Exact(Gathered { radiance, rays: 1 });
                 }
             }
         }
         match voxels.leave(surface, direction, f64::INFINITY, None) {
-            Some(ray) => voxels.gather_finest(ray, (&world.materials, world.lights.sky()), tracer),
-            None => Answer::Exact(Gathered { radiance: [0.0; 3], rays: 0 }),
+            Some(ray) => voxels.gather_finest(ray, &world.materials, world.lights.sky(), tracer),
+            None => Answer::Exact(Gathered { radiance: Vec3::ZERO, rays: 0 }),
         }
     }
 }

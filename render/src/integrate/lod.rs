@@ -5,8 +5,8 @@
 //!        --- mirror: the way goes on --- cut ---
 //! ```
 //!
-//! A view then needs pages in proportion to its pixels, not to the model. The voxels of a leaf hold all of its surface, so
-//! no crack opens at the cut.
+//! A view then needs pages in proportion to its pixels, not to the model. The voxels of a leaf hold all of its
+//! surface, so no crack opens at the cut.
 //!
 //! Invariants: 1. with `lod_error` 0 voxels are never asked here; 2. a hit says which form answered.
 
@@ -15,16 +15,17 @@ use super::context::RenderContext;
 use super::path_state::{Origin, Path, Stage};
 use crate::trace::{Answer, Hit, Ray, Tracer};
 
-/// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing angles.
+/// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing
+/// angles.
 const MIRROR_LEAVES: f64 = 16.0;
 
-/// What is known of the first thing that a C-ray meets.
+/// Knowledge of the first thing that a C-ray meets.
 pub(super) enum Closest {
     /// A page is missing.
     Blocked,
-    /// It is on the mesh, or there is nothing.
+    /// A hit on the mesh, or that there is nothing.
     Known(Option<CRayHit>),
-    /// It is what this ray, the part behind the cut, meets in the voxels.
+    /// A hit in the voxels, if this ray, the part behind the cut, meets any.
     Far(FarRay),
 }
 
@@ -49,7 +50,7 @@ fn before(ray: &Ray, cut: f64) -> Option<Ray> {
     (cut > 0.0).then(|| Ray { t_max: ray.t_max.min(cut), ..*ray })
 }
 
-/// What a C-ray meets that has `found` so much on the mesh before the cut.
+/// The first thing that a C-ray meets which has `found` that much on the mesh before the cut.
 pub(super) fn behind(ray: &Ray, cut: f64, found: Option<Hit>) -> Closest {
     if found.is_none() && cut < ray.t_max {
         Closest::Far(FarRay::new(ray, cut))
@@ -59,7 +60,7 @@ pub(super) fn behind(ray: &Ray, cut: f64, found: Option<Hit>) -> Closest {
 }
 
 impl RenderContext<'_> {
-    /// What the C-ray at hand meets first: on the mesh before the cut, in the voxels behind.
+    /// The first thing that the C-ray at hand meets: on the mesh before the cut, in the voxels behind.
     pub(super) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
         let cut = self.cut(path);
         let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
@@ -70,7 +71,7 @@ impl RenderContext<'_> {
         behind(ray, cut, found)
     }
 
-    /// What one C-ray meets first, whatever answers it.
+    /// The first thing that one C-ray meets, whatever answers it.
     pub(super) fn closest_alone<T: Tracer>(
         &self,
         ray: &Ray,
@@ -84,13 +85,13 @@ impl RenderContext<'_> {
         }
     }
 
-    /// What a ray behind the cut meets.
+    /// The hit of a ray behind the cut.
     pub(super) fn far_hit(&self, far: &FarRay) -> Option<CRayHit> {
         let voxels = &self.voxels.as_ref().expect("what is far is in voxels").voxels;
         far.hit(voxels, voxels.intersect(&far.ray))
     }
 
-    /// Where voxels begin to answer the C-ray at hand; infinite where the mesh does to its end.
+    /// Parameter from which on voxels answer the C-ray at hand; infinite where the mesh does to its end.
     fn cut(&self, path: &Path) -> f64 {
         let lod_distance = self.world.lod_distance;
         let Some(scene) = self.voxels.as_ref().filter(|_| lod_distance < f64::INFINITY) else {
@@ -105,8 +106,8 @@ impl RenderContext<'_> {
         }
     }
 
-    /// Traces the rays from the camera of a tile's paths together: neighbours mostly meet the same pages and nodes. A path
-    /// whose ray is blocked stays as it is, and is told so.
+    /// Traces the rays from the camera of a tile's paths together: neighbours mostly meet the same pages and nodes. A
+    /// path whose ray is blocked stays as it is, and is told so.
     pub(super) fn meet_together<'p, T: Tracer>(
         &self,
         paths: impl Iterator<Item = (&'p mut Path, &'p mut bool)>,

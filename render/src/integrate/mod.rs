@@ -36,7 +36,7 @@ use crate::trace::Ray;
 use c_ray::CRayHit;
 use path_state::{ShadowQuery, Stage};
 
-/// What answers the rays from the camera.
+/// The form of the model that answers the rays from the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum CRays {
     /// The mesh, and behind the cut of the footprint rule the voxels.
@@ -49,15 +49,15 @@ enum CRays {
 
 /// One way to compute light: what follows where a ray has ended. It asks no ray itself.
 trait Integrator: Sync + std::fmt::Debug {
-    /// What answers the rays from the camera.
+    /// The form of the model that answers the rays from the camera.
     fn c_rays(&self) -> CRays {
         CRays::Mesh
     }
 
-    /// What follows the end of a C-ray.
+    /// The stage after the end of a C-ray.
     fn c_ray_end(&self, ctx: &RenderContext<'_>, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage;
 
-    /// What shadow ray `index` of a surface asks; `None` where it could bring nothing.
+    /// The question of shadow ray `index` of a surface; `None` where it could bring nothing.
     fn shadow_query(
         &self,
         ctx: &RenderContext<'_>,
@@ -68,12 +68,12 @@ trait Integrator: Sync + std::fmt::Debug {
         ctx.light_query(path, surface, index, |_, _, _| 1.0)
     }
 
-    /// How shadow rays are counted.
+    /// The kind that shadow rays are counted as.
     fn shadow_kind(&self) -> RayKind {
         RayKind::Shadow
     }
 
-    /// What follows at a surface when its shadow and gather rays are answered.
+    /// The stage at a surface when its shadow and gather rays are answered.
     fn bounce(&self, ctx: &RenderContext<'_>, path: &mut Path, surface: &SurfaceInteraction) -> Stage;
 }
 

@@ -16,14 +16,14 @@ use super::Integrator;
 use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::path_state::{Origin, Path, ShadowQuery, Stage};
-use crate::math::{along, dot, mul_rgb, scale_rgb, to_f64};
 use crate::sampler::Decision;
 use crate::shading::bsdf::Bsdf;
 use crate::shading::light::LightSample;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
+use glam::{DVec3, Vec3};
 
-/// See the top of the file.
+/// Path tracing: see the top of the file.
 #[derive(Debug)]
 pub(super) struct PathTracing;
 
@@ -49,7 +49,7 @@ impl Integrator for PathTracing {
     fn bounce(&self, ctx: &RenderContext<'_>, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
         let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index: 0, count: 1 });
         let Some(sample) = surface.bsdf(&ctx.world.materials).sample(u) else { return Stage::Done };
-        path.throughput = mul_rgb(path.throughput, sample.weight);
+        path.throughput *= sample.weight;
         if !path.survives() {
             return Stage::Done;
         }
@@ -83,19 +83,19 @@ fn gathered(
     let lights = &ctx.world.lights;
     let from = &from.shading_point(&ctx.world.materials);
     let count = f64::from(ctx.world.settings.n_shadow);
-    let mut gain = |radiance, light: f64| path.gain(scale_rgb(mis_weight(pdf, count * light), radiance));
+    let mut gain = |radiance: Vec3, light: f64| path.gain(mis_weight(pdf, count * light) * radiance);
     for (radiance, light) in lights.crossed(from, ray, hit.map_or(f64::INFINITY, |hit| hit.point.t)) {
         gain(radiance, light);
     }
     let Some(CRayHit { point: hit, .. }) = hit else {
-        gain(lights.sky(), lights.sky_pdf(from, ray.direction));
+        gain(lights.sky(), lights.sky_pdf(from, DVec3::from(ray.direction)));
         return Stage::Done;
     };
     let material = &ctx.world.materials[hit.material as usize];
-    let cos = -dot(to_f64(hit.normal), ray.direction);
+    let cos = -hit.normal.as_dvec3().dot(DVec3::from(ray.direction));
     if material.emits() && cos > 0.0 {
-        let point = along(ray.origin, hit.t, ray.direction);
-        gain(material.ke, lights.emitter_pdf(from, point, cos, material.ke));
+        let radiance = Vec3::from(material.ke);
+        gain(radiance, lights.emitter_pdf(from, ray.at(hit.t), cos, radiance));
     }
     ctx.lit(SurfaceInteraction::new(ray, &hit))
 }

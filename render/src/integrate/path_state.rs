@@ -6,29 +6,29 @@
 use super::c_ray::FarRay;
 use super::g_batch::Place;
 use crate::image::film::LayerPixel;
-use crate::math::{add_rgb, max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};
 use crate::trace::{Hit, Ray};
+use glam::{DVec3, Vec3};
 
 /// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
 const BOUNCES_SURE: u32 = 4;
 /// Greatest chance that a path goes on after that; ends halls of mirrors that lose no light.
 const ROULETTE_MAX: f32 = 0.95;
-/// Most bounces. By roulette one path in 400,000 gets so far; what it would still bring is lost.
+/// Most bounces of a path. By roulette one path in 400,000 gets so far; what it would still bring is lost.
 pub(crate) const BOUNCES_MAX: u32 = 256;
 
-/// What one finished sample says of its pixel.
+/// The result of a sample of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sample {
     /// Radiance, linear RGB.
-    pub radiance: [f32; 3],
-    /// Of this, what gather rays brought to the surface that is seen.
-    pub indirect: [f32; 3],
-    /// What the pixel's centre shows; of the first sample only, and only when layers are asked for.
+    pub radiance: Vec3,
+    /// The part of `radiance` that gather rays brought to the surface that is seen.
+    pub indirect: Vec3,
+    /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for.
     pub layers: Option<LayerPixel>,
-    /// Rays that this sample took.
+    /// Rays that the sample took.
     pub rays: RayCounts,
     /// Look-ups of the photons next to a place; of `full-gi`.
     pub look_ups: u64,
@@ -44,14 +44,15 @@ pub(crate) struct Path {
     pub(crate) vertex: u32,
     /// Length of the C-rays before the current one, model units.
     pub(crate) travelled: f64,
-    /// Whether the current C-ray leaves a place that voxels answered for.
+    /// True when the current C-ray leaves a place that voxels answered for.
     pub(crate) is_far: bool,
-    pub(crate) throughput: [f32; 3],
-    /// How the current C-ray came about.
+    pub(crate) throughput: Vec3,
+    /// The origin of the current C-ray.
     pub(crate) origin: Origin,
     pub(crate) sample: Sample,
 }
 
+/// The next step of a path.
 #[derive(Clone, Debug)]
 pub(crate) enum Stage {
     /// The ray through the pixel's centre, for the layers.
@@ -84,7 +85,7 @@ pub(crate) enum Stage {
     TakeGRays(Place),
     /// A ray that gathers light on the exact mesh, on its way.
     GatherRay(GatherRay),
-    /// What comes after these.
+    /// The bounce after a surface's shadow and gather rays.
     Bounce(SurfaceInteraction),
     Done,
 }
@@ -92,12 +93,12 @@ pub(crate) enum Stage {
 /// A ray from a surface that asks whether anything is hit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ShadowQuery {
-    pub(crate) direction: [f64; 3],
+    pub(crate) direction: DVec3,
     pub(crate) distance: f64,
     /// Normal of the surface at the other end, if there is one.
-    pub(crate) front: Option<[f64; 3]>,
-    /// What is gained when nothing is.
-    pub(crate) light: [f32; 3],
+    pub(crate) front: Option<DVec3>,
+    /// Radiance that is gained when nothing is hit.
+    pub(crate) light: Vec3,
 }
 
 /// A gather ray on its way through the mesh: `index` of those that leave `surface`.
@@ -106,13 +107,13 @@ pub(crate) struct GatherRay {
     pub(crate) surface: SurfaceInteraction,
     pub(crate) index: u32,
     pub(crate) ray: Ray,
-    /// What a radiance at its end counts.
-    pub(crate) weight: [f32; 3],
-    /// Mirrors up to now.
+    /// Factor on the radiance at its end.
+    pub(crate) weight: Vec3,
+    /// Mirrors that the ray has followed.
     pub(crate) mirrors: u32,
 }
 
-/// How a C-ray came about: what it sees has another weight where light samples could have found it too.
+/// The origin of a C-ray: what it sees has another weight where light samples could have found it too.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Origin {
     Camera,
@@ -125,7 +126,7 @@ pub(crate) enum Origin {
 }
 
 impl Origin {
-    /// How the C-ray is counted.
+    /// The kind that the C-ray is counted as.
     pub(crate) fn ray_kind(&self) -> RayKind {
         match self {
             Origin::Camera => RayKind::Primary,
@@ -142,28 +143,29 @@ impl Path {
     }
 
     /// Adds radiance that arrives at the current vertex.
-    pub(crate) fn gain(&mut self, radiance: [f32; 3]) {
-        self.sample.radiance = add_rgb(self.sample.radiance, mul_rgb(self.throughput, radiance));
+    pub(crate) fn gain(&mut self, radiance: Vec3) {
+        self.sample.radiance += self.throughput * radiance;
     }
 
-    /// Adds radiance that gather rays brought to the current vertex: what the filter may smooth, unless a mirror shows it.
-    pub(crate) fn gain_indirect(&mut self, radiance: [f32; 3]) {
+    /// Adds radiance that gather rays brought to the current vertex: what the filter may smooth, unless a mirror
+    /// shows it.
+    pub(crate) fn gain_indirect(&mut self, radiance: Vec3) {
         self.gain(radiance);
         if self.vertex == 0 {
-            self.sample.indirect = add_rgb(self.sample.indirect, mul_rgb(self.throughput, radiance));
+            self.sample.indirect += self.throughput * radiance;
         }
     }
 
-    /// Whether the path goes on after its vertex: roulette, by what it can still bring.
+    /// Decides whether the path goes on after its vertex: by roulette, with what it can still bring.
     pub(crate) fn survives(&mut self) -> bool {
         if self.vertex < BOUNCES_SURE {
             return true;
         }
-        let chance = max_rgb(self.throughput).min(ROULETTE_MAX);
+        let chance = self.throughput.max_element().min(ROULETTE_MAX);
         if self.vertex == BOUNCES_MAX || self.sampler.draw(Decision::Roulette(self.vertex))[0] >= chance {
             return false;
         }
-        self.throughput = scale_rgb(1.0 / chance, self.throughput);
+        self.throughput *= 1.0 / chance;
         true
     }
 }

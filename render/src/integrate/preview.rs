@@ -1,29 +1,29 @@
-//! Previews: what rays from the camera see in the voxels alone, without pages and shadows. What a frame shows first, and
-//! what stands in for tiles that wait.
+//! Previews: what rays from the camera see in the voxels alone, without pages and shadows. What a frame shows first,
+//! and what stands in for tiles that wait.
 
 use super::c_ray::FarRay;
 use super::context::RenderContext;
 use super::g_scene::GScene;
-use crate::math::{add_rgb, dot, mul_rgb, scale_rgb, to_f64};
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::VoxelHit;
+use glam::{DVec3, Vec3};
 
 /// The sample of the lights that stands for all of them, its middle.
 const MIDDLE: [f32; 4] = [0.5; 4];
 
 impl RenderContext<'_> {
-    /// What some rays from the camera see; `None` without voxels.
+    /// Radiance that some rays from the camera see, linear RGB; `None` without voxels.
     pub(super) fn previews(&self, rays: impl Iterator<Item = Ray>) -> Option<Vec<[f32; 3]>> {
         let scene = self.voxels.as_ref()?;
         let far: Vec<_> = rays.map(|ray| FarRay::new(&ray, 0.0)).collect();
         let rays: Vec<_> = far.iter().map(|far| far.ray).collect();
         let mut found = vec![None; rays.len()];
         scene.voxels.intersect_batch(&rays, &mut found);
-        Some(far.iter().zip(found).map(|(far, found)| self.preview(scene, far, found)).collect())
+        Some(far.iter().zip(found).map(|(far, found)| self.preview(scene, far, found).to_array()).collect())
     }
 
-    fn preview(&self, scene: &GScene<'_>, far: &FarRay, found: Option<VoxelHit>) -> [f32; 3] {
+    fn preview(&self, scene: &GScene<'_>, far: &FarRay, found: Option<VoxelHit>) -> Vec3 {
         let ray = far.ray;
         let (lights, materials) = (&self.world.lights, &self.world.materials);
         let hit = far.hit(&scene.voxels, found).map(|hit| hit.point);
@@ -32,16 +32,16 @@ impl RenderContext<'_> {
         }
         let Some(hit) = hit else { return lights.sky() };
         let surface = SurfaceInteraction::new(&ray, &hit);
-        let is_front = dot(to_f64(hit.normal), ray.direction) < 0.0;
-        let own = if is_front { self.material(&surface).ke } else { [0.0; 3] };
+        let is_front = hit.normal.as_dvec3().dot(DVec3::from(ray.direction)) < 0.0;
+        let own = if is_front { Vec3::from(self.material(&surface).ke) } else { Vec3::ZERO };
         if !scene.irradiance.is_none() {
-            return add_rgb(own, scene.gather_from((ray, found), materials, lights.sky()).radiance);
+            return own + scene.gather_from(ray, found, materials, lights.sky()).radiance;
         }
         let point = surface.shading_point(materials);
-        let direct = lights.sample(&point, MIDDLE).map_or([0.0; 3], |sample| {
-            let returned = point.bsdf.eval(sample.wi);
-            scale_rgb(dot(surface.normal, sample.wi) as f32, mul_rgb(returned, sample.weight))
+        let direct = lights.sample(&point, MIDDLE).map_or(Vec3::ZERO, |sample| {
+            let returned = point.bsdf.eval(sample.wi) * sample.weight;
+            surface.normal.dot(sample.wi) as f32 * returned
         });
-        add_rgb(own, direct)
+        own + direct
     }
 }

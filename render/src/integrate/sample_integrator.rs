@@ -20,14 +20,14 @@ use super::path::PathTracing;
 use super::path_state::{Origin, Path, Sample, ShadowQuery, Stage};
 use super::{CRays, Integrator};
 use crate::image::film::{LayerPixel, NO_ID};
-use crate::math::add_rgb;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::settings::Method;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
+use glam::Vec3;
 
-/// How far a step took a sample.
+/// The end of a step of a sample.
 pub(crate) enum Step {
     /// The next ray waits for pages.
     Blocked,
@@ -72,7 +72,7 @@ impl<'a> SampleIntegrator<'a> {
             vertex: 0,
             travelled: 0.0,
             is_far: false,
-            throughput: [1.0; 3],
+            throughput: Vec3::ONE,
             origin: Origin::Camera,
             sample: Sample::default(),
         };
@@ -82,13 +82,14 @@ impl<'a> SampleIntegrator<'a> {
         path
     }
 
-    /// What the first rays of some paths see in the voxels, without pages and shadows; `None` without voxels.
+    /// Radiance that the first rays of some paths see in the voxels, without pages and shadows; `None` without
+    /// voxels.
     pub(crate) fn previews<'p>(&self, paths: impl Iterator<Item = &'p Path>) -> Option<Vec<[f32; 3]>> {
         self.ctx.previews(paths.map(|path| self.primary_ray(path)))
     }
 
-    /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is told
-    /// so.
+    /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is
+    /// told so.
     pub(crate) fn meet_together<'p, T: Tracer>(
         &self,
         paths: impl Iterator<Item = (&'p mut Path, &'p mut bool)>,
@@ -100,7 +101,7 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// Whether any rays are asked in batches.
+    /// True when any rays are asked in batches.
     pub(crate) fn has_batches(&self) -> bool {
         self.ctx.voxels.is_some()
     }
@@ -110,8 +111,8 @@ impl<'a> SampleIntegrator<'a> {
         batches.trace(&self.ctx.voxels.as_ref().expect("batches have voxels").voxels);
     }
 
-    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it asks
-    /// of `batches`, where there are any.
+    /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it
+    /// asks of `batches`, where there are any.
     ///
     /// # Panics
     /// When the sample is finished already.
@@ -131,12 +132,13 @@ impl<'a> SampleIntegrator<'a> {
                     Answer::Exact(self.c_ray_met(path, ray, behind(ray, *cut, *found), all))
                 }
                 (Stage::Shadow { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let first = FirstRays { shadow: *index, gather: 0 };
-                    Answer::Exact(ctx.ask(integrator, path, (surface, first), &mut all.asked))
+                    let first = FirstRays { surface, shadow: *index, gather: 0 };
+                    Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
                 }
                 (Stage::Gather { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let first = FirstRays { shadow: ctx.world.settings.n_shadow, gather: *index };
-                    Answer::Exact(ctx.ask(integrator, path, (surface, first), &mut all.asked))
+                    let shadow = ctx.world.settings.n_shadow;
+                    let first = FirstRays { surface, shadow, gather: *index };
+                    Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
                 }
                 (Stage::Shadow { surface, index }, _) => self.shadow_step(path, surface, *index, tracer),
                 (Stage::Gather { surface, index }, _) => ctx.gather_step(path, surface, *index, tracer),
@@ -198,8 +200,8 @@ impl<'a> SampleIntegrator<'a> {
             None => LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID },
             Some(hit) => {
                 let material = &self.ctx.world.materials[hit.point.material as usize];
-                let albedo = add_rgb(material.kd, material.ks);
-                let (depth, normal) = (hit.point.t as f32, hit.point.normal);
+                let albedo = (Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
+                let (depth, normal) = (hit.point.t as f32, hit.point.normal.to_array());
                 LayerPixel { depth, normal, albedo, id: hit.layer_id() }
             }
         });
@@ -224,7 +226,7 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// What follows when it is known what a C-ray meets, or where.
+    /// The stage once it is known what a C-ray meets, or where.
     fn c_ray_met(
         &self,
         path: &mut Path,
@@ -242,7 +244,7 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// What follows the end of a C-ray.
+    /// The stage after the end of a C-ray.
     fn c_ray_end(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
         path.travelled += hit.map_or(0.0, |hit| hit.point.t);
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
@@ -269,7 +271,7 @@ impl<'a> SampleIntegrator<'a> {
         Answer::Exact(self.ctx.after_shadow_ray(*surface, index + 1))
     }
 
-    /// Whether anything stands between a surface and the place that a query names.
+    /// Answers whether anything stands between a surface and the place that a query names.
     fn occluded<T: Tracer>(
         &self,
         surface: &SurfaceInteraction,

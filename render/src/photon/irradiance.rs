@@ -1,7 +1,8 @@
 //! `PhotonMap`: the light that photons brought to the surface, per facet of the octree. Paper, sections 4.2 and 5.1.
 //!
 //! ```text
-//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel) -> folded into the mean irradiance (f32) -> next pass
+//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel)
+//!                      -> folded into the mean irradiance (f32) -> next pass
 //! irradiance = flux / covered area
 //! ```
 //!
@@ -10,6 +11,7 @@
 //!
 //! Invariants: 1. the same photons give the same map, whatever the threads; 2. a pass counts whole or not at all.
 
+use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
 use trex_store::octree::Facets;
 use trex_store::{Budget, Lease, Result};
@@ -21,7 +23,7 @@ const UNITS_PER_PHOTON: f32 = 1024.0;
 /// Irradiance of the facets of an octree.
 #[derive(Debug)]
 pub struct PhotonMap {
-    /// Per facet, W/m^2 in linear RGB.
+    /// Irradiance per facet, W/m^2 in linear RGB.
     irradiance: Vec<[f32; 3]>,
     photons: u64,
     _lease: Lease,
@@ -31,7 +33,7 @@ pub struct PhotonMap {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Irradiance<'a> {
     shown: &'a [[f32; 3]],
-    /// What comes, and its share.
+    /// The light that comes, and its share, 0 to 1.
     next: Option<(&'a [[f32; 3]], f32)>,
 }
 
@@ -39,27 +41,24 @@ impl<'a> Irradiance<'a> {
     /// No light; what does not gather asks for none.
     pub(crate) const NONE: Irradiance<'static> = Irradiance { shown: &[], next: None };
 
-    /// `shown` alone, or blended with `next` by its share, 0 to 1.
+    /// The light of `shown` alone, or blended with `next` by its share, 0 to 1.
     pub(crate) fn new(shown: &'a PhotonMap, next: Option<(&'a PhotonMap, f32)>) -> Irradiance<'a> {
         let next = next.filter(|(_, share)| *share > 0.0);
         Irradiance { shown: shown.irradiance(), next: next.map(|(map, share)| (map.irradiance(), share)) }
     }
 
-    /// Whether there is no map.
+    /// True when there is no map.
     pub(crate) fn is_none(&self) -> bool {
         self.shown.is_empty()
     }
 
-    /// W/m^2 in linear RGB.
+    /// Irradiance of `facet`, W/m^2 in linear RGB.
     #[inline]
-    pub(crate) fn at(&self, facet: u32) -> [f32; 3] {
-        let shown = self.shown[facet as usize];
+    pub(crate) fn at(&self, facet: u32) -> Vec3 {
+        let shown = Vec3::from(self.shown[facet as usize]);
         match self.next {
             None => shown,
-            Some((next, share)) => {
-                let next = next[facet as usize];
-                std::array::from_fn(|c| shown[c] + share * (next[c] - shown[c]))
-            }
+            Some((next, share)) => shown + share * (Vec3::from(next[facet as usize]) - shown),
         }
     }
 }
@@ -69,33 +68,33 @@ impl<'a> Irradiance<'a> {
 pub(crate) struct PhotonPass {
     sums: Vec<AtomicU32>,
     /// Flux of a unit, per channel.
-    unit: [f32; 3],
+    unit: Vec3,
     /// Units of a flux, per channel; 0 for a channel without light.
-    per_flux: [f32; 3],
+    per_flux: Vec3,
     _lease: Lease,
 }
 
 impl PhotonMap {
-    /// Bytes that the map of so many facets takes, and as many again while a pass runs.
+    /// Bytes that the map of `facet_count` facets takes, and as many again while a pass runs.
     pub fn bytes(facet_count: usize) -> u64 {
         (facet_count * size_of::<[f32; 3]>()) as u64
     }
 
-    /// A dark map.
+    /// A dark map of `facet_count` facets.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
     pub fn new(facet_count: usize, budget: &Budget) -> Result<PhotonMap> {
         let lease = budget.lease("the photon map", PhotonMap::bytes(facet_count))?;
         Ok(PhotonMap { irradiance: vec![[0.0; 3]; facet_count], photons: 0, _lease: lease })
     }
 
-    /// Photons whose light is in.
+    /// Count of photons whose light is in.
     pub fn photons(&self) -> u64 {
         self.photons
     }
 
-    /// Per facet, W/m^2 in linear RGB.
+    /// Irradiance per facet, W/m^2 in linear RGB.
     pub fn irradiance(&self) -> &[[f32; 3]] {
         &self.irradiance
     }
@@ -106,7 +105,8 @@ impl PhotonMap {
         self.photons = 0;
     }
 
-    /// Folds the sums of `photons` photons, whose mean flux is that of the lights, into the mean; they are zero after it.
+    /// Folds the sums of `photons` photons, whose mean flux is that of the lights, into the mean; they are zero after
+    /// it.
     pub(crate) fn fold(&mut self, pass: &mut PhotonPass, photons: u64, facets: &Facets, leaf_side: f64) {
         self.photons += photons;
         let share = (photons as f64 / self.photons as f64) as f32;
@@ -126,30 +126,30 @@ impl PhotonPass {
     /// Empty sums for photons whose flux is `flux` on average.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
-    pub(crate) fn new(facet_count: usize, flux: [f32; 3], budget: &Budget) -> Result<PhotonPass> {
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
+    pub(crate) fn new(facet_count: usize, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
         let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
         let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();
-        let mut pass = PhotonPass { sums, unit: [0.0; 3], per_flux: [0.0; 3], _lease: lease };
+        let mut pass = PhotonPass { sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, _lease: lease };
         pass.set_flux(flux);
         Ok(pass)
     }
 
     /// Empties the sums, for photons of another mean flux.
-    pub(crate) fn reset(&mut self, flux: [f32; 3]) {
+    pub(crate) fn reset(&mut self, flux: Vec3) {
         self.sums.iter_mut().for_each(|sum| *sum.get_mut() = 0);
         self.set_flux(flux);
     }
 
-    fn set_flux(&mut self, flux: [f32; 3]) {
-        self.unit = flux.map(|flux| flux / UNITS_PER_PHOTON);
+    fn set_flux(&mut self, flux: Vec3) {
+        self.unit = flux / UNITS_PER_PHOTON;
         self.per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
     }
 
     /// Adds a photon's flux to `facet`. Full sums stay full.
-    pub(crate) fn add(&self, facet: u32, flux: [f32; 3]) {
-        for (c, flux) in flux.into_iter().enumerate() {
-            let units = (flux * self.per_flux[c] + 0.5) as u32;
+    pub(crate) fn add(&self, facet: u32, flux: Vec3) {
+        for (c, units) in (flux * self.per_flux).to_array().into_iter().enumerate() {
+            let units = (units + 0.5) as u32;
             if units > 0 {
                 let sum = &self.sums[3 * facet as usize + c];
                 let add = |sum: u32| Some(sum.saturating_add(units));

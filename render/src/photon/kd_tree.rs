@@ -7,21 +7,22 @@
 //!     L = sum over the k - 1 nearer ones on the same surface: bsdf * flux * 2 (1 - d^2 / r^2) / (pi r^2)
 //! ```
 //!
-//! What is known of the estimate. Photons strewn evenly over a plane: given r, the k - 1 nearer ones lie evenly in the disc,
-//! and pi r^2 has the mean of 1 / x that k - 1 photons take, so the sum is right on average (with the k-th it is k / (k - 1)
-//! too bright). On a sphere too: what a chord r cuts off has the area pi r^2. Nearer than r to an edge a part of the disc lies
-//! beside the surface; over a strip along the edge the kernel loses on average
-//! `r * integral of x * 8 / (3 pi) (1 - x^2)^(3/2) over 0..1 = 8 / (15 pi) r = 0.17 r` of the light of its width (a flat
-//! kernel: 0.21 r). So a surface of area A and edges P looks too dark by 0.17 r P / A, r^2 = k / (pi * photons per area).
+//! What is known of the estimate. Photons strewn evenly over a plane: given r, the k - 1 nearer ones lie evenly in
+//! the disc, and pi r^2 has the mean of 1 / x that k - 1 photons take, so the sum is right on average (with the k-th
+//! it is k / (k - 1) too bright). On a sphere too: what a chord r cuts off has the area pi r^2. Nearer than r to an
+//! edge a part of the disc lies beside the surface; over a strip along the edge the kernel loses on average `r *
+//! integral of x * 8 / (3 pi) (1 - x^2)^(3/2) over 0..1 = 8 / (15 pi) r = 0.17 r` of the light of its width (a flat
+//! kernel: 0.21 r). So a surface of area A and edges P looks too dark by 0.17 r P / A, r^2 = k / (pi * photons per
+//! area).
 //!
-//! Invariants: 1. the same photons give the same tree and the same light, whatever the threads; 2. all memory is leased for the
-//! most photons there can be, before any is traced; 3. light is told of the surface's own side alone.
+//! Invariants: 1. the same photons give the same tree and the same light, whatever the threads; 2. all memory is
+//! leased for the most photons there can be, before any is traced; 3. light is told of the surface's own side alone.
 
 use super::mesh::{BATCH, Deposit, deposits_max};
-use crate::math::{add_rgb, dot, mul_rgb, scale_rgb};
 use crate::scene::settings::TREE_PHOTONS_MAX;
 use crate::shading::bsdf::takes_shadow_rays;
 use crate::shading::surface::SurfaceInteraction;
+use glam::{DVec3, Vec3};
 use kiddo::SquaredEuclidean;
 use kiddo::immutable::float::kdtree::ImmutableKdTree;
 use std::f64::consts::PI;
@@ -32,20 +33,20 @@ const _: () = assert!(TREE_PHOTONS_MAX / BATCH * deposits_max(BATCH) < 1 << 32);
 
 /// Photons in a leaf of the tree.
 const LEAF_PHOTONS: usize = 32;
-/// Bytes that the tree takes for a hit while it is built, at most: its coordinates and number, stems and extents for twice
-/// as many leaves as are full, a place in the order.
+/// Bytes that the tree takes for a hit while it is built, at most: its coordinates and number, stems and extents for
+/// twice as many leaves as are full, a place in the order.
 const BUILD_BYTES: u64 = 26;
 /// Bytes of the tree for a hit when it stands.
 const TREE_BYTES: u64 = 18;
-/// What an almost empty tree takes.
+/// Bytes of an almost empty tree.
 const TREE_BYTES_LEAST: u64 = 4096;
-/// Least cosine between the normals of a photon and of the place that is asked for: between the corners of an octagon (0.71)
-/// and those of a hexagon (0.5), so that rounding decides neither.
+/// Least cosine between the normals of a photon and of the place that is asked for: between the corners of an octagon
+/// (0.71) and those of a hexagon (0.5), so that rounding decides neither.
 const SAME_SURFACE_COS: f64 = 0.6;
 /// A unit in the parts of a stored direction.
 const DIRECTION_UNITS: f64 = 32767.0;
 
-/// What is kept of a hit beside its place.
+/// A hit, but for its place.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stored {
     flux: [f32; 3],
@@ -56,27 +57,27 @@ struct Stored {
 /// Room for hits while they come in.
 #[derive(Debug)]
 pub(crate) struct PhotonStore {
-    /// Where, model units from `center`; room for each batch.
+    /// Places of hits, model units from `center`; room for each batch.
     places: Vec<[f32; 3]>,
     stored: Vec<Stored>,
     /// Hits of each batch.
     counts: Vec<u32>,
-    center: [f64; 3],
+    center: DVec3,
     lease: Lease,
 }
 
-/// All hits of photons, for look-ups.
+/// The hits of all photons, for look-ups.
 #[derive(Debug)]
 pub(crate) struct PhotonTree {
     tree: ImmutableKdTree<f32, u32, 3, LEAF_PHOTONS>,
     stored: Vec<Stored>,
-    center: [f64; 3],
+    center: DVec3,
     /// Photons sent.
     photons: u64,
     _lease: Lease,
 }
 
-/// Hits that there is room for.
+/// Count of hits of `photons` photons that there is room for.
 fn room(photons: u64) -> u64 {
     photons / BATCH * deposits_max(BATCH)
         + if photons.is_multiple_of(BATCH) { 0 } else { deposits_max(photons % BATCH) }
@@ -86,8 +87,8 @@ impl PhotonStore {
     /// Room for the hits of `photons` photons and for their tree; `center` is the middle of the model.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
-    pub(crate) fn new(photons: u64, center: [f64; 3], budget: &Budget) -> Result<PhotonStore> {
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonTree::bytes`].
+    pub(crate) fn new(photons: u64, center: DVec3, budget: &Budget) -> Result<PhotonStore> {
         let lease = budget.lease("the photons", PhotonTree::bytes(photons))?;
         let room = room(photons) as usize;
         let counts = vec![0; photons.div_ceil(BATCH) as usize];
@@ -106,9 +107,9 @@ impl PhotonStore {
         for (index, deposit) in deposits.iter().enumerate() {
             self.places[from + index] = local(deposit.point, self.center);
             self.stored[from + index] = Stored {
-                flux: deposit.flux,
+                flux: deposit.flux.into(),
                 normal: packed(deposit.normal),
-                from: packed(deposit.from.map(f64::from)),
+                from: packed(deposit.from.as_dvec3()),
             };
         }
         self.counts[batch as usize] = deposits.len() as u32;
@@ -140,40 +141,40 @@ impl PhotonTree {
     }
 
     /// Radiance that leaves `surface` towards its viewer, by the `k` photons next to it; `materials` are the world's.
-    pub(crate) fn radiance(&self, surface: &SurfaceInteraction, materials: &[Material], k: u32) -> [f32; 3] {
-        let Some(k) = NonZero::new(k as usize).filter(|_| !self.stored.is_empty()) else { return [0.0; 3] };
+    pub(crate) fn radiance(&self, surface: &SurfaceInteraction, materials: &[Material], k: u32) -> Vec3 {
+        let Some(k) = NonZero::new(k as usize).filter(|_| !self.stored.is_empty()) else { return Vec3::ZERO };
         let found = self.tree.nearest_n::<SquaredEuclidean>(&local(surface.point, self.center), k);
-        let Some((farthest, nearer)) = found.split_last() else { return [0.0; 3] };
+        let Some((farthest, nearer)) = found.split_last() else { return Vec3::ZERO };
         let (reach, bsdf) = (farthest.distance, surface.bsdf(materials));
         let material = bsdf.material;
         if reach <= 0.0 || !takes_shadow_rays(material) {
-            return [0.0; 3];
+            return Vec3::ZERO;
         }
         let is_glossy = !material.mirror && material.ks != [0.0; 3];
         let diffuse = bsdf.eval(surface.normal);
-        let mut sum = [0.0; 3];
+        let mut sum = Vec3::ZERO;
         for near in nearer {
             let photon = &self.stored[near.item as usize];
-            if dot(unpacked(photon.normal), surface.normal) < SAME_SURFACE_COS {
+            if unpacked(photon.normal).dot(surface.normal) < SAME_SURFACE_COS {
                 continue;
             }
             let returned = if is_glossy { bsdf.eval(unpacked(photon.from)) } else { diffuse };
-            sum = add_rgb(sum, scale_rgb(1.0 - near.distance / reach, mul_rgb(returned, photon.flux)));
+            sum += (1.0 - near.distance / reach) * (returned * Vec3::from(photon.flux));
         }
-        scale_rgb((2.0 / (PI * f64::from(reach) * self.photons as f64)) as f32, sum)
+        (2.0 / (PI * f64::from(reach) * self.photons as f64)) as f32 * sum
     }
 }
 
-fn local(point: [f64; 3], center: [f64; 3]) -> [f32; 3] {
-    std::array::from_fn(|a| (point[a] - center[a]) as f32)
+fn local(point: DVec3, center: DVec3) -> [f32; 3] {
+    (point - center).as_vec3().to_array()
 }
 
-fn packed(direction: [f64; 3]) -> [i16; 3] {
-    direction.map(|x| (x * DIRECTION_UNITS).round() as i16)
+fn packed(direction: DVec3) -> [i16; 3] {
+    direction.to_array().map(|x| (x * DIRECTION_UNITS).round() as i16)
 }
 
-fn unpacked(direction: [i16; 3]) -> [f64; 3] {
-    direction.map(|x| f64::from(x) / DIRECTION_UNITS)
+fn unpacked(direction: [i16; 3]) -> DVec3 {
+    DVec3::from(direction.map(f64::from)) / DIRECTION_UNITS
 }
 
 #[cfg(test)]
@@ -188,24 +189,24 @@ mod tests {
         (mix(key) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// What a ray from above sees at (x, y) of a plane with normal `normal`.
+    /// The surface that a ray from above sees at (x, y) of a plane with normal `normal`.
     fn surface([x, y]: [f64; 2], normal: [f32; 3]) -> SurfaceInteraction {
         let ray = Ray { origin: [x, y, 2.0], direction: [0.0, 0.6, -0.8], t_max: 9.0 };
-        let hit = HitPoint { t: 2.5, material: 0, normal, error: 0.0 };
+        let hit = HitPoint { t: 2.5, material: 0, normal: normal.into(), error: 0.0 };
         let mut seen = SurfaceInteraction::new(&ray, &hit);
-        seen.point = [x, y, 0.0];
+        seen.point = DVec3::new(x, y, 0.0);
         seen
     }
 
     /// Photons strewn over |x|, |y| <= 1 of the plane z = 0, every fourth on its other side; the oracle gets the same.
-    fn strewn(count: u64) -> (PhotonTree, Vec<([f64; 3], Deposit)>) {
-        let mut store = PhotonStore::new(count, [0.0; 3], &Budget::unlimited()).unwrap();
+    fn strewn(count: u64) -> (PhotonTree, Vec<(DVec3, Deposit)>) {
+        let mut store = PhotonStore::new(count, DVec3::ZERO, &Budget::unlimited()).unwrap();
         let deposit = |index: u64| {
             let at = [0, 1].map(|axis| 2.0 * number(7 * index + axis) - 1.0);
             let side = if index % 4 == 3 { -1.0 } else { 1.0 };
-            let from = [0.6 * side as f32, 0.0, 0.8 * side as f32];
-            let flux = [1.0, 0.5, number(7 * index + 2) as f32];
-            Deposit::new([at[0], at[1], 0.0], [0.0, 0.0, side], from, flux)
+            let from = side as f32 * Vec3::new(0.6, 0.0, 0.8);
+            let flux = Vec3::new(1.0, 0.5, number(7 * index + 2) as f32);
+            Deposit::new(DVec3::new(at[0], at[1], 0.0), side * DVec3::Z, from, flux)
         };
         let all: Vec<Deposit> = (0..count).map(deposit).collect();
         for (batch, deposits) in (0..).zip(all.chunks(BATCH as usize)) {
@@ -221,7 +222,7 @@ mod tests {
         for (k, material) in [(2, Material::default()), (50, Material::default()), (50, glossy)] {
             for index in 0..20 {
                 let at = surface([0, 1].map(|axis| number(index + 99 * axis) - 0.5), [0.0, 0.0, 1.0]);
-                let squared = |p: [f64; 3]| (0..3).map(|a| (p[a] - at.point[a]).powi(2)).sum::<f64>();
+                let squared = |p: DVec3| p.distance_squared(at.point);
                 all.sort_by(|a, b| squared(a.0).total_cmp(&squared(b.0)));
                 let reach = squared(all[k - 1].0);
                 let expected: f64 = all[..k - 1]
@@ -229,7 +230,7 @@ mod tests {
                     .filter(|(_, deposit)| deposit.normal[2] > 0.0)
                     .map(|(point, deposit)| {
                         let bsdf = Bsdf { material: &material, normal: at.normal, wo: at.wo };
-                        let f = bsdf.eval(deposit.from.map(f64::from));
+                        let f = bsdf.eval(deposit.from.as_dvec3());
                         let kernel = 2.0 / PI * (1.0 - squared(*point) / reach) / reach;
                         f64::from(f[2] * deposit.flux[2]) * kernel / 10_000.0
                     })
@@ -265,20 +266,20 @@ mod tests {
             let light = tree.radiance(&surface([0.1, 0.2], [0.0, 0.0, 1.0]), &[Material::default()], 50);
             assert!(light[0].is_finite() && (light[0] > 0.0) == (count > 1), "{count}: {light:?}");
         }
-        let mut store = PhotonStore::new(5000, [0.0; 3], &Budget::unlimited()).unwrap();
-        let one = Deposit::new([0.5, 0.5, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0; 3]);
+        let mut store = PhotonStore::new(5000, DVec3::ZERO, &Budget::unlimited()).unwrap();
+        let one = Deposit::new(DVec3::new(0.5, 0.5, 0.0), DVec3::Z, Vec3::Z, Vec3::ONE);
         store.land(0, &vec![one; 4096]);
         let tree = store.into_tree(5000);
         for at in [[0.5, 0.5], [0.25, 0.5]] {
             let light = tree.radiance(&surface(at, [0.0, 0.0, 1.0]), &[Material::default()], 50);
-            assert_eq!(light, [0.0; 3]);
+            assert_eq!(light, Vec3::ZERO);
         }
     }
 
     #[test]
     fn memory_is_leased_for_the_most_and_shrinks() {
         let budget = Budget::unlimited();
-        let store = PhotonStore::new(3 * BATCH, [0.0; 3], &budget).unwrap();
+        let store = PhotonStore::new(3 * BATCH, DVec3::ZERO, &budget).unwrap();
         assert_eq!(budget.used_bytes(), PhotonTree::bytes(3 * BATCH));
         assert!(store.places.len() as u64 >= 9 * BATCH);
         let tree = store.into_tree(3 * BATCH);
@@ -286,6 +287,6 @@ mod tests {
         drop(tree);
         assert_eq!(budget.used_bytes(), 0);
         let tight = Budget::new(trex_store::RESERVE_BYTES + PhotonTree::bytes(100) - 1);
-        assert!(PhotonStore::new(100, [0.0; 3], &tight).is_err());
+        assert!(PhotonStore::new(100, DVec3::ZERO, &tight).is_err());
     }
 }

@@ -7,17 +7,17 @@
 //!     request pages, wait, ask again those that are left ([`Retry`])
 //! ```
 //!
-//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
-//! at most [`BOUNCES_MAX`] bounces; 4. a batch is handed over whole, in the order of photons and bounces, whatever was
-//! blocked, or not at all.
+//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3.
+//! it has at most [`BOUNCES_MAX`] bounces; 4. a batch is handed over whole, in the order of photons and bounces,
+//! whatever was blocked, or not at all.
 
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler};
-use crate::math::along;
 use crate::scene::world::World;
 use crate::shading::light::PhotonSources;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::stats::PhotonStats;
 use crate::trace::{Advance, Answer, PagedTracer, Ray, Retry, WAIT};
+use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use std::ops::Range;
 use std::sync::Mutex;
@@ -25,9 +25,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Photons that a worker takes at a time: their pages are asked for together.
 pub(crate) const BATCH: u64 = 4096;
-/// A photon starts off the emitter that it leaves by this share of its longest edge: eight times the tracer's plane error.
+/// A photon starts off the emitter that it leaves by this share of its longest edge: eight times the tracer's plane
+/// error.
 const EMITTER_OFF_SHARE: f64 = 1.0 / (1 << 15) as f64;
-/// The same for the rounding of model coordinates, as a share of the largest one.
+/// A photon starts off its emitter by this share of the largest coordinate, too: for the rounding of model
+/// coordinates.
 const MODEL_OFF_SHARE: f64 = 1.0 / (1u64 << 46) as f64;
 /// Bits of a deposit's key that number the bounce.
 const VERTEX_BITS: u32 = 7;
@@ -40,22 +42,22 @@ pub(crate) struct Deposit {
     /// Photon in its batch and bounce.
     key: u32,
     /// Model units.
-    pub(crate) point: [f64; 3],
+    pub(crate) point: DVec3,
     /// Unit, on the side that the photon came from.
-    pub(crate) normal: [f64; 3],
+    pub(crate) normal: DVec3,
     /// Unit, where it came from.
-    pub(crate) from: [f32; 3],
+    pub(crate) from: Vec3,
     /// Flux over the photon's chance, W in linear RGB.
-    pub(crate) flux: [f32; 3],
+    pub(crate) flux: Vec3,
 }
 
-/// Most deposits that a batch of `photons` hands over: three a photon are the most on average, with a variance of 6; eight
-/// standard deviations more come once in 10^15 batches. What is beyond is left out and counted as lost.
+/// Most deposits that a batch of `photons` hands over: three a photon are the most on average, with a variance of 6;
+/// eight standard deviations more come once in 10^15 batches. What is beyond is left out and counted as lost.
 pub(crate) const fn deposits_max(photons: u64) -> u64 {
     3 * photons + 20 * (photons.isqrt() + 1) + 64
 }
 
-/// Bytes that the tracing takes for `worker_count` workers.
+/// Bytes that tracing photons on the mesh takes for `worker_count` workers.
 pub(crate) fn flight_bytes(worker_count: usize) -> u64 {
     let batch = BATCH * size_of::<Flight>() as u64 + deposits_max(BATCH) * size_of::<Deposit>() as u64;
     worker_count as u64 * batch
@@ -75,17 +77,17 @@ pub(crate) struct MeshPhotons<'a> {
 /// A photon under way.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
-    /// In its batch.
+    /// Index in its batch.
     index: u32,
     vertex: u32,
-    flux: [f32; 3],
+    flux: Vec3,
     ray: Ray,
 }
 
 /// A batch of photons, and what it has brought.
 struct Batch<'a> {
     photons: &'a MeshPhotons<'a>,
-    /// Its first photon.
+    /// Index of its first photon.
     first: u64,
     deposits: Vec<Deposit>,
     stats: PhotonStats,
@@ -187,10 +189,10 @@ impl Batch<'_> {
     /// Photon `index` as it leaves its light.
     fn start(&self, index: u64) -> Option<Flight> {
         let start = self.photons.sources.emit(&photon_sampler(self.photons.world.settings.seed, index))?;
-        let largest = start.origin.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let largest = start.origin.abs().max_element();
         let off = EMITTER_OFF_SHARE * start.size + MODEL_OFF_SHARE * largest;
-        let origin = start.front.map_or(start.origin, |front| along(start.origin, off, front));
-        let ray = Ray { origin, direction: start.direction, t_max: f64::INFINITY };
+        let origin = start.front.map_or(start.origin, |front| start.origin + off * front);
+        let ray = Ray::new(origin, start.direction, f64::INFINITY);
         Some(Flight { index: (index - self.first) as u32, vertex: 0, flux: start.flux, ray })
     }
 
@@ -227,8 +229,7 @@ impl Batch<'_> {
         }
         let SurfaceInteraction { point, normal, wo, .. } = *surface;
         let key = flight.index << VERTEX_BITS | flight.vertex;
-        let from = wo.map(|x| x as f32);
-        self.deposits.push(Deposit { key, point, normal, from, flux: flight.flux });
+        self.deposits.push(Deposit { key, point, normal, from: wo.as_vec3(), flux: flight.flux });
     }
 
     /// Hands over what has arrived, in the order of photons and bounces.
@@ -256,7 +257,7 @@ mod tests {
 
     impl Deposit {
         /// The first hit of the first photon.
-        pub(crate) fn new(point: [f64; 3], normal: [f64; 3], from: [f32; 3], flux: [f32; 3]) -> Deposit {
+        pub(crate) fn new(point: DVec3, normal: DVec3, from: Vec3, flux: Vec3) -> Deposit {
             Deposit { key: 0, point, normal, from, flux }
         }
     }
@@ -350,7 +351,8 @@ mod tests {
     }
 
     fn is_same(a: &[Vec<Deposit>], b: &[Vec<Deposit>]) -> bool {
-        let bits = |d: &Deposit| (d.key, d.point.map(f64::to_bits), d.flux.map(f32::to_bits));
+        let bits =
+            |d: &Deposit| (d.key, d.point.to_array().map(f64::to_bits), d.flux.to_array().map(f32::to_bits));
         a.iter().flatten().map(bits).eq(b.iter().flatten().map(bits))
     }
 
@@ -374,7 +376,7 @@ mod tests {
     #[test]
     fn the_flux_that_first_arrives_is_what_the_sun_sends() {
         let (found, _) = trace(vec![model().1], 3 * BATCH);
-        let direction = crate::math::unit([0.3, 0.2, -1.0]).unwrap();
+        let direction = DVec3::new(0.3, 0.2, -1.0).normalize();
         let first = |d: &&Deposit| d.key.trailing_zeros() >= VERTEX_BITS && d.normal[2] > 0.9;
         let on_floor: f64 = found.iter().flatten().filter(first).map(|d| f64::from(d.flux[0])).sum();
         // The open top passes it all; the walls throw their shadows on the floor, but for mirrors, which take none.

@@ -1,13 +1,13 @@
-//! What photons share, whatever they fly through: their numbers, how they bounce, and the passes that they come in. Paper,
-//! section 5.1; H. W. Jensen, "Realistic image synthesis using photon mapping" (2001).
+//! What photons share, whatever they fly through: their numbers, how they bounce, and the passes that they come in.
+//! Paper, section 5.1; H. W. Jensen, "Realistic image synthesis using photon mapping" (2001).
 //!
-//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3. it has
-//! at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
+//! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3.
+//! it has at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
 
-use crate::math::{max_rgb, mul_rgb, scale_rgb};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::bsdf::Bsdf;
 use crate::stats::PhotonStats;
+use glam::{DVec3, Vec3};
 use std::ops::{ControlFlow, Range};
 use trex_store::Material;
 
@@ -26,30 +26,25 @@ pub(crate) fn photon_sampler(seed: u64, index: u64) -> Sampler {
     Sampler::new(seed ^ SEED_OF_PHOTONS, block, index as u32 & 0xffff)
 }
 
-/// Whether light stays on a surface: on a pure mirror none does.
+/// True when light stays on a surface: on a pure mirror none does.
 pub(crate) fn keeps_light(material: &Material) -> bool {
     !material.mirror || material.kd != [0.0; 3]
 }
 
-/// Where a photon of `flux` goes on from its hit `vertex`, and with which flux; `None` at its end. `bsdf` is seen from
-/// where the photon came.
-pub(crate) fn bounce(
-    bsdf: &Bsdf<'_>,
-    sampler: &Sampler,
-    vertex: u32,
-    flux: [f32; 3],
-) -> Option<([f64; 3], [f32; 3])> {
+/// The direction and the flux with which a photon of `flux` goes on from its hit `vertex`; `None` at its end. `bsdf`
+/// is seen from where the photon came.
+pub(crate) fn bounce(bsdf: &Bsdf<'_>, sampler: &Sampler, vertex: u32, flux: Vec3) -> Option<(DVec3, Vec3)> {
     let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
     let bounce = bsdf.sample(u)?;
-    let chance = max_rgb(bounce.weight).min(ROULETTE_MAX);
+    let chance = bounce.weight.max_element().min(ROULETTE_MAX);
     if sampler.draw(Decision::Roulette(vertex))[0] >= chance {
         return None;
     }
-    Some((bounce.wi, scale_rgb(1.0 / chance, mul_rgb(flux, bounce.weight))))
+    Some((bounce.wi, 1.0 / chance * (flux * bounce.weight)))
 }
 
-/// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of it,
-/// Continue when the pass is in, Break when it was stopped. `tell` hears after each pass how many photons are in.
+/// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of
+/// it, Continue when the pass is in, Break when it was stopped. `tell` hears after each pass how many photons are in.
 pub(crate) fn send_in_passes(
     indices: Range<u64>,
     mut send: impl FnMut(Range<u64>) -> ControlFlow<PhotonStats, PhotonStats>,

@@ -5,14 +5,13 @@
 //!           -> roulette -> diffuse, glossy or mirror bounce -> leaf ...
 //! ```
 //!
-//! Where the normals of a leaf cancel each other, light goes back to where it came from, by the cosine about the photon's
-//! own direction.
+//! Where the normals of a leaf cancel each other, light goes back to where it came from, by the cosine about the
+//! photon's own direction.
 //!
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
 use super::irradiance::{PhotonMap, PhotonPass};
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler, send_in_passes};
-use crate::math::{along, scale};
 use crate::sampler::Sampler;
 use crate::scene::world::World;
 use crate::shading::bsdf::Bsdf;
@@ -20,6 +19,7 @@ use crate::shading::light::PhotonSources;
 use crate::stats::PhotonStats;
 use crate::trace::Ray;
 use crate::voxel::{VoxelHit, VoxelScene};
+use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -28,7 +28,7 @@ use trex_store::{Aabb, Budget, Result};
 /// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
 const BATCH: u64 = 512;
 
-/// What photons go through, and who sends them.
+/// The voxels that photons go through, and the world that sends them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct VoxelPhotons<'a> {
     pub(crate) world: &'a World,
@@ -42,7 +42,7 @@ pub(crate) struct VoxelPhotons<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Photon {
     sampler: Sampler,
-    flux: [f32; 3],
+    flux: Vec3,
 }
 
 /// Photons side by side; a worker's, at most [`BATCH`], too small for the ledger.
@@ -62,7 +62,7 @@ pub(crate) struct PassInWork {
 }
 
 impl VoxelPhotons<'_> {
-    /// Empty sums; `None` when nothing gives light.
+    /// A pass with empty sums; `None` when nothing gives light.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
@@ -75,18 +75,18 @@ impl VoxelPhotons<'_> {
     /// Empties the sums, for lights that have changed.
     pub(crate) fn restart(&self, work: &mut PassInWork) {
         let flux =
-            PhotonSources::new(&self.world.lights, self.bounds).map_or([0.0; 3], |sources| sources.flux());
+            PhotonSources::new(&self.world.lights, self.bounds).map_or(Vec3::ZERO, |sources| sources.flux());
         work.pass.reset(flux);
         work.done = 0;
     }
 
-    /// Whether anything sends photons.
+    /// True when anything sends photons.
     pub(crate) fn is_lit(&self) -> bool {
         PhotonSources::new(&self.world.lights, self.bounds).is_some()
     }
 
-    /// Sends photons until `map` has those of `target`, pass by pass, or `stop`, asked between batches, says true; what is
-    /// done by then stays in `work`, and a later call goes on. `tell` hears how many photons are in the map.
+    /// Sends photons until `map` has those of `target`, pass by pass, or `stop`, asked between batches, says true;
+    /// what is done by then stays in `work`, and a later call goes on. `tell` hears how many photons are in the map.
     pub(crate) fn trace(
         &self,
         (work, map): (&mut PassInWork, &mut PhotonMap),
@@ -187,9 +187,8 @@ impl VoxelPhotons<'_> {
     fn start(&self, index: u64, sources: &PhotonSources<'_>) -> Option<(Photon, Ray)> {
         let sampler = photon_sampler(self.world.settings.seed, index);
         let start = sources.emit(&sampler)?;
-        let off = start.front.map_or([0.0; 3], |front| scale(self.voxels.clearance(front), front));
-        let origin = along(start.origin, 1.0, off);
-        let ray = Ray { origin, direction: start.direction, t_max: f64::INFINITY };
+        let off = start.front.map_or(DVec3::ZERO, |front| self.voxels.clearance(front.into()) * front);
+        let ray = Ray::new(start.origin + off, start.direction, f64::INFINITY);
         Some((Photon { sampler, flux: start.flux }, ray))
     }
 
@@ -202,7 +201,7 @@ impl VoxelPhotons<'_> {
         stats: &mut PhotonStats,
     ) -> Option<Ray> {
         let hit = self.voxels.leaf_hit(ray, hit, &self.world.materials);
-        let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: scale(-1.0, ray.direction) };
+        let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: -DVec3::from(ray.direction) };
         if keeps_light(bsdf.material) {
             pass.add(hit.facet, photon.flux);
             stats.deposits += 1;

@@ -10,8 +10,9 @@
 //! not along it and an angle in [0.001, 179] degrees; 2. rays are unit, set up in f64, and start at the position;
 //! 3. a framed camera sees the whole box.
 
-use crate::math::{along, cross, dot, ground_axes, length, scale, sub, unit};
+use crate::math::{ground_axes, unit};
 use crate::trace::Ray;
+use glam::DVec3;
 use trex_store::{Aabb, Code, Error, Result};
 
 /// Smallest angle of view, degrees.
@@ -46,6 +47,8 @@ pub enum Fov {
 
 /// Cosine of 30 degrees.
 const NEAR_VIEWS_COS: f64 = 0.866;
+/// Squared sine of the angle between view and up below which the two count as parallel: their cross product is noise.
+const PARALLEL: f64 = 1e-18;
 
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +57,7 @@ pub struct Camera {
     pub position: [f64; 3],
     /// A point in the middle of the picture, model units.
     pub target: [f64; 3],
-    /// What is up in the picture; any length, not along the view.
+    /// Upward direction of the picture; any length, not along the view.
     pub up: [f64; 3],
     /// Angle of view.
     pub fov: Fov,
@@ -63,54 +66,55 @@ pub struct Camera {
 /// A camera with a film behind it: what makes rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Projection {
-    position: [f64; 3],
-    forward: [f64; 3],
-    /// From the middle of the picture to its right edge, at distance 1 along `forward`.
-    right: [f64; 3],
-    /// From the middle of the picture to its lower edge, at distance 1.
-    down: [f64; 3],
+    position: DVec3,
+    forward: DVec3,
+    /// Way from the middle of the picture to its right edge, at distance 1 along `forward`.
+    right: DVec3,
+    /// Way from the middle of the picture to its lower edge, at distance 1 along `forward`.
+    down: DVec3,
     resolution: [u32; 2],
 }
 
 impl Camera {
-    /// A camera that sees the whole of `bounds` at `resolution` (width, height; pixels), three-quarter from above
-    /// the front (the left side, where that is much longer). `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
+    /// A camera that sees the whole of `bounds` at `resolution` (width, height; pixels), three-quarter from above the
+    /// front (the left side, where that is much longer). `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
     ///
     /// # Panics
     /// When a side of the picture is 0.
     pub fn framing(bounds: &Aabb, resolution: [u32; 2], up: Option<[f64; 3]>, fov: Option<Fov>) -> Camera {
         assert!(resolution.iter().all(|&side| side > 0));
-        let up = up.and_then(unit).unwrap_or_else(|| up_axis(bounds));
+        let up = up.and_then(|up| unit(up.into())).unwrap_or_else(|| up_axis(bounds).into());
         let (bounds, size) = solid(bounds);
         let (right, front) = ground_axes(up);
-        let extent_along = |direction: [f64; 3]| (0..3).map(|a| size[a] * direction[a].abs()).sum::<f64>();
+        let extent_along = |direction: DVec3| size.dot(direction.abs());
         let (across, towards) = if extent_along(front) <= SIDE_ON_RATIO * extent_along(right) {
             (right, front)
         } else {
-            (front, scale(-1.0, right))
+            (front, -right)
         };
         let flat = extent_along(up) < FLAT_SHARE * extent_along(across).min(extent_along(towards));
         let elevation = FRAMED_ELEVATION_DEGREES[usize::from(flat)].to_radians();
         let azimuth = FRAMED_AZIMUTH_DEGREES.to_radians();
-        let level = along(scale(azimuth.cos(), towards), azimuth.sin(), across);
-        let backward = along(scale(elevation.cos(), level), elevation.sin(), up);
+        let level = azimuth.cos() * towards + azimuth.sin() * across;
+        let backward = elevation.cos() * level + elevation.sin() * up;
 
         let center = bounds.center();
         let wide = resolution[0] >= resolution[1];
         let fov = fov.unwrap_or(if wide { Fov::X(FRAMED_FOV_DEGREES) } else { Fov::Y(FRAMED_FOV_DEGREES) });
         let half = half_sides(fov, resolution).map(|side| side * FRAMED_SHARE);
-        let picture_right = unit(cross(up, backward)).expect("a framed view is not along up");
-        let picture_up = cross(backward, picture_right);
+        let picture_right = unit(up.cross(backward)).expect("a framed view is not along up");
+        let picture_up = backward.cross(picture_right);
         let mut distance = 0.0f64;
         for corner in 0..8 {
-            let corner: [f64; 3] =
-                std::array::from_fn(|a| if corner >> a & 1 == 0 { -0.5 * size[a] } else { 0.5 * size[a] });
-            let nearer = dot(corner, backward);
-            let x = dot(corner, picture_right).abs() / half[0];
-            let y = dot(corner, picture_up).abs() / half[1];
+            let sign = |axis: u32| if corner >> axis & 1 == 0 { -0.5 } else { 0.5 };
+            let corner = DVec3::new(sign(0), sign(1), sign(2)) * size;
+            let nearer = corner.dot(backward);
+            let x = corner.dot(picture_right).abs() / half[0];
+            let y = corner.dot(picture_up).abs() / half[1];
             distance = distance.max(nearer + x.max(y));
         }
-        Camera { position: along(center, distance, backward), target: center, up, fov }
+        let position = DVec3::from(center) + distance * backward;
+        Camera { position: position.to_array(), target: center, up: up.to_array(), fov }
     }
 
     /// The rays of this camera for a picture of `resolution` (width, height; pixels).
@@ -146,7 +150,7 @@ impl Camera {
             let next = format!("give an angle in [{FOV_MIN_DEGREES}, {FOV_MAX_DEGREES}] degrees");
             return Err(bad(key, "an angle of view out of range", format!("{degrees} degrees"), &next));
         }
-        let Some(forward) = unit(sub(target, position)) else {
+        let Some(forward) = unit(DVec3::from(target) - DVec3::from(position)) else {
             let numbers = format!("both are {position:?}");
             return Err(bad(
                 "camera.target",
@@ -155,17 +159,18 @@ impl Camera {
                 "move the target",
             ));
         };
-        let side = unit(up).and_then(|up| unit(cross(forward, up)).filter(|_| cross_is_safe(forward, up)));
-        let Some(side) = side else {
-            let numbers = format!("up {up:?}, view {forward:?}");
+        let side =
+            unit(up.into()).map(|up| forward.cross(up)).filter(|side| side.length_squared() > PARALLEL);
+        let Some(side) = side.and_then(unit) else {
+            let numbers = format!("up {up:?}, view {:?}", forward.to_array());
             return Err(bad("camera.up", "up points along the view or nowhere", numbers, "give another up"));
         };
         let [half_x, half_y] = half_sides(fov, resolution);
         Ok(Projection {
-            position,
+            position: position.into(),
             forward,
-            right: scale(half_x, side),
-            down: scale(half_y, cross(forward, side)),
+            right: half_x * side,
+            down: half_y * forward.cross(side),
             resolution,
         })
     }
@@ -177,14 +182,14 @@ impl Projection {
         self.resolution
     }
 
-    /// Whether a camera has hardly turned: by less than 30 degrees.
+    /// True when `other` looks nearly the same way: within 30 degrees.
     pub(crate) fn is_near(&self, other: &Projection) -> bool {
-        dot(self.forward, other.forward) > NEAR_VIEWS_COS
+        self.forward.dot(other.forward) > NEAR_VIEWS_COS
     }
 
-    /// `steps` of the way from this camera to `other`, and on beyond 1.
+    /// The camera `steps` of the way from this one to `other`, and on beyond 1.
     pub(crate) fn towards(&self, other: &Projection, steps: f64) -> Projection {
-        let mix = |a: [f64; 3], b: [f64; 3]| along(a, steps, sub(b, a));
+        let mix = |a: DVec3, b: DVec3| a + steps * (b - a);
         Projection {
             position: mix(self.position, other.position),
             forward: mix(self.forward, other.forward),
@@ -196,24 +201,24 @@ impl Projection {
 
     /// Width of a pixel in the middle of the picture, radians: model units at distance 1.
     pub fn pixel_angle(&self) -> f64 {
-        2.0 * length(self.right) / f64::from(self.resolution[0])
+        2.0 * self.right.length() / f64::from(self.resolution[0])
     }
 
     /// The ray through film position (`x`, `y`), pixels from the top left corner.
     pub fn ray(&self, x: f64, y: f64) -> Ray {
         let [width, height] = self.resolution.map(f64::from);
-        let across = along(self.forward, 2.0 * x / width - 1.0, self.right);
-        let direction = along(across, 2.0 * y / height - 1.0, self.down);
+        let across = self.forward + (2.0 * x / width - 1.0) * self.right;
+        let direction = across + (2.0 * y / height - 1.0) * self.down;
         let direction = unit(direction).expect("a view has a direction");
-        Ray { origin: self.position, direction, t_max: f64::INFINITY }
+        Ray::new(self.position, direction, f64::INFINITY)
     }
 }
 
-/// Which way is up in a model: +y, as OBJ and PLY scans have it, unless the box is flat along z alone (terrain,
-/// maps), then +z.
+/// Unit upward axis of a model with this box: +y, as OBJ and PLY scans have it, unless the box is flat along z alone
+/// (terrain, maps), then +z.
 pub fn up_axis(bounds: &Aabb) -> [f64; 3] {
     let (_, size) = solid(bounds);
-    if size[2] < FLAT_SHARE * size[0].min(size[1]) { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] }
+    if size.z < FLAT_SHARE * size.x.min(size.y) { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] }
 }
 
 /// Half width and half height of the picture at distance 1.
@@ -227,19 +232,10 @@ fn half_sides(fov: Fov, [width, height]: [u32; 2]) -> [f64; 2] {
 }
 
 /// A box that is not empty and no point, with its sides.
-fn solid(bounds: &Aabb) -> (Aabb, [f64; 3]) {
+fn solid(bounds: &Aabb) -> (Aabb, DVec3) {
     let bounds = if bounds.is_empty() { Aabb { lo: [-1.0; 3], hi: [1.0; 3] } } else { *bounds };
-    let mut size = sub(bounds.hi, bounds.lo);
-    if bounds.extent() == 0.0 {
-        size = [1.0; 3];
-    }
-    (bounds, size)
-}
-
-/// Whether two unit vectors are far enough from parallel for their cross product to have a direction.
-fn cross_is_safe(a: [f64; 3], b: [f64; 3]) -> bool {
-    let c = cross(a, b);
-    dot(c, c) > 1e-18
+    let size = DVec3::from(bounds.hi) - DVec3::from(bounds.lo);
+    (bounds, if bounds.extent() == 0.0 { DVec3::ONE } else { size })
 }
 
 fn bad(key: &str, what: &str, numbers: String, next: &str) -> Error {
@@ -256,9 +252,8 @@ mod tests {
 
     fn check_ray(projection: &Projection, film: [f64; 2], expected: [f64; 3]) {
         let ray = projection.ray(film[0], film[1]);
-        let expected = unit(expected).unwrap();
-        let off = crate::math::length(sub(ray.direction, expected));
-        assert!(off < 1e-12, "{film:?}: {:?}", ray.direction);
+        let off = DVec3::from(ray.direction) - unit(expected.into()).unwrap();
+        assert!(off.length() < 1e-12, "{film:?}: {:?}", ray.direction);
     }
 
     #[test]
@@ -319,11 +314,11 @@ mod tests {
                 for corner in 0..8 {
                     let point: [f64; 3] =
                         std::array::from_fn(|a| if corner >> a & 1 == 0 { lo[a] } else { hi[a] });
-                    let from = sub(point, projection.position);
-                    let z = dot(from, projection.forward);
+                    let from = DVec3::from(point) - projection.position;
+                    let z = from.dot(projection.forward);
                     assert!(z > 0.0);
                     for axis in [projection.right, projection.down] {
-                        most = most.max((dot(from, axis) / dot(axis, axis) / z).abs());
+                        most = most.max((from.dot(axis) / axis.dot(axis) / z).abs());
                     }
                 }
                 assert!(most <= 0.9401, "{lo:?} {hi:?} {resolution:?}: {most}");
@@ -331,7 +326,7 @@ mod tests {
             }
         }
         assert_eq!(up_axis(&Aabb { lo: [0.0; 3], hi: [100.0, 80.0, 3.0] }), [0.0, 0.0, 1.0]);
-        assert_eq!(ground_axes([0.0, 1.0, 0.0]), ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]));
-        assert_eq!(ground_axes([0.0, 0.0, 1.0]), ([1.0, 0.0, 0.0], [0.0, -1.0, 0.0]));
+        assert_eq!(ground_axes(DVec3::Y), (DVec3::X, DVec3::Z));
+        assert_eq!(ground_axes(DVec3::Z), (DVec3::X, DVec3::NEG_Y));
     }
 }

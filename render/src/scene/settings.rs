@@ -14,9 +14,9 @@ pub const SPP_MAX: u32 = 1_000_000_000;
 pub const N_SHADOW_MAX: u32 = 4096;
 /// Most gather rays at one surface point.
 pub const N_GATHER_MAX: u32 = 4096;
-/// Greatest error of the footprint rule.
+/// Greatest error of the footprint rule, pixels.
 pub const LOD_ERROR_MAX_PIXELS: f64 = 1024.0;
-/// Most photons.
+/// Most photons of a picture.
 pub const PHOTONS_MAX: u64 = 1 << 40;
 /// Most photons of `full-gi`, which keeps each: their hits are numbered in 32 bits.
 pub const TREE_PHOTONS_MAX: u64 = 1 << 30;
@@ -25,7 +25,7 @@ pub const K_NEAREST_MIN: u32 = 2;
 /// Most photons of a look-up.
 pub const K_NEAREST_MAX: u32 = 1024;
 
-/// How light is computed.
+/// The way in which light is computed: the integrator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
@@ -36,10 +36,10 @@ pub enum Method {
     Path,
     /// Ambient occlusion: see `integrate/ao.rs`.
     Ao,
-    /// Photon mapping on voxels: see `integrate/photon.rs`. As `cpu-gi` with all of it on the CPU, where all of it runs.
+    /// Photon mapping on voxels: see `integrate/gather.rs`. Also called `cpu-gi`: all of it runs on the CPU.
     #[serde(alias = "cpu-gi")]
     Photon,
-    /// Photon mapping on the exact mesh: see `integrate/full_gi.rs`.
+    /// Photon mapping on the exact mesh: see `integrate/final_gather.rs`.
     #[serde(rename = "full-gi")]
     FullGi,
     /// The leaves of the voxel octree: see `integrate/debug.rs`.
@@ -72,54 +72,54 @@ impl Method {
         }
     }
 
-    /// Whether nothing can be drawn without voxels.
+    /// True when nothing can be drawn without voxels.
     pub fn needs_voxels(self) -> bool {
         self == Method::Photon || self.shows_voxels()
     }
 
-    /// Whether C-rays show voxels, not the mesh.
+    /// True when C-rays show voxels, not the mesh.
     pub(crate) fn shows_voxels(self) -> bool {
         matches!(self, Method::DebugUpper | Method::DebugLower | Method::DebugOccluders)
     }
 
-    /// Whether indirect light is gathered from photons.
+    /// True when indirect light is gathered from photons.
     pub fn gathers(self) -> bool {
         matches!(self, Method::Photon | Method::FullGi)
     }
 
-    /// Whether voxels are asked where there are any.
+    /// True when voxels are asked where there are any.
     pub fn asks_voxels(self) -> bool {
         self.needs_voxels() || self == Method::Ao
     }
 }
 
-/// How shadow and gather rays begin.
+/// The way in which shadow and gather rays leave a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Near {
-    /// Off the surface by a voxel.
+    /// Rays begin off the surface by a voxel.
     #[default]
     Voxel,
-    /// On the exact mesh for some leaves' length.
+    /// Rays begin on the exact mesh, for some leaves' length.
     Exact,
 }
 
-/// Whether indirect light is smoothed.
+/// Smoothing of indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// As the samples come.
+    /// Light is shown as the samples come.
     #[default]
     Off,
-    /// Smoothed where the pixels show the same surface.
+    /// Light is smoothed where the pixels show the same surface.
     On,
 }
 
-/// What a scene file or flags say of the picture, by the names of the scene's keys; unchecked.
+/// The numbers of a picture as a scene file or flags give them, by the names of the scene's keys; unchecked.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RenderKeys {
-    /// How light is computed.
+    /// The way in which light is computed: the integrator.
     pub integrator: Method,
     /// Width and height, pixels, 1 to [`SIDE_MAX_PIXELS`] each.
     pub resolution: [u32; 2],
@@ -133,20 +133,20 @@ pub struct RenderKeys {
     pub photons: u64,
     /// Photons of a look-up of `full-gi`, [`K_NEAREST_MIN`] to [`K_NEAREST_MAX`].
     pub k_nearest: u32,
-    /// Whether the photons of `photon` go through the exact mesh; of that integrator alone.
+    /// True when the photons of `photon` go through the exact mesh; of that integrator alone.
     pub bake: bool,
-    /// How shadow and gather rays leave a surface.
+    /// The way in which shadow and gather rays leave a surface.
     pub near: Near,
-    /// Whether the bitmaps of voxels count.
+    /// Voxels as their bitmaps say, or as cubes.
     pub occluders: Occluders,
     /// The footprint rule: pixels that a leaf voxel may cover where it stands for the mesh; 0 for the exact mesh, to
     /// [`LOD_ERROR_MAX_PIXELS`].
     pub lod_error: f64,
-    /// Whether indirect light is smoothed; of `photon` and `full-gi`.
+    /// Smoothing of indirect light; of `photon` and `full-gi`.
     pub filter: Filter,
     /// Factor before clamping to PNG.
     pub exposure: f32,
-    /// Names the random numbers.
+    /// Seed of the random numbers.
     pub seed: u64,
 }
 
@@ -173,7 +173,7 @@ impl Default for RenderKeys {
 }
 
 impl RenderKeys {
-    /// Whether each key is in its range.
+    /// Checks that each key is in its range.
     ///
     /// # Errors
     /// [`Code::SceneFormat`] at `render.KEY`.

@@ -17,13 +17,13 @@ use trex_store::{Code, Error, Result};
 pub struct Scene {
     /// Path of the model, as written.
     pub model: String,
-    /// What is said of the camera.
+    /// Keys of the camera.
     pub camera: CameraKeys,
     /// The lights.
     pub lights: Vec<Light>,
     /// Changes to materials, by name.
     pub materials: BTreeMap<String, MaterialEdit>,
-    /// How to render.
+    /// Keys of the picture: integrator and numbers.
     pub render: RenderKeys,
 }
 
@@ -33,9 +33,9 @@ pub struct Scene {
 pub struct CameraKeys {
     /// The pinhole, model units; with `target` or not at all.
     pub position: Option<[f64; 3]>,
-    /// What it looks at, model units.
+    /// Point in the middle of the picture, model units.
     pub target: Option<[f64; 3]>,
-    /// Up.
+    /// Upward direction of the picture; any length, not along the view.
     pub up: Option<[f64; 3]>,
     /// Angle across, degrees.
     pub fov_x: Option<f64>,
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(model.materials[0].ns, 40.0);
         assert_eq!((view.settings.resolution, view.camera.fov), ([1280, 720], Fov::Y(35.0)));
         // "it shines downwards"
-        let lights = Lights::new(&scene.lights[2..3], &[], &[], [0.0, 1.0, 0.0]).unwrap();
+        let lights = Lights::new(&scene.lights[2..3], &[], &[], glam::DVec3::Y).unwrap();
         let up = |y| crate::trace::Ray { origin: [0.0, y, 0.0], direction: [0.0, 1.0, 0.0], t_max: 9.0 };
         assert!(lights.seen(&up(0.0), 9.0).is_some() && lights.seen(&up(3.0), 9.0).is_none());
     }
@@ -210,7 +210,8 @@ mod tests {
         let manual = include_str!("../../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error bake filter exposure seed";
+                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error bake filter \
+                    exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

@@ -12,7 +12,7 @@ use trex_store::{Aabb, Code, Error, Material, Result};
 /// Most names of materials that a message lists.
 const NAMES_SHOWN: usize = 8;
 
-/// What the renderer is told of a model beside the rays' answers.
+/// A model, but for the answers of its rays.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// Box around all triangles, model units.
@@ -37,16 +37,16 @@ pub struct MaterialEdit {
     pub ns: Option<f32>,
     /// Radiance that leaves the counter-clockwise side.
     pub ke: Option<[f32; 3]>,
-    /// Whether the surface is a perfect mirror (with reflectance `ks`).
+    /// True for a perfect mirror (with reflectance `ks`).
     pub mirror: Option<bool>,
 }
 
 /// Camera, lights, materials and the numbers that make a picture out of them.
 #[derive(Clone, Debug)]
 pub struct World {
-    /// Makes the rays of the picture.
+    /// The camera with its film, which makes the rays of the picture.
     pub projection: Projection,
-    /// All that gives light.
+    /// The lights of the scene and of the model.
     pub lights: Lights,
     /// Checked materials, as hits name them.
     pub materials: Vec<Material>,
@@ -58,7 +58,7 @@ pub struct World {
     pub lod_distance: f64,
 }
 
-/// What a [`World`] is built from, beside the model.
+/// The part of a scene that a [`World`] is built from, beside the model.
 #[derive(Clone, Debug)]
 pub struct View {
     /// The camera.
@@ -121,11 +121,11 @@ impl Model {
 }
 
 impl World {
-    /// What `view` shows of `model`.
+    /// The world that `view` shows of `model`.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`]: a camera without rays, a light that makes no sense, an integrator or a footprint rule that
-    /// needs voxels which the model has not.
+    /// [`Code::SceneFormat`]: a camera without rays, a light that makes no sense, an integrator or a footprint rule
+    /// that needs voxels which the model has not.
     ///
     /// # Panics
     /// When an emitter of the model names a material that is not there.
@@ -153,15 +153,15 @@ impl World {
         Ok(World {
             lod_distance: World::lod_distance(model, &projection, settings.lod_error),
             projection,
-            lights: Lights::new(&view.lights, &model.emitters, &materials, up)?.with_sky_by(sky_by),
+            lights: Lights::new(&view.lights, &model.emitters, &materials, up.into())?.with_sky_by(sky_by),
             materials,
             settings,
             ao_radius: 0.5 * model.bounds.diagonal(),
         })
     }
 
-    /// The cut of the footprint rule: where a leaf voxel covers `lod_error` pixels, model units from the camera; infinite
-    /// for 0 and without voxels.
+    /// The cut of the footprint rule: where a leaf voxel covers `lod_error` pixels, model units from the camera;
+    /// infinite for 0 and without voxels.
     pub(crate) fn lod_distance(model: &Model, projection: &Projection, lod_error: f64) -> f64 {
         let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
         leaf_side.map_or(f64::INFINITY, |side| side / (lod_error * projection.pixel_angle()))

@@ -7,7 +7,7 @@ use crate::stats::RayCounts;
 
 /// Most samples of a pixel in one pass: enough work per tile to pay for its pages, little enough to hold.
 pub(crate) const PASS_SAMPLES_MAX: u32 = 4;
-/// Most samples of a job.
+/// Most samples of a job: a whole tile in one pass.
 pub(super) const JOB_SAMPLES_MAX: usize = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS * PASS_SAMPLES_MAX) as usize;
 
 /// A tile in work.
@@ -17,9 +17,9 @@ pub(super) struct Job {
     pub(super) from: u32,
     /// Samples not yet finished.
     pub(super) pending: Vec<Pending>,
-    /// By sample, then by pixel.
+    /// Radiances by sample, then by pixel; linear RGB.
     pub(super) radiances: Vec<[f32; 3]>,
-    /// Of these what is indirect.
+    /// The indirect part of `radiances`.
     pub(super) indirect: Vec<[f32; 3]>,
     pub(super) layers: Vec<([u32; 2], LayerPixel)>,
     pub(super) rays: RayCounts,
@@ -29,10 +29,10 @@ pub(super) struct Job {
 
 /// A sample on its way.
 pub(super) struct Pending {
-    /// Its place in the job's radiances.
+    /// Index in the job's radiances.
     pub(super) slot: u32,
     pub(super) path: Path,
-    /// It waits for pages, in the attempt at hand.
+    /// True when it waits for pages, in the attempt at hand.
     pub(super) is_blocked: bool,
 }
 
@@ -67,10 +67,10 @@ impl Job {
 
     /// Takes what a sample came to.
     pub(super) fn finish(&mut self, slot: u32, sample: &Sample) {
-        let finite = sample.radiance.iter().all(|x| x.is_finite());
+        let finite = sample.radiance.is_finite();
         self.not_finite += u64::from(!finite);
-        self.radiances[slot as usize] = if finite { sample.radiance } else { [0.0; 3] };
-        self.indirect[slot as usize] = if finite { sample.indirect } else { [0.0; 3] };
+        self.radiances[slot as usize] = if finite { sample.radiance.into() } else { [0.0; 3] };
+        self.indirect[slot as usize] = if finite { sample.indirect.into() } else { [0.0; 3] };
         self.rays.add(&sample.rays);
         self.look_ups += sample.look_ups;
         if let Some(seen) = sample.layers {

@@ -5,5 +5,5 @@ mod pass;
 mod worker;
 
 pub(crate) use job::PASS_SAMPLES_MAX;
-pub(crate) use pass::{Canvas, Pass, pass_bytes};
+pub(crate) use pass::{Canvas, Pass, Workers, pass_bytes};
 pub(crate) use worker::{TileWork, Until};

@@ -12,12 +12,12 @@
 //! among the parked ones are deferred to the end of the pass, so that what can be drawn is drawn first, and what is
 //! blocked shows a stand-in.
 //!
-//! Why it ends, however few frames there are: see [`crate::trace::Retry`]. A deadline interrupts the narrow mode, and the
-//! next piece goes on with it.
+//! Why it ends, however few frames there are: see [`crate::trace::Retry`]. A deadline interrupts the narrow mode, and
+//! the next piece goes on with it.
 //!
-//! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order, deadlines or
-//! blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all together
-//! or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
+//! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
+//! deadlines or blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all
+//! together or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
 
 use super::job::{JOB_SAMPLES_MAX, Job};
 use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, Worker};
@@ -32,10 +32,16 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Where samples go, and where stand-ins are shown, if anywhere.
+/// The film that samples go to, and the display of stand-ins, if there is one.
 pub(crate) struct Canvas<'a> {
     pub(crate) film: &'a mut Film,
     pub(crate) display: Option<&'a mut Display>,
+}
+
+/// The workers of a pass: a tracer each, and the threads that they run on.
+pub(crate) struct Workers<'a, T> {
+    pub(crate) tracers: &'a mut [T],
+    pub(crate) pool: &'a ThreadPool,
 }
 
 /// A pass in work: takes every tile to so many samples a pixel, by at most [`super::PASS_SAMPLES_MAX`].
@@ -55,12 +61,12 @@ impl Pass {
         Pass { target, turn: AtomicU32::new(0), deferred: Mutex::default(), lanes }
     }
 
-    /// Whether every tile has had its turn, and none waits.
+    /// True when every tile has had its turn, and none waits.
     pub(crate) fn is_done(&self, tiles: &Tiles) -> bool {
         self.left(tiles) == 0
     }
 
-    /// Whether a worker was interrupted while it narrowed down to one ray, whose pages it holds.
+    /// True when a worker was interrupted while it narrowed down to one ray, whose pages it holds.
     pub(crate) fn is_narrow(&self) -> bool {
         self.lanes.iter().any(|lane| lane.is_narrow)
     }
@@ -77,8 +83,8 @@ impl Pass {
         u64::from(tiles.count() - begun) + (waiting + deferred) as u64
     }
 
-    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each. On a canvas with a display
-    /// blocked tiles without samples get stand-ins there, and a blocked tile without room is deferred.
+    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each. On a canvas with a
+    /// display blocked tiles without samples get stand-ins there, and a blocked tile without room is deferred.
     ///
     /// # Panics
     /// When there are not as many tracers as workers, or a worker panics.
@@ -86,9 +92,10 @@ impl Pass {
         &mut self,
         work: &TileWork<'_>,
         canvas: Canvas<'_>,
-        (tracers, pool): (&mut [T], &ThreadPool),
+        workers: Workers<'_, T>,
         until: &Until<'_>,
     ) -> PassStats {
+        let Workers { tracers, pool } = workers;
         assert_eq!(tracers.len(), self.lanes.len(), "a pass needs a tracer per worker");
         let Pass { target, turn, deferred, lanes } = self;
         let piece = Piece {

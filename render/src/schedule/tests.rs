@@ -67,7 +67,7 @@ fn render<T: PagedTracer + Send>(method: Method, tracers: &mut [T], targets: &[u
 }
 
 fn integrator(world: &World) -> SampleIntegrator<'_> {
-    SampleIntegrator::new(RenderContext::of_mesh(world).with_layers(LAYERS))
+    SampleIntegrator::new(RenderContext::from_mesh(world).with_layers(LAYERS))
 }
 
 /// A whole pass.
@@ -81,7 +81,7 @@ fn render_pass<T: PagedTracer + Send>(
     let until = Until { stop, deadline: None, tiles: u32::MAX };
     let pool = pool(tracers.len());
     let canvas = Canvas { film, display: None };
-    Pass::new(target, tracers.len()).run(work, canvas, (tracers, &pool), &until)
+    Pass::new(target, tracers.len()).run(work, canvas, Workers { tracers, pool: &pool }, &until)
 }
 
 fn naive(count: usize) -> Vec<NaiveMesh> {
@@ -152,7 +152,7 @@ impl Scarce {
         Scarce { mesh, boxes, frame_count, resident, pinned: HashSet::new(), missing, queue }
     }
 
-    /// Whether all pages of the ray are here; records those that are not, pins those that are.
+    /// True when all pages of the ray are here; records those that are not, pins those that are.
     fn touch(&mut self, ray: &Ray) -> bool {
         let mut all = true;
         for page in (0..self.boxes.len()).filter(|&page| meets(&self.boxes[page], ray)) {

@@ -1,7 +1,7 @@
 //! The workers of a pass: each takes tiles, asks their samples, parks those that wait for pages, and tries these again.
 //!
-//! Invariants: 1. at most [`PARKED_MAX`] tiles wait per worker; 2. a tile's samples reach the film all together or not at
-//! all; 3. a stand-in never reaches the film.
+//! Invariants: 1. at most [`PARKED_MAX`] tiles wait per worker; 2. a tile's samples reach the film all together or
+//! not at all; 3. a stand-in never reaches the film.
 
 use super::job::{Job, Pending};
 use crate::image::display::Display;
@@ -18,13 +18,13 @@ use std::time::{Duration, Instant};
 /// Most tiles of a worker that wait for pages: about what a disk queue takes, at some requests a tile.
 pub(super) const PARKED_MAX: usize = 8;
 
-/// What is computed, and in which order.
+/// Work on tiles: the integrator, and their order.
 pub(crate) struct TileWork<'a> {
     pub(crate) integrator: SampleIntegrator<'a>,
     pub(crate) tiles: &'a Tiles,
 }
 
-/// When a piece of a pass ends, if not with the pass.
+/// The end of a piece of a pass, if it is not that of the pass.
 pub(crate) struct Until<'a> {
     /// Asked between tiles; once it says true no further tile is begun.
     pub(crate) stop: &'a (dyn Fn() -> bool + Sync),
@@ -33,7 +33,7 @@ pub(crate) struct Until<'a> {
     pub(crate) tiles: u32,
 }
 
-/// What a worker keeps between pieces of a pass.
+/// The state of a worker between pieces of a pass.
 #[derive(Default)]
 pub(super) struct Lane {
     /// The oldest first.
@@ -42,7 +42,7 @@ pub(super) struct Lane {
     pub(super) is_narrow: bool,
 }
 
-/// What the workers of a piece share.
+/// The state that the workers of a piece share.
 pub(super) struct Piece<'a> {
     pub(super) work: &'a TileWork<'a>,
     pub(super) film: Mutex<&'a mut Film>,
@@ -64,7 +64,7 @@ pub(super) struct Worker<'a, T> {
     stats: PassStats,
 }
 
-/// What an attempt at a job came to.
+/// The result of an attempt at a job.
 #[derive(PartialEq, Eq)]
 enum Attempt {
     Finished,
@@ -81,7 +81,7 @@ impl Piece<'_> {
             || (self.until.stop)()
     }
 
-    /// How long a worker may wait.
+    /// The longest that a worker may wait.
     fn longest_wait(&self) -> Duration {
         let left = self.until.deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
         left.map_or(WAIT, |left| left.min(WAIT))
@@ -134,7 +134,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         Worker { piece, tracer, lane, together, batches, retry, stats }
     }
 
-    /// What it did.
+    /// Counts of what the worker did.
     pub(super) fn stats(&self) -> PassStats {
         PassStats { waits: self.retry.waits, ..self.stats }
     }

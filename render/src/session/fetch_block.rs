@@ -1,5 +1,5 @@
-//! `FetchBlock`: how many tiles are shown together. What the user asks for, or as many as take half of `t_max` at the speed
-//! of late, whichever is less: it shrinks at once, also when `t_max` has passed, and grows by a quarter.
+//! `FetchBlock`: how many tiles are shown together. What the user asks for, or as many as take half of `t_max` at the
+//! speed of late, whichever is less: it shrinks at once, also when `t_max` has passed, and grows by a quarter.
 
 use std::time::Duration;
 
@@ -14,15 +14,15 @@ pub(super) const BLOCK_PART_LEAST: u32 = 8;
 /// A block grows by this much a frame.
 const BLOCK_GROWTH: f64 = 1.25;
 
-/// The size of the fetch block: of the first block after an event, and of those that follow. They differ, since an order
-/// by saliency begins with what is hard.
+/// The size of the fetch block: of the first block after an event, and of those that follow. They differ, since an
+/// order by saliency begins with what is hard.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FetchBlock {
     most: u32,
     tiles: [f64; 2],
 }
 
-/// Which block.
+/// A block after an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Nth {
     First,
@@ -39,7 +39,7 @@ impl FetchBlock {
         (self.tiles[nth as usize] as u32).clamp(BLOCK_TILES_MIN, self.most)
     }
 
-    /// After `finished` tiles took `time`, which should be `allowed`: shrinks at once, grows slowly.
+    /// Learns that `finished` tiles took `time`, which should be `allowed`: shrinks at once, grows slowly.
     pub(super) fn learn(&mut self, nth: Nth, finished: u64, time: Duration, allowed: Duration) {
         let tiles = &mut self.tiles[nth as usize];
         let fit = finished as f64 * allowed.as_secs_f64() / time.as_secs_f64().max(1e-9);

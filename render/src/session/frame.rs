@@ -12,7 +12,7 @@ use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
 use crate::integrate::{RenderContext, SampleIntegrator};
-use crate::schedule::{Canvas, Pass, TileWork, Until};
+use crate::schedule::{Canvas, Pass, TileWork, Until, Workers};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::prelude::*;
@@ -23,7 +23,7 @@ const PREVIEW_TILES_MOST: u32 = 256;
 /// Photons take this part of a frame while light changes.
 const PHOTON_PART: u32 = 2;
 
-/// How long the tiles of a frame may take, and how many are wanted.
+/// The time that the tiles of a frame may take, and how many are wanted.
 struct Plan {
     nth: Nth,
     deadline: Instant,
@@ -34,14 +34,14 @@ struct Plan {
 }
 
 impl<T: PagedTracer + Send> LiveSession<T> {
-    /// Goes on with the picture until a fetch block is done, the picture is complete or `t_max` has passed. `spp`: samples
-    /// that are enough. `stop` is asked between tiles. Light that has changed comes by voxels, whether it was baked or not;
-    /// for `full-gi` it comes when [`LiveSession::illuminate`] is called again.
+    /// Goes on with the picture until a fetch block is done, the picture is complete or `t_max` has passed. `spp`:
+    /// samples that are enough. `stop` is asked between tiles. Light that has changed comes by voxels, whether it was
+    /// baked or not; for `full-gi` it comes when [`LiveSession::illuminate`] is called again.
     pub fn frame(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) -> FrameReport {
         let begin = Instant::now();
         if std::mem::take(&mut self.live.is_new) {
             self.show_preview();
-            return self.report(FrameProgress::Preview, (PassStats::default(), 0));
+            return self.report(FrameProgress::Preview, PassStats::default(), 0);
         }
         let t_max = self.live.options.t_max;
         let mut photon_rays = 0;
@@ -63,10 +63,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
         };
-        self.report(progress, (pass, photon_rays))
+        self.report(progress, pass, photon_rays)
     }
 
-    /// One voxel ray a tile.
+    /// Shows what one voxel ray a tile sees.
     fn show_preview(&mut self) {
         let Session { world, model, photons, film, tiles, tracers, pool, .. } = &self.session;
         let Live { next, display, .. } = &mut self.live;
@@ -90,14 +90,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    /// Photons of changed light. Gives the count of their rays.
+    /// Sends photons of changed light. Gives the count of their rays.
     fn illuminate_until(&mut self, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> u64 {
         let Some(next) = &mut self.live.next else { return 0 };
         let Some(mut map) = self.session.photons.take() else { return 0 };
         let target = self.session.view.settings.photons;
         let stop = || Instant::now() >= deadline || stop();
-        let done =
-            self.session.voxel_photons().map(|photons| next.go_on(&photons, (&mut map, target), &stop));
+        let done = self.session.voxel_photons().map(|photons| next.go_on(&photons, &mut map, target, &stop));
         let (rays, has_changed) = done.unwrap_or_default();
         self.session.photons = Some(map);
         if has_changed {
@@ -106,7 +105,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         rays
     }
 
-    /// What the tiles of a frame that began at `begin` may take.
+    /// The plan of a frame that began at `begin`.
     fn plan(&self, begin: Instant) -> Plan {
         let live = &self.live;
         let t_max = live.options.t_max;
@@ -150,7 +149,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len()));
             let until = Until { stop, deadline: Some(deadline), tiles: wanted as u32 };
             let canvas = Canvas { film, display: Some(display) };
-            let stats = pass.run(&work, canvas, (tracers, pool), &until);
+            let stats = pass.run(&work, canvas, Workers { tracers, pool }, &until);
             total.add(&stats);
             wanted = wanted.saturating_sub(stats.tiles_finished);
             *finished += stats.tiles_finished;
@@ -178,7 +177,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    fn report(&self, progress: FrameProgress, (pass, photon_rays): (PassStats, u64)) -> FrameReport {
+    fn report(&self, progress: FrameProgress, pass: PassStats, photon_rays: u64) -> FrameReport {
         let live = &self.live;
         let [stand_in_tiles, hole_tiles] = live.display.count(&self.film);
         FrameReport {
@@ -193,7 +192,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 }
 
-/// Where the ray of a tile's preview goes.
+/// The pixel that the ray of a tile's preview goes through.
 pub(super) fn middle(tile: &Tile) -> [u32; 2] {
     std::array::from_fn(|a| tile.first[a] + tile.size[a].min(TILE_SIDE_PIXELS) / 2)
 }

@@ -1,5 +1,5 @@
-//! `Governor`: raises the error of the footprint rule where the pages in demand are too many for the frames there are, until
-//! every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
+//! `Governor`: raises the error of the footprint rule where the pages in demand are too many for the frames there
+//! are, until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 
 /// Share of the frames in demand above which the governor raises the error, and below which it lowers it and pages are
 /// guessed ahead.
@@ -28,7 +28,7 @@ impl Governor {
         self.error
     }
 
-    /// Within a state: true when the error was raised. `demand`: pages in demand over frames.
+    /// Raises the error within a state, where `demand` (pages in demand over frames) is too high: true when it did.
     pub(super) fn raise(&mut self, demand: f64) -> bool {
         let raised = if self.error == 0.0 { 1.0 } else { self.error * ERROR_GROWTH };
         let raises = demand > DEMAND.end && raised <= ERROR_MAX_PIXELS && !self.has_let_go;
@@ -38,14 +38,14 @@ impl Governor {
         raises
     }
 
-    /// The picture is complete: true when it was at a raised error.
+    /// Goes back to the error that was asked for, since the picture is complete: true when it was at a raised error.
     pub(super) fn let_go(&mut self) -> bool {
         let was_raised = self.error > self.asked;
         (self.error, self.has_let_go) = (self.asked, true);
         was_raised
     }
 
-    /// Between states.
+    /// Lowers the error between states, where `demand` (pages in demand over frames) is low.
     pub(super) fn lower(&mut self, demand: f64) {
         self.has_let_go = false;
         if demand < DEMAND.start && self.error > self.asked {

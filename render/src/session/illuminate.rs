@@ -1,5 +1,5 @@
-//! The light of a session that is at leisure: photons through the voxels, or through the exact mesh: the tree of `full-gi`,
-//! and the facets of `photon` where they are baked.
+//! The light of a session that is at leisure: photons through the voxels, or through the exact mesh: the tree of
+//! `full-gi`, and the facets of `photon` where they are baked.
 //!
 //! Invariants: 1. a pass of photons counts whole or not at all; 2. the light depends on world and photon count alone.
 
@@ -21,8 +21,8 @@ use trex_store::Result;
 const _: () = assert!(PASS_PHOTONS.is_multiple_of(BATCH));
 
 impl<T: PagedTracer + Send> Session<T> {
-    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without. `stop` is
-    /// asked in between; `tell` hears how many are done, and of how many.
+    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without.
+    /// `stop` is asked in between; `tell` hears how many are done, and of how many.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons, or for all of `full-gi`.
@@ -48,7 +48,7 @@ impl<T: PagedTracer + Send> Session<T> {
         Ok(stats?.unwrap_or_default())
     }
 
-    /// What photons go through; `None` for a model without voxels.
+    /// The voxels that photons go through, with the world; `None` for a model without voxels.
     pub(super) fn voxel_photons(&self) -> Option<VoxelPhotons<'_>> {
         let voxels = self.model.voxels.as_ref()?;
         Some(VoxelPhotons {
@@ -81,7 +81,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// Sends all photons through the mesh, into a tree; there is none where there is no light.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`mesh_photons_bytes`].
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the photons, or for those under way.
     fn grow_tree(
         &mut self,
         stop: &(dyn Fn() -> bool + Sync),
@@ -93,7 +93,7 @@ impl<T: PagedTracer + Send> Session<T> {
             return Ok(PhotonStats::default());
         };
         let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
-        let store = Mutex::new(PhotonStore::new(target, model.bounds.center(), budget)?);
+        let store = Mutex::new(PhotonStore::new(target, model.bounds.center().into(), budget)?);
         let land = |batch, deposits: &[Deposit]| {
             store.lock().expect("a worker panicked").land(batch, deposits);
             deposits.len() as u64

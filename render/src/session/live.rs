@@ -3,19 +3,19 @@
 //! ```text
 //! event -> frame: a preview, one voxel ray a tile                       first picture
 //!       -> frame: tiles in order until a fetch block is done            response
-//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is complete or t_max
-//!                 has passed
+//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is
+//!                 complete or t_max has passed
 //!       -> ...    every pixel has a sample                              complete picture
 //! ```
 //!
 //! The first fetch block counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
 //! job queue between them is the worker's own; the block is what is shown together.
 //!
-//! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule, until every
-//! pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
+//! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule,
+//! until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 //!
-//! Invariants: 1. no pixel shows nothing after the first frame; 2. what is not of the state, a preview or a stand-in, is
-//! never on the film; 3. once the view stands still, the film goes to the same bytes as
+//! Invariants: 1. no pixel shows nothing after the first frame; 2. what is not of the state, a preview or a stand-in,
+//! is never on the film; 3. once the view stands still, the film goes to the same bytes as
 //! [`super::Session::render`]'s.
 
 use super::fetch_block::FetchBlock;
@@ -36,7 +36,7 @@ use std::ops::Deref;
 use std::time::Duration;
 use trex_store::{Code, Error, Result};
 
-/// How frames with a deadline are made.
+/// Options of frames with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameOptions {
     /// Longest time of a frame.
@@ -45,14 +45,14 @@ pub struct FrameOptions {
     pub fetch_block: u32,
     /// The order of tiles.
     pub order: TileOrder,
-    /// Whether pages are guessed ahead.
+    /// Guessing of pages ahead.
     pub prefetch: Prefetch,
 }
 
-/// Whether pages are guessed ahead.
+/// Guessing of pages ahead.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Prefetch {
-    /// Only what rays ask for is read.
+    /// Only pages that rays ask for are read.
     Off,
     /// The predictors of [`crate::trace::Predictor`] ask, too.
     #[default]
@@ -70,25 +70,25 @@ impl Default for FrameOptions {
     }
 }
 
-/// What the picture has come to.
+/// The state of a picture in the making.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FrameProgress {
-    /// Voxels at one ray a tile.
+    /// The picture shows voxels, by one ray a tile.
     Preview,
     /// Some tiles are done, less than a fetch block.
     Part,
-    /// At least a fetch block is done: the response.
+    /// A fetch block or more is done: the response.
     Block,
     /// Every pixel has a sample.
     Complete,
-    /// All samples that were asked for.
+    /// Every pixel has all samples that were asked for.
     Done,
 }
 
-/// What a frame did.
+/// The report of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameReport {
-    /// What the picture shows now.
+    /// The state of the picture now.
     pub progress: FrameProgress,
     /// Tiles of the first fetch block since the event; until it is done, of the block that is made.
     pub block_tiles: u32,
@@ -98,9 +98,9 @@ pub struct FrameReport {
     pub hole_tiles: u32,
     /// Error of the footprint rule in force, pixels.
     pub lod_error: f64,
-    /// What the pass did in this frame.
+    /// Counts of the pass in this frame.
     pub pass: PassStats,
-    /// Rays of photons.
+    /// Rays of photons in this frame.
     pub photon_rays: u64,
 }
 
@@ -113,7 +113,7 @@ pub struct LiveSession<T> {
     pub(super) live: Live,
 }
 
-/// What is kept between frames, beside the session.
+/// The state between frames, beside the session.
 pub(super) struct Live {
     pub(super) options: FrameOptions,
     pub(super) display: Display,
@@ -126,16 +126,16 @@ pub(super) struct Live {
     pub(super) finished: u64,
     /// Tiles of the first block since the event, once it is done.
     pub(super) first_block: Option<u32>,
-    /// A preview is due.
+    /// True when a preview is due.
     pub(super) is_new: bool,
     /// Pages in demand since the event, a bit each.
     demand: Vec<u64>,
-    /// What [`Live::demand`] came to in the last state.
+    /// The value of [`Live::demand`] at the end of the last state.
     pub(super) last_demand: f64,
 }
 
 impl<T: PagedTracer + Send> Session<T> {
-    /// From now on pictures are made in frames.
+    /// The session from now on: its pictures are made in frames.
     ///
     /// # Errors
     /// [`Code::SceneFormat`] for a model without voxels: nothing could stand in for what is missing;
@@ -188,7 +188,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         Ok(())
     }
 
-    /// What the pixel (x, y) shows: the mean of its samples, else what stands in for it. Linear RGB.
+    /// Radiance on show at pixel (x, y): the mean of its samples, else what stands in for it. Linear RGB.
     pub fn shown(&self, pixel: [u32; 2]) -> [f32; 3] {
         let tile = pixel.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
@@ -198,7 +198,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    /// As [`Session::illuminate`].
+    /// Sends the photons that are still to be sent, as [`Session::illuminate`] does.
     ///
     /// # Errors
     /// Those of [`Session::illuminate`].
@@ -210,7 +210,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.session.illuminate(stop, tell)
     }
 
-    /// As [`Session::smooth`].
+    /// Smooths the indirect light, as [`Session::smooth`] does.
     ///
     /// # Errors
     /// Those of [`Session::smooth`].
@@ -242,7 +242,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.set_error();
     }
 
-    /// What is on show, at a few samples a tile, for an order that asks what the last picture was like.
+    /// The picture on show at a few samples a tile, for an order that asks what the last picture was like.
     fn reduced(&self, order: TileOrder) -> Reduced {
         let [width, height] = self.view.settings.resolution;
         let step = TILE_SIDE_PIXELS / SAMPLES_PER_SIDE;
@@ -265,7 +265,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    /// What is on the film is of another state: it stays on show until there is better.
+    /// Begins the film anew, since it is of another state: it stays on show until there is better.
     pub(super) fn begin_again(&mut self) {
         let LiveSession { session, live } = self;
         live.display.keep(&session.film, &session.tiles);
@@ -283,7 +283,7 @@ impl Live {
         if frames == 0 { 0.0 } else { f64::from(pages) / frames as f64 }
     }
 
-    /// The picture holds a fetch block of so many tiles.
+    /// Learns that the picture holds a fetch block of so many tiles.
     pub(super) fn learn_response(&mut self, tiles: u32) {
         self.first_block.get_or_insert(tiles);
         self.motion.learn_response();

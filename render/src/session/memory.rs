@@ -29,20 +29,20 @@ const MERGE_BYTES: u32 = 128 << 10;
 /// Staging slots: fewer delay reads, more gain nothing.
 const STAGING_SLOTS: std::ops::RangeInclusive<u64> = 4..=40;
 
-/// What a picture asks of memory.
+/// The properties of a picture that decide what memory it takes.
 #[derive(Clone, Copy, Debug)]
 pub struct PictureNeeds {
     /// The numbers of the picture.
     pub settings: RenderSettings,
-    /// What the film keeps beside radiance.
+    /// Layers that the film keeps beside radiance.
     pub layers: Layers,
     /// Worker threads, at least 1.
     pub workers: usize,
-    /// Whether it is made in frames with a deadline.
+    /// True when the picture is made in frames with a deadline.
     pub is_live: bool,
 }
 
-/// What each part of a picture takes, bytes.
+/// The shares of a memory limit for a picture, bytes.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct MemoryPlan {
     /// Outside of the ledger: text, stacks, the allocator.
@@ -74,7 +74,7 @@ impl PictureNeeds {
         }
     }
 
-    /// Whether voxels are needed in memory.
+    /// True when voxels are needed in memory.
     pub fn asks_voxels(&self) -> bool {
         self.settings.integrator.asks_voxels() || self.settings.lod_error > 0.0 || self.is_live
     }
@@ -109,7 +109,7 @@ impl MemoryPlan {
             .smallest_limit(smallest))
     }
 
-    /// The smallest limit for a picture of `file`.
+    /// The smallest limit for a picture of `file`, bytes.
     ///
     /// # Errors
     /// Those of reading the sizes of the file's octree.
@@ -123,7 +123,7 @@ impl MemoryPlan {
         PoolOptions { frames_bytes: self.frames_bytes, ..pool_options(self.staging_slots) }
     }
 
-    /// All shares but the frames.
+    /// The shares of all but the frames.
     fn fixed(file: &PageFile, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
         let PictureNeeds { settings, layers, workers, is_live } = *needs;
         let resolution = settings.resolution;
@@ -153,15 +153,15 @@ impl MemoryPlan {
     }
 }
 
-/// What the renderer's copies of materials and emitters of `file` take: those of the caller, of the session and of an edit;
-/// and what lights are drawn from, twice while a state replaces the one before.
+/// Bytes of the renderer's copies of materials and emitters of `file`: those of the caller, of the session and of an
+/// edit; and what lights are drawn from, twice while a state replaces the one before.
 pub fn model_bytes(file: &PageFile) -> u64 {
     let (materials, emitters) = (file.materials().len(), file.emitters().len());
     let copies = 3 * (materials * size_of::<trex_store::Material>() + emitters * size_of::<Emitter>());
     copies as u64 + 2 * Emitters::bytes(emitters)
 }
 
-/// What photons on the mesh take at most, with those under way.
+/// Bytes that photons on the mesh take at most, with those under way.
 fn photons_bytes(needs: &PictureNeeds) -> u64 {
     match needs.settings.integrator {
         Method::FullGi => PhotonTree::bytes(needs.settings.photons) + flight_bytes(needs.workers),
@@ -170,7 +170,7 @@ fn photons_bytes(needs: &PictureNeeds) -> u64 {
     }
 }
 
-/// What the octree takes, with its light; or while it is read, with its stored form.
+/// Bytes that the octree takes, with its light; or while it is read, with its stored form.
 fn voxels_bytes(file: &PageFile, needs: &PictureNeeds) -> Result<u64> {
     if !needs.asks_voxels() {
         return Ok(0);

@@ -7,8 +7,8 @@
 //!                                          <- apply(Event)
 //! ```
 //!
-//! Two ways to a picture: [`Session::render`] takes what it takes; [`LiveSession::frame`] goes on for as long as a deadline
-//! allows and tells what there is.
+//! Two ways to a picture: [`Session::render`] takes what it takes; [`LiveSession::frame`] goes on for as long as a
+//! deadline allows and tells what there is.
 //!
 //! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film, so all samples of a
 //! film are of one state; 3. film and frame loop are leased from the budget for the life of the session.
@@ -36,7 +36,7 @@ use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::settings::Method;
 use crate::scene::world::{MaterialEdit, Model, View, World};
-use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, TileWork, Until, pass_bytes};
+use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, TileWork, Until, Workers, pass_bytes};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
@@ -45,7 +45,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use trex_store::{Budget, Lease, Result};
 
-/// Something the user did.
+/// A change by the user.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// Another camera.
@@ -56,21 +56,21 @@ pub enum Event {
     Material {
         /// Index into the model's materials.
         index: usize,
-        /// What changes.
+        /// Changes to it.
         edit: MaterialEdit,
     },
 }
 
-/// What a [`Session`] is made of.
+/// The parts that a [`Session`] is made of.
 #[derive(Debug)]
 pub struct SessionSetup<T> {
-    /// What is on show.
+    /// The model on show.
     pub model: Model,
-    /// How it is looked at.
+    /// Camera, lights and the numbers of the picture.
     pub view: View,
-    /// What the film keeps beside radiance.
+    /// Layers that the film keeps beside radiance.
     pub layers: Layers,
-    /// What answers rays: as many workers trace.
+    /// Tracers, one for each worker.
     pub tracers: Vec<T>,
     /// The threads of the workers, at least one a tracer.
     pub pool: Arc<ThreadPool>,
@@ -119,25 +119,25 @@ pub struct Session<T> {
     _lease: Lease,
 }
 
-/// What an event has changed.
+/// The effect of an event.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Change {
     /// The camera before.
     pub(super) before: Projection,
-    /// Lights or a material.
+    /// True for other lights or another material.
     pub(super) light: bool,
 }
 
-/// What [`Session::render`] did.
+/// Counts of what [`Session::render`] did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct RenderStats {
-    /// All passes together.
+    /// Counts of all passes together.
     pub total: PassStats,
     /// Passes begun.
     pub passes: u32,
     /// Samples that every pixel has now.
     pub spp: u32,
-    /// Whether that is as many as were asked for.
+    /// True when every pixel has the samples that were asked for.
     pub complete: bool,
 }
 
@@ -208,9 +208,9 @@ impl<T: PagedTracer + Send> Session<T> {
         }
     }
 
-    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the indirect light that
-    /// [`Session::illuminate`] brought up to then. `stop` is asked between tiles,
-    /// `after_pass` looks at the film and may end the work; what is on the film stays, and a later call goes on.
+    /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the
+    /// indirect light that [`Session::illuminate`] brought up to then. `stop` is asked between tiles, `after_pass`
+    /// looks at the film and may end the work; what is on the film stays, and a later call goes on.
     pub fn render(
         &mut self,
         spp: u32,
@@ -228,7 +228,8 @@ impl<T: PagedTracer + Send> Session<T> {
             let until = Until { stop, deadline: None, tiles: u32::MAX };
             let mut pass = Pass::new(target, self.tracers.len());
             let canvas = Canvas { film: &mut self.film, display: None };
-            stats.total.add(&pass.run(&work, canvas, (&mut self.tracers, &self.pool), &until));
+            let workers = Workers { tracers: &mut self.tracers, pool: &self.pool };
+            stats.total.add(&pass.run(&work, canvas, workers, &until));
             stats.passes += 1;
             stats.spp = self.film.samples();
             if after_pass(&self.film, &stats).is_break() {
@@ -239,7 +240,7 @@ impl<T: PagedTracer + Send> Session<T> {
         stats
     }
 
-    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see [`crate::filter`]. Does
+    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see `image/filter.rs`. Does
     /// nothing for others.
     ///
     /// # Errors
@@ -251,7 +252,7 @@ impl<T: PagedTracer + Send> Session<T> {
         filter::smooth(&mut self.film, &self.world.projection, &self.pool, &self.budget)
     }
 
-    /// What has been collected.
+    /// The film with the samples up to now.
     pub fn film(&self) -> &Film {
         &self.film
     }

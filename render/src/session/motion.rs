@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 /// Responses ahead that the camera is guessed.
 const RESPONSES_AHEAD: f64 = 2.0;
 
-/// How the camera moves.
+/// The motion of the camera from event to event.
 #[derive(Debug)]
 pub(super) struct Motion {
     /// The last event.
     at: Instant,
-    /// From the last event to its response.
+    /// Time from the last event to its response.
     response: Option<Duration>,
     /// The cameras before and after the last event, and the time between the last two.
     step: Option<([Projection; 2], Duration)>,
@@ -23,14 +23,14 @@ impl Motion {
         Motion { at: Instant::now(), response: None, step: None }
     }
 
-    /// An event has come.
+    /// Learns that an event has come, with the cameras before and after it.
     pub(super) fn learn_event(&mut self, before: &Projection, after: &Projection) {
         let now = Instant::now();
         self.step = Some(([*before, *after], now - self.at));
         (self.at, self.response) = (now, None);
     }
 
-    /// The picture holds a fetch block.
+    /// Learns that the picture holds a fetch block.
     pub(super) fn learn_response(&mut self) {
         self.response.get_or_insert(self.at.elapsed());
     }

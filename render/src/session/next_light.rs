@@ -9,7 +9,7 @@ use trex_store::{Budget, Result};
 pub(super) struct NextLight {
     map: PhotonMap,
     work: PassInWork,
-    /// Share of its photons that are there; `None` when nothing comes.
+    /// Share of its photons that are there, 0 to 1; `None` when nothing comes.
     share: Option<f32>,
 }
 
@@ -17,7 +17,7 @@ impl NextLight {
     /// The second buffer of `shown`; on its way at once where that is dark. `None` when nothing gives light.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`].
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for a second map.
     pub(super) fn new(
         world: &VoxelPhotons<'_>,
         shown: &PhotonMap,
@@ -29,24 +29,25 @@ impl NextLight {
         Ok(Some(NextLight { map, work, share }))
     }
 
-    /// Light has changed: what was on its way is out of date.
+    /// Begins anew, since light has changed: what was on its way is out of date.
     pub(super) fn begin(&mut self, world: &VoxelPhotons<'_>) {
         self.map.clear();
         world.restart(&mut self.work);
         self.share = Some(0.0);
     }
 
-    /// Nothing is on its way.
+    /// True when nothing is on its way.
     pub(super) fn is_idle(&self) -> bool {
         self.share.is_none()
     }
 
-    /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached. Gives the count of rays, and
-    /// whether the light that gather rays find has changed.
+    /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached. Gives the count of rays,
+    /// and whether the light that gather rays find has changed.
     pub(super) fn go_on(
         &mut self,
         world: &VoxelPhotons<'_>,
-        (shown, target): (&mut PhotonMap, u64),
+        shown: &mut PhotonMap,
+        target: u64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> (u64, bool) {
         if self.is_idle() {
@@ -64,7 +65,7 @@ impl NextLight {
         (stats.rays, is_done || self.map.photons() > before)
     }
 
-    /// What gather rays find.
+    /// The light that gather rays find.
     pub(super) fn irradiance<'a>(&'a self, shown: &'a PhotonMap) -> Irradiance<'a> {
         // The first light of all has nothing to be blended with.
         let is_first = shown.photons() == 0 && self.map.photons() > 0;
@@ -73,7 +74,7 @@ impl NextLight {
     }
 }
 
-/// What gather rays find: the session's map `shown`, and what comes after it.
+/// The light that gather rays find: the session's map `shown`, and what comes after it.
 pub(super) fn irradiance<'a>(shown: Option<&'a PhotonMap>, next: Option<&'a NextLight>) -> Irradiance<'a> {
     match (shown, next) {
         (None, _) => Irradiance::NONE,

@@ -19,7 +19,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let LiveSession { session, live } = self;
         // Its pages are of the ray that a worker narrows down to.
         let is_narrow = live.pass.as_ref().is_some_and(Pass::is_narrow);
-        // Where frames are scarce a guess takes the place of what is in use. A state that begins is taken to be as the last.
+        // Where frames are scarce a guess takes the place of what is in use. A state that begins is taken to be as
+        // the last.
         let is_scarce = live.demand(&session.tracers).max(live.last_demand) > DEMAND.start;
         if live.options.prefetch == Prefetch::Off || is_narrow || is_scarce {
             return;

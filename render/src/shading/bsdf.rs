@@ -5,8 +5,8 @@
 //! from any direction; 3. the Ks of a mirror is its bounce, never a lobe; 4. [`Bsdf::pdf`] is the density of what
 //! [`Bsdf::sample`] draws.
 
-use crate::math::{dot, max_rgb, reflect, scale, scale_rgb};
 use crate::sampling::{cosine_direction, lobe_direction};
+use glam::{DVec3, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 use trex_store::Material;
 
@@ -15,38 +15,38 @@ use trex_store::Material;
 pub(crate) struct Bsdf<'a> {
     pub(crate) material: &'a Material,
     /// Unit normal, on the side that is looked at.
-    pub(crate) normal: [f64; 3],
+    pub(crate) normal: DVec3,
     /// Unit direction to where the surface is looked at from, on the side of the normal.
-    pub(crate) wo: [f64; 3],
+    pub(crate) wo: DVec3,
 }
 
 /// A direction that light is looked for in.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BsdfSample {
     /// Unit; on the side of the normal.
-    pub(crate) wi: [f64; 3],
+    pub(crate) wi: DVec3,
     /// `bsdf * cos / pdf`; of a mirror: what it reflects over the chance of choosing it.
-    pub(crate) weight: [f32; 3],
+    pub(crate) weight: Vec3,
     /// Density per solid angle; `None` for a mirror's one direction.
     pub(crate) pdf: Option<f64>,
 }
 
 impl Bsdf<'_> {
     /// The BSDF (1/sr, linear RGB) for light from unit `wi`, on the side of the normal.
-    pub(crate) fn eval(&self, wi: [f64; 3]) -> [f32; 3] {
+    pub(crate) fn eval(&self, wi: DVec3) -> Vec3 {
         self.eval_with_lobe(self.lobe(wi))
     }
 
-    fn eval_with_lobe(&self, lobe: f32) -> [f32; 3] {
-        std::array::from_fn(|c| self.material.kd[c] * FRAC_1_PI + self.material.ks[c] * lobe)
+    fn eval_with_lobe(&self, lobe: f32) -> Vec3 {
+        Vec3::from(self.material.kd) * FRAC_1_PI + Vec3::from(self.material.ks) * lobe
     }
 
     /// `(n + 2) / (2 pi) cos^n` of the angle between `wi` and the mirror image of `wo`; 0 where there is no lobe.
-    fn lobe(&self, wi: [f64; 3]) -> f32 {
+    fn lobe(&self, wi: DVec3) -> f32 {
         if !has_lobe(self.material) {
             return 0.0;
         }
-        let cos = -dot(reflect(self.wo, self.normal), wi);
+        let cos = -self.wo.reflect(self.normal).dot(wi);
         if cos <= 0.0 {
             0.0
         } else {
@@ -54,13 +54,13 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Draws a direction by what the surface scatters, from numbers in [0, 1); `None` when it goes nowhere (which counts
-    /// as black).
+    /// Draws a direction by what the surface scatters, from numbers in [0, 1); `None` when it goes nowhere (which
+    /// counts as black).
     pub(crate) fn sample(&self, [pick, u, v, _]: [f32; 4]) -> Option<BsdfSample> {
         let diffuse = self.diffuse_chance()?;
-        let mirrored = reflect(scale(-1.0, self.wo), self.normal);
+        let mirrored = (-self.wo).reflect(self.normal);
         if f64::from(pick) >= diffuse && self.material.mirror {
-            let weight = scale_rgb((1.0 / (1.0 - diffuse)) as f32, self.material.ks);
+            let weight = (1.0 / (1.0 - diffuse)) as f32 * Vec3::from(self.material.ks);
             return Some(BsdfSample { wi: mirrored, weight, pdf: None });
         }
         let wi = if f64::from(pick) < diffuse {
@@ -68,30 +68,30 @@ impl Bsdf<'_> {
         } else {
             lobe_direction(mirrored, self.material.ns, [u, v])
         };
-        let cos = dot(wi, self.normal);
+        let cos = wi.dot(self.normal);
         let lobe = self.lobe(wi);
         let pdf = self.pdf_with_lobe(diffuse, cos, lobe);
-        let weight = scale_rgb((cos / pdf) as f32, self.eval_with_lobe(lobe));
+        let weight = (cos / pdf) as f32 * self.eval_with_lobe(lobe);
         (cos > 0.0 && pdf > 0.0).then_some(BsdfSample { wi, weight, pdf: Some(pdf) })
     }
 
-    /// Draws a direction for light from everywhere, as [`Bsdf::sample`] but never the mirror's one direction. Drawing the
-    /// sky by this and not by the cosine keeps shiny materials free of sparks. Its `pdf` is always there.
+    /// Draws a direction for light from everywhere, as [`Bsdf::sample`] but never the mirror's one direction. Drawing
+    /// the sky by this and not by the cosine keeps shiny materials free of sparks. Its `pdf` is always there.
     pub(crate) fn sample_rough(&self, [pick, u, v]: [f32; 3]) -> Option<BsdfSample> {
         let rough = self.rough_chance()?;
         let drawn = self.sample([pick * rough as f32, u, v, 0.0])?;
         let pdf = Some(drawn.pdf? / rough);
-        Some(BsdfSample { wi: drawn.wi, weight: scale_rgb(rough as f32, drawn.weight), pdf })
+        Some(BsdfSample { wi: drawn.wi, weight: rough as f32 * drawn.weight, pdf })
     }
 
     /// Density (per solid angle) with which [`Bsdf::sample`] draws unit `wi`, mirrors left out.
-    pub(crate) fn pdf(&self, wi: [f64; 3]) -> f64 {
+    pub(crate) fn pdf(&self, wi: DVec3) -> f64 {
         let Some(diffuse) = self.diffuse_chance() else { return 0.0 };
-        self.pdf_with_lobe(diffuse, dot(self.normal, wi), self.lobe(wi))
+        self.pdf_with_lobe(diffuse, self.normal.dot(wi), self.lobe(wi))
     }
 
     /// Density (per solid angle) with which [`Bsdf::sample_rough`] draws unit `wi`.
-    pub(crate) fn pdf_rough(&self, wi: [f64; 3]) -> f64 {
+    pub(crate) fn pdf_rough(&self, wi: DVec3) -> f64 {
         self.rough_chance().map_or(0.0, |rough| self.pdf(wi) / rough)
     }
 
@@ -112,20 +112,21 @@ impl Bsdf<'_> {
 
     /// Chance to scatter by the cosine; `None` for black.
     fn diffuse_chance(&self) -> Option<f64> {
-        let [kd, ks] = [self.material.kd, self.material.ks].map(|rgb| f64::from(max_rgb(rgb)));
+        let [kd, ks] =
+            [self.material.kd, self.material.ks].map(|rgb| f64::from(Vec3::from(rgb).max_element()));
         (kd + ks > 0.0).then(|| kd / (kd + ks))
     }
 }
 
 /// The BSDF of a diffuse surface that reflects as much as `material` does on average over all directions: what a place
 /// looks like to a ray that asks only for its irradiance.
-pub(crate) fn diffuse_equivalent(material: &Material) -> [f32; 3] {
+pub(crate) fn diffuse_equivalent(material: &Material) -> Vec3 {
     let glossy = if material.mirror { 0.0 } else { hemispherical_albedo(material.ns) };
-    std::array::from_fn(|c| (material.kd[c] + glossy * material.ks[c]) * FRAC_1_PI)
+    (Vec3::from(material.kd) + glossy * Vec3::from(material.ks)) * FRAC_1_PI
 }
 
-/// What a lobe of Ks = 1 reflects of light from everywhere: at grazing angles half of it points into the surface. From
-/// 5/6 for n = 0 to 2/3 for a sharp one; fitted to the integral, to 5e-4.
+/// Share of light from everywhere that a lobe of Ks = 1 reflects: at grazing angles half of it points into the
+/// surface. From 5/6 for n = 0 to 2/3 for a sharp one; fitted to the integral, to 5e-4.
 fn hemispherical_albedo(ns: f32) -> f32 {
     2.0 / 3.0 + 1.0 / (6.0 + ns * (7.4 + 0.75 * ns))
 }
@@ -150,16 +151,14 @@ mod tests {
         let direction = |i: usize, j: usize| {
             let [u, v] = [i, j].map(|x| (x as f64 + 0.5) / SHARES as f64);
             let (sin, phi) = (u.sqrt(), v * std::f64::consts::TAU);
-            [sin * phi.cos(), sin * phi.sin(), (1.0 - u).sqrt()]
+            DVec3::new(sin * phi.cos(), sin * phi.sin(), (1.0 - u).sqrt())
         };
         for ns in [0.0, 0.5, 1.0, 3.0, 10.0, 40.0] {
             let material = Material { kd: [0.0; 3], ks: [1.0; 3], ns, ..Material::default() };
             let mut sum = 0.0;
             for from in (0..SHARES).map(|i| direction(i, 0)) {
                 for to in (0..SHARES * SHARES).map(|i| direction(i / SHARES, i % SHARES)) {
-                    sum += f64::from(
-                        Bsdf { material: &material, normal: [0.0, 0.0, 1.0], wo: from }.eval(to)[0],
-                    );
+                    sum += f64::from(Bsdf { material: &material, normal: NORMAL, wo: from }.eval(to)[0]);
                 }
             }
             let mean = sum / (SHARES * SHARES * SHARES) as f64;
@@ -171,14 +170,14 @@ mod tests {
         }
     }
 
-    const NORMAL: [f64; 3] = [0.0, 0.0, 1.0];
+    const NORMAL: DVec3 = DVec3::Z;
 
-    fn at(material: &Material, wo: [f64; 3]) -> Bsdf<'_> {
+    fn at(material: &Material, wo: DVec3) -> Bsdf<'_> {
         Bsdf { material, normal: NORMAL, wo }
     }
 
     /// Share of the light from `wo` that is reflected, by cosine-weighted points: mean of `pi * bsdf`.
-    fn albedo(material: &Material, wo: [f64; 3]) -> f64 {
+    fn albedo(material: &Material, wo: DVec3) -> f64 {
         let side = 512;
         let mut sum = 0.0;
         for i in 0..side * side {
@@ -194,7 +193,7 @@ mod tests {
             let material = Material { kd: [0.8; 3], ks: [0.9; 3], ns, ..Material::default() }.checked();
             assert!((material.kd[0] + material.ks[0] - 1.0).abs() < 1e-6);
             for angle in [0.0f64, 0.7, 1.3, 1.55] {
-                let share = albedo(&material, [angle.sin(), 0.0, angle.cos()]);
+                let share = albedo(&material, DVec3::new(angle.sin(), 0.0, angle.cos()));
                 assert!(share < 1.003, "ns {ns}, angle {angle}: {share}");
             }
         }
@@ -211,7 +210,7 @@ mod tests {
     #[test]
     fn viewer_and_light_may_change_places() {
         let material = Material { ks: [0.2; 3], ns: 7.0, ..Material::default() }.checked();
-        let (a, b) = ([0.6, 0.0, 0.8], [0.0, -0.28, 0.96]);
+        let (a, b) = (DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, -0.28, 0.96));
         let (there, back) = (at(&material, a).eval(b), at(&material, b).eval(a));
         assert!((there[0] - back[0]).abs() < 1e-6);
     }
@@ -219,7 +218,7 @@ mod tests {
     #[test]
     fn what_is_drawn_has_the_density_that_is_told() {
         let glossy = Material { kd: [0.3; 3], ks: [0.5; 3], ns: 12.0, ..Material::default() }.checked();
-        let wo = [0.6, 0.0, 0.8];
+        let wo = DVec3::new(0.6, 0.0, 0.8);
         // The mean weight is the albedo, the mean of 1 / density the solid angle of the hemisphere.
         let (side, mut weight, mut solid_angle) = (48, 0.0, 0.0);
         for i in 0..side * side * side {

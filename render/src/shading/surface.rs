@@ -4,8 +4,9 @@
 //! that it leaves, nor the one that it is sent to.
 
 use super::bsdf::Bsdf;
-use crate::math::{along, dot, length, scale, sub, to_f64, unit};
+use crate::math::unit;
 use crate::trace::{Hit, Ray};
+use glam::{DVec3, Vec3};
 use trex_store::Material;
 
 /// Secondary rays start off the surface by this many bounds on the error of the hit: one for the point itself, one
@@ -15,13 +16,13 @@ pub(crate) const OFFSET_ERRORS: f64 = 4.0;
 /// works in f32 relative to the ray, whose error at the far end no hit has told.
 const END_SHARE: f64 = 1.0 / (1 << 20) as f64;
 
-/// Where a ray met a surface, of whatever form.
+/// The hit of a ray on a surface of whatever form.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HitPoint {
     /// Parameter of the hit on the ray.
     pub(crate) t: f64,
     /// Unit normal of the counter-clockwise side; zero where there is none.
-    pub(crate) normal: [f32; 3],
+    pub(crate) normal: Vec3,
     /// Index into the materials.
     pub(crate) material: u32,
     /// Bound on the distance between the surface and the point on the ray, model units.
@@ -30,16 +31,16 @@ pub(crate) struct HitPoint {
 
 impl From<&Hit> for HitPoint {
     fn from(hit: &Hit) -> HitPoint {
-        HitPoint { t: hit.t, normal: hit.normal, material: hit.material, error: hit.error }
+        HitPoint { t: hit.t, normal: hit.normal.into(), material: hit.material, error: hit.error }
     }
 }
 
 /// A hit, seen from the side that the ray came from.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SurfaceInteraction {
-    pub(crate) point: [f64; 3],
-    pub(crate) normal: [f64; 3],
-    pub(crate) wo: [f64; 3],
+    pub(crate) point: DVec3,
+    pub(crate) normal: DVec3,
+    pub(crate) wo: DVec3,
     error: f64,
     pub(crate) material: u32,
 }
@@ -48,7 +49,7 @@ pub(crate) struct SurfaceInteraction {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ShadingPoint<'a> {
     /// Model units.
-    pub(crate) point: [f64; 3],
+    pub(crate) point: DVec3,
     pub(crate) bsdf: Bsdf<'a>,
 }
 
@@ -56,18 +57,18 @@ impl SurfaceInteraction {
     /// The place where `ray` met `hit`.
     pub(crate) fn new(ray: &Ray, hit: &HitPoint) -> SurfaceInteraction {
         // A needle whose corners lie on one line has no normal, but rays do hit it: it faces them.
-        let normal = unit(to_f64(hit.normal)).unwrap_or(scale(-1.0, ray.direction));
-        let side = if dot(normal, ray.direction) > 0.0 { -1.0 } else { 1.0 };
+        let direction = DVec3::from(ray.direction);
+        let normal = unit(hit.normal.as_dvec3()).unwrap_or(-direction);
         SurfaceInteraction {
-            point: along(ray.origin, hit.t, ray.direction),
-            normal: scale(side, normal),
-            wo: scale(-1.0, ray.direction),
+            point: ray.at(hit.t),
+            normal: if normal.dot(direction) > 0.0 { -normal } else { normal },
+            wo: -direction,
             error: hit.error,
             material: hit.material,
         }
     }
 
-    /// How the surface scatters towards where the ray came from; `materials` are the world's.
+    /// The scattering of the surface towards where the ray came from; `materials` are the world's.
     pub(crate) fn bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
         Bsdf { material: &materials[self.material as usize], normal: self.normal, wo: self.wo }
     }
@@ -77,28 +78,28 @@ impl SurfaceInteraction {
         ShadingPoint { point: self.point, bsdf: self.bsdf(materials) }
     }
 
-    /// How far off the surface rays start, for the error of the hit, model units.
+    /// Distance off the surface at which rays start for the error of the hit, model units.
     pub(crate) fn offset(&self) -> f64 {
         OFFSET_ERRORS * self.error
     }
 
     /// A ray off this surface in unit `direction`; where the other end, `distance` away, lies on a surface with
     /// normal `front`, it leaves that one too.
-    pub(crate) fn ray_to(&self, direction: [f64; 3], distance: f64, front: Option<[f64; 3]>) -> Ray {
+    pub(crate) fn ray_to(&self, direction: DVec3, distance: f64, front: Option<DVec3>) -> Ray {
         let offset = self.offset();
-        let origin = along(self.point, offset, self.normal);
+        let origin = self.point + offset * self.normal;
         if distance == f64::INFINITY {
-            return Ray { origin, direction, t_max: distance };
+            return Ray::new(origin, direction, distance);
         }
-        let mut end = along(self.point, distance, direction);
+        let mut end = self.point + distance * direction;
         if let Some(front) = front {
-            end = along(end, offset + END_SHARE * distance, front);
+            end += (offset + END_SHARE * distance) * front;
         }
-        let way = sub(end, origin);
+        let way = end - origin;
         match unit(way) {
-            Some(direction) => Ray { origin, direction, t_max: length(way) },
+            Some(direction) => Ray::new(origin, direction, way.length()),
             // The light touches the surface to within the error of the hit: nothing fits between.
-            None => Ray { origin, direction, t_max: 0.0 },
+            None => Ray::new(origin, direction, 0.0),
         }
     }
 }

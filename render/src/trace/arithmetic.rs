@@ -3,7 +3,7 @@
 use trex_store::PageFile;
 use trex_store::layout::NARROW_BITS;
 
-/// Which arithmetic traces.
+/// The arithmetic that traces the rays of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arithmetic {
     /// AVX2 and FMA, f32.
@@ -16,7 +16,7 @@ pub enum Arithmetic {
 }
 
 impl Arithmetic {
-    /// The fastest that this machine and this file's lattice allow.
+    /// The fastest arithmetic that this machine and the lattice of `file` allow.
     pub fn for_file(file: &PageFile) -> Arithmetic {
         if file.superblock().lattice_bits > NARROW_BITS {
             return Arithmetic::Deep;
@@ -28,7 +28,7 @@ impl Arithmetic {
         Arithmetic::Scalar
     }
 
-    /// Panics where it does not fit the file or the machine.
+    /// Panics where the arithmetic does not fit the file or the machine.
     pub(super) fn check(self, file: &PageFile) {
         assert!(self == Arithmetic::Deep || file.superblock().lattice_bits <= NARROW_BITS);
         #[cfg(target_arch = "x86_64")]

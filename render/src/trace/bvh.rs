@@ -9,14 +9,14 @@
 //! the answer is exact when no recorded box begins before the hit
 //! ```
 //!
-//! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent rays no
-//! faster: they wait for instructions, not for memory); children put without a branch on their number (single primary rays
-//! 16 % slower); huge pages under the frames (no faster).
+//! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent
+//! rays no faster: they wait for instructions, not for memory); children put without a branch on their number (single
+//! primary rays 16 % slower); huge pages under the frames (no faster).
 //!
-//! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others may
-//! move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`);
-//! 4. of hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order;
-//! 5. what kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
+//! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others
+//! may move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`); 4. of
+//! hits with equal t the one with the lower triangle id wins, so that the answer does not depend on order; 5. what
+//! kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
 use super::Ray;
 use super::kernel::{Kernel, Lanes};
@@ -28,14 +28,14 @@ use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH}
 
 /// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
-/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A power of
-/// two, so that places need no check.
+/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A
+/// power of two, so that places need no check.
 pub(super) const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER_LEAVES).next_power_of_two();
 
 /// Cache lines that are fetched ahead of a cluster's leaves: mostly most of its indices and vertices.
 const BODY_LINES: usize = 9;
 
-/// What the traversal of one ray looks for.
+/// The goal of the traversal of one ray.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Goal {
     Closest,
@@ -56,7 +56,7 @@ impl Missing {
         Missing { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
     }
 
-    /// For the next ray.
+    /// Empties the list for the next ray.
     #[cfg(target_arch = "x86_64")]
     pub(super) fn clear(&mut self) {
         (self.count, self.nearest) = (0, f64::INFINITY);
@@ -78,7 +78,7 @@ impl Missing {
     }
 }
 
-/// What is traced: the tables of a file, and its lattice as rays see it.
+/// The scene that is traced: the tables of a file, and its lattice as rays see it.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) file: &'a PageFile,
@@ -88,13 +88,13 @@ pub(super) struct Scene<'a> {
 /// The best hit so far.
 #[derive(Clone, Copy)]
 pub(super) struct Best {
-    /// Its t or the ray's end, rounded up.
+    /// t of the best hit or the ray's end, rounded up.
     pub(super) t: f32,
     pub(super) found: Option<Found>,
 }
 
 impl Best {
-    /// Nothing yet.
+    /// No hit yet.
     pub(super) fn new(ray: &LatticeRay) -> Best {
         Best { t: t_above(ray.t_max), found: None }
     }
@@ -150,9 +150,10 @@ pub(super) fn walk<K: Kernel, P: Pages>(
             }
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
-                    let first = scene.file.pages()[page as usize].first_triangle;
+                    let first_triangle = scene.file.pages()[page as usize].first_triangle;
                     let frame = FrameView::new(frame);
-                    let visit = PageVisit { frame, page, first_triangle: first, ray, goal };
+                    let page = OpenPage { frame, page, first_triangle };
+                    let visit = PageVisit { page, ray, goal };
                     let root = Entry::new(at.t(), frame.root(slot as usize).0);
                     visit.under(kernel, root, pending, best);
                     if goal == Goal::Any && best.found.is_some() {
@@ -172,24 +173,31 @@ pub(super) fn t_above(t: f64) -> f32 {
     (t as f32).next_up()
 }
 
-/// A hit.
+/// A hit of a kernel, refined.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
     /// Lattice t, refined.
     pub(super) t: f64,
     pub(super) page: u32,
-    /// Store id.
+    /// Store id of the triangle.
     pub(super) triangle: u32,
     pub(super) corners: [[i64; 3]; 3],
     pub(super) material: u16,
 }
 
-/// A page while a ray is in it.
-pub(super) struct PageVisit<'a> {
+/// A page that is there.
+#[derive(Clone, Copy)]
+pub(super) struct OpenPage<'a> {
     pub(super) frame: FrameView<'a>,
+    /// Index of the page.
     pub(super) page: u32,
     /// Store id of its first triangle.
     pub(super) first_triangle: u32,
+}
+
+/// A page while a ray is in it.
+pub(super) struct PageVisit<'a> {
+    pub(super) page: OpenPage<'a>,
     pub(super) ray: &'a LatticeRay,
     pub(super) goal: Goal,
 }
@@ -210,12 +218,12 @@ impl PageVisit<'_> {
             next = None;
             let at = FrameRef(at.word());
             if !at.is_cluster() {
-                let node = self.frame.node(at);
+                let node = self.page.frame.node(at);
                 let met = kernel.node(node, best.t);
                 next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
                 continue;
             }
-            self.cluster(kernel, self.frame.cluster(at), pending, best);
+            self.cluster(kernel, self.page.frame.cluster(at), pending, best);
             if self.goal == Goal::Any && best.found.is_some() {
                 pending.len = floor;
                 return;
@@ -247,10 +255,10 @@ impl PageVisit<'_> {
                 mask &= mask - 1;
                 let corners = cluster.triangle(index);
                 let Some(t) = self.ray.reach(corners) else { continue };
-                let triangle = self.first_triangle + (cluster.first_triangle() + index) as u32;
+                let triangle = self.page.first_triangle + (cluster.first_triangle() + index) as u32;
                 if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
                     best.t = t_above(t);
-                    let (page, material) = (self.page, cluster.material(index));
+                    let (page, material) = (self.page.page, cluster.material(index));
                     best.found = Some(Found { t, page, triangle, corners, material });
                     if self.goal == Goal::Any {
                         return;
@@ -261,7 +269,7 @@ impl PageVisit<'_> {
     }
 }
 
-/// Where to go on, and the t where its box begins: one number, ordered by t.
+/// An entry of the stack: where to go on, and the t where its box begins, in one number that is ordered by t.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Entry(u64);
 
@@ -301,8 +309,8 @@ impl Stack {
     }
 }
 
-/// What is left to visit; the nearest of a node on top. One for top tree, page and cluster together: each level
-/// works above the `floor` where it began.
+/// The stack of what is left to visit; the nearest of a node on top. One for top tree, page and cluster together:
+/// each level works above the `floor` where it began.
 pub(super) struct Pending<'a> {
     pub(super) entries: &'a mut [Entry; STACK],
     pub(super) len: usize,
@@ -330,7 +338,7 @@ impl Pending<'_> {
         self.len += 1;
     }
 
-    /// Of the lanes that are set, gives the nearest and keeps the others, farthest first.
+    /// Gives the nearest of the lanes that are set and puts the others, farthest first.
     #[inline(always)]
     fn push(&mut self, mut mask: u32, entry: impl Fn(usize) -> Entry) -> Option<Entry> {
         let count = mask.count_ones();

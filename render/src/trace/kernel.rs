@@ -7,12 +7,12 @@
 //! | `Scalar<f32>` | up to 24 bits | f32 | `scalar.rs`, the oracle: same operations, same bits |
 //! | `Scalar<f64>` | up to 40 bits | f64 | `scalar.rs` |
 //!
-//! Invariants: 1. a vertex's place relative to the ray is one function of its lattice integers and the ray,
-//! whatever the cluster: tests are watertight across clusters; 2. edge functions are two products and their
-//! difference, never fused: a shared edge gives exactly opposite values to its two triangles, and a sign that is
-//! not zero is right; 3. zero counts as inside on both sides; where all three are zero, they are made again from what the
-//! products lost, so that a needle is only a line when it is one; 4. boxes are tested with outward slack; 5. a kernel
-//! says which triangles a ray meets, not where: along a needle its weights can be off by any share.
+//! Invariants: 1. a vertex's place relative to the ray is one function of its lattice integers and the ray, whatever
+//! the cluster: tests are watertight across clusters; 2. edge functions are two products and their difference, never
+//! fused: a shared edge gives exactly opposite values to its two triangles, and a sign that is not zero is right; 3.
+//! zero counts as inside on both sides; where all three are zero, they are made again from what the products lost, so
+//! that a needle is only a line when it is one; 4. boxes are tested with outward slack; 5. a kernel says which
+//! triangles a ray meets, not where: along a needle its weights can be off by any share.
 
 use super::lattice_ray::{LatticeFrame, LatticeRay};
 use trex_store::cluster::{ClusterView, Node};

@@ -12,24 +12,24 @@
 //! direction is 1; 3. the entry lies outside of all geometry or is the ray's own origin: no hit has t < 0 by the move.
 
 use super::Ray;
-use crate::math::dot;
+use glam::DVec3;
 use trex_store::PageFile;
 
-/// What rays need of a model: the lattice and the box.
+/// The part of a model that rays need: the lattice and the box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LatticeFrame {
     /// Model position of lattice point 0.
-    origin: [f64; 3],
+    origin: DVec3,
     step: f64,
-    /// Of a power of two: exact.
+    /// Inverse of `step`, a power of two: exact.
     inverse_step: f64,
     /// Lattice steps from 0 to the end of the lattice.
     side: f64,
-    lo: [f64; 3],
-    hi: [f64; 3],
+    lo: DVec3,
+    hi: DVec3,
     /// Lattice shift of node origins.
     pub(super) node_shift: u32,
-    /// What box planes move outward, lattice steps, so that rounding in the node test loses no hit.
+    /// Distance that box planes move outward, lattice steps, so that rounding in the node test loses no hit.
     pub(super) slack: f64,
     /// Error of a kernel's t that may decide: half of what a hit may be off, lattice steps.
     pub(super) blur: f64,
@@ -37,12 +37,12 @@ pub(super) struct LatticeFrame {
 
 /// Steps around the box that the entry stays away from it, and that kernels look beyond the end; at least, see `FAR`.
 const MARGIN: f64 = 2.0;
-/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way there
-/// is rounded by (origin, difference, inverse, two products, sum: half an ulp each, six of eight). On a lattice of 40 bits it is more than `MARGIN` from
-/// 2^11 sizes on.
+/// Share of the largest coordinate of a ray's origin that the entry stays away from the box: more than what the way
+/// there is rounded by (origin, difference, inverse, two products, sum: half an ulp each, six of eight). On a lattice
+/// of 40 bits it is more than `MARGIN` from 2^11 sizes on.
 const FAR: f64 = 1.0 / (1u64 << 50) as f64;
 
-/// Below that a component moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
+/// A component below this moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
 const STILL: f64 = 1e-250;
 
 /// A ray in lattice units.
@@ -50,17 +50,17 @@ const STILL: f64 = 1e-250;
 pub(super) struct LatticeRay {
     /// Integer part of the entry.
     pub(super) cell: [i64; 3],
-    /// The rest.
+    /// Fraction of the entry.
     pub(super) fraction: [f64; 3],
     /// Longest component 1 or -1.
     pub(super) direction: [f64; 3],
-    /// One over each.
+    /// Inverse of each component of the direction.
     pub(super) inverse: [f64; 3],
     pub(super) shear: Shear,
     /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
     /// the kernels' t.
     pub(super) t_max: f64,
-    /// Where the ray itself ends; what was refined is compared with this.
+    /// End of the ray itself, from the entry; what was refined is compared with this.
     t_end: f64,
     /// Model t = (t + t_entry) * t_scale.
     t_entry: f64,
@@ -81,12 +81,12 @@ impl LatticeFrame {
             2f64.powi(-53)
         };
         LatticeFrame {
-            origin: block.lattice.origin,
+            origin: block.lattice.origin.into(),
             step: block.lattice.step(),
             inverse_step: 1.0 / block.lattice.step(),
             side,
-            lo: lo.map(|q| q as f64),
-            hi: hi.map(|q| q as f64),
+            lo: lo.map(|q| q as f64).into(),
+            hi: hi.map(|q| q as f64).into(),
             node_shift: block.node_shift,
             slack: 12.0 * ulp * side,
             blur: 4.0 * ulp * side,
@@ -102,14 +102,15 @@ impl LatticeFrame {
     /// larger than the model.
     #[inline(always)]
     pub(super) fn enter(&self, ray: &Ray) -> Option<LatticeRay> {
-        let longest = ray.direction.iter().fold(0.0f64, |m, d| m.max(d.abs()));
-        let from: [f64; 3] = std::array::from_fn(|a| (ray.origin[a] - self.origin[a]) * self.inverse_step);
-        if !(longest > 0.0 && longest.is_finite()) || from.iter().any(|v| !v.is_finite()) {
+        let direction = DVec3::from(ray.direction);
+        let longest = direction.abs().max_element();
+        let from = (DVec3::from(ray.origin) - self.origin) * self.inverse_step;
+        if !(longest > 0.0 && longest.is_finite() && from.is_finite()) {
             return None;
         }
-        let direction = ray.direction.map(|d| d / longest);
-        let inverse = direction.map(|d| 1.0 / d);
-        let margin = from.iter().fold(MARGIN, |most, v| most.max(v.abs() * FAR));
+        let direction = direction / longest;
+        let inverse = direction.recip();
+        let margin = MARGIN.max(from.abs().max_element() * FAR);
         if margin > self.side.max(MARGIN) {
             return None;
         }
@@ -131,13 +132,13 @@ impl LatticeFrame {
         if t_in > t_out + margin / 2.0 {
             return None;
         }
-        let entry: [f64; 3] = std::array::from_fn(|a| from[a] + t_in * direction[a]);
-        let cell = entry.map(f64::floor);
+        let entry = from + t_in * direction;
+        let (cell, direction) = (entry.floor(), direction.to_array());
         Some(LatticeRay {
-            cell: cell.map(|v| v as i64),
-            fraction: std::array::from_fn(|a| entry[a] - cell[a]),
+            cell: cell.to_array().map(|v| v as i64),
+            fraction: (entry - cell).to_array(),
             direction,
-            inverse,
+            inverse: inverse.to_array(),
             shear: Shear::new(direction),
             t_max: (t_out - t_in).max(0.0) + MARGIN,
             t_end: t_end - t_in,
@@ -154,8 +155,9 @@ impl LatticeRay {
     }
 
     /// A lattice vertex as seen from the entry; exact but for the fraction.
-    pub(super) fn seen_from_entry(&self, q: [i64; 3]) -> [f64; 3] {
-        std::array::from_fn(|a| (q[a] - self.cell[a]) as f64 - self.fraction[a])
+    fn seen_from_entry(&self, q: [i64; 3]) -> DVec3 {
+        let from_cell: [f64; 3] = std::array::from_fn(|a| (q[a] - self.cell[a]) as f64);
+        DVec3::from(from_cell) - DVec3::from(self.fraction)
     }
 
     /// t of the entry's ray on a triangle that a kernel has reported, in f64. Where the ray passes beside it (the
@@ -163,15 +165,13 @@ impl LatticeRay {
     pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> f64 {
         let seen = q.map(|q| self.seen_from_entry(q));
         let [a, b, c] = seen.map(|p| self.shear.apply(p));
-        let u = c[0] * b[1] - c[1] * b[0];
-        let v = a[0] * c[1] - a[1] * c[0];
-        let w = b[0] * a[1] - b[1] * a[0];
+        let [u, v, w] = [(c, b), (a, c), (b, a)].map(|(f, g)| f.truncate().perp_dot(g.truncate()));
         let n = normal(q);
-        let across = dot(n, self.direction);
+        let across = n.dot(self.direction.into());
         if across != 0.0 && ([u, v, w].iter().all(|&x| x >= 0.0) || [u, v, w].iter().all(|&x| x <= 0.0)) {
             // From the plane: weights of a needle's corners would be off by any share.
-            let (near, far) = (a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2]));
-            return (dot(n, seen[0]) / across).clamp(near, far);
+            let (near, far) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
+            return (n.dot(seen[0]) / across).clamp(near, far);
         }
         let on_edges = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
         on_edges
@@ -189,27 +189,28 @@ impl LatticeRay {
 }
 
 /// The normal of a lattice triangle, as long as twice its area: exact but for one rounding, however thin it is.
-pub(super) fn normal(q: [[i64; 3]; 3]) -> [f64; 3] {
+pub(super) fn normal(q: [[i64; 3]; 3]) -> DVec3 {
     let edge = |i: usize| -> [i64; 3] { std::array::from_fn(|a| q[i][a] - q[0][a]) };
     let (e, f) = (edge(1), edge(2));
     let axes = [(1, 2), (2, 0), (0, 1)];
     // Products of edges of up to 30 bits and their difference fit 64 bits.
     if e.iter().chain(&f).all(|x| x.unsigned_abs() >> 30 == 0) {
-        return axes.map(|(a, b)| (e[a] * f[b] - e[b] * f[a]) as f64);
+        return axes.map(|(a, b)| (e[a] * f[b] - e[b] * f[a]) as f64).into();
     }
     let product = |x: i64, y: i64| i128::from(x) * i128::from(y);
-    axes.map(|(a, b)| (product(e[a], f[b]) - product(e[b], f[a])) as f64)
+    axes.map(|(a, b)| (product(e[a], f[b]) - product(e[b], f[a])) as f64).into()
 }
 
-/// Of a segment, the point nearest to the z axis: squared distance, z.
-fn nearest_to_axis(from: [f64; 3], to: [f64; 3]) -> (f64, f64) {
-    let way: [f64; 3] = std::array::from_fn(|a| to[a] - from[a]);
-    let squared = way[0] * way[0] + way[1] * way[1];
-    let along = -(from[0] * way[0] + from[1] * way[1]) / squared;
+/// The point of a segment that is nearest to the z axis: squared distance, z.
+fn nearest_to_axis(from: DVec3, to: DVec3) -> (f64, f64) {
+    let way = to - from;
+    let across = way.truncate();
+    let squared = across.length_squared();
+    let along = -from.truncate().dot(across) / squared;
     // A segment along the axis: its nearer end.
-    let along = if squared > 0.0 { along.clamp(0.0, 1.0) } else { f64::from(u8::from(way[2] < 0.0)) };
-    let [x, y, z] = std::array::from_fn(|a| from[a] + along * way[a]);
-    (x * x + y * y, z)
+    let along = if squared > 0.0 { along.clamp(0.0, 1.0) } else { f64::from(u8::from(way.z < 0.0)) };
+    let nearest = from + along * way;
+    (nearest.truncate().length_squared(), nearest.z)
 }
 
 /// The shear that turns the ray into the z axis (Woop, Benthin, Wald: "Watertight ray/triangle intersection",
@@ -221,7 +222,7 @@ pub(super) struct Shear {
 }
 
 impl Shear {
-    /// Of a direction whose longest component is 1 or -1.
+    /// The shear of a direction whose longest component is 1 or -1.
     #[inline(always)]
     pub(super) fn new(direction: [f64; 3]) -> Shear {
         let kz = (0..3).fold(0, |best, a| if direction[a].abs() > direction[best].abs() { a } else { best });
@@ -234,8 +235,8 @@ impl Shear {
         Shear { k: [kx, ky, kz], s: [direction[kx] * dz, direction[ky] * dz, dz] }
     }
 
-    fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+    fn apply(&self, p: DVec3) -> DVec3 {
         let z = p[self.k[2]];
-        [p[self.k[0]] - self.s[0] * z, p[self.k[1]] - self.s[1] * z, self.s[2] * z]
+        DVec3::new(p[self.k[0]] - self.s[0] * z, p[self.k[1]] - self.s[1] * z, self.s[2] * z)
     }
 }

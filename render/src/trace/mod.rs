@@ -28,6 +28,8 @@ pub(crate) use retry::{Advance, Retry, WAIT};
 pub use steps::ProbeStep;
 pub(crate) use unit_pages::UnitPages;
 
+use glam::DVec3;
+
 /// A ray in model space. Points on it are `origin + t * direction`, `0 <= t <= t_max`.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
@@ -37,6 +39,20 @@ pub struct Ray {
     pub direction: [f64; 3],
     /// End of the ray; `f64::INFINITY` for none.
     pub t_max: f64,
+}
+
+impl Ray {
+    /// The ray from `origin` in `direction` to `t_max`, where those are vectors.
+    #[inline]
+    pub(crate) fn new(origin: DVec3, direction: DVec3, t_max: f64) -> Ray {
+        Ray { origin: origin.to_array(), direction: direction.to_array(), t_max }
+    }
+
+    /// The point at parameter `t`, model units.
+    #[inline]
+    pub(crate) fn at(&self, t: f64) -> DVec3 {
+        DVec3::from(self.origin) + t * DVec3::from(self.direction)
+    }
 }
 
 /// The nearest point where a ray meets the mesh.
@@ -69,24 +85,25 @@ pub enum Answer<T> {
 /// Answers rays against a triangle mesh. One per worker thread: it owns scratch memory and page pins.
 /// Implementations: the paged clusters, and the naive mesh in memory that serves as oracle.
 pub trait Tracer {
-    /// Closest hit.
+    /// Closest hit of `ray`, if it meets anything.
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>>;
 
-    /// Whether anything is hit.
+    /// Answers whether `ray` meets anything.
     fn occluded(&mut self, ray: &Ray) -> Answer<bool>;
 
-    /// Closest hits of rays that go much the same way, such as those of a tile: the answers that each gets alone.
+    /// Closest hits of rays that go much the same way, such as those of a tile: the answers that each gets alone,
+    /// appended to `answers`.
     fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {
         answers.extend(rays.iter().map(|ray| self.intersect(ray)));
     }
 
-    /// Whether anything is hit, for rays that go much the same way.
+    /// Answers whether rays that go much the same way meet anything, each by itself; appended to `answers`.
     fn occluded_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<bool>>) {
         answers.extend(rays.iter().map(|ray| self.occluded(ray)));
     }
 
-    /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer without
-    /// pages has none.
+    /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer
+    /// without pages has none.
     fn unit_page(&mut self, _page: u32) -> Page<'_> {
         Page::Damaged
     }

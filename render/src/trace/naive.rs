@@ -6,7 +6,8 @@
 
 use super::PagedTracer;
 use super::{Answer, Hit, Ray, Tracer};
-use crate::math::{along, cross, dot, length, sub, unit};
+use crate::math::unit;
+use glam::DVec3;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,7 +40,10 @@ impl NaiveMesh {
         &self.triangles
     }
 
-    /// Closest hit among the triangles with index in `range`.
+    /// Closest hit of `ray` among the triangles with index in `range`.
+    ///
+    /// # Panics
+    /// When `range` reaches beyond the triangles.
     pub fn closest(&self, ray: &Ray, range: std::ops::Range<usize>) -> Option<Hit> {
         let mut best: Option<(f64, usize)> = None;
         for index in range {
@@ -56,39 +60,41 @@ impl NaiveMesh {
     fn hit_at(&self, ray: &Ray, t: f64, index: usize) -> Hit {
         let triangle = &self.triangles[index];
         let normal = unit(triangle.cross()).expect("a degenerate triangle was hit");
-        let point = along(ray.origin, t, ray.direction);
-        let magnitude = length(ray.origin).max(length(point)).max(t * length(ray.direction));
+        let (origin, direction) = (DVec3::from(ray.origin), DVec3::from(ray.direction));
+        let magnitude = origin.length().max(ray.at(t).length()).max(t * direction.length());
         Hit {
             t,
             triangle: index as u32,
             page: 0,
             material: triangle.material,
-            normal: normal.map(|x| x as f32),
+            normal: normal.as_vec3().to_array(),
             error: ERROR_ULPS * f64::EPSILON * magnitude,
         }
     }
 }
 
 impl NaiveTriangle {
-    fn cross(&self) -> [f64; 3] {
-        let [a, b, c] = self.corners;
-        cross(sub(b, a), sub(c, a))
+    /// The normal, as long as twice the area.
+    fn cross(&self) -> DVec3 {
+        let [a, b, c] = self.corners.map(DVec3::from);
+        (b - a).cross(c - a)
     }
 
     /// Parameter of the hit, if the ray meets the triangle at `0 <= t <= t_max`.
     fn hit(&self, ray: &Ray, t_max: f64) -> Option<f64> {
-        let [a, b, c] = self.corners;
-        let (ab, ac) = (sub(b, a), sub(c, a));
-        let p = cross(ray.direction, ac);
-        let determinant = dot(ab, p);
+        let [a, b, c] = self.corners.map(DVec3::from);
+        let (origin, direction) = (DVec3::from(ray.origin), DVec3::from(ray.direction));
+        let (ab, ac) = (b - a, c - a);
+        let p = direction.cross(ac);
+        let determinant = ab.dot(p);
         if determinant == 0.0 {
             return None;
         }
-        let from_a = sub(ray.origin, a);
-        let q = cross(from_a, ab);
-        let u = dot(from_a, p) / determinant;
-        let v = dot(ray.direction, q) / determinant;
-        let t = dot(ac, q) / determinant;
+        let from_a = origin - a;
+        let q = from_a.cross(ab);
+        let u = from_a.dot(p) / determinant;
+        let v = direction.dot(q) / determinant;
+        let t = ac.dot(q) / determinant;
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t <= t_max).then_some(t)
     }
 }

@@ -15,6 +15,7 @@ use super::scalar::Scalar;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
 use super::{Answer, Hit, Ray, Tracer};
+use glam::DVec3;
 use trex_store::PageFile;
 
 /// Traces rays against the clusters of a file, through whatever gives it pages.
@@ -35,13 +36,15 @@ const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
 const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
 
 impl<'a, P: Pages> PagedMesh<'a, P> {
-    /// A tracer with the fastest arithmetic.
+    /// A tracer of `file` with the fastest arithmetic, through `pages`.
     pub fn new(file: &'a PageFile, pages: P) -> PagedMesh<'a, P> {
         PagedMesh::with_arithmetic(file, pages, Arithmetic::for_file(file))
     }
 
-    /// A tracer with a chosen arithmetic. Panics for f32 on a lattice of more than 24 bits, and for AVX2 where the
-    /// machine has none.
+    /// A tracer of `file` with a chosen arithmetic, through `pages`.
+    ///
+    /// # Panics
+    /// For f32 on a lattice of more than 24 bits, and for AVX2 where the machine has none.
     pub fn with_arithmetic(file: &'a PageFile, pages: P, arithmetic: Arithmetic) -> PagedMesh<'a, P> {
         arithmetic.check(file);
         let scene = Scene { file, frame: LatticeFrame::new(file) };
@@ -56,22 +59,22 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         }
     }
 
-    /// What traces.
+    /// The arithmetic that traces.
     pub fn arithmetic(&self) -> Arithmetic {
         self.arithmetic
     }
 
-    /// The pages.
+    /// The pages that rays are traced through.
     pub fn pages(&self) -> &P {
         &self.pages
     }
 
-    /// The pages.
+    /// The pages that rays are traced through.
     pub fn pages_mut(&mut self) -> &mut P {
         &mut self.pages
     }
 
-    /// Takes the pages that blocked rays since the last call, with how many each blocked.
+    /// Moves the pages that blocked rays since the last call to `into`, with how many rays each blocked.
     pub fn take_wanted(&mut self, into: &mut Vec<(u32, u32)>) {
         into.clear();
         into.append(&mut self.wanted);
@@ -146,16 +149,17 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         let q = found.corners;
         let t = local.model_t(found.t);
         let n = normal(q);
-        let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let length = n.length();
         let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
         let size = edges.fold(1.0f64, |m, x| m.max(x.abs() as f64));
-        let reach = (0..3).map(|a| ray.origin[a].abs() + (t * ray.direction[a]).abs()).fold(0.0, f64::max);
+        let (origin, way) = (DVec3::from(ray.origin), t * DVec3::from(ray.direction));
+        let reach = (origin.abs() + way.abs()).max_element();
         Hit {
             t,
             triangle: found.triangle,
             page: found.page,
             material: u32::from(found.material),
-            normal: n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 }),
+            normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
             error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
         }
     }

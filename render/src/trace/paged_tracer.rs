@@ -3,18 +3,18 @@
 use super::Tracer;
 use std::time::Duration;
 
-/// Who guesses which pages will be wanted. Each has its own counters.
+/// A way to guess which pages will be wanted. Each has its own counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Predictor {
-    /// What lies beside the pages in use.
+    /// Pages beside those in use.
     Neighbours,
-    /// What the camera will see, should it go on as it went.
+    /// Pages that the camera will see, should it go on as it went.
     Camera,
-    /// What the next tiles need.
+    /// Pages that the next tiles need.
     Tiles,
 }
 
-/// What the frame loop needs besides answers: pages come and go.
+/// A tracer whose pages come and go, as the frame loop needs it besides answers.
 pub trait PagedTracer: Tracer {
     /// Called when a tile starts or resumes: pins of the previous tile may be dropped. Until the next call, pages
     /// that were resident when a ray asked for them should stay, as far as there is room.
@@ -26,8 +26,8 @@ pub trait PagedTracer: Tracer {
     /// Sleeps until something has arrived, or for `longest`.
     fn wait(&mut self, longest: Duration);
 
-    /// Hands the pages recorded since the last call to the loader as guesses, in place of this predictor's earlier ones;
-    /// for [`Predictor::Neighbours`], those beside the pages in use.
+    /// Hands the pages recorded since the last call to the loader as guesses, in place of this predictor's earlier
+    /// ones; for [`Predictor::Neighbours`], those beside the pages in use.
     fn prefetch(&mut self, _predictor: Predictor) {}
 
     /// Adds the pages asked for since [`PagedTracer::forget_demand`] to `pages`, a bit each; gives the count of frames,
@@ -36,6 +36,6 @@ pub trait PagedTracer: Tracer {
         0
     }
 
-    /// Begins to count anew.
+    /// Begins to count the pages asked for anew.
     fn forget_demand(&mut self) {}
 }

@@ -1,12 +1,12 @@
 //! Where traversal gets pages from. It never waits: a page is there, on its way, or damaged for good.
 
-/// What a page look-up gives.
+/// The answer of a page look-up.
 pub enum Page<'a> {
     /// The frame; valid until the next look-up.
     Ready(&'a [u8]),
-    /// Not in memory; the tracer records it.
+    /// The page is not in memory; the tracer records it.
     Missing,
-    /// It cannot be had: rays go on as if it were empty, and the damage is reported by the pool.
+    /// The page cannot be had: rays go on as if it were empty, and the damage is reported by the pool.
     Damaged,
 }
 
@@ -16,13 +16,16 @@ pub trait Pages {
     fn page(&mut self, page: u32) -> Page<'_>;
 }
 
-/// All pages in memory, for models that fit and for tests.
+/// The pages of a file, all in memory: for models that fit, and for tests.
 pub struct AllResident {
     words: Vec<u64>,
 }
 
 impl AllResident {
-    /// Reads all pages of a file. Damaged ones panic: for whole files only.
+    /// Reads all pages of a file.
+    ///
+    /// # Panics
+    /// When a page is damaged or cannot be read: for whole files only.
     pub fn load(file: &trex_store::PageFile) -> AllResident {
         let per_frame = trex_store::layout::FRAME_BYTES / 8;
         let mut words = vec![0u64; file.pages().len() * per_frame];
@@ -36,6 +39,9 @@ impl AllResident {
 
 impl AllResident {
     /// The frame of `page`.
+    ///
+    /// # Panics
+    /// When the file has no such page.
     pub fn frame(&self, page: u32) -> &[u8] {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
         let frame_bytes = trex_store::layout::FRAME_BYTES;

@@ -18,7 +18,8 @@ use trex_store::pool::{
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
-/// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon over.
+/// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon
+/// over.
 const GUESSES_MAX: usize = 64;
 /// One of so many guesses that came to something may have been wasted; a predictor that wastes more is not trusted.
 const WASTE_OF: u64 = 5;
@@ -120,7 +121,7 @@ impl<'a> PooledPages<'a> {
         pool.submit(PREDICTOR_ORIGINS.start + predictor as usize, &list);
     }
 
-    /// How many pages a predictor may guess, by what came of its guesses so far.
+    /// Most pages that a predictor may guess now, by what came of its guesses so far.
     fn guesses_max(&mut self, predictor: Predictor) -> usize {
         self.guessed = self.guessed.wrapping_add(1);
         let GuessStats { used, wasted, .. } = self.pool.stats().guesses[predictor as usize];
@@ -210,7 +211,8 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
     }
 }
 
-/// Tracers for `workers` threads over one pool. Each may pin its share of the frames; two are left for arrivals.
+/// Tracers of `file` for `workers` threads over one pool. Each may pin its share of the frames; two are left for
+/// arrivals.
 pub fn pooled_tracers<'a>(
     file: &'a PageFile,
     pool: &'a PagePool,

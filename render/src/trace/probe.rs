@@ -1,5 +1,5 @@
-//! `Probe`: steps of traversal on their own, for benchmarks: the tests of nodes, of leaf boxes and of triangles, without
-//! the way that leads to them.
+//! `Probe`: steps of traversal on their own, for benchmarks: the tests of nodes, of leaf boxes and of triangles,
+//! without the way that leads to them.
 //!
 //! Invariant: each ray is tested against all that was collected, met or not.
 
@@ -23,7 +23,7 @@ impl<'a> Probe<'a> {
     /// A probe of what the pages of a file hold, and of those of `rays` that come to its box.
     ///
     /// # Panics
-    /// As [`super::PagedMesh::with_arithmetic`].
+    /// When `arithmetic` does not fit the file or the machine.
     pub fn new(file: &PageFile, pages: &'a AllResident, rays: &[Ray], arithmetic: Arithmetic) -> Probe<'a> {
         arithmetic.check(file);
         let frame = LatticeFrame::new(file);
@@ -47,12 +47,12 @@ impl<'a> Probe<'a> {
             .for_each(|&word| self.collect(view, FrameRef(word)));
     }
 
-    /// How many tests [`Probe::run`] makes.
+    /// Count of tests that [`Probe::run`] makes.
     pub fn test_count(&self, step: ProbeStep) -> u64 {
         self.steps.test_count(step)
     }
 
-    /// Makes them all: how many boxes, or triangles, are met.
+    /// Makes all tests of `step`. Gives the count of boxes, or triangles, that are met.
     pub fn run(&self, step: ProbeStep) -> u64 {
         match self.arithmetic {
             #[cfg(target_arch = "x86_64")]

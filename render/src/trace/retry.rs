@@ -23,10 +23,10 @@ const STALLED_ROUNDS: u32 = 4;
 /// Longest sleep for pages: arrivals wake it earlier.
 pub(crate) const WAIT: Duration = Duration::from_millis(50);
 
-/// What one more try at a piece of work came to.
+/// The result of one more try at a piece of work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Advance {
-    /// It is done.
+    /// The piece of work is done.
     Done,
     /// A ray was answered, and the next one is blocked.
     Answered,
@@ -43,7 +43,7 @@ pub(crate) struct Retry {
 }
 
 impl Retry {
-    /// After a round over all that waits: whether it is time for one to go alone.
+    /// Learns of a round over all that waits; true when it is time for one to go alone.
     pub(crate) fn is_stuck(&mut self, has_advanced: bool) -> bool {
         self.stalled = if has_advanced { 0 } else { self.stalled + 1 };
         let is_stuck = self.stalled == STALLED_ROUNDS;

@@ -24,9 +24,11 @@ pub(super) trait Real:
     /// Error of a triangle's volume (t times twice its area across the ray), as a share of the cube of its largest
     /// coordinate: 3 x 28 for three products of edge functions, each wrong by 24, and depths, 18 for sums; rounded up.
     const VOLUME: f64;
-    fn of(value: f64) -> Self;
-    fn of_int(value: i64) -> Self;
-    /// As f32, not above it; for what is not negative.
+    /// The nearest number to `value`.
+    fn from_f64(value: f64) -> Self;
+    /// The nearest number to `value`.
+    fn from_i64(value: i64) -> Self;
+    /// The value as f32, not above it; for what is not negative.
     fn below(self) -> f32;
     fn fused(self, factor: Self, addend: Self) -> Self;
     fn least(self, other: Self) -> Self;
@@ -40,10 +42,10 @@ macro_rules! real {
             const FAR: $real = 1.0 + 8.0 * <$real>::EPSILON;
             const TINY: f64 = $tiny;
             const VOLUME: f64 = 64.0 * <$real>::EPSILON as f64;
-            fn of(value: f64) -> $real {
+            fn from_f64(value: f64) -> $real {
                 value as $real
             }
-            fn of_int(value: i64) -> $real {
+            fn from_i64(value: i64) -> $real {
                 value as $real
             }
             fn below(self) -> f32 {
@@ -81,11 +83,20 @@ pub(super) struct Scalar<T> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slabs<T> {
     pub(super) inverse: [T; 3],
-    /// Of the planes where the ray enters, moved outward by the slack.
+    /// Start for the planes where the ray enters, moved outward by the slack.
     pub(super) start_near: [T; 3],
-    /// Of the planes where it leaves.
+    /// Start for the planes where it leaves.
     pub(super) start_far: [T; 3],
     pub(super) negative: [bool; 3],
+}
+
+/// Boxes with planes `q * scale + lo` and `q * scale + hi`, lattice steps from the ray's cell.
+struct Boxes<const N: usize> {
+    /// The q of lower planes, then those of upper ones, per axis.
+    planes: [[[u8; N]; 3]; 2],
+    lo: [i64; 3],
+    hi: [i64; 3],
+    scale: [i64; 3],
 }
 
 impl<T: Real> Slabs<T> {
@@ -93,33 +104,28 @@ impl<T: Real> Slabs<T> {
     fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Slabs<T> {
         let inverse = std::array::from_fn(|a| {
             let d = ray.direction[a];
-            T::of(if d.abs() < T::TINY { (1.0 / T::TINY).copysign(d) } else { ray.inverse[a] })
+            T::from_f64(if d.abs() < T::TINY { (1.0 / T::TINY).copysign(d) } else { ray.inverse[a] })
         });
         let negative = ray.direction.map(f64::is_sign_negative);
         let start = |slack: f64| {
             std::array::from_fn(|a| {
                 let outward = if negative[a] { -slack } else { slack };
-                (T::ZERO - T::of(ray.fraction[a] + outward)) * inverse[a]
+                (T::ZERO - T::from_f64(ray.fraction[a] + outward)) * inverse[a]
             })
         };
         Slabs { inverse, start_near: start(frame.slack), start_far: start(-frame.slack), negative }
     }
 
-    /// Boxes with planes `q * scale + lo` and `q * scale + hi`, as seen from the ray's cell.
-    fn meet<const N: usize>(
-        &self,
-        planes: [[[u8; N]; 3]; 2],
-        (lo, hi, scale): ([i64; 3], [i64; 3], [i64; 3]),
-        count: usize,
-        t_max: f32,
-    ) -> Lanes<N> {
+    /// Tests `count` boxes: those that the ray meets before `t_max`, and where.
+    fn meet<const N: usize>(&self, boxes: &Boxes<N>, count: usize, t_max: f32) -> Lanes<N> {
+        let Boxes { planes, lo, hi, scale } = boxes;
         let mut lanes = Lanes { mask: 0, t: [0.0; N] };
         for i in 0..count {
-            let (mut near, mut far) = (T::ZERO, T::of(f64::INFINITY));
+            let (mut near, mut far) = (T::ZERO, T::from_f64(f64::INFINITY));
             for a in 0..3 {
-                let step = T::of_int(scale[a]) * self.inverse[a];
+                let step = T::from_i64(scale[a]) * self.inverse[a];
                 let t = |plane: u8, base: i64, start: T| {
-                    T::of_int(i64::from(plane)).fused(step, T::of_int(base).fused(self.inverse[a], start))
+                    T::from_i64(i64::from(plane)).fused(step, T::from_i64(base).fused(self.inverse[a], start))
                 };
                 let (lower, upper) = ((planes[0][a][i], lo[a]), (planes[1][a][i], hi[a]));
                 let (enter, leave) = if self.negative[a] { (upper, lower) } else { (lower, upper) };
@@ -138,12 +144,12 @@ impl<T: Real> Kernel for Scalar<T> {
     fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Scalar<T> {
         Scalar {
             cell: ray.cell,
-            fraction: ray.fraction.map(T::of),
+            fraction: ray.fraction.map(T::from_f64),
             slabs: Slabs::new(frame, ray),
             k: ray.shear.k,
-            s: ray.shear.s.map(T::of),
+            s: ray.shear.s.map(T::from_f64),
             node_shift: frame.node_shift,
-            blur: T::of(frame.blur),
+            blur: T::from_f64(frame.blur),
         }
     }
 
@@ -151,7 +157,7 @@ impl<T: Real> Kernel for Scalar<T> {
         let base = std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.cell[a]);
         let scale = node.exponent.map(|e| 1 << (u32::from(e) + self.node_shift));
         let count = usize::from(node.child_count).min(NODE_WIDTH);
-        self.slabs.meet([node.lo, node.hi], (base, base, scale), count, t_max)
+        self.slabs.meet(&Boxes { planes: [node.lo, node.hi], lo: base, hi: base, scale }, count, t_max)
     }
 
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES> {
@@ -161,17 +167,18 @@ impl<T: Real> Kernel for Scalar<T> {
         // Upper planes are cells: no vertex lies beyond the last step of one.
         let hi = std::array::from_fn(|a| lo[a] + scale[a] - 1);
         let [x, y, z, rest @ ..] = *boxes;
-        self.slabs.meet([[x, y, z], rest], (lo, hi, scale), cluster.leaf_count(), t_max)
+        let boxes = Boxes { planes: [[x, y, z], rest], lo, hi, scale };
+        self.slabs.meet(&boxes, cluster.leaf_count(), t_max)
     }
 
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
-        let t_max = T::of(t_max.into());
+        let t_max = T::from_f64(t_max.into());
         let corners = cluster.leaf_corners(leaf);
         let mut mask = 0;
         for i in 0..LEAF_TRIANGLES {
             let [a, b, c] = std::array::from_fn(|corner| {
                 let q = cluster.vertex(usize::from(corners[corner][i]));
-                let p: [T; 3] = std::array::from_fn(|x| T::of_int(q[x] - self.cell[x]) - self.fraction[x]);
+                let p: [T; 3] = std::array::from_fn(|x| T::from_i64(q[x] - self.cell[x]) - self.fraction[x]);
                 let z = p[self.k[2]];
                 let shear = |x: usize| (T::ZERO - self.s[x]).fused(z, p[self.k[x]]);
                 [shear(0), shear(1), self.s[2] * z]
@@ -192,19 +199,19 @@ impl<T: Real> Kernel for Scalar<T> {
 }
 
 impl<T: Real> Scalar<T> {
-    /// Whether `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
+    /// True when `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
     fn is_surely_off(&self, [a, b, c]: [[T; 3]; 3], [u, v, w]: [T; 3], t_max: T) -> bool {
         let zero = T::ZERO;
         let (sum, volume) = (u + v + w, u * a[2] + v * b[2] + w * c[2]);
         let (sum, volume) = if sum < zero { (zero - sum, zero - volume) } else { (sum, volume) };
         let size = [a, b, c].as_flattened().iter().fold(zero, |most, &x| most.most(x).most(zero - x));
-        let error = T::of(T::VOLUME) * size * size * size;
+        let error = T::from_f64(T::VOLUME) * size * size * size;
         let least = if error <= self.blur * sum { zero } else { error };
         volume < zero - least || volume - t_max * sum > least
     }
 }
 
-/// What rounding takes from a product.
+/// The part of a product that rounding takes.
 fn lost<T: Real>(p: T, q: T) -> T {
     p.fused(q, T::ZERO - p * q)
 }

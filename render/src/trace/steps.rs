@@ -24,7 +24,7 @@ pub(super) struct Steps<'a> {
 }
 
 impl Steps<'_> {
-    /// How many tests [`Steps::count_with`] makes.
+    /// Count of tests that [`Steps::count_with`] makes.
     pub(super) fn test_count(&self, step: ProbeStep) -> u64 {
         let per_ray = match step {
             ProbeStep::Node => self.nodes.len(),
@@ -34,7 +34,7 @@ impl Steps<'_> {
         (per_ray * self.rays.len()) as u64
     }
 
-    /// Makes them all: how many boxes, or triangles, are met.
+    /// Makes all tests of `step`. Gives the count of boxes, or triangles, that are met.
     #[inline(always)]
     pub(super) fn count_with<K: Kernel>(&self, step: ProbeStep) -> u64 {
         let mut met = 0;

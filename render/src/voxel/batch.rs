@@ -4,8 +4,8 @@
 //! rays -> queue -> lanes (`simd`), or one by one where the machine has neither -> answers, in any order
 //! ```
 //!
-//! Lanes that are done take the next ray, so a batch should have many times more rays than the 32 or 64 that are under way.
-//! Neighbouring rays should follow each other: they read the same nodes.
+//! Lanes that are done take the next ray, so a batch should have many times more rays than the 32 or 64 that are
+//! under way. Neighbouring rays should follow each other: they read the same nodes.
 //!
 //! Invariant: answers are those of [`VoxelScene::intersect`] and [`VoxelScene::occluded`], bit for bit.
 
@@ -14,7 +14,7 @@ use super::simd::{self, Queue};
 use super::traverse::{VoxelHit, VoxelScene};
 use crate::trace::Ray;
 
-/// How many rays of a batch go side by side. All widths give the same answers.
+/// The count of rays of a batch that go side by side. All widths give the same answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacketWidth {
     /// One: any machine.
@@ -26,10 +26,10 @@ pub enum PacketWidth {
 }
 
 impl PacketWidth {
-    /// All, the fastest last.
+    /// The widths, the fastest last.
     pub const ALL: [PacketWidth; 3] = [PacketWidth::One, PacketWidth::Eight, PacketWidth::Sixteen];
 
-    /// True where the machine has what it takes.
+    /// True where the machine has the instructions for it.
     pub fn is_available(self) -> bool {
         match self {
             PacketWidth::One => true,
@@ -42,7 +42,7 @@ impl PacketWidth {
         }
     }
 
-    /// The fastest one that the machine has.
+    /// The fastest width that the machine has.
     pub fn widest() -> PacketWidth {
         PacketWidth::ALL.into_iter().rfind(|width| width.is_available()).unwrap_or(PacketWidth::One)
     }
@@ -57,7 +57,7 @@ impl VoxelScene<'_> {
         self.intersect_batch_with(PacketWidth::widest(), rays, hits);
     }
 
-    /// The same with a chosen width.
+    /// [`VoxelScene::intersect`] of each ray, with a chosen width.
     ///
     /// # Panics
     /// When rays and hits differ in length, or the machine has no such width.

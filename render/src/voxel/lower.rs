@@ -8,24 +8,25 @@
 //!   a bit of a finest bitmap is set  -> hit
 //! ```
 //!
-//! A unit is asked for where a ray meets a subvoxel of the leaves above it, not where it enters the linking node: what the ray
-//! passes by costs no page. With `occluders` off, leaves are cubes, so it is asked for where a leaf is entered.
+//! A unit is asked for where a ray meets a subvoxel of the leaves above it, not where it enters the linking node:
+//! what the ray passes by costs no page. With `occluders` off, leaves are cubes, so it is asked for where a leaf is
+//! entered.
 //!
-//! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what positions in
-//! f32 are rounded by.
+//! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what
+//! positions in f32 are rounded by.
 //!
-//! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of the upper
-//! octree; 3. no allocation; a page is in use until the next one is looked up.
+//! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of
+//! the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
 use super::leaf::LeafHit;
 use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
-use crate::math::along;
 use crate::trace::{Answer, Page, Pages, Ray};
+use glam::DVec3;
 use trex_store::Material;
 use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
 
-/// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by 2^-24 of it
-/// at most.
+/// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by
+/// 2^-24 of it at most.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 
 /// The octree of a model with its units.
@@ -35,7 +36,7 @@ pub struct LowerScene<'a> {
     links: &'a LowerLinks,
 }
 
-/// What a ray met.
+/// The hit of a ray on the finest voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowerHit {
     /// The voxel: where the finest one is entered, and the leaf and node of the upper octree that hold it.
@@ -47,9 +48,9 @@ pub struct LowerHit {
 /// A leaf of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LowerLeaf {
-    /// Its page.
+    /// Index of its page.
     pub page: u32,
-    /// Its index within the page.
+    /// Index within the page.
     pub leaf: u32,
 }
 
@@ -63,11 +64,11 @@ struct Open {
     at: Option<LowerLeaf>,
 }
 
-/// What lies below a leaf.
+/// The answer of a look below a leaf.
 enum Below {
-    /// Its page is not there yet.
+    /// The page is not there yet.
     Missing,
-    /// There is nothing to be had.
+    /// Nothing is to be had.
     Never,
     /// The child asked for, if it is there.
     Child(Option<Open>),
@@ -84,14 +85,15 @@ impl<'a> LowerScene<'a> {
         self.upper.leaf_side() / f64::from(self.links.refinement().factor())
     }
 
-    /// As [`VoxelScene::clearance`], for the finest voxels.
+    /// Distance off a surface of unit `normal` at which a ray starts or ends free of that surface's own finest
+    /// voxels, model units.
     pub fn clearance(&self, normal: [f64; 3]) -> f64 {
         let cube = self.cube();
         let side = match self.upper.occluders() {
             Occluders::On => cube.cell,
             Occluders::Off => self.leaf_side(),
         };
-        (side + ROUNDING * cube.side()) * normal.iter().map(|n| n.abs()).sum::<f64>()
+        (side + ROUNDING * cube.side()) * DVec3::from(normal).abs().element_sum()
     }
 
     /// The cube in subvoxels of the finest leaves.
@@ -115,7 +117,7 @@ impl<'a> LowerScene<'a> {
         }
     }
 
-    /// True when the ray meets any voxel.
+    /// True when the ray meets any voxel; blocked where that depends on a page that is missing.
     pub fn occluded(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<bool> {
         match self.intersect(ray, pages) {
             Answer::Exact(hit) => Answer::Exact(hit.is_some()),
@@ -144,10 +146,10 @@ impl<'a> LowerScene<'a> {
         Answer::Exact(Some(self.upper.surface_of(&voxel, ray, &hit.upper, materials)))
     }
 
-    /// As `VoxelScene::ray_from_leaf`, for the finest voxels.
-    pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: [f64; 3]) -> Ray {
-        let origin = along(hit.point, 2.0 * self.clearance(hit.normal), hit.normal);
-        Ray { origin, direction, t_max: f64::INFINITY }
+    /// The ray that leaves a leaf in unit `direction`: as `VoxelScene::ray_from_leaf`, for the finest voxels.
+    pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
+        let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;
+        Ray::new(origin, direction, f64::INFINITY)
     }
 
     /// Material of the voxel that was met, for `debug-lower`; the upper leaf's where its page is gone.
@@ -158,7 +160,7 @@ impl<'a> LowerScene<'a> {
         }
     }
 
-    /// From the cube's side on.
+    /// Walks from the cube's side on.
     fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<(Found, Option<LowerLeaf>)>> {
         let octree = self.upper.octree();
         let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());
@@ -210,7 +212,7 @@ impl<'a> LowerScene<'a> {
                     }
                 }
             };
-            let Some((next, apart)) = ray.leave((cell, ray.within(cell, shift, bits)), &mut t, &mut axis)
+            let Some((next, apart)) = ray.leave(cell, ray.within(cell, shift, bits), &mut t, &mut axis)
             else {
                 return Answer::Exact(None);
             };

@@ -6,32 +6,34 @@
 //!   the child is missing      -> the ray leaves that empty cube; up to the node that holds the next cell too
 //! ```
 //!
-//! Units are subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a cube the
-//! axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side. So each step
-//! goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a corner's width.
+//! Units are subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a cube
+//! the axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side. So
+//! each step goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a
+//! corner's width.
 //!
 //! A ray leaves its own voxels by its start: a cube of side `s` that a plane of unit normal `n` touches lies within
-//! `s * (|n.x| + |n.y| + |n.z|)` of the plane, so from beyond that distance a ray that does not come back meets none of the
-//! plane's voxels. [`VoxelScene::clearance`] is that distance; it holds at the end of a shadow ray, too.
+//! `s * (|n.x| + |n.y| + |n.z|)` of the plane, so from beyond that distance a ray that does not come back meets none
+//! of the plane's voxels. [`VoxelScene::clearance`] is that distance; it holds at the end of a shadow ray, too.
 //!
 //! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
 
 use crate::trace::Ray;
+use glam::DVec3;
 use trex_store::Lattice;
 use trex_store::octree::{LEAF_SIDE, MAX_DEPTH, UpperOctree, VoxelGrid};
 
-/// Whether leaves are whole cubes or what their bitmaps say.
+/// The form of leaves for rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Occluders {
-    /// Leaves are cubes.
+    /// Leaves are whole cubes.
     Off,
-    /// Bitmaps count.
+    /// Leaves are the subvoxels that their bitmaps hold.
     #[default]
     On,
 }
 
-/// What a ray met.
+/// The hit of a ray on the voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VoxelHit {
     /// Distance to where the subvoxel (or leaf) is entered, model units.
@@ -85,9 +87,9 @@ pub(super) struct Entry {
     pub(super) t_in: f64,
 }
 
-/// Where a walk ended.
+/// The end of a walk.
 pub(super) struct Found {
-    /// Subvoxels from the entry.
+    /// Distance from the entry, subvoxels.
     pub(super) t: f32,
     pub(super) node: u32,
     pub(super) leaf: u32,
@@ -96,14 +98,14 @@ pub(super) struct Found {
 }
 
 impl Entry {
-    /// Which child of a node whose children have `4^(shift / 2)` cells holds `cell`.
+    /// Place of the child that holds `cell` in a node whose children have `4^(shift / 2)` cells along an axis.
     #[inline(always)]
     pub(super) fn place(&self, cell: [u32; 3], shift: u32) -> u32 {
         (cell[0] >> shift & 3 | (cell[1] >> shift & 3) << 2 | (cell[2] >> shift & 3) << 4) ^ self.flip
     }
 
-    /// Of the child around `cell`, which is not there, the cells along an axis, less one; of the eighth of the node around it
-    /// when that is empty, too. `bits` is the node's mask.
+    /// The cells along an axis, less one, of the child around `cell`, which is not there; of the eighth of the node
+    /// around it when that is empty, too. `bits` is the node's mask.
     #[inline(always)]
     pub(super) fn within(&self, cell: [u32; 3], shift: u32, bits: u64) -> u32 {
         let place = self.place(cell, shift);
@@ -111,12 +113,13 @@ impl Entry {
         (1u32 << (shift + u32::from(is_eighth_empty))) - 1
     }
 
-    /// Out of the empty cube around a cell, `within + 1` cells along an axis: the next cell, and how many levels above the cells
-    /// the node is that holds both. `t` and `axis` go on to its face; `None` behind the ray's end.
+    /// Leaves the empty cube around a cell, `within + 1` cells along an axis: the next cell, and how many levels
+    /// above the cells the node is that holds both. `t` and `axis` go on to its face; `None` behind the ray's end.
     #[inline(always)]
     pub(super) fn leave(
         &self,
-        (cell, within): ([u32; 3], u32),
+        cell: [u32; 3],
+        within: u32,
         t: &mut f32,
         axis: &mut usize,
     ) -> Option<([u32; 3], u32)> {
@@ -154,7 +157,7 @@ impl Cube {
         f64::from(4u32.pow(self.levels))
     }
 
-    /// `None` for a ray that passes the cube by, or whose numbers are not finite.
+    /// The ray from where it enters the cube; `None` where it passes the cube by, or its numbers are not finite.
     pub(super) fn enter(&self, ray: &Ray) -> Option<Entry> {
         let side = self.cells();
         let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
@@ -210,7 +213,7 @@ impl<'a> VoxelScene<'a> {
         self.corner
     }
 
-    /// What leaves are.
+    /// The form of leaves.
     pub(super) fn occluders(&self) -> Occluders {
         self.occluders
     }
@@ -220,13 +223,14 @@ impl<'a> VoxelScene<'a> {
         self.subvoxel * f64::from(LEAF_SIDE)
     }
 
-    /// How far off a surface of unit `normal` a ray starts or ends free of that surface's own voxels, model units.
+    /// Distance off a surface of unit `normal` at which a ray starts or ends free of that surface's own voxels, model
+    /// units.
     pub fn clearance(&self, normal: [f64; 3]) -> f64 {
         let side = match self.occluders {
             Occluders::On => self.subvoxel,
             Occluders::Off => self.leaf_side(),
         };
-        side * normal.iter().map(|n| n.abs()).sum::<f64>()
+        side * DVec3::from(normal).abs().element_sum()
     }
 
     /// The cube in subvoxels.
@@ -240,12 +244,12 @@ impl<'a> VoxelScene<'a> {
         Some(self.hit_of(entry.t_in, &self.walk(&entry)?))
     }
 
-    /// `None` for a ray that passes the cube by, or whose numbers are not finite.
+    /// The ray from where it enters the cube; `None` where it passes the cube by, or its numbers are not finite.
     pub(super) fn enter(&self, ray: &Ray) -> Option<Entry> {
         self.cube().enter(ray)
     }
 
-    /// What a walk found that began at `t_in`.
+    /// The hit of a walk that began at `t_in`.
     pub(super) fn hit_of(&self, t_in: f64, found: &Found) -> VoxelHit {
         let Found { t, node, leaf, axis } = *found;
         VoxelHit { t: t_in + f64::from(t) * self.subvoxel, leaf, node, axis }
@@ -256,7 +260,7 @@ impl<'a> VoxelScene<'a> {
         self.intersect(ray).is_some()
     }
 
-    /// From the cube's side on.
+    /// Walks from the cube's side on.
     #[inline(always)]
     fn walk(&self, ray: &Entry) -> Option<Found> {
         let (nodes, bitmaps) = (self.octree.nodes(), self.octree.bitmaps());
@@ -268,7 +272,8 @@ impl<'a> VoxelScene<'a> {
         let mut path = [0u32; MAX_DEPTH + 1];
         let mut level = 0;
         loop {
-            // Down to the leaf, or to a child that is missing. Children of a node of `level` have 4^(depth - level) cells.
+            // Down to the leaf, or to a child that is missing. Children of a node of `level` have 4^(depth - level)
+            // cells.
             let (shift, bits) = loop {
                 let shift = 2 * (depth - level) as u32;
                 let place = ray.place(cell, shift);
@@ -285,7 +290,7 @@ impl<'a> VoxelScene<'a> {
                 level += 1;
                 path[level] = child;
             };
-            let (next, apart) = ray.leave((cell, ray.within(cell, shift, bits)), &mut t, &mut axis)?;
+            let (next, apart) = ray.leave(cell, ray.within(cell, shift, bits), &mut t, &mut axis)?;
             if next[axis] > last {
                 return None;
             }

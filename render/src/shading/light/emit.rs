@@ -8,49 +8,50 @@
 //! sky         all directions, then as directional         4 pi L * area of the rectangle
 //! ```
 //!
-//! The rectangle is the shadow of the model's box on a plane across the direction: smaller than the disc of the bounding
-//! sphere (design section 5), so that fewer photons miss a flat model.
+//! The rectangle is the shadow of the model's box on a plane across the direction: smaller than the disc of the
+//! bounding sphere (design section 5), so that fewer photons miss a flat model.
 //!
 //! Invariants: 1. flux over chance is what the light sends into the model's box, so the mean over photons is right;
 //! 2. a source that gives light has a chance.
 
 use super::lights::{Lights, Source};
-use super::scene_light::Light;
-use crate::math::{add_rgb, along, basis, brightness, cross, length, scale_rgb, unit};
+use crate::math::{brightness, unit};
 use crate::sampler::{Decision, Sampler};
 use crate::sampling::{cosine_direction, sphere_direction};
+use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 use trex_store::Aabb;
 
 /// A photon as it leaves its light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Emission {
-    /// Where, model units.
-    pub(crate) origin: [f64; 3],
+    /// Place, model units.
+    pub(crate) origin: DVec3,
     /// Unit normal of the light's front where it is a surface of the model.
-    pub(crate) front: Option<[f64; 3]>,
+    pub(crate) front: Option<DVec3>,
     /// Longest edge of its triangle, model units; 0 where the light is none.
     pub(crate) size: f64,
-    /// Unit.
-    pub(crate) direction: [f64; 3],
+    /// Unit direction of flight.
+    pub(crate) direction: DVec3,
     /// Flux over the photon's chance, W in linear RGB; the mean over photons is the flux of all lights.
-    pub(crate) flux: [f32; 3],
+    pub(crate) flux: Vec3,
 }
 
-/// All that sends photons.
+/// The sources of photons: all that gives light.
 #[derive(Clone, Debug)]
 pub(crate) struct PhotonSources<'a> {
     bounds: Aabb,
     sources: Vec<Source<'a>>,
     /// Share of the photons up to and with this source.
     cumulated: Vec<f64>,
-    flux: [f32; 3],
+    flux: Vec3,
 }
 
 impl<'a> PhotonSources<'a> {
     /// The sources of `lights` around a model with box `bounds`; `None` when nothing gives light.
     pub(crate) fn new(lights: &'a Lights, bounds: &Aabb) -> Option<PhotonSources<'a>> {
-        let mut made = PhotonSources { bounds: *bounds, sources: vec![], cumulated: vec![], flux: [0.0; 3] };
+        let mut made =
+            PhotonSources { bounds: *bounds, sources: vec![], cumulated: vec![], flux: Vec3::ZERO };
         let mut total = 0.0;
         for source in lights.sources() {
             let flux = made.flux_of(&source);
@@ -59,7 +60,7 @@ impl<'a> PhotonSources<'a> {
                 total += power;
                 made.sources.push(source);
                 made.cumulated.push(total);
-                made.flux = add_rgb(made.flux, flux);
+                made.flux += flux;
             }
         }
         made.cumulated.iter_mut().for_each(|sum| *sum /= total);
@@ -67,7 +68,7 @@ impl<'a> PhotonSources<'a> {
     }
 
     /// About the flux of all sources together, W in linear RGB.
-    pub(crate) fn flux(&self) -> [f32; 3] {
+    pub(crate) fn flux(&self) -> Vec3 {
         self.flux
     }
 
@@ -82,25 +83,25 @@ impl<'a> PhotonSources<'a> {
         // What is left of the number that picked the source picks the triangle.
         let left = (((pick - before) / chance) as f32).clamp(0.0, 1.0 - f32::EPSILON);
         let emission = match &self.sources[index] {
-            Source::Light(Light::Point { position, intensity }) => Emission {
+            Source::Point { position, intensity } => Emission {
                 origin: *position,
                 front: None,
                 size: 0.0,
                 direction: sphere_direction([u, v]),
-                flux: scale_rgb(4.0 * PI as f32, *intensity),
+                flux: 4.0 * PI as f32 * *intensity,
             },
-            Source::Light(Light::Directional { direction, irradiance }) => {
+            Source::Directional { direction, irradiance } => {
                 self.parallel(unit(*direction)?, *irradiance, [a, b])
             }
-            Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
-                let normal = cross(*edge_u, *edge_v);
-                let area = length(normal);
+            Source::Rect { corner, edge_u, edge_v, radiance } => {
+                let normal = edge_u.cross(*edge_v);
+                let area = normal.length();
                 Emission {
-                    origin: along(along(*corner, f64::from(a), *edge_u), f64::from(b), *edge_v),
+                    origin: *corner + f64::from(a) * *edge_u + f64::from(b) * *edge_v,
                     front: None,
                     size: 0.0,
                     direction: cosine_direction(unit(normal)?, [u, v]),
-                    flux: scale_rgb((PI * area) as f32, *radiance),
+                    flux: (PI * area) as f32 * *radiance,
                 }
             }
             Source::Emitters(emitters) => {
@@ -110,64 +111,60 @@ impl<'a> PhotonSources<'a> {
                     front: Some(on.normal),
                     size: on.size(),
                     direction: cosine_direction(on.normal, [u, v]),
-                    flux: scale_rgb((PI / on.pdf) as f32, on.radiance),
+                    flux: (PI / on.pdf) as f32 * on.radiance,
                 }
             }
-            Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => {
-                let irradiance = scale_rgb(4.0 * PI as f32, *radiance);
-                self.parallel(sphere_direction([u, v]), irradiance, [a, b])
+            Source::Sky(radiance) => {
+                self.parallel(sphere_direction([u, v]), 4.0 * PI as f32 * *radiance, [a, b])
             }
         };
-        Some(Emission { flux: scale_rgb((1.0 / chance) as f32, emission.flux), ..emission })
+        Some(Emission { flux: (1.0 / chance) as f32 * emission.flux, ..emission })
     }
 
     /// Parallel light through the model's box.
-    fn parallel(&self, direction: [f64; 3], irradiance: [f32; 3], [a, b]: [f32; 2]) -> Emission {
+    fn parallel(&self, direction: DVec3, irradiance: Vec3, [a, b]: [f32; 2]) -> Emission {
         let ([e, f], [reach_e, reach_f]) = self.across(direction);
-        let back = along(self.bounds.center(), -self.bounds.diagonal(), direction);
+        let back = DVec3::from(self.bounds.center()) - self.bounds.diagonal() * direction;
         let on = |number: f32, reach: f64| (2.0 * f64::from(number) - 1.0) * reach;
         Emission {
-            origin: along(along(back, on(a, reach_e), e), on(b, reach_f), f),
+            origin: back + on(a, reach_e) * e + on(b, reach_f) * f,
             front: None,
             size: 0.0,
             direction,
-            flux: scale_rgb((4.0 * reach_e * reach_f) as f32, irradiance),
+            flux: (4.0 * reach_e * reach_f) as f32 * irradiance,
         }
     }
 
     /// Two directions across `direction`, and half of the box's shadow along each.
-    fn across(&self, direction: [f64; 3]) -> ([[f64; 3]; 2], [f64; 2]) {
-        let (e, f) = basis(direction);
-        let Aabb { lo, hi } = self.bounds;
-        let reach = |axis: [f64; 3]| (0..3).map(|a| 0.5 * (hi[a] - lo[a]) * axis[a].abs()).sum::<f64>();
-        ([e, f], [reach(e), reach(f)])
+    fn across(&self, direction: DVec3) -> ([DVec3; 2], [f64; 2]) {
+        let (e, f) = direction.any_orthonormal_pair();
+        let half = 0.5 * (DVec3::from(self.bounds.hi) - DVec3::from(self.bounds.lo));
+        ([e, f], [e, f].map(|axis| half.dot(axis.abs())))
     }
 
-    /// What a source sends, W in linear RGB; of the sky about that.
-    fn flux_of(&self, source: &Source<'_>) -> [f32; 3] {
+    /// Flux of a source, W in linear RGB; of the sky about that.
+    fn flux_of(&self, source: &Source<'_>) -> Vec3 {
         let (factor, light) = match source {
-            Source::Light(Light::Point { intensity, .. }) => (4.0 * PI, *intensity),
-            Source::Light(Light::Directional { direction, irradiance }) => {
+            Source::Point { intensity, .. } => (4.0 * PI, *intensity),
+            Source::Directional { direction, irradiance } => {
                 let [e, f] = unit(*direction).map_or([0.0; 2], |direction| self.across(direction).1);
                 (4.0 * e * f, *irradiance)
             }
-            Source::Light(Light::Rect { edge_u, edge_v, radiance, .. }) => {
-                (PI * length(cross(*edge_u, *edge_v)), *radiance)
-            }
+            Source::Rect { edge_u, edge_v, radiance, .. } => (PI * edge_u.cross(*edge_v).length(), *radiance),
             Source::Emitters(emitters) => (PI, emitters.radiance_area()),
-            Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => {
+            Source::Sky(radiance) => {
                 let radius = 0.5 * self.bounds.diagonal();
                 (4.0 * PI * PI * radius * radius, *radiance)
             }
         };
-        scale_rgb(factor as f32, light)
+        factor as f32 * light
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::scene_light::Light;
     use super::*;
-    use crate::math::dot;
     use crate::shading::light::Emitter;
     use std::f64::consts::TAU;
     use trex_store::Material;
@@ -177,15 +174,15 @@ mod tests {
     /// Flux of photons whose straight way crosses the square of half side `half` at height -1 about the origin.
     fn caught(lights: &[Light], emitters: &[Emitter], half: f64) -> f64 {
         let lamp = Material { ke: [2.0; 3], ..Material::default() };
-        let lights = Lights::new(lights, emitters, &[lamp], [0.0, 0.0, 1.0]).unwrap();
+        let lights = Lights::new(lights, emitters, &[lamp], DVec3::Z).unwrap();
         let sources = PhotonSources::new(&lights, &BOUNDS).unwrap();
         let count = 1 << 16;
         let mut sum = 0.0;
         for index in 0..count {
             let start = sources.emit(&Sampler::new(5, [0, 0], index)).unwrap();
             let t = (-1.0 - start.origin[2]) / start.direction[2];
-            let at = along(start.origin, t, start.direction);
-            assert!((dot(start.direction, start.direction) - 1.0).abs() < 1e-9);
+            let at = start.origin + t * start.direction;
+            assert!((start.direction.length_squared() - 1.0).abs() < 1e-9);
             if t > 0.0 && at[0].abs() <= half && at[1].abs() <= half {
                 sum += f64::from(start.flux[1]);
             }
@@ -209,7 +206,7 @@ mod tests {
         // A cube's face is a sixth of all directions.
         near(caught(&[point], &[], 1.0), 4.0 * PI * 3.0 / 6.0);
         let sun = Light::Directional { direction: [0.3, -0.2, -0.7], irradiance: [5.0; 3] };
-        let cos = 0.7 / length([0.3, -0.2, -0.7]);
+        let cos = 0.7 / DVec3::new(0.3, -0.2, -0.7).length();
         near(caught(&[sun], &[], 0.6), 5.0 * cos * 1.44);
         let sky = Light::Sky { radiance: [0.5; 3] };
         // From both sides.
@@ -230,7 +227,7 @@ mod tests {
 
     #[test]
     fn darkness_has_no_photons() {
-        let lights = Lights::new(&[Light::Sky { radiance: [0.0; 3] }], &[], &[], [0.0, 0.0, 1.0]).unwrap();
+        let lights = Lights::new(&[Light::Sky { radiance: [0.0; 3] }], &[], &[], DVec3::Z).unwrap();
         assert!(PhotonSources::new(&lights, &BOUNDS).is_none());
     }
 }

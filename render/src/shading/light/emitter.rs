@@ -4,7 +4,8 @@
 //! Invariants: 1. every kept triangle has a positive power; 2. the cumulated shares rise and end at 1;
 //! 3. light leaves the counter-clockwise side only.
 
-use crate::math::{add_rgb, along, brightness, cross, length, scale, scale_rgb, sub};
+use crate::math::brightness;
+use glam::{DVec3, Vec3};
 use trex_store::{Aabb, Material};
 
 /// A triangle of the model whose material gives light.
@@ -16,14 +17,14 @@ pub struct Emitter {
     pub material: u32,
 }
 
-/// All triangles that give light, ready to draw from.
+/// The triangles that give light, ready to draw from.
 #[derive(Clone, Debug)]
 pub struct Emitters {
     kept: Vec<Kept>,
     /// Share of the power in the triangles up to and with this one.
     cumulated: Vec<f64>,
     /// Sum of radiance * area, linear RGB.
-    radiance_area: [f32; 3],
+    radiance_area: Vec3,
     /// Sum of brightness * area.
     power: f64,
     bounds: Aabb,
@@ -31,38 +32,38 @@ pub struct Emitters {
 
 #[derive(Clone, Copy, Debug)]
 struct Kept {
-    corner: [f64; 3],
-    /// From there to the other two.
-    edges: [[f64; 3]; 2],
-    normal: [f64; 3],
-    radiance: [f32; 3],
+    corner: DVec3,
+    /// Edges from there to the other two corners.
+    edges: [DVec3; 2],
+    normal: DVec3,
+    radiance: Vec3,
 }
 
 /// A point on an emitter.
 #[derive(Clone, Copy, Debug)]
-pub struct EmitterSample {
-    /// Where, model units.
-    pub point: [f64; 3],
+pub(crate) struct EmitterSample {
+    /// Place, model units.
+    pub(crate) point: DVec3,
     /// Unit normal of the side that gives light.
-    pub normal: [f64; 3],
+    pub(crate) normal: DVec3,
     /// Radiance that leaves.
-    pub radiance: [f32; 3],
+    pub(crate) radiance: Vec3,
     /// Density of this point, per area in square model units.
-    pub pdf: f64,
+    pub(crate) pdf: f64,
     /// Two edges of its triangle, model units.
-    edges: [[f64; 3]; 2],
+    edges: [DVec3; 2],
 }
 
 impl EmitterSample {
     /// Longest edge of the point's triangle, model units.
-    pub fn size(&self) -> f64 {
+    pub(crate) fn size(&self) -> f64 {
         let [ab, ac] = self.edges;
-        [ab, ac, sub(ac, ab)].map(length).into_iter().fold(0.0, f64::max)
+        [ab, ac, ac - ab].map(DVec3::length).into_iter().fold(0.0, f64::max)
     }
 }
 
 impl Emitters {
-    /// Those of `emitters` that give light with these `materials`.
+    /// The ones of `emitters` that give light with these `materials`.
     ///
     /// # Panics
     /// When an emitter names a material that is not there.
@@ -70,23 +71,23 @@ impl Emitters {
         let mut all = Emitters {
             kept: Vec::with_capacity(emitters.len()),
             cumulated: Vec::with_capacity(emitters.len()),
-            radiance_area: [0.0; 3],
+            radiance_area: Vec3::ZERO,
             power: 0.0,
             bounds: Aabb::EMPTY,
         };
         let mut total = 0.0;
         for emitter in emitters {
-            let radiance = materials[emitter.material as usize].ke;
-            let [corner, b, c] = emitter.corners;
-            let edges = [sub(b, corner), sub(c, corner)];
-            let doubled = cross(edges[0], edges[1]);
-            let area = 0.5 * length(doubled);
+            let radiance = Vec3::from(materials[emitter.material as usize].ke);
+            let [corner, b, c] = emitter.corners.map(DVec3::from);
+            let edges = [b - corner, c - corner];
+            let doubled = edges[0].cross(edges[1]);
+            let area = 0.5 * doubled.length();
             let power = area * brightness(radiance);
             if power > 0.0 && power.is_finite() {
                 total += power;
-                all.kept.push(Kept { corner, edges, normal: scale(0.5 / area, doubled), radiance });
+                all.kept.push(Kept { corner, edges, normal: 0.5 / area * doubled, radiance });
                 all.cumulated.push(total);
-                all.radiance_area = add_rgb(all.radiance_area, scale_rgb(area as f32, radiance));
+                all.radiance_area += area as f32 * radiance;
                 emitter.corners.iter().for_each(|&corner| all.bounds.add(corner));
             }
         }
@@ -100,13 +101,13 @@ impl Emitters {
         self.kept.is_empty()
     }
 
-    /// Bytes on the heap for so many.
+    /// Bytes on the heap for `emitter_count` triangles.
     pub fn bytes(emitter_count: usize) -> u64 {
         (emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
     }
 
     /// Sum of radiance * area over all triangles.
-    pub(crate) fn radiance_area(&self) -> [f32; 3] {
+    pub(crate) fn radiance_area(&self) -> Vec3 {
         self.radiance_area
     }
 
@@ -116,13 +117,15 @@ impl Emitters {
     }
 
     /// Density, per area, with which [`Emitters::sample`] draws a point of an emitter of this radiance.
-    pub(crate) fn pdf(&self, radiance: [f32; 3]) -> f64 {
+    pub(crate) fn pdf(&self, radiance: Vec3) -> f64 {
         if self.is_empty() { 0.0 } else { brightness(radiance) / self.power }
     }
 
-    /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in
-    /// [0, 1). Not for an empty set.
-    pub fn sample(&self, pick: f32, u: [f32; 2]) -> EmitterSample {
+    /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in [0, 1).
+    ///
+    /// # Panics
+    /// When nothing gives light.
+    pub(crate) fn sample(&self, pick: f32, u: [f32; 2]) -> EmitterSample {
         let pick = f64::from(pick);
         let index = self.cumulated.partition_point(|&sum| sum <= pick).min(self.kept.len() - 1);
         let Kept { corner, edges, normal, radiance } = self.kept[index];
@@ -130,7 +133,7 @@ impl Emitters {
         let root = f64::from(u[0]).sqrt();
         let (s, t) = (root * (1.0 - f64::from(u[1])), root * f64::from(u[1]));
         EmitterSample {
-            point: along(along(corner, s, edges[0]), t, edges[1]),
+            point: corner + s * edges[0] + t * edges[1],
             normal,
             radiance,
             pdf: self.pdf(radiance),
@@ -157,7 +160,7 @@ mod tests {
         let (mut strong, mut area) = (0, 0.0);
         for i in 0..count {
             let point = emitters.sample((i as f32 + 0.5) / count as f32, [0.3, 0.6]);
-            assert_eq!(point.normal, [0.0, 0.0, 1.0]);
+            assert_eq!(point.normal, DVec3::Z);
             strong += i32::from(point.radiance[0] == 3.0);
             area += 1.0 / point.pdf / f64::from(count);
             assert!((emitters.pdf(point.radiance) / point.pdf - 1.0).abs() < 1e-9);

@@ -8,24 +8,24 @@
 //! 2. a sample is drawn on the side of the surface that its normal shows.
 
 use super::lights::{Lights, Source};
-use super::scene_light::Light;
-use crate::math::{along, brightness, cross, dot, length, scale, scale_rgb, sub, unit};
+use crate::math::{brightness, unit};
 use crate::shading::bsdf::BsdfSample;
 use crate::shading::surface::ShadingPoint;
 use crate::trace::Ray;
+use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 
 /// One light sample, not yet tested for shadow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LightSample {
     /// Unit direction to the light; above the surface.
-    pub(crate) wi: [f64; 3],
+    pub(crate) wi: DVec3,
     /// Distance to the light, model units; infinite for sun and sky.
     pub(crate) distance: f64,
     /// Unit normal of the light's front where it is a surface.
-    pub(crate) front: Option<[f64; 3]>,
+    pub(crate) front: Option<DVec3>,
     /// Radiance over pdf: `bsdf * cos * weight` estimates the radiance returned.
-    pub(crate) weight: [f32; 3],
+    pub(crate) weight: Vec3,
     /// Density of the direction, per solid angle; infinite for points and suns.
     pub(crate) pdf: f64,
 }
@@ -52,9 +52,9 @@ impl Lights {
         }
         let (source, share) = picked?;
         let mut sample = source.sample(at, [u[1], u[2], u[3]])?;
-        sample.weight = scale_rgb((1.0 / share) as f32, sample.weight);
+        sample.weight = (1.0 / share) as f32 * sample.weight;
         sample.pdf *= share;
-        (dot(sample.wi, at.bsdf.normal) > 0.0).then_some(sample)
+        (sample.wi.dot(at.bsdf.normal) > 0.0).then_some(sample)
     }
 
     /// Radiance of all rectangles whose front `ray` crosses before `t_max`, and the density (per solid angle) with
@@ -64,33 +64,27 @@ impl Lights {
         at: &ShadingPoint<'_>,
         ray: &Ray,
         t_max: f64,
-    ) -> impl Iterator<Item = ([f32; 3], f64)> {
-        self.rects_crossed(ray, t_max).filter_map(move |(light, t)| {
-            let Light::Rect { edge_u, edge_v, radiance, .. } = *light else { return None };
-            let to = sub(along(ray.origin, t, ray.direction), at.point);
+    ) -> impl Iterator<Item = (Vec3, f64)> {
+        self.rects_crossed(ray, t_max).filter_map(move |(source, t)| {
+            let Source::Rect { edge_u, edge_v, radiance, .. } = source else { return None };
+            let to = ray.at(t) - at.point;
             // |cross| is the area, so that the cosine and the density per area leave one factor.
-            let facing = -dot(ray.direction, cross(edge_u, edge_v));
-            Some((radiance, self.share(at, &Source::Light(light)) * dot(to, to) / facing))
+            let facing = -DVec3::from(ray.direction).dot(edge_u.cross(edge_v));
+            Some((radiance, self.share(at, &source) * to.length_squared() / facing))
         })
     }
 
     /// Density (per solid angle) with which [`Lights::sample`] for `at` draws the sky in unit `direction`.
-    pub(crate) fn sky_pdf(&self, at: &ShadingPoint<'_>, direction: [f64; 3]) -> f64 {
+    pub(crate) fn sky_pdf(&self, at: &ShadingPoint<'_>, direction: DVec3) -> f64 {
         self.share(at, &Source::Sky(self.sky())) * at.bsdf.pdf_rough(direction)
     }
 
-    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws `point` on an emitter of this radiance that is
-    /// seen with cosine `cos` > 0.
-    pub(crate) fn emitter_pdf(
-        &self,
-        at: &ShadingPoint<'_>,
-        point: [f64; 3],
-        cos: f64,
-        radiance: [f32; 3],
-    ) -> f64 {
-        let to = sub(point, at.point);
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws `point` on an emitter of this radiance
+    /// that is seen with cosine `cos` > 0.
+    pub(crate) fn emitter_pdf(&self, at: &ShadingPoint<'_>, point: DVec3, cos: f64, radiance: Vec3) -> f64 {
+        let to = point - at.point;
         let per_area = self.emitters().pdf(radiance);
-        self.share(at, &Source::Emitters(self.emitters())) * per_area * dot(to, to) / cos
+        self.share(at, &Source::Emitters(self.emitters())) * per_area * to.length_squared() / cos
     }
 
     /// Share of the light samples for `at` that go to `source`.
@@ -105,33 +99,32 @@ impl Source<'_> {
     /// About what this source brings to `at` when nothing is between; 0 only where it brings nothing.
     fn estimate(&self, at: &ShadingPoint<'_>) -> f64 {
         match self {
-            Source::Light(Light::Point { position, intensity }) => {
-                let to = sub(*position, at.point);
-                let squared = dot(to, to);
-                let cos = dot(to, at.bsdf.normal) / squared.sqrt();
+            Source::Point { position, intensity } => {
+                let to = *position - at.point;
+                let squared = to.length_squared();
+                let cos = to.dot(at.bsdf.normal) / squared.sqrt();
                 if cos > 0.0 { brightness(*intensity) * cos / squared } else { 0.0 }
             }
-            Source::Light(Light::Directional { direction, irradiance }) => {
-                brightness(*irradiance) * (-dot(*direction, at.bsdf.normal) / length(*direction)).max(0.0)
+            Source::Directional { direction, irradiance } => {
+                let cos = -direction.dot(at.bsdf.normal) / direction.length();
+                brightness(*irradiance) * cos.max(0.0)
             }
-            Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
-                let normal = cross(*edge_u, *edge_v);
-                let height = |u: f64, v: f64| {
-                    dot(sub(along(along(*corner, u, *edge_u), v, *edge_v), at.point), at.bsdf.normal)
-                };
-                let below = [height(0.0, 0.0), height(1.0, 0.0), height(0.0, 1.0), height(1.0, 1.0)];
-                if dot(sub(at.point, *corner), normal) <= 0.0 || below.iter().all(|&h| h <= 0.0) {
+            Source::Rect { corner, edge_u, edge_v, radiance } => {
+                let normal = edge_u.cross(*edge_v);
+                let to = |u: f64, v: f64| *corner + u * *edge_u + v * *edge_v - at.point;
+                let height = |(u, v)| to(u, v).dot(at.bsdf.normal);
+                let heights = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(height);
+                if (at.point - *corner).dot(normal) <= 0.0 || heights.iter().all(|&h| h <= 0.0) {
                     return 0.0;
                 }
-                let to = sub(along(along(*corner, 0.5, *edge_u), 0.5, *edge_v), at.point);
-                let area = length(normal);
-                brightness(*radiance) * area / dot(to, to).max(area)
+                let area = normal.length();
+                brightness(*radiance) * area / to(0.5, 0.5).length_squared().max(area)
             }
-            Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => PI * brightness(*radiance),
+            Source::Sky(radiance) => PI * brightness(*radiance),
             Source::Emitters(emitters) => {
-                let to = sub(emitters.bounds().center(), at.point);
+                let to = DVec3::from(emitters.bounds().center()) - at.point;
                 let near = 0.5 * emitters.bounds().diagonal();
-                brightness(emitters.radiance_area()) / dot(to, to).max(near * near)
+                brightness(emitters.radiance_area()) / to.length_squared().max(near * near)
             }
         }
     }
@@ -139,29 +132,29 @@ impl Source<'_> {
     /// A sample of this source alone.
     fn sample(&self, at: &ShadingPoint<'_>, u: [f32; 3]) -> Option<LightSample> {
         match self {
-            Source::Light(Light::Point { position, intensity }) => {
-                let to = sub(*position, at.point);
-                let distance = length(to);
-                let weight = scale_rgb((1.0 / (distance * distance)) as f32, *intensity);
+            Source::Point { position, intensity } => {
+                let to = *position - at.point;
+                let distance = to.length();
+                let weight = (1.0 / (distance * distance)) as f32 * *intensity;
                 let wi = unit(to)?;
                 Some(LightSample { wi, distance, front: None, weight, pdf: f64::INFINITY })
             }
-            Source::Light(Light::Directional { direction, irradiance }) => Some(LightSample {
-                wi: unit(scale(-1.0, *direction))?,
+            Source::Directional { direction, irradiance } => Some(LightSample {
+                wi: unit(-*direction)?,
                 distance: f64::INFINITY,
                 front: None,
                 weight: *irradiance,
                 pdf: f64::INFINITY,
             }),
-            Source::Light(Light::Rect { corner, edge_u, edge_v, radiance }) => {
-                let point = along(along(*corner, f64::from(u[1]), *edge_u), f64::from(u[2]), *edge_v);
-                let normal = cross(*edge_u, *edge_v);
-                surface_sample(at, point, unit(normal)?, *radiance, 1.0 / length(normal))
+            Source::Rect { corner, edge_u, edge_v, radiance } => {
+                let point = *corner + f64::from(u[1]) * *edge_u + f64::from(u[2]) * *edge_v;
+                let normal = edge_u.cross(*edge_v);
+                surface_sample(at, point, unit(normal)?, *radiance, 1.0 / normal.length())
             }
-            Source::Light(Light::Sky { radiance }) | Source::Sky(radiance) => {
+            Source::Sky(radiance) => {
                 let BsdfSample { wi, pdf, .. } = at.bsdf.sample_rough(u)?;
                 let pdf = pdf?;
-                let weight = scale_rgb((1.0 / pdf) as f32, *radiance);
+                let weight = (1.0 / pdf) as f32 * *radiance;
                 Some(LightSample { wi, distance: f64::INFINITY, front: None, weight, pdf })
             }
             Source::Emitters(emitters) => {
@@ -175,23 +168,24 @@ impl Source<'_> {
 /// Light from a point on a surface that was drawn with `pdf_area` (per area).
 fn surface_sample(
     at: &ShadingPoint<'_>,
-    point: [f64; 3],
-    front: [f64; 3],
-    radiance: [f32; 3],
+    point: DVec3,
+    front: DVec3,
+    radiance: Vec3,
     pdf_area: f64,
 ) -> Option<LightSample> {
-    let to = sub(point, at.point);
-    let distance = length(to);
+    let to = point - at.point;
+    let distance = to.length();
     let wi = unit(to)?;
-    let cos = -dot(wi, front);
+    let cos = -wi.dot(front);
     let pdf = distance * distance * pdf_area / cos;
-    let weight = scale_rgb((1.0 / pdf) as f32, radiance);
+    let weight = (1.0 / pdf) as f32 * radiance;
     (cos > 0.0).then_some(LightSample { wi, distance, front: Some(front), weight, pdf })
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::lights::{DEFAULT_SKY_RADIANCE, DEFAULT_SUN_IRRADIANCE, DEFAULT_SUN_TOWARDS};
+    use super::super::scene_light::Light;
     use super::*;
     use crate::shading::bsdf::Bsdf;
     use crate::shading::light::Emitter;
@@ -208,8 +202,8 @@ mod tests {
         mirror: false,
     };
     static AT: ShadingPoint<'_> = ShadingPoint {
-        point: [0.0; 3],
-        bsdf: Bsdf { material: &GREY, normal: [0.0, 0.0, 1.0], wo: [0.6, 0.0, 0.8] },
+        point: DVec3::ZERO,
+        bsdf: Bsdf { material: &GREY, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },
     };
 
     /// Irradiance on [`AT`] by points of a lattice, drawn as the integrator does.
@@ -220,7 +214,7 @@ mod tests {
         for i in 0..side.pow(4) {
             let u = [i % side, i / side % side, i / side.pow(2) % side, i / side.pow(3)].map(number);
             if let Some(sample) = lights.sample(&AT, u) {
-                sum += dot(sample.wi, AT.bsdf.normal) * f64::from(sample.weight[0]);
+                sum += sample.wi.dot(AT.bsdf.normal) * f64::from(sample.weight[0]);
             }
         }
         sum / f64::from(side.pow(4))
@@ -228,7 +222,7 @@ mod tests {
 
     fn check(lights: &[Light], emitters: &[Emitter], expected: f64) {
         let lamp = Material { ke: [2.0; 3], ..Material::default() };
-        let lights = Lights::new(lights, emitters, &[lamp], [0.0, 1.0, 0.0]).unwrap();
+        let lights = Lights::new(lights, emitters, &[lamp], DVec3::Y).unwrap();
         let found = irradiance(&lights);
         assert!((found - expected).abs() < 4e-3 * expected.max(0.05), "{found} for {expected}");
     }
@@ -276,9 +270,9 @@ mod tests {
             edge_v: [2.0, 0.0, 0.0],
             radiance: [7.0; 3],
         };
-        let lights = Lights::new(&[rect], &[], &[], [0.0, 1.0, 0.0]).unwrap();
+        let lights = Lights::new(&[rect], &[], &[], DVec3::Y).unwrap();
         let ray = |origin, z| Ray { origin, direction: [0.0, 0.0, z], t_max: f64::INFINITY };
-        assert_eq!(lights.seen(&ray([0.5, -0.5, 0.0], 1.0), f64::INFINITY), Some([7.0; 3]));
+        assert_eq!(lights.seen(&ray([0.5, -0.5, 0.0], 1.0), f64::INFINITY), Some(Vec3::splat(7.0)));
         assert_eq!(lights.seen(&ray([0.5, -0.5, 0.0], 1.0), 4.9), None);
         assert_eq!(lights.seen(&ray([1.5, -0.5, 0.0], 1.0), f64::INFINITY), None);
         assert_eq!(lights.seen(&ray([0.5, -0.5, 9.0], -1.0), f64::INFINITY), None);
@@ -286,18 +280,18 @@ mod tests {
 
     #[test]
     fn without_lights_there_are_sun_and_sky() {
-        let lights = Lights::new(&[], &[], &[], [0.0, 0.0, 1.0]).unwrap();
-        assert_eq!((lights.sky(), lights.sources().count()), (DEFAULT_SKY_RADIANCE, 2));
+        let lights = Lights::new(&[], &[], &[], DVec3::Z).unwrap();
+        assert_eq!((lights.sky(), lights.sources().count()), (Vec3::from(DEFAULT_SKY_RADIANCE), 2));
         let found = irradiance(&lights);
         let sky = PI * f64::from(DEFAULT_SKY_RADIANCE[0]);
-        let sun = f64::from(DEFAULT_SUN_IRRADIANCE[0]) * 0.5 / length(DEFAULT_SUN_TOWARDS);
+        let sun = f64::from(DEFAULT_SUN_IRRADIANCE[0]) * 0.5 / DEFAULT_SUN_TOWARDS.length();
         // The pick between the two is on a lattice of 24: half a step, and a little.
         assert!((found / (sky + sun) - 1.0).abs() < 0.01, "{found}");
         // A lit surface of Kd 0.7 that faces the sun is not burnt out.
         assert!(0.7 / PI * (sky + f64::from(DEFAULT_SUN_IRRADIANCE[0])) < 1.0);
         // One light of the scene, if only a black sky, and the defaults are gone.
-        let dark = Lights::new(&[Light::Sky { radiance: [0.0; 3] }], &[], &[], [0.0, 0.0, 1.0]).unwrap();
-        assert!(dark.sample(&AT, [0.5; 4]).is_none() && dark.sky() == [0.0; 3]);
+        let dark = Lights::new(&[Light::Sky { radiance: [0.0; 3] }], &[], &[], DVec3::Z).unwrap();
+        assert!(dark.sample(&AT, [0.5; 4]).is_none() && dark.sky() == Vec3::ZERO);
     }
 
     #[test]
@@ -310,7 +304,7 @@ mod tests {
             Light::Sky { radiance: [f32::INFINITY; 3] },
         ];
         for light in cases {
-            let error = Lights::new(&[light], &[], &[], [0.0, 1.0, 0.0]).unwrap_err();
+            let error = Lights::new(&[light], &[], &[], DVec3::Y).unwrap_err();
             assert_eq!((error.code(), error.place()), (Code::SceneFormat, "light[0]"));
         }
     }

@@ -1,6 +1,7 @@
 //! `Light`: a light of the scene, and whether its numbers make sense.
 
-use crate::math::{cross, unit};
+use crate::math::unit;
+use glam::DVec3;
 use trex_store::{Code, Error, Result};
 
 /// A light of the scene. Emissive triangles of the model are not among these: see [`super::Emitter`].
@@ -8,14 +9,14 @@ use trex_store::{Code, Error, Result};
 pub enum Light {
     /// A point that shines alike in all directions.
     Point {
-        /// Where, model units.
+        /// Place, model units.
         position: [f64; 3],
         /// Radiant intensity, W/sr in linear RGB: irradiance = intensity * cos / distance^2.
         intensity: [f32; 3],
     },
     /// A sun: parallel rays from infinitely far.
     Directional {
-        /// Which way the light travels; any length.
+        /// Direction in which the light travels; any length.
         direction: [f64; 3],
         /// Irradiance on a surface that faces it, W/m^2 in linear RGB.
         irradiance: [f32; 3],
@@ -24,21 +25,23 @@ pub enum Light {
     Rect {
         /// A corner, model units.
         corner: [f64; 3],
-        /// From the corner to the next one.
+        /// Edge from the corner to the next one, model units.
         edge_u: [f64; 3],
-        /// From the corner to the one on the other side.
+        /// Edge from the corner to the one on the other side, model units.
         edge_v: [f64; 3],
-        /// Radiance that leaves the front.
+        /// Radiance that leaves the front, W/(m^2 sr) in linear RGB.
         radiance: [f32; 3],
     },
-    /// The same radiance from every direction in which nothing is hit. Several add up.
+    /// A sky: one radiance from every direction in which nothing is hit. Several add up.
     Sky {
-        /// Radiance.
+        /// Radiance, W/(m^2 sr) in linear RGB.
         radiance: [f32; 3],
     },
 }
 
 impl Light {
+    /// Checks that the numbers make sense.
+    ///
     /// # Errors
     /// [`Code::SceneFormat`] at `place` (the name of the light): numbers that are not finite or, for light,
     /// negative; a direction of length 0; a rectangle without an area.
@@ -63,12 +66,14 @@ impl Light {
             return bad("a light that is nowhere", format!("{vectors:?}"), "give finite numbers");
         }
         match *self {
-            Light::Directional { direction, .. } if unit(direction).is_none() => bad(
+            Light::Directional { direction, .. } if unit(direction.into()).is_none() => bad(
                 "a light without a direction",
                 format!("{direction:?}"),
                 "give a direction that is not zero",
             ),
-            Light::Rect { edge_u, edge_v, .. } if unit(cross(edge_u, edge_v)).is_none() => {
+            Light::Rect { edge_u, edge_v, .. }
+                if unit(DVec3::from(edge_u).cross(edge_v.into())).is_none() =>
+            {
                 let numbers = format!("edge_u {edge_u:?}, edge_v {edge_v:?}");
                 bad("a rectangle without an area", numbers, "give two edges that are not parallel")
             }

@@ -4,8 +4,8 @@
 //! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Vertices of wide clusters are fetched
 //! one by one and tested like the others.
 //!
-//! Invariants: 1. the same operations in the same order as `scalar.rs`: the same bits; 2. loads stay inside of the frame:
-//! indices were checked by `install`, and eight bytes stand behind the last vertex.
+//! Invariants: 1. the same operations in the same order as `scalar.rs`: the same bits; 2. loads stay inside of the
+//! frame: indices were checked by `install`, and eight bytes stand behind the last vertex.
 #![allow(unsafe_code)]
 
 use crate::trace::kernel::{Kernel, Lanes};
@@ -20,20 +20,20 @@ use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 pub(in crate::trace) struct Avx2 {
     cell: __m128i,
     inverse: __m128,
-    /// See `Slabs`.
+    /// Start of the slabs: see `Slabs`.
     start_near: __m128,
     start_far: __m128,
-    /// All ones where the direction is negative.
+    /// Mask of the axes along which the direction is negative.
     negative: __m128i,
     /// Rows of planes where the ray enters and leaves, per axis: of lower planes then upper ones.
     near_row: [usize; 3],
     far_row: [usize; 3],
     /// The axes in the order of the shear: x, y, z of the sheared space.
     k: [usize; 3],
-    /// The same as places in a vector, to spread words by, and counts of 64 bits.
+    /// The axes as places in a vector, to spread words by, and counts of 64 bits.
     axes: [__m256i; 3],
     axes_long: [__m256i; 3],
-    /// Of these: the fraction and the shear.
+    /// Fraction and shear, in the order of `k`.
     fraction: [f32; 3],
     s: [f32; 3],
     blur: f32,
@@ -54,7 +54,7 @@ struct SeenBoxes {
 }
 
 impl Avx2 {
-    /// Of the same ray, set up for the plain kernel.
+    /// The kernel of a ray that is set up for the plain one.
     #[inline(always)]
     pub(in crate::trace) fn from_scalar(ray: &Scalar<f32>) -> Avx2 {
         let Scalar { cell, slabs, fraction, k, s, blur, .. } = *ray;
@@ -82,7 +82,7 @@ impl Avx2 {
         }
     }
 
-    /// See `Slabs::meet`.
+    /// The boxes as the ray sees them: see `Slabs::meet`.
     #[inline(always)]
     fn see(&self, boxes: &Boxes) -> SeenBoxes {
         // SAFETY: registers only; the caller runs with AVX2 and FMA.
@@ -96,7 +96,7 @@ impl Avx2 {
         }
     }
 
-    /// Of six rows of planes, lower and upper ones: those where the ray enters and where it leaves.
+    /// The rows of planes where the ray enters and where it leaves, of six: lower and upper ones.
     #[inline(always)]
     fn rows(&self, rows: *const u8, stride: usize) -> [[*const u8; 3]; 2] {
         let ([a, b, c], [d, e, f]) = (self.near_row, self.far_row);
@@ -104,7 +104,7 @@ impl Avx2 {
         [[row(a), row(b), row(c)], [row(d), row(e), row(f)]]
     }
 
-    /// Eight of them, by the bytes of their planes: a bit each, and t.
+    /// Tests eight boxes, by the bytes of their planes: a bit each, and t.
     #[inline(always)]
     fn meet(&self, seen: &SeenBoxes, near: [*const u8; 3], far: [*const u8; 3], t_max: f32) -> (u32, __m256) {
         // SAFETY: the caller's pointers lead to eight bytes each; the caller runs with AVX2 and FMA.
@@ -169,7 +169,7 @@ impl Avx2 {
         }
     }
 
-    /// How the vertices of a cluster are read.
+    /// The vertices of a cluster, ready to be read.
     #[inline(always)]
     fn vertices<'a>(&self, view: &'a ClusterView<'a>) -> Vertices<'a> {
         let head = view.head();
@@ -198,7 +198,7 @@ impl Avx2 {
         }
     }
 
-    /// See `Scalar::is_surely_off`.
+    /// Lanes that are surely off the ray: see `Scalar::is_surely_off`.
     #[inline(always)]
     fn surely_off(&self, [a, b, c]: [[__m256; 3]; 3], [u, v, w]: [__m256; 3], t_max: f32) -> __m256 {
         // SAFETY: registers only; the caller runs with AVX2.
@@ -271,7 +271,7 @@ fn base(head: &ClusterHead) -> __m128i {
 struct Vertices<'a> {
     view: &'a ClusterView<'a>,
     first: *const u8,
-    /// Of a packed vertex.
+    /// Bits of a packed vertex.
     bits: __m256i,
     /// Base minus the ray's cell.
     relative: [__m256i; 3],

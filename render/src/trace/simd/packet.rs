@@ -15,7 +15,7 @@
 use super::avx2::Avx2;
 use crate::trace::Ray;
 use crate::trace::bvh::{
-    Best, Ended, Entry, Goal, Missing, PageVisit, Pending, STACK, Scene, Stack, t_above, walk,
+    Best, Ended, Entry, Goal, Missing, OpenPage, PageVisit, Pending, STACK, Scene, Stack, t_above, walk,
 };
 use crate::trace::kernel::Kernel;
 use crate::trace::pages::{Page, Pages};
@@ -26,13 +26,13 @@ use trex_store::layout::NODE_WIDTH;
 
 /// Rays of a packet: what a register holds.
 pub(in crate::trace) const PACKET_RAYS: usize = 8;
-/// So many rays left at a node go on by themselves.
+/// Count of rays left at a node, or fewer, that go on by themselves.
 const SPLIT: u32 = 2;
 
 /// A number per ray.
 type Row = [f32; PACKET_RAYS];
 
-/// Where to go on with which rays, and where its box begins for each.
+/// An entry of the stack: where to go on with which rays, and where its box begins for each.
 #[derive(Clone, Copy)]
 struct Waiting {
     t: Row,
@@ -44,9 +44,9 @@ struct Waiting {
 /// Room for a packet; and what came of the last one, for the rays that reached the model's box, in their order.
 pub(in crate::trace) struct PacketRoom {
     waiting: Box<[Waiting; STACK]>,
-    /// The ray and what it found.
+    /// Rays and what they found.
     pub(in crate::trace) ended: Vec<Ended>,
-    /// Where it stands among the rays that were asked.
+    /// Index of each among the rays that were asked.
     pub(in crate::trace) places: Vec<usize>,
     pub(in crate::trace) missing: [Missing; PACKET_RAYS],
 }
@@ -68,7 +68,7 @@ struct Boxes {
     inverse: [__m256; 3],
     start_near: [__m256; 3],
     start_far: [__m256; 3],
-    /// Of all rays.
+    /// Axes along which the direction of all rays is negative.
     negative: [bool; 3],
 }
 
@@ -76,7 +76,7 @@ struct Boxes {
 struct Packet<'a> {
     boxes: Boxes,
     plain: [Scalar<f32>; PACKET_RAYS],
-    /// Of those that have gone on by themselves.
+    /// Kernels of the rays that have gone on by themselves.
     kernels: [Option<Avx2>; PACKET_RAYS],
     goal: Goal,
     /// The t of the best hit of each; below all where one is enough and found.
@@ -87,7 +87,7 @@ struct Packet<'a> {
     len: usize,
 }
 
-/// Traces up to eight rays.
+/// Traces up to eight rays; `room` holds their answers.
 ///
 /// # Safety
 /// The caller runs with AVX2 and FMA.
@@ -145,8 +145,9 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages>(
             TopRef::Node(index) => packet.node(&scene.file.top()[index as usize], scene, at.rays),
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
-                    let first = scene.file.pages()[page as usize].first_triangle;
-                    packet.page((FrameView::new(frame), page, first), slot, scene, &mut pending, at);
+                    let first_triangle = scene.file.pages()[page as usize].first_triangle;
+                    let page = OpenPage { frame: FrameView::new(frame), page, first_triangle };
+                    packet.page(&page, slot, scene, &mut pending, at);
                 }
                 Page::Missing => {
                     for ray in bits(at.rays) {
@@ -182,25 +183,25 @@ impl Packet<'_> {
     #[inline(always)]
     fn page(
         &mut self,
-        (frame, page, first_triangle): (FrameView<'_>, u32, u32),
+        page: &OpenPage<'_>,
         slot: u32,
         scene: &Scene<'_>,
         pending: &mut Pending<'_>,
         at: Waiting,
     ) {
         let floor = self.len;
-        self.put(Waiting { word: frame.root(slot as usize).0, ..at });
+        self.put(Waiting { word: page.frame.root(slot as usize).0, ..at });
         while let Some(at) = self.pop_above(floor) {
             let word = FrameRef(at.word);
             if !word.is_cluster() && at.rays.count_ones() > SPLIT {
-                self.node(frame.node(word), scene, at.rays);
+                self.node(page.frame.node(word), scene, at.rays);
                 continue;
             }
             for i in bits(at.rays) {
                 let kernel = self.kernels[i].get_or_insert_with(|| Avx2::from_scalar(&self.plain[i]));
                 let Ended { ray, found } = &mut self.ended[i];
                 let mut best = Best { t: self.t_max[i], found: *found };
-                let visit = PageVisit { frame, page, first_triangle, ray, goal: self.goal };
+                let visit = PageVisit { page: *page, ray, goal: self.goal };
                 visit.under(kernel, Entry::new(at.t[i], at.word), pending, &mut best);
                 *found = best.found;
                 self.settle(i, best.t);

@@ -1,7 +1,7 @@
 //! Eight lanes with AVX2. See `packet.rs`.
 //!
-//! Invariants: 1. the same operations in the same order as `traverse.rs`, none fused: the same bits; 2. what is read are
-//! nodes and bitmaps at which lanes stand.
+//! Invariants: 1. the same operations in the same order as `traverse.rs`, none fused: the same bits; 2. what is read
+//! are nodes and bitmaps at which lanes stand.
 #![allow(unsafe_code)]
 
 use super::packet::{Ends, Packet, Queue, Row, Tree, fits, take_turns};
@@ -43,20 +43,51 @@ fn prefetch(address: u64) {
     unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::with_exposed_provenance(address as usize)) };
 }
 
+/// The child of each lane's node or leaf that holds the lane's cell.
+struct Child {
+    /// Place of the child among the 64.
+    place: __m256i,
+    /// Twice the height: cells of the child along an axis, as a shift.
+    shift: __m256i,
+    /// The mask of the node or the bitmap of the leaf; see `wide`.
+    bits: [__m256i; 2],
+    /// Index of the child, where it is there.
+    index: __m256i,
+    is_there: __m256i,
+}
+
+/// The way of each lane out of the empty cube around its cell.
+struct Exit {
+    /// Parameter where it leaves, subvoxels from the entry; not before the lane's own t.
+    t: __m256,
+    /// Axis of the face by which it leaves.
+    axis: __m256i,
+    /// The next cell as what differs from this one.
+    apart: [__m256i; 3],
+    /// Height of the node that holds both cells.
+    above: __m256i,
+    /// The ray has ended, or left the octree.
+    is_out: __m256i,
+}
+
 /// One visit of each lane, of which those that end stay where they are.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
-    let floats = |row: Row<f32, LANES>| _mm256_castsi256_ps(cast(row.0));
-    let (height, at, t_before): (__m256i, __m256i, __m256) =
-        (cast(packet.height.0), cast(packet.at.0), floats(packet.t));
+    let child = look(packet, tree);
+    let exit = leave(packet, tree, &child);
+    settle(packet, tree, &child, &exit)
+}
+
+/// Step 1: which child, and whether it is there.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn look(packet: &Packet<LANES>, tree: &Tree) -> Child {
+    let (height, at): (__m256i, __m256i) = (cast(packet.height.0), cast(packet.at.0));
     let cell: [__m256i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let address: [__m256i; 2] = cast(packet.address.0);
-    let (zeros, ones, one) = (_mm256_setzero_si256(), _mm256_set1_epi32(-1), _mm256_set1_epi32(1));
-    let is_leaf = _mm256_cmpeq_epi32(height, zeros);
-    let is_node = _mm256_xor_si256(is_leaf, ones);
-
-    // Which child, and whether it is there.
+    let zeros = _mm256_setzero_si256();
+    let is_node = _mm256_xor_si256(_mm256_cmpeq_epi32(height, zeros), _mm256_set1_epi32(-1));
     let shift = _mm256_slli_epi32::<1>(height);
     let part = |cell| _mm256_and_si256(_mm256_srlv_epi32(cell, shift), _mm256_set1_epi32(3));
     let [x, y, z] = cell.map(part);
@@ -74,15 +105,23 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     let up = [_mm256_sllv_epi64(bits[0], up_by[0]), _mm256_sllv_epi64(bits[1], up_by[1])];
     let is_there = _mm256_srai_epi32::<31>(narrow::<0xdd>(up));
     let before = up.map(|up| count_ones(_mm256_add_epi64(up, up)));
-    let child = _mm256_add_epi32(first, narrow::<0x88>(before));
+    let index = _mm256_add_epi32(first, narrow::<0x88>(before));
+    Child { place, shift, bits, index, is_there }
+}
 
-    // Out of the empty cube: the child's, or the eighth of the node around it.
-    let around = wide(_mm256_and_si256(place, _mm256_set1_epi32(0b10_1010)));
+/// Step 2: out of the empty cube, which is the child's, or the eighth of the node around it.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
+    let floats = |row: Row<f32, LANES>| _mm256_castsi256_ps(cast(row.0));
+    let cell: [__m256i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
+    let (zeros, ones, one) = (_mm256_setzero_si256(), _mm256_set1_epi32(-1), _mm256_set1_epi32(1));
+    let around = wide(_mm256_and_si256(child.place, _mm256_set1_epi32(0b10_1010)));
     let around: [__m256i; 2] = std::array::from_fn(|half| {
-        let eighth = _mm256_srlv_epi64(bits[half], around[half]);
+        let eighth = _mm256_srlv_epi64(child.bits[half], around[half]);
         _mm256_cmpeq_epi64(_mm256_and_si256(eighth, _mm256_set1_epi64x(EIGHTH as i64)), zeros)
     });
-    let shift = _mm256_sub_epi32(shift, narrow::<0x88>(around));
+    let shift = _mm256_sub_epi32(child.shift, narrow::<0x88>(around));
     let within = _mm256_sub_epi32(_mm256_sllv_epi32(one, shift), one);
     let most = cell.map(|cell| _mm256_or_si256(cell, within));
     let t_axis: [__m256; 3] = std::array::from_fn(|a| {
@@ -92,11 +131,10 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     let is_y = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LT_OQ>(t_axis[1], t_axis[0]));
     let t_xy = _mm256_min_ps(t_axis[1], t_axis[0]);
     let is_z = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LT_OQ>(t_axis[2], t_xy));
-    let t = _mm256_max_ps(_mm256_min_ps(t_axis[2], t_xy), t_before);
+    let t = _mm256_max_ps(_mm256_min_ps(t_axis[2], t_xy), floats(packet.t));
     let is_y = _mm256_andnot_si256(is_z, is_y);
     let exits = [_mm256_xor_si256(_mm256_or_si256(is_y, is_z), ones), is_y, is_z];
     let axis = _mm256_sub_epi32(_mm256_and_si256(is_z, _mm256_set1_epi32(2)), is_y);
-    // The next cell as what differs from this one.
     let apart: [__m256i; 3] = std::array::from_fn(|a| {
         let at = _mm256_cvttps_epi32(_mm256_add_ps(
             floats(packet.origin[a]),
@@ -115,31 +153,42 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     let exponent = _mm256_castps_si256(_mm256_cvtepi32_ps(any_apart));
     let exponent = _mm256_srli_epi32::<24>(_mm256_add_epi32(exponent, _mm256_set1_epi32(1 << 23)));
     let above = _mm256_sub_epi32(exponent, _mm256_set1_epi32(64));
+    Exit { t, axis, apart, above, is_out }
+}
 
-    // What becomes of each lane.
+/// Step 3: what becomes of each lane.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn settle(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -> Ends {
+    let (zeros, ones) = (_mm256_setzero_si256(), _mm256_set1_epi32(-1));
+    let (height, t_before): (__m256i, __m256) =
+        (cast(packet.height.0), _mm256_castsi256_ps(cast(packet.t.0)));
+    let is_leaf = _mm256_cmpeq_epi32(height, zeros);
+    let is_node = _mm256_xor_si256(is_leaf, ones);
+    let (is_there, is_out) = (child.is_there, exit.is_out);
     let whole = if tree.occluders == Occluders::Off { ones } else { zeros };
     let hit = _mm256_and_si256(is_leaf, _mm256_or_si256(is_there, whole));
     let stops = _mm256_or_si256(is_there, hit);
     let miss = _mm256_andnot_si256(stops, is_out);
     let goes_on = _mm256_xor_si256(_mm256_or_si256(stops, is_out), ones);
     let goes_down = _mm256_and_si256(is_node, is_there);
-    let up = _mm256_and_si256(_mm256_max_epi32(height, above), goes_on);
+    let up = _mm256_and_si256(_mm256_max_epi32(height, exit.above), goes_on);
     let kept = _mm256_add_epi32(_mm256_andnot_si256(goes_on, height), goes_down);
     let height = _mm256_or_si256(kept, up);
     packet.height.0 = cast(height);
     for a in 0..3 {
-        let next = _mm256_xor_si256(cell[a], _mm256_and_si256(apart[a], goes_on));
+        let next = _mm256_xor_si256(cast(packet.cell[a].0), _mm256_and_si256(exit.apart[a], goes_on));
         packet.cell[a].0 = cast(next);
     }
-    let t = _mm256_max_ps(t_before, _mm256_and_ps(t, _mm256_castsi256_ps(goes_on)));
+    let t = _mm256_max_ps(t_before, _mm256_and_ps(exit.t, _mm256_castsi256_ps(goes_on)));
     packet.t.0 = cast(_mm256_castps_si256(t));
-    let axis = _mm256_blendv_epi8(cast(packet.axis.0), axis, goes_on);
+    let axis = _mm256_blendv_epi8(cast(packet.axis.0), exit.axis, goes_on);
     packet.axis.0 = cast(axis);
     let mut at = zeros;
     for level in 0..MAX_DEPTH {
         let is_here = _mm256_cmpeq_epi32(height, _mm256_set1_epi32(level as i32));
         let is_new = _mm256_and_si256(is_here, goes_down);
-        let row = _mm256_blendv_epi8(cast(packet.path[level].0), child, is_new);
+        let row = _mm256_blendv_epi8(cast(packet.path[level].0), child.index, is_new);
         packet.path[level].0 = cast(row);
         at = _mm256_or_si256(at, _mm256_and_si256(row, is_here));
     }
@@ -149,7 +198,7 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     Ends { hit: mask(hit), miss: mask(miss) }
 }
 
-/// Of masks, or at height 0 of bitmaps.
+/// Addresses of masks, or at height 0 of bitmaps.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn addresses(tree: &Tree, at: __m256i, height: __m256i) -> [__m256i; 2] {
@@ -165,7 +214,7 @@ fn addresses(tree: &Tree, at: __m256i, height: __m256i) -> [__m256i; 2] {
     })
 }
 
-/// Words to 64 bits; see `SLOT`.
+/// Words to 64 bits; for their order see `slot`.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn wide(words: __m256i) -> [__m256i; 2] {
@@ -173,7 +222,7 @@ fn wide(words: __m256i) -> [__m256i; 2] {
     [_mm256_unpacklo_epi32(words, zeros), _mm256_unpackhi_epi32(words, zeros)]
 }
 
-/// Back, the upper words (`0xdd`) or the lower ones (`0x88`).
+/// Words from 64 bits, the upper ones (`0xdd`) or the lower ones (`0x88`).
 #[inline]
 #[target_feature(enable = "avx2")]
 fn narrow<const WORDS: i32>([low, high]: [__m256i; 2]) -> __m256i {

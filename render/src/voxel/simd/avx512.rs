@@ -1,5 +1,5 @@
-//! Sixteen lanes with AVX-512: as `avx2.rs`, with masks in registers of their own and an instruction that counts ones. See
-//! `packet.rs`.
+//! Sixteen lanes with AVX-512: as `avx2.rs`, with masks in registers of their own and an instruction that counts
+//! ones. See `packet.rs`.
 //!
 //! Invariants: those of `avx2.rs`.
 #![allow(unsafe_code)]
@@ -44,19 +44,50 @@ fn prefetch(address: u64) {
     unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::with_exposed_provenance(address as usize)) };
 }
 
+/// The child of each lane's node or leaf that holds the lane's cell.
+struct Child {
+    /// Place of the child among the 64.
+    place: __m512i,
+    /// Twice the height: cells of the child along an axis, as a shift.
+    shift: __m512i,
+    /// The mask of the node or the bitmap of the leaf; see `wide`.
+    bits: [__m512i; 2],
+    /// Index of the child, where it is there.
+    index: __m512i,
+    is_there: __mmask16,
+}
+
+/// The way of each lane out of the empty cube around its cell.
+struct Exit {
+    /// Parameter where it leaves, subvoxels from the entry; not before the lane's own t.
+    t: __m512,
+    /// Axis of the face by which it leaves.
+    axis: __m512i,
+    /// The next cell.
+    next: [__m512i; 3],
+    /// Height of the node that holds both cells.
+    above: __m512i,
+    /// The ray has ended, or left the octree.
+    is_out: __mmask16,
+}
+
 /// One visit of each lane, of which those that end stay where they are.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
 fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
-    let floats = |row: Row<f32, LANES>| _mm512_castsi512_ps(cast(row.0));
-    let (height, at, t_before): (__m512i, __m512i, __m512) =
-        (cast(packet.height.0), cast(packet.at.0), floats(packet.t));
+    let child = look(packet, tree);
+    let exit = leave(packet, tree, &child);
+    settle(packet, tree, &child, &exit)
+}
+
+/// Step 1: which child, and whether it is there.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
+fn look(packet: &Packet<LANES>, tree: &Tree) -> Child {
+    let (height, at): (__m512i, __m512i) = (cast(packet.height.0), cast(packet.at.0));
     let cell: [__m512i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let address: [__m512i; 2] = cast(packet.address.0);
-    let (zeros, one) = (_mm512_setzero_si512(), _mm512_set1_epi32(1));
-    let is_leaf = _mm512_testn_epi32_mask(height, height);
-    let is_node = !is_leaf;
-    // Which child, and whether it is there.
+    let (zeros, is_node) = (_mm512_setzero_si512(), _mm512_test_epi32_mask(height, height));
     let shift = _mm512_slli_epi32::<1>(height);
     let part = |cell| _mm512_and_si512(_mm512_srlv_epi32(cell, shift), _mm512_set1_epi32(3));
     let [x, y, z] = cell.map(part);
@@ -75,17 +106,26 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     let up = [_mm512_sllv_epi64(bits[0], up_by[0]), _mm512_sllv_epi64(bits[1], up_by[1])];
     let is_there = _mm512_movepi32_mask(narrow::<0xdd>(up));
     let before = up.map(|up| _mm512_popcnt_epi64(_mm512_add_epi64(up, up)));
-    let child = _mm512_add_epi32(first, narrow::<0x88>(before));
-    // Out of the empty cube: the child's, or the eighth of the node around it.
-    let around = wide(_mm512_and_si512(place, _mm512_set1_epi32(0b10_1010)));
+    let index = _mm512_add_epi32(first, narrow::<0x88>(before));
+    Child { place, shift, bits, index, is_there }
+}
+
+/// Step 2: out of the empty cube, which is the child's, or the eighth of the node around it.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
+fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
+    let floats = |row: Row<f32, LANES>| _mm512_castsi512_ps(cast(row.0));
+    let cell: [__m512i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
+    let one = _mm512_set1_epi32(1);
+    let around = wide(_mm512_and_si512(child.place, _mm512_set1_epi32(0b10_1010)));
     let around: [__m512i; 2] = std::array::from_fn(|half| {
-        let eighth = _mm512_srlv_epi64(bits[half], around[half]);
+        let eighth = _mm512_srlv_epi64(child.bits[half], around[half]);
         _mm512_and_si512(eighth, _mm512_set1_epi64(EIGHTH as i64))
     });
     // 22 bits of each.
     let around = narrow::<0x88>(around);
     let is_empty = _mm512_testn_epi32_mask(around, around);
-    let shift = _mm512_mask_add_epi32(shift, is_empty, shift, one);
+    let shift = _mm512_mask_add_epi32(child.shift, is_empty, child.shift, one);
     let within = _mm512_sub_epi32(_mm512_sllv_epi32(one, shift), one);
     let most = cell.map(|cell| _mm512_or_si512(cell, within));
     let t_axis: [__m512; 3] = std::array::from_fn(|a| {
@@ -95,7 +135,7 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     let is_y = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t_axis[1], t_axis[0]);
     let t_xy = _mm512_min_ps(t_axis[1], t_axis[0]);
     let is_z = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t_axis[2], t_xy);
-    let t = _mm512_max_ps(_mm512_min_ps(t_axis[2], t_xy), t_before);
+    let t = _mm512_max_ps(_mm512_min_ps(t_axis[2], t_xy), floats(packet.t));
     let is_y = is_y & !is_z;
     let exits = [!(is_y | is_z), is_y, is_z];
     let next: [__m512i; 3] = std::array::from_fn(|a| {
@@ -114,8 +154,21 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     // Half the place of the highest bit.
     let above =
         _mm512_srli_epi32::<1>(_mm512_sub_epi32(_mm512_set1_epi32(31), _mm512_lzcnt_epi32(any_apart)));
+    let axis = _mm512_maskz_mov_epi32(is_y, one);
+    let axis = _mm512_mask_mov_epi32(axis, is_z, _mm512_set1_epi32(2));
+    Exit { t, axis, next, above, is_out }
+}
 
-    // What becomes of each lane.
+/// Step 3: what becomes of each lane.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
+fn settle(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -> Ends {
+    let (height, t_before): (__m512i, __m512) =
+        (cast(packet.height.0), _mm512_castsi512_ps(cast(packet.t.0)));
+    let (zeros, one) = (_mm512_setzero_si512(), _mm512_set1_epi32(1));
+    let is_leaf = _mm512_testn_epi32_mask(height, height);
+    let is_node = !is_leaf;
+    let (is_there, is_out) = (child.is_there, exit.is_out);
     let whole = if tree.occluders == Occluders::Off { 0xffff } else { 0 };
     let hit = is_leaf & (is_there | whole);
     let stops = is_there | hit;
@@ -123,21 +176,19 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     let goes_on = !(stops | is_out);
     let goes_down = is_node & is_there;
     let lower = _mm512_mask_sub_epi32(height, goes_down, height, one);
-    let height = _mm512_mask_max_epi32(lower, goes_on, height, above);
+    let height = _mm512_mask_max_epi32(lower, goes_on, height, exit.above);
     packet.height.0 = cast(height);
     for a in 0..3 {
-        packet.cell[a].0 = cast(_mm512_mask_mov_epi32(cell[a], goes_on, next[a]));
+        packet.cell[a].0 = cast(_mm512_mask_mov_epi32(cast(packet.cell[a].0), goes_on, exit.next[a]));
     }
-    let t = _mm512_mask_mov_ps(t_before, goes_on, t);
+    let t = _mm512_mask_mov_ps(t_before, goes_on, exit.t);
     packet.t.0 = cast(_mm512_castps_si512(t));
-    let axis = _mm512_maskz_mov_epi32(is_y, one);
-    let axis = _mm512_mask_mov_epi32(axis, is_z, _mm512_set1_epi32(2));
-    let axis = _mm512_mask_mov_epi32(cast(packet.axis.0), goes_on, axis);
+    let axis = _mm512_mask_mov_epi32(cast(packet.axis.0), goes_on, exit.axis);
     packet.axis.0 = cast(axis);
     let mut at = zeros;
     for level in 0..MAX_DEPTH {
         let is_here = _mm512_cmpeq_epi32_mask(height, _mm512_set1_epi32(level as i32));
-        let row = _mm512_mask_mov_epi32(cast(packet.path[level].0), is_here & goes_down, child);
+        let row = _mm512_mask_mov_epi32(cast(packet.path[level].0), is_here & goes_down, child.index);
         packet.path[level].0 = cast(row);
         at = _mm512_mask_mov_epi32(at, is_here, row);
     }
@@ -146,7 +197,7 @@ fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
     Ends { hit: u32::from(hit), miss: u32::from(miss) }
 }
 
-/// Of masks, or at height 0 of bitmaps.
+/// Addresses of masks, or at height 0 of bitmaps.
 #[inline]
 #[target_feature(enable = "avx512f,avx512dq")]
 fn addresses(tree: &Tree, at: __m512i, height: __m512i) -> [__m512i; 2] {

@@ -9,13 +9,14 @@
 //!     what the lanes are at now is prefetched; the other packets' visits pass until it is looked at
 //! ```
 //!
-//! The scalar walk (`traverse.rs`) goes down in a loop of its own; here going down one level is a visit like any other, so
-//! that lanes need not agree. A ray makes 30 to 40 visits. Speed of single rays, eight lanes, sixteen: 1, 5, 7.5.
+//! The scalar walk (`traverse.rs`) goes down in a loop of its own; here going down one level is a visit like any
+//! other, so that lanes need not agree. A ray makes 30 to 40 visits. Speed of single rays, eight lanes, sixteen: 1,
+//! 5, 7.5.
 //!
-//! Tried and lost, by the speed left: gathers without prefetch (0.6: misses of two packets are under way, not of all);
-//! 2 packets (0.8), 3 (0.95), 6 (1.0, but more lanes idle at the end of a batch); the code for eight lanes compiled for
-//! AVX-512VL (1.1 where sixteen gain 1.5); huge pages for the octree (1.03); a visit in three parts, each for all packets
-//! in turn (0.95); reciprocals instead of divisions when a ray enters (1.0).
+//! Tried and lost, by the speed left: gathers without prefetch (0.6: misses of two packets are under way, not of
+//! all); 2 packets (0.8), 3 (0.95), 6 (1.0, but more lanes idle at the end of a batch); the code for eight lanes
+//! compiled for AVX-512VL (1.1 where sixteen gain 1.5); huge pages for the octree (1.03); a visit in three parts,
+//! each for all packets in turn (0.95); reciprocals instead of divisions when a ray enters (1.0).
 //!
 //! Invariant: a lane stands at a node or leaf of the octree at all times, also one without a ray.
 
@@ -87,18 +88,18 @@ pub(super) struct Packet<const N: usize> {
     pub(super) height: Row<u32, N>,
     /// The node or leaf.
     pub(super) at: Row<u32, N>,
-    /// Its address, in the order of [`slot`].
+    /// Address of its mask or bitmap, in the order of [`slot`].
     pub(super) address: Row<u64, N>,
     /// Leaf and nodes on the way to it by height; above the greatest there is only the root, 0.
     pub(super) path: [Row<u32, N>; MAX_DEPTH],
     /// Lanes with a ray.
     busy: u32,
-    /// Which one it is, and its distance to the cube.
+    /// Index of the lane's ray, and its distance to the cube.
     ray: [usize; N],
     t_in: [f64; N],
 }
 
-/// Where a lane's 64 bits are: registers are unpacked within parts of four words, their lower pairs first.
+/// Place of a lane's 64 bits: registers are unpacked within parts of four words, their lower pairs first.
 fn slot<const N: usize>(lane: usize) -> usize {
     let (part, place) = (lane / 4, lane % 4);
     place / 2 * (N / 2) + 2 * part + place % 2
@@ -152,7 +153,7 @@ pub(in crate::voxel) struct Queue<'a, A> {
 }
 
 impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
-    /// All of `rays`, to be answered by place.
+    /// The queue of all `rays`, to be answered by place.
     pub(in crate::voxel) fn new(scene: &'a VoxelScene<'a>, rays: &'a [Ray], answer: A) -> Queue<'a, A> {
         Queue { scene, rays, taken: 0, answer }
     }
@@ -171,7 +172,7 @@ impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
         None
     }
 
-    /// What the walk of `ray` found, with its distance to the cube.
+    /// Answers `ray` with what its walk found, and its distance to the cube.
     #[inline(always)]
     pub(in crate::voxel) fn answer(&mut self, ray: usize, found: Option<(f64, Found)>) {
         (self.answer)(ray, found.map(|(t_in, found)| self.scene.hit_of(t_in, &found)));
@@ -179,7 +180,7 @@ impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
 }
 
 impl<const N: usize> Packet<N> {
-    /// Without rays, all lanes at the root.
+    /// A packet without rays, all lanes at the root.
     fn idle(tree: &Tree) -> Packet<N> {
         let (zeros, zero) = (Row([0; N]), Row([0.0; N]));
         Packet {
@@ -236,7 +237,7 @@ impl<const N: usize> Packet<N> {
         self.address.0[slot::<N>(lane)] = tree.nodes;
     }
 
-    /// Where a lane is that hit.
+    /// The voxel at which a lane stands that hit.
     fn found(&self, lane: usize) -> Found {
         Found {
             t: self.t.0[lane],
