@@ -1,6 +1,6 @@
 //! What stages count: rays by kind, what a pass did, what photons did.
 //!
-//! Invariant: counts of workers, passes and frames add up with `add`.
+//! Invariant: counts of workers, passes and frames add up with `add`, all but `tiles_left`, which is the last one's.
 
 /// The purpose of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -18,6 +18,7 @@ mod golden;
 mod house;
 mod image_diff;
 mod inputs;
+mod lengths;
 mod lies;
 mod lies_units;
 mod light;

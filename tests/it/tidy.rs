@@ -41,45 +41,31 @@ const UNSAFE_FILES: [&str; 16] = [
     // A C library as a peer, behind a feature.
     "bench/src/peers/embree.rs",
 ];
-/// Longest file: past this it is two files.
-const MAX_FILE_LINES: usize = 800;
-/// Lines of code of the renderer, shaders included: it stays readable in a day. Tests and comments do not count: a
-/// bound should speak against neither.
-const MAX_RENDER_LINES: usize = 10_000;
-/// Longest function, its closing line included: it fits a screen.
-const MAX_FUNCTION_LINES: usize = 80;
-/// Longest line, comments and documentation included.
-const MAX_COLUMNS: usize = 120;
-/// Files that may be longer than most, and why each is one noun all the same.
-const LONG_FILES: [(&str, &str); 1] =
-    [("bench/src/peers/embree.rs", "the declarations of a C library, and the one contender that they serve")];
-/// From here on a file is long.
-const LONG_FILE_LINES: usize = 400;
 /// How far above its block a SAFETY comment may begin.
 const SAFETY_REACH: usize = 8;
 
 /// A source file of the repository.
-struct Source {
+pub(crate) struct Source {
     /// Path relative to the root, with `/`.
-    path: String,
-    text: String,
+    pub(crate) path: String,
+    pub(crate) text: String,
 }
 
 impl Source {
     /// Lines that are no comment, numbered from 1.
-    fn code(&self) -> impl Iterator<Item = (usize, &str)> {
+    pub(crate) fn code(&self) -> impl Iterator<Item = (usize, &str)> {
         numbered(&self.text)
     }
 
     /// As [`Self::code`], up to the tests at the file's end; nothing of a file that is all tests.
-    fn shipped_code(&self) -> impl Iterator<Item = (usize, &str)> {
+    pub(crate) fn shipped_code(&self) -> impl Iterator<Item = (usize, &str)> {
         let all_tests = self.path.contains("/tests/") || self.path.ends_with("tests.rs");
         let tests_at = self.text.find("\n#[cfg(test)]\nmod tests").unwrap_or(self.text.len());
         let end = if all_tests { 0 } else { tests_at };
         numbered(&self.text[..end])
     }
 
-    fn is_in(&self, folder: &str) -> bool {
+    pub(crate) fn is_in(&self, folder: &str) -> bool {
         self.path.starts_with(folder)
     }
 
@@ -99,7 +85,7 @@ fn numbered(text: &str) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, line)| !line.trim_start().starts_with("//"))
 }
 
-fn root() -> &'static Path {
+pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
@@ -108,7 +94,7 @@ fn read(path: &str) -> String {
 }
 
 /// All files below the root whose name ends in `.extension`, build outputs left out, sorted.
-fn files(extension: &str) -> Vec<Source> {
+pub(crate) fn files(extension: &str) -> Vec<Source> {
     let mut folders = vec![root().to_path_buf()];
     let mut paths: Vec<PathBuf> = Vec::new();
     while let Some(folder) = folders.pop() {
@@ -135,7 +121,7 @@ fn files(extension: &str) -> Vec<Source> {
 
 /// Fails with all violations, if any.
 #[track_caller]
-fn none(violations: impl IntoIterator<Item = String>) {
+pub(crate) fn none(violations: impl IntoIterator<Item = String>) {
     let violations: Vec<String> = violations.into_iter().collect();
     assert!(violations.is_empty(), "\n{}\n", violations.join("\n"));
 }
@@ -260,90 +246,6 @@ fn every_file_opens_with_what_it_is() {
             .filter(|source| !opens(source))
             .map(|s| format!("{}:1: opens without `//!`", s.path)),
     );
-}
-
-#[test]
-fn files_stay_short_and_the_renderer_compact() {
-    let shaders_and_code =
-        || ["rs", "wgsl"].into_iter().filter(|e| *e == "rs" || has_shaders()).flat_map(files);
-    none(shaders_and_code().filter_map(|source| {
-        let lines = source.text.lines().count();
-        let may_be_long = LONG_FILES.iter().any(|(path, _)| *path == source.path);
-        let most = if may_be_long { MAX_FILE_LINES } else { LONG_FILE_LINES };
-        (lines > most).then(|| format!("{}: {lines} lines, at most {most}", source.path))
-    }));
-    let sources = files("rs");
-    none(LONG_FILES.iter().filter_map(|(path, _)| {
-        let lines = sources.iter().find(|source| source.path == *path).map(|s| s.text.lines().count());
-        let is_long = lines.is_some_and(|lines| lines > LONG_FILE_LINES);
-        (!is_long).then(|| format!("{path} is not long any more: take it off the list"))
-    }));
-    let inside = shaders_and_code().filter(|source| source.is_in("render/"));
-    let lines: usize = inside.map(|source| source.shipped_code().count()).sum();
-    assert!(lines < MAX_RENDER_LINES, "render/ has {lines} lines, allowed are fewer than {MAX_RENDER_LINES}");
-}
-
-#[test]
-fn lines_fit_and_functions_fit_a_screen() {
-    let mut bad = Vec::new();
-    for source in files("rs") {
-        for (at, line) in source.text.lines().enumerate() {
-            let columns = line.chars().count();
-            if columns > MAX_COLUMNS {
-                bad.push(format!("{}:{}: {columns} columns, at most {MAX_COLUMNS}", source.path, at + 1));
-            }
-        }
-        let functions = function_lengths(&source.text);
-        let long = functions.iter().filter(|(_, _, lines)| *lines > MAX_FUNCTION_LINES);
-        bad.extend(long.map(|(name, at, lines)| format!("{}:{at}: {name} has {lines} lines", source.path)));
-    }
-    none(bad);
-}
-
-/// Name, first line (from 1) and count of lines of each function whose body is a block of its own: rustfmt closes it at
-/// the indentation where it began.
-fn function_lengths(text: &str) -> Vec<(&str, usize, usize)> {
-    let lines: Vec<&str> = text.lines().collect();
-    let mut found = Vec::new();
-    for (at, line) in lines.iter().enumerate() {
-        let code = line.trim_start();
-        let words = ["pub ", "pub(crate) ", "pub(super) ", "const ", "unsafe ", "extern \"C\" "];
-        let mut rest = code;
-        while let Some(cut) = words.iter().find_map(|word| rest.strip_prefix(word)) {
-            rest = cut;
-        }
-        if let Some(inside) = rest.strip_prefix("pub(in ") {
-            rest = inside.split_once(") ").map_or(rest, |(_, rest)| rest);
-        }
-        let Some(name) = rest.strip_prefix("fn ") else { continue };
-        let name = name.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or_default();
-        let indent = &line[..line.len() - code.len()];
-        let closes = |line: &&str| line.strip_prefix(indent) == Some("}");
-        let ends = |line: &&str| {
-            line.starts_with(indent) && line.ends_with(';') && !line[indent.len()..].starts_with(' ')
-        };
-        // A declaration or a body on the same line has no block.
-        if line.ends_with(';') || line.ends_with('}') {
-            continue;
-        }
-        let end = lines[at + 1..].iter().position(|line| closes(line) || ends(line));
-        found.push((name, at + 1, end.map_or(1, |end| end + 2)));
-    }
-    found
-}
-
-#[test]
-fn functions_are_measured() {
-    let (inner, body) = ("        x();\n".repeat(3), "    x();\n".repeat(3));
-    let text = format!(
-        "impl A {{\n    pub(crate) fn one(&self) {{\n{inner}    }}\n}}\nfn two();\n\
-         const fn three(\n    a: u8,\n) {{\n{body}}}\n"
-    );
-    assert_eq!(function_lengths(&text), [("one", 2, 5), ("three", 9, 7)]);
-}
-
-fn has_shaders() -> bool {
-    root().join("render/src/gpu/shaders").is_dir()
 }
 
 #[test]

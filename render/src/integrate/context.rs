@@ -28,7 +28,7 @@ pub(crate) struct RenderContext<'a> {
     /// The voxels of the model: for G-rays, for C-rays behind the cut, and for stand-ins; `None` for a model without.
     pub(crate) voxels: Option<GScene<'a>>,
     /// The photons of `full-gi`; without, surfaces are dark to gather rays.
-    pub(crate) photons: Option<&'a PhotonTree>,
+    pub(crate) photon_tree: Option<&'a PhotonTree>,
     /// True when the first sample of each pixel also says what its centre shows.
     pub(crate) has_layers: bool,
 }
@@ -44,13 +44,13 @@ impl<'a> RenderContext<'a> {
             let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
             GScene { voxels: voxels.scene(occluders), lower, irradiance, near, answers_g_rays }
         });
-        RenderContext { world, voxels, photons: None, has_layers: false }
+        RenderContext { world, voxels, photon_tree: None, has_layers: false }
     }
 
     /// The context of `world` with its mesh alone.
     #[cfg(test)]
     pub(crate) fn from_mesh(world: &'a World) -> RenderContext<'a> {
-        RenderContext { world, voxels: None, photons: None, has_layers: false }
+        RenderContext { world, voxels: None, photon_tree: None, has_layers: false }
     }
 
     /// This context, with what the layers of a film take.
@@ -59,8 +59,8 @@ impl<'a> RenderContext<'a> {
     }
 
     /// This context, with the photons of `full-gi`.
-    pub(crate) fn with_photons(self, photons: Option<&'a PhotonTree>) -> RenderContext<'a> {
-        RenderContext { photons, ..self }
+    pub(crate) fn with_photon_tree(self, photon_tree: Option<&'a PhotonTree>) -> RenderContext<'a> {
+        RenderContext { photon_tree, ..self }
     }
 
     /// Material of `surface`.

@@ -16,8 +16,7 @@
 use super::Integrator;
 use super::c_ray::CRayHit;
 use super::context::RenderContext;
-use super::g_scene::MIRRORS_MAX;
-use super::path_state::{GatherRay, Path, Stage};
+use super::path_state::{GatherRay, MIRRORS_MAX, Path, Stage};
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
@@ -62,7 +61,7 @@ impl RenderContext<'_> {
             path.gain_indirect(weight * Vec3::from(material.ke));
         }
         let met = SurfaceInteraction::new(&ray, &hit);
-        if let Some(photons) = self.photons {
+        if let Some(photons) = self.photon_tree {
             path.sample.look_ups += 1;
             let k_nearest = self.world.settings.k_nearest;
             path.gain_indirect(weight * photons.radiance(&met, &self.world.materials, k_nearest));

@@ -9,6 +9,7 @@
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
 //! units, rays wait for those that they need; light is kept by the facets of the upper leaves above them.
 
+use super::path_state::MIRRORS_MAX;
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
 use crate::scene::settings::Near;
@@ -23,8 +24,6 @@ use trex_store::Material;
 const NEAR_LEAVES: f64 = 2.0;
 /// Greatest length of that part, in leaves: where a ray grazes its surface.
 const NEAR_LEAVES_MAX: f64 = 16.0;
-/// Mirrors that a gather ray follows; what lies behind more of them is dark.
-pub(crate) const MIRRORS_MAX: u32 = 8;
 
 /// Voxels, and the light in them.
 #[derive(Clone, Copy, Debug)]

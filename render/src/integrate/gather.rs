@@ -1,6 +1,4 @@
-//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around: gather rays fetch it.
-//! Paper, section 5. Perfect mirrors carry the view on, as in `direct`. The directions of gather rays are drawn here,
-//! for `full-gi` too.
+//! Gather rays: their directions, for `photon` and `full-gi`; and what those of `photon` bring back from the voxels.
 //!
 //! ```text
 //! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi   (emitters left out, as shadow
@@ -11,35 +9,19 @@
 //! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it
 //! meets, so it can be blocked by few pages.
 
-use super::Integrator;
-use super::c_ray::CRayHit;
 use super::context::RenderContext;
 use super::g_scene::{GScene, Gathered};
 use super::path_state::{GatherRay, Path, Stage};
 use crate::sampler::Decision;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
-use crate::trace::{Answer, Ray, Tracer};
+use crate::trace::{Answer, Tracer};
 use glam::{DVec3, Vec3};
-
-/// Photon mapping on voxels: see the top of the file.
-#[derive(Debug)]
-pub(super) struct PhotonMapping;
 
 /// The direction of a gather ray, and what a radiance from there counts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GatherQuery {
     pub(super) direction: DVec3,
     pub(super) weight: Vec3,
-}
-
-impl Integrator for PhotonMapping {
-    fn c_ray_end(&self, ctx: &RenderContext<'_>, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
-        ctx.seen(path, ray, hit)
-    }
-
-    fn bounce(&self, ctx: &RenderContext<'_>, path: &mut Path, surface: &SurfaceInteraction) -> Stage {
-        ctx.mirror_bounce(path, surface)
-    }
 }
 
 impl RenderContext<'_> {

@@ -12,7 +12,7 @@
 
 use super::c_ray::{CRayHit, FarRay};
 use super::context::RenderContext;
-use super::path_state::{Origin, Path, Stage};
+use super::path_state::{Origin, Path};
 use crate::trace::{Answer, Hit, Ray, Tracer};
 
 /// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing
@@ -29,24 +29,8 @@ pub(super) enum Closest {
     Far(FarRay),
 }
 
-/// Rays that are traced together, and their answers.
-#[derive(Debug, Default)]
-pub(crate) struct Together {
-    rays: Vec<Ray>,
-    answers: Vec<Answer<Option<Hit>>>,
-}
-
-impl Together {
-    /// Bytes that the rays of so many paths take.
-    pub(crate) fn bytes(path_count: usize) -> u64 {
-        let asking = size_of::<(&mut Path, &mut bool, Ray, f64)>();
-        // Vectors that grow by doubling.
-        (2 * path_count * (size_of::<Ray>() + size_of::<Answer<Option<Hit>>>() + asking)) as u64
-    }
-}
-
 /// The part of a C-ray that the mesh answers; `None` where that is nothing.
-fn before(ray: &Ray, cut: f64) -> Option<Ray> {
+pub(super) fn before(ray: &Ray, cut: f64) -> Option<Ray> {
     (cut > 0.0).then(|| Ray { t_max: ray.t_max.min(cut), ..*ray })
 }
 
@@ -92,7 +76,7 @@ impl RenderContext<'_> {
     }
 
     /// Parameter from which on voxels answer the C-ray at hand; infinite where the mesh does to its end.
-    fn cut(&self, path: &Path) -> f64 {
+    pub(super) fn cut(&self, path: &Path) -> f64 {
         let lod_distance = self.world.lod_distance;
         let Some(scene) = self.voxels.as_ref().filter(|_| lod_distance < f64::INFINITY) else {
             return f64::INFINITY;
@@ -103,35 +87,6 @@ impl RenderContext<'_> {
             _ if matches!(path.origin, Origin::Scattered { .. }) => f64::INFINITY,
             0 => lod_distance,
             _ => (lod_distance - path.travelled).max(MIRROR_LEAVES * scene.voxels.leaf_side()),
-        }
-    }
-
-    /// Traces the rays from the camera of a tile's paths together: neighbours mostly meet the same pages and nodes. A
-    /// path whose ray is blocked stays as it is, and is told so.
-    pub(super) fn meet_together<'p, T: Tracer>(
-        &self,
-        paths: impl Iterator<Item = (&'p mut Path, &'p mut bool)>,
-        tracer: &mut T,
-        together: &mut Together,
-    ) {
-        let Together { rays, answers } = together;
-        rays.clear();
-        answers.clear();
-        let mut asking = Vec::with_capacity(paths.size_hint().1.unwrap_or(0));
-        for (path, is_blocked) in paths {
-            let Stage::CRay(ray) = path.stage else { continue };
-            let cut = self.cut(path);
-            if let Some(part) = before(&ray, cut).filter(|_| matches!(path.origin, Origin::Camera)) {
-                rays.push(part);
-                asking.push((path, is_blocked, ray, cut));
-            }
-        }
-        tracer.intersect_coherent(rays, answers);
-        for ((path, is_blocked, ray, cut), answer) in asking.into_iter().zip(answers) {
-            match *answer {
-                Answer::Blocked => *is_blocked = true,
-                Answer::Exact(found) => path.stage = Stage::Met { ray, cut, found },
-            }
         }
     }
 }

@@ -21,14 +21,16 @@ mod gather;
 mod lod;
 mod path;
 mod path_state;
+mod photon;
 mod preview;
 mod sample_integrator;
+mod together;
 
 pub(crate) use context::RenderContext;
 pub(crate) use g_batch::GBatches;
-pub(crate) use lod::Together;
 pub(crate) use path_state::{Path, Sample};
 pub(crate) use sample_integrator::{SampleIntegrator, Step};
+pub(crate) use together::Together;
 
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;

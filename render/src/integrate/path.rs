@@ -30,7 +30,7 @@ pub(super) struct PathTracing;
 impl Integrator for PathTracing {
     fn c_ray_end(&self, ctx: &RenderContext<'_>, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
         match path.origin {
-            Origin::Scattered { from, pdf } => gathered(ctx, path, (ray, hit), (&from, pdf)),
+            Origin::Scattered { from, pdf } => bounce_end(ctx, path, (ray, hit), (&from, pdf)),
             Origin::Camera | Origin::Mirror => ctx.seen(path, ray, hit),
         }
     }
@@ -74,7 +74,7 @@ fn mis_weight(own: f64, other: f64) -> f32 {
 }
 
 /// The end of a bounce that light samples at `from` could have been.
-fn gathered(
+fn bounce_end(
     ctx: &RenderContext<'_>,
     path: &mut Path,
     (ray, hit): (&Ray, Option<CRayHit>),

@@ -18,6 +18,8 @@ const BOUNCES_SURE: u32 = 4;
 const ROULETTE_MAX: f32 = 0.95;
 /// Most bounces of a path. By roulette one path in 400,000 gets so far; what it would still bring is lost.
 pub(crate) const BOUNCES_MAX: u32 = 256;
+/// Mirrors that a gather ray follows; what lies behind more of them is dark.
+pub(crate) const MIRRORS_MAX: u32 = 8;
 
 /// The result of a sample of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -36,7 +36,7 @@ pub enum Method {
     Path,
     /// Ambient occlusion: see `integrate/ao.rs`.
     Ao,
-    /// Photon mapping on voxels: see `integrate/gather.rs`. Also called `cpu-gi`: all of it runs on the CPU.
+    /// Photon mapping on voxels: see `integrate/photon.rs`. Also called `cpu-gi`: all of it runs on the CPU.
     #[serde(alias = "cpu-gi")]
     Photon,
     /// Photon mapping on the exact mesh: see `integrate/final_gather.rs`.

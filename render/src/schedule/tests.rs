@@ -1,4 +1,4 @@
-//! Tests of the frame loop with doubles: tracers that hesitate, and one that has hardly any room.
+//! Tests of passes with doubles: tracers that hesitate, and one that has hardly any room.
 
 use super::*;
 use crate::image::encode::write_exr;

@@ -10,7 +10,7 @@ use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
 use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
-use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
+use crate::image::tile::Tile;
 use crate::integrate::{RenderContext, SampleIntegrator};
 use crate::schedule::{Canvas, Pass, TileWork, Until, Workers};
 use crate::stats::PassStats;
@@ -24,7 +24,7 @@ const PREVIEW_TILES_MOST: u32 = 256;
 const PHOTON_PART: u32 = 2;
 
 /// The time that the tiles of a frame may take, and how many are wanted.
-struct Plan {
+struct FrameTimes {
     nth: Nth,
     deadline: Instant,
     /// Time that a block should take.
@@ -47,7 +47,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let mut photon_rays = 0;
         let has_responded = self.live.first_block.is_some();
         // The response comes first, unless there is no light at all.
-        if has_responded || self.photons.as_ref().is_some_and(|map| map.photons() == 0) {
+        if has_responded || self.photon_map.as_ref().is_some_and(|map| map.photons() == 0) {
             photon_rays = self.illuminate_until(begin + t_max / PHOTON_PART, stop);
         }
         let pass = self.run_tiles(spp, begin, stop);
@@ -68,9 +68,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// Shows what one voxel ray a tile sees.
     fn show_preview(&mut self) {
-        let Session { world, model, photons, film, tiles, tracers, pool, .. } = &self.session;
+        let Session { world, model, photon_map, film, tiles, tracers, pool, .. } = &self.session;
         let Live { next, display, .. } = &mut self.live;
-        let irradiance = irradiance(photons.as_ref(), next.as_ref());
+        let irradiance = irradiance(photon_map.as_ref(), next.as_ref());
         let ctx = RenderContext::new(world, model, irradiance).with_layers(film.layers());
         let integrator = SampleIntegrator::new(ctx);
         let share = tiles.count().div_ceil(4 * tracers.len() as u32);
@@ -78,7 +78,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let preview = |indices: &[u32]| {
             // In rows: neighbours meet the same nodes.
             let some: Vec<Tile> = indices.iter().map(|&index| tiles.tile(index)).collect();
-            let paths: Vec<_> = some.iter().map(|tile| integrator.start(middle(tile), 0)).collect();
+            let paths: Vec<_> = some.iter().map(|tile| integrator.start(tile.middle(), 0)).collect();
             let radiances = integrator.previews(paths.iter()).unwrap_or_default();
             some.into_iter().zip(radiances).collect::<Vec<_>>()
         };
@@ -93,12 +93,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Sends photons of changed light. Gives the count of their rays.
     fn illuminate_until(&mut self, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> u64 {
         let Some(next) = &mut self.live.next else { return 0 };
-        let Some(mut map) = self.session.photons.take() else { return 0 };
+        let Some(mut map) = self.session.photon_map.take() else { return 0 };
         let target = self.session.view.settings.photons;
         let stop = || Instant::now() >= deadline || stop();
         let done = self.session.voxel_photons().map(|photons| next.go_on(&photons, &mut map, target, &stop));
         let (rays, has_changed) = done.unwrap_or_default();
-        self.session.photons = Some(map);
+        self.session.photon_map = Some(map);
         if has_changed {
             self.begin_again();
         }
@@ -106,7 +106,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 
     /// The plan of a frame that began at `begin`.
-    fn plan(&self, begin: Instant) -> Plan {
+    fn times(&self, begin: Instant) -> FrameTimes {
         let live = &self.live;
         let t_max = live.options.t_max;
         let nth = if live.first_block.is_some() { Nth::Later } else { Nth::First };
@@ -118,16 +118,17 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let least = t_max / BLOCK_PART_LEAST;
         let deadline = Instant::now() + longest.saturating_sub(passed).max(least);
         let allowed = (t_max / BLOCK_PART).saturating_sub(passed).max(least);
-        Plan { nth, deadline, allowed, whole: live.block.tiles(nth) }
+        FrameTimes { nth, deadline, allowed, whole: live.block.tiles(nth) }
     }
 
     fn run_tiles(&mut self, spp: u32, begin: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
-        let Plan { nth, deadline, allowed, whole } = self.plan(begin);
-        let Session { world, model, photons, tree, film, tiles, tracers, pool, .. } = &mut self.session;
+        let FrameTimes { nth, deadline, allowed, whole } = self.times(begin);
+        let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, .. } =
+            &mut self.session;
         let Live { next, display, pass, block, finished, .. } = &mut self.live;
-        let ctx = RenderContext::new(world, model, irradiance(photons.as_ref(), next.as_ref()))
+        let ctx = RenderContext::new(world, model, irradiance(photon_map.as_ref(), next.as_ref()))
             .with_layers(film.layers())
-            .with_photons(tree.as_ref());
+            .with_photon_tree(photon_tree.as_ref());
         let work = TileWork { integrator: SampleIntegrator::new(ctx), tiles };
         let (begin, was_complete) = (Instant::now(), film.samples() > 0);
         let mut total = PassStats::default();
@@ -190,9 +191,4 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             photon_rays,
         }
     }
-}
-
-/// The pixel that the ray of a tile's preview goes through.
-pub(super) fn middle(tile: &Tile) -> [u32; 2] {
-    std::array::from_fn(|a| tile.first[a] + tile.size[a].min(TILE_SIDE_PIXELS) / 2)
 }

@@ -31,20 +31,20 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        if self.view.settings.integrator == Method::FullGi && self.tree.is_none() {
+        if self.view.settings.integrator == Method::FullGi && self.photon_tree.is_none() {
             return self.grow_tree(stop, tell);
         }
         if self.view.settings.bake {
             return self.bake(stop, tell);
         }
-        let Some(mut map) = self.photons.take() else { return Ok(PhotonStats::default()) };
+        let Some(mut map) = self.photon_map.take() else { return Ok(PhotonStats::default()) };
         let target = self.view.settings.photons;
         let stats = self.voxel_photons().map_or(Ok(None), |all| all.begin()).map(|work| {
             let mut work: PassInWork = work?;
             let all = self.voxel_photons()?;
             Some(all.trace((&mut work, &mut map), target, stop, &mut |done| tell(done, target)))
         });
-        self.photons = Some(map);
+        self.photon_map = Some(map);
         Ok(stats?.unwrap_or_default())
     }
 
@@ -69,8 +69,10 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        let Session { world, model, view, tracers, budget, photons, pool, .. } = self;
-        let (Some(map), Some(voxels)) = (photons, &model.voxels) else { return Ok(PhotonStats::default()) };
+        let Session { world, model, view, tracers, budget, photon_map, pool, .. } = self;
+        let (Some(map), Some(voxels)) = (photon_map, &model.voxels) else {
+            return Ok(PhotonStats::default());
+        };
         let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
         let RenderKeys { photons: target, occluders, .. } = *view.settings;
         let voxels = voxels.scene(occluders);
@@ -105,7 +107,7 @@ impl<T: PagedTracer + Send> Session<T> {
         };
         let stats = send_in_passes(0..target, send, &mut |done| tell(done, target));
         let store = store.into_inner().expect("a worker panicked");
-        self.tree = Some(store.into_tree(stats.photons));
+        self.photon_tree = Some(store.into_tree(stats.photons));
         Ok(stats)
     }
 }

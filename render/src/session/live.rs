@@ -150,7 +150,7 @@ impl<T: PagedTracer + Send> Session<T> {
             .numbers("frames with a deadline need them")
             .next("build the file without --no-asvo, or render without a deadline"));
         }
-        let next = match (&self.photons, self.voxel_photons()) {
+        let next = match (&self.photon_map, self.voxel_photons()) {
             (Some(map), Some(photons)) => NextLight::new(&photons, map, &self.budget)?,
             _ => None,
         };

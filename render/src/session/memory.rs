@@ -1,7 +1,7 @@
 //! `MemoryPlan`: how a memory limit is shared out for a picture, and the smallest limit that works.
 //!
 //! ```text
-//! limit = reserve + tables + voxels + photons + film + frame loop + encoder + pins + staging (at most a tenth)
+//! limit = reserve + tables + voxels + photons + film + passes + encoder + pins + staging (at most a tenth)
 //!         + frames (the rest)
 //! smallest: 4 staging slots, 32 frames a worker
 //! ```
@@ -53,7 +53,7 @@ pub struct MemoryPlan {
     pub voxels_bytes: u64,
     /// Photons that are kept each by itself (`full-gi`), and those under way on the mesh.
     pub photons_bytes: u64,
-    /// Film, frame loop, encoder, filter.
+    /// Film, passes over tiles, encoder, filter.
     pub film_bytes: u64,
     /// Staging buffers, the pool's tables, the workers' pins.
     pub staging_bytes: u64,

@@ -11,7 +11,7 @@
 //! deadline allows and tells what there is.
 //!
 //! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film, so all samples of a
-//! film are of one state; 3. film and frame loop are leased from the budget for the life of the session.
+//! film are of one state; 3. film and passes are leased from the budget for the life of the session.
 
 mod fetch_block;
 mod frame;
@@ -111,9 +111,9 @@ pub struct Session<T> {
     pub(super) tiles: Tiles,
     pub(super) film: Film,
     /// Light in the voxels; of `photon` alone.
-    pub(super) photons: Option<PhotonMap>,
+    pub(super) photon_map: Option<PhotonMap>,
     /// Photons one by one; of `full-gi` alone, once they were sent.
-    pub(super) tree: Option<PhotonTree>,
+    pub(super) photon_tree: Option<PhotonTree>,
     pub(super) pool: Arc<ThreadPool>,
     pub(super) budget: Budget,
     _lease: Lease,
@@ -155,18 +155,30 @@ impl<T: PagedTracer + Send> Session<T> {
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
         let resolution = view.settings.resolution;
-        let lease = budget.lease("the frame loop", pass_bytes(resolution, tracers.len()))?;
+        let lease = budget.lease("the passes over tiles", pass_bytes(resolution, tracers.len()))?;
         let film = Film::new(resolution, layers, budget)?;
         let tiles = Tiles::z_curve(resolution);
-        let photons = match &model.voxels {
+        let photon_map = match &model.voxels {
             Some(voxels) if view.settings.integrator == Method::Photon => {
                 Some(PhotonMap::new(voxels.facet_count(), budget)?)
             }
             _ => None,
         };
         let budget = budget.clone();
-        let tree = None;
-        Ok(Session { model, view, world, tracers, tiles, film, photons, tree, pool, budget, _lease: lease })
+        let photon_tree = None;
+        Ok(Session {
+            model,
+            view,
+            world,
+            tracers,
+            tiles,
+            film,
+            photon_map,
+            photon_tree,
+            pool,
+            budget,
+            _lease: lease,
+        })
     }
 
     /// Changes camera, lights or a material.
@@ -197,14 +209,14 @@ impl<T: PagedTracer + Send> Session<T> {
             self.model = model;
         }
         if light {
-            self.tree = None;
+            self.photon_tree = None;
         }
         Ok(Change { before, light })
     }
 
     fn forget_photons(&mut self) {
-        if let Some(photons) = &mut self.photons {
-            photons.clear();
+        if let Some(map) = &mut self.photon_map {
+            map.clear();
         }
     }
 
@@ -217,10 +229,10 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
-        let irradiance = self.photons.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
+        let irradiance = self.photon_map.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
         let ctx = RenderContext::new(&self.world, &self.model, irradiance)
             .with_layers(self.film.layers())
-            .with_photons(self.tree.as_ref());
+            .with_photon_tree(self.photon_tree.as_ref());
         let work = TileWork { integrator: SampleIntegrator::new(ctx), tiles: &self.tiles };
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {

@@ -2,7 +2,6 @@
 //! beside the pages in use.
 
 use super::Session;
-use super::frame::middle;
 use super::governor::DEMAND;
 use super::live::{LiveSession, Prefetch};
 use crate::schedule::Pass;
@@ -38,7 +37,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         if let Some(pass) = &live.pass {
             let turn = pass.turn().min(tiles.count());
             for turn in turn..tiles.count().min(turn + TILES_AHEAD) {
-                let [x, y] = middle(&tiles.nth(turn)).map(f64::from);
+                let [x, y] = tiles.nth(turn).middle().map(f64::from);
                 probe(tracer, world.projection.ray(x, y));
             }
         }

@@ -1,4 +1,4 @@
-//! `SurfaceInteraction`: where a ray met the mesh, and the rays that leave from there.
+//! `SurfaceInteraction`: where a ray met the mesh or the voxels, and the rays that leave from there.
 //!
 //! Invariants: 1. the normal is on the side that the ray came from; 2. a ray that leaves does not meet the surface
 //! that it leaves, nor the one that it is sent to.

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The ray is moved to where it enters the model's box before anything is rounded to f32, so that what the
-//! kernels see are short numbers whatever the camera's distance (design section 5, "C-rays").
+//! kernels see are short numbers whatever the camera's distance.
 //!
 //! Invariants: 1. `entry = cell + fraction` exactly in f64, `|fraction| <= 1`; 2. the longest component of the
 //! direction is 1; 3. the entry lies outside of all geometry or is the ray's own origin: no hit has t < 0 by the move.

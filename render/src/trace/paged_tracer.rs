@@ -14,7 +14,7 @@ pub enum Predictor {
     Tiles,
 }
 
-/// A tracer whose pages come and go, as the frame loop needs it besides answers.
+/// A tracer whose pages come and go, as work that waits for pages needs it.
 pub trait PagedTracer: Tracer {
     /// Called when a tile starts or resumes: pins of the previous tile may be dropped. Until the next call, pages
     /// that were resident when a ray asked for them should stay, as far as there is room.

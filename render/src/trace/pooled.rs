@@ -1,4 +1,5 @@
-//! `PooledPages`: pages from the pool, held by pins of one worker; and what the frame loop asks of such a tracer.
+//! `PooledPages`: pages from the pool, held by pins of one worker; and what work that waits for pages asks of such a
+//! tracer.
 //!
 //! A worker pins a page when a ray first needs it and keeps it until its next tile begins, so that a look-up
 //! costs one table access, and a blocked ray finds its pages again. When its share of the frames is used up it

@@ -6,9 +6,9 @@
 //!   the child is missing      -> the ray leaves that empty cube; up to the node that holds the next cell too
 //! ```
 //!
-//! Units are subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a cube
-//! the axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side. So
-//! each step goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a
+//! Lengths are in subvoxels of the cube, x, y, z from 0 to 4 * resolution. The cell is kept in integers: on leaving a
+//! cube the axis of exit moves to the neighbour, the others are what the position says, kept within the cube's side.
+//! So each step goes on to a neighbour, whatever the rounding, and no cell between two steps is jumped over but for a
 //! corner's width.
 //!
 //! A ray leaves its own voxels by its start: a cube of side `s` that a plane of unit normal `n` touches lies within

@@ -1,5 +1,6 @@
-//! Rays that leave a surface, as the renderer sends them: from the hit, along the normal by four times the hit's error
-//! (`render/src/shading/surface.rs`). They must neither meet the surface that they leave, nor miss what stands beside it.
+//! Rays that leave a surface, as the renderer sends them: from the hit, along the normal by four times the hit's
+//! error (`render/src/shading/surface.rs`). They must neither meet the surface that they leave, nor miss what stands
+//! beside it.
 //!
 //! In a convex mesh both have exact answers: outward nothing is met, inward something always is. The meshes
 //! mix triangles of all sizes in one plane, since the small one's error is not the large one's.

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The rectangle is the shadow of the model's box on a plane across the direction: smaller than the disc of the
-//! bounding sphere (design section 5), so that fewer photons miss a flat model.
+//! bounding sphere, so that fewer photons miss a flat model.
 //!
 //! Invariants: 1. flux over chance is what the light sends into the model's box, so the mean over photons is right;
 //! 2. a source that gives light has a chance.
