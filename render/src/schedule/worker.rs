@@ -54,6 +54,7 @@ pub(super) struct Piece<'a> {
     pub(super) finished: AtomicU32,
 }
 
+/// A worker of a piece, at work.
 pub(super) struct Worker<'a, T> {
     piece: &'a Piece<'a>,
     tracer: &'a mut T,
@@ -129,6 +130,7 @@ impl Piece<'_> {
 }
 
 impl<'a, T: PagedTracer> Worker<'a, T> {
+    /// A worker of `piece` that goes on with what `lane` holds.
     pub(super) fn new(piece: &'a Piece<'a>, tracer: &'a mut T, lane: &'a mut Lane) -> Worker<'a, T> {
         let (together, batches, retry, stats) = Default::default();
         Worker { piece, tracer, lane, together, batches, retry, stats }

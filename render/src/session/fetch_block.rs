@@ -30,11 +30,13 @@ pub(super) enum Nth {
 }
 
 impl FetchBlock {
+    /// Blocks of `most` tiles at most, and of that many until speeds are known.
     pub(super) fn new(most: u32) -> FetchBlock {
         let most = most.max(BLOCK_TILES_MIN);
         FetchBlock { most, tiles: [f64::from(most); 2] }
     }
 
+    /// Count of tiles of a block.
     pub(super) fn tiles(&self, nth: Nth) -> u32 {
         (self.tiles[nth as usize] as u32).clamp(BLOCK_TILES_MIN, self.most)
     }

@@ -19,6 +19,7 @@ pub(super) struct Governor {
 }
 
 impl Governor {
+    /// A governor that starts from the error that was asked for, pixels.
     pub(super) fn new(asked: f64) -> Governor {
         Governor { asked, error: asked, has_let_go: false }
     }

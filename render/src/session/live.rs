@@ -41,7 +41,7 @@ use trex_store::{Code, Error, Result};
 pub struct FrameOptions {
     /// Longest time of a frame.
     pub t_max: Duration,
-    /// Most tiles of a fetch block, at least [`BLOCK_TILES_MIN`].
+    /// Most tiles of a fetch block, at least [`crate::BLOCK_TILES_MIN`].
     pub fetch_block: u32,
     /// The order of tiles.
     pub order: TileOrder,

@@ -52,6 +52,7 @@ pub(super) struct Missing {
 }
 
 impl Missing {
+    /// An empty list.
     pub(super) fn none() -> Missing {
         Missing { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
     }
@@ -304,6 +305,7 @@ pub(super) struct Stack {
 }
 
 impl Stack {
+    /// An empty stack.
     pub(super) fn new() -> Stack {
         Stack { entries: Box::new([Entry(0); STACK]) }
     }
