@@ -80,7 +80,7 @@ impl Entry {
     /// The `shift` of a free triangle.
     pub(super) const FREE: u8 = 32;
 
-    const fn of(symbol: usize) -> Entry {
+    const fn new(symbol: usize) -> Entry {
         let (gate, gate_bits) = match symbol / 4 {
             GATES => (0, 0),
             9 => (0, ANY_GATE_BITS as u8),
@@ -128,7 +128,7 @@ pub(super) const ASIDE: u8 = 0xff;
 pub(super) const NAME_MASK: u8 = (1 << NAME_BITS) - 1;
 const _: () = assert!(CLUSTER_VERTICES == NAME_MASK as usize + 1);
 
-static BY_APEX: [Entry; 4] = [Entry::of(0), Entry::of(1), Entry::of(2), Entry::of(3)];
+static BY_APEX: [Entry; 4] = [Entry::new(0), Entry::new(1), Entry::new(2), Entry::new(3)];
 
 /// Code words by symbol.
 pub(super) const WORDS: [Word; SYMBOLS] = words();
@@ -156,13 +156,13 @@ const fn words() -> [Word; SYMBOLS] {
 }
 
 const fn table() -> [Entry; 1 << LONGEST] {
-    let mut table = [Entry::of(0); 1 << LONGEST];
+    let mut table = [Entry::new(0); 1 << LONGEST];
     let mut symbol = 0;
     while symbol < SYMBOLS {
         let word = WORDS[symbol];
         let mut at = word.bits as usize;
         while at < table.len() {
-            table[at] = Entry::of(symbol);
+            table[at] = Entry::new(symbol);
             at += 1 << word.length;
         }
         symbol += 1;
@@ -180,7 +180,7 @@ mod tests {
             for behind in [0, 1, 0x155, !0] {
                 assert_eq!(
                     *Entry::at(word.bits | behind << word.length),
-                    Entry::of(symbol),
+                    Entry::new(symbol),
                     "symbol {symbol}"
                 );
             }

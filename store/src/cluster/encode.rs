@@ -81,7 +81,7 @@ impl PageContent {
     pub fn encode(&self) -> (Vec<u8>, DiskBits) {
         assert!(self.roots.len() <= PAGE_ROOTS && self.frame_bytes() <= FRAME_BYTES, "the page is too full");
         let mut out = BitWriter::default();
-        let head = Head::of(&self.clusters);
+        let head = Head::new(&self.clusters);
         for (count, bits) in [(self.clusters.len(), 16), (self.nodes.len(), 16), (self.roots.len(), 8)] {
             out.put(count as u64, bits);
         }
@@ -162,7 +162,7 @@ pub(super) struct Head {
 }
 
 impl Head {
-    fn of(clusters: &[ClusterMesh]) -> Head {
+    fn new(clusters: &[ClusterMesh]) -> Head {
         let bases = clusters.iter().map(|cluster| cluster.widths().base);
         let (lo, hi) = bases.fold(([i64::MAX; 3], [0; 3]), |(lo, hi), base| {
             (std::array::from_fn(|a| base[a].min(lo[a])), std::array::from_fn(|a| base[a].max(hi[a])))

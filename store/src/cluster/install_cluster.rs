@@ -140,7 +140,7 @@ impl ClusterInstaller {
         let machine = self.machine;
         machine.run(Topology { input: &mut input, counts, walk: &mut self.walk })?;
         let leaves = self.measure_leaves(&plan);
-        let places = Places::of(&plan, &leaves);
+        let places = Places::new(&plan, &leaves);
         let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
             return Err("a page does not fit its frame");
         };
@@ -300,7 +300,7 @@ impl ClusterInstaller {
 }
 
 impl Places {
-    fn of(plan: &Plan, leaves: &[LeafIndices; CLUSTER_LEAVES]) -> Places {
+    fn new(plan: &Plan, leaves: &[LeafIndices; CLUSTER_LEAVES]) -> Places {
         let (mut wider, mut palette) = (0, CLUSTER_LEAVES_AT);
         for (leaf, indices) in leaves[..plan.leaf_count()].iter().enumerate() {
             let more = indices.width - LEAF_WIDTH_LEAST;

@@ -59,15 +59,15 @@ impl Class {
     fn difference(width: u32, lanes: &Lanes) -> Class {
         let bits = lanes.bits.map(|b| b.min(width));
         let half = bits.map(|b| if b == 0 { 0 } else { 1u64 << (b - 1) });
-        Class { keep: lanes.mask(), bias: lanes.sub(0, lanes.put(half)), ..Class::of(bits, lanes) }
+        Class { keep: lanes.mask(), bias: lanes.sub(0, lanes.put(half)), ..Class::new(bits, lanes) }
     }
 
     /// No prediction, no bias.
     fn plain(lanes: &Lanes) -> Class {
-        Class::of(lanes.bits, lanes)
+        Class::new(lanes.bits, lanes)
     }
 
-    fn of(bits: [u32; 3], lanes: &Lanes) -> Class {
+    fn new(bits: [u32; 3], lanes: &Lanes) -> Class {
         let fields = Fields::new(bits, [0, 1, 2].map(|axis| lanes.shift(axis)));
         Class { bits: bits.iter().sum(), fields, keep: 0, bias: 0 }
     }

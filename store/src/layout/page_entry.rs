@@ -17,7 +17,7 @@ pub enum PageKind {
 
 impl PageKind {
     /// The kind of a byte.
-    fn of(byte: u32) -> Option<PageKind> {
+    fn from_byte(byte: u32) -> Option<PageKind> {
         [PageKind::Mesh, PageKind::Units].into_iter().find(|kind| *kind as u32 == byte)
     }
 }
@@ -79,7 +79,7 @@ impl PageEntry {
             1 => Packing::Lz4,
             _ => return None,
         };
-        let page_kind = PageKind::of(kind & 0xff)?;
+        let page_kind = PageKind::from_byte(kind & 0xff)?;
         let sound = reserved == 0
             && (page_kind == PageKind::Mesh || triangle_count == 0)
             && (1..=STORED_BYTES as u32).contains(&stored_bytes)
