@@ -38,7 +38,8 @@ fn main() -> Result<(), Error> {
         ControlFlow::Continue(())
     });
     let mut png = vec![];
-    write_png(session.film(), 1.0, &mut png).map_err(|error| Error::io("encode", &found.path, &error))?;
+    write_png(session.film(), 1.0, session.thread_pool(), &mut png)
+        .map_err(|error| Error::io("encode", &found.path, &error))?;
     println!("a picture of {} bytes", png.len());
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! The picture on disk: PNG or EXR by its ending, written beside its name and renamed when whole.
 
+use rayon::ThreadPool;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -45,9 +46,9 @@ impl PictureFile {
     }
 
     /// Encodes the picture; nothing is left behind when that fails.
-    pub fn write(&self, image: &impl Image, exposure: f32) -> Result<()> {
+    pub fn write(&self, image: &impl Image, exposure: f32, pool: &ThreadPool) -> Result<()> {
         self.write_with(|writer| {
-            if self.is_exr { write_exr(image, writer) } else { write_png(image, exposure, writer) }
+            if self.is_exr { write_exr(image, writer) } else { write_png(image, exposure, pool, writer) }
         })
     }
 

@@ -206,7 +206,7 @@ impl Job<'_> {
             clock.ctx.interrupt.check()?;
             let rendered = Instant::now();
             show.smooth()?;
-            shot.target.write(show, keys.exposure)?;
+            shot.target.write(show, keys.exposure, show.session().thread_pool())?;
             shown.finishing += rendered.elapsed();
             let stats = &mut shown.stats;
             stats.total.add(&one.total);

@@ -69,7 +69,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let mut figures = stress::run(&mut session, &options, &stand)?;
     if let Some(output) = output {
-        output.write(&session, scene.render.exposure)?;
+        output.write(&session, scene.render.exposure, session.thread_pool())?;
     }
     let memory = Memory::new(&ctx.budget);
     if memory.peak_rss_bytes.is_some_and(|peak| peak > memory.limit_bytes) {

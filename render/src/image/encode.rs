@@ -13,14 +13,23 @@ use exr::meta::BlockDescription;
 use exr::meta::attribute::{ChannelDescription, LineOrder, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::{Compression, Text};
+use rayon::ThreadPool;
+use rayon::prelude::*;
 use std::io::{Error, Result, Seek, Write};
 
 /// Lines that EXR's ZIP compresses together.
 const EXR_BLOCK_LINES: u64 = 16;
+/// Lines of a PNG that are converted together.
+const PNG_STRIP_LINES: u32 = 16;
+/// Pixels that a thread converts at a time, at least: less is not worth waking it.
+const TONE_PIXELS_LEAST: usize = 1024;
 /// Copies of a block that the EXR encoder holds: the lines, their reordered bytes, the compressed ones, one spare.
 const EXR_COPIES: u64 = 4;
 /// Bytes of zlib and the buffers around it.
 const ENCODER_FIXED_BYTES: u64 = 1 << 20;
+
+// The strip of a PNG, 12 bytes a pixel and 3 more, fits what `encoder_bytes` counts for the block of an EXR.
+const _: () = assert!(15 * PNG_STRIP_LINES as u64 <= 3 * 4 * EXR_BLOCK_LINES * EXR_COPIES);
 
 /// A picture to be written: a film, or a session that shows more than its film.
 pub trait Image {
@@ -49,11 +58,11 @@ pub fn encoder_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
     ENCODER_FIXED_BYTES + EXR_COPIES * block + offsets
 }
 
-/// Writes `image` as PNG: sRGB of `clamp(exposure * radiance)`.
+/// Writes `image` as PNG: sRGB of `clamp(exposure * radiance)`, converted on the threads of `pool`.
 ///
 /// # Errors
-/// Errors of `writer`.
-pub fn write_png<W: Write>(image: &impl Image, exposure: f32, writer: W) -> Result<()> {
+/// Those of the writer.
+pub fn write_png<W: Write>(image: &impl Image, exposure: f32, pool: &ThreadPool, writer: W) -> Result<()> {
     let [width, height] = image.film().resolution();
     let mut encoder = png::Encoder::new(writer, width, height);
     encoder.set_color(png::ColorType::Rgb);
@@ -61,12 +70,20 @@ pub fn write_png<W: Write>(image: &impl Image, exposure: f32, writer: W) -> Resu
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     let mut png = encoder.write_header()?;
     let mut stream = png.stream_writer()?;
-    let mut line = vec![0u8; width as usize * 3];
-    for y in 0..height {
-        for (x, pixel) in line.chunks_exact_mut(3).enumerate() {
-            pixel.copy_from_slice(&image.radiance([x as u32, y]).map(|value| to_srgb(exposure * value)));
-        }
-        stream.write_all(&line)?;
+    let mut radiances = Vec::with_capacity(width as usize * PNG_STRIP_LINES as usize);
+    let mut strip = vec![0u8; radiances.capacity() * 3];
+    for first in (0..height).step_by(PNG_STRIP_LINES as usize) {
+        let lines = first..height.min(first + PNG_STRIP_LINES);
+        radiances.clear();
+        radiances.extend(lines.flat_map(|y| (0..width).map(move |x| image.radiance([x, y]))));
+        let coded = &mut strip[..radiances.len() * 3];
+        pool.install(|| {
+            let pixels = coded.par_chunks_exact_mut(3).zip(&radiances).with_min_len(TONE_PIXELS_LEAST);
+            pixels.for_each(|(pixel, radiance)| {
+                pixel.copy_from_slice(&radiance.map(|value| to_srgb(exposure * value)));
+            });
+        });
+        stream.write_all(coded)?;
     }
     stream.finish()?;
     png.finish()?;
@@ -179,6 +196,7 @@ mod tests {
     use super::*;
     use crate::image::film::{LayerPixel, NO_ID};
     use crate::image::tile::tile;
+    use crate::testing::pool;
     use std::io::Cursor;
     use trex_store::Budget;
 
@@ -207,7 +225,7 @@ mod tests {
     fn png_comes_back_as_srgb() {
         let film = film(Layers::default());
         let mut bytes = vec![];
-        write_png(&film, 2.0, &mut bytes).unwrap();
+        write_png(&film, 2.0, &pool(2), &mut bytes).unwrap();
         let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut pixels).unwrap();

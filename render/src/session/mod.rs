@@ -99,7 +99,7 @@ pub struct SessionSetup<T> {
 /// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
 ///
 /// let mut png = vec![];
-/// write_png(session.film(), scene.render.exposure, &mut png).unwrap();
+/// write_png(session.film(), scene.render.exposure, session.thread_pool(), &mut png).unwrap();
 /// # Ok::<(), trex_store::Error>(())
 /// ```
 #[derive(Debug)]
@@ -277,6 +277,11 @@ impl<T: PagedTracer + Send> Session<T> {
     /// The view with all edits.
     pub fn view(&self) -> &View {
         &self.view
+    }
+
+    /// The threads of the workers.
+    pub fn thread_pool(&self) -> &ThreadPool {
+        &self.pool
     }
 
     /// The tracers, for their counters.
