@@ -1,5 +1,5 @@
-//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around. Paper, section 5. Gather
-//! rays fetch it (`gather.rs`); perfect mirrors carry the view on, as in `direct`.
+//! `photon`: what is seen, lit by the lights, and by what photons brought to the voxels around. Paper, section 5.
+//! Gather rays fetch it (`gather.rs`); perfect mirrors carry the view on, as in `direct`.
 
 use super::Integrator;
 use super::c_ray::CRayHit;
