@@ -287,12 +287,12 @@ fn files_that_pages_and_comments_name_are_there() {
             let named = quoted.filter(|word| folders.iter().any(|folder| word.starts_with(folder)));
             let missing = named.filter(|word| {
                 let is_file = [".rs", ".md", ".sh", ".toml"].iter().any(|ending| word.ends_with(ending));
-                // A crate may name its own files from its folder on.
-                let at_home = page.path.split_once('/').map(|(folder, _)| root().join(folder).join(word));
+                // A crate may name its own files from its folder, or from its `src`, on.
+                let own = page.path.split_once('/').map_or(root().into(), |(folder, _)| root().join(folder));
+                let exists = [root().to_path_buf(), own.clone(), own.join("src")];
                 is_file
                     && !word.contains(['*', '{', ' '])
-                    && !root().join(word).exists()
-                    && !at_home.is_some_and(|path| path.exists())
+                    && !exists.iter().any(|from| from.join(word).exists())
             });
             bad.extend(missing.map(|word| format!("{}:{}: there is no {word}", page.path, number + 1)));
         }
