@@ -208,10 +208,10 @@ impl PagePool {
         self.shared.saturated.load(Ordering::Relaxed)
     }
 
-    /// Replaces the want-list of `origin` (a caller's number, below [`ORIGINS_MAX`]): call it once per frame or round.
-    /// A page that an origin leaves out twice in a row is dropped, unless another wants it. Wants for pages that are
-    /// resident, on their way or damaged are ignored. A page wanted by several gets the best class, and the greatest
-    /// weight in it.
+    /// Replaces the want-list of `origin` (a caller's number, below [`super::ORIGINS_MAX`]): call it once per frame
+    /// or round. A page that an origin leaves out twice in a row is dropped, unless another wants it. Wants for
+    /// pages that are resident, on their way or damaged are ignored. A page wanted by several gets the best class,
+    /// and the greatest weight in it.
     ///
     /// # Panics
     /// When there is no such page or origin.
