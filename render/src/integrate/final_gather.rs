@@ -10,17 +10,16 @@
 //!
 //! Left out is what points and suns bring to a place that is seen, over a mirror: no gather ray meets them.
 //!
-//! Invariants: 1. a retry asks one ray; 2. a gather ray follows [`MIRRORS_MAX`] mirrors at most, and what lies behind
-//! is dark.
+//! Invariant: a retry asks one ray.
 
 use super::Integrator;
 use super::c_ray::CRayHit;
 use super::context::RenderContext;
-use super::path_state::{GatherRay, MIRRORS_MAX, Path, Stage};
+use super::path_state::{GatherRay, Path, Stage};
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// Photon mapping on the exact mesh: see the top of the file.
 #[derive(Debug)]
@@ -44,33 +43,32 @@ impl RenderContext<'_> {
         gather: &GatherRay,
         tracer: &mut T,
     ) -> Answer<Stage> {
-        let GatherRay { surface, index, ray, weight, mirrors } = *gather;
+        let GatherRay { surface, index, ray, weight, mut mirrors } = *gather;
+        let arriving = weight * mirrors.throughput;
         let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
         path.sample.rays.count(RayKind::Gather);
         let done = Answer::Exact(self.after_gather_ray(surface, index + 1));
         let lights = &self.world.lights;
-        let lamp = if mirrors > 0 { lights.seen(&ray, hit.map_or(f64::INFINITY, |hit| hit.t)) } else { None };
+        let lamp = mirrors.lamp(lights, &ray, hit.map_or(f64::INFINITY, |hit| hit.t));
         let Some(hit) = hit.filter(|_| lamp.is_none()) else {
-            path.gain_indirect(weight * lamp.unwrap_or(lights.sky()));
+            path.gain_indirect(arriving * lamp.unwrap_or(lights.sky()));
             return done;
         };
         let hit = HitPoint::from(&hit);
         let (material, direction) =
             (&self.world.materials[hit.material as usize], DVec3::from(ray.direction));
-        if mirrors > 0 && hit.normal.as_dvec3().dot(direction) < 0.0 {
-            path.gain_indirect(weight * Vec3::from(material.ke));
-        }
+        let is_front = hit.normal.as_dvec3().dot(direction) < 0.0;
+        path.gain_indirect(arriving * mirrors.emitted(material, is_front));
         let met = SurfaceInteraction::new(&ray, &hit);
         if let Some(photons) = self.photon_tree {
             path.sample.look_ups += 1;
             let k_nearest = self.world.settings.k_nearest;
-            path.gain_indirect(weight * photons.radiance(&met, &self.world.materials, k_nearest));
+            path.gain_indirect(arriving * photons.radiance(&met, &self.world.materials, k_nearest));
         }
-        let weight = weight * Vec3::from(material.ks);
-        if !material.mirror || mirrors == MIRRORS_MAX || weight.max_element() == 0.0 {
+        if !mirrors.follow(&ray, material) {
             return done;
         }
         let ray = met.ray_to(direction.reflect(met.normal), f64::INFINITY, None);
-        Answer::Exact(Stage::GatherRay(GatherRay { ray, weight, mirrors: mirrors + 1, ..*gather }))
+        Answer::Exact(Stage::GatherRay(GatherRay { ray, mirrors, ..*gather }))
     }
 }

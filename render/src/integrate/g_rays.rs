@@ -81,7 +81,7 @@ impl RenderContext<'_> {
         for &(ray, weight) in batch.entries(gather) {
             let Some(ray) = ray else { continue };
             let (ray, found) = batch.answer(ray);
-            let found = scene.gather_from(ray, found, &self.world.materials, self.world.lights.sky());
+            let found = scene.gather_from(ray, found, self.world);
             path.sample.rays.gather += found.rays;
             path.gain_indirect(weight * found.radiance);
         }

@@ -9,11 +9,13 @@
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
 //! units, rays wait for those that they need; light is kept by the facets of the upper leaves above them.
 
-use super::path_state::MIRRORS_MAX;
+use super::mirrors::Mirrors;
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
 use crate::scene::settings::Near;
+use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
+use crate::shading::light::Lights;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray, Tracer, UnitPages};
 use crate::voxel::{LeafHit, LowerScene, VoxelHit, VoxelScene};
@@ -40,9 +42,17 @@ pub(crate) struct GScene<'a> {
 /// The yield of a gather ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gathered {
-    /// Radiance, emitters left out.
+    /// Radiance; lamps that no mirror shows are left out.
     pub(crate) radiance: Vec3,
     pub(crate) rays: u64,
+}
+
+impl Gathered {
+    /// Adds radiance that so many more rays have brought.
+    pub(super) fn add(&mut self, radiance: Vec3, rays: u64) {
+        self.radiance += radiance;
+        self.rays += rays;
+    }
 }
 
 impl<'a> GScene<'a> {
@@ -98,45 +108,43 @@ impl<'a> GScene<'a> {
         Some(Ray::new(origin, unit(way)?, way.length()))
     }
 
-    /// The radiance that arrives along `ray`: the light that leaves the first leaf, through mirrors, else the sky. In
-    /// the upper octree alone.
-    pub(crate) fn gather(&self, ray: Ray, materials: &'a [Material], sky: Vec3) -> Gathered {
-        self.gather_from(ray, self.voxels.intersect(&ray), materials, sky)
+    /// The radiance that arrives along `ray`, when the first voxel that it meets is known: the light that leaves the
+    /// first leaf, through mirrors, else the sky. In the upper octree alone.
+    pub(crate) fn gather_from(&self, ray: Ray, found: Option<VoxelHit>, world: &'a World) -> Gathered {
+        self.gather_upper(ray, Some(found), world, Mirrors::NONE)
     }
 
-    /// The radiance that arrives along `ray`, when the first voxel that it meets is known.
-    pub(crate) fn gather_from(
+    fn gather_upper(
         &self,
         ray: Ray,
-        found: Option<VoxelHit>,
-        materials: &'a [Material],
-        sky: Vec3,
+        mut first: Option<Option<VoxelHit>>,
+        world: &'a World,
+        mirrors: Mirrors,
     ) -> Gathered {
-        let mut first = Some(found);
         let meet = |ray: &Ray| {
             let found = first.take().unwrap_or_else(|| self.voxels.intersect(ray));
-            Answer::Exact(found.map(|found| self.voxels.leaf_hit(ray, &found, materials)))
+            Answer::Exact(found.map(|found| self.voxels.leaf_hit(ray, &found, &world.materials)))
         };
-        match self.collect(ray, sky, None, meet) {
+        match self.collect(ray, &world.lights, None, mirrors, meet) {
             Answer::Exact(gathered) => gathered,
             Answer::Blocked => unreachable!("the upper octree is resident"),
         }
     }
 
-    /// The radiance that arrives along `ray` through units, where there are any.
+    /// The radiance that arrives along `ray`, which has followed `mirrors`; through units, where there are any.
     pub(crate) fn gather_finest<T: Tracer>(
         &self,
         ray: Ray,
-        materials: &'a [Material],
-        sky: Vec3,
+        world: &'a World,
+        mirrors: Mirrors,
         tracer: &mut T,
     ) -> Answer<Gathered> {
         match &self.lower {
             Some(lower) => {
-                let meet = |ray: &Ray| lower.leaf_hit(ray, materials, &mut UnitPages(tracer));
-                self.collect(ray, sky, Some(lower), meet)
+                let meet = |ray: &Ray| lower.leaf_hit(ray, &world.materials, &mut UnitPages(tracer));
+                self.collect(ray, &world.lights, Some(lower), mirrors, meet)
             }
-            None => Answer::Exact(self.gather(ray, materials, sky)),
+            None => Answer::Exact(self.gather_upper(ray, None, world, mirrors)),
         }
     }
 
@@ -144,28 +152,28 @@ impl<'a> GScene<'a> {
     fn collect(
         &self,
         mut ray: Ray,
-        sky: Vec3,
+        lights: &Lights,
         lower: Option<&LowerScene<'a>>,
+        mut mirrors: Mirrors,
         mut meet: impl FnMut(&Ray) -> Answer<Option<LeafHit<'a>>>,
     ) -> Answer<Gathered> {
-        let (mut radiance, mut throughput) = (Vec3::ZERO, Vec3::ONE);
-        let mut rays = 0;
-        while rays <= u64::from(MIRRORS_MAX) {
+        let (mut radiance, mut rays) = (Vec3::ZERO, 0);
+        loop {
             let Answer::Exact(found) = meet(&ray) else { return Answer::Blocked };
             rays += 1;
-            let Some(hit) = found else {
-                radiance += throughput * sky;
+            let direction = DVec3::from(ray.direction);
+            let end = found.map_or(f64::INFINITY, |hit| (hit.point - DVec3::from(ray.origin)).dot(direction));
+            let lamp = mirrors.lamp(lights, &ray, end);
+            let Some(hit) = found.filter(|_| lamp.is_none()) else {
+                radiance += mirrors.throughput * lamp.unwrap_or(lights.sky());
                 break;
             };
-            radiance += throughput * self.leaving(&hit);
-            if !hit.material.mirror {
+            let leaving = self.leaving(&hit) + mirrors.emitted(hit.material, hit.is_front);
+            radiance += mirrors.throughput * leaving;
+            if !mirrors.follow(&ray, hit.material) {
                 break;
             }
-            throughput *= Vec3::from(hit.material.ks);
-            if throughput.max_element() == 0.0 {
-                break;
-            }
-            let direction = DVec3::from(ray.direction).reflect(hit.normal);
+            let direction = direction.reflect(hit.normal);
             ray = match lower {
                 Some(lower) => lower.ray_from_leaf(&hit, direction),
                 None => self.voxels.ray_from_leaf(&hit, direction),

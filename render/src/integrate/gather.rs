@@ -3,14 +3,16 @@
 //! ```text
 //! surface -> gather ray -> leaf: irradiance * (Kd + Ks * albedo of its lobe) / pi   (emitters left out, as shadow
 //!                                                                                    rays bring them)
+//!                       -> mirror: on, and from then on lamps count (`mirrors.rs`)
 //!                       -> nothing: the sky                                         (left out by the shadow rays)
 //! ```
 //!
-//! Invariant: a gather ray asks the mesh for its beginning at most (`near = exact`), and units for the voxels that it
-//! meets, so it can be blocked by few pages.
+//! Invariant: a gather ray asks the mesh at most for its beginning at the surface and at mirrors that it met so
+//! (`near = exact`), and units for the voxels that it meets, so it can be blocked by few pages.
 
 use super::context::RenderContext;
 use super::g_scene::{GScene, Gathered};
+use super::mirrors::Mirrors;
 use super::path_state::{GatherRay, Path, Stage};
 use crate::sampler::Decision;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
@@ -36,7 +38,7 @@ impl RenderContext<'_> {
         if let Some(GatherQuery { direction, weight }) = self.gather_query(path, surface, index) {
             let Some(voxels) = self.g_scene() else {
                 let (surface, ray) = (*surface, surface.ray_to(direction, f64::INFINITY, None));
-                let gather = GatherRay { surface, index, ray, weight, mirrors: 0 };
+                let gather = GatherRay { surface, index, ray, weight, mirrors: Mirrors::NONE };
                 return Answer::Exact(Stage::GatherRay(gather));
             };
             let Answer::Exact(found) = self.gathered_along(voxels, surface, direction, tracer) else {
@@ -67,25 +69,38 @@ impl RenderContext<'_> {
         &self,
         voxels: &GScene<'_>,
         surface: &SurfaceInteraction,
-        direction: DVec3,
+        mut direction: DVec3,
         tracer: &mut T,
     ) -> Answer<Gathered> {
-        let world = self.world;
-        if let Some(near) = voxels.near_length(surface, direction) {
+        let (world, mut surface, mut mirrors) = (self.world, *surface, Mirrors::NONE);
+        let mut gathered = Gathered { radiance: Vec3::ZERO, rays: 0 };
+        while let Some(near) = voxels.near_length(&surface, direction) {
             let ray = surface.ray_to(direction, near, None);
-            match tracer.intersect(&ray) {
-                Answer::Blocked => return Answer::Blocked,
-                Answer::Exact(None) => {}
-                Answer::Exact(Some(hit)) => {
-                    let met = SurfaceInteraction::new(&ray, &HitPoint::from(&hit));
-                    let radiance = voxels.leaving_surface(&met, self.material(&met)).unwrap_or(Vec3::ZERO);
-                    return Answer::Exact(Gathered { radiance, rays: 1 });
-                }
+            let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
+            let hit = hit.map(|hit| HitPoint::from(&hit));
+            let lamp = mirrors.lamp(&world.lights, &ray, hit.map_or(near, |hit| hit.t));
+            if let Some(radiance) = lamp {
+                gathered.add(mirrors.throughput * radiance, 1);
+                return Answer::Exact(gathered);
             }
+            let Some(hit) = hit else { break };
+            let met = SurfaceInteraction::new(&ray, &hit);
+            let material = self.material(&met);
+            let is_front = hit.normal.as_dvec3().dot(direction) < 0.0;
+            let brought = voxels.leaving_surface(&met, material).unwrap_or(Vec3::ZERO);
+            gathered.add(mirrors.throughput * (brought + mirrors.emitted(material, is_front)), 1);
+            if !mirrors.follow(&ray, material) {
+                return Answer::Exact(gathered);
+            }
+            direction = direction.reflect(met.normal);
+            surface = met;
         }
-        match voxels.leave(surface, direction, f64::INFINITY, None) {
-            Some(ray) => voxels.gather_finest(ray, &world.materials, world.lights.sky(), tracer),
-            None => Answer::Exact(Gathered { radiance: Vec3::ZERO, rays: 0 }),
+        if let Some(ray) = voxels.leave(&surface, direction, f64::INFINITY, None) {
+            let Answer::Exact(rest) = voxels.gather_finest(ray, world, mirrors, tracer) else {
+                return Answer::Blocked;
+            };
+            gathered.add(rest.radiance, rest.rays);
         }
+        Answer::Exact(gathered)
     }
 }

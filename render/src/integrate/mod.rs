@@ -19,10 +19,12 @@ mod g_rays;
 mod g_scene;
 mod gather;
 mod lod;
+mod mirrors;
 mod path;
 mod path_state;
 mod photon;
 mod preview;
+mod roulette;
 mod sample_integrator;
 mod together;
 

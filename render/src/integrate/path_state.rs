@@ -1,25 +1,18 @@
 //! `Path`: one sample of a pixel on its way, a ray at a time, and what it comes to.
 //!
 //! Invariants: 1. it holds all that a retry needs, so a path gives the same bytes however often it was blocked; 2. each
-//! ray is counted once, when it was answered; 3. a path has at most [`BOUNCES_MAX`] bounces.
+//! ray is counted once, when it was answered; 3. a path has at most `BOUNCES_MAX` bounces (`roulette.rs`).
 
 use super::c_ray::FarRay;
 use super::g_batch::Place;
+use super::mirrors::Mirrors;
+use super::roulette::survives;
 use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};
 use crate::trace::{Hit, Ray};
 use glam::{DVec3, Vec3};
-
-/// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
-const BOUNCES_SURE: u32 = 4;
-/// Greatest chance that a path goes on after that; ends halls of mirrors that lose no light.
-const ROULETTE_MAX: f32 = 0.95;
-/// Most bounces of a path. By roulette one path in 400,000 gets so far; what it would still bring is lost.
-pub(crate) const BOUNCES_MAX: u32 = 256;
-/// Mirrors that a gather ray follows; what lies behind more of them is dark.
-pub(crate) const MIRRORS_MAX: u32 = 8;
 
 /// The result of a sample of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -109,10 +102,10 @@ pub(crate) struct GatherRay {
     pub(crate) surface: SurfaceInteraction,
     pub(crate) index: u32,
     pub(crate) ray: Ray,
-    /// Factor on the radiance at its end.
+    /// Factor on the radiance that arrives at `surface`.
     pub(crate) weight: Vec3,
     /// Mirrors that the ray has followed.
-    pub(crate) mirrors: u32,
+    pub(crate) mirrors: Mirrors,
 }
 
 /// The origin of a C-ray: what it sees has another weight where light samples could have found it too.
@@ -160,14 +153,7 @@ impl Path {
 
     /// Decides whether the path goes on after its vertex: by roulette, with what it can still bring.
     pub(crate) fn survives(&mut self) -> bool {
-        if self.vertex < BOUNCES_SURE {
-            return true;
-        }
-        let chance = self.throughput.max_element().min(ROULETTE_MAX);
-        if self.vertex == BOUNCES_MAX || self.sampler.draw(Decision::Roulette(self.vertex))[0] >= chance {
-            return false;
-        }
-        self.throughput *= 1.0 / chance;
-        true
+        let (sampler, vertex) = (&self.sampler, self.vertex);
+        survives(&mut self.throughput, vertex, || sampler.draw(Decision::Roulette(vertex))[0])
     }
 }

@@ -35,7 +35,7 @@ impl RenderContext<'_> {
         let is_front = hit.normal.as_dvec3().dot(DVec3::from(ray.direction)) < 0.0;
         let own = if is_front { Vec3::from(self.material(&surface).ke) } else { Vec3::ZERO };
         if !scene.irradiance.is_none() {
-            return own + scene.gather_from(ray, found, materials, lights.sky()).radiance;
+            return own + scene.gather_from(ray, found, self.world).radiance;
         }
         let point = surface.shading_point(materials);
         let direct = lights.sample(&point, MIDDLE).map_or(Vec3::ZERO, |sample| {
