@@ -163,13 +163,17 @@ impl<'a> GScene<'a> {
             rays += 1;
             let direction = DVec3::from(ray.direction);
             let end = found.map_or(f64::INFINITY, |hit| (hit.point - DVec3::from(ray.origin)).dot(direction));
-            let lamp = mirrors.lamp(lights, &ray, end);
+            let (lamp, emitted) = if mirrors.is_none() {
+                (None, Vec3::ZERO)
+            } else {
+                let clear = |normal| self.clearance(normal);
+                (lights.seen_in_voxels(&ray, end, clear), lights.emitted_in_voxels(&ray, end, clear))
+            };
             let Some(hit) = found.filter(|_| lamp.is_none()) else {
                 radiance += mirrors.throughput * lamp.unwrap_or(lights.sky());
                 break;
             };
-            let leaving = self.leaving(&hit) + mirrors.emitted(hit.material, hit.is_front);
-            radiance += mirrors.throughput * leaving;
+            radiance += mirrors.throughput * (self.leaving(&hit) + emitted);
             if !mirrors.follow(&ray, hit.material) {
                 break;
             }

@@ -29,14 +29,19 @@ impl Mirrors {
     /// None yet.
     pub(super) const NONE: Mirrors = Mirrors { count: 0, throughput: Vec3::ONE };
 
+    /// True when the ray comes straight from its end: lamps are left out.
+    pub(super) fn is_none(&self) -> bool {
+        self.count == 0
+    }
+
     /// Radiance of the rectangle that `ray` ends at, if one is met before `t_max`.
     pub(super) fn lamp(&self, lights: &Lights, ray: &Ray, t_max: f64) -> Option<Vec3> {
-        if self.count == 0 { None } else { lights.seen(ray, t_max) }
+        if self.is_none() { None } else { lights.seen(ray, t_max) }
     }
 
     /// Radiance that a surface itself gives to the ray, which has met its front or its back.
     pub(super) fn emitted(&self, material: &Material, is_front: bool) -> Vec3 {
-        if self.count > 0 && is_front { Vec3::from(material.ke) } else { Vec3::ZERO }
+        if !self.is_none() && is_front { Vec3::from(material.ke) } else { Vec3::ZERO }
     }
 
     /// True when the ray goes on from a surface of `material`, which `ray` has met: off a mirror, while anything is

@@ -18,8 +18,6 @@ pub(crate) struct LeafHit<'a> {
     pub(crate) point: DVec3,
     /// Unit, on the side that the ray came from.
     pub(crate) normal: DVec3,
-    /// True when that is the counter-clockwise side, or when both sides are in the leaf.
-    pub(crate) is_front: bool,
     pub(crate) material: &'a Material,
 }
 
@@ -42,8 +40,7 @@ impl<'a> VoxelScene<'a> {
         let normal = if facing == 0.0 { -direction } else { -facing.signum() * normal };
         let point = ray.at(hit.t);
         let facet = self.octree().facet(hit.node, hit.leaf);
-        let (is_front, material) = (facing <= 0.0, &materials[usize::from(voxel.material)]);
-        LeafHit { facet, point, normal, is_front, material }
+        LeafHit { facet, point, normal, material: &materials[usize::from(voxel.material)] }
     }
 
     /// A ray that leaves a leaf: it starts where no voxel of the plane through any point of the subvoxel can be.

@@ -4,7 +4,9 @@
 //! Invariants: 1. every kept triangle has a positive power; 2. the cumulated shares rise and end at 1;
 //! 3. light leaves the counter-clockwise side only.
 
+use super::box_tree::BoxTree;
 use crate::math::brightness;
+use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use trex_store::{Aabb, Material};
 
@@ -28,6 +30,8 @@ pub struct Emitters {
     /// Sum of brightness * area.
     power: f64,
     bounds: Aabb,
+    /// Over `kept`.
+    tree: BoxTree,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +78,9 @@ impl Emitters {
             radiance_area: Vec3::ZERO,
             power: 0.0,
             bounds: Aabb::EMPTY,
+            tree: BoxTree::default(),
         };
+        let mut boxes = Vec::with_capacity(emitters.len());
         let mut total = 0.0;
         for emitter in emitters {
             let radiance = Vec3::from(materials[emitter.material as usize].ke);
@@ -88,10 +94,14 @@ impl Emitters {
                 all.kept.push(Kept { corner, edges, normal: 0.5 / area * doubled, radiance });
                 all.cumulated.push(total);
                 all.radiance_area += area as f32 * radiance;
-                emitter.corners.iter().for_each(|&corner| all.bounds.add(corner));
+                let mut bounds = Aabb::EMPTY;
+                emitter.corners.iter().for_each(|&corner| bounds.add(corner));
+                all.bounds.join(&bounds);
+                boxes.push(bounds);
             }
         }
         all.power = total;
+        all.tree = BoxTree::new(&boxes);
         all.cumulated.iter_mut().for_each(|sum| *sum /= total);
         all
     }
@@ -103,7 +113,9 @@ impl Emitters {
 
     /// Bytes on the heap for `emitter_count` triangles.
     pub fn bytes(emitter_count: usize) -> u64 {
-        (emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
+        let boxes = emitter_count * size_of::<Aabb>();
+        (boxes + emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
+            + BoxTree::bytes(emitter_count)
     }
 
     /// Sum of radiance * area over all triangles.
@@ -114,6 +126,22 @@ impl Emitters {
     /// The box around all of them.
     pub(crate) fn bounds(&self) -> &Aabb {
         &self.bounds
+    }
+
+    /// Radiance of the nearest emitter whose front `ray` meets, of those that `is_met` takes: it hears the parameter
+    /// and the unit normal. Zero when there is none.
+    pub(crate) fn seen(&self, ray: &Ray, is_met: impl Fn(f64, DVec3) -> bool) -> Vec3 {
+        let mut nearest = (f64::INFINITY, Vec3::ZERO);
+        self.tree.met(ray, |index| {
+            let kept = &self.kept[index];
+            if let Some(t) = kept.hit(ray)
+                && t < nearest.0
+                && is_met(t, kept.normal)
+            {
+                nearest = (t, kept.radiance);
+            }
+        });
+        nearest.1
     }
 
     /// Density, per area, with which [`Emitters::sample`] draws a point of an emitter of this radiance.
@@ -139,6 +167,22 @@ impl Emitters {
             pdf: self.pdf(radiance),
             edges,
         }
+    }
+}
+
+impl Kept {
+    /// Parameter at which `ray` meets the side that gives light.
+    fn hit(&self, ray: &Ray) -> Option<f64> {
+        let (direction, [ab, ac]) = (DVec3::from(ray.direction), self.edges);
+        let volume = -direction.dot(ab.cross(ac));
+        if volume <= 0.0 {
+            return None;
+        }
+        let to = DVec3::from(ray.origin) - self.corner;
+        let across = to.cross(direction);
+        let (u, v) = (ac.dot(across) / volume, -ab.dot(across) / volume);
+        let t = to.dot(ab.cross(ac)) / volume;
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
     }
 }
 
@@ -168,5 +212,30 @@ mod tests {
         assert_eq!(strong, 3000);
         assert!((area - 2.5).abs() < 1e-9, "{area}");
         assert!((f64::from(emitters.radiance_area()[0]) - 8.0).abs() < 1e-6);
+    }
+
+    /// Light leaves where it is drawn: every ray to a point on a triangle sees that triangle from its front, and
+    /// nothing from its back.
+    #[test]
+    fn what_is_drawn_is_seen_from_the_front() {
+        let lamp = |ke: f32| Material { ke: [ke; 3], ..Material::default() };
+        let [a, b, c] = [[0.0, 0.0, 1.0], [2.0, 0.5, 1.5], [0.3, 1.0, 0.7]];
+        let [d, e, f] = [[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [0.0, 9.0, 3.0]];
+        let emitters =
+            [Emitter { corners: [a, c, b], material: 0 }, Emitter { corners: [d, f, e], material: 1 }];
+        let emitters = Emitters::new(&emitters, &[lamp(4.0), lamp(3.0)]);
+        for i in 0..100 {
+            let u = [0.003 + 0.0097 * i as f32, 0.99 - 0.0095 * i as f32];
+            let on = emitters.sample(0.001, u);
+            assert_eq!(on.radiance, Vec3::splat(4.0));
+            let front = DVec3::new(0.2, 0.1, -5.0);
+            for (origin, expected) in [(front, 4.0), (2.0 * on.point - front, 0.0)] {
+                let ray = Ray::new(origin, (on.point - origin).normalize(), f64::INFINITY);
+                assert_eq!(emitters.seen(&ray, |_, _| true), Vec3::splat(expected));
+            }
+            // Without the first, the one behind it.
+            let ray = Ray::new(front, (on.point - front).normalize(), f64::INFINITY);
+            assert_eq!(emitters.seen(&ray, |t, _| t > 7.9), Vec3::splat(3.0));
+        }
     }
 }

@@ -5,7 +5,7 @@
 
 use super::emitter::{Emitter, Emitters};
 use super::scene_light::Light;
-use crate::math::ground_axes;
+use crate::math::{ground_axes, unit};
 use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use trex_store::{Material, Result};
@@ -115,11 +115,36 @@ impl Lights {
 
     /// Radiance of the nearest rectangle that `ray` meets on its front before `t_max`.
     pub(crate) fn seen(&self, ray: &Ray, t_max: f64) -> Option<Vec3> {
-        let mut nearest = (t_max, None);
+        self.rect_seen(ray, |t, _| t < t_max)
+    }
+
+    /// As [`Lights::seen`], of a ray through voxels that ends at the first of them: a rectangle is seen behind that
+    /// voxel, too, if the voxel is less than `clearance` of its normal above it.
+    pub(crate) fn seen_in_voxels(
+        &self,
+        ray: &Ray,
+        end: f64,
+        clearance: impl Fn(DVec3) -> f64,
+    ) -> Option<Vec3> {
+        self.rect_seen(ray, |t, normal| is_before(t, normal, (ray, end), &clearance))
+    }
+
+    /// Radiance of the nearest emitter that a ray sees which ends at the first voxel: voxels hold the surface of the
+    /// emitter, and of what is less than `clearance` of its normal above it.
+    pub(crate) fn emitted_in_voxels(&self, ray: &Ray, end: f64, clearance: impl Fn(DVec3) -> f64) -> Vec3 {
+        self.emitters.seen(ray, |t, normal| is_before(t, normal, (ray, end), &clearance))
+    }
+
+    /// Radiance of the nearest rectangle whose front `ray` meets, of those that `is_met` takes: it hears the
+    /// parameter and the unit normal.
+    fn rect_seen(&self, ray: &Ray, is_met: impl Fn(f64, DVec3) -> bool) -> Option<Vec3> {
+        let mut nearest = (f64::INFINITY, None);
         for light in &self.lights {
             if let Light::Rect { corner, edge_u, edge_v, radiance } = *light
                 && let Some(t) = rect_hit(ray, [corner, edge_u, edge_v])
                 && t < nearest.0
+                && let Some(normal) = unit(DVec3::from(edge_u).cross(edge_v.into()))
+                && is_met(t, normal)
             {
                 nearest = (t, Some(radiance.into()));
             }
@@ -154,6 +179,13 @@ impl Lights {
     pub(super) fn emitters(&self) -> &Emitters {
         &self.emitters
     }
+}
+
+/// True when a ray that ends at `end` has come as far as a lamp that it meets at `t`, or less than the clearance of
+/// its normal above it: where shadow rays to the lamp end.
+fn is_before(t: f64, normal: DVec3, (ray, end): (&Ray, f64), clearance: impl Fn(DVec3) -> f64) -> bool {
+    let height = (end - t) * DVec3::from(ray.direction).dot(normal);
+    t <= end || height <= clearance(normal)
 }
 
 /// Parameter at which `ray` meets the front of a parallelogram, given by a corner and the two edges from there.

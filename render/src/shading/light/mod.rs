@@ -1,5 +1,6 @@
 //! What gives light: one list of sources, which light samples, rays and photons ask.
 
+mod box_tree;
 mod emit;
 mod emitter;
 mod lights;
