@@ -1,6 +1,6 @@
 //! Pictures whose light is known from a formula or from a reference picture, by every integrator that claims them.
 
-use crate::command::{document_in, folder, models, run_in};
+use crate::command::{document_in, folder, models, run_in, said};
 use serde_json::Value;
 use std::fmt::Write;
 use std::fs;
@@ -118,6 +118,86 @@ fn the_plane_under_a_sun() {
         ("full-gi", 1e-4),
     ];
     check(folder.path(), "256", scene, expected, &integrators);
+}
+
+/// A room in the cube from -1 to 1 under lamps at y = 0.98, with a mirror for its wall at x = -1; or, without a mirror,
+/// the room and its mirror image, as one. Lamps of the scene, or of the model.
+fn write_room(folder: &Path, name: &str, has_mirror: bool, has_model_lamps: bool) {
+    let left = if has_mirror { -1.0 } else { -3.0 };
+    let lamps: &[f64] = if has_mirror { &[-0.1] } else { &[-0.1, -2.4] };
+    let (corners, faces) = cube();
+    let mut obj = "mtllib room.mtl\n".to_owned();
+    for [x, y, z] in corners {
+        writeln!(obj, "v {} {y} {z}", if x < 0.0 { left } else { x }).unwrap();
+    }
+    for (index, face) in faces.iter().enumerate() {
+        let material = if has_mirror && index == 4 { "mirror" } else { "wall" };
+        writeln!(obj, "usemtl {material}\nf {} {} {} {}", face[0] + 1, face[1] + 1, face[2] + 1, face[3] + 1)
+            .unwrap();
+    }
+    let mut scene = format!("model = '{name}.trex'\n[camera]\nposition = [0, 0, 0]\ntarget = [1, 0, 0]\n");
+    writeln!(scene, "fov_x = 90\n[render]\nresolution = [28, 28]").unwrap();
+    for &x in lamps {
+        let to = x + 0.5;
+        if has_model_lamps {
+            writeln!(obj, "usemtl lamp\nv {x} 0.98 -0.25\nv {to} 0.98 -0.25\nv {to} 0.98 0.25").unwrap();
+            writeln!(obj, "v {x} 0.98 0.25\nf -4 -3 -2 -1").unwrap();
+        } else {
+            writeln!(scene, "[[light]]\ntype = 'rect'\ncorner = [{x}, 0.98, -0.25]").unwrap();
+            writeln!(scene, "edge_u = [0.5, 0, 0]\nedge_v = [0, 0, 0.5]\nradiance = [10, 10, 10]").unwrap();
+        }
+    }
+    let mtl = "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl mirror\nKd 0 0 0\nKs 1 1 1\nillum 3\n\
+               newmtl lamp\nKd 0 0 0\nKe 10 10 10\n";
+    fs::write(folder.join("room.mtl"), mtl).unwrap();
+    fs::write(folder.join(format!("{name}.obj")), obj).unwrap();
+    fs::write(folder.join(format!("{name}.toml")), scene).unwrap();
+    document_in(folder, &format!("build {name}.obj -o {name}.trex --voxels 64 --overwrite"));
+}
+
+/// Means of the walls of a room from its middle, each in a picture of its own: floor, ceiling beside its lamps, right,
+/// back, front.
+fn wall_means(folder: &Path, name: &str, options: &str) -> [f64; 5] {
+    let line =
+        format!("render {name}.toml -o w.exr --overwrite --camera-path walls.toml --integrator {options}");
+    document_in(folder, &line);
+    std::array::from_fn(|view| {
+        let file = folder.join(format!("w-{:04}.exr", view + 1));
+        let picture = exr::prelude::read_all_flat_layers_from_file(file).unwrap();
+        // The lamp is in the middle rows, which show z from -0.3 to 0.3.
+        let rows = if view == 1 { [[0, 9], [19, 28]] } else { [[0, 14], [14, 28]] };
+        rows.map(|[y0, y1]| region(&picture, [0, y0, 28, y1])[0]).iter().sum::<f64>() / 2.0
+    })
+}
+
+/// Light over a mirror is light of the room behind it: on each wall of a room with a mirror for a wall is as much of it
+/// as in the room together with its mirror image, which `path` sees without any mirror.
+#[test]
+fn a_mirror_wall_lights_as_the_room_behind_it() {
+    let folder = folder();
+    let mut walls = String::new();
+    for (target, up) in [("0, -1, 0", "0, 0, 1"), ("0, 1, 0", "0, 0, 1"), ("1, 0, 0", "0, 1, 0")] {
+        writeln!(walls, "[[view]]\nposition = [0, 0, 0]\ntarget = [{target}]\nup = [{up}]").unwrap();
+    }
+    for z in [-1, 1] {
+        writeln!(walls, "[[view]]\nposition = [0, 0, 0]\ntarget = [0, 0, {z}]\nup = [0, 1, 0]").unwrap();
+    }
+    fs::write(folder.path().join("walls.toml"), walls).unwrap();
+    let photon = "photon --spp 24 --photons 300k";
+    let exact = format!("{photon} --near exact");
+    let full = "full-gi --spp 12 --photons 100k";
+    for (has_model_lamps, integrators) in [(false, vec![photon, &exact, full]), (true, vec![photon])] {
+        write_room(folder.path(), "doubled", false, has_model_lamps);
+        write_room(folder.path(), "mirror", true, has_model_lamps);
+        let expected = wall_means(folder.path(), "doubled", "path --spp 144");
+        for options in integrators {
+            let found = wall_means(folder.path(), "mirror", options);
+            let apart: [f64; 5] = std::array::from_fn(|wall| found[wall] / expected[wall] - 1.0);
+            said(&format!("{options}: walls differ by {apart:.4?}"));
+            let is_close = apart.iter().all(|apart| apart.abs() < 0.03);
+            assert!(is_close, "{options}, lamps of the model: {has_model_lamps}: {found:?} for {expected:?}");
+        }
+    }
 }
 
 /// Two facing mirrors of reflectance 0.8: after k bounces the view comes out with 0.8^k of the sky, without noise up to
