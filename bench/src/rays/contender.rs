@@ -192,7 +192,7 @@ impl Contender for Pooled<'_> {
             let mut pending: Vec<usize> = (0..rays.len()).collect();
             while !pending.is_empty() {
                 let before = pending.len();
-                tracer.begin_tile(0);
+                tracer.begin_tile();
                 pending.retain(|&at| match ask(tracer, space, query, &rays[at]) {
                     Some(answer) => {
                         answers[at] = answer;
@@ -304,7 +304,7 @@ fn ask(tracer: &mut impl Tracer, space: Space, query: Query, ray: &BenchRay) -> 
 /// Asks for the pages of one ray until it is answered.
 fn alone<T: PagedTracer, A>(tracer: &mut T, mut ask: impl FnMut(&mut T) -> Option<A>) -> A {
     tracer.request_missing();
-    tracer.begin_tile(0);
+    tracer.begin_tile();
     loop {
         if let Some(answer) = ask(tracer) {
             return answer;

@@ -160,7 +160,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             if stop() {
                 return false;
             }
-            tracer.begin_tile(0);
+            tracer.begin_tile();
             let mut has_advanced = false;
             flights.retain_mut(|flight| {
                 let advance = batch.fly(*tracer, flight);
@@ -175,7 +175,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             if retry.is_stuck(has_advanced) {
                 let mut flight = flights.remove(0);
                 let longest = || (!stop()).then_some(WAIT);
-                if !retry.alone(*tracer, 0, longest, |tracer| batch.fly(tracer, &mut flight)) {
+                if !retry.alone(*tracer, longest, |tracer| batch.fly(tracer, &mut flight)) {
                     return false;
                 }
             }
@@ -316,7 +316,7 @@ mod tests {
     }
 
     impl PagedTracer for Reluctant {
-        fn begin_tile(&mut self, _: u32) {}
+        fn begin_tile(&mut self) {}
         fn request_missing(&mut self) -> usize {
             1
         }

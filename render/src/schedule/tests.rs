@@ -117,7 +117,7 @@ impl Tracer for Hesitant {
 }
 
 impl PagedTracer for Hesitant {
-    fn begin_tile(&mut self, _tile: u32) {}
+    fn begin_tile(&mut self) {}
     fn request_missing(&mut self) -> usize {
         1
     }
@@ -189,7 +189,7 @@ impl Tracer for Scarce {
 }
 
 impl PagedTracer for Scarce {
-    fn begin_tile(&mut self, _tile: u32) {
+    fn begin_tile(&mut self) {
         self.pinned.clear();
     }
 
@@ -295,7 +295,7 @@ impl Tracer for Counting {
 }
 
 impl PagedTracer for Counting {
-    fn begin_tile(&mut self, _tile: u32) {}
+    fn begin_tile(&mut self) {}
     fn request_missing(&mut self) -> usize {
         0
     }

@@ -184,7 +184,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
 
     /// Asks all samples of a tile, and adds it to the film, or parks or defers it.
     fn attempt(&mut self, mut job: Job) -> Attempt {
-        self.tracer.begin_tile(job.tile.index);
+        self.tracer.begin_tile();
         let has_advanced = self.ask(&mut job);
         if job.pending.is_empty() {
             self.commit(&job);
@@ -247,7 +247,6 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         lane.is_narrow = false;
         let Some(job) = lane.parked.front_mut() else { return };
         let Pending { slot, mut path, .. } = job.pending.remove(0);
-        let tile = job.tile.index;
         let integrator = &piece.work.integrator;
         let advance = |tracer: &mut T| {
             let before = path.answered();
@@ -261,7 +260,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             }
         };
         let longest = || (!piece.is_over()).then(|| piece.longest_wait());
-        if !retry.alone(*tracer, tile, longest, advance) {
+        if !retry.alone(*tracer, longest, advance) {
             job.pending.insert(0, Pending { slot, path, is_blocked: false });
             lane.is_narrow = true;
             return;

@@ -26,7 +26,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         let Session { world, view, tracers, tiles, .. } = session;
         let tracer = &mut tracers[0];
-        tracer.begin_tile(0);
+        tracer.begin_tile();
         let cut = world.lod_distance;
         let probe = |tracer: &mut T, mut ray: Ray| {
             ray.t_max = ray.t_max.min(cut);
@@ -54,6 +54,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         tracer.prefetch(Predictor::Camera);
         tracer.prefetch(Predictor::Neighbours);
-        tracer.begin_tile(0);
+        tracer.begin_tile();
     }
 }

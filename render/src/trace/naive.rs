@@ -110,7 +110,7 @@ impl Tracer for NaiveMesh {
 }
 
 impl PagedTracer for NaiveMesh {
-    fn begin_tile(&mut self, _tile: u32) {}
+    fn begin_tile(&mut self) {}
 
     fn request_missing(&mut self) -> usize {
         0

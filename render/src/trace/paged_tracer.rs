@@ -18,7 +18,7 @@ pub enum Predictor {
 pub trait PagedTracer: Tracer {
     /// Called when a tile starts or resumes: pins of the previous tile may be dropped. Until the next call, pages
     /// that were resident when a ray asked for them should stay, as far as there is room.
-    fn begin_tile(&mut self, tile: u32);
+    fn begin_tile(&mut self);
 
     /// Hands the pages recorded since the last call to the loader. Returns how many are awaited.
     fn request_missing(&mut self) -> usize;

@@ -179,7 +179,7 @@ impl Drop for PooledPages<'_> {
 }
 
 impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
-    fn begin_tile(&mut self, _tile: u32) {
+    fn begin_tile(&mut self) {
         let pages = self.pages_mut();
         pages.unpin_all();
         // The limit may have changed.

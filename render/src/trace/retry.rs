@@ -59,20 +59,19 @@ impl Retry {
         tracer.wait(longest);
     }
 
-    /// Takes a piece of work of `tile` to its end with the pages of one ray at a time; false when it was interrupted
-    /// before. `longest` is asked how long to sleep, and `None` interrupts.
+    /// Takes a piece of work to its end with the pages of one ray at a time; false when it was interrupted before.
+    /// `longest` is asked how long to sleep, and `None` interrupts.
     pub(crate) fn alone<T: PagedTracer>(
         &mut self,
         tracer: &mut T,
-        tile: u32,
         longest: impl Fn() -> Option<Duration>,
         mut advance: impl FnMut(&mut T) -> Advance,
     ) -> bool {
-        tracer.begin_tile(tile);
+        tracer.begin_tile();
         loop {
             match advance(tracer) {
                 Advance::Done => return true,
-                Advance::Answered => tracer.begin_tile(tile),
+                Advance::Answered => tracer.begin_tile(),
                 Advance::Blocked => {
                     let Some(longest) = longest() else { return false };
                     tracer.request_missing();
@@ -107,7 +106,7 @@ mod tests {
     }
 
     impl PagedTracer for OnePage {
-        fn begin_tile(&mut self, _: u32) {
+        fn begin_tile(&mut self) {
             self.asked = 0;
         }
 
@@ -132,9 +131,9 @@ mod tests {
                 if rays == 3 { Advance::Done } else { Advance::Answered }
             }
         };
-        assert!(retry.alone(&mut tracer, 0, || Some(WAIT), &mut advance));
+        assert!(retry.alone(&mut tracer, || Some(WAIT), &mut advance));
         assert_eq!((rays, retry.waits, tracer.waits), (3, 6, 6));
-        assert!(!retry.alone(&mut tracer, 0, || None, |_| Advance::Blocked), "it was interrupted");
+        assert!(!retry.alone(&mut tracer, || None, |_| Advance::Blocked), "it was interrupted");
     }
 
     #[test]
