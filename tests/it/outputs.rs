@@ -171,7 +171,11 @@ fn a_folder_that_refuses_is_said() {
     }
 }
 
-/// Starts the command, waits until `begun`, interrupts it; expects a clean end within seconds.
+/// Within this, interrupted work has ended. What has to end first (a batch, a chunk, a tile) takes a fraction of a
+/// second; the rest is for a machine whose cores are all taken. Work that does not hear ends with another status.
+const ENDED_WITHIN: Duration = Duration::from_secs(60);
+
+/// Starts the command, waits until `begun`, interrupts it; expects a clean end long before that of the work.
 fn interrupt(inside: &Path, line: &str, begun: impl Fn(&Path) -> bool) {
     let before = listing(inside);
     let mut command = trex_in(inside, &format!("{line} --json --progress plain"));
@@ -185,7 +189,7 @@ fn interrupt(inside: &Path, line: &str, begun: impl Fn(&Path) -> bool) {
     assert!(Command::new("sh").args(["-c", &signal]).status().unwrap().success());
     let asked = Instant::now();
     let ran = ran(line, child.wait_with_output().unwrap());
-    assert!(asked.elapsed() < Duration::from_secs(10), "{line} ended only after {:?}", asked.elapsed());
+    assert!(asked.elapsed() < ENDED_WITHIN, "{line} ended only after {:?}", asked.elapsed());
     ran.expect(130);
     assert_eq!(ran.document()["code"], "interrupted", "{}", ran.stdout);
     assert_eq!(listing(inside), before, "{line} left something behind");
