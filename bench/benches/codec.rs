@@ -1,7 +1,7 @@
 //! Pages in memory: encoded, installed, and taken in as the pool does it. One core, no disk.
 //!
 //! ```text
-//! cargo bench -p trex-bench --bench codec
+//! cargo bench -p trex-benches --bench codec
 //! gen:KIND:COUNT -> build -> all its pages -> encode | install | page (hash, unpack, install)
 //! ```
 //!

@@ -1,7 +1,7 @@
 //! Rays through the voxels, one by one and in batches. One core.
 //!
 //! ```text
-//! cargo bench -p trex-bench --bench gray
+//! cargo bench -p trex-benches --bench gray
 //! gen:isosurface -> build -> octree -> rays onto it -> gather rays from where they hit, along a Morton curve
 //! ```
 //!

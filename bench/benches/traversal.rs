@@ -2,7 +2,7 @@
 //! packets. One core.
 //!
 //! ```text
-//! cargo bench -p trex-bench --bench traversal
+//! cargo bench -p trex-benches --bench traversal
 //! gen:isosurface -> build -> all its pages -> rays of a camera, along rows
 //! ```
 //!

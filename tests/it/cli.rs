@@ -1,20 +1,22 @@
 //! The command's contract that needs no mesh: help, versions, usage errors, streams.
 
-use assert_cmd::Command;
+use crate::command::{Ran, TREX, run_in};
 use serde_json::Value;
-use std::process::Stdio;
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 const VERBS: [&str; 6] = ["demo", "gen", "build", "info", "verify", "render"];
 
-fn trex(line: &str) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_trex"));
-    command.args(line.split_whitespace());
-    command
+#[track_caller]
+fn trex(line: &str, code: i32) -> Ran {
+    let ran = run_in(Path::new("."), line);
+    ran.expect(code);
+    ran
 }
 
+#[track_caller]
 fn stdout(line: &str) -> String {
-    let output = trex(line).assert().success().get_output().stdout.clone();
-    String::from_utf8(output).unwrap()
+    trex(line, 0).stdout
 }
 
 #[test]
@@ -79,17 +81,15 @@ fn usage_errors_exit_2_name_the_value_and_leave_stdout_empty() {
         ("image diff a.png b.png --scale-max 1", "--output"),
         ("image diff a.png b.png --epsilon 0", "above zero"),
     ] {
-        let output = trex(line).assert().code(2).get_output().clone();
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert!(stderr.contains(named), "trex {line}: {named} is missing in:\n{stderr}");
-        assert!(output.stdout.is_empty(), "trex {line}");
+        let ran = trex(line, 2);
+        assert!(ran.stderr.contains(named), "trex {line}: {named} is missing in:\n{}", ran.stderr);
+        assert!(ran.stdout.is_empty(), "trex {line}");
     }
 }
 
 #[test]
 fn a_usage_error_is_a_document_when_documents_are_asked_for() {
-    let output = trex("info a.ply --json --memory-limit lots").assert().code(2).get_output().clone();
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = trex("info a.ply --json --memory-limit lots", 2).document();
     assert_eq!(document["schema"], "trex.error/1");
     assert_eq!(document["code"], "usage");
     assert_eq!(document["exit"], 2);
@@ -98,7 +98,7 @@ fn a_usage_error_is_a_document_when_documents_are_asked_for() {
 
 #[test]
 fn a_reader_that_hangs_up_is_no_error() {
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_trex"))
+    let mut child = Command::new(TREX)
         .args(["render", "--help"])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
