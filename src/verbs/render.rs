@@ -30,6 +30,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
     if let Some(flag) = args.deadline.given().filter(|_| args.deadline.t_max.is_none()) {
         return Err(Error::new(Code::Usage, "this flag is of frames with a deadline, and there is none")
             .at_place(flag)
+            .numbers("--t-max was not given; it takes 0.1 ms to 3600000 ms")
             .next("give --t-max too, or leave the flag away")
             .into());
     }

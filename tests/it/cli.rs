@@ -96,6 +96,21 @@ fn a_usage_error_is_a_document_when_documents_are_asked_for() {
     assert!(document["what"].as_str().unwrap().contains("lots"), "{document}");
 }
 
+/// It once came without numbers.
+#[test]
+fn a_flag_of_deadlines_without_one_is_an_error_in_four_parts() {
+    for flag in ["--tile-order row", "--saliency itti", "--prefetch off", "--fetch-block 64"] {
+        let ran = trex(&format!("render a.trex -o b.png {flag} --json"), 2);
+        let document = ran.expect_error(2, "usage");
+        assert!(
+            document["where"].as_str().is_some_and(|place| !place.is_empty() && flag.starts_with(place)),
+            "{document}"
+        );
+        let numbers = document["numbers"].as_str().unwrap();
+        assert!(numbers.contains("0.1 ms") && ran.stderr.contains(numbers), "{document}");
+    }
+}
+
 #[test]
 fn a_reader_that_hangs_up_is_no_error() {
     let mut child = Command::new(TREX)
