@@ -237,7 +237,7 @@ fn documents_hold_what_scripts_rely_on() {
     let generated =
         [("scene", Text), ("triangle_count", Count), ("median_edge", Number), ("bounds.lo", Vec3)];
     check(&document_in(inside, "info gen:pipes:20k"), "trex.info/1", &generated);
-    let built = document_in(inside, "build plant.ply -o plant.trex");
+    let built = document_in(inside, "build plant.ply -o plant.trex --voxels 64");
     check(&built, "trex.build/1", &with_memory(&BUILD));
     let info = document_in(inside, "info plant.trex");
     check(&info, "trex.info/1", &INFO);

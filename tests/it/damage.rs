@@ -2,6 +2,7 @@
 //! never more differs than lies behind the damage; where the tables are gone there is an error, no picture.
 
 use crate::command::{document_in, folder, listing, pixels, run_in};
+use crate::fixtures::built_in;
 use serde_json::Value;
 use std::path::Path;
 use trex_store::layout::{PageKind, SectionKind};
@@ -20,7 +21,7 @@ struct Victim {
 impl Victim {
     fn build(spec: &str) -> Victim {
         let inside = folder();
-        document_in(inside.path(), &format!("build {spec} -o whole.trex"));
+        built_in(inside.path(), spec, "whole.trex");
         let path = inside.path().join("whole.trex");
         let bytes = std::fs::read(&path).unwrap();
         let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
@@ -65,7 +66,7 @@ impl Victim {
 
 #[test]
 fn verify_names_damaged_pages_with_offsets_and_boxes() {
-    let victim = Victim::build("gen:scan:60k");
+    let victim = Victim::build("gen:scan:60k --voxels 64");
     let clean = run_in(victim.folder(), "verify whole.trex");
     clean.expect(0);
     assert!(clean.stdout.contains("clean"), "{}", clean.stdout);
@@ -106,7 +107,7 @@ fn verify_names_damaged_pages_with_offsets_and_boxes() {
 /// Every byte is under a hash: a flip anywhere is found.
 #[test]
 fn a_flip_anywhere_is_found() {
-    let victim = Victim::build("gen:pipes:30k");
+    let victim = Victim::build("gen:pipes:20k --voxels 64");
     let length = victim.bytes.len() as u64;
     let step = (length / 60).max(1);
     let ends = [0, 8, HEAD_BYTES - 1, HEAD_BYTES, length - HEAD_BYTES - 1, length - HEAD_BYTES, length - 1];
@@ -122,7 +123,7 @@ fn a_flip_anywhere_is_found() {
 
 #[test]
 fn a_head_or_a_tail_alone_will_do() {
-    let victim = Victim::build("gen:soup:30k");
+    let victim = Victim::build("gen:soup:20k --voxels 64");
     let length = victim.bytes.len() as u64;
     let whole = document_in(victim.folder(), "render whole.trex -o whole.png --resolution 16x16 --spp 1");
     for (what, at) in
@@ -143,7 +144,7 @@ fn a_head_or_a_tail_alone_will_do() {
 
 #[test]
 fn damaged_tables_are_an_error_and_no_picture() {
-    let victim = Victim::build("gen:pipes:20k");
+    let victim = Victim::build("gen:pipes:20k --voxels 64");
     let sections = SectionKind::ALL.map(|kind| victim.file.superblock().section(kind));
     for section in sections.into_iter().filter(|section| section.bytes > 0) {
         victim.flip(&[section.offset + section.bytes / 2]);
@@ -187,7 +188,7 @@ fn a_damaged_octree_is_refused_by_those_who_read_it() {
 /// A damaged page of units is named with its box; rays go on in the octree above it, and the picture says so.
 #[test]
 fn damaged_units_fall_back_to_the_upper_octree() {
-    let victim = Victim::build("gen:pipes:20k --voxels 64/256");
+    let victim = Victim::build("gen:pipes:10k --voxels 64/256");
     let (pages, bounds) = (victim.file.pages(), victim.file.superblock().bounds);
     let units: Vec<usize> = (0..pages.len()).filter(|&page| pages[page].kind == PageKind::Units).collect();
     let picture = |file: &str, integrator: &str| {
@@ -226,7 +227,7 @@ fn damaged_units_fall_back_to_the_upper_octree() {
 /// The links are read by those who use them, as the octree is.
 #[test]
 fn damaged_links_are_refused_by_those_who_read_them() {
-    let victim = Victim::build("gen:pipes:20k --voxels 64/256");
+    let victim = Victim::build("gen:pipes:10k --voxels 64/256");
     let section = victim.file.superblock().find_section(SectionKind::Lower).unwrap();
     for at in [0, 4, 12, section.bytes - 1] {
         victim.flip(&[section.offset + at]);
@@ -241,7 +242,7 @@ fn damaged_links_are_refused_by_those_who_read_them() {
 
 #[test]
 fn files_that_were_cut_or_are_something_else_are_refused() {
-    let victim = Victim::build("gen:soup:30k");
+    let victim = Victim::build("gen:soup:20k --voxels 64");
     let bad = victim.folder().join("bad.trex");
     for left in [victim.bytes.len() - 1, victim.bytes.len() / 2, 3000] {
         std::fs::write(&bad, &victim.bytes[..left]).unwrap();
@@ -261,7 +262,7 @@ fn files_that_were_cut_or_are_something_else_are_refused() {
 /// Damage costs the pages that it hit, and nothing else: pixels that do not look through their boxes stay the same.
 #[test]
 fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
-    let victim = Victim::build("gen:scan:120k");
+    let victim = Victim::build("gen:scan:120k --voxels 64");
     let (pages, boxes) = (victim.file.pages(), page_boxes(&victim.file));
     let bounds = victim.file.superblock().bounds;
     // From far outside along z: what lies outside of a box in x and y (with the camera's slant) is not touched.
@@ -321,7 +322,7 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
 /// All pages damaged: a picture of the sky, and its exit status is still 0.
 #[test]
 fn even_a_file_with_no_whole_page_gives_a_picture() {
-    let victim = Victim::build("gen:soup:20k");
+    let victim = Victim::build("gen:soup:20k --voxels 64");
     let offsets: Vec<u64> = victim.file.pages().iter().map(|page| page.offset).collect();
     victim.flip(&offsets);
     let line = "render bad.trex -o bad.png --resolution 16x16 --spp 1";

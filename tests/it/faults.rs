@@ -2,6 +2,7 @@
 //! ships.
 
 use crate::command::{Ran, TREX, cannot_run, document_in, folder, hash_of, ran, run_in};
+use crate::fixtures::built_in;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -18,7 +19,7 @@ fn model() -> Option<tempfile::TempDir> {
         return None;
     }
     let inside = folder();
-    document_in(inside.path(), "build gen:pipes:1M -o m.trex");
+    built_in(inside.path(), "gen:pipes:1M --voxels 64", "m.trex");
     Some(inside)
 }
 

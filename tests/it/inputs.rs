@@ -2,6 +2,7 @@
 //! stderr and as a document, and a folder that looks as before.
 
 use crate::command::{TREX, cannot_run, document_in, folder, listing, ran, run_in, trex_in};
+use crate::fixtures::built_in;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -299,7 +300,7 @@ fn the_lattice_keeps_the_error_or_the_bits_asked_for() {
 #[test]
 fn a_model_of_needles_gives_a_picture() {
     let inside = folder();
-    document_in(inside.path(), "build gen:soup:10k -o soup.trex");
+    built_in(inside.path(), "gen:soup:20k --voxels 64", "soup.trex");
     let line = "render soup.trex -o soup.png --resolution 512x512 --spp 2";
     assert_eq!(document_in(inside.path(), line)["exact"], true);
 }

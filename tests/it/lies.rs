@@ -2,6 +2,7 @@
 //! never gets past the hashes, so these are sealed by hand. Nothing may panic, hang or be drawn wrongly in silence.
 
 use crate::command::{TREX, document_in, folder, ran, run_in};
+use crate::fixtures::built_in;
 use crate::format_octree::Upper;
 use std::path::Path;
 use std::process::Command;
@@ -19,7 +20,7 @@ struct Forger {
 impl Forger {
     fn new() -> Forger {
         let inside = folder();
-        document_in(inside.path(), "build gen:pipes:60k -o true.trex");
+        built_in(inside.path(), "gen:pipes:60k", "true.trex");
         let bytes = std::fs::read(inside.path().join("true.trex")).unwrap();
         let head = bytes.first_chunk::<SUPERBLOCK_BYTES>().unwrap();
         let block = Superblock::parse(head, Path::new("true.trex")).unwrap();

@@ -2,6 +2,7 @@
 //! what would lead out of a page; what it cannot know, `verify` does; nothing panics.
 
 use crate::command::{document_in, folder, run_in};
+use crate::fixtures::built_in;
 use serde_json::Value;
 use std::path::Path;
 use trex_store::layout::{
@@ -23,7 +24,7 @@ impl Forger {
         let inside = folder();
         // Many materials; where there are very many leaves, little surface.
         let spec = if voxels == "64/1024" { "gen:scan:10k" } else { "gen:pipes:10k" };
-        document_in(inside.path(), &format!("build {spec} -o true.trex --voxels {voxels}"));
+        built_in(inside.path(), &format!("{spec} --voxels {voxels}"), "true.trex");
         let path = inside.path().join("true.trex");
         let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
         let (block, entries) = (file.superblock().clone(), file.pages().to_vec());

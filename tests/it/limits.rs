@@ -22,9 +22,9 @@ fn check(inside: &Path, line: &str) {
 #[test]
 fn the_smallest_limit_that_is_named_works() {
     let inside = folder();
-    // Larger than one chunk, so that every worker has work.
-    document_in(inside.path(), "gen scan --triangles 400k -o scan.ply");
-    document_in(inside.path(), "gen scan --triangles 400k -o scan.obj");
+    // A chunk (of at most 2^17 triangles) for every worker, so that each has work.
+    document_in(inside.path(), "gen scan --triangles 140k -o scan.ply");
+    document_in(inside.path(), "gen scan --triangles 140k -o scan.obj");
     document_in(inside.path(), "gen scan --triangles 100k -o scan.stl");
     document_in(inside.path(), "build scan.stl -o scan.trex");
     for picture in ["large.exr", "large.png"] {
@@ -33,9 +33,9 @@ fn the_smallest_limit_that_is_named_works() {
     }
     for line in [
         "build gen:isosurface:300k:3 -o out.trex --overwrite --threads 3",
-        "build scan.ply -o out.trex --overwrite --threads 1",
-        "build scan.obj -o out.trex --overwrite --threads 2",
-        "build scan.stl -o out.trex --overwrite --threads 2",
+        "build scan.ply -o out.trex --overwrite --threads 1 --voxels 64",
+        "build scan.obj -o out.trex --overwrite --threads 2 --voxels 64",
+        "build scan.stl -o out.trex --overwrite --threads 2 --voxels 64",
         "build scan.stl gen:soup:10k scan.obj --no-asvo -o out.trex --overwrite --threads 2",
         "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 1",
         "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 3",

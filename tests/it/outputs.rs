@@ -115,7 +115,7 @@ impl Drop for SmallDisk {
 fn a_full_disk_is_said_and_leaves_nothing() {
     let inside = folder();
     let Some(_disk) = SmallDisk::mount(&inside.path().join("small"), 2 << 20) else { return };
-    document_in(inside.path(), "build gen:scan:100k -o model.trex");
+    document_in(inside.path(), "build gen:scan:100k -o model.trex --no-asvo");
     // What is left of the disk is less than the page file of a million triangles, 1.8 MB.
     std::fs::write(inside.path().join("small/filler"), vec![1; 1 << 20]).unwrap();
     // Errors that no compression makes small enough.
@@ -249,7 +249,7 @@ fn nothing_but_a_file_is_replaced_and_no_input() {
     let inside = folder();
     let at = |name: &str| inside.path().join(name);
     document_in(inside.path(), "gen soup --triangles 10k -o soup.ply");
-    document_in(inside.path(), "build soup.ply -o soup.trex");
+    document_in(inside.path(), "build soup.ply -o soup.trex --no-asvo");
     document_in(inside.path(), "render soup.trex -o soup.png --resolution 8x8 --spp 1");
     for (link, target) in [("link.trex", "soup.trex"), ("link.png", "soup.png"), ("link.ply", "soup.ply")] {
         std::os::unix::fs::symlink(at(target), at(link)).unwrap();

@@ -210,9 +210,8 @@ fn batches_meet_what_single_rays_meet() {
 /// Every triangle's corners and centre lie in voxels that are set.
 #[test]
 fn surfaces_are_in_their_voxels() {
-    for (spec, resolution) in
-        [("gen:isosurface:50k:1", 256), ("gen:soup:10k:1", 64), ("gen:pipes:30k:1", 1024)]
-    {
+    // A cube of each depth; at 1024 what has little surface.
+    for (spec, resolution) in [("gen:pipes:30k:3", 256), ("gen:soup:10k:3", 64), ("gen:scan:10k:2", 1024)] {
         let (built, octree) = octree_of(spec, resolution);
         let scene = VoxelScene::new(&octree, &built.file.superblock().lattice, Occluders::On);
         let side = scene.leaf_side() / 4.0;

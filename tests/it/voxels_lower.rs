@@ -1,7 +1,7 @@
 //! Rays through units: against all voxels one by one, whichever pages are there; and pictures of files with units.
 
 use crate::command::{document_in, folder};
-use crate::fixtures::model_with;
+use crate::fixtures::{built_in, model_with};
 use crate::format::read;
 use crate::format_octree::Upper;
 use crate::format_units::{Unit, read_links, read_units};
@@ -339,7 +339,7 @@ fn leave_all(
 #[test]
 fn units_give_the_same_picture_whatever_threads_and_limit() {
     let folder = folder();
-    document_in(folder.path(), "build gen:pipes:30k:3 -o p.trex --voxels 64/256");
+    built_in(folder.path(), "gen:pipes:10k --voxels 64/256", "p.trex");
     for integrator in ["photon", "photon --near exact", "photon --occluders off", "ao", "debug-lower"] {
         let mut first = None;
         for options in ["--threads 1", "--threads 2", "--threads 1 --memory-limit 33MiB"] {
