@@ -27,7 +27,14 @@ pub struct PagedMesh<'a, P> {
     /// Made when it is first asked for.
     #[cfg(target_arch = "x86_64")]
     packet: Option<Box<PacketRoom>>,
-    wanted: Vec<(u32, u32)>,
+    wanted: Wanted,
+}
+
+/// Pages that blocked rays, each once, and how many rays each blocked.
+struct Wanted {
+    pages: Vec<u32>,
+    /// By page; 0 for one that is not wanted.
+    rays: Vec<u32>,
 }
 
 /// Share of a triangle's size that a surface point may be off its plane for the f32 test.
@@ -55,7 +62,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
             stack: Stack::new(),
             #[cfg(target_arch = "x86_64")]
             packet: Default::default(),
-            wanted: Vec::new(),
+            wanted: Wanted { pages: Vec::new(), rays: vec![0; file.pages().len()] },
         }
     }
 
@@ -77,7 +84,13 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     /// Moves the pages that blocked rays since the last call to `into`, with how many rays each blocked.
     pub fn take_wanted(&mut self, into: &mut Vec<(u32, u32)>) {
         into.clear();
-        into.append(&mut self.wanted);
+        let Wanted { pages, rays } = &mut self.wanted;
+        into.extend(pages.drain(..).map(|page| (page, std::mem::take(&mut rays[page as usize]))));
+    }
+
+    /// Bytes that the list of missing pages of a file of `page_count` pages takes at most.
+    pub(super) fn wanted_bytes(page_count: usize) -> u64 {
+        (2 * size_of::<u32>() * page_count) as u64
     }
 
     fn run(&mut self, ray: &Ray, goal: Goal, missing: &mut Missing) -> Option<Ended> {
@@ -140,7 +153,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
 
     fn note(&mut self, missing: &Missing, before: f64) {
         for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
-            want(&mut self.wanted, page);
+            self.wanted.add(page);
         }
     }
 
@@ -165,11 +178,14 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     }
 }
 
-/// One ray more that a page blocks.
-fn want(wanted: &mut Vec<(u32, u32)>, page: u32) {
-    match wanted.iter_mut().find(|(wanted, _)| *wanted == page) {
-        Some((_, rays)) => *rays += 1,
-        None => wanted.push((page, 1)),
+impl Wanted {
+    /// One ray more that a page blocks.
+    fn add(&mut self, page: u32) {
+        let rays = &mut self.rays[page as usize];
+        if *rays == 0 {
+            self.pages.push(page);
+        }
+        *rays = rays.saturating_add(1);
     }
 }
 
@@ -178,7 +194,7 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
     fn unit_page(&mut self, page: u32) -> Page<'_> {
         let found = self.pages.page(page);
         if matches!(found, Page::Missing) {
-            want(&mut self.wanted, page);
+            self.wanted.add(page);
         }
         found
     }

@@ -36,6 +36,7 @@ pub trait PagedTracer: Tracer {
         0
     }
 
-    /// Begins to count the pages asked for anew.
+    /// Begins to count the pages asked for anew; what has been asked for and not yet begun to be read is not wanted any
+    /// more.
     fn forget_demand(&mut self) {}
 }

@@ -73,8 +73,9 @@ impl<'a> PooledPages<'a> {
 
     /// Bytes that one worker's table takes for a file of `page_count` pages.
     pub fn bytes(page_count: usize, pins_max: usize) -> u64 {
-        (2 * page_count + page_count / 8 + size_of::<PinToken>() * pins_max.min(page_count) + 16 * WANTS_MAX)
-            as u64
+        let table = 2 * page_count + page_count / 8;
+        let lists = size_of::<PinToken>() * pins_max.min(page_count) + 16 * WANTS_MAX;
+        (table + lists) as u64 + PagedMesh::<PooledPages>::wanted_bytes(page_count)
     }
 
     fn unpin_all(&mut self) {
@@ -85,7 +86,10 @@ impl<'a> PooledPages<'a> {
     }
 
     /// Joins the pages that blocked rays to those still awaited, and hands the list to the pool.
-    fn submit(&mut self, blocked: &[(u32, u32)]) -> usize {
+    fn submit(&mut self, blocked: &mut [(u32, u32)]) -> usize {
+        // Those that block the most rays first: the others are asked for again by the rays that still wait.
+        blocked.sort_unstable_by_key(|&(page, rays)| (std::cmp::Reverse(rays), page));
+        let blocked = &blocked[..blocked.len().min(WANTS_MAX / 2)];
         let pool = self.pool;
         let awaited = |page: u32| {
             matches!(pool.state(page), PageState::Absent | PageState::Queued | PageState::Reading)
@@ -142,6 +146,16 @@ impl<'a> PooledPages<'a> {
         inner.filter(move |&page| !is_used(page) && is_used(page - 1) && is_used(page + 1))
     }
 
+    /// Forgets what was asked for: nothing that has not been begun is read for it.
+    fn forget(&mut self) {
+        self.used.fill(0);
+        self.wants.clear();
+        self.pool.submit(self.origin, &[]);
+        if self.origin == 0 {
+            PREDICTOR_ORIGINS.for_each(|origin| self.pool.submit(origin, &[]));
+        }
+    }
+
     fn demand(&self, pages: &mut Vec<u64>) -> usize {
         pages.resize(self.used.len(), 0);
         for (sum, used) in pages.iter_mut().zip(&self.used) {
@@ -189,7 +203,7 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
     fn request_missing(&mut self) -> usize {
         let mut blocked = Vec::new();
         self.take_wanted(&mut blocked);
-        self.pages_mut().submit(&blocked)
+        self.pages_mut().submit(&mut blocked)
     }
 
     fn wait(&mut self, longest: Duration) {
@@ -208,7 +222,8 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
     }
 
     fn forget_demand(&mut self) {
-        self.pages_mut().used.fill(0);
+        self.take_wanted(&mut Vec::new());
+        self.pages_mut().forget();
     }
 }
 
