@@ -5,6 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+use trex_render::FetchBlock;
 use trex_store::octree::Refinement;
 
 /// Widest or tallest picture, pixels: what PNG viewers and a film of strips still handle.
@@ -60,10 +61,6 @@ pub struct Seconds(pub f64);
 /// A time, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Milliseconds(pub f64);
-
-/// Three times, milliseconds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Triple(pub [f64; 3]);
 
 /// `--voxels`: leaves of the resident octree along the longest side, and how much finer the finest ones are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,6 +125,8 @@ pub fn bytes(text: &str) -> Result<Bytes, String> {
     Ok(Bytes(value as u64))
 }
 
+/// Most tiles of a fetch block: those of a picture of 8192x8192.
+const FETCH_BLOCK_MAX: u32 = 1 << 20;
 const UNKNOWN_UNIT: &str = "the unit is missing or unknown (M and G are ambiguous)";
 
 /// Parses `--memory-limit`: an amount of [`bytes`], `50%`, or `auto`.
@@ -232,11 +231,17 @@ pub fn milliseconds(text: &str) -> Result<Milliseconds, String> {
         .ok_or_else(|| "accepted are milliseconds from 0.1 to 3600000, like 33 or 33ms".into())
 }
 
-/// Parses three times in milliseconds above zero.
-pub fn triple(text: &str) -> Result<Triple, String> {
-    let parts: Result<Vec<f64>, String> =
-        text.split(',').map(|part| milliseconds(part).map(|ms| ms.0)).collect();
-    <[f64; 3]>::try_from(parts?).map(Triple).map_err(|_| "accepted are three times, like 20,33,100".into())
+/// Parses the tiles of a fetch block, or `adaptive`.
+pub fn fetch_block(text: &str) -> Result<FetchBlock, String> {
+    match text.trim() {
+        "adaptive" => Ok(FetchBlock::Adaptive),
+        number => number
+            .parse()
+            .ok()
+            .filter(|tiles| (1..=FETCH_BLOCK_MAX).contains(tiles))
+            .map(FetchBlock::Tiles)
+            .ok_or_else(|| format!("accepted are 1 to {FETCH_BLOCK_MAX} tiles, or adaptive")),
+    }
 }
 
 /// Parses an error of the footprint rule, pixels.

@@ -56,8 +56,8 @@ pub use scene::settings::{
 pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{
-    BLOCK_TILES_MIN, Event, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan, PictureNeeds,
-    Prefetch, RenderStats, Session, SessionSetup, model_bytes,
+    BLOCK_TILES_MIN, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan,
+    PictureNeeds, Prefetch, RenderStats, Session, SessionSetup, model_bytes,
 };
 pub use shading::{Emitter, Emitters, Light};
 pub use stats::{PassStats, PhotonStats, RayCounts, RayRates};

@@ -10,6 +10,9 @@ use sobol_burley::sample_4d;
 /// Longest sequence that the Sobol tables hold; longer ones go on in a sequence with another seed.
 const SEQUENCE_BITS: u32 = 16;
 
+/// Side of a block of pixels that share a sequence, as a power of two.
+const BLOCK_BITS: u32 = 3;
+
 /// The numbers of one sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sampler {
@@ -53,6 +56,16 @@ impl Sampler {
     pub(crate) fn new(seed: u64, pixel: [u32; 2], sample: u32) -> Sampler {
         let pixel_key = u64::from(pixel[0]) | u64::from(pixel[1]) << 32;
         Sampler { pixel_seed: mix(mix(seed) ^ pixel_key), sample }
+    }
+
+    /// The numbers of one sample of `pixel` (x, y), out of a sequence that the pixels of its block share: those at
+    /// every fourth pixel come first, then those at every second, so that each grid has points that are stratified.
+    pub(crate) fn among(seed: u64, pixel: [u32; 2]) -> Sampler {
+        let bit = |v: u32, place: u32| v >> place & 1;
+        let place =
+            |level: u32| bit(pixel[0], BLOCK_BITS - 1 - level) | bit(pixel[1], BLOCK_BITS - 1 - level) << 1;
+        let sample = (0..BLOCK_BITS).map(|level| place(level) << (2 * level)).sum();
+        Sampler::new(seed, pixel.map(|v| v >> BLOCK_BITS), sample)
     }
 
     /// Four numbers for `decision`.
@@ -99,6 +112,18 @@ mod tests {
         let first = |seed, pixel| Sampler::new(seed, pixel, 0).draw(Decision::Pixel);
         assert_ne!(first(7, [3, 5]), first(7, [5, 3]));
         assert_ne!(first(7, [3, 5]), first(8, [3, 5]));
+    }
+
+    #[test]
+    fn pixels_of_a_block_are_stratified_at_every_step() {
+        for step in [4usize, 2, 1] {
+            let mut cells = vec![0; 64 / (step * step)];
+            for [x, y] in (0..8).step_by(step).flat_map(|y| (0..8).step_by(step).map(move |x| [x, y])) {
+                let [u, ..] = Sampler::among(7, [16 + x, 40 + y]).draw(Decision::Roulette(0));
+                cells[(u * (64 / (step * step)) as f32) as usize] += 1;
+            }
+            assert!(cells.iter().all(|&count| count == 1), "{step}: {cells:?}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::values::{self, Milliseconds, Resolution, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_render::{FrameOptions, Method, Near, Occluders, Prefetch, Saliency, Scene, TileOrder};
+use trex_render::{FetchBlock, FrameOptions, Method, Near, Occluders, Prefetch, Saliency, Scene, TileOrder};
 
 /// `trex render`
 #[derive(Debug, Args)]
@@ -107,9 +107,10 @@ pub struct DeadlineArgs {
     /// Longest time of a frame: the picture is made in frames, as a viewer would show them (stress: 100; render: none)
     #[arg(long, value_name = "MS", value_parser = values::milliseconds)]
     pub t_max: Option<Milliseconds>,
-    /// Most tiles that are shown together; less where they take more than half of the frame [default: 512]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
-    pub fetch_block: Option<u32>,
+    /// Tiles of 8x8 pixels that are shown together, or `adaptive`: as many as take half of the frame at the speed of
+    /// late [default: 64]
+    #[arg(long, value_name = "N", value_parser = values::fetch_block)]
+    pub fetch_block: Option<FetchBlock>,
     /// Which tiles come first [default: saliency]
     #[arg(long, value_enum, value_name = "ORDER")]
     pub tile_order: Option<TileOrderArg>,

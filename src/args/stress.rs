@@ -1,10 +1,11 @@
 //! The command line of `trex stress`.
 
-use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
-use crate::values::{self, Milliseconds, Triple};
+use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs, ScratchArgs};
+use crate::values::{self, Milliseconds};
 use clap::Args;
 use std::path::PathBuf;
-use trex_bench::stress::Scenario;
+use trex_bench::stress::{Requirement, Scenario};
+use trex_render::SPP_MAX;
 
 /// `trex stress`
 #[derive(Debug, Args)]
@@ -19,15 +20,20 @@ pub struct StressArgs {
     /// Viewpoints, lights or limits, one after the other
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub switches: u32,
-    /// Longest that a view is held; it ends when every pixel has a sample
-    #[arg(long, value_name = "MS", default_value = "1000", value_parser = values::milliseconds)]
+    /// Longest that a view is held; it ends when every pixel has an exact sample and all light is in
+    #[arg(long, value_name = "MS", default_value = "5000", value_parser = values::milliseconds)]
     pub hold: Milliseconds,
     /// Viewpoints of your own, in TOML: an array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml")]
     pub views: Option<PathBuf>,
-    /// Times that must not be passed, ms: median response, 99th percentile of it, longest frame
-    #[arg(long, value_name = "P50,P99,FRAME", value_parser = values::triple)]
-    pub require: Option<Triple>,
+    /// A time that must not be passed, ms: first, rough, whole, response, complete, converged or frame, with a
+    /// percentile; may be given more than once [default: whole.p99 within a frame]
+    #[arg(long, value_name = "TIME.PERCENTILE=MS")]
+    pub require: Vec<Requirement>,
+    /// Tell how wrong pictures are 33, 100, 300 and 1000 ms after an event, by references of so many samples, which
+    /// are rendered first (256 is good, and takes a minute or more a view)
+    #[arg(long, value_name = "SPP", value_parser = clap::value_parser!(u32).range(1..=i64::from(SPP_MAX)))]
+    pub reference_spp: Option<u32>,
     /// Where to write the picture that is on show at the end (.png, .exr)
     #[arg(short, long, value_name = "PICTURE")]
     pub output: Option<PathBuf>,
@@ -41,6 +47,8 @@ pub struct StressArgs {
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
+    pub scratch: ScratchArgs,
+    #[command(flatten)]
     pub common: CommonArgs,
 }
 
@@ -48,7 +56,11 @@ const AFTER_STRESS: &str = "\
 Exit status 1 and the reasons when a view had no response for a second, a tile showed nothing, memory
 passed its limit or grew, or a time that was required was not kept.
 
+Times count from the event: rough and whole are a picture that shows nothing older, with a lit ray at
+every 4th and every 2nd pixel; response is an exact fetch block, complete an exact sample in every pixel.
+
 Examples:
   trex stress ship.trex --scenario inside --memory-limit 128MiB
-  trex stress iso.trex --scenario flip --memory-limit 128MiB --t-max 33 --fetch-block 128 --require 20,33,100
+  trex stress iso.trex --scenario flip --memory-limit 128MiB --require whole.p99=33 --require complete.p50=80
+  trex stress iso.trex --scenario teleport --memory-limit 128MiB --reference-spp 256
   trex stress ship.trex --scenario flip --views cockpit-and-hull.toml --json";

@@ -95,8 +95,11 @@ fn times_angles_and_lengths_are_above_zero() {
     }
     assert_eq!((milliseconds("33"), milliseconds("1.5ms")), (Ok(Milliseconds(33.0)), Ok(Milliseconds(1.5))));
     assert!(milliseconds("0").is_err() && milliseconds("1s").is_err());
-    assert_eq!(triple("20,33,100"), Ok(Triple([20.0, 33.0, 100.0])));
-    assert!(triple("20,33").is_err() && triple("20,33,x").is_err());
+    assert_eq!(
+        (fetch_block("1"), fetch_block("adaptive")),
+        (Ok(FetchBlock::Tiles(1)), Ok(FetchBlock::Adaptive))
+    );
+    assert!(fetch_block("0").is_err() && fetch_block("1048577").is_err() && fetch_block("x").is_err());
     assert!(pixels("0").is_ok() && pixels("-1").is_err() && pixels("1e9").is_err());
     assert_eq!(positive("0.001"), Ok(0.001));
     assert!(positive("0").is_err() && positive("inf").is_err() && positive("x").is_err());

@@ -10,11 +10,14 @@ use crate::size;
 use crate::values::Milliseconds;
 use serde::Serialize;
 use std::fmt;
+use std::path::Path;
 use std::time::Duration;
-use trex_bench::stress::{self, Limits, Stand, StressFigures, StressOptions, Times};
-use trex_render::{Layers, Method};
-use trex_store::Progress;
+use trex_bench::stress::{
+    self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions, Times,
+};
+use trex_render::{FetchBlock, Layers, Method, PagedTracer, Scene, Session};
 use trex_store::io::IoDescription;
+use trex_store::{Code, Error, Progress, Result};
 
 /// Longest frame when no other is asked for: what the paper takes for the longest that users bear.
 const T_MAX: Milliseconds = Milliseconds(100.0);
@@ -31,43 +34,32 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     }
     args.picture.override_scene(&mut scene);
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
-    let play = Play {
-        scene: &scene,
-        file: &path,
-        layers: Layers::default(),
-        io: &io_options(&args.disk),
-        live: Some(frames),
+    let io = io_options(&args.disk);
+    let references = match args.reference_spp {
+        Some(spp) => Some(references(args, ctx, &scene, &path, spp)?),
+        None => None,
     };
+    let resolution = scene.render.resolution;
+    let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
+    let play = Play { scene: &scene, file: &path, layers: Layers::default(), io: &io, live: Some(frames) };
     let stage = Stage::open(&play, ctx)?;
     let mut session = stage.session(ctx)?;
-    let show = ctx.report();
-    let tell = |phase, done, total, unit| {
-        show(Progress { phase, done, total, unit, memory_bytes: ctx.budget.used_bytes() });
-    };
     let stop = || ctx.interrupt.is_raised();
-    session.illuminate(&stop, &mut |done, total| tell("photons", done, total, "photons"))?;
+    session.illuminate(&stop, &mut |done, total| tell(ctx, "photons", [done, total], "photons"))?;
     ctx.interrupt.check()?;
     let mut session = session.go_live(frames)?;
-    let views = args.views.as_ref().map(|path| read_views(path, &session.view().camera)).transpose()?;
-    let options = StressOptions {
-        scenario: args.scenario,
-        switches: args.switches,
-        hold: Duration::from_secs_f64(args.hold.0 / 1e3),
-        seed: scene.render.seed,
-        views: views.unwrap_or_default(),
-        limits: args.require.as_ref().map(|triple| {
-            let [p50_ms, p99_ms, frame_max_ms] = triple.0;
-            Limits { p50_ms, p99_ms, frame_max_ms }
-        }),
-    };
+    let options = stress_options(args, &scene, &session)?;
     let switches = u64::from(options.switches);
     let stand = Stand {
         pool: &stage.pool,
         resident_bytes: &resident_bytes,
         interrupt: &ctx.interrupt,
-        tell: &|done| tell("stress", done, switches, "switches"),
+        tell: &|done| tell(ctx, "stress", [done, switches], "switches"),
+        t_max: frames.t_max,
     };
-    let mut figures = stress::run(&mut session, &options, &stand)?;
+    let mut snapshots = snapshots;
+    let compared = references.as_ref().zip(snapshots.as_mut());
+    let mut figures = stress::run(&mut session, &options, compared, &stand)?;
     if let Some(output) = output {
         output.write(&session, scene.render.exposure, session.thread_pool())?;
     }
@@ -79,11 +71,15 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let stressed = Stressed {
         scene: path.display().to_string(),
         integrator: scene.render.integrator.as_str(),
-        resolution: scene.render.resolution,
+        resolution,
         n_shadow: scene.render.n_shadow,
         n_gather: scene.render.n_gather,
         t_max_ms: frames.t_max.as_secs_f64() * 1e3,
-        fetch_block: frames.fetch_block,
+        fetch_block: match frames.fetch_block {
+            FetchBlock::Tiles(tiles) => Some(tiles),
+            FetchBlock::Adaptive => None,
+        },
+        reference_spp: args.reference_spp,
         figures,
         memory,
         io_backend: stage.pool.io(),
@@ -91,6 +87,72 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     ctx.done(&stressed)?;
     Ok(if passed { Exit::Done } else { Exit::No })
+}
+
+fn tell(ctx: &Context, phase: &'static str, [done, total]: [u64; 2], unit: &'static str) {
+    let show = ctx.report();
+    show(Progress { phase, done, total, unit, memory_bytes: ctx.budget.used_bytes() });
+}
+
+/// What is asked of `session`.
+fn stress_options<T: PagedTracer + Send>(
+    args: &StressArgs,
+    scene: &Scene,
+    session: &Session<T>,
+) -> Result<StressOptions> {
+    let views = args.views.as_ref().map(|path| read_views(path, &session.view().camera)).transpose()?;
+    let t_max = Duration::from_secs_f64(args.deadline.t_max.as_ref().unwrap_or(&T_MAX).0 / 1e3);
+    let mut requirements = args.require.clone();
+    if requirements.is_empty() {
+        requirements.push(Requirement::default_for(t_max));
+    }
+    Ok(StressOptions {
+        scenario: args.scenario,
+        switches: args.switches,
+        hold: Duration::from_secs_f64(args.hold.0 / 1e3),
+        seed: scene.render.seed,
+        views: views.unwrap_or_default(),
+        requirements,
+    })
+}
+
+/// The pictures of the scenario's states on the exact mesh, `spp` samples a pixel; in a file without a name in the
+/// folder for temporary files.
+fn references(
+    args: &StressArgs,
+    ctx: &Context,
+    scene: &Scene,
+    path: &Path,
+    spp: u32,
+) -> anyhow::Result<References> {
+    let mut exact = scene.clone();
+    exact.render.lod_error = 0.0;
+    let io = io_options(&args.disk);
+    let play = Play { scene: &exact, file: path, layers: Layers::default(), io: &io, live: None };
+    let stage = Stage::open(&play, ctx)?;
+    let mut session = stage.session(ctx)?;
+    let options = stress_options(args, scene, &session)?;
+    let states = stress::state_count(&session, &options);
+    if states == 0 {
+        let error = Error::new(Code::SceneFormat, "the states of this scenario have no references")
+            .at_place("--reference-spp")
+            .numbers(format!("{} never comes to one twice", options.scenario.name()))
+            .next("leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze or still");
+        return Err(error.into());
+    }
+    let place = args.scratch.temp_dir.clone().unwrap_or_else(|| ".".into());
+    let file = tempfile::tempfile_in(&place);
+    let file = file.map_err(|error| Error::io("make a file for the references", &place, &error))?;
+    let mut references = References::new(file, place, exact.render.resolution);
+    let stand = Stand {
+        pool: &stage.pool,
+        resident_bytes: &resident_bytes,
+        interrupt: &ctx.interrupt,
+        tell: &|done| tell(ctx, "references", [done, states.into()], "views"),
+        t_max: Duration::ZERO,
+    };
+    stress::render_references(&mut session, &options, spp, &mut references, &stand)?;
+    Ok(references)
 }
 
 #[derive(Serialize)]
@@ -101,7 +163,9 @@ struct Stressed {
     n_shadow: u32,
     n_gather: u32,
     t_max_ms: f64,
-    fetch_block: u32,
+    /// Tiles, as asked; `null` where it follows the speed of late.
+    fetch_block: Option<u32>,
+    reference_spp: Option<u32>,
     #[serde(flatten)]
     figures: StressFigures,
     memory: Memory,
@@ -123,18 +187,30 @@ impl fmt::Display for Stressed {
                 times.count()
             )
         };
-        line("first picture", &figures.first_picture_ms)?;
-        line("response", &figures.response_ms)?;
-        line("complete picture", &figures.complete_ms)?;
+        line("rough picture (a ray at every 4th pixel)", &figures.rough_ms)?;
+        line("whole picture (a ray at every 2nd pixel)", &figures.whole_ms)?;
+        line("response (an exact fetch block)", &figures.response_ms)?;
+        line("complete picture (all exact)", &figures.complete_ms)?;
+        line("all light in", &figures.converged_ms)?;
         line("frames", &figures.frame_ms)?;
         writeln!(
             f,
-            "{} tiles a block, {}; error of the footprint {} px asked, {} px at worst",
+            "{} tiles a block, {:.1} % of the picture; {}; error of the footprint {} px asked, {} px at worst, {} px \
+             when complete",
             figures.block_tiles.round(),
+            100.0 * figures.response_share,
             size::rate(figures.rays.total() as f64 * 1e3 / figures.time_ms.max(1) as f64, "rays"),
             figures.pixel_error.asked,
-            figures.pixel_error.worst
+            figures.pixel_error.worst,
+            figures.pixel_error.worst_at_complete
         )?;
+        for (ms, error) in figures.error_at_ms.iter().flatten() {
+            writeln!(
+                f,
+                "relMSE at {ms} ms: median {:.4}, greatest {:.4} ({})",
+                error.median, error.max, error.count
+            )?;
+        }
         writeln!(
             f,
             "pages: {} read, {:.0} % of them again; {:.1} missed a switch; {} from the disk; memory limit {}, peak {}",

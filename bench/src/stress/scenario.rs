@@ -4,17 +4,18 @@
 //! flip       two views from opposite sides          light-edit  the light goes round, a material with it
 //! inside     overview and interior                  squeeze     flip, with half of the frames every other time
 //! pingpong   overview and close-up                  soak        flip, inside and poses in turn; memory is watched
-//! teleport   poses by chance                        sweep       an orbit, a step a response
+//! teleport   one of twelve poses, by chance         sweep       an orbit, a step a response
 //! still      one view, again and again: what the table 2 of the paper shows
 //! ```
 //!
-//! Invariant: step `n` of a script is a function of the model, the options and `n`.
+//! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state the
+//! scene is always the same, once the script has begun.
 
 use super::options::{Scenario, StressOptions};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use trex_render::{
-    Camera, Event, Light, LiveSession, MaterialEdit, Model, Occluders, PagedTracer, Ray, VoxelScene, up_axis,
+    Camera, Event, Light, MaterialEdit, Model, Occluders, PagedTracer, Ray, Session, VoxelScene, up_axis,
 };
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::FRAMES_MIN;
@@ -26,6 +27,9 @@ const INTERIOR_RAYS: u32 = 32;
 const ORBIT_STEPS: u32 = 48;
 /// Distance of the close-up from the surface, as a share of the model's diagonal.
 const CLOSE_SHARE: f64 = 0.01;
+/// Poses of `teleport`, and states of `light-edit`.
+const POSES: u32 = 12;
+const LIGHT_STATES: u32 = 8;
 /// Irradiance of the light that goes round, as strong as the default sun.
 const SUN: f32 = 3.0;
 
@@ -46,8 +50,9 @@ pub(super) struct Script {
 }
 
 impl Script {
+    /// The script of `options` on the model and the view of `session`, whose pool has so many `frames`.
     pub(super) fn new<T: PagedTracer + Send>(
-        session: &LiveSession<T>,
+        session: &Session<T>,
         options: &StressOptions,
         frames: u64,
     ) -> Script {
@@ -66,18 +71,51 @@ impl Script {
         Script { scenario: options.scenario, seed: options.seed, model, views, frames }
     }
 
+    /// Count of states that the scene comes to; 0 for a script whose states do not come again.
+    pub(super) fn state_count(&self) -> u32 {
+        match self.scenario {
+            Scenario::Flip | Scenario::Inside | Scenario::Pingpong | Scenario::Squeeze => {
+                self.views.len() as u32
+            }
+            Scenario::Still => 1,
+            Scenario::Teleport => POSES,
+            Scenario::LightEdit => LIGHT_STATES,
+            Scenario::Sweep | Scenario::Soak => 0,
+        }
+    }
+
+    /// The state of the scene after switch `index`; below [`Script::state_count`], where that is not 0.
+    pub(super) fn state(&self, index: u32) -> u32 {
+        match self.scenario {
+            Scenario::Teleport => (Numbers::new(self.seed, index).next() * f64::from(POSES)) as u32,
+            _ => index % self.state_count().max(1),
+        }
+    }
+
+    /// Switches before the first that is measured: what a state is made of has been done once.
+    pub(super) fn first(&self) -> u32 {
+        if self.scenario == Scenario::LightEdit { LIGHT_STATES } else { 0 }
+    }
+
+    /// What takes the scene to state `state`, after those before it.
+    pub(super) fn steps_to(&self, state: u32) -> Vec<Step> {
+        match self.scenario {
+            Scenario::Teleport => vec![look(self.pose(state))],
+            _ => self.steps(state),
+        }
+    }
+
     /// What is done at switch `index`.
     pub(super) fn steps(&self, index: u32) -> Vec<Step> {
-        let look = |camera: Camera| Step::Event(Box::new(Event::Camera(camera)));
         let view = self.views[index as usize % self.views.len()];
         match self.scenario {
             Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
             Scenario::Still => vec![look(self.views[0])],
-            Scenario::Teleport => vec![look(self.pose(index))],
+            Scenario::Teleport => vec![look(self.pose(self.state(index)))],
             Scenario::Sweep => {
                 vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
             }
-            Scenario::LightEdit => vec![self.light(index)],
+            Scenario::LightEdit => vec![self.light(index % LIGHT_STATES)],
             Scenario::Squeeze => {
                 let frames =
                     if index % 4 < 2 { self.frames } else { (self.frames / 2).max(FRAMES_MIN as u64) };
@@ -117,6 +155,10 @@ impl Script {
         let sun = Light::Directional { direction, irradiance: [SUN; 3] };
         Step::Event(Box::new(Event::Lights(vec![sun, Light::Sky { radiance: [0.3; 3] }])))
     }
+}
+
+fn look(camera: Camera) -> Step {
+    Step::Event(Box::new(Event::Camera(camera)))
 }
 
 /// The camera after `turns` of the way round the model.

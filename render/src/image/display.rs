@@ -1,28 +1,27 @@
-//! `Display`: what a picture in frames shows where its film has no samples: previews, stand-ins, the last state.
+//! `Display`: the picture that a frame shows at once, until the film has samples of the same state.
 //!
-//! Invariants: 1. nothing of it is ever on the film; 2. its memory is leased before it is taken.
+//! Its samples are taken at every 8th pixel, then every 4th, then every 2nd: a finer grid holds the coarser ones. What
+//! is shown between them: see `coarse.rs`.
+//!
+//! Invariants: 1. nothing of it is ever on the film; 2. all that is shown is of one state; 3. its memory is leased
+//! before it is taken.
 
-use super::film::Film;
-use super::tile::{Tile, Tiles, tile_count};
+use super::coarse::Coarse;
+use super::film::LayerPixel;
+use glam::Vec3;
+use rayon::ThreadPool;
 use trex_store::{Budget, Lease, Result};
-
-/// The content of a tile on show that has no samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Shows {
-    Nothing,
-    /// The radiance that one voxel ray saw, linear RGB.
-    Preview([f32; 3]),
-    /// The pixels of the last state, in `radiance`.
-    Before,
-    StandIn,
-}
 
 /// The picture where the film has none.
 #[derive(Debug)]
 pub struct Display {
     resolution: [u32; 2],
+    /// What is shown, by rows.
     radiance: Vec<[f32; 3]>,
-    tiles: Vec<Shows>,
+    /// What `radiance` is made of.
+    coarse: Coarse,
+    /// The state on show and the step of its grid; `None` before the first picture.
+    shown: Option<(u32, u32)>,
     _lease: Lease,
 }
 
@@ -30,7 +29,7 @@ impl Display {
     /// Bytes that a display takes at `resolution` (width, height; pixels).
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-        pixels * size_of::<[f32; 3]>() as u64 + u64::from(tile_count(resolution)) * size_of::<Shows>() as u64
+        pixels * size_of::<[f32; 3]>() as u64 + Coarse::bytes(resolution)
     }
 
     /// A display of `resolution` (width, height; pixels) that shows nothing.
@@ -39,66 +38,115 @@ impl Display {
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`Display::bytes`].
     pub(crate) fn new(resolution: [u32; 2], budget: &Budget) -> Result<Display> {
         let lease = budget.lease("the picture on show", Display::bytes(resolution))?;
-        let pixels = resolution[0] as usize * resolution[1] as usize;
-        let tiles = vec![Shows::Nothing; tile_count(resolution) as usize];
-        Ok(Display { resolution, radiance: vec![[0.0; 3]; pixels], tiles, _lease: lease })
+        let radiance = vec![[0.0; 3]; resolution[0] as usize * resolution[1] as usize];
+        Ok(Display { resolution, radiance, coarse: Coarse::new(resolution), shown: None, _lease: lease })
     }
 
-    /// Radiance on show at pixel (x, y), which is of tile `tile`; linear RGB.
-    pub(crate) fn radiance(&self, pixel: [u32; 2], tile: u32) -> [f32; 3] {
-        match self.tiles[tile as usize] {
-            Shows::Preview(radiance) => radiance,
-            _ => self.radiance[self.place(pixel)],
-        }
+    /// The state on show; `None` before the first picture.
+    pub(crate) fn state(&self) -> Option<u32> {
+        self.shown.map(|(state, _)| state)
     }
 
-    /// Sets the radiance of a pixel (x, y), linear RGB; its tile says whether it is shown.
-    pub(crate) fn set(&mut self, pixel: [u32; 2], radiance: [f32; 3]) {
-        let at = self.place(pixel);
-        self.radiance[at] = radiance;
+    /// Pixels from sample to sample of what is on show; `None` before the first picture.
+    pub(crate) fn step(&self) -> Option<u32> {
+        self.shown.map(|(_, step)| step)
     }
 
-    /// Shows one radiance for all of a tile, linear RGB.
-    pub(crate) fn set_preview(&mut self, tile: &Tile, radiance: [f32; 3]) {
-        self.tiles[tile.index as usize] = Shows::Preview(radiance);
+    /// Radiance on show at pixel (x, y), linear RGB.
+    pub(crate) fn radiance(&self, [x, y]: [u32; 2]) -> [f32; 3] {
+        self.radiance[y as usize * self.resolution[0] as usize + x as usize]
     }
 
-    /// True when the pixels of `tile` stand in for pages on their way.
-    pub(crate) fn has_stand_in(&self, tile: &Tile) -> bool {
-        self.tiles[tile.index as usize] == Shows::StandIn
+    /// Sets the sample of a pixel (x, y), one of the finest grid: its radiance, linear RGB, and what it saw.
+    pub(crate) fn set(&mut self, pixel: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
+        self.coarse.set(pixel, radiance, seen);
     }
 
-    /// Takes the pixels that were set for a stand-in of `tile`.
-    pub(crate) fn mark_stand_in(&mut self, tile: &Tile) {
-        self.tiles[tile.index as usize] = Shows::StandIn;
+    /// Shows the samples at every `step`-th pixel, all of which are of `state`.
+    pub(crate) fn show(&mut self, state: u32, step: u32, pool: &ThreadPool) {
+        self.coarse.fill(step, &mut self.radiance, pool);
+        self.shown = Some((state, step));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::coarse::STEPS;
+    use crate::sampler::mix;
+    use crate::testing::pool;
+
+    const RESOLUTION: [u32; 2] = [19, 13];
+
+    /// What pixel (x, y) saw: two surfaces, left and right of column 10.
+    fn seen([x, _]: [u32; 2]) -> LayerPixel {
+        let depth = if x < 10 { 5.0 } else { 9.0 };
+        LayerPixel { depth, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 0 }
     }
 
-    /// Takes over what `film` shows, before it is cleared; it counts as a picture of the last state.
-    pub(crate) fn keep(&mut self, film: &Film, tiles: &Tiles) {
-        for index in 0..tiles.count() {
-            if film.tile_samples(index) > 0 {
-                let tile = tiles.tile(index);
-                for pixel in (0..tile.pixel_count()).map(|pixel| tile.pixel(pixel)) {
-                    self.set(pixel, film.radiance(pixel));
-                }
-                self.tiles[index as usize] = Shows::Before;
+    /// A display with a sample at every `step`-th pixel.
+    fn shown(step: u32, radiance: impl Fn([u32; 2]) -> f32) -> Display {
+        let mut display = Display::new(RESOLUTION, &Budget::unlimited()).unwrap();
+        for y in (0..RESOLUTION[1]).step_by(step as usize) {
+            for x in (0..RESOLUTION[0]).step_by(step as usize) {
+                display.set([x, y], Vec3::splat(radiance([x, y])), &seen([x, y]));
             }
         }
+        display.show(7, step, &pool(2));
+        assert_eq!((display.state(), display.step()), (Some(7), Some(step)));
+        display
     }
 
-    /// Tiles without samples on `film`: those that show a stand-in, and those that show nothing.
-    pub(crate) fn count(&self, film: &Film) -> [u32; 2] {
-        let mut counts = [0; 2];
-        for (index, shows) in self.tiles.iter().enumerate() {
-            if film.tile_samples(index as u32) == 0 {
-                counts[0] += u32::from(*shows == Shows::StandIn);
-                counts[1] += u32::from(*shows == Shows::Nothing);
+    fn pixels() -> impl Iterator<Item = [u32; 2]> {
+        (0..RESOLUTION[1]).flat_map(|y| (0..RESOLUTION[0]).map(move |x| [x, y]))
+    }
+
+    /// A slope is its own mean, away from edges.
+    #[test]
+    fn a_slope_stays_a_slope_between_samples() {
+        let slope = |[x, y]: [u32; 2]| x as f32 + 10.0 * y as f32;
+        let mut display = Display::new([64, 64], &Budget::unlimited()).unwrap();
+        for (x, y) in (0..64).step_by(2).flat_map(|y| (0..64).step_by(2).map(move |x| (x, y))) {
+            display.set([x, y], Vec3::splat(slope([x, y])), &seen([0, 0]));
+        }
+        display.show(0, 2, &pool(2));
+        for pixel in (14..48).flat_map(|y| (14..48).map(move |x| [x, y])) {
+            let found = display.radiance(pixel)[0];
+            assert!((found - slope(pixel)).abs() < 1e-3, "{pixel:?}: {found}");
+        }
+    }
+
+    /// Light by chance, of mean 1: its variance falls as the smoothing's weights say.
+    #[test]
+    fn noise_is_smoothed() {
+        let noise = |[x, y]: [u32; 2]| 2.0 * (mix(u64::from(x) << 32 | u64::from(y)) % 1000) as f32 / 999.0;
+        let mut display = Display::new([128, 128], &Budget::unlimited()).unwrap();
+        for pixel in (0..128).step_by(2).flat_map(|y| (0..128).step_by(2).map(move |x| [x, y])) {
+            display.set(pixel, Vec3::splat(noise(pixel)), &seen([0, 0]));
+        }
+        display.show(0, 2, &pool(2));
+        let pixels = || (0..128).flat_map(|y| (0..128).map(move |x| [x, y]));
+        let value = |pixel| f64::from(display.radiance(pixel)[0]);
+        let mean = pixels().map(value).sum::<f64>() / 128.0f64.powi(2);
+        let variance = pixels().map(|pixel| (value(pixel) - mean).powi(2)).sum::<f64>() / 128.0f64.powi(2);
+        assert!((mean - 1.0).abs() < 0.03 && variance < 0.03 / 3.0, "{mean} {variance}");
+    }
+
+    #[test]
+    fn nothing_bleeds_over_the_edge_of_a_surface() {
+        for step in STEPS {
+            let display = shown(step, |[x, _]| if x < 10 { 1.0 } else { 3.0 });
+            for pixel in pixels() {
+                let found = display.radiance(pixel)[0];
+                assert!(
+                    [1.0, 3.0].iter().any(|value| (found - value).abs() < 1e-5),
+                    "{step} {pixel:?}: {found}"
+                );
+                // The edge is off by less than the step.
+                let (before, after) = (pixel[0] + step <= 10, pixel[0] >= 10 + step);
+                assert!(!before || found < 2.0);
+                assert!(!after || found > 2.0);
             }
         }
-        counts
-    }
-
-    fn place(&self, [x, y]: [u32; 2]) -> usize {
-        y as usize * self.resolution[0] as usize + x as usize
     }
 }

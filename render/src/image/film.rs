@@ -2,7 +2,9 @@
 //!
 //! Invariants: 1. sums are f64: after 10^6 samples the mean is right to f32 (an f32 sum or running mean is not);
 //! 2. the samples of a pixel are added in the order of their index, so the bytes do not depend on threads;
-//! 3. all pixels of a tile have the same number of samples; 4. its memory is leased before it is taken.
+//! 3. all pixels of a tile have the same number of samples; 4. its memory is leased before it is taken; 5. the samples
+//! of a tile are all of one state of the scene: those of a state before count for nothing, and are shown until the
+//! first of the present one comes.
 
 use crate::image::tile::{Tile, tile, tile_count};
 use std::ops::Range;
@@ -39,6 +41,12 @@ pub struct LayerPixel {
     pub id: u32,
 }
 
+impl LayerPixel {
+    /// Where no triangle is seen.
+    pub(crate) const NOTHING: LayerPixel =
+        LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID };
+}
+
 /// A picture in the making.
 #[derive(Debug)]
 pub struct Film {
@@ -46,8 +54,11 @@ pub struct Film {
     layers: Layers,
     /// Sums of radiance per pixel, in rows.
     sums: Vec<[f64; 3]>,
-    /// Samples of each pixel, per tile.
+    /// Samples of each pixel, per tile, and the state that they are of.
     counts: Vec<u32>,
+    states: Vec<u32>,
+    /// The present state of the scene.
+    state: u32,
     depth: Vec<f32>,
     normal: Vec<[f32; 3]>,
     albedo: Vec<[f32; 3]>,
@@ -72,7 +83,7 @@ pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
         + if layers.albedo { 12 } else { 0 }
         + if layers.id { 4 } else { 0 };
     let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-    pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 4
+    pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 8
 }
 
 impl Layers {
@@ -103,6 +114,8 @@ impl Film {
             layers,
             sums: vec![[0.0; 3]; pixels],
             counts: vec![0; tile_count(resolution) as usize],
+            states: vec![0; tile_count(resolution) as usize],
+            state: 0,
             depth: vec![f32::INFINITY; if_asked(kept.depth)],
             normal: vec![[0.0; 3]; if_asked(kept.normal)],
             albedo: vec![[0.0; 3]; if_asked(kept.albedo)],
@@ -126,39 +139,67 @@ impl Film {
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
+        for index in 0..self.counts.len() as u32 {
+            self.clear_tile(index);
+        }
+        self.states.fill(0);
+        self.state = 0;
+    }
+
+    /// Begins another state of the scene: the samples so far count no more.
+    pub(crate) fn begin_state(&mut self) {
+        self.state += 1;
+        self.is_smooth = false;
+    }
+
+    /// The present state of the scene: grows with each [`Film::begin_state`].
+    pub(crate) fn state(&self) -> u32 {
+        self.state
+    }
+
+    /// The state that the samples of tile `index` are of; `None` without samples.
+    pub(crate) fn tile_state(&self, index: u32) -> Option<u32> {
+        (self.counts[index as usize] > 0).then_some(self.states[index as usize])
+    }
+
+    /// Forgets the samples of tile `index`.
+    fn clear_tile(&mut self, index: u32) {
         fn fill<T: Copy>(layer: &mut [T], row: Range<usize>, value: T) {
             // A layer that is not kept has no pixels.
             if let Some(row) = layer.get_mut(row) {
                 row.fill(value);
             }
         }
-        for index in 0..self.counts.len() {
-            // Tiles without samples are as new: where views change fast, that is most of them.
-            if std::mem::take(&mut self.counts[index]) == 0 {
-                continue;
-            }
-            let Tile { first: [x, y], size: [width, height], .. } = tile(self.resolution, index as u32);
-            for y in y..y + height {
-                let at = self.place([x, y]);
-                let row = at..at + width as usize;
-                fill(&mut self.sums, row.clone(), [0.0; 3]);
-                fill(&mut self.depth, row.clone(), f32::INFINITY);
-                fill(&mut self.normal, row.clone(), [0.0; 3]);
-                fill(&mut self.albedo, row.clone(), [0.0; 3]);
-                fill(&mut self.id, row.clone(), NO_ID);
-                fill(&mut self.indirect, row, [0.0; 3]);
-            }
-        }
         self.is_smooth = false;
+        // Tiles without samples are as new: where views change fast, that is most of them.
+        if std::mem::take(&mut self.counts[index as usize]) == 0 {
+            return;
+        }
+        let Tile { first: [x, y], size: [width, height], .. } = tile(self.resolution, index);
+        for y in y..y + height {
+            let at = self.place([x, y]);
+            let row = at..at + width as usize;
+            fill(&mut self.sums, row.clone(), [0.0; 3]);
+            fill(&mut self.depth, row.clone(), f32::INFINITY);
+            fill(&mut self.normal, row.clone(), [0.0; 3]);
+            fill(&mut self.albedo, row.clone(), [0.0; 3]);
+            fill(&mut self.id, row.clone(), NO_ID);
+            fill(&mut self.indirect, row, [0.0; 3]);
+        }
     }
 
-    /// Adds the next samples of `tile`: the first of all its pixels, the second of all its pixels, and so on.
+    /// Adds the next samples of `tile`, of the present state: the first of all its pixels, the second of all its
+    /// pixels, and so on.
     ///
     /// # Panics
     /// When some pixels get more samples than others.
     pub fn add(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
         let pixels = tile.pixel_count() as usize;
         assert_eq!(radiances.len() % pixels, 0, "a tile of {pixels} pixels");
+        if self.states[tile.index as usize] != self.state {
+            self.clear_tile(tile.index);
+            self.states[tile.index as usize] = self.state;
+        }
         for (index, radiance) in radiances.iter().enumerate() {
             let at = self.place(tile.pixel((index % pixels) as u32));
             for (sum, &value) in self.sums[at].iter_mut().zip(radiance) {
@@ -211,18 +252,21 @@ impl Film {
         }
     }
 
-    /// Samples that each pixel of tile `index` has.
+    /// Samples of the present state that each pixel of tile `index` has.
     pub fn tile_samples(&self, index: u32) -> u32 {
-        self.counts[index as usize]
+        match self.states[index as usize] == self.state {
+            true => self.counts[index as usize],
+            false => 0,
+        }
     }
 
-    /// Samples that every pixel has.
+    /// Samples of the present state that every pixel has.
     pub fn samples(&self) -> u32 {
-        self.counts.iter().copied().min().unwrap_or(0)
+        (0..self.counts.len() as u32).map(|index| self.tile_samples(index)).min().unwrap_or(0)
     }
 
-    /// Mean radiance of a pixel (x, y), linear RGB; black without samples. Its indirect part is smoothed where the
-    /// film was.
+    /// Mean radiance of a pixel (x, y), linear RGB, over its samples of the state that its tile has; black without
+    /// samples. Its indirect part is smoothed where the film was.
     pub fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
         let at = self.place(pixel);
@@ -330,11 +374,29 @@ mod tests {
     }
 
     #[test]
+    fn samples_of_another_state_are_shown_and_do_not_count() {
+        let mut film = Film::new([16, 8], Layers::default(), &Budget::unlimited()).unwrap();
+        let tiles = [tile([16, 8], 0), tile([16, 8], 1)];
+        let add = |film: &mut Film, index: usize, value: f32| film.add(&tiles[index], &[[value; 3]; 64]);
+        add(&mut film, 0, 1.0);
+        add(&mut film, 1, 1.0);
+        assert_eq!((film.samples(), film.state(), film.tile_state(1)), (1, 0, Some(0)));
+        film.begin_state();
+        add(&mut film, 0, 5.0);
+        assert_eq!([0, 1].map(|index| film.tile_samples(index)), [1, 0]);
+        assert_eq!((film.radiance([0, 0])[0], film.radiance([8, 0])[0]), (5.0, 1.0));
+        add(&mut film, 0, 7.0);
+        add(&mut film, 1, 3.0);
+        assert_eq!((film.samples(), film.tile_state(1)), (1, Some(1)));
+        assert_eq!((film.radiance([0, 0])[0], film.radiance([8, 0])[0]), (6.0, 3.0));
+    }
+
+    #[test]
     fn memory_is_leased_and_given_back() {
         let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
         let budget = Budget::unlimited();
         let film = Film::new([100, 50], layers, &budget).unwrap();
-        assert_eq!(budget.used_bytes(), 100 * 50 * (24 + 32) + 13 * 7 * 4);
+        assert_eq!(budget.used_bytes(), 100 * 50 * (24 + 32) + 13 * 7 * 8);
         drop(film);
         assert_eq!(budget.used_bytes(), 0);
         assert!(Film::new([100, 50], layers, &Budget::new(trex_store::RESERVE_BYTES)).is_err());

@@ -95,6 +95,11 @@ impl Tiles {
         tiles
     }
 
+    /// Moves tiles of a lower `age` before others; those of one age stay in their order.
+    pub(crate) fn sort_by_age<A: Ord>(&mut self, age: impl Fn(u32) -> A) {
+        self.order.sort_by_key(|&index| age(index));
+    }
+
     /// Tile `index`, whatever the order.
     pub(crate) fn tile(&self, index: u32) -> Tile {
         tile(self.resolution, index)

@@ -27,7 +27,7 @@ pub(super) struct AmbientOcclusion;
 impl Integrator for AmbientOcclusion {
     fn c_ray_end(&self, ctx: &RenderContext<'_>, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) -> Stage {
         match hit {
-            Some(hit) if ctx.world.settings.n_shadow > 0 => {
+            Some(hit) if ctx.n_shadow() > 0 => {
                 Stage::Shadow { surface: SurfaceInteraction::new(ray, &hit.point), index: 0 }
             }
             Some(_) => Stage::Done,
@@ -46,7 +46,7 @@ impl Integrator for AmbientOcclusion {
         surface: &SurfaceInteraction,
         index: u32,
     ) -> Option<ShadowQuery> {
-        let count = ctx.world.settings.n_shadow;
+        let count = ctx.n_shadow();
         let u = path.sampler.draw(Decision::Gather { vertex: 0, index, count });
         let direction = cosine_direction(surface.normal, [u[0], u[1]]);
         let light = Vec3::splat(1.0 / count as f32);

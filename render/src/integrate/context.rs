@@ -8,7 +8,7 @@ use crate::image::film::Layers;
 use crate::photon::irradiance::Irradiance;
 use crate::photon::kd_tree::PhotonTree;
 use crate::sampler::Decision;
-use crate::scene::settings::{Method, RenderKeys};
+use crate::scene::settings::{Method, Near, RenderKeys};
 use crate::scene::world::{Model, World};
 use crate::shading::bsdf::{Bsdf, takes_shadow_rays};
 use crate::shading::light::LightSample;
@@ -31,6 +31,10 @@ pub(crate) struct RenderContext<'a> {
     pub(crate) photon_tree: Option<&'a PhotonTree>,
     /// True when the first sample of each pixel also says what its centre shows.
     pub(crate) has_layers: bool,
+    /// Most rays of a kind that leave a surface, whatever the settings say.
+    rays_most: u32,
+    /// True when nothing waits for pages: where one is missing, the resident voxels answer.
+    pub(super) is_preview: bool,
 }
 
 impl<'a> RenderContext<'a> {
@@ -44,13 +48,28 @@ impl<'a> RenderContext<'a> {
             let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
             GScene { voxels: voxels.scene(occluders), lower, irradiance, near, answers_g_rays }
         });
-        RenderContext { world, voxels, photon_tree: None, has_layers: false }
+        RenderContext { voxels, ..RenderContext::from_mesh(world) }
     }
 
     /// The context of `world` with its mesh alone.
-    #[cfg(test)]
     pub(crate) fn from_mesh(world: &'a World) -> RenderContext<'a> {
-        RenderContext { world, voxels: None, photon_tree: None, has_layers: false }
+        RenderContext {
+            world,
+            voxels: None,
+            photon_tree: None,
+            has_layers: false,
+            rays_most: u32::MAX,
+            is_preview: false,
+        }
+    }
+
+    /// This context for a picture at once: G-rays ask the resident voxels, at most one of a kind leaves a surface, and
+    /// nothing waits for pages.
+    pub(crate) fn for_preview(self) -> RenderContext<'a> {
+        let resident =
+            |scene: GScene<'a>| GScene { lower: None, near: Near::Voxel, answers_g_rays: true, ..scene };
+        let voxels = self.voxels.map(resident);
+        RenderContext { voxels, photon_tree: None, has_layers: false, rays_most: 1, is_preview: true, ..self }
     }
 
     /// This context, with what the layers of a film take.
@@ -73,10 +92,15 @@ impl<'a> RenderContext<'a> {
         self.voxels.as_ref().filter(|scene| scene.answers_g_rays)
     }
 
+    /// Count of shadow rays at a surface.
+    pub(super) fn n_shadow(&self) -> u32 {
+        self.world.settings.n_shadow.min(self.rays_most)
+    }
+
     /// Count of gather rays at a surface.
     pub(super) fn n_gather(&self) -> u32 {
         let settings = &self.world.settings;
-        if settings.integrator.gathers() { settings.n_gather } else { 0 }
+        if settings.integrator.gathers() { settings.n_gather.min(self.rays_most) } else { 0 }
     }
 
     /// The stage after a ray that no light sample could have been: all that it sees counts.
@@ -104,7 +128,7 @@ impl<'a> RenderContext<'a> {
 
     /// The stage after the shadow rays before number `index`.
     pub(super) fn after_shadow_ray(&self, surface: SurfaceInteraction, index: u32) -> Stage {
-        if index < self.world.settings.n_shadow {
+        if index < self.n_shadow() {
             return Stage::Shadow { surface, index };
         }
         self.after_gather_ray(surface, 0)
@@ -123,7 +147,7 @@ impl<'a> RenderContext<'a> {
         index: u32,
         mis_weight: MisWeight,
     ) -> Option<ShadowQuery> {
-        let count = self.world.settings.n_shadow;
+        let count = self.n_shadow();
         let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
         let point = surface.shading_point(&self.world.materials);
         let sample = self.world.lights.sample(&point, u)?;

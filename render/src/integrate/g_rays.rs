@@ -45,7 +45,7 @@ impl RenderContext<'_> {
     ) -> Stage {
         let FirstRays { surface, .. } = first;
         let scene = self.g_scene().expect("batches have voxels");
-        let n_shadow = self.world.settings.n_shadow;
+        let n_shadow = self.n_shadow();
         let (from, next) = (batch.entry_count(), n_shadow.min(first.shadow + ASKED_MAX));
         let left = if next == n_shadow { ASKED_MAX - (next - first.shadow) } else { 0 };
         for index in first.shadow..next {
@@ -74,7 +74,7 @@ impl RenderContext<'_> {
                 path.gain(light);
             }
         }
-        if shadow.next < self.world.settings.n_shadow {
+        if shadow.next < self.n_shadow() {
             return Stage::Shadow { surface: *surface, index: shadow.next };
         }
         let scene = self.g_scene().expect("batches have voxels");

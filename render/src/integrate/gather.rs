@@ -57,7 +57,7 @@ impl RenderContext<'_> {
         surface: &SurfaceInteraction,
         index: u32,
     ) -> Option<GatherQuery> {
-        let count = self.world.settings.n_gather;
+        let count = self.n_gather();
         let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index, count });
         let sample = surface.bsdf(&self.world.materials).sample_rough([u[0], u[1], u[2]])?;
         let weight = 1.0 / count as f32 * sample.weight;

@@ -21,7 +21,7 @@ const MIRROR_LEAVES: f64 = 16.0;
 
 /// Knowledge of the first thing that a C-ray meets.
 pub(super) enum Closest {
-    /// A page is missing.
+    /// A page is missing; a preview has the voxels answer instead.
     Blocked,
     /// A hit on the mesh, or that there is nothing.
     Known(Option<CRayHit>),
@@ -48,6 +48,7 @@ impl RenderContext<'_> {
     pub(super) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
         let cut = self.cut(path);
         let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
+            Some(Answer::Blocked) if self.is_preview => return Closest::Far(FarRay::new(ray, 0.0)),
             Some(Answer::Blocked) => return Closest::Blocked,
             Some(Answer::Exact(found)) => found,
             None => None,

@@ -23,7 +23,6 @@ mod mirrors;
 mod path;
 mod path_state;
 mod photon;
-mod preview;
 mod roulette;
 mod sample_integrator;
 mod together;

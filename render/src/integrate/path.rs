@@ -82,7 +82,7 @@ fn bounce_end(
 ) -> Stage {
     let lights = &ctx.world.lights;
     let from = &from.shading_point(&ctx.world.materials);
-    let count = f64::from(ctx.world.settings.n_shadow);
+    let count = f64::from(ctx.n_shadow());
     let mut gain = |radiance: Vec3, light: f64| path.gain(mis_weight(pdf, count * light) * radiance);
     for (radiance, light) in lights.crossed(from, ray, hit.map_or(f64::INFINITY, |hit| hit.point.t)) {
         gain(radiance, light);

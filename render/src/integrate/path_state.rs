@@ -21,7 +21,8 @@ pub(crate) struct Sample {
     pub radiance: Vec3,
     /// The part of `radiance` that gather rays brought to the surface that is seen.
     pub indirect: Vec3,
-    /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for.
+    /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for. Of a preview: those
+    /// where its ray from the camera ended.
     pub layers: Option<LayerPixel>,
     /// Rays that the sample took.
     pub rays: RayCounts,

@@ -20,7 +20,7 @@ use super::path_state::{Origin, Path, Sample, ShadowQuery, Stage};
 use super::photon::PhotonMapping;
 use super::together::Together;
 use super::{CRays, Integrator};
-use crate::image::film::{LayerPixel, NO_ID};
+use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::settings::Method;
 use crate::shading::surface::SurfaceInteraction;
@@ -44,9 +44,11 @@ pub(crate) struct SampleIntegrator<'a> {
     integrator: &'static dyn Integrator,
 }
 
-/// The integrator of a method.
-fn integrator(method: Method) -> &'static dyn Integrator {
+/// The integrator of a method, or of its preview: what gathers on the mesh, or goes on by chance, is seen in direct
+/// light at first.
+fn integrator(method: Method, is_preview: bool) -> &'static dyn Integrator {
     match method {
+        Method::Path | Method::FullGi if is_preview => &Direct,
         Method::Direct => &Direct,
         Method::Path => &PathTracing,
         Method::Ao => &AmbientOcclusion,
@@ -61,15 +63,30 @@ fn integrator(method: Method) -> &'static dyn Integrator {
 impl<'a> SampleIntegrator<'a> {
     /// The integrator that the world of `ctx` asks for.
     pub(crate) fn new(ctx: RenderContext<'a>) -> SampleIntegrator<'a> {
-        SampleIntegrator { ctx, integrator: integrator(ctx.world.settings.integrator) }
+        SampleIntegrator { ctx, integrator: integrator(ctx.world.settings.integrator, ctx.is_preview) }
     }
 
     /// A new sample of `pixel` (x, y).
     pub(crate) fn start(&self, pixel: [u32; 2], sample: u32) -> Path {
+        let sampler = Sampler::new(self.ctx.world.settings.seed, pixel, sample);
+        let mut path = self.path(pixel, sampler);
+        if self.ctx.has_layers && sample == 0 {
+            path.stage = Stage::Layers;
+        }
+        path
+    }
+
+    /// The sample of `pixel` (x, y) in a preview: together with those around it a set that is stratified, as the
+    /// samples of one pixel are.
+    pub(crate) fn start_preview(&self, pixel: [u32; 2]) -> Path {
+        self.path(pixel, Sampler::among(self.ctx.world.settings.seed, pixel))
+    }
+
+    fn path(&self, pixel: [u32; 2], sampler: Sampler) -> Path {
         let mut path = Path {
             pixel,
-            sampler: Sampler::new(self.ctx.world.settings.seed, pixel, sample),
-            stage: Stage::Layers,
+            sampler,
+            stage: Stage::Done,
             vertex: 0,
             travelled: 0.0,
             is_far: false,
@@ -77,16 +94,8 @@ impl<'a> SampleIntegrator<'a> {
             origin: Origin::Camera,
             sample: Sample::default(),
         };
-        if !(self.ctx.has_layers && sample == 0) {
-            path.stage = Stage::CRay(self.primary_ray(&path));
-        }
+        path.stage = Stage::CRay(self.primary_ray(&path));
         path
-    }
-
-    /// Radiance that the first rays of some paths see in the voxels, without pages and shadows; `None` without
-    /// voxels.
-    pub(crate) fn previews<'p>(&self, paths: impl Iterator<Item = &'p Path>) -> Option<Vec<[f32; 3]>> {
-        self.ctx.previews(paths.map(|path| self.primary_ray(path)))
     }
 
     /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is
@@ -137,7 +146,7 @@ impl<'a> SampleIntegrator<'a> {
                     Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
                 }
                 (Stage::Gather { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let shadow = ctx.world.settings.n_shadow;
+                    let shadow = ctx.n_shadow();
                     let first = FirstRays { surface, shadow, gather: *index };
                     Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
                 }
@@ -197,16 +206,17 @@ impl<'a> SampleIntegrator<'a> {
             return Answer::Blocked;
         };
         path.sample.rays.count(RayKind::Primary);
-        path.sample.layers = Some(match hit {
-            None => LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID },
-            Some(hit) => {
-                let material = &self.ctx.world.materials[hit.point.material as usize];
-                let albedo = (Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
-                let (depth, normal) = (hit.point.t as f32, hit.point.normal.to_array());
-                LayerPixel { depth, normal, albedo, id: hit.layer_id() }
-            }
-        });
+        path.sample.layers = Some(self.layer_pixel(hit));
         Answer::Exact(Stage::CRay(self.primary_ray(path)))
+    }
+
+    /// What the layers show where a ray from the camera has ended.
+    fn layer_pixel(&self, hit: Option<CRayHit>) -> LayerPixel {
+        let Some(hit) = hit else { return LayerPixel::NOTHING };
+        let material = &self.ctx.world.materials[hit.point.material as usize];
+        let albedo = (Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
+        let (depth, normal) = (hit.point.t as f32, hit.point.normal.to_array());
+        LayerPixel { depth, normal, albedo, id: hit.layer_id() }
     }
 
     fn c_ray_step<T: Tracer>(
@@ -250,6 +260,9 @@ impl<'a> SampleIntegrator<'a> {
         path.travelled += hit.map_or(0.0, |hit| hit.point.t);
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
         path.sample.rays.count(path.origin.ray_kind());
+        if self.ctx.is_preview && path.vertex == 0 {
+            path.sample.layers = Some(self.layer_pixel(hit));
+        }
         self.integrator.c_ray_end(&self.ctx, path, ray, hit)
     }
 

@@ -47,6 +47,7 @@ impl RenderContext<'_> {
         tracer.intersect_coherent(rays, answers);
         for ((path, is_blocked, ray, cut), answer) in asking.into_iter().zip(answers) {
             match *answer {
+                Answer::Blocked if self.is_preview => path.stage = Stage::Met { ray, cut: 0.0, found: None },
                 Answer::Blocked => *is_blocked = true,
                 Answer::Exact(found) => path.stage = Stage::Met { ray, cut, found },
             }

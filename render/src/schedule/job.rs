@@ -1,8 +1,9 @@
 //! `Job`: a tile in work: its samples on their way, and what those that are finished came to.
 
+use super::samples::Pending;
 use crate::image::film::LayerPixel;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
-use crate::integrate::{Path, Sample, SampleIntegrator};
+use crate::integrate::{Sample, SampleIntegrator};
 use crate::stats::RayCounts;
 
 /// Most samples of a pixel in one pass: enough work per tile to pay for its pages, little enough to hold.
@@ -13,9 +14,7 @@ pub(super) const JOB_SAMPLES_MAX: usize = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS *
 /// A tile in work.
 pub(super) struct Job {
     pub(super) tile: Tile,
-    /// Samples that its pixels have.
-    pub(super) from: u32,
-    /// Samples not yet finished.
+    /// Samples not yet finished; their slots are places in `radiances`.
     pub(super) pending: Vec<Pending>,
     /// Radiances by sample, then by pixel; linear RGB.
     pub(super) radiances: Vec<[f32; 3]>,
@@ -25,15 +24,6 @@ pub(super) struct Job {
     pub(super) rays: RayCounts,
     pub(super) look_ups: u64,
     pub(super) not_finite: u64,
-}
-
-/// A sample on its way.
-pub(super) struct Pending {
-    /// Index in the job's radiances.
-    pub(super) slot: u32,
-    pub(super) path: Path,
-    /// True when it waits for pages, in the attempt at hand.
-    pub(super) is_blocked: bool,
 }
 
 impl Job {
@@ -49,11 +39,10 @@ impl Job {
         let (count, pixels) = ((target - from).min(PASS_SAMPLES_MAX), tile.pixel_count());
         let pending = |slot: u32| {
             let path = integrator.start(tile.pixel(slot % pixels), from + slot / pixels);
-            Pending { slot, path, is_blocked: false }
+            Pending::new(slot, path)
         };
         Job {
             tile,
-            from,
             // The samples of a pixel together: rays that are alike are neighbours.
             pending: (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect(),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],

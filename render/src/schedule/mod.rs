@@ -2,8 +2,11 @@
 
 mod job;
 mod pass;
+mod preview;
+mod samples;
 mod worker;
 
 pub(crate) use job::PASS_SAMPLES_MAX;
-pub(crate) use pass::{Canvas, Pass, Workers, pass_bytes};
-pub(crate) use worker::{TileWork, Until};
+pub(crate) use pass::{Pass, Workers, pass_bytes};
+pub(crate) use preview::Grid;
+pub(crate) use worker::{TileWork, Until, WhenFull};

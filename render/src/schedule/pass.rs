@@ -9,34 +9,26 @@
 //! ```
 //!
 //! A pass may be run in pieces (`Until`): by a deadline, or until some tiles are done. Then tiles that find no room
-//! among the parked ones are deferred to the end of the pass, so that what can be drawn is drawn first, and what is
-//! blocked shows a stand-in.
+//! among the parked ones are deferred to the end of the pass (`WhenFull`), so that what can be drawn is drawn first.
 //!
 //! Why it ends, however few frames there are: see [`crate::trace::Retry`]. A deadline interrupts the narrow mode, and
 //! the next piece goes on with it.
 //!
 //! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
 //! deadlines or blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all
-//! together or not at all, so a stopped pass leaves a film that can go on; 4. a stand-in never reaches the film.
+//! together or not at all, so a stopped pass leaves a film that can go on.
 
 use super::job::{JOB_SAMPLES_MAX, Job};
-use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, Worker};
-use crate::image::display::Display;
+use super::samples::Samples;
+use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
-use crate::integrate::{GBatches, Together};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::ThreadPool;
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
-
-/// The film that samples go to, and the display of stand-ins, if there is one.
-pub(crate) struct Canvas<'a> {
-    pub(crate) film: &'a mut Film,
-    pub(crate) display: Option<&'a mut Display>,
-}
 
 /// The workers of a pass: a tracer each, and the threads that they run on.
 pub(crate) struct Workers<'a, T> {
@@ -47,6 +39,7 @@ pub(crate) struct Workers<'a, T> {
 /// A pass in work: takes every tile to so many samples a pixel, by at most [`super::PASS_SAMPLES_MAX`].
 pub(crate) struct Pass {
     target: u32,
+    full: WhenFull,
     /// The next tile's turn.
     turn: AtomicU32,
     /// Tiles that were blocked and found no room, to be begun again.
@@ -56,9 +49,9 @@ pub(crate) struct Pass {
 
 impl Pass {
     /// A pass to `target` samples a pixel, for so many workers.
-    pub(crate) fn new(target: u32, worker_count: usize) -> Pass {
+    pub(crate) fn new(target: u32, worker_count: usize, full: WhenFull) -> Pass {
         let lanes = (0..worker_count).map(|_| Lane::default()).collect();
-        Pass { target, turn: AtomicU32::new(0), deferred: Mutex::default(), lanes }
+        Pass { target, full, turn: AtomicU32::new(0), deferred: Mutex::default(), lanes }
     }
 
     /// True when every tile has had its turn, and none waits.
@@ -83,26 +76,25 @@ impl Pass {
         u64::from(tiles.count() - begun) + (waiting + deferred) as u64
     }
 
-    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each. On a canvas with a
-    /// display blocked tiles without samples get stand-ins there, and a blocked tile without room is deferred.
+    /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each.
     ///
     /// # Panics
     /// When there are not as many tracers as workers, or a worker panics.
     pub(crate) fn run<T: PagedTracer + Send>(
         &mut self,
         work: &TileWork<'_>,
-        canvas: Canvas<'_>,
+        film: &mut Film,
         workers: Workers<'_, T>,
         until: &Until<'_>,
     ) -> PassStats {
         let Workers { tracers, pool } = workers;
         assert_eq!(tracers.len(), self.lanes.len(), "a pass needs a tracer per worker");
-        let Pass { target, turn, deferred, lanes } = self;
+        let Pass { target, full, turn, deferred, lanes } = self;
         let piece = Piece {
             work,
-            film: Mutex::new(canvas.film),
-            display: canvas.display.map(Mutex::new),
+            film: Mutex::new(film),
             target: *target,
+            full: *full,
             until,
             turn,
             deferred,
@@ -127,7 +119,7 @@ impl Pass {
 /// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted.
 pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
     let jobs = (PARKED_MAX + 1) as u64 * Job::bytes();
-    let batches = GBatches::bytes(JOB_SAMPLES_MAX) + Together::bytes(JOB_SAMPLES_MAX);
+    let batches = Samples::bytes(JOB_SAMPLES_MAX);
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution) + worker_count as u64 * (jobs + batches)
 }

@@ -8,7 +8,7 @@ use crate::sampler::mix;
 use crate::scene::camera::Camera;
 use crate::scene::settings::{Method, RenderKeys};
 use crate::scene::world::{Model, View, World};
-use crate::schedule::{TileWork, Until};
+use crate::schedule::{TileWork, Until, WhenFull};
 use crate::shading::light::Light;
 use crate::testing::{pool, settings};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
@@ -80,8 +80,7 @@ fn render_pass<T: PagedTracer + Send>(
 ) -> PassStats {
     let until = Until { stop, deadline: None, tiles: u32::MAX };
     let pool = pool(tracers.len());
-    let canvas = Canvas { film, display: None };
-    Pass::new(target, tracers.len()).run(work, canvas, Workers { tracers, pool: &pool }, &until)
+    Pass::new(target, tracers.len(), WhenFull::Wait).run(work, film, Workers { tracers, pool: &pool }, &until)
 }
 
 fn naive(count: usize) -> Vec<NaiveMesh> {

@@ -1,13 +1,13 @@
 //! The workers of a pass: each takes tiles, asks their samples, parks those that wait for pages, and tries these again.
 //!
 //! Invariants: 1. at most [`PARKED_MAX`] tiles wait per worker; 2. a tile's samples reach the film all together or
-//! not at all; 3. a stand-in never reaches the film.
+//! not at all.
 
-use super::job::{Job, Pending};
-use crate::image::display::Display;
+use super::job::Job;
+use super::samples::{Pending, Samples};
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
-use crate::integrate::{GBatches, SampleIntegrator, Step, Together};
+use crate::integrate::SampleIntegrator;
 use crate::stats::PassStats;
 use crate::trace::{Advance, Answer, PagedTracer, Retry, WAIT};
 use std::collections::VecDeque;
@@ -33,6 +33,15 @@ pub(crate) struct Until<'a> {
     pub(crate) tiles: u32,
 }
 
+/// What becomes of a blocked tile that finds no room among those parked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum WhenFull {
+    /// There is none: no tile is begun before there is room.
+    Wait,
+    /// It is begun again at the end of the pass: what can be drawn is drawn first.
+    Defer,
+}
+
 /// The state of a worker between pieces of a pass.
 #[derive(Default)]
 pub(super) struct Lane {
@@ -46,8 +55,9 @@ pub(super) struct Lane {
 pub(super) struct Piece<'a> {
     pub(super) work: &'a TileWork<'a>,
     pub(super) film: Mutex<&'a mut Film>,
-    pub(super) display: Option<Mutex<&'a mut Display>>,
     pub(super) target: u32,
+    /// What becomes of a blocked tile that finds no room among those parked.
+    pub(super) full: WhenFull,
     pub(super) until: &'a Until<'a>,
     pub(super) turn: &'a AtomicU32,
     pub(super) deferred: &'a Mutex<VecDeque<u32>>,
@@ -59,8 +69,7 @@ pub(super) struct Worker<'a, T> {
     piece: &'a Piece<'a>,
     tracer: &'a mut T,
     lane: &'a mut Lane,
-    together: Together,
-    batches: GBatches,
+    samples: Samples,
     retry: Retry,
     stats: PassStats,
 }
@@ -108,32 +117,13 @@ impl Piece<'_> {
         let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
         Some(Job::new(&self.work.integrator, tile, from, self.target))
     }
-
-    /// Shows stand-ins for the pixels of a tile that waits, unless it shows better.
-    fn show_stand_in(&self, job: &Job) {
-        let Some(display) = self.display.as_ref().filter(|_| job.from == 0) else { return };
-        if display.lock().expect("a worker panicked").has_stand_in(&job.tile) {
-            return;
-        }
-        let paths = job.pending.iter().map(|waiting| &waiting.path);
-        let Some(stand_ins) = self.work.integrator.previews(paths) else { return };
-        let mut display = display.lock().expect("a worker panicked");
-        let pixels = job.tile.pixel_count();
-        for (pixel, radiance) in job.radiances[..pixels as usize].iter().enumerate() {
-            display.set(job.tile.pixel(pixel as u32), *radiance);
-        }
-        for (waiting, radiance) in job.pending.iter().zip(stand_ins) {
-            display.set(job.tile.pixel(waiting.slot % pixels), radiance);
-        }
-        display.mark_stand_in(&job.tile);
-    }
 }
 
 impl<'a, T: PagedTracer> Worker<'a, T> {
     /// A worker of `piece` that goes on with what `lane` holds.
     pub(super) fn new(piece: &'a Piece<'a>, tracer: &'a mut T, lane: &'a mut Lane) -> Worker<'a, T> {
-        let (together, batches, retry, stats) = Default::default();
-        Worker { piece, tracer, lane, together, batches, retry, stats }
+        let (samples, retry, stats) = Default::default();
+        Worker { piece, tracer, lane, samples, retry, stats }
     }
 
     /// Counts of what the worker did.
@@ -151,7 +141,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         }
         while !self.piece.is_over() {
             let has_room = self.lane.parked.len() < PARKED_MAX;
-            let may_take = has_room || self.piece.display.is_some();
+            let may_take = has_room || self.piece.full == WhenFull::Defer;
             if let Some(job) = if may_take { self.piece.next_job(has_room) } else { None } {
                 self.attempt(job);
                 continue;
@@ -191,7 +181,6 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             return Attempt::Finished;
         }
         self.tracer.request_missing();
-        self.piece.show_stand_in(&job);
         self.stats.parked += 1;
         if self.lane.parked.len() < PARKED_MAX {
             self.lane.parked.push_back(job);
@@ -203,40 +192,10 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
 
     /// Takes all samples of a tile as far as the answers go. True when any ray was answered.
     fn ask(&mut self, job: &mut Job) -> bool {
-        let Worker { piece, tracer, together, batches, .. } = self;
-        let integrator = &piece.work.integrator;
         let mut pending = std::mem::take(&mut job.pending);
-        let paths = pending.iter_mut().map(|waiting| (&mut waiting.path, &mut waiting.is_blocked));
-        integrator.meet_together(paths, *tracer, together);
-        let mut has_advanced = false;
-        loop {
-            let mut asks = false;
-            pending.retain_mut(|Pending { slot, path, is_blocked }| {
-                if *is_blocked {
-                    return true;
-                }
-                let before = path.answered();
-                let step = integrator.step(path, *tracer, integrator.has_batches().then_some(&mut *batches));
-                has_advanced |= path.answered() > before;
-                match step {
-                    Step::Blocked => *is_blocked = true,
-                    Step::Asks => asks = true,
-                    Step::Done(sample) => {
-                        job.finish(*slot, &sample);
-                        return false;
-                    }
-                }
-                true
-            });
-            if !asks {
-                break;
-            }
-            integrator.answer(batches);
-        }
-        batches.clear();
-        for waiting in &mut pending {
-            waiting.is_blocked = false;
-        }
+        let integrator = &self.piece.work.integrator;
+        let has_advanced =
+            self.samples.ask(integrator, &mut pending, self.tracer, |slot, sample| job.finish(slot, sample));
         job.pending = pending;
         has_advanced
     }
@@ -261,7 +220,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         };
         let longest = || (!piece.is_over()).then(|| piece.longest_wait());
         if !retry.alone(*tracer, longest, advance) {
-            job.pending.insert(0, Pending { slot, path, is_blocked: false });
+            job.pending.insert(0, Pending::new(slot, path));
             lane.is_narrow = true;
             return;
         }

@@ -1,25 +1,24 @@
 //! The frames of a live session: see [`super::live`] for what they show, and when.
 //!
 //! ```text
-//! preview | photons -> tiles -> block learned -> governor -> predictors
+//! rungs of the preview
+//! photons -> tiles -> block learned -> governor -> predictors
 //! ```
 //!
-//! Invariant: nothing here waits past the deadline but for what is begun: a tile, a batch of photons.
+//! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a tile, a batch of
+//! photons.
 
 use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
+use super::ladder::Turn;
 use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
-use crate::image::tile::Tile;
 use crate::integrate::{RenderContext, SampleIntegrator};
-use crate::schedule::{Canvas, Pass, TileWork, Until, Workers};
-use crate::stats::PassStats;
+use crate::schedule::{Grid, Pass, TileWork, Until, WhenFull, Workers};
+use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
-use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Most tiles that a worker previews at a time.
-const PREVIEW_TILES_MOST: u32 = 256;
 /// Photons take this part of a frame while light changes.
 const PHOTON_PART: u32 = 2;
 
@@ -33,61 +32,75 @@ struct FrameTimes {
     whole: u32,
 }
 
+/// Rays of a frame that are on no film.
+#[derive(Clone, Copy, Default)]
+struct OtherRays {
+    preview: RayCounts,
+    photon: u64,
+}
+
 impl<T: PagedTracer + Send> LiveSession<T> {
-    /// Goes on with the picture until a fetch block is done, the picture is complete or `t_max` has passed. `spp`:
-    /// samples that are enough. `stop` is asked between tiles. Light that has changed comes by voxels, whether it was
-    /// baked or not; for `full-gi` it comes when [`LiveSession::illuminate`] is called again.
+    /// Goes on with the picture: with the preview that comes first; then until a fetch block is done, the picture is
+    /// complete or `t_max` has passed. `spp`: samples that are enough. `stop` is asked between tiles. Light that has
+    /// changed comes by voxels, whether it was baked or not; for `full-gi` it comes when
+    /// [`LiveSession::illuminate`] is called again.
     pub fn frame(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) -> FrameReport {
         let begin = Instant::now();
-        if std::mem::take(&mut self.live.is_new) {
-            self.show_preview();
-            return self.report(FrameProgress::Preview, PassStats::default(), 0);
-        }
+        let mut other = OtherRays::default();
         let t_max = self.live.options.t_max;
-        let mut photon_rays = 0;
+        if let Some(step) = self.live.ladder.next(Turn::First, t_max) {
+            other.preview = self.show_preview(step, stop);
+            return self.report(FrameProgress::Preview, PassStats::default(), other);
+        }
         let has_responded = self.live.first_block.is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.photon_map.as_ref().is_some_and(|map| map.photons() == 0) {
-            photon_rays = self.illuminate_until(begin + t_max / PHOTON_PART, stop);
+            other.photon = self.illuminate_until(begin + t_max / PHOTON_PART, stop);
         }
         let pass = self.run_tiles(spp, begin, stop);
-        let samples = self.film.samples();
-        self.govern(samples);
+        self.govern();
         if has_responded {
             self.predict();
         }
         let is_lit = self.live.next.as_ref().is_none_or(NextLight::is_idle);
         let progress = match self.live.first_block {
             _ if self.film.samples() >= spp && is_lit => FrameProgress::Done,
-            _ if samples > 0 => FrameProgress::Complete,
+            _ if self.is_complete() => FrameProgress::Complete,
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
         };
-        self.report(progress, pass, photon_rays)
+        self.report(progress, pass, other)
     }
 
-    /// Shows what one voxel ray a tile sees.
-    fn show_preview(&mut self) {
-        let Session { world, model, photon_map, film, tiles, tracers, pool, .. } = &self.session;
-        let Live { next, display, .. } = &mut self.live;
+    /// Shows what is resident by a sample at every `step`-th pixel, and at finer grids while the ladder has a rung for
+    /// this frame.
+    fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> RayCounts {
+        let Session { world, model, photon_map, film, tracers, pool, .. } = &mut self.session;
+        let Live { next, display, ladder, options, .. } = &mut self.live;
         let irradiance = irradiance(photon_map.as_ref(), next.as_ref());
-        let ctx = RenderContext::new(world, model, irradiance).with_layers(film.layers());
-        let integrator = SampleIntegrator::new(ctx);
-        let share = tiles.count().div_ceil(4 * tracers.len() as u32);
-        let at_a_time = share.clamp(1, PREVIEW_TILES_MOST) as usize;
-        let preview = |indices: &[u32]| {
-            // In rows: neighbours meet the same nodes.
-            let some: Vec<Tile> = indices.iter().map(|&index| tiles.tile(index)).collect();
-            let paths: Vec<_> = some.iter().map(|tile| integrator.start(tile.middle(), 0)).collect();
-            let radiances = integrator.previews(paths.iter()).unwrap_or_default();
-            some.into_iter().zip(radiances).collect::<Vec<_>>()
-        };
-        let indices: Vec<u32> = (0..tiles.count()).collect();
-        let previews: Vec<_> =
-            pool.install(|| indices.par_chunks(at_a_time).flat_map_iter(preview).collect());
-        for (tile, radiance) in previews {
-            display.set_preview(&tile, radiance);
+        let integrator = SampleIntegrator::new(RenderContext::new(world, model, irradiance).for_preview());
+        let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
+        while let Some(step) = rung {
+            let begin = Instant::now();
+            let grid = Grid { resolution: film.resolution(), step };
+            let (sent, is_whole) = grid.take(&integrator, display, Workers { tracers, pool }, stop);
+            rays.add(&sent);
+            if !is_whole {
+                break;
+            }
+            ladder.learn(begin.elapsed());
+            taken = rung;
+            rung = ladder.next(Turn::Later, options.t_max);
         }
+        if let Some(step) = taken {
+            display.show(film.state(), step, pool);
+        }
+        if ladder.next(Turn::First, options.t_max).is_none() {
+            for tracer in tracers.iter_mut() {
+                tracer.request_missing();
+            }
+        }
+        rays
     }
 
     /// Sends photons of changed light. Gives the count of their rays.
@@ -100,7 +113,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let (rays, has_changed) = done.unwrap_or_default();
         self.session.photon_map = Some(map);
         if has_changed {
-            self.begin_again();
+            self.begin_samples();
         }
         rays
     }
@@ -110,6 +123,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let live = &self.live;
         let t_max = live.options.t_max;
         let nth = if live.first_block.is_some() { Nth::Later } else { Nth::First };
+        let whole = live.block.tiles(nth);
+        if !live.block.is_adaptive() {
+            return FrameTimes { nth, deadline: begin + t_max, allowed: t_max, whole };
+        }
         // The first block counts from the event.
         let (passed, longest) = match nth {
             Nth::First => (live.motion.since_event(), t_max.mul_f64(RESPONSE_SHARE)),
@@ -118,14 +135,14 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let least = t_max / BLOCK_PART_LEAST;
         let deadline = Instant::now() + longest.saturating_sub(passed).max(least);
         let allowed = (t_max / BLOCK_PART).saturating_sub(passed).max(least);
-        FrameTimes { nth, deadline, allowed, whole: live.block.tiles(nth) }
+        FrameTimes { nth, deadline, allowed, whole }
     }
 
     fn run_tiles(&mut self, spp: u32, begin: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
         let FrameTimes { nth, deadline, allowed, whole } = self.times(begin);
         let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, .. } =
             &mut self.session;
-        let Live { next, display, pass, block, finished, .. } = &mut self.live;
+        let Live { next, pass, block, finished, .. } = &mut self.live;
         let ctx = RenderContext::new(world, model, irradiance(photon_map.as_ref(), next.as_ref()))
             .with_layers(film.layers())
             .with_photon_tree(photon_tree.as_ref());
@@ -147,10 +164,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
                 }
                 *pass = None;
             }
-            let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len()));
+            let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len(), WhenFull::Defer));
             let until = Until { stop, deadline: Some(deadline), tiles: wanted as u32 };
-            let canvas = Canvas { film, display: Some(display) };
-            let stats = pass.run(&work, canvas, Workers { tracers, pool }, &until);
+            let stats = pass.run(&work, film, Workers { tracers, pool }, &until);
             total.add(&stats);
             wanted = wanted.saturating_sub(stats.tiles_finished);
             *finished += stats.tiles_finished;
@@ -159,36 +175,57 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         if !has_become_complete {
             block.learn(nth, total.tiles_finished, begin.elapsed(), allowed);
         }
-        // Past the deadline the block is what there is.
-        let shrunk = u64::from(BLOCK_TILES_MIN).min(tiles.count().into());
-        if wanted == 0 || *finished >= shrunk {
+        // A block that follows the speed of late is past its time what there is.
+        let least = if block.is_adaptive() { BLOCK_TILES_MIN.min(whole) } else { whole };
+        if *finished >= u64::from(least.min(tiles.count())) {
             let shown = (*finished).min(whole.into()) as u32;
             self.live.learn_response(shown);
         }
         total
     }
 
-    fn govern(&mut self, samples: u32) {
+    fn govern(&mut self) {
         let LiveSession { session, live } = self;
         let demand = live.demand(&session.tracers);
-        let changes = if samples > 0 { live.governor.let_go() } else { live.governor.raise(demand) };
+        let has_samples = session.film.samples() > 0;
+        let changes = if has_samples { live.governor.let_go() } else { live.governor.raise(demand) };
         if changes {
-            self.begin_again();
             self.set_error();
+            self.begin_samples();
         }
     }
 
-    fn report(&self, progress: FrameProgress, pass: PassStats, photon_rays: u64) -> FrameReport {
+    /// True when every tile has samples from after the event, at the error that was asked for.
+    fn is_complete(&self) -> bool {
+        let Live { exact_from, event_state, .. } = self.live;
+        let since = exact_from.map(|state| state.max(event_state));
+        since.is_some_and(|since| {
+            (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(since))
+        })
+    }
+
+    fn report(&self, progress: FrameProgress, pass: PassStats, other: OtherRays) -> FrameReport {
         let live = &self.live;
-        let [stand_in_tiles, hole_tiles] = live.display.count(&self.film);
+        let tiles = self.tiles.count();
+        let (mut preview_tiles, mut stale_tiles) = (0, 0);
+        for tile in 0..tiles {
+            preview_tiles += u32::from(!self.shows_samples(tile));
+            stale_tiles += u32::from(self.film.tile_state(tile) < Some(live.event_state));
+        }
+        let preview = live.display.step().filter(|_| live.display.state() >= Some(live.event_state));
+        let is_lit = live.next.as_ref().map_or(1.0, NextLight::share);
         FrameReport {
             progress,
             block_tiles: live.first_block.unwrap_or(live.block.tiles(Nth::First)),
-            stand_in_tiles,
-            hole_tiles,
+            block_share: f64::from(live.first_block.unwrap_or(0)) / f64::from(tiles),
+            sample_step: if stale_tiles == 0 { Some(1) } else { preview },
+            preview_tiles,
+            hole_tiles: if live.display.state().is_none() { preview_tiles } else { 0 },
+            light_share: is_lit,
             lod_error: live.governor.error(),
             pass,
-            photon_rays,
+            preview_rays: other.preview,
+            photon_rays: other.photon,
         }
     }
 }

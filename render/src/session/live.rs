@@ -1,25 +1,30 @@
 //! Frames with a deadline: what a viewer shows while the user moves. Paper, section 5.2.
 //!
 //! ```text
-//! event -> frame: a preview, one voxel ray a tile                       first picture
-//!       -> frame: tiles in order until a fetch block is done            response
-//!       -> frame: half the time photons, where light has changed; tiles until a block is done, the picture is
-//!                 complete or t_max has passed
-//!       -> ...    every pixel has a sample                              complete picture
+//! event -> preview frames: C-rays through what is resident, in its light: every 4th pixel, every 2nd    whole picture
+//!       -> frames: tiles, the stalest first, until a fetch block is done                                response
+//!       -> frames: half the time photons, where light has changed; tiles until a block is done, the picture is
+//!                  complete or t_max has passed
+//!       -> ...     every pixel has a sample                                                             complete picture
 //! ```
 //!
 //! The first fetch block counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
 //! job queue between them is the worker's own; the block is what is shown together.
 //!
+//! A *state* is what samples are of: it changes with each event, each time that more photons are in, and with the error
+//! of the footprint rule. A tile shows its samples until it has some of the present state, unless the preview is of a
+//! later one.
+//!
 //! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule,
 //! until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 //!
-//! Invariants: 1. no pixel shows nothing after the first frame; 2. what is not of the state, a preview or a stand-in,
-//! is never on the film; 3. once the view stands still, the film goes to the same bytes as
+//! Invariants: 1. no pixel shows nothing, or what was there before the event, after the first frame; 2. nothing of a
+//! preview is ever on the film; 3. once the view stands still, the film goes to the same bytes as
 //! [`super::Session::render`]'s.
 
-use super::fetch_block::FetchBlock;
+use super::fetch_block::{Block, FetchBlock};
 use super::governor::Governor;
+use super::ladder::Ladder;
 use super::motion::Motion;
 use super::next_light::NextLight;
 use super::{Change, Event, Session};
@@ -30,7 +35,7 @@ use crate::image::saliency::{Reduced, SAMPLES_PER_SIDE};
 use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
 use crate::scene::world::World;
 use crate::schedule::Pass;
-use crate::stats::{PassStats, PhotonStats};
+use crate::stats::{PassStats, PhotonStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::Duration;
@@ -41,8 +46,8 @@ use trex_store::{Code, Error, Result};
 pub struct FrameOptions {
     /// Longest time of a frame.
     pub t_max: Duration,
-    /// Most tiles of a fetch block, at least [`crate::BLOCK_TILES_MIN`].
-    pub fetch_block: u32,
+    /// Tiles that are shown together.
+    pub fetch_block: FetchBlock,
     /// The order of tiles.
     pub order: TileOrder,
     /// Guessing of pages ahead.
@@ -63,7 +68,7 @@ impl Default for FrameOptions {
     fn default() -> FrameOptions {
         FrameOptions {
             t_max: Duration::from_millis(100),
-            fetch_block: 512,
+            fetch_block: FetchBlock::default(),
             order: TileOrder::default(),
             prefetch: Prefetch::default(),
         }
@@ -73,15 +78,15 @@ impl Default for FrameOptions {
 /// The state of a picture in the making.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FrameProgress {
-    /// The picture shows voxels, by one ray a tile.
+    /// The picture shows what is resident, by a sample at some pixels.
     Preview,
     /// Some tiles are done, less than a fetch block.
     Part,
     /// A fetch block or more is done: the response.
     Block,
-    /// Every pixel has a sample.
+    /// Every pixel has a sample that was taken after the event, at the error of the footprint rule that was asked for.
     Complete,
-    /// Every pixel has all samples that were asked for.
+    /// Every pixel has all samples that were asked for, and all photons are in.
     Done,
 }
 
@@ -92,14 +97,23 @@ pub struct FrameReport {
     pub progress: FrameProgress,
     /// Tiles of the first fetch block since the event; until it is done, of the block that is made.
     pub block_tiles: u32,
-    /// Tiles that show a stand-in for pages on their way.
-    pub stand_in_tiles: u32,
-    /// Tiles that show nothing of this state nor of the last.
+    /// Tiles of a fetch block that was finished in this state, over those of the picture; 0 before.
+    pub block_share: f64,
+    /// Most pixels between two samples that were taken after the event; `None` while any pixel shows what was there
+    /// before.
+    pub sample_step: Option<u32>,
+    /// Tiles that show the preview.
+    pub preview_tiles: u32,
+    /// Tiles that show nothing at all.
     pub hole_tiles: u32,
+    /// Share of the photons of changed light that are in and shown, 0 to 1; 1 where none are on their way.
+    pub light_share: f64,
     /// Error of the footprint rule in force, pixels.
     pub lod_error: f64,
     /// Counts of the pass in this frame.
     pub pass: PassStats,
+    /// Rays of the preview in this frame.
+    pub preview_rays: RayCounts,
     /// Rays of photons in this frame.
     pub photon_rays: u64,
 }
@@ -119,15 +133,18 @@ pub(super) struct Live {
     pub(super) display: Display,
     pub(super) next: Option<NextLight>,
     pub(super) pass: Option<Pass>,
-    pub(super) block: FetchBlock,
+    pub(super) block: Block,
+    pub(super) ladder: Ladder,
     pub(super) governor: Governor,
     pub(super) motion: Motion,
     /// Tiles done since the event.
     pub(super) finished: u64,
     /// Tiles of the first block since the event, once it is done.
     pub(super) first_block: Option<u32>,
-    /// True when a preview is due.
-    pub(super) is_new: bool,
+    /// State of the film at the event.
+    pub(super) event_state: u32,
+    /// State from which on tiles are at the error that was asked for; `None` while it is raised.
+    pub(super) exact_from: Option<u32>,
     /// Pages in demand since the event, a bit each.
     demand: Vec<u64>,
     /// The value of [`Live::demand`] at the end of the last state.
@@ -160,12 +177,14 @@ impl<T: PagedTracer + Send> Session<T> {
             display: Display::new(settings.resolution, &self.budget)?,
             next,
             pass: None,
-            block: FetchBlock::new(options.fetch_block),
+            block: Block::new(options.fetch_block),
+            ladder: Ladder::new(false),
             governor: Governor::new(settings.lod_error),
             motion: Motion::new(),
             finished: 0,
             first_block: None,
-            is_new: true,
+            event_state: 0,
+            exact_from: Some(0),
             demand: Vec::new(),
             last_demand: 0.0,
         };
@@ -184,18 +203,23 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     pub fn apply(&mut self, event: Event) -> Result<()> {
         let change = self.session.change(event)?;
         self.begin_state(&change);
-        self.session.film.clear();
         Ok(())
     }
 
-    /// Radiance on show at pixel (x, y): the mean of its samples, else what stands in for it. Linear RGB.
+    /// Radiance on show at pixel (x, y): the mean of its samples, or where the preview is of a later state its own.
+    /// Linear RGB.
     pub fn shown(&self, pixel: [u32; 2]) -> [f32; 3] {
         let tile = pixel.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
-        match self.film.tile_samples(index) {
-            0 => self.live.display.radiance(pixel, index),
-            _ => self.film.radiance(pixel),
+        match self.shows_samples(index) {
+            true => self.film.radiance(pixel),
+            false => self.live.display.radiance(pixel),
         }
+    }
+
+    /// True when tile `index` shows its samples, false when it shows the preview.
+    pub(super) fn shows_samples(&self, index: u32) -> bool {
+        self.film.tile_state(index).is_some_and(|state| Some(state) >= self.live.display.state())
     }
 
     /// Sends the photons that are still to be sent, as [`Session::illuminate`] does.
@@ -218,7 +242,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.session.smooth()
     }
 
-    /// Begins a new picture, after the world has become another and before the film is cleared.
+    /// Begins a new picture, after the world has become another.
     fn begin_state(&mut self, change: &Change) {
         let order = self.live.options.order;
         let eye = self.reduced(order);
@@ -227,19 +251,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let demand = live.demand(&session.tracers);
         live.governor.lower(demand);
         live.last_demand = demand;
-        live.pass = None;
+        // An event that comes before any tile is done finds a hand that moves.
+        live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
         (live.finished, live.first_block) = (0, None);
         live.motion.learn_event(&change.before, &session.world.projection);
-        if change.light {
-            // The old picture stays until the new one comes.
-            live.display.keep(&session.film, &session.tiles);
-            if let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons()) {
-                next.begin(&photons);
-            }
-        } else {
-            live.is_new = true;
+        if let (true, Some(next), Some(photons)) = (change.light, &mut live.next, session.voxel_photons()) {
+            next.begin(&photons);
         }
         self.set_error();
+        self.begin_samples();
+        self.live.event_state = self.film.state();
     }
 
     /// The picture on show at a few samples a tile, for an order that asks what the last picture was like.
@@ -265,12 +286,15 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    /// Begins the film anew, since it is of another state: it stays on show until there is better.
-    pub(super) fn begin_again(&mut self) {
+    /// Begins to take samples of another state. Those there are stay on show until there are better: the stalest are
+    /// taken anew first.
+    pub(super) fn begin_samples(&mut self) {
         let LiveSession { session, live } = self;
-        live.display.keep(&session.film, &session.tiles);
+        session.film.begin_state();
+        session.tiles.sort_by_age(|tile| session.film.tile_state(tile));
         live.pass = None;
-        session.film.clear();
+        let is_exact = live.governor.error() == session.view.settings.lod_error;
+        live.exact_from = is_exact.then(|| live.exact_from.unwrap_or(session.film.state()));
     }
 }
 

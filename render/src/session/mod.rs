@@ -17,13 +17,14 @@ mod fetch_block;
 mod frame;
 mod governor;
 mod illuminate;
+mod ladder;
 mod live;
 mod memory;
 mod motion;
 mod next_light;
 mod predict;
 
-pub use fetch_block::BLOCK_TILES_MIN;
+pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession, Prefetch};
 pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
 
@@ -36,7 +37,7 @@ use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::settings::Method;
 use crate::scene::world::{MaterialEdit, Model, View, World};
-use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, TileWork, Until, Workers, pass_bytes};
+use crate::schedule::{PASS_SAMPLES_MAX, Pass, TileWork, Until, WhenFull, Workers, pass_bytes};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
@@ -238,10 +239,9 @@ impl<T: PagedTracer + Send> Session<T> {
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));
             let until = Until { stop, deadline: None, tiles: u32::MAX };
-            let mut pass = Pass::new(target, self.tracers.len());
-            let canvas = Canvas { film: &mut self.film, display: None };
+            let mut pass = Pass::new(target, self.tracers.len(), WhenFull::Wait);
             let workers = Workers { tracers: &mut self.tracers, pool: &self.pool };
-            stats.total.add(&pass.run(&work, canvas, workers, &until));
+            stats.total.add(&pass.run(&work, &mut self.film, workers, &until));
             stats.passes += 1;
             stats.spp = self.film.samples();
             if after_pass(&self.film, &stats).is_break() {

@@ -41,6 +41,11 @@ impl NextLight {
         self.share.is_none()
     }
 
+    /// Share of its photons that are there, 0 to 1; 1 when nothing is on its way.
+    pub(super) fn share(&self) -> f64 {
+        self.share.map_or(1.0, f64::from)
+    }
+
     /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached. Gives the count of rays,
     /// and whether the light that gather rays find has changed.
     pub(super) fn go_on(

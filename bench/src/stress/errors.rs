@@ -1,0 +1,168 @@
+//! How wrong a picture is at some times after its event: snapshots of what is shown, compared with references.
+//!
+//! ```text
+//! references: each state of the scenario at leisure, many samples -> a file
+//! a frame that may end after a time of interest: the picture before it is copied; it counts if the frame did
+//! after the hold: copies against the reference -> relMSE
+//! ```
+//!
+//! Invariants: 1. a copy is of what was on show at its time; 2. its memory is leased: halves of 16 bits, whose rounding
+//! (2^-11) is far below any error of interest; 3. nothing is compared while a view is held.
+
+use half::f16;
+use std::fs::File;
+use std::io::Write;
+use std::os::unix::fs::FileExt;
+use std::path::PathBuf;
+use std::time::Duration;
+use trex_image::{Constants, Picture, compare};
+use trex_render::{Film, LiveSession, PagedTracer};
+use trex_store::{Budget, Error, Lease, Result};
+
+/// Times after an event at which errors are told, ms.
+pub const ERROR_TIMES_MS: [u64; 4] = [33, 100, 300, 1000];
+
+/// The pictures that others are measured by, one a state, in a file.
+#[derive(Debug)]
+pub struct References {
+    file: File,
+    /// The folder that the file is in, for errors.
+    place: PathBuf,
+    resolution: [u32; 2],
+    count: u32,
+}
+
+/// The pictures of a hold that are to be compared.
+#[derive(Debug)]
+pub struct Snapshots {
+    resolution: [u32; 2],
+    /// What was on show before the frame at hand, if it is of interest.
+    before: Vec<[f16; 3]>,
+    is_fresh: bool,
+    taken: [Option<Vec<[f16; 3]>>; ERROR_TIMES_MS.len()],
+    /// Room of those that are not taken.
+    room: Vec<Vec<[f16; 3]>>,
+    _lease: Lease,
+}
+
+impl References {
+    /// No references yet; `file` is empty and lies in `place`.
+    pub fn new(file: File, place: PathBuf, resolution: [u32; 2]) -> References {
+        References { file, place, resolution, count: 0 }
+    }
+
+    /// Adds the picture of the next state.
+    ///
+    /// # Errors
+    /// Those of writing the file.
+    pub fn add(&mut self, film: &Film) -> Result<()> {
+        let [width, height] = self.resolution;
+        for y in 0..height {
+            let row: Vec<[f32; 3]> = (0..width).map(|x| film.radiance([x, y])).collect();
+            let written = self.file.write_all(bytemuck::cast_slice(&row));
+            written.map_err(|error| Error::io("write a reference picture", &self.place, &error))?;
+        }
+        self.count += 1;
+        Ok(())
+    }
+
+    /// The picture of state `index`.
+    fn read(&self, index: u32) -> Result<Picture> {
+        assert!(index < self.count, "a state without a reference");
+        let [width, height] = self.resolution;
+        let mut pixels = vec![[0f32; 3]; width as usize * height as usize];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut pixels);
+        let at = u64::from(index) * bytes.len() as u64;
+        let read = self.file.read_exact_at(bytes, at);
+        read.map_err(|error| Error::io("read a reference picture", &self.place, &error))?;
+        Ok(Picture { width, height, pixels })
+    }
+}
+
+impl Snapshots {
+    /// Bytes that snapshots take at `resolution` (width, height; pixels), with the two pictures that are compared.
+    pub fn bytes(resolution: [u32; 2]) -> u64 {
+        let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
+        let copies = (1 + ERROR_TIMES_MS.len()) * size_of::<[f16; 3]>();
+        pixels * (copies + 2 * size_of::<[f32; 3]>()) as u64
+    }
+
+    /// Room for the pictures of one hold.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`Snapshots::bytes`].
+    pub fn new(resolution: [u32; 2], budget: &Budget) -> Result<Snapshots> {
+        let lease = budget.lease("pictures to be compared", Snapshots::bytes(resolution))?;
+        let pixels = resolution[0] as usize * resolution[1] as usize;
+        let picture = || vec![[f16::ZERO; 3]; pixels];
+        let room = ERROR_TIMES_MS.map(|_| picture()).into();
+        Ok(Snapshots {
+            resolution,
+            before: picture(),
+            is_fresh: false,
+            taken: Default::default(),
+            room,
+            _lease: lease,
+        })
+    }
+
+    /// Copies what is on show, `now` after the event, if a frame of `t_max` may pass a time of interest.
+    pub(super) fn before_frame<T: PagedTracer + Send>(
+        &mut self,
+        session: &LiveSession<T>,
+        now: Duration,
+        t_max: Duration,
+    ) {
+        // Frames go on for what is begun, so they may take longer.
+        let end = now + 2 * t_max;
+        let is_passed =
+            |(ms, taken): (&u64, &Option<_>)| taken.is_none() && end >= Duration::from_millis(*ms);
+        self.is_fresh = ERROR_TIMES_MS.iter().zip(&self.taken).any(is_passed);
+        if self.is_fresh {
+            let width = self.resolution[0] as usize;
+            for (y, row) in self.before.chunks_exact_mut(width).enumerate() {
+                for (x, pixel) in row.iter_mut().enumerate() {
+                    *pixel = session.shown([x as u32, y as u32]).map(f16::from_f32);
+                }
+            }
+        }
+    }
+
+    /// Keeps the copy for the times of interest that have passed, `now` after the event.
+    pub(super) fn after_frame(&mut self, now: Duration) {
+        for (ms, taken) in ERROR_TIMES_MS.iter().zip(&mut self.taken) {
+            if taken.is_none() && now >= Duration::from_millis(*ms) && self.is_fresh {
+                let mut copy = self.room.pop().expect("as many pictures as times");
+                copy.copy_from_slice(&self.before);
+                *taken = Some(copy);
+            }
+        }
+    }
+
+    /// True when there is a copy of every time.
+    pub(super) fn are_taken(&self) -> bool {
+        self.taken.iter().all(Option::is_some)
+    }
+
+    /// relMSE of the copies against state `state`, by time; `None` for times that were not reached. They are forgotten.
+    ///
+    /// # Errors
+    /// Those of reading the reference.
+    pub(super) fn errors(
+        &mut self,
+        references: &References,
+        state: u32,
+    ) -> Result<[Option<f64>; ERROR_TIMES_MS.len()]> {
+        let reference = references.read(state)?;
+        let [width, height] = self.resolution;
+        let mut errors = [None; ERROR_TIMES_MS.len()];
+        for (error, taken) in errors.iter_mut().zip(&mut self.taken) {
+            let Some(copy) = taken.take() else { continue };
+            let pixels = copy.iter().map(|pixel| pixel.map(f16::to_f32)).collect();
+            let comparison = compare(&Picture { width, height, pixels }, &reference, Constants::default());
+            *error = comparison.all.relmse;
+            self.room.push(copy);
+        }
+        Ok(errors)
+    }
+}

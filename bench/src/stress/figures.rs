@@ -1,0 +1,273 @@
+//! The figures of a run, and what it fails by.
+
+use super::errors::ERROR_TIMES_MS;
+use super::hold::{LIVELOCK, Log, Switch};
+use super::options::{Figure, Requirement, Scenario, StressOptions};
+use super::times::Times;
+use crate::median::median;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use trex_render::{RayCounts, RayRates};
+use trex_store::pool::PoolStats;
+
+/// Share of a run that warms up before memory is watched.
+const WARM_UP: f64 = 0.2;
+/// Growth of memory over a run that is noise: what allocators keep.
+const GROWTH_BYTES: f64 = 2.0 * (1 << 20) as f64;
+
+/// What a run came to.
+#[derive(Debug, Serialize)]
+pub struct StressFigures {
+    /// The scenario's name.
+    pub scenario: &'static str,
+    /// Events.
+    pub switches: u64,
+    /// Event to the first picture of the new state.
+    pub first_picture_ms: Times,
+    /// Event to a lit C-ray at every fourth pixel, and no pixel of an older state.
+    pub rough_ms: Times,
+    /// Event to one at every second pixel.
+    pub whole_ms: Times,
+    /// Events whose picture was whole, by pixels between its samples then.
+    pub whole_steps: BTreeMap<u32, u64>,
+    /// Event to an exact fetch block.
+    pub response_ms: Times,
+    /// Share of the picture that a fetch block is.
+    pub response_share: f64,
+    /// Tiles of the fetch block, on average over responses.
+    pub block_tiles: f64,
+    /// Event to an exact sample in every pixel, of the views that were held so long.
+    pub complete_ms: Times,
+    /// Event to the same with all photons in, of events that change light.
+    pub converged_ms: Times,
+    /// Share of the photons of changed light in the picture at 300 ms, on average.
+    pub light_share_at_300: f64,
+    /// relMSE against references at times after the event, ms; `null` where none was asked for.
+    pub error_at_ms: Option<BTreeMap<u64, ErrorAt>>,
+    /// Frames.
+    pub frame_ms: Times,
+    /// Rays by kind.
+    pub rays: RayCounts,
+    /// The same a second, over the whole run.
+    pub rays_per_s: RayRates,
+    /// Look-ups of the photons nearest to a place, a second; of `full-gi`.
+    pub look_ups_per_s: f64,
+    /// Length of the run.
+    pub time_ms: u64,
+    /// Tiles that showed nothing in a picture.
+    pub holes: u64,
+    /// Views without a response for a second.
+    pub stalls: u64,
+    /// Whether a view had none for ten.
+    pub livelock: bool,
+    /// Samples that had to be taken alone.
+    pub narrow_samples: u64,
+    /// Pages read again, of all read.
+    pub refault_ratio: f64,
+    /// Pages demanded that were not there, a switch.
+    pub first_touch_misses: f64,
+    /// Guessed pages that were evicted without use, of all guessed.
+    pub prefetch_wasted_share: f64,
+    /// Bytes from the disk.
+    pub bytes_read: u64,
+    /// Error of the footprint rule.
+    pub pixel_error: PixelError,
+    /// Growth of memory after the warm-up, bytes a switch.
+    pub memory_slope_bytes: Option<f64>,
+    /// The pool's counters over the run.
+    pub pool: PoolStats,
+    /// What the times must not pass.
+    pub requirements: Vec<Requirement>,
+    /// What failed; empty for a run that passed.
+    pub failures: Vec<String>,
+    /// A line per event.
+    pub per_switch: Vec<Switch>,
+}
+
+/// relMSE of the pictures at one time after their events.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ErrorAt {
+    /// Pictures.
+    pub count: u64,
+    /// Of the middle one.
+    pub median: f64,
+    /// Mean.
+    pub mean: f64,
+    /// The greatest.
+    pub max: f64,
+}
+
+/// Error of the footprint rule, pixels.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct PixelError {
+    /// What was asked for.
+    pub asked: f64,
+    /// The most that the governor went to.
+    pub worst: f64,
+    /// The most that was in force when a picture was whole, at a response, and when one was complete.
+    pub worst_at_whole: f64,
+    /// See [`PixelError::worst_at_whole`].
+    pub worst_at_response: f64,
+    /// See [`PixelError::worst_at_whole`].
+    pub worst_at_complete: f64,
+}
+
+/// A run, as seen from outside.
+pub(super) struct Run {
+    pub(super) before: PoolStats,
+    pub(super) after: PoolStats,
+    pub(super) seconds: f64,
+    pub(super) asked: f64,
+    /// Switch, bytes.
+    pub(super) memory: Vec<(f64, f64)>,
+}
+
+impl StressFigures {
+    pub(super) fn new(log: Log, options: &StressOptions, run: Run) -> StressFigures {
+        let Run { before, after, seconds, asked, memory } = run;
+        let mut rays = log.pass.rays;
+        rays.add(&log.other_rays);
+        let share = |part: u64, all: u64| part as f64 / all.max(1) as f64;
+        let read = after.pages_read - before.pages_read;
+        let slope = (options.scenario == Scenario::Soak).then(|| slope(&memory)).flatten();
+        let [first_picture_ms, rough_ms, whole_ms, response_ms, complete_ms, converged_ms, frame_ms] =
+            log.times;
+        let responses = response_ms.count();
+        let mut whole_steps = BTreeMap::new();
+        log.switches
+            .iter()
+            .filter_map(|switch| switch.whole_step)
+            .for_each(|step| *whole_steps.entry(step).or_default() += 1);
+        let light: Vec<f64> = log.switches.iter().filter_map(|switch| switch.light_share).collect();
+        let worst_at = |which: usize| {
+            log.switches.iter().filter_map(|switch| switch.pixel_error[which]).fold(asked, f64::max)
+        };
+        let switches = log.switches.len() as u64;
+        let mut figures = StressFigures {
+            scenario: options.scenario.name(),
+            switches,
+            first_picture_ms,
+            rough_ms,
+            whole_ms,
+            whole_steps,
+            response_ms,
+            response_share: log.block_share / responses.max(1) as f64,
+            block_tiles: share(log.block_tiles, responses),
+            complete_ms,
+            converged_ms,
+            light_share_at_300: light.iter().sum::<f64>() / light.len().max(1) as f64,
+            error_at_ms: errors_at(&log.switches),
+            frame_ms,
+            rays,
+            rays_per_s: rays.per_s(seconds),
+            look_ups_per_s: log.pass.look_ups as f64 / seconds,
+            time_ms: (seconds * 1e3) as u64,
+            holes: log.holes,
+            stalls: log.stalls,
+            livelock: log.livelock,
+            narrow_samples: log.pass.narrow_samples,
+            refault_ratio: share(after.refaults - before.refaults, read),
+            first_touch_misses: share(after.demand_reads - before.demand_reads, switches),
+            prefetch_wasted_share: share(
+                after.prefetch_wasted - before.prefetch_wasted,
+                after.prefetch_issued - before.prefetch_issued,
+            ),
+            bytes_read: after.bytes_read - before.bytes_read,
+            pixel_error: PixelError {
+                asked,
+                worst: log.error_worst,
+                worst_at_whole: worst_at(0),
+                worst_at_response: worst_at(1),
+                worst_at_complete: worst_at(2),
+            },
+            memory_slope_bytes: slope,
+            pool: after,
+            requirements: options.requirements.clone(),
+            failures: vec![],
+            per_switch: log.switches,
+        };
+        figures.failures = figures.find_failures();
+        figures
+    }
+
+    /// The time that is called so.
+    pub fn times(&self, figure: Figure) -> &Times {
+        match figure {
+            Figure::First => &self.first_picture_ms,
+            Figure::Rough => &self.rough_ms,
+            Figure::Whole => &self.whole_ms,
+            Figure::Response => &self.response_ms,
+            Figure::Complete => &self.complete_ms,
+            Figure::Converged => &self.converged_ms,
+            Figure::Frame => &self.frame_ms,
+        }
+    }
+
+    /// What the run fails by.
+    fn find_failures(&self) -> Vec<String> {
+        let mut failures = vec![];
+        let mut fail = |fails: bool, text: String| failures.extend(fails.then_some(text));
+        fail(self.livelock, format!("a view had no response for {} s", LIVELOCK.as_secs()));
+        fail(self.holes > 0, format!("{} tiles showed nothing", self.holes));
+        fail(self.stalls > 0, format!("{} views had no response for a second", self.stalls));
+        if let Some(slope) = self.memory_slope_bytes {
+            let growth = slope * self.switches as f64;
+            fail(growth > GROWTH_BYTES, format!("memory grew by {growth:.0} bytes over the run"));
+        }
+        for Requirement { figure, percentile, ms: limit } in &self.requirements {
+            let times = self.times(*figure);
+            let (ms, name) = (times.percentile(*percentile), figure.name());
+            fail(times.count() == 0, format!("no view came to its {name} time"));
+            let over = format!("{name}: {percentile} % within {ms:.1} ms, over the {limit} ms allowed");
+            fail(ms > *limit, over);
+        }
+        failures
+    }
+}
+
+/// The errors of all events by time, where there are any.
+fn errors_at(switches: &[Switch]) -> Option<BTreeMap<u64, ErrorAt>> {
+    switches.iter().any(|switch| switch.error_at.is_some()).then(|| {
+        let at = |(index, &ms): (usize, &u64)| {
+            let errors: Vec<f64> = switches.iter().filter_map(|switch| switch.error_at?[index]).collect();
+            let count = errors.len();
+            let mean = errors.iter().sum::<f64>() / count.max(1) as f64;
+            (count > 0).then(|| {
+                let max = errors.iter().copied().fold(0.0, f64::max);
+                (ms, ErrorAt { count: count as u64, median: median(&errors), mean, max })
+            })
+        };
+        ERROR_TIMES_MS.iter().enumerate().filter_map(at).collect()
+    })
+}
+
+/// Slope of a line through the points after the warm-up, by least squares; `None` for too few.
+fn slope(points: &[(f64, f64)]) -> Option<f64> {
+    let points = &points[(points.len() as f64 * WARM_UP) as usize..];
+    let count = points.len() as f64;
+    if count < 10.0 {
+        return None;
+    }
+    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+    let both: f64 = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    let square: f64 = points.iter().map(|p| (p.0 - x) * (p.0 - x)).sum();
+    Some(both / square)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slope_is_that_of_the_line_behind_the_noise() {
+        let points: Vec<_> =
+            (0..100).map(|i| (f64::from(i), 7.0 * f64::from(i) + f64::from(i % 2))).collect();
+        assert!((slope(&points).unwrap() - 7.0).abs() < 0.01);
+        assert_eq!(slope(&points[..5]), None);
+        // What comes before the warm-up does not count.
+        let mut jump = vec![(0.0, 0.0); 1];
+        jump.extend((1..100).map(|i| (f64::from(i), 1e9)));
+        assert!(slope(&jump).unwrap().abs() < 1e-6);
+    }
+}

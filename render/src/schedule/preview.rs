@@ -1,0 +1,141 @@
+//! The samples of a preview: one at every so many pixels, by all workers, without waiting for any page.
+//!
+//! ```text
+//! per worker: next points of the grid -> their samples together -> the display
+//! ```
+//!
+//! Pages that were missing are recorded by the tracers, and asked for when the preview is done: reading them takes
+//! processors, and the picture comes first.
+//!
+//! Invariant: a sample is of the pixel whose place it takes.
+
+use super::job::JOB_SAMPLES_MAX;
+use super::pass::Workers;
+use super::samples::{Pending, Samples};
+use crate::image::coarse::{STEPS, grid_size};
+use crate::image::display::Display;
+use crate::image::film::LayerPixel;
+use crate::image::tile::{TILE_SIDE_PIXELS, tile, tile_count};
+use crate::integrate::SampleIntegrator;
+use crate::stats::RayCounts;
+use crate::trace::PagedTracer;
+use glam::Vec3;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+/// Tiles of grid points that a worker takes at a time: as many samples as a job of the film has at most.
+const PART_TILES: u32 = JOB_SAMPLES_MAX as u32 / (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS);
+
+/// A grid of pixels, of a picture of `resolution`: every `step`-th that no coarser grid holds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Grid {
+    pub(crate) resolution: [u32; 2],
+    /// One of [`STEPS`].
+    pub(crate) step: u32,
+}
+
+impl Grid {
+    /// Count of parts that workers take at a time.
+    fn part_count(&self) -> u32 {
+        tile_count(grid_size(self.resolution, self.step)).div_ceil(PART_TILES)
+    }
+
+    /// The pixels of part `index`.
+    fn pixels(&self, index: u32) -> impl Iterator<Item = [u32; 2]> {
+        let (size, step) = (grid_size(self.resolution, self.step), self.step);
+        let is_coarsest = step == STEPS[0];
+        let tiles = index * PART_TILES..tile_count(size).min((index + 1) * PART_TILES);
+        tiles
+            .map(move |index| tile(size, index))
+            .flat_map(move |part| {
+                (0..part.pixel_count()).map(move |point| part.pixel(point).map(|v| v * step))
+            })
+            .filter(move |pixel| is_coarsest || pixel.iter().any(|v| v % (2 * step) != 0))
+    }
+
+    /// Takes the samples of `integrator` for `display`. Gives their rays, and whether all were taken before `stop`,
+    /// which is asked between parts, said true.
+    ///
+    /// # Panics
+    /// When a worker panics.
+    pub(crate) fn take<T: PagedTracer + Send>(
+        &self,
+        integrator: &SampleIntegrator<'_>,
+        display: &mut Display,
+        workers: Workers<'_, T>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> (RayCounts, bool) {
+        let (next, was_stopped) = (AtomicU32::new(0), AtomicBool::new(false));
+        let (display, rays) = (Mutex::new(display), Mutex::new(RayCounts::default()));
+        let work = |tracer: &mut T| {
+            let (mut samples, mut mine) = (Samples::default(), RayCounts::default());
+            loop {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                if index >= self.part_count() {
+                    break;
+                }
+                if stop() {
+                    was_stopped.store(true, Ordering::Relaxed);
+                    break;
+                }
+                for (pixel, (radiance, seen)) in self.part(index, integrator, tracer, &mut samples, &mut mine)
+                {
+                    display.lock().expect("a worker panicked").set(pixel, radiance, &seen);
+                }
+            }
+            rays.lock().expect("a worker panicked").add(&mine);
+        };
+        workers.pool.scope(|scope| {
+            for tracer in workers.tracers {
+                scope.spawn(|_| work(tracer));
+            }
+        });
+        (rays.into_inner().expect("a worker panicked"), !was_stopped.into_inner())
+    }
+
+    /// The samples of part `index`, with their pixels.
+    fn part<T: PagedTracer>(
+        &self,
+        index: u32,
+        integrator: &SampleIntegrator<'_>,
+        tracer: &mut T,
+        samples: &mut Samples,
+        rays: &mut RayCounts,
+    ) -> Vec<([u32; 2], (Vec3, LayerPixel))> {
+        tracer.begin_tile();
+        let mut taken: Vec<_> =
+            self.pixels(index).map(|pixel| (pixel, (Vec3::ZERO, LayerPixel::NOTHING))).collect();
+        let start =
+            |(slot, (pixel, _)): (u32, &([u32; 2], _))| Pending::new(slot, integrator.start_preview(*pixel));
+        let mut pending: Vec<Pending> = (0..).zip(&taken).map(start).collect();
+        samples.ask(integrator, &mut pending, tracer, |slot, sample| {
+            rays.add(&sample.rays);
+            let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3::ZERO };
+            taken[slot as usize].1 = (radiance, sample.layers.unwrap_or(LayerPixel::NOTHING));
+        });
+        debug_assert!(pending.is_empty(), "a preview waits for nothing");
+        taken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grids_together_hold_no_pixel_twice() {
+        for resolution in [[1, 1], [8, 8], [19, 13], [64, 33]] {
+            let mut times = vec![0; (resolution[0] * resolution[1]) as usize];
+            for step in STEPS {
+                let grid = Grid { resolution, step };
+                for [x, y] in (0..grid.part_count()).flat_map(|index| grid.pixels(index)) {
+                    assert!(x % step == 0 && y % step == 0);
+                    times[(y * resolution[0] + x) as usize] += 1;
+                }
+                let [columns, rows] = resolution.map(|side| side.div_ceil(step));
+                assert_eq!(times.iter().sum::<u32>(), columns * rows, "{resolution:?} {step}");
+            }
+            assert!(times.iter().all(|&count| count <= 1));
+        }
+    }
+}
