@@ -52,9 +52,9 @@ impl Display {
         self.shown.map(|(_, step)| step)
     }
 
-    /// Radiance on show at pixel (x, y), linear RGB.
-    pub(crate) fn radiance(&self, [x, y]: [u32; 2]) -> [f32; 3] {
-        self.radiance[y as usize * self.resolution[0] as usize + x as usize]
+    /// Radiance on show from pixel (x, y) on, by rows, linear RGB.
+    pub(crate) fn radiances(&self, [x, y]: [u32; 2]) -> &[[f32; 3]] {
+        &self.radiance[y as usize * self.resolution[0] as usize + x as usize..]
     }
 
     /// Sets the sample of a pixel (x, y), one of the finest grid: its radiance, linear RGB, and what it saw.
@@ -111,7 +111,7 @@ mod tests {
         }
         display.show(0, 2, &pool(2));
         for pixel in (14..48).flat_map(|y| (14..48).map(move |x| [x, y])) {
-            let found = display.radiance(pixel)[0];
+            let found = display.radiances(pixel)[0][0];
             assert!((found - slope(pixel)).abs() < 1e-3, "{pixel:?}: {found}");
         }
     }
@@ -126,7 +126,7 @@ mod tests {
         }
         display.show(0, 2, &pool(2));
         let pixels = || (0..128).flat_map(|y| (0..128).map(move |x| [x, y]));
-        let value = |pixel| f64::from(display.radiance(pixel)[0]);
+        let value = |pixel| f64::from(display.radiances(pixel)[0][0]);
         let mean = pixels().map(value).sum::<f64>() / 128.0f64.powi(2);
         let variance = pixels().map(|pixel| (value(pixel) - mean).powi(2)).sum::<f64>() / 128.0f64.powi(2);
         assert!((mean - 1.0).abs() < 0.03 && variance < 0.03 / 3.0, "{mean} {variance}");
@@ -137,7 +137,7 @@ mod tests {
         for step in STEPS {
             let display = shown(step, |[x, _]| if x < 10 { 1.0 } else { 3.0 });
             for pixel in pixels() {
-                let found = display.radiance(pixel)[0];
+                let found = display.radiances(pixel)[0][0];
                 assert!(
                     [1.0, 3.0].iter().any(|value| (found - value).abs() < 1e-5),
                     "{step} {pixel:?}: {found}"

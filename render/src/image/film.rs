@@ -271,13 +271,25 @@ impl Film {
     /// Mean radiance of a pixel (x, y), linear RGB, over its samples of the state that its tile has; black without
     /// samples. Its indirect part is smoothed where the film was.
     pub fn radiance(&self, pixel: [u32; 2]) -> [f32; 3] {
-        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
-        let at = self.place(pixel);
+        let mut radiance = [[0.0; 3]];
+        self.radiances(pixel, &mut radiance);
+        radiance[0]
+    }
+
+    /// As [`Film::radiance`], of as many pixels as there are places, from (x, y) on in its row; all of one tile.
+    pub(crate) fn radiances(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
+        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(first)].max(1));
+        let first = self.place(first);
+        let sums = &self.sums[first..][..radiances.len()];
         if !self.is_smooth {
-            return self.sums[at].map(|sum| (sum * per_sample) as f32);
+            let means = sums.iter().map(|sums| sums.map(|sum| (sum * per_sample) as f32));
+            radiances.iter_mut().zip(means).for_each(|(radiance, mean)| *radiance = mean);
+            return;
         }
-        let rest = |c: usize| (self.sums[at][c] - self.indirect[at][c]) * per_sample;
-        std::array::from_fn(|c| (rest(c) + f64::from(self.smoothed[at][c])) as f32)
+        for ((at, sums), radiance) in (first..).zip(sums).zip(radiances) {
+            let rest = |c: usize| (sums[c] - self.indirect[at][c]) * per_sample;
+            *radiance = std::array::from_fn(|c| (rest(c) + f64::from(self.smoothed[at][c])) as f32);
+        }
     }
 
     /// Mean radiance over all pixels, linear RGB, unclamped.

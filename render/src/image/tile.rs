@@ -3,13 +3,13 @@
 //! Invariants: 1. the tiles cover each pixel once; 2. a tile has fewer than 100 pixels; 3. the index of a tile is
 //! its place in rows, whatever the order of work.
 
-use crate::image::saliency::{Reduced, Saliency};
+use crate::image::saliency::{Reduced, SIDE_PIXELS, Saliency};
 use crate::sampler::mix;
 
 /// Side of a tile, pixels. 64 pixels: small enough that its rays want few pages, a whole number of SIMD packets.
 pub const TILE_SIDE_PIXELS: u32 = 8;
 
-const _: () = assert!(TILE_SIDE_PIXELS * TILE_SIDE_PIXELS < 100);
+const _: () = assert!(TILE_SIDE_PIXELS * TILE_SIDE_PIXELS < 100 && TILE_SIDE_PIXELS == SIDE_PIXELS);
 
 /// A rectangle of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

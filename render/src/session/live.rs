@@ -31,7 +31,7 @@ use super::{Change, Event, Session};
 use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
-use crate::image::saliency::{Reduced, SAMPLES_PER_SIDE};
+use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
 use crate::scene::world::World;
 use crate::schedule::Pass;
@@ -209,11 +209,18 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Radiance on show at pixel (x, y): the mean of its samples, or where the preview is of a later state its own.
     /// Linear RGB.
     pub fn shown(&self, pixel: [u32; 2]) -> [f32; 3] {
-        let tile = pixel.map(|x| x / TILE_SIDE_PIXELS);
+        let mut shown = [[0.0; 3]];
+        self.show(pixel, &mut shown);
+        shown[0]
+    }
+
+    /// As [`LiveSession::shown`], of as many pixels as there are places, from (x, y) on in its row; all of one tile.
+    fn show(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
+        let tile = first.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
         match self.shows_samples(index) {
-            true => self.film.radiance(pixel),
-            false => self.live.display.radiance(pixel),
+            true => self.film.radiances(first, radiances),
+            false => radiances.copy_from_slice(&self.live.display.radiances(first)[..radiances.len()]),
         }
     }
 
@@ -265,14 +272,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// The picture on show at a few samples a tile, for an order that asks what the last picture was like.
     fn reduced(&self, order: TileOrder) -> Reduced {
-        let [width, height] = self.view.settings.resolution;
-        let step = TILE_SIDE_PIXELS / SAMPLES_PER_SIDE;
-        let at = |[x, y]: [u32; 2]| self.shown([(x * step).min(width - 1), (y * step).min(height - 1)]);
         match order {
             TileOrder::Saliency(_) => {
-                Reduced::new([width, height].map(|side| side.div_ceil(TILE_SIDE_PIXELS)), at)
+                Reduced::new(self.view.settings.resolution, |first, radiances| self.show(first, radiances))
             }
-            _ => Reduced::new([0, 0], at),
+            _ => Reduced::default(),
         }
     }
 

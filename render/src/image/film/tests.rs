@@ -64,3 +64,28 @@ fn memory_is_leased_and_given_back() {
     assert_eq!(budget.used_bytes(), 0);
     assert!(Film::new([100, 50], layers, &Budget::new(trex_store::RESERVE_BYTES)).is_err());
 }
+
+#[test]
+fn a_row_is_its_pixels() {
+    let layers = Layers { filter: true, ..Layers::default() };
+    let mut film = Film::new([20, 3], layers, &Budget::unlimited()).unwrap();
+    for index in 0..3 {
+        let tile = tile([20, 3], index);
+        let radiances: Vec<_> = (0..2 * tile.pixel_count()).map(|i| [i as f32, index as f32, 1.0]).collect();
+        film.add(&tile, &radiances);
+        film.add_indirect(&tile, &radiances);
+    }
+    for is_smooth in [false, true] {
+        if is_smooth {
+            (0..).zip(film.smoothed_mut()).for_each(|(i, smoothed)| *smoothed = [100.0 + i as f32; 3]);
+        }
+        for (x, width) in [(0, 8), (10, 6), (16, 4)] {
+            let mut row = vec![[0.0; 3]; width];
+            film.radiances([x, 1], &mut row);
+            for (x, found) in (x..).zip(row) {
+                assert_eq!(found, film.radiance([x, 1]), "{x}");
+                assert!(!is_smooth || found == [120.0 + x as f32; 3], "{x}");
+            }
+        }
+    }
+}
