@@ -172,6 +172,108 @@ mod tests {
         }
     }
 
+    const ORDERS: [TileOrder; 5] = [
+        TileOrder::ZCurve,
+        TileOrder::Row,
+        TileOrder::Random,
+        TileOrder::Saliency(Saliency::Achanta),
+        TileOrder::Saliency(Saliency::Itti),
+    ];
+    /// Pictures that are and are not a square of a power of two, and some whose last tiles are cut.
+    const RESOLUTIONS: [[u32; 2]; 5] = [[64, 64], [128, 40], [101, 75], [5, 300], [8, 8]];
+
+    /// The indices of the tiles in the order of work, for a picture of colours by chance.
+    fn indices(resolution: [u32; 2], order: TileOrder) -> Vec<u32> {
+        let chance = |[x, y]: [u32; 2]| [1, 2, 3].map(|c| (mix(u64::from(x * y + c)) % 256) as f32 / 255.0);
+        Tiles::z_curve(resolution).ordered(order, &Reduced::of(resolution, chance)).order
+    }
+
+    #[test]
+    fn every_order_has_each_tile_once() {
+        for (resolution, order) in RESOLUTIONS.into_iter().flat_map(|r| ORDERS.map(|order| (r, order))) {
+            let mut found = indices(resolution, order);
+            found.sort_unstable();
+            let all: Vec<u32> = (0..tile_count(resolution)).collect();
+            assert_eq!(found, all, "{resolution:?} {order:?}");
+        }
+    }
+
+    #[test]
+    fn rows_are_from_left_to_right_and_then_down() {
+        let tiles = Tiles::z_curve([20, 17]).ordered(TileOrder::Row, &Reduced::default());
+        let first: Vec<_> = (0..tiles.count()).map(|turn| tiles.nth(turn).first).collect();
+        assert_eq!(first, [[0, 0], [8, 0], [16, 0], [0, 8], [8, 8], [16, 8], [0, 16], [8, 16], [16, 16]]);
+    }
+
+    #[test]
+    fn the_random_order_is_always_the_same_and_no_other() {
+        let resolution = [101, 75];
+        let random = indices(resolution, TileOrder::Random);
+        assert_eq!(random, indices(resolution, TileOrder::Random));
+        for order in ORDERS {
+            assert_eq!(random == indices(resolution, order), order == TileOrder::Random, "{order:?}");
+        }
+        // Nor is it near to the rows: by chance, one tile of all is at its place, and one follows its neighbour.
+        let steps = random.windows(2).filter(|pair| pair[0] + 1 == pair[1]).count();
+        let at_home = (0..).zip(&random).filter(|&(turn, &index)| turn == index).count();
+        assert!(steps < 8 && at_home < 8, "{steps} {at_home}");
+    }
+
+    /// Each run of 4, 16, 64 tiles is a square of 2, 4, 8 along a side; of a picture that is no such square, the curve
+    /// leaves out what is not there.
+    #[test]
+    fn tiles_near_on_the_z_curve_are_near_in_the_picture() {
+        let place = |tile: Tile| tile.first.map(|x| x / TILE_SIDE_PIXELS);
+        let tiles = Tiles::z_curve([128, 128]);
+        let square: Vec<_> = (0..tiles.count()).map(|turn| place(tiles.nth(turn))).collect();
+        for side in [2, 4, 8, 16] {
+            for run in square.chunks((side * side) as usize) {
+                assert!(run.iter().all(|at| at.map(|x| x / side) == run[0].map(|x| x / side)), "{side}");
+            }
+        }
+        let tiles = Tiles::z_curve([101, 75]);
+        let found: Vec<_> = (0..tiles.count()).map(|turn| place(tiles.nth(turn))).collect();
+        let there = square.into_iter().filter(|&[x, y]| x < 13 && y < 10);
+        assert_eq!(found, there.collect::<Vec<_>>());
+    }
+
+    /// One tile is not as the others, which are all as salient as each other.
+    #[test]
+    fn the_most_salient_tile_is_first_and_tiles_alike_stay_on_the_z_curve() {
+        let resolution = [101, 75];
+        let z_curve = Tiles::z_curve(resolution).order;
+        let odd = 5 * columns(resolution) + 7;
+        for metric in [Saliency::Achanta, Saliency::Itti] {
+            let order = |value: f32| {
+                let is_odd = |pixel: [u32; 2]| pixel.map(|x| x / TILE_SIDE_PIXELS) == [7, 5];
+                let picture =
+                    Reduced::of(resolution, |pixel| if is_odd(pixel) { [value; 3] } else { [0.25; 3] });
+                Tiles::z_curve(resolution).ordered(TileOrder::Saliency(metric), &picture).order
+            };
+            assert_eq!(order(0.25), z_curve, "{metric:?}");
+            assert_eq!(order(0.75)[0], odd, "{metric:?}");
+            if metric == Saliency::Achanta {
+                let rest: Vec<u32> = z_curve.iter().copied().filter(|&index| index != odd).collect();
+                assert_eq!(order(0.75)[1..], rest);
+            }
+        }
+    }
+
+    #[test]
+    fn tiles_of_one_age_stay_in_their_order() {
+        for order in ORDERS {
+            let before = indices([101, 75], order);
+            let mut tiles = Tiles { resolution: [101, 75], order: before.clone() };
+            // Without a sample is before any.
+            let age = |index: u32| [None, Some(1), Some(2)][index as usize % 3];
+            tiles.sort_by_age(age);
+            let expected = [None, Some(1), Some(2)]
+                .into_iter()
+                .flat_map(|now| before.iter().copied().filter(move |&index| age(index) == now));
+            assert_eq!(tiles.order, expected.collect::<Vec<_>>(), "{order:?}");
+        }
+    }
+
     #[test]
     fn the_order_is_a_z() {
         let tiles = Tiles::z_curve([32, 32]);
