@@ -20,8 +20,8 @@ pub(crate) struct Reduced {
 
 impl Reduced {
     /// The reduction of a picture of `resolution` (width, height; pixels). `fill` is given a pixel (x, y), and writes
-    /// linear RGB of as many pixels of its row, all in one tile, as there are places. It is asked for every pixel. Where
-    /// the picture's edge cuts a tile, samples without pixels are as the picture's last.
+    /// linear RGB of as many pixels of its row, all in one tile, as there are places. It is asked for every pixel.
+    /// Where the picture's edge cuts a tile, samples without pixels are as the picture's last.
     pub(crate) fn new(resolution: [u32; 2], mut fill: impl FnMut([u32; 2], &mut [[f32; 3]])) -> Reduced {
         let [width, height] = resolution;
         let size = resolution.map(|side| side.div_ceil(SIDE_PIXELS) * SAMPLES_PER_SIDE);
