@@ -1,11 +1,11 @@
 //! Frames with a deadline: what a viewer shows while the user moves. Paper, section 5.2.
 //!
 //! ```text
-//! event -> preview frames: C-rays through what is resident, in its light: every 4th pixel, every 2nd    whole picture
-//!       -> frames: tiles, the stalest first, until a fetch block is done                                response
+//! event -> preview frames: C-rays through what is resident, in its light: every 4th pixel, every 2nd  whole picture
+//!       -> frames: tiles, the stalest first, until a fetch block is done                              response
 //!       -> frames: half the time photons, where light has changed; tiles until a block is done, the picture is
 //!                  complete or t_max has passed
-//!       -> ...     every pixel has a sample                                                             complete picture
+//!       -> ...     every pixel has a sample                                                           complete picture
 //! ```
 //!
 //! The first fetch block counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
