@@ -142,8 +142,14 @@ impl Job<'_> {
         if self.camera_path.is_none() {
             self.check(self.output)?;
         }
-        let play =
-            Play { scene: self.scene, file: self.file, layers: self.layers, io: &self.io, live: self.live };
+        let play = Play {
+            scene: self.scene,
+            file: self.file,
+            layers: self.layers,
+            io: &self.io,
+            live: self.live,
+            copies_bytes: 0,
+        };
         let stage = Stage::open(&play, ctx)?;
         let mut session = stage.session(ctx)?;
         let shots = self.shots(&session.view().camera)?;

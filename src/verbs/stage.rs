@@ -37,6 +37,8 @@ pub struct Play<'a> {
     pub io: &'a IoOptions,
     /// How frames with a deadline are made, if there is one.
     pub live: Option<FrameOptions>,
+    /// Bytes that are leased beside the session, for copies of pictures.
+    pub copies_bytes: u64,
 }
 
 impl Stage {
@@ -44,7 +46,8 @@ impl Stage {
     pub fn open(play: &Play<'_>, ctx: &Context) -> Result<Stage> {
         let settings = RenderSettings::new(play.scene.render)?;
         let (layers, is_live) = (play.layers, play.live.is_some());
-        let picture = PictureNeeds { settings, layers, workers: ctx.threads, is_live };
+        let copies_bytes = play.copies_bytes;
+        let picture = PictureNeeds { settings, layers, workers: ctx.threads, is_live, copies_bytes };
         let file = Arc::new(open_for(play.file, &picture, ctx)?);
         let shares = MemoryPlan::new(&file, &picture, ctx.budget.limit_bytes())?;
         let voxels = if picture.asks_voxels() { Voxels::open(&file, &ctx.budget)? } else { None };

@@ -41,7 +41,9 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let resolution = scene.render.resolution;
     let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
-    let play = Play { scene: &scene, file: &path, layers: Layers::default(), io: &io, live: Some(frames) };
+    let copies_bytes = if references.is_some() { Snapshots::bytes(resolution) } else { 0 };
+    let layers = Layers::default();
+    let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
     let stage = Stage::open(&play, ctx)?;
     let mut session = stage.session(ctx)?;
     let stop = || ctx.interrupt.is_raised();
@@ -128,7 +130,8 @@ fn references(
     let mut exact = scene.clone();
     exact.render.lod_error = 0.0;
     let io = io_options(&args.disk);
-    let play = Play { scene: &exact, file: path, layers: Layers::default(), io: &io, live: None };
+    let layers = Layers::default();
+    let play = Play { scene: &exact, file: path, layers, io: &io, live: None, copies_bytes: 0 };
     let stage = Stage::open(&play, ctx)?;
     let mut session = stage.session(ctx)?;
     let options = stress_options(args, scene, &session)?;

@@ -85,8 +85,9 @@ fn every_scenario_passes_on_a_small_model() {
     let scenarios =
         ["flip", "inside", "pingpong", "teleport", "sweep", "light-edit", "squeeze", "soak", "still"];
     for scenario in scenarios {
-        let line =
-            format!("stress pipes.trex --scenario {scenario} {SMALL} --switches 8 --hold 60 --t-max 50");
+        let line = format!(
+            "stress pipes.trex --scenario {scenario} {SMALL} --switches 8 --hold 60 --t-max 50 --require frame.max=60000"
+        );
         let document = document_in(inside.path(), &line);
         assert_eq!(document["verdict"], "pass", "{document}");
         assert_eq!((&document["holes"], &document["livelock"]), (&0.into(), &false.into()), "{scenario}");
@@ -100,12 +101,13 @@ fn every_scenario_passes_on_a_small_model() {
 fn a_verdict_can_be_no() {
     let inside = folder();
     built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
-    let line = format!("stress iso.trex --scenario flip {SMALL} --switches 2 --hold 1 --require 0.1,0.1,0.1");
+    let line =
+        format!("stress iso.trex --scenario flip {SMALL} --switches 2 --hold 1 --require whole.p50=0.1");
     let ran = run_in(inside.path(), &format!("{line} --json -q"));
     ran.expect(1);
     let document = ran.document();
     assert_eq!(document["verdict"], "fail");
-    assert!(document["failures"][0].as_str().unwrap().contains("median response"), "{document}");
+    assert!(document["failures"][0].as_str().unwrap().contains("whole: 50 % within"), "{document}");
 }
 
 #[test]

@@ -13,6 +13,7 @@ mod fixtures;
 mod format;
 mod format_octree;
 mod format_units;
+mod frames;
 mod fuzzing;
 mod golden;
 mod house;

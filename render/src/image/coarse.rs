@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! samples -> light alone: radiance over albedo
-//!         -> smoothed over neighbours of one surface, 5x5 of them, then 5x5 of every second one (a-trous)
+//!         -> smoothed over neighbours of one surface, 3x3 of them, then 3x3 of every second one, of every fourth
+//!            (a-trous)
 //!         -> pixels between, from the four samples around: bilinear where these are of one surface, else like the
 //!            nearest -> radiance
 //! ```
@@ -31,9 +32,10 @@ const NORMAL_COS: f32 = 0.85;
 const ALBEDO_APART: f32 = 0.08;
 /// Least albedo that light is told from.
 const ALBEDO_LEAST: f32 = 1.0 / 64.0;
-/// Smoothing: weights along an axis, a cubic B-spline; and distances of its taps, pass by pass.
-const SPLINE: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
-const STRIDES: [usize; 2] = [1, 2];
+/// Smoothing: weights along an axis, of the neighbour before, of the sample and of the neighbour after; and how far
+/// these are, pass by pass.
+const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
+const STRIDES: [usize; 3] = [1, 2, 4];
 
 /// What a sample saw.
 #[derive(Clone, Copy, Debug)]
@@ -157,43 +159,51 @@ impl Picked {
     /// Writes the smoothed light of row `y` to `out`.
     fn smooth_row(&self, y: usize, stride: usize, out: [&mut [f32]; 3]) {
         let [width, height] = self.size;
-        let mut total = vec![0.0f32; width];
+        let row = y * width..(y + 1) * width;
         let [red, green, blue] = out;
-        [&mut *red, green, blue].into_iter().for_each(|row| row.fill(0.0));
-        for (down, weight_y) in SPLINE.iter().enumerate() {
-            let Some(other) = (y + down * stride).checked_sub(2 * stride).filter(|y| *y < height) else {
+        for (row_out, light) in [&mut *red, green, blue].into_iter().zip(&self.light) {
+            row_out.copy_from_slice(&light[row.clone()]);
+        }
+        // Where nothing is seen there is nothing to smooth.
+        let is_seen = |depth: &f32| *depth < f32::INFINITY;
+        let Some(from) = self.depth[row.clone()].iter().position(is_seen) else { return };
+        let to = self.depth[row].iter().rposition(is_seen).expect("there is a first one") + 1;
+        // A sample weighs with itself, and is alike to itself.
+        let own = WEIGHTS[1] * WEIGHTS[1];
+        let mut total = vec![own; width];
+        [&mut *red, green, blue].into_iter().flatten().for_each(|light| *light *= own);
+        for (down, weight_y) in WEIGHTS.iter().enumerate() {
+            let Some(other) = (y + down * stride).checked_sub(stride).filter(|y| *y < height) else {
                 continue;
             };
-            for (right, weight_x) in SPLINE.iter().enumerate() {
-                // Columns whose neighbour `right - 2` strides on is on the grid.
-                let (right, two) = (right * stride, 2 * stride);
-                let (first, end) =
-                    (two.saturating_sub(right), width.min((width + two).saturating_sub(right)));
-                if first >= end {
+            for (right, weight_x) in WEIGHTS.iter().enumerate() {
+                // Columns whose neighbour is on the grid.
+                let right_by = right * stride;
+                let (first, end) = (
+                    from.max(stride.saturating_sub(right_by)),
+                    to.min((width + stride).saturating_sub(right_by)),
+                );
+                if first >= end || (down, right) == (1, 1) {
                     continue;
                 }
-                let (here, there) = (y * width + first, other * width + first + right - two);
-                let sums = [
-                    &mut total[first..end],
-                    &mut red[first..end],
-                    &mut green[first..end],
-                    &mut blue[first..end],
-                ];
-                self.add_row(sums, [here, there], weight_x * weight_y);
+                let (here, there) = (y * width + first, other * width + first + right_by - stride);
+                let sums = [&mut *red, green, blue].map(|row| &mut row[first..end]);
+                self.add_row((&mut total[first..end], sums), [here, there], weight_x * weight_y);
             }
         }
-        for (x, total) in total.iter().enumerate() {
-            let at = y * width + x;
-            for (c, row) in [&mut *red, green, blue].into_iter().enumerate() {
-                // A sample that saw nothing is alike to none, not even itself.
-                row[x] = if *total > 0.0 { row[x] / total } else { self.light[c][at] };
-            }
+        for row in [red, green, blue] {
+            row.iter_mut().zip(&total).for_each(|(light, total)| *light /= total);
         }
     }
 
     /// Adds the weights and the light of neighbours to their sums, where these are of one surface.
     #[inline]
-    fn add_row(&self, [total, red, green, blue]: [&mut [f32]; 4], [here, there]: [usize; 2], weight: f32) {
+    fn add_row(
+        &self,
+        (total, [red, green, blue]): (&mut [f32], [&mut [f32]; 3]),
+        [here, there]: [usize; 2],
+        weight: f32,
+    ) {
         let count = total.len();
         let (red, green, blue) = (&mut red[..count], &mut green[..count], &mut blue[..count]);
         let [d0, d1] = [here, there].map(|at| &self.depth[at..at + count]);
@@ -220,31 +230,42 @@ impl Picked {
     /// Fills the pixels of `radiance`, rows of `width`, from samples at every `step`-th.
     fn fill(&self, step: usize, radiance: &mut [[f32; 3]], width: usize) {
         let [columns, rows] = self.size;
+        let weights: Vec<[f32; 4]> = (0..step * step)
+            .map(|at| {
+                let [u, v] = [at % step, at / step].map(|at| at as f32 / step as f32);
+                [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v]
+            })
+            .collect();
         radiance.par_chunks_mut(width * step).enumerate().for_each(|(y, band)| {
             for x in 0..columns {
                 let [right, down] = [(x + 1).min(columns - 1), (y + 1).min(rows - 1)];
                 let corners =
                     [y * columns + x, y * columns + right, down * columns + x, down * columns + right];
-                self.fill_cell(band, width, [x * step, step], corners);
+                self.fill_cell((band, width), [x * step, step], corners, &weights);
             }
         });
     }
 
     /// Fills the pixels of a cell of the grid, `step` along a side and from column `x` of `band` on, from its corners.
-    fn fill_cell(&self, band: &mut [[f32; 3]], width: usize, [x, step]: [usize; 2], corners: [usize; 4]) {
+    fn fill_cell(
+        &self,
+        (band, width): (&mut [[f32; 3]], usize),
+        [x, step]: [usize; 2],
+        corners: [usize; 4],
+        weights: &[[f32; 4]],
+    ) {
         let is_one = corners[1..].iter().all(|&corner| self.is_alike(corners[0], corner));
         let shades =
             corners.map(|at| Vec3::from_array([0, 1, 2].map(|c| self.light[c][at] * self.albedo[c][at])));
         let columns = step.min(width - x);
-        for (down, row) in band.chunks_exact_mut(width).enumerate() {
-            for (right, pixel) in row[x..][..columns].iter_mut().enumerate() {
-                let [u, v] = [right, down].map(|at| at as f32 / step as f32);
-                let mut weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        for (row, weights) in band.chunks_exact_mut(width).zip(weights.chunks_exact(step)) {
+            for (pixel, weights) in row[x..][..columns].iter_mut().zip(weights) {
+                let mut weights = *weights;
                 if !is_one {
                     self.keep_alike(corners, &mut weights);
                 }
-                *pixel =
-                    shades.iter().zip(weights).map(|(shade, weight)| weight * shade).sum::<Vec3>().into();
+                let [a, b, c, d] = shades;
+                *pixel = (weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d).into();
             }
         }
     }

@@ -19,8 +19,9 @@ use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::time::{Duration, Instant};
 
-/// Photons take this part of a frame while light changes.
+/// Photons take as long as tiles do while light changes, within these parts of a frame.
 const PHOTON_PART: u32 = 2;
+const PHOTON_PART_LEAST: u32 = 50;
 
 /// The time that the tiles of a frame may take, and how many are wanted.
 struct FrameTimes {
@@ -55,9 +56,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let has_responded = self.live.first_block.is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.photon_map.as_ref().is_some_and(|map| map.photons() == 0) {
-            other.photon = self.illuminate_until(begin + t_max / PHOTON_PART, stop);
+            let photons_time = self.live.tiles_time.clamp(t_max / PHOTON_PART_LEAST, t_max / PHOTON_PART);
+            other.photon = self.illuminate_until(begin + photons_time, stop);
         }
+        let tiles_begin = Instant::now();
         let pass = self.run_tiles(spp, begin, stop);
+        self.live.tiles_time = tiles_begin.elapsed();
         self.govern();
         if has_responded {
             self.predict();

@@ -3,7 +3,7 @@
 //! ```text
 //! event -> preview frames: C-rays through what is resident, in its light: every 4th pixel, every 2nd  whole picture
 //!       -> frames: tiles, the stalest first, until a fetch block is done                              response
-//!       -> frames: half the time photons, where light has changed; tiles until a block is done, the picture is
+//!       -> frames: as long photons as tiles, where light has changed; tiles until a block is done, the picture is
 //!                  complete or t_max has passed
 //!       -> ...     every pixel has a sample                                                           complete picture
 //! ```
@@ -137,6 +137,8 @@ pub(super) struct Live {
     pub(super) ladder: Ladder,
     pub(super) governor: Governor,
     pub(super) motion: Motion,
+    /// Time that the tiles of the last frame took.
+    pub(super) tiles_time: Duration,
     /// Tiles done since the event.
     pub(super) finished: u64,
     /// Tiles of the first block since the event, once it is done.
@@ -181,6 +183,7 @@ impl<T: PagedTracer + Send> Session<T> {
             ladder: Ladder::new(false),
             governor: Governor::new(settings.lod_error),
             motion: Motion::new(),
+            tiles_time: Duration::ZERO,
             finished: 0,
             first_block: None,
             event_state: 0,

@@ -40,6 +40,8 @@ pub struct PictureNeeds {
     pub workers: usize,
     /// True when the picture is made in frames with a deadline.
     pub is_live: bool,
+    /// Bytes that the caller leases beside the session, for copies of pictures.
+    pub copies_bytes: u64,
 }
 
 /// The shares of a memory limit for a picture, bytes.
@@ -53,7 +55,7 @@ pub struct MemoryPlan {
     pub voxels_bytes: u64,
     /// Photons that are kept each by itself (`full-gi`), and those under way on the mesh.
     pub photons_bytes: u64,
-    /// Film, passes over tiles, encoder, filter.
+    /// Film, copies of pictures, passes over tiles, encoder, filter.
     pub film_bytes: u64,
     /// Staging buffers, the pool's tables, the workers' pins.
     pub staging_bytes: u64,
@@ -71,6 +73,7 @@ impl PictureNeeds {
             layers: Layers::default(),
             workers,
             is_live: false,
+            copies_bytes: 0,
         }
     }
 
@@ -125,7 +128,7 @@ impl MemoryPlan {
 
     /// The shares of all but the frames.
     fn fixed(file: &PageFile, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
-        let PictureNeeds { settings, layers, workers, is_live } = *needs;
+        let PictureNeeds { settings, layers, workers, is_live, copies_bytes } = *needs;
         let resolution = settings.resolution;
         let (overhead, _) = PagePool::smallest_bytes(file, &pool_options(staging_slots))?;
         let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * workers as u64;
@@ -135,6 +138,7 @@ impl MemoryPlan {
             voxels_bytes: voxels_bytes(file, needs)?,
             photons_bytes: photons_bytes(needs),
             film_bytes: film_bytes(resolution, layers)
+                + copies_bytes
                 + if is_live { Display::bytes(resolution) } else { 0 }
                 + pass_bytes(resolution, workers)
                 + encoder_bytes(resolution, layers)

@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Figures are rounded where they are printed, some of them to a thousandth.
 const ROUNDING: f64 = 0.01;
 
-const STRESS: [(&str, Kind); 27] = [
+const STRESS: [(&str, Kind); 35] = [
     ("scene", Text),
     ("integrator", Text),
     ("resolution", List),
@@ -17,11 +17,16 @@ const STRESS: [(&str, Kind); 27] = [
     ("n_gather", Count),
     ("t_max_ms", Number),
     ("fetch_block", Count),
+    ("reference_spp", MaybeNumber),
     ("scenario", Text),
     ("switches", Count),
     ("look_ups_per_s", Number),
     ("time_ms", Count),
     ("block_tiles", Number),
+    ("response_share", Number),
+    ("light_share_at_300", Number),
+    ("requirements", List),
+    ("per_switch", List),
     ("holes", Count),
     ("stalls", Count),
     ("livelock", Flag),
@@ -32,6 +37,9 @@ const STRESS: [(&str, Kind); 27] = [
     ("bytes_read", Count),
     ("pixel_error.asked", Number),
     ("pixel_error.worst", Number),
+    ("pixel_error.worst_at_whole", Number),
+    ("pixel_error.worst_at_response", Number),
+    ("pixel_error.worst_at_complete", Number),
     ("memory_slope_bytes", MaybeNumber),
     ("failures", List),
     ("io_backend.backend", Text),
@@ -41,7 +49,8 @@ const STRESS: [(&str, Kind); 27] = [
 
 const POOL: [&str; 6] = ["hits", "misses", "evictions", "bytes_read", "refaults", "pages_read"];
 const RAY_KINDS: [&str; 5] = ["primary", "mirror", "shadow", "gather", "photon"];
-const TIMES: [&str; 4] = ["first_picture_ms", "response_ms", "complete_ms", "frame_ms"];
+const TIMES: [&str; 7] =
+    ["first_picture_ms", "rough_ms", "whole_ms", "response_ms", "complete_ms", "converged_ms", "frame_ms"];
 
 const BENCH_RAYS: [(&str, Kind); 13] = [
     ("scene", Text),
@@ -114,7 +123,8 @@ fn has_only(object: &Value, keys: &[&str]) {
 fn stress_tells_times_rays_and_a_verdict() {
     let inside = folder();
     built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
-    let flags = "--resolution 64x48 --photons 5k --memory-limit 128MiB --switches 4 --hold 80 --t-max 50";
+    let flags = "--resolution 64x48 --photons 5k --memory-limit 128MiB --switches 4 --hold 80 --t-max 50 \
+                 --reference-spp 2";
     let document = document_in(inside.path(), &format!("stress iso.trex --scenario flip {flags}"));
     let mut nested: Vec<(String, Kind)> = Vec::new();
     for key in TIMES {
@@ -136,8 +146,20 @@ fn stress_tells_times_rays_and_a_verdict() {
         assert_eq!(of("count") > 0.0, of("max") > 0.0, "{key} of {document:#}");
         has_only(&document[key], &["count", "mean", "p50", "p99", "max"]);
     }
-    // Every switch has a first picture and a response; a view that is left early has no whole picture.
-    assert_eq!((at("/first_picture_ms/count"), at("/response_ms/count")), (4.0, 4.0));
+    // Every switch has a first picture, a whole one and a response; a view that is left early has no exact one.
+    for key in ["first_picture_ms", "rough_ms", "whole_ms", "response_ms"] {
+        assert_eq!(at(&format!("/{key}/count")), 4.0, "{key} of {document:#}");
+    }
+    assert!(at("/rough_ms/p50") <= at("/whole_ms/p50") && at("/whole_ms/p50") <= at("/response_ms/p50"));
+    assert_eq!(at("/converged_ms/count"), 0.0, "no light has changed");
+    assert_eq!(at("/whole_steps/2"), 4.0);
+    near(at("/response_share") * 48.0, at("/block_tiles"), ROUNDING, &document);
+    let lines = document["per_switch"].as_array().unwrap();
+    assert_eq!(lines.len(), 4);
+    let longest = lines.iter().map(|line| line["whole_ms"].as_f64().unwrap()).fold(0.0, f64::max);
+    near(longest, at("/whole_ms/max"), ROUNDING, &document);
+    // relMSE of what was on show, which is there for as long as a view was held.
+    assert!(at("/error_at_ms/33/max") > 0.0 && at("/error_at_ms/33/median") <= at("/error_at_ms/33/max"));
     assert!(at("/complete_ms/count") <= 4.0 && at("/frame_ms/count") >= 4.0);
     has_only(&document["rays"], &RAY_KINDS);
     for kind in RAY_KINDS {

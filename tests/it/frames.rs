@@ -1,0 +1,210 @@
+//! The frames of a live session, by what they show: a whole picture at once, exact tiles that stay through edits, and
+//! in the end the picture that comes without a deadline.
+
+use crate::command::folder;
+use crate::fixtures::built_in;
+use rayon::ThreadPoolBuilder;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Duration;
+use trex_render::{
+    Camera, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Layers, Light, LiveSession,
+    MaterialEdit, Method, Model, PagedMesh, PooledPages, RenderSettings, Scene, Session, SessionSetup,
+    TileOrder, View, Voxels, pooled_tracers,
+};
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Budget, PageFile};
+
+const RESOLUTION: [u32; 2] = [128, 96];
+const TILES: u32 = 16 * 12;
+const BLOCK: u32 = 16;
+
+type Tracer<'a> = PagedMesh<'a, PooledPages<'a>>;
+
+/// A model whose pages are all on the disk at first.
+struct Stage {
+    file: Arc<PageFile>,
+    pool: PagePool,
+    _folder: tempfile::TempDir,
+}
+
+impl Stage {
+    fn new() -> Stage {
+        let inside = folder();
+        built_in(inside.path(), "gen:isosurface:58k", "iso.trex");
+        let path = inside.path().join("iso.trex");
+        let file = Arc::new(PageFile::open(&path, &Budget::unlimited()).unwrap());
+        let pool =
+            PagePool::open(file.clone(), &path, &Budget::unlimited(), &PoolOptions::default()).unwrap();
+        Stage { file, pool, _folder: inside }
+    }
+
+    /// A session with its photons, if it has any.
+    fn session(&self, method: Method) -> Session<Tracer<'_>> {
+        let budget = Budget::unlimited();
+        let voxels = Voxels::open(&self.file, &budget).unwrap().map(Arc::new);
+        let bounds = self.file.superblock().bounds;
+        let mut model = Model { bounds, materials: self.file.materials().to_vec(), emitters: vec![], voxels };
+        let mut scene = Scene::default();
+        (scene.render.integrator, scene.render.resolution, scene.render.photons) =
+            (method, RESOLUTION, 100_000);
+        let View { camera, lights, .. } = scene.view(&mut model).unwrap();
+        // Near enough for surfaces that are wider than the grid of a preview.
+        let camera = Camera { fov: Fov::X(8.0), ..camera };
+        let view = View { camera, lights, settings: RenderSettings::new(scene.render).unwrap() };
+        let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap());
+        let tracers = pooled_tracers(&self.file, &self.pool, 2);
+        let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads };
+        let mut session = Session::new(setup, &budget).unwrap();
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+        session
+    }
+
+    fn live(&self, method: Method) -> LiveSession<Tracer<'_>> {
+        // Long enough for a frame to end by its work, whatever else the machine does.
+        let options = FrameOptions {
+            t_max: Duration::from_secs(60),
+            fetch_block: FetchBlock::Tiles(BLOCK),
+            order: TileOrder::Row,
+            ..FrameOptions::default()
+        };
+        self.session(method).go_live(options).unwrap()
+    }
+}
+
+fn frame(session: &mut LiveSession<Tracer<'_>>) -> FrameReport {
+    session.frame(1, &|| false)
+}
+
+fn frame_until(session: &mut LiveSession<Tracer<'_>>, progress: FrameProgress) -> FrameReport {
+    (0..10_000).map(|_| frame(session)).find(|report| report.progress >= progress).expect("it gets there")
+}
+
+fn shown(session: &LiveSession<Tracer<'_>>) -> Vec<[f32; 3]> {
+    let [width, height] = RESOLUTION;
+    (0..height).flat_map(|y| (0..width).map(move |x| session.shown([x, y]))).collect()
+}
+
+/// The picture at leisure, of one sample and of many.
+fn at_leisure(stage: &Stage, method: Method, spp: u32, event: Option<Event>) -> Vec<[f32; 3]> {
+    let mut session = stage.session(method);
+    if let Some(event) = event {
+        session.apply(event).unwrap();
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+    }
+    session.render(spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
+    let [width, height] = RESOLUTION;
+    (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).map(|at| session.film().radiance(at)).collect()
+}
+
+/// Root of the mean squared difference of the first channels.
+fn rmse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| f64::from(a[0] - b[0]).powi(2));
+    (squares.sum::<f64>() / a.len() as f64).sqrt()
+}
+
+#[test]
+fn the_first_frames_show_a_whole_picture_without_a_page() {
+    let stage = Stage::new();
+    for method in [Method::Photon, Method::Direct, Method::Ao, Method::Path, Method::FullGi] {
+        let mut session = stage.live(method);
+        let read = stage.pool.stats().pages_read;
+        let rough = frame(&mut session);
+        assert_eq!((rough.progress, rough.sample_step), (FrameProgress::Preview, Some(4)), "{method:?}");
+        assert_eq!((rough.hole_tiles, rough.preview_tiles), (0, TILES));
+        let whole = frame(&mut session);
+        assert_eq!((whole.progress, whole.sample_step), (FrameProgress::Preview, Some(2)), "{method:?}");
+        assert!(whole.preview_rays.primary > rough.preview_rays.primary);
+        assert_eq!(
+            (session.film().samples(), session.film().mean()),
+            (0, [0.0; 3]),
+            "nothing is on the film"
+        );
+        // The first of all finds an empty pool, and no ray has waited.
+        assert!(method != Method::Photon || stage.pool.stats().pages_read == read, "{method:?}");
+
+        // It is near the picture: much nearer than a flat one. Those of path and full-gi show direct light alone.
+        let like = if matches!(method, Method::Path | Method::FullGi) { Method::Direct } else { method };
+        let exact = at_leisure(&stage, like, 64, None);
+        let mean = exact.iter().map(|p| p[0]).sum::<f32>() / exact.len() as f32;
+        let (error, flat) = (rmse(&shown(&session), &exact), rmse(&vec![[mean; 3]; exact.len()], &exact));
+        assert!(error < 0.5 * flat, "{method:?}: {error}, flat {flat}");
+    }
+}
+
+/// As fine as in the end: what a tile shows is what its film holds, and the rest is the preview.
+#[test]
+fn tiles_replace_the_preview_one_by_one() {
+    let stage = Stage::new();
+    let mut session = stage.live(Method::Direct);
+    frame_until(&mut session, FrameProgress::Part);
+    let report = frame_until(&mut session, FrameProgress::Block);
+    assert_eq!((report.block_tiles, report.sample_step), (BLOCK, Some(2)));
+    assert!((report.block_share - f64::from(BLOCK) / f64::from(TILES)).abs() < 1e-12);
+    assert!(report.preview_tiles <= TILES - BLOCK && report.preview_tiles > 0);
+    let report = frame_until(&mut session, FrameProgress::Done);
+    assert_eq!((report.preview_tiles, report.sample_step), (0, Some(1)));
+    assert_eq!(shown(&session), at_leisure(&stage, Method::Direct, 1, None));
+}
+
+#[test]
+fn an_edit_shows_everywhere_at_once_and_the_end_is_that_of_the_edit() {
+    let stage = Stage::new();
+    let dark = Event::Lights(vec![Light::Sky { radiance: [0.0; 3] }]);
+    let dim = MaterialEdit { kd: Some([0.1; 3]), ..MaterialEdit::default() };
+    let dim = Event::Material { index: 0, edit: dim };
+    for (method, event) in [(Method::Direct, dark), (Method::Direct, dim.clone()), (Method::Photon, dim)] {
+        let mut session = stage.live(method);
+        frame_until(&mut session, FrameProgress::Done);
+        let before = shown(&session);
+        session.apply(event.clone()).unwrap();
+        let report = frame(&mut session);
+        assert_eq!((report.sample_step, report.preview_tiles), (Some(4), TILES));
+        let (after, end) = (shown(&session), at_leisure(&stage, method, 1, Some(event)));
+        assert!(rmse(&after, &end) < 0.5 * rmse(&before, &end), "{method:?}");
+        frame_until(&mut session, FrameProgress::Done);
+        assert_eq!(shown(&session), end, "{method:?}");
+    }
+}
+
+/// While photons come, tiles of the light before stay until their turn: nothing begins at the first tile again.
+#[test]
+fn more_light_makes_tiles_stale_and_the_stalest_come_first() {
+    let stage = Stage::new();
+    let mut session = stage.live(Method::Photon);
+    frame_until(&mut session, FrameProgress::Done);
+    session.apply(Event::Lights(vec![Light::Sky { radiance: [2.0; 3] }])).unwrap();
+    let mut exact = 0;
+    let mut shares = vec![];
+    loop {
+        let report = frame(&mut session);
+        if report.progress > FrameProgress::Preview {
+            let now = TILES - report.preview_tiles;
+            assert!(now >= exact, "{now} of {exact} exact tiles are left");
+            exact = now;
+        }
+        shares.push(report.light_share);
+        if report.progress == FrameProgress::Done {
+            break;
+        }
+    }
+    assert!(shares.is_sorted() && shares[0] == 0.0 && shares[shares.len() - 1] == 1.0, "{shares:?}");
+}
+
+/// Events that follow each other before any tile is done get one frame each, as fine as fits into it.
+#[test]
+fn a_hand_that_moves_gets_the_finest_picture_that_fits() {
+    let stage = Stage::new();
+    let mut session = stage.live(Method::Direct);
+    frame(&mut session);
+    let mut camera = session.view().camera;
+    for _ in 0..3 {
+        camera.position[0] += 0.01;
+        session.apply(Event::Camera(camera)).unwrap();
+        let report = frame(&mut session);
+        assert_eq!((report.progress, report.sample_step), (FrameProgress::Preview, Some(2)));
+    }
+    frame_until(&mut session, FrameProgress::Done);
+    session.apply(Event::Camera(camera)).unwrap();
+    assert_eq!(frame(&mut session).sample_step, Some(4), "a hand that rested");
+}
