@@ -124,9 +124,9 @@ impl Log {
             changes_light |= report.light_share < 1.0;
             self.add(&report);
             self.note(&mut switch, &report, time);
-            let is_lit = report.light_share == 1.0;
             let is_complete = report.progress >= FrameProgress::Complete;
-            if is_complete && is_lit && session.film().samples() > 0 && changes_light {
+            let is_converged = is_complete && report.light_share == 1.0 && session.film().samples() > 0;
+            if is_converged && changes_light {
                 self.reached(Figure::Converged, &mut switch.converged_ms, time);
             }
             self.livelock |= switch.response_ms.is_none() && time > LIVELOCK;
@@ -135,7 +135,7 @@ impl Log {
                 Some(_) => time >= hold.longest,
             };
             let is_compared = snapshots.as_ref().is_none_or(|snapshots| snapshots.are_taken());
-            if is_over || is_complete && is_compared && (is_lit || !changes_light) {
+            if is_over || is_complete && is_compared && (is_converged || !changes_light) {
                 self.switches.push(switch);
                 return Ok(());
             }

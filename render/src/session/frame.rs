@@ -19,7 +19,10 @@ use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::time::{Duration, Instant};
 
-/// Photons take as long as tiles do while light changes, within these parts of a frame.
+/// Photons take as long as tiles do while light changes; so many times as long when every tile has been taken anew,
+/// since what these show goes out of date with each photon.
+const PHOTON_SHARE_LATE: u32 = 3;
+/// Parts of a frame that photons take at most, and at least.
 const PHOTON_PART: u32 = 2;
 const PHOTON_PART_LEAST: u32 = 50;
 
@@ -56,7 +59,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let has_responded = self.live.first_block.is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.photon_map.as_ref().is_some_and(|map| map.photons() == 0) {
-            let photons_time = self.live.tiles_time.clamp(t_max / PHOTON_PART_LEAST, t_max / PHOTON_PART);
+            let share = if self.is_complete() { PHOTON_SHARE_LATE } else { 1 };
+            let photons_time = share * self.live.tiles_time;
+            let photons_time = photons_time.clamp(t_max / PHOTON_PART_LEAST, t_max / PHOTON_PART);
             other.photon = self.illuminate_until(begin + photons_time, stop);
         }
         let tiles_begin = Instant::now();
