@@ -18,6 +18,8 @@ const MAX_NAME: usize = 64;
 
 /// Keys of a verb's document that become fields of the record, not values.
 const ENVELOPE: [&str; 6] = ["schema", "command", "version", "scene", "seed", "result_hash"];
+/// Keys of a verb's document that are as long as the run was: its figures sum them up.
+const LOGS: [&str; 1] = ["per_switch"];
 
 /// One run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,8 +72,10 @@ impl Record {
         check_name(&labels.name)?;
 
         let mut values = BTreeMap::new();
-        for (key, value) in object.iter().filter(|(key, _)| !ENVELOPE.contains(&key.as_str())) {
-            flatten(key, value, &mut values);
+        for (key, value) in object {
+            if !ENVELOPE.contains(&key.as_str()) && !LOGS.contains(&key.as_str()) {
+                flatten(key, value, &mut values);
+            }
         }
         ensure!(!values.is_empty(), "the document holds no figures");
         values.values_mut().for_each(strip_folders);
