@@ -20,7 +20,8 @@ pub struct StressArgs {
     /// Viewpoints, lights or limits, one after the other
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub switches: u32,
-    /// Longest that a view is held; it ends when every pixel has an exact sample and all light is in
+    /// Longest that a view is held; it ends when every pixel has an exact sample, all light is in, and every error that
+    /// is asked for is taken
     #[arg(long, value_name = "MS", default_value = "5000", value_parser = values::milliseconds)]
     pub hold: Milliseconds,
     /// Viewpoints of your own, in TOML: an array of tables `view`, each with position, target and, if you like, up

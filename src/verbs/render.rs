@@ -237,7 +237,7 @@ impl Job<'_> {
             ));
         }
         if shown.stats.spp == 0 {
-            let rest = if self.live.is_some() { "a stand-in" } else { "black" };
+            let rest = if self.live.is_some() { "a preview" } else { "black" };
             ctx.console.note(&format!(
                 "note: the time limit came before every pixel had a sample; the rest is {rest}"
             ));
@@ -259,7 +259,7 @@ impl Job<'_> {
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let render_s = total_s - photons_s;
         let [width, height] = keys.resolution;
-        let image = Image { mean: show.session().film().mean(), width, height };
+        let image = Image { mean: trex_render::Image::mean(&show), width, height };
         let arithmetic = show.session().tracers()[0].arithmetic().name();
         Rendered {
             scene: self.file.display().to_string(),

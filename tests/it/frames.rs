@@ -167,9 +167,9 @@ fn an_edit_shows_everywhere_at_once_and_the_end_is_that_of_the_edit() {
     }
 }
 
-/// While photons come, tiles of the light before stay until their turn: nothing begins at the first tile again.
+/// While photons come, exact tiles of less light stay until their turn: none goes back to the preview.
 #[test]
-fn more_light_makes_tiles_stale_and_the_stalest_come_first() {
+fn exact_tiles_stay_while_more_light_comes() {
     let stage = Stage::new();
     let mut session = stage.live(Method::Photon);
     frame_until(&mut session, FrameProgress::Done);

@@ -40,6 +40,8 @@ pub struct Snapshots {
     before: Vec<[f16; 3]>,
     is_fresh: bool,
     taken: [Option<Vec<[f16; 3]>>; ERROR_TIMES_MS.len()],
+    /// Times that have passed.
+    is_over: [bool; ERROR_TIMES_MS.len()],
     /// Room of those that are not taken.
     room: Vec<Vec<[f16; 3]>>,
     _lease: Lease,
@@ -101,6 +103,7 @@ impl Snapshots {
             before: picture(),
             is_fresh: false,
             taken: Default::default(),
+            is_over: Default::default(),
             room,
             _lease: lease,
         })
@@ -115,9 +118,8 @@ impl Snapshots {
     ) {
         // Frames go on for what is begun, so they may take longer.
         let end = now + 2 * t_max;
-        let is_passed =
-            |(ms, taken): (&u64, &Option<_>)| taken.is_none() && end >= Duration::from_millis(*ms);
-        self.is_fresh = ERROR_TIMES_MS.iter().zip(&self.taken).any(is_passed);
+        let may_pass = |(ms, is_over): (&u64, &bool)| !is_over && end >= Duration::from_millis(*ms);
+        self.is_fresh = ERROR_TIMES_MS.iter().zip(&self.is_over).any(may_pass);
         if self.is_fresh {
             let width = self.resolution[0] as usize;
             for (y, row) in self.before.chunks_exact_mut(width).enumerate() {
@@ -130,18 +132,21 @@ impl Snapshots {
 
     /// Keeps the copy for the times of interest that have passed, `now` after the event.
     pub(super) fn after_frame(&mut self, now: Duration) {
-        for (ms, taken) in ERROR_TIMES_MS.iter().zip(&mut self.taken) {
-            if taken.is_none() && now >= Duration::from_millis(*ms) && self.is_fresh {
+        for (index, ms) in ERROR_TIMES_MS.iter().enumerate() {
+            let has_passed = now >= Duration::from_millis(*ms) && !self.is_over[index];
+            self.is_over[index] |= has_passed;
+            // A frame that took longer than any should has no picture from before it.
+            if has_passed && self.is_fresh {
                 let mut copy = self.room.pop().expect("as many pictures as times");
                 copy.copy_from_slice(&self.before);
-                *taken = Some(copy);
+                self.taken[index] = Some(copy);
             }
         }
     }
 
-    /// True when there is a copy of every time.
+    /// True when every time has passed.
     pub(super) fn are_taken(&self) -> bool {
-        self.taken.iter().all(Option::is_some)
+        self.is_over.iter().all(|is_over| *is_over)
     }
 
     /// relMSE of the copies against state `state`, by time; `None` for times that were not reached. They are forgotten.
@@ -156,6 +161,7 @@ impl Snapshots {
         let reference = references.read(state)?;
         let [width, height] = self.resolution;
         let mut errors = [None; ERROR_TIMES_MS.len()];
+        self.is_over = Default::default();
         for (error, taken) in errors.iter_mut().zip(&mut self.taken) {
             let Some(copy) = taken.take() else { continue };
             let pixels = copy.iter().map(|pixel| pixel.map(f16::to_f32)).collect();

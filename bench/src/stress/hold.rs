@@ -43,7 +43,7 @@ pub struct Switch {
     pub converged_ms: Option<f64>,
     /// Pixels between samples when the picture was whole.
     pub whole_step: Option<u32>,
-    /// Share of the photons of changed light in the picture at 300 ms.
+    /// Share of the photons of changed light in the picture at 300 ms; of events that change light.
     pub light_share: Option<f64>,
     /// Error of the footprint rule in force at whole, response and complete, pixels.
     pub pixel_error: [Option<f64>; 3],
@@ -57,6 +57,10 @@ pub struct Switch {
 pub(super) struct Log {
     pub(super) switches: Vec<Switch>,
     pub(super) times: [Times; Figure::NAMED.len()],
+    /// Events that changed light.
+    pub(super) changes_of_light: u64,
+    /// Time in which clocks stood still.
+    pub(super) aside: Duration,
     pub(super) pass: PassStats,
     pub(super) other_rays: RayCounts,
     pub(super) block_share: f64,
@@ -124,9 +128,13 @@ impl Log {
             changes_light |= report.light_share < 1.0;
             self.add(&report);
             self.note(&mut switch, &report, time);
+            if changes_light && time >= LIGHT_NOTED {
+                switch.light_share.get_or_insert(report.light_share);
+            }
             let is_complete = report.progress >= FrameProgress::Complete;
             let is_converged = is_complete && report.light_share == 1.0 && session.film().samples() > 0;
             if is_converged && changes_light {
+                switch.light_share.get_or_insert(1.0);
                 self.reached(Figure::Converged, &mut switch.converged_ms, time);
             }
             self.livelock |= switch.response_ms.is_none() && time > LIVELOCK;
@@ -136,7 +144,9 @@ impl Log {
             };
             let is_compared = snapshots.as_ref().is_none_or(|snapshots| snapshots.are_taken());
             if is_over || is_complete && is_compared && (is_converged || !changes_light) {
+                self.changes_of_light += u64::from(changes_light);
                 self.switches.push(switch);
+                self.aside += clock.stopped;
                 return Ok(());
             }
         }
@@ -167,9 +177,6 @@ impl Log {
             && self.reached(Figure::Complete, &mut switch.complete_ms, time)
         {
             switch.pixel_error[2] = Some(report.lod_error);
-        }
-        if time >= LIGHT_NOTED || report.progress == FrameProgress::Done {
-            switch.light_share.get_or_insert(report.light_share);
         }
     }
 

@@ -119,15 +119,17 @@ pub fn run<T: PagedTracer + Send>(
         step(session, index)?;
         log.hold(session, event, &hold, compared.as_mut().map(|(_, snapshots)| &mut **snapshots))?;
         if let Some((references, snapshots)) = &mut compared {
+            let begin = Instant::now();
             let errors = snapshots.errors(references, script.state(index))?;
             log.switches.last_mut().expect("a switch was held").error_at = Some(errors);
+            log.aside += begin.elapsed();
         }
         if let Some(bytes) = (stand.resident_bytes)() {
             memory.push((f64::from(switch), bytes as f64));
         }
         (stand.tell)(u64::from(switch) + 1);
     }
-    let seconds = begin.elapsed().as_secs_f64();
+    let seconds = (begin.elapsed() - log.aside).as_secs_f64();
     if let Some(bytes) = script.frame_bytes_at_rest() {
         stand.pool.set_limit(bytes)?;
     }

@@ -14,7 +14,7 @@ pub enum Scenario {
     Inside,
     /// Overview and close-up.
     Pingpong,
-    /// Poses by chance.
+    /// One of twelve poses, by chance.
     Teleport,
     /// An orbit faster than the disk.
     Sweep,

@@ -30,6 +30,8 @@ const DEPTH_SHARE: f32 = 0.08;
 const NORMAL_COS: f32 = 0.85;
 /// Most that the albedos of neighbours on one surface differ by, per channel.
 const ALBEDO_APART: f32 = 0.08;
+/// Most light of a sample: sums of some are still finite.
+const LIGHT_MOST: f32 = 1e30;
 /// Least albedo that light is told from.
 const ALBEDO_LEAST: f32 = 1.0 / 64.0;
 /// Smoothing: weights along an axis, of the neighbour before, of the sample and of the neighbour after; and how far
@@ -303,7 +305,7 @@ impl Seen {
             normal: seen.normal.map(|v| (v * 127.0).round() as i8),
             albedo: seen.albedo.map(|v| (v * 255.0).round() as u8),
         };
-        new.light = radiance / new.albedo();
+        new.light = (radiance / new.albedo()).min(Vec3::splat(LIGHT_MOST));
         new
     }
 

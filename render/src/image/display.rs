@@ -8,6 +8,8 @@
 
 use super::coarse::Coarse;
 use super::film::LayerPixel;
+use super::saliency;
+use super::tile::tile_count;
 use glam::Vec3;
 use rayon::ThreadPool;
 use trex_store::{Budget, Lease, Result};
@@ -26,10 +28,12 @@ pub struct Display {
 }
 
 impl Display {
-    /// Bytes that a display takes at `resolution` (width, height; pixels).
+    /// Bytes that a display takes at `resolution` (width, height; pixels), and the work on its saliency.
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-        pixels * size_of::<[f32; 3]>() as u64 + Coarse::bytes(resolution)
+        pixels * size_of::<[f32; 3]>() as u64
+            + Coarse::bytes(resolution)
+            + saliency::work_bytes(tile_count(resolution))
     }
 
     /// A display of `resolution` (width, height; pixels) that shows nothing.

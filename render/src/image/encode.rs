@@ -38,6 +38,17 @@ pub trait Image {
 
     /// Radiance of a pixel (x, y), linear RGB.
     fn radiance(&self, pixel: [u32; 2]) -> [f32; 3];
+
+    /// Mean radiance over all pixels, linear RGB, unclamped.
+    fn mean(&self) -> [f64; 3] {
+        let [width, height] = self.film().resolution();
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
+        let sum = pixels.fold([0.0; 3], |mut sum, pixel| {
+            sum.iter_mut().zip(self.radiance(pixel)).for_each(|(sum, value)| *sum += f64::from(value));
+            sum
+        });
+        sum.map(|sum: f64| sum / (f64::from(width) * f64::from(height)))
+    }
 }
 
 impl Image for Film {

@@ -25,7 +25,7 @@ pub(super) type MisWeight = fn(&Bsdf<'_>, &LightSample, u32) -> f32;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RenderContext<'a> {
     pub(crate) world: &'a World,
-    /// The voxels of the model: for G-rays, for C-rays behind the cut, and for stand-ins; `None` for a model without.
+    /// The voxels of the model: for G-rays, for C-rays behind the cut, and for previews; `None` for a model without.
     pub(crate) voxels: Option<GScene<'a>>,
     /// The photons of `full-gi`; without, surfaces are dark to gather rays.
     pub(crate) photon_tree: Option<&'a PhotonTree>,

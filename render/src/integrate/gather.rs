@@ -15,6 +15,7 @@ use super::g_scene::{GScene, Gathered};
 use super::mirrors::Mirrors;
 use super::path_state::{GatherRay, Path, Stage};
 use crate::sampler::Decision;
+use crate::scene::settings::Near;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::trace::{Answer, Tracer};
 use glam::{DVec3, Vec3};
@@ -72,7 +73,9 @@ impl RenderContext<'_> {
         mut direction: DVec3,
         tracer: &mut T,
     ) -> Answer<Gathered> {
-        let (world, mut surface, mut mirrors) = (self.world, *surface, Mirrors::NONE);
+        let waits = voxels.near == Near::Exact || voxels.lower.is_some();
+        let mut mirrors = if waits { Mirrors::NONE_WAITING } else { Mirrors::NONE };
+        let (world, mut surface) = (self.world, *surface);
         let mut gathered = Gathered { radiance: Vec3::ZERO, rays: 0 };
         while let Some(near) = voxels.near_length(&surface, direction) {
             let ray = surface.ray_to(direction, near, None);

@@ -48,12 +48,20 @@ impl RenderContext<'_> {
     pub(super) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
         let cut = self.cut(path);
         let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
-            Some(Answer::Blocked) if self.is_preview => return Closest::Far(FarRay::new(ray, 0.0)),
+            Some(Answer::Blocked) if self.is_preview => return Closest::Far(self.far_instead(ray, path)),
             Some(Answer::Blocked) => return Closest::Blocked,
             Some(Answer::Exact(found)) => found,
             None => None,
         };
         behind(ray, cut, found)
+    }
+
+    /// The ray that asks the voxels in place of the mesh, whose pages are missing. Off a mirror it leaves that one's
+    /// own voxels out.
+    fn far_instead(&self, ray: &Ray, path: &Path) -> FarRay {
+        let leaf = self.voxels.as_ref().map_or(0.0, |scene| scene.voxels.leaf_side());
+        let from = if path.vertex == 0 { 0.0 } else { MIRROR_LEAVES * leaf };
+        FarRay::new(ray, from.min(ray.t_max))
     }
 
     /// The first thing that one C-ray meets, whatever answers it.

@@ -10,24 +10,32 @@
 //! Invariants: 1. the ray goes on by roulette, and over `BOUNCES_MAX` mirrors at most; 2. its roulette depends on
 //! the ray alone, so that it ends alike whether it is asked alone or among many.
 
-use super::roulette::survives;
+use super::roulette::{BOUNCES_MAX, survives};
 use crate::sampler::mix;
 use crate::shading::light::Lights;
 use crate::trace::Ray;
 use glam::Vec3;
 use trex_store::Material;
 
+/// Mirrors that a ray follows which is asked again from its beginning: what lies behind more of them is dark.
+const WAITING_MAX: u32 = 8;
+
 /// The mirrors behind a gather ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Mirrors {
     count: u32,
+    /// Most that are followed.
+    most: u32,
     /// Share of the radiance at the ray's end that arrives where it began.
     pub(super) throughput: Vec3,
 }
 
 impl Mirrors {
-    /// None yet.
-    pub(super) const NONE: Mirrors = Mirrors { count: 0, throughput: Vec3::ONE };
+    /// None yet, of a ray that a retry asks mirror by mirror, or that waits for nothing.
+    pub(super) const NONE: Mirrors = Mirrors { count: 0, most: BOUNCES_MAX, throughput: Vec3::ONE };
+    /// None yet, of a ray that may wait for pages and is asked again from its beginning: it follows few, so that their
+    /// pages find room together.
+    pub(super) const NONE_WAITING: Mirrors = Mirrors { most: WAITING_MAX, ..Mirrors::NONE };
 
     /// True when the ray comes straight from its end: lamps are left out.
     pub(super) fn is_none(&self) -> bool {
@@ -48,7 +56,7 @@ impl Mirrors {
     /// left of it.
     pub(super) fn follow(&mut self, ray: &Ray, material: &Material) -> bool {
         self.throughput *= Vec3::from(material.ks);
-        if !material.mirror || self.throughput.max_element() == 0.0 {
+        if !material.mirror || self.throughput.max_element() == 0.0 || self.count == self.most {
             return false;
         }
         let goes_on = survives(&mut self.throughput, self.count, || number(ray, self.count));
@@ -66,7 +74,6 @@ fn number(ray: &Ray, mirrors: u32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::roulette::BOUNCES_MAX;
     use super::*;
     use glam::DVec3;
 

@@ -62,22 +62,24 @@ pub(crate) struct PassInWork {
 }
 
 impl VoxelPhotons<'_> {
-    /// A pass with empty sums; `None` when nothing gives light.
+    /// A pass with empty sums.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
-    pub(crate) fn begin(&self) -> Result<Option<PassInWork>> {
-        let Some(sources) = PhotonSources::new(&self.world.lights, self.bounds) else { return Ok(None) };
-        let pass = PhotonPass::new(self.voxels.octree().facets().count(), sources.flux(), self.budget)?;
-        Ok(Some(PassInWork { pass, done: 0 }))
+    pub(crate) fn begin(&self) -> Result<PassInWork> {
+        let pass = PhotonPass::new(self.voxels.octree().facets().count(), self.flux(), self.budget)?;
+        Ok(PassInWork { pass, done: 0 })
     }
 
     /// Empties the sums, for lights that have changed.
     pub(crate) fn restart(&self, work: &mut PassInWork) {
-        let flux =
-            PhotonSources::new(&self.world.lights, self.bounds).map_or(Vec3::ZERO, |sources| sources.flux());
-        work.pass.reset(flux);
+        work.pass.reset(self.flux());
         work.done = 0;
+    }
+
+    /// Flux of all lights; none where nothing gives light.
+    fn flux(&self) -> Vec3 {
+        PhotonSources::new(&self.world.lights, self.bounds).map_or(Vec3::ZERO, |sources| sources.flux())
     }
 
     /// True when anything sends photons.

@@ -104,7 +104,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         if let Some(step) = taken {
             display.show(film.state(), step, pool);
         }
-        if ladder.next(Turn::First, options.t_max).is_none() {
+        if ladder.is_moving() || ladder.next(Turn::First, options.t_max).is_none() {
             for tracer in tracers.iter_mut() {
                 tracer.request_missing();
             }
@@ -134,7 +134,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let nth = if live.first_block.is_some() { Nth::Later } else { Nth::First };
         let whole = live.block.tiles(nth);
         if !live.block.is_adaptive() {
-            return FrameTimes { nth, deadline: begin + t_max, allowed: t_max, whole };
+            let deadline = (begin + t_max).max(Instant::now() + t_max / BLOCK_PART_LEAST);
+            return FrameTimes { nth, deadline, allowed: t_max, whole };
         }
         // The first block counts from the event.
         let (passed, longest) = match nth {
@@ -194,9 +195,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 
     fn govern(&mut self) {
+        let has_samples = self.has_samples_since(self.live.event_state);
         let LiveSession { session, live } = self;
         let demand = live.demand(&session.tracers);
-        let has_samples = session.film.samples() > 0;
         let changes = if has_samples { live.governor.let_go() } else { live.governor.raise(demand) };
         if changes {
             self.set_error();
@@ -207,10 +208,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// True when every tile has samples from after the event, at the error that was asked for.
     fn is_complete(&self) -> bool {
         let Live { exact_from, event_state, .. } = self.live;
-        let since = exact_from.map(|state| state.max(event_state));
-        since.is_some_and(|since| {
-            (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(since))
-        })
+        exact_from.is_some_and(|state| self.has_samples_since(state.max(event_state)))
+    }
+
+    /// True when every tile has samples of `state` or a later one.
+    fn has_samples_since(&self, state: u32) -> bool {
+        (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(state))
     }
 
     fn report(&self, progress: FrameProgress, pass: PassStats, other: OtherRays) -> FrameReport {
@@ -222,7 +225,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             stale_tiles += u32::from(self.film.tile_state(tile) < Some(live.event_state));
         }
         let preview = live.display.step().filter(|_| live.display.state() >= Some(live.event_state));
-        let is_lit = live.next.as_ref().map_or(1.0, NextLight::share);
+        let light_share = live.next.as_ref().map_or(1.0, NextLight::share);
         FrameReport {
             progress,
             block_tiles: live.first_block.unwrap_or(live.block.tiles(Nth::First)),
@@ -230,7 +233,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             sample_step: if stale_tiles == 0 { Some(1) } else { preview },
             preview_tiles,
             hole_tiles: if live.display.state().is_none() { preview_tiles } else { 0 },
-            light_share: is_lit,
+            light_share,
             lod_error: live.governor.error(),
             pass,
             preview_rays: other.preview,

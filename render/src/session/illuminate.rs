@@ -39,13 +39,12 @@ impl<T: PagedTracer + Send> Session<T> {
         }
         let Some(mut map) = self.photon_map.take() else { return Ok(PhotonStats::default()) };
         let target = self.view.settings.photons;
-        let stats = self.voxel_photons().map_or(Ok(None), |all| all.begin()).map(|work| {
-            let mut work: PassInWork = work?;
-            let all = self.voxel_photons()?;
-            Some(all.trace((&mut work, &mut map), target, stop, &mut |done| tell(done, target)))
+        let stats = self.voxel_photons().map(|all| {
+            let mut work: PassInWork = all.begin()?;
+            Ok(all.trace((&mut work, &mut map), target, stop, &mut |done| tell(done, target)))
         });
         self.photon_map = Some(map);
-        Ok(stats?.unwrap_or_default())
+        stats.unwrap_or(Ok(PhotonStats::default()))
     }
 
     /// The voxels that photons go through, with the world; `None` for a model without voxels.

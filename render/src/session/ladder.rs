@@ -6,7 +6,8 @@
 //! the hand moves: frame 1   as fine as fits into it
 //! ```
 //!
-//! A rung takes three times as many samples as those before it together, and so three times their time.
+//! A rung takes three times as many samples as those before it together, and so three times their time. It is taken as a
+//! whole: the first of a frame whatever it takes.
 
 use crate::image::coarse::STEPS;
 use std::time::Duration;
@@ -48,9 +49,14 @@ impl Ladder {
         let comes = match turn {
             Turn::First => true,
             Turn::Later if self.is_moving => self.spent + time <= t_max / MOVING_PART,
-            Turn::Later => step >= ROUGH_STEP && time <= t_max,
+            Turn::Later => step >= ROUGH_STEP && self.spent + time <= t_max,
         };
         comes.then_some(step)
+    }
+
+    /// True while a frame is all that a picture gets.
+    pub(super) fn is_moving(&self) -> bool {
+        self.is_moving
     }
 
     /// Learns that the next rung has been taken, in `time`.
@@ -89,7 +95,8 @@ mod tests {
         // 1, 4 and 16 ms for all samples up to a rung.
         assert_eq!(rest(1, 100), [vec![8, 4], vec![2]]);
         // A large picture: 30 ms, 120 ms, 480 ms.
-        assert_eq!(rest(30, 89), [vec![8], vec![4], vec![2]]);
+        assert_eq!(rest(30, 119), [vec![8], vec![4], vec![2]]);
+        assert_eq!(rest(30, 120), [vec![8, 4], vec![2]]);
         let moving = |time, t_max| frames(ms(time), ms(t_max), true);
         assert_eq!(moving(1, 100)[0], [8, 4, 2]);
         assert_eq!(moving(5, 100)[0], [8, 4]);

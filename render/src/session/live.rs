@@ -3,7 +3,7 @@
 //! ```text
 //! event -> preview frames: C-rays through what is resident, in its light: every 4th pixel, every 2nd  whole picture
 //!       -> frames: tiles, the stalest first, until a fetch block is done                              response
-//!       -> frames: as long photons as tiles, where light has changed; tiles until a block is done, the picture is
+//!       -> frames: photons, where light has changed, and tiles, until a block is done, the picture is
 //!                  complete or t_max has passed
 //!       -> ...     every pixel has a sample                                                           complete picture
 //! ```
@@ -18,7 +18,8 @@
 //! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule,
 //! until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 //!
-//! Invariants: 1. no pixel shows nothing, or what was there before the event, after the first frame; 2. nothing of a
+//! Invariants: 1. no pixel shows nothing, or what was there before the event, after the first frame, unless that was
+//! stopped; 2. nothing of a
 //! preview is ever on the film; 3. once the view stands still, the film goes to the same bytes as
 //! [`super::Session::render`]'s.
 
@@ -170,7 +171,7 @@ impl<T: PagedTracer + Send> Session<T> {
             .next("build the file without --no-asvo, or render without a deadline"));
         }
         let next = match (&self.photon_map, self.voxel_photons()) {
-            (Some(map), Some(photons)) => NextLight::new(&photons, map, &self.budget)?,
+            (Some(map), Some(photons)) => Some(NextLight::new(&photons, map, &self.budget)?),
             _ => None,
         };
         let settings = self.view.settings;
@@ -241,7 +242,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        self.session.illuminate(stop, tell)
+        let stats = self.session.illuminate(stop, tell)?;
+        if stats.photons > 0 {
+            self.begin_samples();
+        }
+        Ok(stats)
     }
 
     /// Smooths the indirect light, as [`Session::smooth`] does.

@@ -14,19 +14,15 @@ pub(super) struct NextLight {
 }
 
 impl NextLight {
-    /// The second buffer of `shown`; on its way at once where that is dark. `None` when nothing gives light.
+    /// The second buffer of `shown`; on its way at once where that is dark and anything gives light.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for a second map.
-    pub(super) fn new(
-        world: &VoxelPhotons<'_>,
-        shown: &PhotonMap,
-        budget: &Budget,
-    ) -> Result<Option<NextLight>> {
-        let Some(work) = world.begin()? else { return Ok(None) };
+    pub(super) fn new(world: &VoxelPhotons<'_>, shown: &PhotonMap, budget: &Budget) -> Result<NextLight> {
+        let work = world.begin()?;
         let map = PhotonMap::new(shown.irradiance().len(), budget)?;
-        let share = (shown.photons() == 0).then_some(0.0);
-        Ok(Some(NextLight { map, work, share }))
+        let share = (shown.photons() == 0 && world.is_lit()).then_some(0.0);
+        Ok(NextLight { map, work, share })
     }
 
     /// Begins anew, since light has changed: what was on its way is out of date.

@@ -88,9 +88,10 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         into.extend(pages.drain(..).map(|page| (page, std::mem::take(&mut rays[page as usize]))));
     }
 
-    /// Bytes that the list of missing pages of a file of `page_count` pages takes at most.
+    /// Bytes that the list of missing pages of a file of `page_count` pages takes at most: the table, the list, which
+    /// grows by doubling, and what it is moved to.
     pub(super) fn wanted_bytes(page_count: usize) -> u64 {
-        (2 * size_of::<u32>() * page_count) as u64
+        ((3 * size_of::<u32>() + size_of::<(u32, u32)>()) * page_count) as u64
     }
 
     fn run(&mut self, ray: &Ray, goal: Goal, missing: &mut Missing) -> Option<Ended> {

@@ -150,9 +150,11 @@ impl<'a> PooledPages<'a> {
     fn forget(&mut self) {
         self.used.fill(0);
         self.wants.clear();
-        self.pool.submit(self.origin, &[]);
-        if self.origin == 0 {
-            PREDICTOR_ORIGINS.for_each(|origin| self.pool.submit(origin, &[]));
+        let is_first = self.origin == 0;
+        let origins = std::iter::once(self.origin).chain(PREDICTOR_ORIGINS.filter(|_| is_first));
+        // What is not wanted for two rounds is dropped.
+        for origin in origins.flat_map(|origin| [origin; 2]) {
+            self.pool.submit(origin, &[]);
         }
     }
 

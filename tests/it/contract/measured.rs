@@ -24,7 +24,7 @@ const STRESS: [(&str, Kind); 35] = [
     ("time_ms", Count),
     ("block_tiles", Number),
     ("response_share", Number),
-    ("light_share_at_300", Number),
+    ("light_share_at_300", MaybeNumber),
     ("requirements", List),
     ("per_switch", List),
     ("holes", Count),

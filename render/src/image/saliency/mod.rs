@@ -37,6 +37,16 @@ pub enum Saliency {
     Itti,
 }
 
+/// Bytes that a sample of the reduced picture takes while its saliency is found, of the metric that takes more: Itti's
+/// pyramids, angles at all scales, and what these are made in.
+const WORK_BYTES_PER_SAMPLE: u64 = 96;
+
+/// Bytes that the saliency of a picture of so many tiles takes while it is found.
+pub(crate) fn work_bytes(tile_count: u32) -> u64 {
+    let samples = (reduced::SAMPLES_PER_SIDE * reduced::SAMPLES_PER_SIDE) as u64;
+    u64::from(tile_count) * samples * WORK_BYTES_PER_SAMPLE
+}
+
 impl Saliency {
     /// Saliency of each tile, in rows.
     pub(crate) fn tiles(self, picture: &Reduced) -> Vec<f32> {
