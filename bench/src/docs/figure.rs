@@ -75,7 +75,10 @@ impl Unit {
         let unit = |part: &str| {
             let ends =
                 |unit: &str| part == unit || part.strip_suffix(unit).is_some_and(|rest| rest.ends_with('_'));
-            if ends("bytes") {
+            // What is told at times: `error_at_ms.33` is no time.
+            if part.ends_with("_at_ms") {
+                Some(Unit::Plain)
+            } else if ends("bytes") {
                 Some(Unit::Bytes)
             } else if ends("ms") {
                 Some(Unit::Milliseconds)
@@ -150,6 +153,7 @@ mod tests {
             (999.0, "triangle_count", "999"),
             (4.021, "bytes_per_triangle.disk", "4.02"),
             (0.00012, "rmse", "1.20e-4"),
+            (0.25, "error_at_ms.33.median", "0.25"),
             (0.0, "holes", "0"),
         ] {
             assert_eq!(with_unit(number, key), expected, "{key}");
