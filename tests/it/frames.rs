@@ -112,6 +112,8 @@ fn the_first_frames_show_a_whole_picture_without_a_page() {
         let rough = frame(&mut session);
         assert_eq!((rough.progress, rough.sample_step), (FrameProgress::Preview, Some(4)), "{method:?}");
         assert_eq!((rough.hole_tiles, rough.preview_tiles), (0, TILES));
+        // The first of all finds an empty pool, asks for nothing, and no ray has waited.
+        assert!(method != Method::Photon || stage.pool.stats().pages_read == read, "{method:?}");
         let whole = frame(&mut session);
         assert_eq!((whole.progress, whole.sample_step), (FrameProgress::Preview, Some(2)), "{method:?}");
         assert!(whole.preview_rays.primary > rough.preview_rays.primary);
@@ -120,15 +122,14 @@ fn the_first_frames_show_a_whole_picture_without_a_page() {
             (0, [0.0; 3]),
             "nothing is on the film"
         );
-        // The first of all finds an empty pool, and no ray has waited.
-        assert!(method != Method::Photon || stage.pool.stats().pages_read == read, "{method:?}");
 
-        // It is near the picture: much nearer than a flat one. Those of path and full-gi show direct light alone.
+        // It is near the picture: nearer than a flat one of the right mean, for all the noise of one ray of a kind.
+        // Those of path and full-gi show direct light alone.
         let like = if matches!(method, Method::Path | Method::FullGi) { Method::Direct } else { method };
         let exact = at_leisure(&stage, like, 64, None);
         let mean = exact.iter().map(|p| p[0]).sum::<f32>() / exact.len() as f32;
         let (error, flat) = (rmse(&shown(&session), &exact), rmse(&vec![[mean; 3]; exact.len()], &exact));
-        assert!(error < 0.5 * flat, "{method:?}: {error}, flat {flat}");
+        assert!(error < 0.7 * flat, "{method:?}: {error}, flat {flat}");
     }
 }
 

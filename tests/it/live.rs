@@ -86,7 +86,8 @@ fn every_scenario_passes_on_a_small_model() {
         ["flip", "inside", "pingpong", "teleport", "sweep", "light-edit", "squeeze", "soak", "still"];
     for scenario in scenarios {
         let line = format!(
-            "stress pipes.trex --scenario {scenario} {SMALL} --switches 8 --hold 60 --t-max 50 --require frame.max=60000"
+            "stress pipes.trex --scenario {scenario} {SMALL} --switches 8 --hold 60 --t-max 50 \
+             --require frame.max=60000"
         );
         let document = document_in(inside.path(), &line);
         assert_eq!(document["verdict"], "pass", "{document}");

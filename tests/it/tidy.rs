@@ -12,7 +12,7 @@ const MAY_NAME: [(&str, &[&str]); 6] = [
     ("datasets-gen", &["trex-store"]),
     ("render", &["trex-store"]),
     ("image", &["trex-store"]),
-    ("bench", &["trex-store", "datasets-gen", "trex-render"]),
+    ("bench", &["trex-store", "datasets-gen", "trex-render", "trex-image"]),
     (".", &["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-bench"]),
 ];
 /// All of them.

@@ -8,8 +8,8 @@
 //! still      one view, again and again: what the table 2 of the paper shows
 //! ```
 //!
-//! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state the
-//! scene is always the same, once the script has begun.
+//! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state
+//! the scene is always the same, once the script has begun.
 
 use super::options::{Scenario, StressOptions};
 use rand_pcg::Pcg64;

@@ -100,7 +100,10 @@ impl<'a> RenderContext<'a> {
     /// Count of gather rays at a surface.
     pub(super) fn n_gather(&self) -> u32 {
         let settings = &self.world.settings;
-        if settings.integrator.gathers() { settings.n_gather.min(self.rays_most) } else { 0 }
+        // A preview gathers from voxels alone, where light is only kept for `photon`.
+        let finds_light = |scene: &GScene<'_>| !scene.irradiance.is_none();
+        let gathers = !self.is_preview || self.voxels.as_ref().is_some_and(finds_light);
+        if gathers && settings.integrator.gathers() { settings.n_gather.min(self.rays_most) } else { 0 }
     }
 
     /// The stage after a ray that no light sample could have been: all that it sees counts.

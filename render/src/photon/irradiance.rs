@@ -47,6 +47,11 @@ impl<'a> Irradiance<'a> {
         Irradiance { shown: shown.irradiance(), next: next.map(|(map, share)| (map.irradiance(), share)) }
     }
 
+    /// True when there is no map.
+    pub(crate) fn is_none(&self) -> bool {
+        self.shown.is_empty()
+    }
+
     /// Irradiance of `facet`, W/m^2 in linear RGB.
     #[inline]
     pub(crate) fn at(&self, facet: u32) -> Vec3 {

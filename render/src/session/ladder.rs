@@ -6,8 +6,8 @@
 //! the hand moves: frame 1   as fine as fits into it
 //! ```
 //!
-//! A rung takes three times as many samples as those before it together, and so three times their time. It is taken as a
-//! whole: the first of a frame whatever it takes.
+//! A rung takes three times as many samples as those before it together, and so three times their time. It is taken as
+//! a whole: the first of a frame whatever it takes.
 
 use crate::image::coarse::STEPS;
 use std::time::Duration;

@@ -10,8 +10,8 @@
 //! Two ways to a picture: [`Session::render`] takes what it takes; [`LiveSession::frame`] goes on for as long as a
 //! deadline allows and tells what there is.
 //!
-//! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film of a session at leisure, so all samples of a
-//! film are of one state; 3. film and passes are leased from the budget for the life of the session.
+//! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film of a session at leisure,
+//! so all of its samples are of one state; 3. film and passes are leased from the budget for the life of the session.
 
 mod fetch_block;
 mod frame;
