@@ -5,7 +5,7 @@
 //!
 //! Invariants: 1. an encoder holds at most [`encoder_bytes`]; 2. the same film gives the same bytes.
 
-use super::film::{Film, Layers};
+use super::film::{self, Film, Layers};
 use exr::block::UncompressedBlock;
 use exr::block::lines::LineRefMut;
 use exr::block::writer::ChunksWriter;
@@ -41,13 +41,7 @@ pub trait Image {
 
     /// Mean radiance over all pixels, linear RGB, unclamped.
     fn mean(&self) -> [f64; 3] {
-        let [width, height] = self.film().resolution();
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
-        let sum = pixels.fold([0.0; 3], |mut sum, pixel| {
-            sum.iter_mut().zip(self.radiance(pixel)).for_each(|(sum, value)| *sum += f64::from(value));
-            sum
-        });
-        sum.map(|sum: f64| sum / (f64::from(width) * f64::from(height)))
+        film::mean(self.film().resolution(), |pixel| self.radiance(pixel))
     }
 }
 

@@ -89,6 +89,20 @@ pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
     pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 8
 }
 
+/// Mean over the pixels (x, y) of a picture of `resolution`, summed by rows.
+pub(super) fn mean(resolution: [u32; 2], radiance: impl Fn([u32; 2]) -> [f32; 3]) -> [f64; 3] {
+    let [width, height] = resolution;
+    let mut mean = [0.0; 3];
+    for y in 0..height {
+        for x in 0..width {
+            for (sum, value) in mean.iter_mut().zip(radiance([x, y])) {
+                *sum += f64::from(value);
+            }
+        }
+    }
+    mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
+}
+
 impl Layers {
     /// True when any layer is asked for, to be written.
     pub fn any(&self) -> bool {
@@ -294,17 +308,7 @@ impl Film {
 
     /// Mean radiance over all pixels, linear RGB, unclamped.
     pub fn mean(&self) -> [f64; 3] {
-        let [width, height] = self.resolution;
-        let mut mean = [0.0; 3];
-        for y in 0..height {
-            for x in 0..width {
-                let radiance = self.radiance([x, y]);
-                for (sum, value) in mean.iter_mut().zip(radiance) {
-                    *sum += f64::from(value);
-                }
-            }
-        }
-        mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
+        mean(self.resolution, |pixel| self.radiance(pixel))
     }
 
     /// Distance from the camera at a pixel (x, y), model units; infinite where nothing is hit.

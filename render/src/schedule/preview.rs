@@ -78,10 +78,9 @@ impl Grid {
                     was_stopped.store(true, Ordering::Relaxed);
                     break;
                 }
-                for (pixel, (radiance, seen)) in self.part(index, integrator, tracer, &mut samples, &mut mine)
-                {
-                    display.lock().expect("a worker panicked").set(pixel, radiance, &seen);
-                }
+                let part = self.part(index, integrator, tracer, &mut samples, &mut mine);
+                let mut display = display.lock().expect("a worker panicked");
+                part.iter().for_each(|(pixel, (radiance, seen))| display.set(*pixel, *radiance, seen));
             }
             rays.lock().expect("a worker panicked").add(&mine);
         };
