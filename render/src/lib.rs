@@ -22,6 +22,7 @@
 //!
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
+mod g_stage;
 mod image;
 mod integrate;
 mod math;
@@ -60,7 +61,7 @@ pub use session::{
     PictureNeeds, Prefetch, RenderStats, Session, SessionSetup, model_bytes,
 };
 pub use shading::{Emitter, Emitters, Light};
-pub use stats::{PassStats, PhotonStats, RayCounts, RayRates};
+pub use stats::{GStats, PassStats, PhotonStats, RayCounts, RayRates};
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
     PooledPages, Predictor, Probe, ProbeStep, Ray, Tracer, pooled_tracers,

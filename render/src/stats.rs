@@ -79,11 +79,48 @@ impl RayCounts {
     }
 }
 
+/// Counts of the G-stage: rays that asked the voxels in batches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct GStats {
+    /// Batches that were answered.
+    pub batches: u64,
+    /// Shadow rays.
+    pub shadow: u64,
+    /// Gather rays.
+    pub gather: u64,
+    /// C-rays behind the cut of the footprint rule.
+    pub far: u64,
+    /// Bytes of rays that went in.
+    pub bytes_in: u64,
+    /// Bytes of answers that came out.
+    pub bytes_out: u64,
+    /// Time of all workers in the stage, ns.
+    pub time_ns: u64,
+    /// Most tiles that waited for the stage.
+    pub queue_peak: u64,
+}
+
+impl GStats {
+    /// Adds another worker, pass or frame.
+    pub fn add(&mut self, other: &GStats) {
+        self.batches += other.batches;
+        self.shadow += other.shadow;
+        self.gather += other.gather;
+        self.far += other.far;
+        self.bytes_in += other.bytes_in;
+        self.bytes_out += other.bytes_out;
+        self.time_ns += other.time_ns;
+        self.queue_peak = self.queue_peak.max(other.queue_peak);
+    }
+}
+
 /// Counts of a pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct PassStats {
     /// Rays of finished samples.
     pub rays: RayCounts,
+    /// The G-stage.
+    pub g_stage: GStats,
     /// Look-ups of photons of finished samples.
     pub look_ups: u64,
     /// Samples that reached the film.
@@ -106,6 +143,7 @@ impl PassStats {
     /// Adds another pass or worker.
     pub fn add(&mut self, other: &PassStats) {
         self.rays.add(&other.rays);
+        self.g_stage.add(&other.g_stage);
         self.look_ups += other.look_ups;
         self.samples += other.samples;
         self.parked += other.parked;

@@ -13,13 +13,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The floors of the renderer, in the order of ARCHITECTURE.md: each imports itself and those before it.
-const FLOORS: [&str; 13] = [
+const FLOORS: [&str; 14] = [
     "math",
     "sampler",
     "sampling",
     "stats",
     "trace",
     "voxel",
+    "g_stage",
     "shading",
     "scene",
     "image",

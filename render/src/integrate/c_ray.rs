@@ -3,7 +3,7 @@
 use crate::image::film::NO_ID;
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
 use crate::trace::{Hit, Ray};
-use crate::voxel::{VoxelHit, VoxelScene};
+use crate::voxel::{VoxelScene, VoxelSurface};
 use glam::Vec3;
 
 /// Clearances that a ray leaves a voxel by: the point of the hit is within one of the surface.
@@ -56,13 +56,12 @@ impl FarRay {
         FarRay { ray: Ray { origin: ray.at(cut).to_array(), t_max: ray.t_max - cut, ..*ray }, cut }
     }
 
-    /// The voxel `found`, as a hit of the C-ray.
-    pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelHit>) -> Option<CRayHit> {
-        let found = found?;
-        let leaf = voxels.octree().leaf(found.leaf as usize);
+    /// The surface `found`, as a hit of the C-ray.
+    pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelSurface>) -> Option<CRayHit> {
+        let VoxelSurface { t, leaf, .. } = found?;
         let normal = Vec3::from(leaf.normal);
         let error = CLEARANCES * voxels.clearance(normal.as_dvec3().into()) / OFFSET_ERRORS;
-        let (t, material) = (self.cut + found.t, leaf.material.into());
+        let (t, material) = (self.cut + t, leaf.material.into());
         Some(CRayHit { point: HitPoint { t, material, normal, error }, form: Form::Voxel })
     }
 }

@@ -18,7 +18,7 @@ use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::light::Lights;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray, Tracer, UnitPages};
-use crate::voxel::{LeafHit, LowerScene, VoxelHit, VoxelScene};
+use crate::voxel::{LeafHit, LowerScene, VoxelScene, VoxelSurface};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
 
@@ -48,6 +48,9 @@ pub(crate) struct Gathered {
 }
 
 impl Gathered {
+    /// Of a ray of which nothing is left.
+    pub(super) const NOTHING: Gathered = Gathered { radiance: Vec3::ZERO, rays: 0 };
+
     /// Adds radiance that so many more rays have brought.
     pub(super) fn add(&mut self, radiance: Vec3, rays: u64) {
         self.radiance += radiance;
@@ -108,52 +111,39 @@ impl<'a> GScene<'a> {
         Some(Ray::new(origin, unit(way)?, way.length()))
     }
 
-    /// The radiance that arrives along `ray`, when the first voxel that it meets is known: the light that leaves the
-    /// first leaf, through mirrors, else the sky. In the upper octree alone.
-    pub(crate) fn gather_from(&self, ray: Ray, found: Option<VoxelHit>, world: &'a World) -> Gathered {
-        self.gather_upper(ray, Some(found), world, Mirrors::NONE)
+    /// No mirrors followed yet: few will be, by a ray that may wait for pages.
+    pub(crate) fn no_mirrors(&self) -> Mirrors {
+        let waits = self.near == Near::Exact || self.lower.is_some();
+        if waits { Mirrors::NONE_WAITING } else { Mirrors::NONE }
     }
 
-    fn gather_upper(
+    /// The radiance that arrives along `ray`, which has followed `mirrors`: the light that leaves the first leaf,
+    /// which may be known; through mirrors; else the sky.
+    pub(crate) fn gather<T: Tracer>(
         &self,
         ray: Ray,
-        mut first: Option<Option<VoxelHit>>,
-        world: &'a World,
-        mirrors: Mirrors,
-    ) -> Gathered {
-        let meet = |ray: &Ray| {
-            let found = first.take().unwrap_or_else(|| self.voxels.intersect(ray));
-            Answer::Exact(found.map(|found| self.voxels.leaf_hit(ray, &found, &world.materials)))
-        };
-        match self.collect(ray, &world.lights, None, mirrors, meet) {
-            Answer::Exact(gathered) => gathered,
-            Answer::Blocked => unreachable!("the upper octree is resident"),
-        }
-    }
-
-    /// The radiance that arrives along `ray`, which has followed `mirrors`; through units, where there are any.
-    pub(crate) fn gather_finest<T: Tracer>(
-        &self,
-        ray: Ray,
+        mut first: Option<Option<VoxelSurface>>,
         world: &'a World,
         mirrors: Mirrors,
         tracer: &mut T,
     ) -> Answer<Gathered> {
-        match &self.lower {
-            Some(lower) => {
-                let meet = |ray: &Ray| lower.leaf_hit(ray, &world.materials, &mut UnitPages(tracer));
-                self.collect(ray, &world.lights, Some(lower), mirrors, meet)
+        let materials = &world.materials;
+        let meet = |ray: &Ray| match (first.take(), &self.lower) {
+            (Some(known), _) => Answer::Exact(known.map(|surface| surface.face(ray, materials))),
+            (None, Some(lower)) => lower.leaf_hit(ray, materials, &mut UnitPages(tracer)),
+            (None, None) => {
+                let found = self.voxels.intersect(ray);
+                Answer::Exact(found.map(|found| self.voxels.surface(&found).face(ray, materials)))
             }
-            None => Answer::Exact(self.gather_upper(ray, None, world, mirrors)),
-        }
+        };
+        self.collect(ray, &world.lights, mirrors, meet)
     }
 
-    /// The light that leaves the leaves which `meet` gives; those of units where `lower` is there.
+    /// The light that leaves the leaves which `meet` gives.
     fn collect(
         &self,
         mut ray: Ray,
         lights: &Lights,
-        lower: Option<&LowerScene<'a>>,
         mut mirrors: Mirrors,
         mut meet: impl FnMut(&Ray) -> Answer<Option<LeafHit<'a>>>,
     ) -> Answer<Gathered> {
@@ -178,7 +168,7 @@ impl<'a> GScene<'a> {
                 break;
             }
             let direction = direction.reflect(hit.normal);
-            ray = match lower {
+            ray = match &self.lower {
                 Some(lower) => lower.ray_from_leaf(&hit, direction),
                 None => self.voxels.ray_from_leaf(&hit, direction),
             };

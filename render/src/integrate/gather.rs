@@ -15,7 +15,6 @@ use super::g_scene::{GScene, Gathered};
 use super::mirrors::Mirrors;
 use super::path_state::{GatherRay, Path, Stage};
 use crate::sampler::Decision;
-use crate::scene::settings::Near;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
 use crate::trace::{Answer, Tracer};
 use glam::{DVec3, Vec3};
@@ -73,10 +72,9 @@ impl RenderContext<'_> {
         mut direction: DVec3,
         tracer: &mut T,
     ) -> Answer<Gathered> {
-        let waits = voxels.near == Near::Exact || voxels.lower.is_some();
-        let mut mirrors = if waits { Mirrors::NONE_WAITING } else { Mirrors::NONE };
+        let mut mirrors = voxels.no_mirrors();
         let (world, mut surface) = (self.world, *surface);
-        let mut gathered = Gathered { radiance: Vec3::ZERO, rays: 0 };
+        let mut gathered = Gathered::NOTHING;
         while let Some(near) = voxels.near_length(&surface, direction) {
             let ray = surface.ray_to(direction, near, None);
             let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
@@ -99,7 +97,7 @@ impl RenderContext<'_> {
             surface = met;
         }
         if let Some(ray) = voxels.leave(&surface, direction, f64::INFINITY, None) {
-            let Answer::Exact(rest) = voxels.gather_finest(ray, world, mirrors, tracer) else {
+            let Answer::Exact(rest) = voxels.gather(ray, None, world, mirrors, tracer) else {
                 return Answer::Blocked;
             };
             gathered.add(rest.radiance, rest.rays);

@@ -20,6 +20,7 @@ use super::path_state::{Origin, Path, Sample, ShadowQuery, Stage};
 use super::photon::PhotonMapping;
 use super::together::Together;
 use super::{CRays, Integrator};
+use crate::g_stage::CpuStage;
 use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::settings::Method;
@@ -116,9 +117,9 @@ impl<'a> SampleIntegrator<'a> {
         self.ctx.voxels.is_some()
     }
 
-    /// Answers what has been asked of `batches`, so that it can be taken.
-    pub(crate) fn answer(&self, batches: &mut GBatches) {
-        batches.trace(&self.ctx.voxels.as_ref().expect("batches have voxels").voxels);
+    /// The G-stage on the processor for what is asked here; `None` where nothing is.
+    pub(crate) fn cpu_stage(&self) -> Option<CpuStage<'a>> {
+        self.ctx.voxels.as_ref().map(|scene| CpuStage::new(scene.voxels))
     }
 
     /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it
@@ -157,7 +158,15 @@ impl<'a> SampleIntegrator<'a> {
                     let hit = far.hit(voxels, all.answered.far_answer(*place));
                     Answer::Exact(self.c_ray_end(path, ray, hit))
                 }
-                (Stage::TakeGRays(place), Some(all)) => Answer::Exact(ctx.take(path, place, &all.answered)),
+                (Stage::TakeGRays(place), Some(all)) => {
+                    match ctx.take(integrator.shadow_kind(), path, (place, &all.answered), tracer) {
+                        Answer::Blocked => {
+                            path.stage = ctx.ask_again(place);
+                            return Step::Blocked;
+                        }
+                        stage => stage,
+                    }
+                }
                 (Stage::GatherRay(gather), _) => ctx.gather_ray_step(path, gather, tracer),
                 (Stage::Bounce(surface), _) => Answer::Exact(integrator.bounce(ctx, path, surface)),
                 (Stage::TakeFar { .. } | Stage::TakeGRays(_), None) => panic!("answers without a batch"),

@@ -1,10 +1,11 @@
 //! `Job`: a tile in work: its samples on their way, and what those that are finished came to.
 
-use super::samples::Pending;
+use super::samples::{Pending, Samples};
 use crate::image::film::LayerPixel;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
 use crate::integrate::{Sample, SampleIntegrator};
 use crate::stats::RayCounts;
+use crate::trace::Tracer;
 
 /// Most samples of a pixel in one pass: enough work per tile to pay for its pages, little enough to hold.
 pub(crate) const PASS_SAMPLES_MAX: u32 = 4;
@@ -15,7 +16,7 @@ pub(super) const JOB_SAMPLES_MAX: usize = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS *
 pub(super) struct Job {
     pub(super) tile: Tile,
     /// Samples not yet finished; their slots are places in `radiances`.
-    pub(super) pending: Vec<Pending>,
+    pub(super) samples: Samples,
     /// Radiances by sample, then by pixel; linear RGB.
     pub(super) radiances: Vec<[f32; 3]>,
     /// The indirect part of `radiances`.
@@ -41,10 +42,11 @@ impl Job {
             let path = integrator.start(tile.pixel(slot % pixels), from + slot / pixels);
             Pending::new(slot, path)
         };
+        // The samples of a pixel together: rays that are alike are neighbours.
+        let pending = (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect();
         Job {
             tile,
-            // The samples of a pixel together: rays that are alike are neighbours.
-            pending: (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect(),
+            samples: Samples { pending, ..Samples::default() },
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
             indirect: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],
@@ -52,6 +54,14 @@ impl Job {
             look_ups: 0,
             not_finite: 0,
         }
+    }
+
+    /// Takes all samples as far as the answers go. True when any ray was answered.
+    pub(super) fn go_on<T: Tracer>(&mut self, integrator: &SampleIntegrator<'_>, tracer: &mut T) -> bool {
+        let mut samples = std::mem::take(&mut self.samples);
+        let has_advanced = samples.go_on(integrator, tracer, |slot, sample| self.finish(slot, sample));
+        self.samples = samples;
+        has_advanced
     }
 
     /// Takes what a sample came to.

@@ -1,5 +1,6 @@
 //! Tiles scheduled over workers, out of core.
 
+mod g_queue;
 mod job;
 mod pass;
 mod preview;
@@ -9,4 +10,8 @@ mod worker;
 pub(crate) use job::PASS_SAMPLES_MAX;
 pub(crate) use pass::{Pass, Workers, pass_bytes};
 pub(crate) use preview::Grid;
+pub(crate) use samples::SampleWork;
 pub(crate) use worker::{TileWork, Until, WhenFull};
+
+#[cfg(test)]
+mod g_tests;

@@ -1,8 +1,10 @@
 //! `Pass`: all tiles of a picture taken to so many samples, by workers, while pages come and go.
 //!
 //! ```text
-//! per worker:  next tile in order -> ask all its samples -> done: add to the film
-//!                                                        -> blocked: request pages, park it, next tile
+//! per worker:  next tile in order -> C-rays of all its samples -> hit points: queue of the G-stage
+//!              a batch in the queue -> G-stage -> each tile on -> done: add to the film
+//!                                                              -> more C-rays (mirrors), queue again
+//!              blocked: request pages, park the tile, next tile
 //!              no more tiles, or PARKED_MAX parked: the parked ones again, the oldest first
 //!              a round without one answer: wait; some of these: narrow
 //! narrow:      one sample of the oldest tile, alone: ask one ray, request, wait, ask again, until it is done
@@ -15,14 +17,18 @@
 //! the next piece goes on with it.
 //!
 //! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
-//! deadlines or blocked rays; 2. at most [`PARKED_MAX`] tiles wait per worker; 3. a tile's samples reach the film all
-//! together or not at all, so a stopped pass leaves a film that can go on.
+//! deadlines, batches or blocked rays; 2. no worker begins a tile while [`PARKED_MAX`] of its own wait for pages, or a
+//! batch waits for the G-stage; 3. a tile's samples reach the film all together or not at all, so a stopped pass leaves
+//! a film that can go on.
 
+use super::g_queue::GQueue;
 use super::job::{JOB_SAMPLES_MAX, Job};
 use super::samples::Samples;
 use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
+use crate::g_stage::{BATCH_SAMPLES, CpuStage};
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
+use crate::integrate::{RAYS_ASKED_MAX, Together};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::ThreadPool;
@@ -44,6 +50,8 @@ pub(crate) struct Pass {
     turn: AtomicU32,
     /// Tiles that were blocked and found no room, to be begun again.
     deferred: Mutex<VecDeque<u32>>,
+    /// Tiles whose G-rays wait.
+    queue: GQueue,
     lanes: Vec<Lane>,
 }
 
@@ -51,7 +59,14 @@ impl Pass {
     /// A pass to `target` samples a pixel, for so many workers.
     pub(crate) fn new(target: u32, worker_count: usize, full: WhenFull) -> Pass {
         let lanes = (0..worker_count).map(|_| Lane::default()).collect();
-        Pass { target, full, turn: AtomicU32::new(0), deferred: Mutex::default(), lanes }
+        Pass {
+            target,
+            full,
+            turn: AtomicU32::new(0),
+            deferred: Mutex::default(),
+            queue: GQueue::default(),
+            lanes,
+        }
     }
 
     /// True when every tile has had its turn, and none waits.
@@ -73,7 +88,7 @@ impl Pass {
         let begun = self.turn().min(tiles.count());
         let waiting: usize = self.lanes.iter().map(|lane| lane.parked.len()).sum();
         let deferred = self.deferred.lock().expect("a worker panicked").len();
-        u64::from(tiles.count() - begun) + (waiting + deferred) as u64
+        u64::from(tiles.count() - begun) + (waiting + deferred + self.queue.tiles()) as u64
     }
 
     /// Goes on until the pass or the piece is over. A worker a tracer, on a thread of `pool` each.
@@ -89,7 +104,7 @@ impl Pass {
     ) -> PassStats {
         let Workers { tracers, pool } = workers;
         assert_eq!(tracers.len(), self.lanes.len(), "a pass needs a tracer per worker");
-        let Pass { target, full, turn, deferred, lanes } = self;
+        let Pass { target, full, turn, deferred, queue, lanes } = self;
         let piece = Piece {
             work,
             film: Mutex::new(film),
@@ -98,6 +113,8 @@ impl Pass {
             until,
             turn,
             deferred,
+            queue,
+            workers: tracers.len(),
             finished: AtomicU32::new(0),
         };
         let done = Mutex::new(PassStats::default());
@@ -112,16 +129,21 @@ impl Pass {
         });
         let mut stats = done.into_inner().expect("a worker panicked");
         stats.tiles_left = self.left(work.tiles);
+        stats.g_stage.queue_peak = self.queue.peak() as u64;
         stats
     }
 }
 
 /// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted.
 pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
-    let jobs = (PARKED_MAX + 1) as u64 * Job::bytes();
-    let batches = Samples::bytes(JOB_SAMPLES_MAX);
+    let parked = PARKED_MAX + 1;
+    // A batch in the queue and one at each worker; each may be over by a tile a worker.
+    let asking = (worker_count + 1) * (BATCH_SAMPLES + worker_count * JOB_SAMPLES_MAX);
+    let asking_bytes = asking * (Job::bytes() as usize / JOB_SAMPLES_MAX + Samples::asking_bytes(1))
+        + worker_count * CpuStage::bytes((BATCH_SAMPLES + JOB_SAMPLES_MAX) * RAYS_ASKED_MAX);
+    let worker_bytes = parked as u64 * Job::bytes() + (Together::bytes(JOB_SAMPLES_MAX));
     // The order, and the deferred tiles.
-    2 * Tiles::bytes(resolution) + worker_count as u64 * (jobs + batches)
+    2 * Tiles::bytes(resolution) + worker_count as u64 * worker_bytes + asking_bytes as u64
 }
 
 #[cfg(test)]

@@ -11,12 +11,12 @@
 
 use super::job::JOB_SAMPLES_MAX;
 use super::pass::Workers;
-use super::samples::{Pending, Samples};
+use super::samples::{Pending, SampleWork, Samples};
 use crate::image::coarse::{STEPS, grid_size};
 use crate::image::display::Display;
 use crate::image::film::LayerPixel;
 use crate::image::tile::{TILE_SIDE_PIXELS, tile, tile_count};
-use crate::integrate::SampleIntegrator;
+use crate::integrate::Together;
 use crate::stats::RayCounts;
 use crate::trace::PagedTracer;
 use glam::Vec3;
@@ -25,6 +25,18 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// Tiles of grid points that a worker takes at a time: as many samples as a job of the film has at most.
 const PART_TILES: u32 = JOB_SAMPLES_MAX as u32 / (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS);
+
+/// A pixel, and what its sample came to.
+type Taken = ([u32; 2], (Vec3, LayerPixel));
+
+/// Room of a worker.
+#[derive(Default)]
+struct Room {
+    samples: Samples,
+    together: Together,
+    taken: Vec<Taken>,
+    rays: RayCounts,
+}
 
 /// A grid of pixels, of a picture of `resolution`: every `step`-th that no coarser grid holds.
 #[derive(Clone, Copy, Debug)]
@@ -53,22 +65,22 @@ impl Grid {
             .filter(move |pixel| is_coarsest || pixel.iter().any(|v| v % (2 * step) != 0))
     }
 
-    /// Takes the samples of `integrator` for `display`. Gives their rays, and whether all were taken before `stop`,
-    /// which is asked between parts, said true.
+    /// Takes the samples of `work` for `display`. Gives their rays, and whether all were taken before `stop`, which is
+    /// asked between parts, said true.
     ///
     /// # Panics
     /// When a worker panics.
     pub(crate) fn take<T: PagedTracer + Send>(
         &self,
-        integrator: &SampleIntegrator<'_>,
+        work: &SampleWork<'_>,
         display: &mut Display,
         workers: Workers<'_, T>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> (RayCounts, bool) {
         let (next, was_stopped) = (AtomicU32::new(0), AtomicBool::new(false));
         let (display, rays) = (Mutex::new(display), Mutex::new(RayCounts::default()));
-        let work = |tracer: &mut T| {
-            let (mut samples, mut mine) = (Samples::default(), RayCounts::default());
+        let take = |tracer: &mut T| {
+            let mut room = Room::default();
             loop {
                 let index = next.fetch_add(1, Ordering::Relaxed);
                 if index >= self.part_count() {
@@ -78,42 +90,34 @@ impl Grid {
                     was_stopped.store(true, Ordering::Relaxed);
                     break;
                 }
-                let part = self.part(index, integrator, tracer, &mut samples, &mut mine);
+                self.part(index, work, tracer, &mut room);
                 let mut display = display.lock().expect("a worker panicked");
-                part.iter().for_each(|(pixel, (radiance, seen))| display.set(*pixel, *radiance, seen));
+                room.taken.iter().for_each(|(pixel, (radiance, seen))| display.set(*pixel, *radiance, seen));
             }
-            rays.lock().expect("a worker panicked").add(&mine);
+            rays.lock().expect("a worker panicked").add(&room.rays);
         };
         workers.pool.scope(|scope| {
             for tracer in workers.tracers {
-                scope.spawn(|_| work(tracer));
+                scope.spawn(|_| take(tracer));
             }
         });
         (rays.into_inner().expect("a worker panicked"), !was_stopped.into_inner())
     }
 
-    /// The samples of part `index`, with their pixels.
-    fn part<T: PagedTracer>(
-        &self,
-        index: u32,
-        integrator: &SampleIntegrator<'_>,
-        tracer: &mut T,
-        samples: &mut Samples,
-        rays: &mut RayCounts,
-    ) -> Vec<([u32; 2], (Vec3, LayerPixel))> {
+    /// The samples of part `index`, with their pixels, to `room.taken`.
+    fn part<T: PagedTracer>(&self, index: u32, work: &SampleWork<'_>, tracer: &mut T, room: &mut Room) {
+        let Room { samples, together, taken, rays } = room;
         tracer.begin_tile();
-        let mut taken: Vec<_> =
-            self.pixels(index).map(|pixel| (pixel, (Vec3::ZERO, LayerPixel::NOTHING))).collect();
+        taken.clear();
+        taken.extend(self.pixels(index).map(|pixel| (pixel, (Vec3::ZERO, LayerPixel::NOTHING))));
         let start =
-            |(slot, (pixel, _)): (u32, &([u32; 2], _))| Pending::new(slot, integrator.start_preview(*pixel));
-        let mut pending: Vec<Pending> = (0..).zip(&taken).map(start).collect();
-        samples.ask(integrator, &mut pending, tracer, |slot, sample| {
+            |(slot, (pixel, _)): (u32, &Taken)| Pending::new(slot, work.integrator.start_preview(*pixel));
+        samples.pending.extend((0..).zip(&*taken).map(start));
+        samples.finish(work, tracer, together, |slot, sample| {
             rays.add(&sample.rays);
             let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3::ZERO };
             taken[slot as usize].1 = (radiance, sample.layers.unwrap_or(LayerPixel::NOTHING));
         });
-        debug_assert!(pending.is_empty(), "a preview waits for nothing");
-        taken
     }
 }
 

@@ -1,14 +1,24 @@
-//! `Samples`: samples of neighbouring pixels, taken together as far as the answers go.
+//! `Samples`: samples of neighbouring pixels on their way, taken together as far as the answers go.
 //!
 //! ```text
-//! rays from the camera as one -> each sample on until it asks for G-rays, ends or is blocked
-//!                             -> the G-rays of all in one batch -> each sample on ...
+//! begin: rays from the camera as one
+//! go on: each sample on until it asks for G-rays, ends or is blocked; the G-stage answers; and again
 //! ```
 //!
 //! Invariant: a sample comes to the same bytes as alone.
 
+use crate::g_stage::GStage;
 use crate::integrate::{GBatches, Path, Sample, SampleIntegrator, Step, Together};
-use crate::trace::Tracer;
+use crate::stats::GStats;
+use crate::trace::{Tracer, UnitPages};
+
+/// What takes samples: the integrator, and what answers its G-rays.
+#[derive(Clone, Copy)]
+pub(crate) struct SampleWork<'a> {
+    pub(crate) integrator: SampleIntegrator<'a>,
+    /// `None` where no ray asks voxels.
+    pub(crate) g_stage: Option<&'a dyn GStage>,
+}
 
 /// A sample on its way.
 pub(super) struct Pending {
@@ -26,60 +36,79 @@ impl Pending {
     }
 }
 
-/// Room of a worker for what samples ask together.
+/// Samples on their way, and what they ask of the G-stage.
 #[derive(Default)]
 pub(super) struct Samples {
-    together: Together,
-    batches: GBatches,
+    pub(super) pending: Vec<Pending>,
+    pub(super) batches: GBatches,
 }
 
 impl Samples {
-    /// Bytes that so many samples take at most.
-    pub(super) fn bytes(count: usize) -> u64 {
-        GBatches::bytes(count) + Together::bytes(count)
+    /// Bytes that so many samples take at most while the G-stage has their rays.
+    pub(super) const fn asking_bytes(count: usize) -> usize {
+        GBatches::bytes(count)
     }
 
-    /// Takes all of `pending` as far as the answers go; those that are done go to `finish` with their slots. True when
-    /// any ray was answered.
-    pub(super) fn ask<T: Tracer>(
+    /// Begins an attempt: traces the rays from the camera of all samples together.
+    pub(super) fn begin<T: Tracer>(
         &mut self,
         integrator: &SampleIntegrator<'_>,
-        pending: &mut Vec<Pending>,
+        tracer: &mut T,
+        together: &mut Together,
+    ) {
+        self.pending.iter_mut().for_each(|waiting| waiting.is_blocked = false);
+        let paths = self.pending.iter_mut().map(|waiting| (&mut waiting.path, &mut waiting.is_blocked));
+        integrator.meet_together(paths, tracer, together);
+    }
+
+    /// Takes samples that wait for nothing to their ends.
+    pub(super) fn finish<T: Tracer>(
+        &mut self,
+        work: &SampleWork<'_>,
+        tracer: &mut T,
+        together: &mut Together,
+        mut finish: impl FnMut(u32, &Sample),
+    ) -> GStats {
+        let mut stats = GStats::default();
+        self.begin(&work.integrator, tracer, together);
+        loop {
+            self.go_on(&work.integrator, tracer, &mut finish);
+            let Some(g_stage) = work.g_stage.filter(|_| self.batches.asks()) else { break };
+            stats.add(&g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer)));
+        }
+        self.batches.clear();
+        assert!(self.pending.is_empty(), "a preview waits for nothing");
+        stats
+    }
+
+    /// Takes all samples as far as the answers go; those that are done go to `finish` with their slots. True when any
+    /// ray was answered.
+    pub(super) fn go_on<T: Tracer>(
+        &mut self,
+        integrator: &SampleIntegrator<'_>,
         tracer: &mut T,
         mut finish: impl FnMut(u32, &Sample),
     ) -> bool {
-        let Samples { together, batches } = self;
-        let paths = pending.iter_mut().map(|waiting| (&mut waiting.path, &mut waiting.is_blocked));
-        integrator.meet_together(paths, tracer, together);
+        let Samples { pending, batches } = self;
         let mut has_advanced = false;
-        loop {
-            let mut asks = false;
-            pending.retain_mut(|Pending { slot, path, is_blocked }| {
-                if *is_blocked {
-                    return true;
-                }
-                let before = path.answered();
-                let step = integrator.step(path, tracer, integrator.has_batches().then_some(&mut *batches));
-                has_advanced |= path.answered() > before;
-                match step {
-                    Step::Blocked => *is_blocked = true,
-                    Step::Asks => asks = true,
-                    Step::Done(sample) => {
-                        finish(*slot, &sample);
-                        return false;
-                    }
-                }
-                true
-            });
-            if !asks {
-                break;
+        pending.retain_mut(|Pending { slot, path, is_blocked }| {
+            if *is_blocked {
+                return true;
             }
-            integrator.answer(batches);
-        }
-        batches.clear();
-        for waiting in pending {
-            waiting.is_blocked = false;
-        }
+            let before = path.answered();
+            let step = integrator.step(path, tracer, integrator.has_batches().then_some(&mut *batches));
+            has_advanced |= path.answered() > before;
+            match step {
+                Step::Blocked => *is_blocked = true,
+                Step::Asks => {}
+                Step::Done(sample) => {
+                    has_advanced = true;
+                    finish(*slot, &sample);
+                    return false;
+                }
+            }
+            true
+        });
         has_advanced
     }
 }

@@ -8,7 +8,7 @@ use crate::sampler::mix;
 use crate::scene::camera::Camera;
 use crate::scene::settings::{Method, RenderKeys};
 use crate::scene::world::{Model, View, World};
-use crate::schedule::{TileWork, Until, WhenFull};
+use crate::schedule::{SampleWork, TileWork, Until, WhenFull};
 use crate::shading::light::Light;
 use crate::testing::{pool, settings};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
@@ -57,7 +57,7 @@ fn render<T: PagedTracer + Send>(method: Method, tracers: &mut [T], targets: &[u
     let tiles = Tiles::z_curve(RESOLUTION);
     let mut stats = PassStats::default();
     for &target in targets {
-        let work = TileWork { integrator, tiles: &tiles };
+        let work = TileWork { samples: SampleWork { integrator, g_stage: None }, tiles: &tiles };
         stats.add(&render_pass(&work, &mut film, tracers, target, &|| false));
         assert_eq!(film.samples(), target);
     }
@@ -305,7 +305,8 @@ impl PagedTracer for Counting {
 fn a_stopped_pass_leaves_a_film_that_goes_on() {
     let world = world(Method::Direct);
     let tiles = Tiles::z_curve(RESOLUTION);
-    let work = TileWork { integrator: integrator(&world), tiles: &tiles };
+    let samples = SampleWork { integrator: integrator(&world), g_stage: None };
+    let work = TileWork { samples, tiles: &tiles };
     let mut film = Film::new(RESOLUTION, LAYERS, &Budget::unlimited()).unwrap();
     let asked = AtomicU32::new(0);
     let stop = || asked.fetch_add(1, Ordering::Relaxed) >= 5;

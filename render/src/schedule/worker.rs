@@ -1,15 +1,24 @@
-//! The workers of a pass: each takes tiles, asks their samples, parks those that wait for pages, and tries these again.
+//! The workers of a pass: each takes tiles through their C-rays, or many tiles through the G-stage; parks those that
+//! wait for pages, and tries these again.
 //!
-//! Invariants: 1. at most [`PARKED_MAX`] tiles wait per worker; 2. a tile's samples reach the film all together or
-//! not at all.
+//! ```text
+//! a batch waits for the G-stage -> take it
+//! else                          -> C-rays of the next tile
+//! no tile to begin              -> what waits for the G-stage, however little; then a round over what is parked
+//! ```
+//!
+//! Invariants: 1. no tile is begun while [`PARKED_MAX`] wait for pages; 2. a tile's samples reach the film all
+//! together or not at all.
 
+use super::g_queue::GQueue;
 use super::job::Job;
-use super::samples::{Pending, Samples};
+use super::samples::{Pending, SampleWork};
+use crate::g_stage::GStage;
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
-use crate::integrate::SampleIntegrator;
+use crate::integrate::Together;
 use crate::stats::PassStats;
-use crate::trace::{Advance, Answer, PagedTracer, Retry, WAIT};
+use crate::trace::{Advance, Answer, PagedTracer, Retry, UnitPages, WAIT};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -18,9 +27,9 @@ use std::time::{Duration, Instant};
 /// Most tiles of a worker that wait for pages: about what a disk queue takes, at some requests a tile.
 pub(super) const PARKED_MAX: usize = 8;
 
-/// Work on tiles: the integrator, and their order.
+/// Work on tiles: what takes their samples, and their order.
 pub(crate) struct TileWork<'a> {
-    pub(crate) integrator: SampleIntegrator<'a>,
+    pub(crate) samples: SampleWork<'a>,
     pub(crate) tiles: &'a Tiles,
 }
 
@@ -61,6 +70,8 @@ pub(super) struct Piece<'a> {
     pub(super) until: &'a Until<'a>,
     pub(super) turn: &'a AtomicU32,
     pub(super) deferred: &'a Mutex<VecDeque<u32>>,
+    pub(super) queue: &'a GQueue,
+    pub(super) workers: usize,
     pub(super) finished: AtomicU32,
 }
 
@@ -69,19 +80,11 @@ pub(super) struct Worker<'a, T> {
     piece: &'a Piece<'a>,
     tracer: &'a mut T,
     lane: &'a mut Lane,
-    samples: Samples,
+    together: Together,
     retry: Retry,
+    /// True when any ray was answered since the round began.
+    has_advanced: bool,
     stats: PassStats,
-}
-
-/// The result of an attempt at a job.
-#[derive(PartialEq, Eq)]
-enum Attempt {
-    Finished,
-    /// Some rays were answered.
-    Advanced,
-    /// None was.
-    Stuck,
 }
 
 impl Piece<'_> {
@@ -97,6 +100,17 @@ impl Piece<'_> {
         left.map_or(WAIT, |left| left.min(WAIT))
     }
 
+    /// Samples of a batch of the G-stage.
+    fn batch_samples(&self) -> usize {
+        self.work.samples.g_stage.map_or(usize::MAX, GStage::batch_samples)
+    }
+
+    /// True when the G-stage should have what waits for it: a batch, or all that is wanted of this piece.
+    fn has_batch(&self) -> bool {
+        let wanted = self.until.tiles.saturating_sub(self.finished.load(Ordering::Relaxed));
+        self.queue.holds(self.batch_samples(), wanted.max(1) as usize)
+    }
+
     /// The next tile that lacks samples: a fresh one, else a deferred one.
     fn next_job(&self, takes_deferred: bool) -> Option<Job> {
         loop {
@@ -109,21 +123,21 @@ impl Piece<'_> {
             let tile = self.work.tiles.nth(turn);
             let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
             if from < self.target {
-                return Some(Job::new(&self.work.integrator, tile, from, self.target));
+                return Some(Job::new(&self.work.samples.integrator, tile, from, self.target));
             }
         }
         let takes = || self.deferred.lock().expect("a worker panicked").pop_front();
         let tile = self.work.tiles.tile(if takes_deferred { takes() } else { None }?);
         let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
-        Some(Job::new(&self.work.integrator, tile, from, self.target))
+        Some(Job::new(&self.work.samples.integrator, tile, from, self.target))
     }
 }
 
 impl<'a, T: PagedTracer> Worker<'a, T> {
     /// A worker of `piece` that goes on with what `lane` holds.
     pub(super) fn new(piece: &'a Piece<'a>, tracer: &'a mut T, lane: &'a mut Lane) -> Worker<'a, T> {
-        let (samples, retry, stats) = Default::default();
-        Worker { piece, tracer, lane, samples, retry, stats }
+        let (together, retry, has_advanced, stats) = Default::default();
+        Worker { piece, tracer, lane, together, retry, has_advanced, stats }
     }
 
     /// Counts of what the worker did.
@@ -140,64 +154,95 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             self.round();
         }
         while !self.piece.is_over() {
+            if self.piece.has_batch() {
+                self.answer_batch();
+                continue;
+            }
             let has_room = self.lane.parked.len() < PARKED_MAX;
             let may_take = has_room || self.piece.full == WhenFull::Defer;
             if let Some(job) = if may_take { self.piece.next_job(has_room) } else { None } {
-                self.attempt(job);
+                self.begin(job);
+                continue;
+            }
+            if self.answer_batch() {
                 continue;
             }
             if self.lane.parked.is_empty() {
                 return;
             }
-            let has_advanced = self.round();
-            if !has_advanced {
+            self.round();
+            if !self.has_advanced {
                 self.retry.wait(self.tracer, self.piece.longest_wait());
             }
-            if self.retry.is_stuck(has_advanced) {
+            if self.retry.is_stuck(self.has_advanced) {
                 self.narrow();
             }
         }
     }
 
-    /// Asks each parked tile once, the oldest first. True when anything was answered.
-    fn round(&mut self) -> bool {
-        let mut advanced = false;
+    /// Asks each parked tile once, the oldest first. Leaves whether anything was answered.
+    fn round(&mut self) {
+        self.has_advanced = false;
         for _ in 0..self.lane.parked.len() {
             if self.piece.is_over() {
-                break;
+                return;
             }
-            let job = self.lane.parked.pop_front().expect("parked tiles are counted");
-            advanced |= self.attempt(job) != Attempt::Stuck;
+            // Tiles come back from the G-stage behind those that have not had their turn.
+            let Some(job) = self.lane.parked.pop_front() else { return };
+            self.begin(job);
+            if self.piece.has_batch() {
+                self.answer_batch();
+            }
         }
-        advanced
+        while self.piece.queue.tiles() > 0 && !self.piece.is_over() && self.answer_batch() {}
     }
 
-    /// Asks all samples of a tile, and adds it to the film, or parks or defers it.
-    fn attempt(&mut self, mut job: Job) -> Attempt {
+    /// Takes the samples of a tile through their C-rays.
+    fn begin(&mut self, mut job: Job) {
         self.tracer.begin_tile();
-        let has_advanced = self.ask(&mut job);
-        if job.pending.is_empty() {
+        job.samples.begin(&self.piece.work.samples.integrator, self.tracer, &mut self.together);
+        self.go_on(job);
+    }
+
+    /// Takes the samples of a tile as far as the answers go. What asks for G-rays then goes to the queue, what is done
+    /// to the film; what waits for pages is parked or deferred.
+    fn go_on(&mut self, mut job: Job) {
+        self.has_advanced |= job.go_on(&self.piece.work.samples.integrator, self.tracer);
+        if job.samples.batches.asks() {
+            self.piece.queue.push(job);
+            return;
+        }
+        job.samples.batches = Default::default();
+        if job.samples.pending.is_empty() {
             self.commit(&job);
-            return Attempt::Finished;
+            return;
         }
         self.tracer.request_missing();
         self.stats.parked += 1;
-        if self.lane.parked.len() < PARKED_MAX {
+        if self.piece.full == WhenFull::Wait || self.lane.parked.len() < PARKED_MAX {
             self.lane.parked.push_back(job);
         } else {
             self.piece.deferred.lock().expect("a worker panicked").push_back(job.tile.index);
         }
-        if has_advanced { Attempt::Advanced } else { Attempt::Stuck }
     }
 
-    /// Takes all samples of a tile as far as the answers go. True when any ray was answered.
-    fn ask(&mut self, job: &mut Job) -> bool {
-        let mut pending = std::mem::take(&mut job.pending);
-        let integrator = &self.piece.work.integrator;
-        let has_advanced =
-            self.samples.ask(integrator, &mut pending, self.tracer, |slot, sample| job.finish(slot, sample));
-        job.pending = pending;
-        has_advanced
+    /// Takes a batch of tiles through the G-stage, or what there is of one; false when there is nothing.
+    fn answer_batch(&mut self) -> bool {
+        let Piece { queue, workers, work, .. } = self.piece;
+        let Some(g_stage) = work.samples.g_stage else { return false };
+        let mut jobs = queue.take(self.piece.batch_samples(), *workers);
+        if jobs.is_empty() {
+            return false;
+        }
+        self.tracer.begin_tile();
+        let mut asked: Vec<_> = jobs.iter_mut().map(|job| job.samples.batches.turn()).collect();
+        self.stats.g_stage.add(&g_stage.answer(&mut asked, &mut UnitPages(self.tracer)));
+        self.tracer.request_missing();
+        for job in jobs {
+            self.tracer.begin_tile();
+            self.go_on(job);
+        }
+        true
     }
 
     /// Finishes one sample of the oldest tile with the pages of one ray at a time.
@@ -205,8 +250,8 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         let Worker { piece, tracer, lane, retry, stats, .. } = self;
         lane.is_narrow = false;
         let Some(job) = lane.parked.front_mut() else { return };
-        let Pending { slot, mut path, .. } = job.pending.remove(0);
-        let integrator = &piece.work.integrator;
+        let Pending { slot, mut path, .. } = job.samples.pending.remove(0);
+        let integrator = &piece.work.samples.integrator;
         let advance = |tracer: &mut T| {
             let before = path.answered();
             match integrator.advance(&mut path, tracer) {
@@ -220,12 +265,12 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         };
         let longest = || (!piece.is_over()).then(|| piece.longest_wait());
         if !retry.alone(*tracer, longest, advance) {
-            job.pending.insert(0, Pending::new(slot, path));
+            job.samples.pending.insert(0, Pending::new(slot, path));
             lane.is_narrow = true;
             return;
         }
         stats.narrow_samples += 1;
-        if job.pending.is_empty() {
+        if job.samples.pending.is_empty() {
             let job = lane.parked.pop_front().expect("the oldest tile stays");
             self.commit(&job);
         }

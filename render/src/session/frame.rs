@@ -14,7 +14,7 @@ use super::ladder::Turn;
 use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
 use crate::integrate::{RenderContext, SampleIntegrator};
-use crate::schedule::{Grid, Pass, TileWork, Until, WhenFull, Workers};
+use crate::schedule::{Grid, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::time::{Duration, Instant};
@@ -88,11 +88,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let Live { next, display, ladder, options, .. } = &mut self.live;
         let irradiance = irradiance(photon_map.as_ref(), next.as_ref());
         let integrator = SampleIntegrator::new(RenderContext::new(world, model, irradiance).for_preview());
+        let g_stage = integrator.cpu_stage();
+        let work = SampleWork { integrator, g_stage: g_stage.as_ref().map(|stage| stage as _) };
         let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
             let grid = Grid { resolution: film.resolution(), step };
-            let (sent, is_whole) = grid.take(&integrator, display, Workers { tracers, pool }, stop);
+            let (sent, is_whole) = grid.take(&work, display, Workers { tracers, pool }, stop);
             rays.add(&sent);
             if !is_whole {
                 break;
@@ -156,7 +158,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let ctx = RenderContext::new(world, model, irradiance(photon_map.as_ref(), next.as_ref()))
             .with_layers(film.layers())
             .with_photon_tree(photon_tree.as_ref());
-        let work = TileWork { integrator: SampleIntegrator::new(ctx), tiles };
+        let integrator = SampleIntegrator::new(ctx);
+        let g_stage = integrator.cpu_stage();
+        let samples = SampleWork { integrator, g_stage: g_stage.as_ref().map(|stage| stage as _) };
+        let work = TileWork { samples, tiles };
         let (begin, was_complete) = (Instant::now(), film.samples() > 0);
         let mut total = PassStats::default();
         let mut has_become_complete = false;

@@ -37,7 +37,7 @@ use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::settings::Method;
 use crate::scene::world::{MaterialEdit, Model, View, World};
-use crate::schedule::{PASS_SAMPLES_MAX, Pass, TileWork, Until, WhenFull, Workers, pass_bytes};
+use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers, pass_bytes};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
@@ -234,7 +234,10 @@ impl<T: PagedTracer + Send> Session<T> {
         let ctx = RenderContext::new(&self.world, &self.model, irradiance)
             .with_layers(self.film.layers())
             .with_photon_tree(self.photon_tree.as_ref());
-        let work = TileWork { integrator: SampleIntegrator::new(ctx), tiles: &self.tiles };
+        let integrator = SampleIntegrator::new(ctx);
+        let g_stage = integrator.cpu_stage();
+        let samples = SampleWork { integrator, g_stage: g_stage.as_ref().map(|stage| stage as _) };
+        let work = TileWork { samples, tiles: &self.tiles };
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));

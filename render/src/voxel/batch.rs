@@ -75,6 +75,11 @@ impl VoxelScene<'_> {
         self.answer_batch(PacketWidth::widest(), rays, |ray, hit| occluded[ray] = hit.is_some());
     }
 
+    /// Calls `answer` with the index of each ray and [`VoxelScene::intersect`] of it, in any order.
+    pub(crate) fn each_in_batch(&self, rays: &[Ray], answer: impl FnMut(usize, Option<VoxelHit>)) {
+        self.answer_batch(PacketWidth::widest(), rays, answer);
+    }
+
     fn answer_batch(
         &self,
         width: PacketWidth,

@@ -11,6 +11,16 @@ use glam::{DVec3, Vec3};
 use trex_store::Material;
 use trex_store::octree::LeafVoxel;
 
+/// The surface in the leaf that a ray has met: all that light asks of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct VoxelSurface {
+    /// Distance to where the voxel is entered, model units.
+    pub(crate) t: f64,
+    /// The facet that keeps its light.
+    pub(crate) facet: u32,
+    pub(crate) leaf: LeafVoxel,
+}
+
 /// The hit of a photon or a gather ray on the voxels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LeafHit<'a> {
@@ -21,10 +31,27 @@ pub(crate) struct LeafHit<'a> {
     pub(crate) material: &'a Material,
 }
 
+impl VoxelSurface {
+    /// The surface as `ray`, which has met it, finds it.
+    pub(crate) fn face<'a>(&self, ray: &Ray, materials: &'a [Material]) -> LeafHit<'a> {
+        let (normal, direction) = (Vec3::from(self.leaf.normal).as_dvec3(), DVec3::from(ray.direction));
+        let facing = normal.dot(direction);
+        let normal = if facing == 0.0 { -direction } else { -facing.signum() * normal };
+        let material = &materials[usize::from(self.leaf.material)];
+        LeafHit { facet: self.facet, point: ray.at(self.t), normal, material }
+    }
+}
+
 impl<'a> VoxelScene<'a> {
+    /// The surface in the leaf that a ray has met.
+    pub(crate) fn surface(&self, hit: &VoxelHit) -> VoxelSurface {
+        let (octree, &VoxelHit { t, leaf, node, .. }) = (self.octree(), hit);
+        VoxelSurface { t, facet: octree.facet(node, leaf), leaf: octree.leaf(leaf as usize) }
+    }
+
     /// The surface in the leaf that `ray` has met.
     pub(crate) fn leaf_hit(&self, ray: &Ray, hit: &VoxelHit, materials: &'a [Material]) -> LeafHit<'a> {
-        self.surface_of(&self.octree().leaf(hit.leaf as usize), ray, hit, materials)
+        self.surface(hit).face(ray, materials)
     }
 
     /// The surface in `voxel`, which `ray` has met, and which is `hit.leaf` or in it.
@@ -35,12 +62,8 @@ impl<'a> VoxelScene<'a> {
         hit: &VoxelHit,
         materials: &'a [Material],
     ) -> LeafHit<'a> {
-        let (normal, direction) = (Vec3::from(voxel.normal).as_dvec3(), DVec3::from(ray.direction));
-        let facing = normal.dot(direction);
-        let normal = if facing == 0.0 { -direction } else { -facing.signum() * normal };
-        let point = ray.at(hit.t);
         let facet = self.octree().facet(hit.node, hit.leaf);
-        LeafHit { facet, point, normal, material: &materials[usize::from(voxel.material)] }
+        VoxelSurface { t: hit.t, facet, leaf: *voxel }.face(ray, materials)
     }
 
     /// A ray that leaves a leaf: it starts where no voxel of the plane through any point of the subvoxel can be.

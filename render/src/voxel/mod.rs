@@ -9,7 +9,7 @@ mod traverse;
 mod voxels;
 
 pub use batch::PacketWidth;
-pub(crate) use leaf::LeafHit;
+pub(crate) use leaf::{LeafHit, VoxelSurface};
 pub use lower::{LowerHit, LowerLeaf, LowerScene};
 pub use traverse::{Occluders, VoxelHit, VoxelScene};
 pub use voxels::Voxels;
