@@ -49,11 +49,6 @@ pub struct Tiles {
 }
 
 impl Tile {
-    /// The pixel (x, y) in its middle.
-    pub(crate) fn middle(&self) -> [u32; 2] {
-        std::array::from_fn(|a| self.first[a] + self.size[a].min(TILE_SIDE_PIXELS) / 2)
-    }
-
     /// Count of pixels.
     pub fn pixel_count(&self) -> u32 {
         self.size[0] * self.size[1]

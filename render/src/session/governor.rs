@@ -1,9 +1,8 @@
 //! `Governor`: raises the error of the footprint rule where the pages in demand are too many for the frames there
 //! are, until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
 
-/// Share of the frames in demand above which the governor raises the error, and below which it lowers it and pages are
-/// guessed ahead.
-pub(super) const DEMAND: std::ops::Range<f64> = 0.70..0.85;
+/// Share of the frames in demand above which the governor raises the error, and below which it lowers it.
+const DEMAND: std::ops::Range<f64> = 0.70..0.85;
 /// Step of the governor.
 const ERROR_GROWTH: f64 = 1.25;
 /// Greatest error the governor goes to, pixels; where none was asked for it begins at 1.
