@@ -13,7 +13,7 @@ use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
 use std::time::Duration;
 use trex_store::PageFile;
-use trex_store::pool::{Class, PagePool, PageState, PinToken, Want};
+use trex_store::pool::{PagePool, PageState, PinToken, Want};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
@@ -86,8 +86,7 @@ impl<'a> PooledPages<'a> {
         if self.wants.len() > WANTS_MAX {
             self.wants.drain(..self.wants.len() - WANTS_MAX);
         }
-        let list: Vec<Want> =
-            self.wants.iter().map(|&(page, weight)| Want { page, class: Class::Urgent, weight }).collect();
+        let list: Vec<Want> = self.wants.iter().map(|&(page, weight)| Want { page, weight }).collect();
         pool.submit(self.origin, &list);
         list.len()
     }
