@@ -105,13 +105,6 @@ for scenario in flip inside teleport light-edit; do
     stress error-pipes-$scenario pipes-100m.trex --scenario $scenario $overview --views pipes-100m-views.toml \
         --switches 40 --reference-spp 256
 done
-for scenario in flip sweep; do
-    for prefetch in on off; do
-        stress prefetch-isosurface-$scenario-$prefetch isosurface-100m.trex --scenario $scenario --lod-error 0 \
-            --prefetch $prefetch
-        stress prefetch-pipes-$scenario-$prefetch pipes-100m.trex --scenario $scenario $overview --prefetch $prefetch
-    done
-done
 
 # The form of the paper's table 2: one view again and again, all that it needs resident; response, complete picture, rays.
 mkdir -p "$root/out"

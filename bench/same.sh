@@ -59,7 +59,7 @@ for model in isosurface pipes units; do
     same $model-filter exr render $file -o OUT --integrator full-gi "${small[@]}" --filter on
     same $model-frames exr render $file -o OUT --integrator photon "${small[@]}" --t-max 20 --tile-order saliency --saliency itti
     same $model-frames-lod exr render $file -o OUT --integrator photon "${small[@]}" --t-max 20 --lod-error 2 --filter on --layers depth
-    same $model-frames-ao png render $file -o OUT --integrator ao "${small[@]}" --t-max 20 --tile-order row --prefetch off
+    same $model-frames-ao png render $file -o OUT --integrator ao "${small[@]}" --t-max 20 --tile-order row
 done
 
 cat >scene.toml <<'SCENE'

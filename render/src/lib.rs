@@ -58,12 +58,12 @@ pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{
     BLOCK_TILES_MIN, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan,
-    PictureNeeds, Prefetch, RenderStats, Session, SessionSetup, model_bytes,
+    PictureNeeds, RenderStats, Session, SessionSetup, model_bytes,
 };
 pub use shading::{Emitter, Emitters, Light};
 pub use stats::{GStats, PassStats, PhotonStats, RayCounts, RayRates};
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
-    PooledPages, Predictor, Probe, ProbeStep, Ray, Tracer, pooled_tracers,
+    PooledPages, Probe, ProbeStep, Ray, Tracer, pooled_tracers,
 };
 pub use voxel::{LowerHit, LowerLeaf, LowerScene, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels};

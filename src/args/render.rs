@@ -5,7 +5,7 @@ use crate::values::{self, Milliseconds, Resolution, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_render::{FetchBlock, FrameOptions, Method, Near, Occluders, Prefetch, Saliency, Scene, TileOrder};
+use trex_render::{FetchBlock, FrameOptions, Method, Near, Occluders, Saliency, Scene, TileOrder};
 
 /// `trex render`
 #[derive(Debug, Args)]
@@ -117,9 +117,6 @@ pub struct DeadlineArgs {
     /// What catches the eye [default: achanta]
     #[arg(long, value_enum, value_name = "METRIC")]
     pub saliency: Option<SaliencyArg>,
-    /// Whether pages are read ahead of rays [default: on]
-    #[arg(long, value_enum, value_name = "WHETHER")]
-    pub prefetch: Option<Switch>,
 }
 
 /// `--tile-order`.
@@ -183,7 +180,6 @@ impl DeadlineArgs {
             ("--fetch-block", self.fetch_block.is_some()),
             ("--tile-order", self.tile_order.is_some()),
             ("--saliency", self.saliency.is_some()),
-            ("--prefetch", self.prefetch.is_some()),
         ];
         flags.into_iter().find_map(|(flag, is_given)| is_given.then_some(flag))
     }
@@ -203,11 +199,6 @@ impl DeadlineArgs {
                 Some(TileOrderArg::Row) => TileOrder::Row,
                 Some(TileOrderArg::Random) => TileOrder::Random,
                 None | Some(TileOrderArg::Saliency) => TileOrder::Saliency(saliency),
-            },
-            prefetch: match self.prefetch {
-                None => defaults.prefetch,
-                Some(Switch::On) => Prefetch::On,
-                Some(Switch::Off) => Prefetch::Off,
             },
         }
     }
@@ -238,7 +229,7 @@ pub enum NearArg {
     Exact,
 }
 
-/// `--occluders`, `--prefetch`, `--filter`.
+/// `--occluders`, `--filter`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Switch {
     /// It does

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
-use trex_store::pool::{Class, PagePool, PoolOptions, Want};
+use trex_store::pool::{PagePool, PoolOptions, Want};
 use trex_store::{Budget, Error, PageFile};
 
 fn main() -> Result<(), Error> {
@@ -24,7 +24,7 @@ fn main() -> Result<(), Error> {
     while !missing.is_empty() {
         let epoch = pool.epoch();
         // Who wants pages says so once a round; what has come is pinned while it is looked at.
-        let next = missing.iter().take(2).map(|&page| Want { page, class: Class::Normal, weight: 1 });
+        let next = missing.iter().take(2).map(|&page| Want { page, weight: 1 });
         pool.submit(0, &next.collect::<Vec<_>>());
         missing.retain(|&page| {
             let Some(pin) = pool.try_pin(page) else { return !pool.is_damaged(page) };

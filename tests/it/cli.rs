@@ -61,7 +61,6 @@ fn usage_errors_exit_2_name_the_value_and_leave_stdout_empty() {
         // These were once ignored without a word.
         ("render a.trex -o b.png --tile-order row", "--tile-order"),
         ("render a.trex -o b.png --saliency itti", "--saliency"),
-        ("render a.trex -o b.png --prefetch off", "--prefetch"),
         ("render a.trex -o b.png --fetch-block 64", "--fetch-block"),
         ("info a.ply --memory-limit 512M", "512MiB"),
         ("info a.ply --memory-limit 0%", "1% to 100%"),
@@ -99,7 +98,7 @@ fn a_usage_error_is_a_document_when_documents_are_asked_for() {
 /// It once came without numbers.
 #[test]
 fn a_flag_of_deadlines_without_one_is_an_error_in_four_parts() {
-    for flag in ["--tile-order row", "--saliency itti", "--prefetch off", "--fetch-block 64"] {
+    for flag in ["--tile-order row", "--saliency itti", "--fetch-block 64"] {
         let ran = trex(&format!("render a.trex -o b.png {flag} --json"), 2);
         let document = ran.expect_error(2, "usage");
         assert!(

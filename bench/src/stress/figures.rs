@@ -66,8 +66,6 @@ pub struct StressFigures {
     pub refault_ratio: f64,
     /// Pages demanded that were not there, a switch.
     pub first_touch_misses: f64,
-    /// Guessed pages that were evicted without use, of all guessed.
-    pub prefetch_wasted_share: f64,
     /// Bytes from the disk.
     pub bytes_read: u64,
     /// Error of the footprint rule.
@@ -167,11 +165,7 @@ impl StressFigures {
             livelock: log.livelock,
             narrow_samples: log.pass.narrow_samples,
             refault_ratio: share(after.refaults - before.refaults, read),
-            first_touch_misses: share(after.demand_reads - before.demand_reads, switches),
-            prefetch_wasted_share: share(
-                after.prefetch_wasted - before.prefetch_wasted,
-                after.prefetch_issued - before.prefetch_issued,
-            ),
+            first_touch_misses: share(read, switches),
             bytes_read: after.bytes_read - before.bytes_read,
             pixel_error: PixelError {
                 asked,

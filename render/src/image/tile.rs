@@ -49,11 +49,6 @@ pub struct Tiles {
 }
 
 impl Tile {
-    /// The pixel (x, y) in its middle.
-    pub(crate) fn middle(&self) -> [u32; 2] {
-        std::array::from_fn(|a| self.first[a] + self.size[a].min(TILE_SIDE_PIXELS) / 2)
-    }
-
     /// Count of pixels.
     pub fn pixel_count(&self) -> u32 {
         self.size[0] * self.size[1]
@@ -182,10 +177,15 @@ mod tests {
     /// Pictures that are and are not a square of a power of two, and some whose last tiles are cut.
     const RESOLUTIONS: [[u32; 2]; 5] = [[64, 64], [128, 40], [101, 75], [5, 300], [8, 8]];
 
+    /// A picture of colours by chance.
+    fn picture(resolution: [u32; 2]) -> Reduced {
+        let chance = |[x, y]: [u32; 2]| [1, 2, 3].map(|c| (mix(u64::from(x * y + c)) % 256) as f32 / 255.0);
+        Reduced::of(resolution, chance)
+    }
+
     /// The indices of the tiles in the order of work, for a picture of colours by chance.
     fn indices(resolution: [u32; 2], order: TileOrder) -> Vec<u32> {
-        let chance = |[x, y]: [u32; 2]| [1, 2, 3].map(|c| (mix(u64::from(x * y + c)) % 256) as f32 / 255.0);
-        Tiles::z_curve(resolution).ordered(order, &Reduced::of(resolution, chance)).order
+        Tiles::z_curve(resolution).ordered(order, &picture(resolution)).order
     }
 
     #[test]
@@ -195,6 +195,55 @@ mod tests {
             found.sort_unstable();
             let all: Vec<u32> = (0..tile_count(resolution)).collect();
             assert_eq!(found, all, "{resolution:?} {order:?}");
+        }
+    }
+
+    /// Tiles of a square of `side` from `corner` on, quarter by quarter.
+    fn quarters([x, y]: [u32; 2], side: u32, found: &mut Vec<[u32; 2]>) {
+        if side == 1 {
+            return found.push([x, y]);
+        }
+        let half = side / 2;
+        for corner in [[x, y], [x + half, y], [x, y + half], [x + half, y + half]] {
+            quarters(corner, half, found);
+        }
+    }
+
+    /// Takes the tile with the greatest score out, again and again, the first of equals.
+    fn select(mut tiles: Vec<u32>, score: impl Fn(u32) -> f64) -> Vec<u32> {
+        let mut found = Vec::new();
+        while !tiles.is_empty() {
+            let best = (1..tiles.len()).fold(0, |a, b| if score(tiles[b]) > score(tiles[a]) { b } else { a });
+            found.push(tiles.remove(best));
+        }
+        found
+    }
+
+    #[test]
+    fn every_order_is_that_of_its_definition() {
+        for resolution in RESOLUTIONS {
+            let [width, height] = resolution.map(|pixels| pixels.div_ceil(TILE_SIDE_PIXELS));
+            let mut square = Vec::new();
+            quarters([0, 0], 64, &mut square);
+            let there = square.into_iter().filter(|&[x, y]| x < width && y < height);
+            let z_curve: Vec<u32> = there.map(|[x, y]| y * width + x).collect();
+            let salience = |metric: Saliency| {
+                let score = metric.tiles(&picture(resolution));
+                assert!(score.len() == 1 || score.iter().any(|one| *one != score[0]), "{resolution:?}");
+                select(z_curve.clone(), |index| f64::from(score[index as usize]))
+            };
+            for order in ORDERS {
+                let expected = match order {
+                    TileOrder::ZCurve => z_curve.clone(),
+                    TileOrder::Row => (0..width * height).collect(),
+                    // The lowest hash first: 53 of its bits tell these few apart.
+                    TileOrder::Random => {
+                        select(z_curve.clone(), |index| -((mix(u64::from(index)) >> 11) as f64))
+                    }
+                    TileOrder::Saliency(metric) => salience(metric),
+                };
+                assert_eq!(indices(resolution, order), expected, "{resolution:?} {order:?}");
+            }
         }
     }
 

@@ -45,8 +45,6 @@ pub enum Fov {
     Y(f64),
 }
 
-/// Cosine of 30 degrees.
-const NEAR_VIEWS_COS: f64 = 0.866;
 /// Squared sine of the angle between view and up below which the two count as parallel: their cross product is noise.
 const PARALLEL: f64 = 1e-18;
 
@@ -180,23 +178,6 @@ impl Projection {
     /// Width and height, pixels.
     pub fn resolution(&self) -> [u32; 2] {
         self.resolution
-    }
-
-    /// True when `other` looks nearly the same way: within 30 degrees.
-    pub(crate) fn is_near(&self, other: &Projection) -> bool {
-        self.forward.dot(other.forward) > NEAR_VIEWS_COS
-    }
-
-    /// The camera `steps` of the way from this one to `other`, and on beyond 1.
-    pub(crate) fn towards(&self, other: &Projection, steps: f64) -> Projection {
-        let mix = |a: DVec3, b: DVec3| a + steps * (b - a);
-        Projection {
-            position: mix(self.position, other.position),
-            forward: mix(self.forward, other.forward),
-            right: mix(self.right, other.right),
-            down: mix(self.down, other.down),
-            resolution: other.resolution,
-        }
     }
 
     /// Width of a pixel in the middle of the picture, radians: model units at distance 1.

@@ -74,18 +74,8 @@ impl Pass {
         self.left(tiles) == 0
     }
 
-    /// True when a worker was interrupted while it narrowed down to one ray, whose pages it holds.
-    pub(crate) fn is_narrow(&self) -> bool {
-        self.lanes.iter().any(|lane| lane.is_narrow)
-    }
-
-    /// The turn of the next tile.
-    pub(crate) fn turn(&self) -> u32 {
-        self.turn.load(Ordering::Relaxed)
-    }
-
     fn left(&self, tiles: &Tiles) -> u64 {
-        let begun = self.turn().min(tiles.count());
+        let begun = self.turn.load(Ordering::Relaxed).min(tiles.count());
         let waiting: usize = self.lanes.iter().map(|lane| lane.parked.len()).sum();
         let deferred = self.deferred.lock().expect("a worker panicked").len();
         u64::from(tiles.count() - begun) + (waiting + deferred + self.queue.tiles()) as u64

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! rungs of the preview
-//! photons -> tiles -> block learned -> governor -> predictors
+//! photons -> tiles -> block learned -> governor
 //! ```
 //!
 //! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a tile, a batch of
@@ -68,9 +68,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let pass = self.run_tiles(spp, begin, stop);
         self.live.tiles_time = tiles_begin.elapsed();
         self.govern();
-        if has_responded {
-            self.predict();
-        }
         let is_lit = self.live.next.as_ref().is_none_or(NextLight::is_idle);
         let progress = match self.live.first_block {
             _ if self.film.samples() >= spp && is_lit => FrameProgress::Done,
@@ -141,7 +138,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         // The first block counts from the event.
         let (passed, longest) = match nth {
-            Nth::First => (live.motion.since_event(), t_max.mul_f64(RESPONSE_SHARE)),
+            Nth::First => (live.event_at.elapsed(), t_max.mul_f64(RESPONSE_SHARE)),
             Nth::Later => (begin.elapsed(), t_max),
         };
         let least = t_max / BLOCK_PART_LEAST;
@@ -194,7 +191,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let least = if block.is_adaptive() { BLOCK_TILES_MIN.min(whole) } else { whole };
         if *finished >= u64::from(least.min(tiles.count())) {
             let shown = (*finished).min(whole.into()) as u32;
-            self.live.learn_response(shown);
+            self.live.first_block.get_or_insert(shown);
         }
         total
     }

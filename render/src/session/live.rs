@@ -26,7 +26,6 @@
 use super::fetch_block::{Block, FetchBlock};
 use super::governor::Governor;
 use super::ladder::Ladder;
-use super::motion::Motion;
 use super::next_light::NextLight;
 use super::{Change, Event, Session};
 use crate::image::display::Display;
@@ -39,7 +38,7 @@ use crate::schedule::Pass;
 use crate::stats::{PassStats, PhotonStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use trex_store::{Code, Error, Result};
 
 /// Options of frames with a deadline.
@@ -51,18 +50,6 @@ pub struct FrameOptions {
     pub fetch_block: FetchBlock,
     /// The order of tiles.
     pub order: TileOrder,
-    /// Guessing of pages ahead.
-    pub prefetch: Prefetch,
-}
-
-/// Guessing of pages ahead.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Prefetch {
-    /// Only pages that rays ask for are read.
-    Off,
-    /// The predictors of [`crate::trace::Predictor`] ask, too.
-    #[default]
-    On,
 }
 
 impl Default for FrameOptions {
@@ -71,7 +58,6 @@ impl Default for FrameOptions {
             t_max: Duration::from_millis(100),
             fetch_block: FetchBlock::default(),
             order: TileOrder::default(),
-            prefetch: Prefetch::default(),
         }
     }
 }
@@ -137,7 +123,8 @@ pub(super) struct Live {
     pub(super) block: Block,
     pub(super) ladder: Ladder,
     pub(super) governor: Governor,
-    pub(super) motion: Motion,
+    /// Time of the event.
+    pub(super) event_at: Instant,
     /// Time that the tiles of the last frame took.
     pub(super) tiles_time: Duration,
     /// Tiles done since the event.
@@ -150,8 +137,6 @@ pub(super) struct Live {
     pub(super) exact_from: Option<u32>,
     /// Pages in demand since the event, a bit each.
     demand: Vec<u64>,
-    /// The value of [`Live::demand`] at the end of the last state.
-    pub(super) last_demand: f64,
 }
 
 impl<T: PagedTracer + Send> Session<T> {
@@ -183,18 +168,16 @@ impl<T: PagedTracer + Send> Session<T> {
             block: Block::new(options.fetch_block),
             ladder: Ladder::new(false),
             governor: Governor::new(settings.lod_error),
-            motion: Motion::new(),
+            event_at: Instant::now(),
             tiles_time: Duration::ZERO,
             finished: 0,
             first_block: None,
             event_state: 0,
             exact_from: Some(0),
             demand: Vec::new(),
-            last_demand: 0.0,
         };
-        let change = Change { before: self.world.projection, light: false };
         let mut session = LiveSession { session: self, live };
-        session.begin_state(&change);
+        session.begin_state(Change::View);
         Ok(session)
     }
 }
@@ -206,7 +189,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Those of [`Session::apply`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
         let change = self.session.change(event)?;
-        self.begin_state(&change);
+        self.begin_state(change);
         Ok(())
     }
 
@@ -258,19 +241,20 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 
     /// Begins a new picture, after the world has become another.
-    fn begin_state(&mut self, change: &Change) {
+    fn begin_state(&mut self, change: Change) {
         let order = self.live.options.order;
         let eye = self.reduced(order);
         let LiveSession { session, live } = self;
         session.tiles = session.tiles.ordered(order, &eye);
         let demand = live.demand(&session.tracers);
         live.governor.lower(demand);
-        live.last_demand = demand;
         // An event that comes before any tile is done finds a hand that moves.
         live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
         (live.finished, live.first_block) = (0, None);
-        live.motion.learn_event(&change.before, &session.world.projection);
-        if let (true, Some(next), Some(photons)) = (change.light, &mut live.next, session.voxel_photons()) {
+        live.event_at = Instant::now();
+        if change == Change::Light
+            && let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons())
+        {
             next.begin(&photons);
         }
         self.set_error();
@@ -317,12 +301,6 @@ impl Live {
         let frames = tracers.iter().map(|tracer| tracer.demand(&mut self.demand)).max().unwrap_or(0);
         let pages: u32 = self.demand.iter().map(|bits| bits.count_ones()).sum();
         if frames == 0 { 0.0 } else { f64::from(pages) / frames as f64 }
-    }
-
-    /// Learns that the picture holds a fetch block of so many tiles.
-    pub(super) fn learn_response(&mut self, tiles: u32) {
-        self.first_block.get_or_insert(tiles);
-        self.motion.learn_response();
     }
 }
 

@@ -20,12 +20,10 @@ mod illuminate;
 mod ladder;
 mod live;
 mod memory;
-mod motion;
 mod next_light;
-mod predict;
 
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
-pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession, Prefetch};
+pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession};
 pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
 
 use crate::image::film::{Film, Layers};
@@ -34,7 +32,7 @@ use crate::image::tile::Tiles;
 use crate::integrate::{RenderContext, SampleIntegrator};
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::kd_tree::PhotonTree;
-use crate::scene::camera::{Camera, Projection};
+use crate::scene::camera::Camera;
 use crate::scene::settings::Method;
 use crate::scene::world::{MaterialEdit, Model, View, World};
 use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers, pass_bytes};
@@ -121,12 +119,12 @@ pub struct Session<T> {
 }
 
 /// The effect of an event.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Change {
-    /// The camera before.
-    pub(super) before: Projection,
-    /// True for other lights or another material.
-    pub(super) light: bool,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Change {
+    /// Another camera.
+    View,
+    /// Other lights or another material.
+    Light,
 }
 
 /// Counts of what [`Session::render`] did.
@@ -187,7 +185,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Errors
     /// Those of [`World::new`] and [`Model::edit`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
-        if self.change(event)?.light {
+        if self.change(event)? == Change::Light {
             self.forget_photons();
         }
         self.film.clear();
@@ -195,24 +193,24 @@ impl<T: PagedTracer + Send> Session<T> {
     }
 
     /// Changes camera, lights or a material; film and photons are still those of the state before.
-    pub(super) fn change(&mut self, event: Event) -> Result<Change> {
+    fn change(&mut self, event: Event) -> Result<Change> {
         let (mut model, mut view) = (None, self.view.clone());
-        let light = !matches!(event, Event::Camera(_));
+        let change = if matches!(event, Event::Camera(_)) { Change::View } else { Change::Light };
         match event {
             Event::Camera(camera) => view.camera = camera,
             Event::Lights(lights) => view.lights = lights,
             Event::Material { index, edit } => model.insert(self.model.clone()).edit(index, &edit)?,
         }
         let world = World::new(model.as_ref().unwrap_or(&self.model), &view)?;
-        let before = std::mem::replace(&mut self.world, world).projection;
+        self.world = world;
         self.view = view;
         if let Some(model) = model {
             self.model = model;
         }
-        if light {
+        if change == Change::Light {
             self.photon_tree = None;
         }
-        Ok(Change { before, light })
+        Ok(change)
     }
 
     fn forget_photons(&mut self) {

@@ -1,11 +1,94 @@
-//! Tests of the session: events, refusals, passes, memory.
+//! Tests of the session: events, refusals, passes, memory, the governor's place; and a floor with voxels for others.
 
 use super::*;
 use crate::image::film::film_bytes;
 use crate::scene::settings::RenderKeys;
 use crate::testing::{pool, view};
-use crate::trace::{NaiveMesh, NaiveTriangle};
-use trex_store::{Aabb, Code, Material};
+use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
+use crate::voxel::Voxels;
+use std::time::Duration;
+use trex_store::build::{self, BuildOptions, Existing, Precision};
+use trex_store::import::{ImportOptions, open};
+use trex_store::{Aabb, Code, Interrupt, Material, PageFile};
+
+/// A floor, 18 wide, at z = 0.
+const FLOOR: &str = "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv -9 9 0\nf 1 2 3 4\n";
+
+/// A mesh that says that so many of 100 frames are in demand.
+#[derive(Clone, Debug)]
+struct Demanding {
+    mesh: NaiveMesh,
+    percent: usize,
+}
+
+impl Tracer for Demanding {
+    fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
+        self.mesh.intersect(ray)
+    }
+
+    fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
+        self.mesh.occluded(ray)
+    }
+}
+
+impl PagedTracer for Demanding {
+    fn begin_tile(&mut self) {}
+
+    fn request_missing(&mut self) -> usize {
+        0
+    }
+
+    fn wait(&mut self, _longest: Duration) {}
+
+    fn demand(&self, pages: &mut Vec<u64>) -> usize {
+        pages.resize(2, 0);
+        (0..self.percent).for_each(|page| pages[page / 64] |= 1 << (page % 64));
+        100
+    }
+}
+
+/// Light of `irradiance` from straight above [`FLOOR`].
+pub(super) fn sun(irradiance: f32) -> Vec<Light> {
+    vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [irradiance; 3] }]
+}
+
+/// [`FLOOR`] in voxels, with `keys`.
+pub(super) fn floor(keys: RenderKeys) -> Session<impl PagedTracer + Send> {
+    floor_demanding(0, keys)
+}
+
+fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, path) = (folder.path().join("floor.obj"), folder.path().join("floor.trex"));
+    std::fs::write(&input, FLOOR).unwrap();
+    let budget = Budget::unlimited();
+    let options = BuildOptions {
+        precision: Precision::Default,
+        voxels: build::Voxels::Resolution(64),
+        pool: pool(1),
+        budget: budget.clone(),
+        temp_dir: None,
+        existing: Existing::Keep,
+        interrupt: Interrupt::default(),
+    };
+    let mut source = open(&input, &ImportOptions::unlimited(folder.path())).unwrap();
+    build::build(&mut *source, &path, &options, &|_| {}, &|_| {}).unwrap();
+    let file = PageFile::open(&path, &budget).unwrap();
+    let voxels = Some(Arc::new(Voxels::open(&file, &budget).unwrap().unwrap()));
+    let model = Model {
+        bounds: file.superblock().bounds,
+        materials: file.materials().to_vec(),
+        emitters: vec![],
+        voxels,
+    };
+    let corners = [[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [-9.0, 9.0, 0.0]];
+    let half = |at: [usize; 3]| NaiveTriangle { corners: at.map(|corner| corners[corner]), material: 0 };
+    let mesh = NaiveMesh::new(vec![half([0, 1, 2]), half([0, 2, 3])]);
+    let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
+    let tracers = vec![Demanding { mesh, percent }];
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: pool(1) };
+    Session::new(setup, &budget).unwrap()
+}
 
 fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let corners = [[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [0.0, 9.0, 0.0]];
@@ -64,6 +147,56 @@ fn passes_grow_and_may_be_ended() {
     assert_eq!((seen.as_slice(), stats.complete), (&[1, 2, 4, 8][..], false));
     let stats = session.render(13, &|| false, &mut |_, _| ControlFlow::Continue(()));
     assert_eq!((stats.spp, stats.passes, stats.total.samples, stats.complete), (13, 2, 5 * 256, true));
+}
+
+/// Errors of the footprint rule that frames of a tile each tell, from the first that is no preview to the last.
+fn errors(live: &mut LiveSession<Demanding>) -> Vec<f64> {
+    let mut errors = vec![];
+    for _ in 0..99 {
+        let report = live.frame(1, &|| false);
+        let distance = World::lod_distance(&live.model, &live.world.projection, report.lod_error);
+        assert_eq!(live.world.lod_distance, distance);
+        if report.progress != FrameProgress::Preview {
+            errors.push(report.lod_error);
+        }
+        if report.progress == FrameProgress::Done {
+            return errors;
+        }
+    }
+    panic!("99 frames of four tiles: {errors:?}");
+}
+
+/// A picture of four tiles, a frame each: the error grows until every tile has a sample, and then all are taken at the
+/// error that was asked for.
+#[test]
+fn frames_are_rougher_where_demand_is_high_and_say_so() {
+    let live = |percent| {
+        let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, ..RenderKeys::default() };
+        let t_max = Duration::from_secs(60);
+        let options = FrameOptions { t_max, fetch_block: FetchBlock::Tiles(1), ..FrameOptions::default() };
+        floor_demanding(percent, keys).go_live(options).unwrap()
+    };
+    assert_eq!(errors(&mut live(85)), [0.0; 4]);
+    let mut high = live(86);
+    let raised = [1.0, 1.25, 1.5625, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(errors(&mut high), raised);
+    // It let go for that picture alone.
+    let camera = high.view().camera;
+    high.apply(Event::Camera(camera)).unwrap();
+    assert_eq!(errors(&mut high), raised);
+}
+
+#[test]
+fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
+    let picture = |percent| {
+        let keys = RenderKeys { resolution: [16, 16], lod_error: 1.0, ..RenderKeys::default() };
+        let mut session = floor_demanding(percent, keys);
+        let distance = session.world.lod_distance;
+        session.render(4, &|| false, &mut |_, _| ControlFlow::Continue(()));
+        assert!(session.world.lod_distance == distance && distance.is_finite());
+        (0..256).map(|at| session.film().radiance([at % 16, at / 16])).collect::<Vec<_>>()
+    };
+    assert_eq!(picture(100), picture(0));
 }
 
 #[test]

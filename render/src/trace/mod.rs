@@ -20,7 +20,7 @@ mod unit_pages;
 pub use arithmetic::Arithmetic;
 pub use naive::{NaiveMesh, NaiveTriangle};
 pub use paged_mesh::PagedMesh;
-pub use paged_tracer::{PagedTracer, Predictor};
+pub use paged_tracer::PagedTracer;
 pub use pages::{AllResident, Page, Pages};
 pub use pooled::{PooledPages, pooled_tracers};
 pub use probe::Probe;

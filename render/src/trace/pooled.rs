@@ -8,30 +8,15 @@
 //! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list of a worker holds each
 //! page that blocked a ray, until the page has come or `WANTS_MAX` later ones have been asked for.
 
+use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
-use super::{PagedTracer, Predictor};
 use std::time::Duration;
 use trex_store::PageFile;
-use trex_store::pool::{
-    Class, GuessStats, PREDICTOR_ORIGINS, PREDICTORS, PagePool, PageState, PinToken, Want,
-};
+use trex_store::pool::{PagePool, PageState, PinToken, Want};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
-/// Most pages that a predictor asks for at a time: a fraction of the loader's queue, so that a wrong guess is soon
-/// over.
-const GUESSES_MAX: usize = 64;
-/// One of so many guesses that came to something may have been wasted; a predictor that wastes more is not trusted.
-const WASTE_OF: u64 = 5;
-/// Guesses that have to come to something before a predictor is judged.
-const JUDGED_FROM: u64 = 64;
-/// A predictor that is not trusted may guess this many pages, every so many times: it may have become better.
-const TRIAL_GUESSES: usize = 4;
-const TRIAL_EVERY: u32 = 16;
-
-const _: () = assert!(Predictor::Tiles as usize + 1 == PREDICTORS);
-
 /// Pages of a pool, pinned by one worker.
 pub struct PooledPages<'a> {
     pool: &'a PagePool,
@@ -45,8 +30,6 @@ pub struct PooledPages<'a> {
     wants: Vec<(u32, u32)>,
     /// Pages asked for since demand was forgotten, a bit each.
     used: Vec<u64>,
-    /// Times that a predictor has guessed.
-    guessed: u32,
     epoch: u64,
 }
 
@@ -66,7 +49,6 @@ impl<'a> PooledPages<'a> {
             origin,
             wants: Vec::new(),
             used: vec![0; (pool.page_count() as usize).div_ceil(64)],
-            guessed: 0,
             epoch: pool.epoch(),
         }
     }
@@ -104,57 +86,18 @@ impl<'a> PooledPages<'a> {
         if self.wants.len() > WANTS_MAX {
             self.wants.drain(..self.wants.len() - WANTS_MAX);
         }
-        let list: Vec<Want> =
-            self.wants.iter().map(|&(page, weight)| Want { page, class: Class::Urgent, weight }).collect();
+        let list: Vec<Want> = self.wants.iter().map(|&(page, weight)| Want { page, weight }).collect();
         pool.submit(self.origin, &list);
         list.len()
-    }
-
-    /// Asks for pages that no ray needs yet.
-    fn guess(&mut self, predictor: Predictor, guessed: &[(u32, u32)]) {
-        let pool = self.pool;
-        let mut list: Vec<Want> = match predictor {
-            Predictor::Neighbours => self.neighbours().map(|page| (page, 0)).collect(),
-            Predictor::Camera | Predictor::Tiles => guessed.to_vec(),
-        }
-        .into_iter()
-        .filter(|&(page, _)| pool.state(page) != PageState::Resident)
-        .map(|(page, weight)| Want { page, class: Class::Prefetch, weight })
-        .collect();
-        list.sort_unstable_by_key(|want| (std::cmp::Reverse(want.weight), want.page));
-        list.truncate(self.guesses_max(predictor));
-        pool.submit(PREDICTOR_ORIGINS.start + predictor as usize, &list);
-    }
-
-    /// Most pages that a predictor may guess now, by what came of its guesses so far.
-    fn guesses_max(&mut self, predictor: Predictor) -> usize {
-        self.guessed = self.guessed.wrapping_add(1);
-        let GuessStats { used, wasted, .. } = self.pool.stats().guesses[predictor as usize];
-        let is_trusted = used + wasted < JUDGED_FROM || wasted * WASTE_OF <= used + wasted;
-        let is_trial = self.guessed.is_multiple_of(TRIAL_EVERY);
-        match (is_trusted, is_trial) {
-            (true, _) => GUESSES_MAX,
-            (false, true) => TRIAL_GUESSES,
-            (false, false) => 0,
-        }
-    }
-
-    /// Pages between two, on disk, that are in use.
-    fn neighbours(&self) -> impl Iterator<Item = u32> + '_ {
-        let is_used = |page: u32| self.used[page as usize / 64] >> (page % 64) & 1 == 1;
-        let inner = 1..self.pool.page_count().saturating_sub(1);
-        inner.filter(move |&page| !is_used(page) && is_used(page - 1) && is_used(page + 1))
     }
 
     /// Forgets what was asked for: nothing that has not been begun is read for it.
     fn forget(&mut self) {
         self.used.fill(0);
         self.wants.clear();
-        let is_first = self.origin == 0;
-        let origins = std::iter::once(self.origin).chain(PREDICTOR_ORIGINS.filter(|_| is_first));
         // What is not wanted for two rounds is dropped.
-        for origin in origins.flat_map(|origin| [origin; 2]) {
-            self.pool.submit(origin, &[]);
+        for _ in 0..2 {
+            self.pool.submit(self.origin, &[]);
         }
     }
 
@@ -211,12 +154,6 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
     fn wait(&mut self, longest: Duration) {
         let pages = self.pages_mut();
         pages.epoch = pages.pool.wait_for_progress(pages.epoch, longest);
-    }
-
-    fn prefetch(&mut self, predictor: Predictor) {
-        let mut guessed = Vec::new();
-        self.take_wanted(&mut guessed);
-        self.pages_mut().guess(predictor, &guessed);
     }
 
     fn demand(&self, pages: &mut Vec<u64>) -> usize {

@@ -15,31 +15,16 @@
 //! Invariants
 //! 1. `live = free + ring`, all frames = live + retired. Memory is leased for all live frames, before they are used.
 //! 2. A frame is in `ring` exactly while a READING or RESIDENT page owns it.
-//! 3. The hand never spins: one call looks at no more than four rounds (three scores and the eviction), at one round
-//!    where all is busy, and at [`LOW_STEPS`] frames for prefetch and background.
+//! 3. The hand never spins: one call looks at no more than four rounds (three scores and the eviction), and at one
+//!    round where all is busy.
 //! 4. Frames owed (a limit that shrank while pages were pinned) are paid before anybody gets a frame.
 #![allow(unsafe_code)]
 
 use super::frames::FrameArena;
-use super::want::PREDICTORS;
 use super::word::{Cooled, Word};
 use crate::budget::Lease;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
-
-/// Frames that a prefetch or background want may look at, and so age. Enough to find a frame in a pool that is half
-/// cold; few enough that a burst of wrong guesses does not age what is in use.
-const LOW_STEPS: usize = 64;
 
 const NOBODY: u32 = u32::MAX;
-
-/// What the hand saw and did. Added to the pool's counters by the caller.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Swept {
-    pub(super) evicted: u64,
-    /// By predictor; the last is for all others.
-    pub(super) wasted: [u64; PREDICTORS + 1],
-}
 
 /// The frames and the hand.
 pub(super) struct Clock {
@@ -50,9 +35,8 @@ pub(super) struct Clock {
     hand: usize,
     owed: usize,
     lease: Lease,
-    /// By frame: the predictor that its page was read for.
-    guessed_by: Arc<[AtomicU8]>,
-    pub(super) swept: Swept,
+    /// Pages that lost their frame.
+    pub(super) evicted: u64,
 }
 
 impl Clock {
@@ -66,18 +50,12 @@ impl Clock {
             hand: 0,
             owed: 0,
             lease,
-            guessed_by: (0..frames_max).map(|_| AtomicU8::new(PREDICTORS as u8)).collect(),
-            swept: Swept::default(),
+            evicted: 0,
         }
     }
 
     /// Bytes of this struct's tables for one frame.
-    pub(super) const BYTES_PER_FRAME: u64 = 17;
-
-    /// By frame: the predictor that its page was read for, written when a frame is given.
-    pub(super) fn guessed_by(&self) -> Arc<[AtomicU8]> {
-        Arc::clone(&self.guessed_by)
-    }
+    pub(super) const BYTES_PER_FRAME: u64 = 16;
 
     /// Frames that memory is leased for.
     pub(super) fn live(&self) -> usize {
@@ -119,14 +97,8 @@ impl Clock {
         Ok(())
     }
 
-    /// A frame for `page`: a free one, or one whose page is evicted. `None` when all that it may look at are busy.
-    pub(super) fn take(
-        &mut self,
-        page: u32,
-        low_class: bool,
-        words: &[Word],
-        arena: &FrameArena,
-    ) -> Option<u32> {
+    /// A frame for `page`: a free one, or one whose page is evicted. `None` when all are busy.
+    pub(super) fn take(&mut self, page: u32, words: &[Word], arena: &FrameArena) -> Option<u32> {
         self.pay(words, arena);
         if self.owed > 0 {
             return None;
@@ -136,8 +108,7 @@ impl Clock {
             self.ring.push(frame);
             return Some(frame);
         }
-        let steps = if low_class { LOW_STEPS } else { usize::MAX };
-        let at = self.sweep(steps, words)?;
+        let at = self.sweep(words)?;
         let frame = self.ring[at];
         self.owner[frame as usize] = page;
         Some(frame)
@@ -158,19 +129,15 @@ impl Clock {
     }
 
     /// Moves the hand until it has evicted a page. The position of its frame in the ring.
-    fn sweep(&mut self, steps: usize, words: &[Word]) -> Option<usize> {
+    fn sweep(&mut self, words: &[Word]) -> Option<usize> {
         let count = self.ring.len();
         let mut busy_in_a_row = 0;
-        for _ in 0..steps.min(count * 4) {
+        for _ in 0..count * 4 {
             let at = if self.hand < count { self.hand } else { 0 };
             self.hand = at + 1;
             match words[self.owner[self.ring[at] as usize] as usize].cool() {
-                Cooled::Evicted { wasted } => {
-                    self.swept.evicted += 1;
-                    if wasted {
-                        let by = self.guessed_by[self.ring[at] as usize].load(Ordering::Relaxed);
-                        self.swept.wasted[usize::from(by)] += 1;
-                    }
+                Cooled::Evicted => {
+                    self.evicted += 1;
                     return Some(at);
                 }
                 Cooled::Warm => busy_in_a_row = 0,
@@ -189,7 +156,7 @@ impl Clock {
     fn pay(&mut self, words: &[Word], arena: &FrameArena) {
         self.pay_with_free(arena);
         while self.owed > 0 {
-            let Some(at) = self.sweep(usize::MAX, words) else { return };
+            let Some(at) = self.sweep(words) else { return };
             let frame = self.disown(at);
             self.free.push(frame);
             self.pay_with_free(arena);

@@ -22,7 +22,6 @@ use super::requests::Requests;
 use super::shared::Shared;
 use super::signal::lock;
 use super::stats::count;
-use super::want::Class;
 use crate::error::Result;
 use crate::io::{Arrival, Extent, Reader, Wait};
 use std::sync::atomic::{Ordering, fence};
@@ -132,15 +131,9 @@ impl<'a> Loader<'a> {
         }
         let mut requests = lock(&shared.requests);
         let mut clock = lock(&shared.clock);
-        let Some((page, class)) = requests.best() else { return Fill::Nothing };
-        let mut take = |page, class: Class| clock.take(page, class.is_low(), &shared.words, &shared.arena);
-        let frame = if class.is_low() {
-            let Some(frame) = take(page, class) else { return Fill::Nothing };
-            frame
-        } else {
-            let Some(frame) = shared.try_twice(|| take(page, class)) else { return Fill::Starved };
-            frame
-        };
+        let Some(page) = requests.best() else { return Fill::Nothing };
+        let mut take = |page| clock.take(page, &shared.words, &shared.arena);
+        let Some(frame) = shared.try_twice(|| take(page)) else { return Fill::Starved };
         let mut extent = shared.store.extent(page);
         shared.begin(&mut requests, slot, Part { page, frame });
 
@@ -149,9 +142,9 @@ impl<'a> Loader<'a> {
             let mut near = page;
             while slot.parts.len() < PARTS_MAX
                 && let Some(next) = near.checked_add_signed(step)
-                && let Some(class) = requests.class_of(next)
+                && requests.contains(next)
                 && let Some(joined) = join(extent, shared.store.extent(next), self.merge_bytes)
-                && let Some(frame) = take(next, class)
+                && let Some(frame) = take(next)
             {
                 shared.begin(&mut requests, slot, Part { page: next, frame });
                 (extent, near) = (joined, next);
@@ -211,17 +204,11 @@ impl Shared {
 
     /// QUEUED to READING.
     fn begin(&self, requests: &mut Requests, slot: &mut Slot, part: Part) {
-        let by = requests.take(part.page, part.frame, &self.words);
+        requests.take(part.page, part.frame, &self.words);
         let view = self.words[part.page as usize].view();
         count(&self.counters.pages_read);
         if view.generation != 0 {
             count(&self.counters.refaults);
-        }
-        if view.class == Class::Prefetch {
-            count(&self.counters.issued[usize::from(by)]);
-        }
-        if !view.class.is_low() {
-            count(&self.counters.demand_reads);
         }
         slot.parts.push(part);
     }

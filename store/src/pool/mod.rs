@@ -22,7 +22,7 @@
 //!    page while the loader starves for frames; then it rings a bell.
 //! 3. A pinned page keeps its frame and its bytes. Nothing is read optimistically.
 //! 4. Lock order: requests, then clock. No other two locks are held at once.
-//! 5. No livelock on our side: the best want is read first, and an urgent or normal want gets a frame as long as one
+//! 5. No livelock on our side: the best want is read first, and a want gets a frame as long as one
 //!    resident page has no pin (after frames owed to a smaller limit). Who needs several pages at once keeps pins on
 //!    those that came: the oldest blocked tile keeps its own until it has run, and the scheduler bounds active tiles
 //!    so that their pins leave at least one frame. Where all is pinned nevertheless, [`PagePool::is_saturated`] says
@@ -52,6 +52,6 @@ mod word;
 pub use options::{DECODE_THREADS_MAX, FRAMES_MIN, PoolOptions};
 pub use page_pool::{FrameCount, PagePool};
 pub use pin::{Pin, PinToken};
-pub use stats::{GuessStats, PoolStats};
-pub use want::{Class, ORIGINS_MAX, PREDICTOR_ORIGINS, PREDICTORS, PageStore, Want};
+pub use stats::PoolStats;
+pub use want::{ORIGINS_MAX, PageStore, Want};
 pub use word::PageState;

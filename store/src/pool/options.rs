@@ -27,7 +27,7 @@ pub struct PoolOptions {
     pub merge_bytes: u32,
     /// Threads that check and decode, 1 to 16.
     pub decode_threads: usize,
-    /// Most pages wanted at once; prefetch and background may take half of it.
+    /// Most pages wanted at once.
     pub queue_capacity: usize,
     /// How the file is read.
     pub io: IoOptions,
@@ -60,7 +60,7 @@ impl Plan {
             || options.staging_slots > crate::io::DEPTH_MAX
             || options.decode_threads == 0
             || options.decode_threads > DECODE_THREADS_MAX
-            || options.queue_capacity < 2;
+            || options.queue_capacity == 0;
         if out_of_range {
             return Err(Error::new(Code::Usage, "a pool option is out of range")
                 .numbers(format!(

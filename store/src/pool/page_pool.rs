@@ -35,7 +35,7 @@ pub struct FrameCount {
 /// ```
 /// use std::{path::Path, sync::Arc, time::Duration};
 /// use trex_store::io::{Extent, Memory};
-/// use trex_store::pool::{Class, PagePool, PageStore, PoolOptions, Want};
+/// use trex_store::pool::{PagePool, PageStore, PoolOptions, Want};
 /// use trex_store::{Budget, Result};
 ///
 /// /// A file whose page `i` is the one byte at offset `i`, and fills its frame with it.
@@ -62,7 +62,7 @@ pub struct FrameCount {
 /// let pool = PagePool::with_backend(Arc::new(Bytes), Box::new(file), Path::new("bytes"), &budget, &options)?;
 ///
 /// // Never blocking: want, do other work, look again.
-/// pool.submit(0, &[Want { page: 42, class: Class::Urgent, weight: 3 }]);
+/// pool.submit(0, &[Want { page: 42, weight: 3 }]);
 /// let mut epoch = 0;
 /// let pin = loop {
 ///     match pool.pin(42) {
@@ -120,8 +120,7 @@ impl PagePool {
         let shared = Arc::new(Shared {
             words: (0..store.page_count()).map(|_| Word::absent()).collect(),
             arena: FrameArena::reserve(plan.frames_max, store.frame_bytes())?,
-            requests: Mutex::new(Requests::new(options.queue_capacity, clock.guessed_by())),
-            guessed_by: clock.guessed_by(),
+            requests: Mutex::new(Requests::new(options.queue_capacity)),
             clock: Mutex::new(clock),
             idle: Mutex::new(slots?),
             jobs: JobQueue::default(),
@@ -210,8 +209,8 @@ impl PagePool {
 
     /// Replaces the want-list of `origin` (a caller's number, below [`super::ORIGINS_MAX`]): call it once per frame
     /// or round. A page that an origin leaves out twice in a row is dropped, unless another wants it. Wants for
-    /// pages that are resident, on their way or damaged are ignored. A page wanted by several gets the best class,
-    /// and the greatest weight in it.
+    /// pages that are resident, on their way or damaged are ignored. A page wanted by several gets the greatest
+    /// weight.
     ///
     /// # Panics
     /// When there is no such page or origin.
@@ -282,21 +281,15 @@ impl PagePool {
         let (counts, queued) = (requests.counts(), requests.len() as u64);
         drop(requests);
         let clock = lock(&self.shared.clock);
-        let mut stats = self.shared.counters.snapshot();
-        for (by, guess) in stats.guesses.iter_mut().enumerate() {
-            (guess.late, guess.wasted) = (counts.late[by], clock.swept.wasted[by]);
-        }
         PoolStats {
-            evictions: clock.swept.evicted,
-            prefetch_wasted: clock.swept.wasted.iter().sum(),
+            evictions: clock.evicted,
             frames: clock.live() as u64,
             frames_owed: clock.owed() as u64,
             wants_dropped: counts.dropped,
             wants_refused: counts.refused,
-            prefetch_late: counts.late.iter().sum(),
             queue_peak: counts.peak,
             queued,
-            ..stats
+            ..self.shared.counters.snapshot()
         }
     }
 }

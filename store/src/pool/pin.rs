@@ -102,12 +102,8 @@ impl PagePool {
     }
 
     pub(super) fn pin_uncounted(&self, page: u32) -> Option<PinToken> {
-        let pinned = self.shared.words[page as usize].try_pin()?;
-        if pinned.first_use {
-            let by = self.shared.guessed_by[pinned.frame as usize].load(Ordering::Relaxed);
-            super::stats::count(&self.shared.counters.used[usize::from(by)]);
-        }
-        Some(PinToken { page, frame: pinned.frame, pool: self.key() })
+        let frame = self.shared.words[page as usize].try_pin()?;
+        Some(PinToken { page, frame, pool: self.key() })
     }
 
     fn check_token(&self, token: &PinToken) {

@@ -8,33 +8,28 @@
 //!
 //! Invariants
 //! 1. A page is in the table exactly while its word is QUEUED; both change under this struct's lock.
-//! 2. At most `capacity` pages are queued, at most half of that by prefetch and background. What finds no room is
-//!    refused and counted; its origin asks again with the next round anyway.
+//! 2. At most `capacity` pages are queued. What finds no room is refused and counted; its origin asks again with
+//!    the next round anyway.
 //! 3. `order` holds every page of the table, best last, or is marked dirty; it may hold pages that have left.
 //! 4. Nothing is allocated after `new`.
 
-use super::want::{Class, ORIGINS_MAX, PREDICTORS, Want, predictor_of};
+use super::want::{ORIGINS_MAX, Want};
 use super::word::{PageState, Word};
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
 
 struct Request {
-    class: Class,
     weight: u32,
     /// Origins that asked in their present round, and in the one before.
     now: u64,
     before: u64,
     /// Somebody sleeps until it comes: never dropped.
     held: bool,
-    /// Who asked first.
-    by: u8,
 }
 
 /// Sorted ascending: the best comes last. Ties go to the lower page, which is the earlier one on disk.
-type Key = (Reverse<Class>, u32, Reverse<u32>);
+type Key = (u32, Reverse<u32>);
 
 /// The table of wants.
 pub(super) struct Requests {
@@ -43,8 +38,6 @@ pub(super) struct Requests {
     dirty: bool,
     capacity: usize,
     counts: Counts,
-    /// By frame: see [`super::clock::Clock`].
-    guessed_by: Arc<[AtomicU8]>,
 }
 
 /// What became of wants.
@@ -52,23 +45,20 @@ pub(super) struct Requests {
 pub(super) struct Counts {
     pub(super) dropped: u64,
     pub(super) refused: u64,
-    /// By predictor; the last is for all others.
-    pub(super) late: [u64; PREDICTORS + 1],
     pub(super) peak: u64,
 }
 
 impl Requests {
     /// Bytes of the tables for one queued page.
-    pub(super) const BYTES_PER_WANT: u64 = 80;
+    pub(super) const BYTES_PER_WANT: u64 = 76;
 
-    pub(super) fn new(capacity: usize, guessed_by: Arc<[AtomicU8]>) -> Requests {
+    pub(super) fn new(capacity: usize) -> Requests {
         Requests {
             table: HashMap::with_capacity(capacity),
             order: Vec::with_capacity(capacity),
             dirty: false,
             capacity,
             counts: Counts::default(),
-            guessed_by,
         }
     }
 
@@ -81,7 +71,7 @@ impl Requests {
             request.now &= !bit;
         }
         for want in wants {
-            self.add(want, (bit, predictor_of(origin)), words);
+            self.add(want, bit, words);
         }
         let before = self.table.len();
         self.table.retain(|&page, request| {
@@ -98,7 +88,7 @@ impl Requests {
 
     /// Wants `page` until it has been read, whatever the rounds say. False when there is no room.
     pub(super) fn hold(&mut self, page: u32, words: &[Word]) -> bool {
-        self.add(&Want { page, class: Class::Urgent, weight: 0 }, (0, PREDICTORS as u8), words);
+        self.add(&Want { page, weight: 0 }, 0, words);
         match self.table.get_mut(&page) {
             Some(request) => {
                 request.held = true;
@@ -109,17 +99,11 @@ impl Requests {
         }
     }
 
-    fn add(&mut self, want: &Want, (bit, by): (u64, u8), words: &[Word]) {
+    fn add(&mut self, want: &Want, bit: u64, words: &[Word]) {
         let word = &words[want.page as usize];
-        let room = if want.class.is_low() { self.capacity / 2 } else { self.capacity };
         match word.view().state {
-            PageState::Resident | PageState::Damaged => return,
-            PageState::Reading => {
-                let by = self.guessed_by[word.view().frame as usize].load(Ordering::Relaxed);
-                self.counts.late[usize::from(by)] += u64::from(word.promote(want.class));
-                return;
-            }
-            PageState::Absent if self.table.len() >= room => {
+            PageState::Reading | PageState::Resident | PageState::Damaged => return,
+            PageState::Absent if self.table.len() >= self.capacity => {
                 self.counts.refused += 1;
                 return;
             }
@@ -128,57 +112,48 @@ impl Requests {
         match self.table.entry(want.page) {
             Entry::Occupied(entry) => {
                 let request = entry.into_mut();
-                let is_late = request.class == Class::Prefetch && !want.class.is_low();
-                self.counts.late[usize::from(request.by)] += u64::from(is_late);
                 // The only origin may change its mind; several are merged to the strongest.
                 let alone =
                     (request.now | request.before) & !bit == 0 && request.now & bit == 0 && !request.held;
-                if alone || want.class < request.class {
-                    (request.class, request.weight) = (want.class, want.weight);
-                } else if want.class == request.class {
-                    request.weight = request.weight.max(want.weight);
-                }
+                request.weight = if alone { want.weight } else { request.weight.max(want.weight) };
                 request.now |= bit;
             }
             Entry::Vacant(entry) => {
                 let queued = word.enqueue();
                 assert!(queued.is_ok(), "a page that is not in the table is {queued:?}");
-                let Want { class, weight, .. } = *want;
-                entry.insert(Request { class, weight, now: bit, before: 0, held: false, by });
+                entry.insert(Request { weight: want.weight, now: bit, before: 0, held: false });
                 self.counts.peak = self.counts.peak.max(self.table.len() as u64);
             }
         }
     }
 
     /// The page to be read next.
-    pub(super) fn best(&mut self) -> Option<(u32, Class)> {
+    pub(super) fn best(&mut self) -> Option<u32> {
         if self.dirty {
             self.order.clear();
             let keys = self.table.iter();
-            self.order.extend(keys.map(|(&page, want)| (Reverse(want.class), want.weight, Reverse(page))));
+            self.order.extend(keys.map(|(&page, want)| (want.weight, Reverse(page))));
             self.order.sort_unstable();
             self.dirty = false;
         }
-        while let Some(&(Reverse(class), _, Reverse(page))) = self.order.last() {
+        while let Some(&(_, Reverse(page))) = self.order.last() {
             if self.table.contains_key(&page) {
-                return Some((page, class));
+                return Some(page);
             }
             self.order.pop();
         }
         None
     }
 
-    /// The class in which `page` is wanted, if it is queued.
-    pub(super) fn class_of(&self, page: u32) -> Option<Class> {
-        self.table.get(&page).map(|request| request.class)
+    /// True when `page` is queued.
+    pub(super) fn contains(&self, page: u32) -> bool {
+        self.table.contains_key(&page)
     }
 
-    /// Takes `page` out, to be read into `frame`. The predictor that asked first.
-    pub(super) fn take(&mut self, page: u32, frame: u32, words: &[Word]) -> u8 {
-        let request = self.table.remove(&page).expect("a page that is not queued");
-        self.guessed_by[frame as usize].store(request.by, Ordering::Relaxed);
-        words[page as usize].begin_read(frame, request.class);
-        request.by
+    /// Takes `page` out, to be read into `frame`.
+    pub(super) fn take(&mut self, page: u32, frame: u32, words: &[Word]) {
+        self.table.remove(&page).expect("a page that is not queued");
+        words[page as usize].begin_read(frame);
     }
 
     /// Pages queued now.
@@ -201,16 +176,16 @@ mod tests {
     }
 
     fn requests() -> Requests {
-        Requests::new(10, (0..100).map(|_| AtomicU8::new(PREDICTORS as u8)).collect())
+        Requests::new(10)
     }
 
-    fn want(page: u32, class: Class, weight: u32) -> Want {
-        Want { page, class, weight }
+    fn want(page: u32, weight: u32) -> Want {
+        Want { page, weight }
     }
 
     fn drain(requests: &mut Requests, words: &[Word]) -> Vec<u32> {
         let mut pages = Vec::new();
-        while let Some((page, _)) = requests.best() {
+        while let Some(page) = requests.best() {
             requests.take(page, 0, words);
             pages.push(page);
         }
@@ -218,25 +193,26 @@ mod tests {
     }
 
     #[test]
-    fn class_then_weight_then_place_on_disk() {
+    fn weight_then_place_on_disk() {
         let (mut requests, words) = (requests(), words());
-        let wants = [
-            want(1, Class::Background, 9),
-            want(2, Class::Urgent, 1),
-            want(4, Class::Urgent, 5),
-            want(3, Class::Urgent, 5),
-            want(5, Class::Prefetch, 7),
-            want(6, Class::Normal, 0),
-        ];
+        let wants = [want(1, 0), want(2, 1), want(4, 5), want(3, 5), want(5, 7)];
         requests.submit(0, &wants, &words);
-        assert_eq!(drain(&mut requests, &words), [3, 4, 2, 6, 5, 1]);
+        assert_eq!(drain(&mut requests, &words), [5, 3, 4, 2, 1]);
+    }
+
+    #[test]
+    fn what_several_want_has_the_greatest_weight() {
+        let (mut requests, words) = (requests(), words());
+        requests.submit(0, &[want(1, 2), want(2, 3), want(3, 4)], &words);
+        requests.submit(1, &[want(1, 9), want(2, 1)], &words);
+        assert_eq!(drain(&mut requests, &words), [1, 3, 2]);
     }
 
     #[test]
     fn unwanted_for_two_rounds_is_dropped() {
         let (mut requests, words) = (requests(), words());
-        requests.submit(0, &[want(1, Class::Normal, 0), want(2, Class::Normal, 0)], &words);
-        requests.submit(1, &[want(2, Class::Urgent, 0)], &words);
+        requests.submit(0, &[want(1, 0), want(2, 0)], &words);
+        requests.submit(1, &[want(2, 0)], &words);
         assert!(requests.hold(3, &words));
         requests.submit(0, &[], &words);
         assert_eq!(requests.len(), 3);
@@ -249,31 +225,20 @@ mod tests {
     }
 
     #[test]
-    fn the_bound_holds_and_leaves_room_for_demand() {
+    fn the_bound_holds() {
         let (mut requests, words) = (requests(), words());
-        let wants = |class, pages: std::ops::Range<u32>| -> Vec<Want> {
-            pages.map(|page| want(page, class, 0)).collect()
-        };
-        requests.submit(0, &wants(Class::Prefetch, 0..50), &words);
-        assert_eq!((requests.len(), requests.counts().refused), (5, 45));
-        requests.submit(1, &wants(Class::Urgent, 50..100), &words);
-        assert_eq!((requests.len(), requests.counts().refused), (10, 90));
+        requests.submit(0, &[want(0, 0), want(1, 0)], &words);
+        requests.submit(1, &(0..50).map(|page| want(page, 1)).collect::<Vec<_>>(), &words);
+        assert_eq!((requests.len(), requests.counts().refused), (10, 40));
         assert_eq!(requests.counts().peak, 10);
-    }
-
-    #[test]
-    fn demand_for_a_queued_prefetch_is_late() {
-        let (mut requests, words) = (requests(), words());
-        requests.submit(0, &[want(1, Class::Prefetch, 0), want(2, Class::Prefetch, 1)], &words);
-        requests.submit(1, &[want(1, Class::Urgent, 0)], &words);
-        assert_eq!((requests.best(), requests.counts().late), (Some((1, Class::Urgent)), [0, 0, 0, 1]));
+        assert_eq!(drain(&mut requests, &words), (0..10).collect::<Vec<_>>());
     }
 
     #[test]
     fn the_only_origin_may_change_its_mind() {
         let (mut requests, words) = (requests(), words());
-        requests.submit(0, &[want(1, Class::Urgent, 9), want(2, Class::Normal, 0)], &words);
-        requests.submit(0, &[want(1, Class::Background, 1), want(2, Class::Normal, 0)], &words);
+        requests.submit(0, &[want(1, 9), want(2, 5)], &words);
+        requests.submit(0, &[want(1, 1), want(2, 5)], &words);
         assert_eq!(drain(&mut requests, &words), [2, 1]);
     }
 }

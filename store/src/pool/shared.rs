@@ -12,7 +12,7 @@ use super::word::Word;
 use crate::error::Error;
 use crate::io::IoDescription;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// What the pool's threads and its callers share.
@@ -22,8 +22,6 @@ pub(super) struct Shared {
     pub(super) arena: FrameArena,
     pub(super) clock: Mutex<Clock>,
     pub(super) requests: Mutex<Requests>,
-    /// By frame: see [`Clock`].
-    pub(super) guessed_by: Arc<[AtomicU8]>,
     pub(super) idle: Mutex<Vec<Slot>>,
     pub(super) jobs: JobQueue,
     pub(super) bell: Bell,

@@ -3,25 +3,11 @@
 //! Invariant: counting a hit writes to a cache line of the calling thread's stripe, never to one line that all threads
 //! share.
 
-use super::want::PREDICTORS;
 use serde::Serialize;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Stripes of the hot counters. More threads than this share some.
 const STRIPES: usize = 16;
-
-/// Guesses of a predictor, by what became of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct GuessStats {
-    /// Pages read.
-    pub issued: u64,
-    /// Pinned before their eviction.
-    pub used: u64,
-    /// Demanded while on their way.
-    pub late: u64,
-    /// Evicted without a pin.
-    pub wasted: u64,
-}
 
 /// Counters of a pool since it was opened. Counts only grow, except for the ones that say `now`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -52,18 +38,6 @@ pub struct PoolStats {
     pub queue_peak: u64,
     /// Wants queued, now.
     pub queued: u64,
-    /// Pages read because somebody needed them then.
-    pub demand_reads: u64,
-    /// Guesses of each predictor, by what became of them, by place in [`super::PREDICTOR_ORIGINS`].
-    pub guesses: [GuessStats; PREDICTORS],
-    /// Prefetched pages read.
-    pub prefetch_issued: u64,
-    /// Prefetched pages pinned before their eviction.
-    pub prefetch_used: u64,
-    /// Prefetched pages that were demanded while on their way.
-    pub prefetch_late: u64,
-    /// Prefetched pages evicted without a pin.
-    pub prefetch_wasted: u64,
     /// Damaged pages met.
     pub damaged: u64,
     /// Frames that memory is leased for, now.
@@ -89,10 +63,6 @@ pub(super) struct Counters {
     pub(super) pages_read: AtomicU64,
     pub(super) refaults: AtomicU64,
     pub(super) saturated: AtomicU64,
-    pub(super) demand_reads: AtomicU64,
-    /// By predictor; the last is for all others.
-    pub(super) issued: [AtomicU64; PREDICTORS + 1],
-    pub(super) used: [AtomicU64; PREDICTORS + 1],
     pub(super) damaged: AtomicU64,
 }
 
@@ -127,14 +97,6 @@ impl Counters {
             pages_read: now(&self.pages_read),
             refaults: now(&self.refaults),
             saturated: now(&self.saturated),
-            demand_reads: now(&self.demand_reads),
-            guesses: std::array::from_fn(|by| GuessStats {
-                issued: now(&self.issued[by]),
-                used: now(&self.used[by]),
-                ..GuessStats::default()
-            }),
-            prefetch_issued: self.issued.iter().map(now).sum(),
-            prefetch_used: self.used.iter().map(now).sum(),
             damaged: now(&self.damaged),
             ..PoolStats::default()
         }

@@ -10,8 +10,8 @@
 //!     '-----------------------------------------------------------------'
 //!                 evict (pins = 0; frame taken back; generation + 1)
 //!
-//!   bits   63 .. 47     46 .. 23   22 .. 7   6 .. 5   4 .. 3   2 .. 0
-//!          generation   frame      pins      class    score    state
+//!   bits   63 .. 45     44 .. 21   20 .. 5   4 .. 3   2 .. 0
+//!          generation   frame      pins      score    state
 //! ```
 //!
 //! Invariants
@@ -21,17 +21,13 @@
 //! 3. `install` releases what was written to the frame, `try_pin` acquires it; `unpin` releases what was read,
 //!    `cool` acquires that before the frame is given to another page. So a frame is never torn.
 //! 4. DAMAGED is final: nothing leaves it.
-//! 5. `class` is the class of the want that read the page; the first pin of a prefetched page turns it to NORMAL, so
-//!    a page that is evicted as PREFETCH was read in vain.
 
 use super::sync::{AtomicU64, Ordering};
-use super::want::Class;
 
 const SCORE_SHIFT: u32 = 3;
-const CLASS_SHIFT: u32 = 5;
-const PIN_SHIFT: u32 = 7;
-const FRAME_SHIFT: u32 = 23;
-const GENERATION_SHIFT: u32 = 47;
+const PIN_SHIFT: u32 = 5;
+const FRAME_SHIFT: u32 = 21;
+const GENERATION_SHIFT: u32 = 45;
 const PIN_ONE: u64 = 1 << PIN_SHIFT;
 const GENERATION_MASK: u64 = (1 << (64 - GENERATION_SHIFT)) - 1;
 
@@ -41,6 +37,8 @@ pub(super) const PINS_MAX: u64 = (1 << (FRAME_SHIFT - PIN_SHIFT)) - 1;
 pub(super) const FRAMES_MAX: usize = 1 << (GENERATION_SHIFT - FRAME_SHIFT);
 /// Best clock score: the hand passes three times before it takes the page.
 pub(super) const SCORE_MAX: u64 = 3;
+/// Score of a page that has come: somebody waits for it.
+const SCORE_FIRST: u64 = 2;
 
 /// What a page is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -63,10 +61,9 @@ pub enum PageState {
 pub(super) struct View {
     pub(super) state: PageState,
     pub(super) score: u64,
-    pub(super) class: Class,
     pub(super) pins: u64,
     pub(super) frame: u32,
-    /// Evictions so far, modulo 2^17 without 0: not 0 once the page was evicted.
+    /// Evictions so far, modulo 2^19 without 0: not 0 once the page was evicted.
     pub(super) generation: u64,
 }
 
@@ -82,7 +79,6 @@ impl View {
                 other => unreachable!("page state {other}"),
             },
             score: bits >> SCORE_SHIFT & 3,
-            class: Class::from_bits(bits >> CLASS_SHIFT & 3),
             pins: bits >> PIN_SHIFT & PINS_MAX,
             frame: (bits >> FRAME_SHIFT) as u32 & (FRAMES_MAX - 1) as u32,
             generation: bits >> GENERATION_SHIFT,
@@ -93,7 +89,6 @@ impl View {
         debug_assert!(self.score <= SCORE_MAX && self.pins <= PINS_MAX && (self.frame as usize) < FRAMES_MAX);
         self.state as u64
             | self.score << SCORE_SHIFT
-            | (self.class as u64) << CLASS_SHIFT
             | self.pins << PIN_SHIFT
             | u64::from(self.frame) << FRAME_SHIFT
             | self.generation << GENERATION_SHIFT
@@ -103,20 +98,12 @@ impl View {
 /// What the clock hand did to a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Cooled {
-    /// Evicted: the frame is the caller's. `wasted`: a prefetched page that nobody used.
-    Evicted { wasted: bool },
+    /// Evicted: the frame is the caller's.
+    Evicted,
     /// Its score went down by one.
     Warm,
     /// Pinned, or being read: not to be touched.
     Busy,
-}
-
-/// A pin that was taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Pinned {
-    pub(super) frame: u32,
-    /// The first use of a prefetched page.
-    pub(super) first_use: bool,
 }
 
 /// The atomic word of one page.
@@ -133,18 +120,15 @@ impl Word {
         View::from_bits(self.0.load(Ordering::Acquire))
     }
 
-    /// Pins the page if it is resident and raises its score by one.
-    pub(super) fn try_pin(&self) -> Option<Pinned> {
-        let mut first_use = false;
+    /// Pins the page if it is resident and raises its score by one. Its frame.
+    pub(super) fn try_pin(&self) -> Option<u32> {
         let before = self.change(|view| {
             if view.state != PageState::Resident || view.pins == PINS_MAX {
                 return None;
             }
-            first_use = view.class == Class::Prefetch;
-            let class = if first_use { Class::Normal } else { view.class };
-            Some(View { pins: view.pins + 1, score: (view.score + 1).min(SCORE_MAX), class, ..view })
+            Some(View { pins: view.pins + 1, score: (view.score + 1).min(SCORE_MAX), ..view })
         });
-        before.ok().map(|view| Pinned { frame: view.frame, first_use })
+        before.ok().map(|view| view.frame)
     }
 
     /// Takes one pin back. True when it was the last.
@@ -171,31 +155,21 @@ impl Word {
     }
 
     /// QUEUED to READING, into `frame`.
-    pub(super) fn begin_read(&self, frame: u32, class: Class) {
+    pub(super) fn begin_read(&self, frame: u32) {
         let moved = self.advance(PageState::Queued, |view| View {
             state: PageState::Reading,
             frame,
-            class,
             score: 0,
             ..view
         });
         assert!(moved.is_ok(), "begin_read of a page that is {moved:?}");
     }
 
-    /// A page that is read as prefetch is wanted now. True when this made the difference.
-    pub(super) fn promote(&self, class: Class) -> bool {
-        let changed = self.change(|view| {
-            let better = view.state == PageState::Reading && view.class.is_low() && !class.is_low();
-            better.then_some(View { class, ..view })
-        });
-        changed.is_ok()
-    }
-
-    /// READING to RESIDENT: the frame is full. Demand enters with score 2, prefetch and background with 0.
+    /// READING to RESIDENT: the frame is full.
     pub(super) fn install(&self) {
         let moved = self.advance(PageState::Reading, |view| View {
             state: PageState::Resident,
-            score: if view.class.is_low() { 0 } else { 2 },
+            score: SCORE_FIRST,
             ..view
         });
         assert!(moved.is_ok(), "install of a page that is {moved:?}");
@@ -220,13 +194,12 @@ impl Word {
             Some(View {
                 state: PageState::Absent,
                 frame: 0,
-                class: Class::Urgent,
                 generation: next_generation(view.generation),
                 ..view
             })
         });
         match before {
-            Ok(view) if view.score == 0 => Cooled::Evicted { wasted: view.class == Class::Prefetch },
+            Ok(view) if view.score == 0 => Cooled::Evicted,
             Ok(_) => Cooled::Warm,
             Err(_) => Cooled::Busy,
         }
@@ -255,7 +228,7 @@ fn next_generation(generation: u64) -> u64 {
     if generation == GENERATION_MASK { 1 } else { generation + 1 }
 }
 
-const _: () = assert!(GENERATION_SHIFT + 17 == 64 && FRAMES_MAX == 1 << 24 && PINS_MAX == 65_535);
+const _: () = assert!(GENERATION_SHIFT + 19 == 64 && FRAMES_MAX == 1 << 24 && PINS_MAX == 65_535);
 
 #[cfg(all(test, not(loom)))]
 mod tests;
@@ -296,7 +269,7 @@ mod loom_tests {
 
     fn load(shared: &Shared, page: usize) {
         shared.words[page].enqueue().unwrap();
-        shared.words[page].begin_read(0, Class::Prefetch);
+        shared.words[page].begin_read(0);
         shared.frame.with_mut(|bytes| write(bytes, page as u64));
         shared.words[page].install();
     }
@@ -304,6 +277,9 @@ mod loom_tests {
     fn shared_with_page_0() -> Arc<Shared> {
         let shared = Arc::new(Shared { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
         load(&shared, 0);
+        for _ in 0..SCORE_FIRST {
+            assert_eq!(shared.words[0].cool(), Cooled::Warm);
+        }
         shared
     }
 
@@ -320,7 +296,7 @@ mod loom_tests {
                 .into_iter()
                 .collect();
             // Twice: a pin may have raised the score from 0 to 1.
-            let evicted = (0..2).any(|_| matches!(shared.words[0].cool(), Cooled::Evicted { .. }));
+            let evicted = (0..2).any(|_| shared.words[0].cool() == Cooled::Evicted);
             if evicted {
                 load(&shared, 1);
             }
@@ -336,8 +312,8 @@ mod loom_tests {
         loom::model(|| {
             let shared = shared_with_page_0();
             let other = Arc::clone(&shared);
-            let theirs = thread::spawn(move || matches!(other.words[0].cool(), Cooled::Evicted { .. }));
-            let ours = matches!(shared.words[0].cool(), Cooled::Evicted { .. });
+            let theirs = thread::spawn(move || other.words[0].cool() == Cooled::Evicted);
+            let ours = shared.words[0].cool() == Cooled::Evicted;
             assert!(ours ^ theirs.join().unwrap());
         });
     }

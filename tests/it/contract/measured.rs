@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Figures are rounded where they are printed, some of them to a thousandth.
 const ROUNDING: f64 = 0.01;
 
-const STRESS: [(&str, Kind); 35] = [
+const STRESS: [(&str, Kind); 34] = [
     ("scene", Text),
     ("integrator", Text),
     ("resolution", List),
@@ -33,7 +33,6 @@ const STRESS: [(&str, Kind); 35] = [
     ("narrow_samples", Count),
     ("refault_ratio", Number),
     ("first_touch_misses", Number),
-    ("prefetch_wasted_share", Number),
     ("bytes_read", Count),
     ("pixel_error.asked", Number),
     ("pixel_error.worst", Number),
@@ -171,7 +170,6 @@ fn stress_tells_times_rays_and_a_verdict() {
     assert!(at("/rays/primary") > 0.0 && at("/rays/shadow") > 0.0 && at("/rays/gather") > 0.0);
     assert_eq!(at("/bytes_read"), at("/pool/bytes_read"));
     near(at("/refault_ratio") * at("/pool/pages_read").max(1.0), at("/pool/refaults"), ROUNDING, &document);
-    assert!((0.0..=1.0).contains(&at("/prefetch_wasted_share")));
     assert!(at("/pixel_error/worst") >= at("/pixel_error/asked"));
     let passed = document["failures"].as_array().unwrap().is_empty();
     assert_eq!(document["verdict"], if passed { "pass" } else { "fail" });

@@ -75,7 +75,7 @@ fn whoever_sleeps_for_progress_wakes_and_panics_too() {
                     let pool = &pool;
                     scope.spawn(move || {
                         let pages = pool.page_count();
-                        let wants: Vec<Want> = (0..pages).map(|page| want(page, Class::Urgent)).collect();
+                        let wants: Vec<Want> = (0..pages).map(want).collect();
                         pool.submit(origin, &wants);
                         let mut epoch = 0;
                         loop {

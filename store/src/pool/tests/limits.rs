@@ -8,7 +8,7 @@ fn saturated_until_somebody_unpins() {
     let pool = pool_of(&store, store.memory(1), 4);
     let mut pins: Vec<Pin> = (0..4).map(|page| pool.pin_blocking(page).unwrap()).collect();
     assert!(!pool.is_saturated());
-    pool.submit(0, &[want(10, Class::Urgent)]);
+    pool.submit(0, &[want(10)]);
     wait_until(&pool, "saturation", || pool.is_saturated());
     assert_eq!((pool.state(10), pool.stats().saturated), (PageState::Queued, 1));
     pins.remove(2);

@@ -113,8 +113,8 @@ fn pool_with(store: &Arc<Synthetic>, backend: Box<dyn Backend>, options: &PoolOp
     PagePool::with_backend(store, backend, Path::new("synthetic"), &Budget::unlimited(), options).unwrap()
 }
 
-fn want(page: u32, class: Class) -> Want {
-    Want { page, class, weight: 1 }
+fn want(page: u32) -> Want {
+    Want { page, weight: 1 }
 }
 
 /// Sleeps until `done`, for at most ten seconds.
@@ -133,7 +133,7 @@ fn pages_come_when_wanted_and_hold_what_the_file_says() {
         let store = Synthetic::new(40, 1);
         let pool = pool_of(&store, store.memory(align), 40);
         assert!(pool.pin(7).is_none());
-        let wants: Vec<Want> = (0..40).map(|page| want(page, Class::Normal)).collect();
+        let wants: Vec<Want> = (0..40).map(want).collect();
         pool.submit(0, &wants);
         for page in 0..40 {
             check_frame(page, &pool.pin_blocking(page).unwrap());
@@ -233,7 +233,7 @@ fn a_page_that_many_want_is_read_once() {
             let pool = &pool;
             scope.spawn(move || {
                 for page in 0..50 {
-                    pool.submit(origin, &[want(page, Class::Urgent)]);
+                    pool.submit(origin, &[want(page)]);
                     check_frame(page, &pool.pin_blocking(page).unwrap());
                 }
             });
@@ -252,7 +252,7 @@ fn a_damaged_page_is_marked_and_the_others_come() {
     let error = pool.fetch_blocking(&(0..30).collect::<Vec<_>>()).unwrap_err();
     assert_eq!(error.code(), Code::Damaged);
     assert!(pool.is_damaged(11) && pool.pin(11).is_none());
-    pool.submit(0, &[want(11, Class::Urgent)]);
+    pool.submit(0, &[want(11)]);
     assert_eq!(pool.state(11), PageState::Damaged);
     let damage = pool.damage();
     assert_eq!((damage.len(), damage[0].0, pool.stats().damaged), (1, 11, 1));
@@ -289,24 +289,12 @@ fn passing_faults_leave_no_trace_but_a_count() {
 }
 
 #[test]
-fn prefetch_is_counted_used_or_wasted() {
-    let store = Synthetic::new(40, 11);
-    let pool = pool_of(&store, store.memory(1), 8);
-    pool.submit(0, &(0..4).map(|page| want(page, Class::Prefetch)).collect::<Vec<_>>());
-    wait_until(&pool, "prefetch", || (0..4).all(|page| pool.state(page) == PageState::Resident));
-    drop((pool.pin(0).unwrap(), pool.pin(0).unwrap(), pool.pin(1).unwrap()));
-    pool.fetch_blocking(&(10..40).collect::<Vec<_>>()).unwrap();
-    let stats = pool.stats();
-    assert_eq!((stats.prefetch_issued, stats.prefetch_used, stats.prefetch_wasted), (4, 2, 2));
-}
-
-#[test]
 fn dropping_with_wants_and_reads_in_flight_ends() {
     for delay_ms in [0, 3] {
         let store = Synthetic::new(100, 12);
         let delay = Duration::from_millis(delay_ms);
         let pool = pool_of(&store, store.faulty(FaultPlan { delay, ..FaultPlan::default() }), 50);
-        pool.submit(0, &(0..100).map(|page| want(page, Class::Normal)).collect::<Vec<_>>());
+        pool.submit(0, &(0..100).map(want).collect::<Vec<_>>());
         drop(pool);
     }
 }

@@ -46,11 +46,8 @@ fn stress_worker(pool: &PagePool, origin: usize, checked: &AtomicU32) {
     let mut random = Pcg64Mcg::new(origin as u128 + 17);
     let mut held: Vec<PinToken> = Vec::new();
     for _ in 0..1500 {
-        let wants: Vec<Want> = (0..6)
-            .map(|index| {
-                want(random.next_u32() % 300, [Class::Urgent, Class::Normal, Class::Prefetch][index % 3])
-            })
-            .collect();
+        let wants: Vec<Want> =
+            (0..6).map(|weight| Want { page: random.next_u32() % 300, weight: weight % 3 }).collect();
         pool.submit(origin, &wants);
         let epoch = pool.epoch();
         for want in &wants {
