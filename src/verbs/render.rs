@@ -269,6 +269,7 @@ impl Job<'_> {
             spp: stats.spp,
             rays,
             rays_per_s: RayRates { photon: rays.per_s(photons_s).photon, ..rays.per_s(render_s) },
+            g_stage: stats.total.g_stage,
             photons,
             photons_ms: (photons_s * 1e3) as u64,
             look_ups: stats.total.look_ups,

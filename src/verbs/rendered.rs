@@ -6,7 +6,7 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
-use trex_render::{MemoryPlan, PhotonStats, RayCounts, RayRates};
+use trex_render::{GStats, MemoryPlan, PhotonStats, RayCounts, RayRates};
 use trex_store::io::IoDescription;
 use trex_store::pool::PoolStats;
 
@@ -21,6 +21,7 @@ pub struct Rendered {
     pub spp: u32,
     pub rays: RayCounts,
     pub rays_per_s: RayRates,
+    pub g_stage: GStats,
     pub photons: PhotonStats,
     pub photons_ms: u64,
     /// Look-ups of the photons nearest to a place; of `full-gi`.

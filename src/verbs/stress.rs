@@ -198,14 +198,12 @@ impl fmt::Display for Stressed {
         line("frames", &figures.frame_ms)?;
         writeln!(
             f,
-            "{} tiles a block, {:.1} % of the picture; {}; error of the footprint {} px asked, {} px at worst, {} px \
-             when complete",
+            "{} tiles a block, {:.1} % of the picture; {}; error of the footprint {} px asked, {} px at worst",
             figures.block_tiles.round(),
             100.0 * figures.response_share,
             size::rate(figures.rays.total() as f64 * 1e3 / figures.time_ms.max(1) as f64, "rays"),
             figures.pixel_error.asked,
-            figures.pixel_error.worst,
-            figures.pixel_error.worst_at_complete
+            figures.pixel_error.worst
         )?;
         for (ms, error) in figures.error_at_ms.iter().flatten() {
             writeln!(

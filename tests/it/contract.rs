@@ -133,7 +133,7 @@ const INFO: [(&str, Kind); 32] = [
     ("shares.frames_bytes", Count),
 ];
 
-const RENDER: [(&str, Kind); 33] = [
+const RENDER: [(&str, Kind); 35] = [
     ("scene", Text),
     ("output", Text),
     ("integrator", Text),
@@ -147,6 +147,8 @@ const RENDER: [(&str, Kind); 33] = [
     ("rays_per_s.shadow", Number),
     ("rays_per_s.gather", Number),
     ("rays_per_s.photon", Number),
+    ("g_stage.batches", Number),
+    ("g_stage.time_ns", Number),
     ("time_ms", Count),
     ("first_picture_ms", MaybeNumber),
     ("complete_ms", MaybeNumber),

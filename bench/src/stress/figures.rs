@@ -7,7 +7,7 @@ use super::times::Times;
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trex_render::{RayCounts, RayRates};
+use trex_render::{GStats, RayCounts, RayRates};
 use trex_store::pool::PoolStats;
 
 /// Share of a run that warms up before memory is watched.
@@ -50,6 +50,8 @@ pub struct StressFigures {
     pub rays: RayCounts,
     /// The same a second, over the whole run.
     pub rays_per_s: RayRates,
+    /// The G-stage, of samples on the film.
+    pub g_stage: GStats,
     /// Look-ups of the photons nearest to a place, a second; of `full-gi`.
     pub look_ups_per_s: f64,
     /// Length of the run.
@@ -100,14 +102,8 @@ pub struct ErrorAt {
 pub struct PixelError {
     /// What was asked for.
     pub asked: f64,
-    /// The most that the governor went to.
+    /// The most that any frame was made with.
     pub worst: f64,
-    /// The most that was in force when a picture was whole, at a response, and when one was complete.
-    pub worst_at_whole: f64,
-    /// See [`PixelError::worst_at_whole`].
-    pub worst_at_response: f64,
-    /// See [`PixelError::worst_at_whole`].
-    pub worst_at_complete: f64,
 }
 
 /// A run, as seen from outside.
@@ -137,9 +133,6 @@ impl StressFigures {
             .filter_map(|switch| switch.whole_step)
             .for_each(|step| *whole_steps.entry(step).or_default() += 1);
         let light: Vec<f64> = log.switches.iter().filter_map(|switch| switch.light_share).collect();
-        let worst_at = |which: usize| {
-            log.switches.iter().filter_map(|switch| switch.pixel_error[which]).fold(asked, f64::max)
-        };
         let switches = log.switches.len() as u64;
         let mut figures = StressFigures {
             scenario: options.scenario.name(),
@@ -158,6 +151,7 @@ impl StressFigures {
             frame_ms,
             rays,
             rays_per_s: rays.per_s(seconds),
+            g_stage: log.pass.g_stage,
             look_ups_per_s: log.pass.look_ups as f64 / seconds,
             time_ms: (seconds * 1e3) as u64,
             holes: log.holes,
@@ -167,13 +161,7 @@ impl StressFigures {
             refault_ratio: share(after.refaults - before.refaults, read),
             first_touch_misses: share(read, switches),
             bytes_read: after.bytes_read - before.bytes_read,
-            pixel_error: PixelError {
-                asked,
-                worst: log.error_worst,
-                worst_at_whole: worst_at(0),
-                worst_at_response: worst_at(1),
-                worst_at_complete: worst_at(2),
-            },
+            pixel_error: PixelError { asked, worst: log.error_worst },
             memory_slope_bytes: slope,
             pool: after,
             requirements: options.requirements.clone(),

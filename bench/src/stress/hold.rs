@@ -45,8 +45,6 @@ pub struct Switch {
     pub whole_step: Option<u32>,
     /// Share of the photons of changed light in the picture at 300 ms; of events that change light.
     pub light_share: Option<f64>,
-    /// Error of the footprint rule in force at whole, response and complete, pixels.
-    pub pixel_error: [Option<f64>; 3],
     /// relMSE against the reference of the state at the times of `error_at_ms`, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_at: Option<[Option<f64>; ERROR_TIMES_MS.len()]>,
@@ -163,7 +161,6 @@ impl Log {
         }
         if is_finer(WHOLE_STEP) && self.reached(Figure::Whole, &mut switch.whole_ms, time) {
             switch.whole_step = report.sample_step;
-            switch.pixel_error[0] = Some(report.lod_error);
         }
         if report.progress >= FrameProgress::Block
             && self.reached(Figure::Response, &mut switch.response_ms, time)
@@ -171,13 +168,10 @@ impl Log {
             self.block_tiles += u64::from(report.block_tiles);
             self.block_share += report.block_share;
             self.stalls += u64::from(time > STALL);
-            switch.pixel_error[1] = Some(report.lod_error);
         }
         if report.progress >= FrameProgress::Complete
             && self.reached(Figure::Complete, &mut switch.complete_ms, time)
-        {
-            switch.pixel_error[2] = Some(report.lod_error);
-        }
+        {}
     }
 
     /// Sets a time that has no value yet: true when it did.

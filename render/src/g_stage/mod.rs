@@ -77,9 +77,12 @@ pub(crate) struct GRays {
 }
 
 impl GRays {
-    /// Bytes of so many rays with their answers, in vectors that grow by doubling.
-    pub(crate) const fn bytes(count: usize) -> usize {
-        2 * count * (size_of::<GRay>() + size_of::<GAnswer>())
+    /// Bytes of a ray with its answer.
+    pub(crate) const RAY_BYTES: usize = size_of::<GRay>() + size_of::<GAnswer>();
+
+    /// Makes room for so many rays.
+    pub(crate) fn reserve_exact(&mut self, rays: usize) {
+        self.rays.reserve_exact(rays);
     }
 
     /// Asks `ray`. Gives its place.
@@ -104,14 +107,9 @@ impl GRays {
     /// Takes the answers, one a ray, in the order of asking.
     pub(crate) fn answer(&mut self, answers: impl Iterator<Item = GAnswer>) {
         self.answers.clear();
+        self.answers.reserve_exact(self.rays.len());
         self.answers.extend(answers);
         assert_eq!(self.answers.len(), self.rays.len(), "an answer for each ray");
-    }
-
-    /// Forgets all.
-    pub(crate) fn clear(&mut self) {
-        self.rays.clear();
-        self.answers.clear();
     }
 }
 

@@ -4,6 +4,7 @@
 
 use super::c_ray::FarRay;
 use crate::g_stage::{GAnswer, GKind, GRay, GRays};
+use crate::scene::settings::RenderKeys;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray};
 use crate::voxel::VoxelSurface;
@@ -11,7 +12,13 @@ use glam::Vec3;
 use std::ops::Range;
 
 /// Rays of one path in a batch: bounds what a batch holds, whatever `n_shadow` and `n_gather`.
-pub(crate) const RAYS_ASKED_MAX: usize = 8;
+pub(super) const RAYS_ASKED_MAX: usize = 8;
+
+/// Most rays that a path asks for at a time, by what the view asks for at a surface.
+pub(crate) fn rays_asked(keys: &RenderKeys) -> usize {
+    let RenderKeys { n_shadow, n_gather, .. } = *keys;
+    (n_shadow.saturating_add(n_gather) as usize).clamp(1, RAYS_ASKED_MAX)
+}
 
 /// A shadow or gather ray: which of the rays asked, if anything is left of it, and the weight of what it brings.
 type Entry = (Option<u32>, Vec3);
@@ -22,6 +29,8 @@ pub(crate) struct GBatch {
     /// Shadow and gather rays in the order of asking.
     entries: Vec<Entry>,
     rays: GRays,
+    /// Rays that may come, for vectors that do not grow past them.
+    room: usize,
 }
 
 /// The batch that is asked, and the one before, whose answers are taken meanwhile.
@@ -50,11 +59,13 @@ pub(crate) struct Part {
 impl GBatch {
     /// Asks for the rest of a C-ray. Its place.
     pub(super) fn push_far(&mut self, far: &FarRay) -> u32 {
+        self.make_room();
         self.rays.push(GRay { ray: far.ray, kind: GKind::Far })
     }
 
     /// Asks for a shadow or gather ray, if anything is left of it; `weight` is what it brings.
     pub(super) fn push(&mut self, ray: Option<Ray>, kind: GKind, weight: Vec3) {
+        self.make_room();
         let place = ray.map(|ray| self.rays.push(GRay { ray, kind }));
         self.entries.push((place, weight));
     }
@@ -82,35 +93,36 @@ impl GBatch {
         self.rays.answered(place)
     }
 
-    fn clear(&mut self) {
-        self.entries.clear();
-        self.rays.clear();
+    fn make_room(&mut self) {
+        if self.entries.capacity() == 0 {
+            self.entries.reserve_exact(self.room);
+            self.rays.reserve_exact(self.room);
+        }
     }
 }
 
 impl GBatches {
-    /// Bytes that the batches of so many paths take.
-    pub(crate) const fn bytes(path_count: usize) -> usize {
-        let asked = path_count * RAYS_ASKED_MAX;
-        // Of a vector that grows by doubling. While answers are taken, hardly anything is asked again.
-        GRays::bytes(asked) + 2 * asked * size_of::<Entry>()
+    /// Batches of paths that ask for `room` rays at most, all together.
+    pub(crate) fn with_room(room: usize) -> GBatches {
+        let batch = || GBatch { room, ..GBatch::default() };
+        GBatches { asked: batch(), answered: batch() }
+    }
+
+    /// Bytes that the batches of paths take which ask for so many rays, all together.
+    pub(crate) const fn bytes(rays: usize) -> usize {
+        // While answers are taken, hardly anything is asked again.
+        rays * (GRays::RAY_BYTES + size_of::<Entry>())
     }
 
     /// The rays that are to be answered before the paths go on: those asked for since the last call.
     pub(crate) fn turn(&mut self) -> &mut GRays {
-        self.answered.clear();
-        std::mem::swap(&mut self.asked, &mut self.answered);
+        let room = self.asked.room;
+        self.answered = std::mem::replace(&mut self.asked, GBatch { room, ..GBatch::default() });
         &mut self.answered.rays
-    }
-
-    /// True when anything has been asked since the last turn.
-    pub(crate) fn asks(&self) -> bool {
-        !self.asked.rays.rays().is_empty() || !self.asked.entries.is_empty()
     }
 
     /// Forgets all.
     pub(crate) fn clear(&mut self) {
-        self.asked.clear();
-        self.answered.clear();
+        *self = GBatches::with_room(self.asked.room);
     }
 }

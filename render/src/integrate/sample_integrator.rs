@@ -12,7 +12,7 @@ use super::context::RenderContext;
 use super::debug::{DebugPages, DebugVoxels};
 use super::direct::Direct;
 use super::final_gather::FullGi;
-use super::g_batch::GBatches;
+use super::g_batch::{GBatches, rays_asked};
 use super::g_rays::FirstRays;
 use super::lod::{Closest, behind};
 use super::path::PathTracing;
@@ -110,6 +110,11 @@ impl<'a> SampleIntegrator<'a> {
         if self.integrator.c_rays() == CRays::Mesh {
             self.ctx.meet_together(paths, tracer, together);
         }
+    }
+
+    /// Most rays that a sample asks for at a time.
+    pub(crate) fn rays_asked(&self) -> usize {
+        rays_asked(&self.ctx.world.settings)
     }
 
     /// True when any rays are asked in batches.

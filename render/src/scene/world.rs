@@ -1,5 +1,4 @@
-//! `World`: what an integrator may read. Built from a model and the edits of a scene, never changed by rendering, but
-//! for the cut of the footprint rule, which a live session's governor moves.
+//! `World`: what an integrator may read. Built from a model and the edits of a scene, never changed by rendering.
 //!
 //! Invariant: every material is checked, every emitter has a material, the camera has rays.
 

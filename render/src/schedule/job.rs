@@ -43,10 +43,11 @@ impl Job {
             Pending::new(slot, path)
         };
         // The samples of a pixel together: rays that are alike are neighbours.
-        let pending = (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect();
+        let pending: Vec<_> = (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect();
+        let rays = pending.len() * integrator.rays_asked();
         Job {
             tile,
-            samples: Samples { pending, ..Samples::default() },
+            samples: Samples::new(pending, rays),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
             indirect: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],

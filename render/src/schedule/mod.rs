@@ -12,6 +12,3 @@ pub(crate) use pass::{Pass, Workers, pass_bytes};
 pub(crate) use preview::Grid;
 pub(crate) use samples::SampleWork;
 pub(crate) use worker::{TileWork, Until, WhenFull};
-
-#[cfg(test)]
-mod g_tests;

@@ -23,12 +23,11 @@
 
 use super::g_queue::GQueue;
 use super::job::{JOB_SAMPLES_MAX, Job};
-use super::samples::Samples;
 use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
 use crate::g_stage::{BATCH_SAMPLES, CpuStage};
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
-use crate::integrate::{RAYS_ASKED_MAX, Together};
+use crate::integrate::{GBatches, Together};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::ThreadPool;
@@ -72,6 +71,11 @@ impl Pass {
     /// True when every tile has had its turn, and none waits.
     pub(crate) fn is_done(&self, tiles: &Tiles) -> bool {
         self.left(tiles) == 0
+    }
+
+    /// Changes what becomes of blocked tiles that find no room.
+    pub(crate) fn set_full(&mut self, full: WhenFull) {
+        self.full = full;
     }
 
     fn left(&self, tiles: &Tiles) -> u64 {
@@ -124,16 +128,17 @@ impl Pass {
     }
 }
 
-/// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted.
-pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize) -> u64 {
-    let parked = PARKED_MAX + 1;
-    // A batch in the queue and one at each worker; each may be over by a tile a worker.
-    let asking = (worker_count + 1) * (BATCH_SAMPLES + worker_count * JOB_SAMPLES_MAX);
-    let asking_bytes = asking * (Job::bytes() as usize / JOB_SAMPLES_MAX + Samples::asking_bytes(1))
-        + worker_count * CpuStage::bytes((BATCH_SAMPLES + JOB_SAMPLES_MAX) * RAYS_ASKED_MAX);
-    let worker_bytes = parked as u64 * Job::bytes() + (Together::bytes(JOB_SAMPLES_MAX));
+/// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted; samples ask for so many
+/// rays at a time.
+pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize, rays_asked: usize) -> u64 {
+    // A batch, and a tile that it is over by: in the queue, where each worker may add one, and in each worker's hands.
+    let in_queue = BATCH_SAMPLES + worker_count * JOB_SAMPLES_MAX;
+    let in_hands = worker_count * (BATCH_SAMPLES + JOB_SAMPLES_MAX);
+    let sample_bytes = Job::bytes() as usize / JOB_SAMPLES_MAX + GBatches::bytes(rays_asked);
+    let asking = (in_queue + in_hands) * sample_bytes + CpuStage::bytes(in_hands * rays_asked);
+    let at_worker = (PARKED_MAX + 1) as u64 * Job::bytes() + Together::bytes(JOB_SAMPLES_MAX);
     // The order, and the deferred tiles.
-    2 * Tiles::bytes(resolution) + worker_count as u64 * worker_bytes + asking_bytes as u64
+    2 * Tiles::bytes(resolution) + worker_count as u64 * at_worker + asking as u64
 }
 
 #[cfg(test)]

@@ -32,7 +32,6 @@ type Taken = ([u32; 2], (Vec3, LayerPixel));
 /// Room of a worker.
 #[derive(Default)]
 struct Room {
-    samples: Samples,
     together: Together,
     taken: Vec<Taken>,
     rays: RayCounts,
@@ -106,14 +105,15 @@ impl Grid {
 
     /// The samples of part `index`, with their pixels, to `room.taken`.
     fn part<T: PagedTracer>(&self, index: u32, work: &SampleWork<'_>, tracer: &mut T, room: &mut Room) {
-        let Room { samples, together, taken, rays } = room;
+        let Room { together, taken, rays } = room;
         tracer.begin_tile();
         taken.clear();
         taken.extend(self.pixels(index).map(|pixel| (pixel, (Vec3::ZERO, LayerPixel::NOTHING))));
         let start =
             |(slot, (pixel, _)): (u32, &Taken)| Pending::new(slot, work.integrator.start_preview(*pixel));
-        samples.pending.extend((0..).zip(&*taken).map(start));
-        samples.finish(work, tracer, together, |slot, sample| {
+        let pending: Vec<Pending> = (0..).zip(&*taken).map(start).collect();
+        let asked = pending.len() * work.integrator.rays_asked();
+        Samples::new(pending, asked).finish(work, tracer, together, |slot, sample| {
             rays.add(&sample.rays);
             let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3::ZERO };
             taken[slot as usize].1 = (radiance, sample.layers.unwrap_or(LayerPixel::NOTHING));

@@ -41,12 +41,14 @@ impl Pending {
 pub(super) struct Samples {
     pub(super) pending: Vec<Pending>,
     pub(super) batches: GBatches,
+    /// True when any of them waits for the G-stage.
+    pub(super) asks: bool,
 }
 
 impl Samples {
-    /// Bytes that so many samples take at most while the G-stage has their rays.
-    pub(super) const fn asking_bytes(count: usize) -> usize {
-        GBatches::bytes(count)
+    /// Samples that ask for `rays` at most, all together.
+    pub(super) fn new(pending: Vec<Pending>, rays: usize) -> Samples {
+        Samples { pending, batches: GBatches::with_room(rays), asks: false }
     }
 
     /// Begins an attempt: traces the rays from the camera of all samples together.
@@ -73,7 +75,7 @@ impl Samples {
         self.begin(&work.integrator, tracer, together);
         loop {
             self.go_on(&work.integrator, tracer, &mut finish);
-            let Some(g_stage) = work.g_stage.filter(|_| self.batches.asks()) else { break };
+            let Some(g_stage) = work.g_stage.filter(|_| self.asks) else { break };
             stats.add(&g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer)));
         }
         self.batches.clear();
@@ -89,7 +91,8 @@ impl Samples {
         tracer: &mut T,
         mut finish: impl FnMut(u32, &Sample),
     ) -> bool {
-        let Samples { pending, batches } = self;
+        let Samples { pending, batches, asks } = self;
+        *asks = false;
         let mut has_advanced = false;
         pending.retain_mut(|Pending { slot, path, is_blocked }| {
             if *is_blocked {
@@ -100,7 +103,7 @@ impl Samples {
             has_advanced |= path.answered() > before;
             match step {
                 Step::Blocked => *is_blocked = true,
-                Step::Asks => {}
+                Step::Asks => *asks = true,
                 Step::Done(sample) => {
                     has_advanced = true;
                     finish(*slot, &sample);

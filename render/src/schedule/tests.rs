@@ -1,5 +1,8 @@
 //! Tests of passes with doubles: tracers that hesitate, and one that has hardly any room.
 
+#[path = "tests/g_stage.rs"]
+mod g_stage;
+
 use super::*;
 use crate::image::encode::write_exr;
 use crate::image::film::Layers;

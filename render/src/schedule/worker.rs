@@ -208,11 +208,11 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
     /// to the film; what waits for pages is parked or deferred.
     fn go_on(&mut self, mut job: Job) {
         self.has_advanced |= job.go_on(&self.piece.work.samples.integrator, self.tracer);
-        if job.samples.batches.asks() {
+        if job.samples.asks {
             self.piece.queue.push(job);
             return;
         }
-        job.samples.batches = Default::default();
+        job.samples.batches.clear();
         if job.samples.pending.is_empty() {
             self.commit(&job);
             return;

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! rungs of the preview
-//! photons -> tiles -> block learned -> governor
+//! photons -> tiles -> block learned
 //! ```
 //!
 //! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a tile, a batch of
@@ -67,7 +67,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let tiles_begin = Instant::now();
         let pass = self.run_tiles(spp, begin, stop);
         self.live.tiles_time = tiles_begin.elapsed();
-        self.govern();
         let is_lit = self.live.next.as_ref().is_none_or(NextLight::is_idle);
         let progress = match self.live.first_block {
             _ if self.film.samples() >= spp && is_lit => FrameProgress::Done,
@@ -149,6 +148,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     fn run_tiles(&mut self, spp: u32, begin: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
         let FrameTimes { nth, deadline, allowed, whole } = self.times(begin);
+        let is_scarce = self.live.is_scarce(&self.session.tracers);
+        // Where the pages of all tiles find no room together, each tile that is begun costs those that wait theirs.
+        let full = if is_scarce { WhenFull::Wait } else { WhenFull::Defer };
         let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, .. } =
             &mut self.session;
         let Live { next, pass, block, finished, .. } = &mut self.live;
@@ -176,7 +178,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
                 }
                 *pass = None;
             }
-            let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len(), WhenFull::Defer));
+            let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len(), full));
+            pass.set_full(full);
             let until = Until { stop, deadline: Some(deadline), tiles: wanted as u32 };
             let stats = pass.run(&work, film, Workers { tracers, pool }, &until);
             total.add(&stats);
@@ -196,26 +199,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         total
     }
 
-    fn govern(&mut self) {
-        let has_samples = self.has_samples_since(self.live.event_state);
-        let LiveSession { session, live } = self;
-        let demand = live.demand(&session.tracers);
-        let changes = if has_samples { live.governor.let_go() } else { live.governor.raise(demand) };
-        if changes {
-            self.set_error();
-            self.begin_samples();
-        }
-    }
-
-    /// True when every tile has samples from after the event, at the error that was asked for.
+    /// True when every tile has samples from after the event.
     fn is_complete(&self) -> bool {
-        let Live { exact_from, event_state, .. } = self.live;
-        exact_from.is_some_and(|state| self.has_samples_since(state.max(event_state)))
-    }
-
-    /// True when every tile has samples of `state` or a later one.
-    fn has_samples_since(&self, state: u32) -> bool {
-        (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(state))
+        (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(self.live.event_state))
     }
 
     fn report(&self, progress: FrameProgress, pass: PassStats, other: OtherRays) -> FrameReport {
@@ -236,7 +222,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             preview_tiles,
             hole_tiles: if live.display.state().is_none() { preview_tiles } else { 0 },
             light_share,
-            lod_error: live.governor.error(),
+            lod_error: self.view.settings.lod_error,
             pass,
             preview_rays: other.preview,
             photon_rays: other.photon,

@@ -15,8 +15,9 @@
 //! of the footprint rule. A tile shows its samples until it has some of the present state, unless the preview is of a
 //! later one.
 //!
-//! Where the pages in demand approach the frames there are, the governor raises the error of the footprint rule,
-//! until every pixel has a sample; then it lets go, and the picture goes on at the error that was asked for.
+//! Where the pages in demand approach the frames there are, no tile is begun while others wait for theirs. Tried and
+//! taken out: a governor that raised the error of the footprint rule until every pixel had a sample. The preview is
+//! there sooner, and a complete picture of the plant came twice as late (`docs/performance.md`).
 //!
 //! Invariants: 1. no pixel shows nothing, or what was there before the event, after the first frame, unless that was
 //! stopped; 2. nothing of a
@@ -24,7 +25,6 @@
 //! [`super::Session::render`]'s.
 
 use super::fetch_block::{Block, FetchBlock};
-use super::governor::Governor;
 use super::ladder::Ladder;
 use super::next_light::NextLight;
 use super::{Change, Event, Session};
@@ -33,13 +33,15 @@ use crate::image::encode::Image;
 use crate::image::film::Film;
 use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
-use crate::scene::world::World;
 use crate::schedule::Pass;
 use crate::stats::{PassStats, PhotonStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
 use trex_store::{Code, Error, Result};
+
+/// Share of the frames that pages asked for may take before frames are scarce.
+const DEMAND_MOST: f64 = 0.85;
 
 /// Options of frames with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +124,6 @@ pub(super) struct Live {
     pub(super) pass: Option<Pass>,
     pub(super) block: Block,
     pub(super) ladder: Ladder,
-    pub(super) governor: Governor,
     /// Time of the event.
     pub(super) event_at: Instant,
     /// Time that the tiles of the last frame took.
@@ -133,8 +134,6 @@ pub(super) struct Live {
     pub(super) first_block: Option<u32>,
     /// State of the film at the event.
     pub(super) event_state: u32,
-    /// State from which on tiles are at the error that was asked for; `None` while it is raised.
-    pub(super) exact_from: Option<u32>,
     /// Pages in demand since the event, a bit each.
     demand: Vec<u64>,
 }
@@ -167,13 +166,11 @@ impl<T: PagedTracer + Send> Session<T> {
             pass: None,
             block: Block::new(options.fetch_block),
             ladder: Ladder::new(false),
-            governor: Governor::new(settings.lod_error),
             event_at: Instant::now(),
             tiles_time: Duration::ZERO,
             finished: 0,
             first_block: None,
             event_state: 0,
-            exact_from: Some(0),
             demand: Vec::new(),
         };
         let mut session = LiveSession { session: self, live };
@@ -246,8 +243,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let eye = self.reduced(order);
         let LiveSession { session, live } = self;
         session.tiles = session.tiles.ordered(order, &eye);
-        let demand = live.demand(&session.tracers);
-        live.governor.lower(demand);
         // An event that comes before any tile is done finds a hand that moves.
         live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
         (live.finished, live.first_block) = (0, None);
@@ -257,7 +252,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         {
             next.begin(&photons);
         }
-        self.set_error();
+        for tracer in &mut session.tracers {
+            tracer.forget_demand();
+        }
         self.begin_samples();
         self.live.event_state = self.film.state();
     }
@@ -272,16 +269,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
     }
 
-    /// Puts the governor's error into force, and begins to count demand anew.
-    pub(super) fn set_error(&mut self) {
-        let LiveSession { session, live } = self;
-        let error = live.governor.error();
-        session.world.lod_distance = World::lod_distance(&session.model, &session.world.projection, error);
-        for tracer in &mut session.tracers {
-            tracer.forget_demand();
-        }
-    }
-
     /// Begins to take samples of another state. Those there are stay on show until there are better: the stalest are
     /// taken anew first.
     pub(super) fn begin_samples(&mut self) {
@@ -289,18 +276,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         session.film.begin_state();
         session.tiles.sort_by_age(|tile| session.film.tile_state(tile));
         live.pass = None;
-        let is_exact = live.governor.error() == session.view.settings.lod_error;
-        live.exact_from = is_exact.then(|| live.exact_from.unwrap_or(session.film.state()));
     }
 }
 
 impl Live {
-    /// Pages in demand since the event, over the frames there are; 0 where there are no pages.
-    pub(super) fn demand<T: PagedTracer>(&mut self, tracers: &[T]) -> f64 {
+    /// True when the pages asked for since the event approach the frames there are.
+    pub(super) fn is_scarce<T: PagedTracer>(&mut self, tracers: &[T]) -> bool {
         self.demand.fill(0);
         let frames = tracers.iter().map(|tracer| tracer.demand(&mut self.demand)).max().unwrap_or(0);
         let pages: u32 = self.demand.iter().map(|bits| bits.count_ones()).sum();
-        if frames == 0 { 0.0 } else { f64::from(pages) / frames as f64 }
+        frames > 0 && f64::from(pages) > DEMAND_MOST * frames as f64
     }
 }
 

@@ -10,6 +10,7 @@ use crate::image::display::Display;
 use crate::image::encode::encoder_bytes;
 use crate::image::film::{Layers, film_bytes};
 use crate::image::filter::filter_bytes;
+use crate::integrate::rays_asked;
 use crate::photon::irradiance::PhotonMap;
 use crate::photon::kd_tree::PhotonTree;
 use crate::photon::mesh::flight_bytes;
@@ -140,7 +141,7 @@ impl MemoryPlan {
             film_bytes: film_bytes(resolution, layers)
                 + copies_bytes
                 + if is_live { Display::bytes(resolution) } else { 0 }
-                + pass_bytes(resolution, workers)
+                + pass_bytes(resolution, workers, rays_asked(&settings))
                 + encoder_bytes(resolution, layers)
                 + if layers.filter { filter_bytes(resolution) } else { 0 },
             staging_bytes: overhead + pins,

@@ -15,7 +15,6 @@
 
 mod fetch_block;
 mod frame;
-mod governor;
 mod illuminate;
 mod ladder;
 mod live;
@@ -29,7 +28,7 @@ pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
 use crate::image::film::{Film, Layers};
 use crate::image::filter;
 use crate::image::tile::Tiles;
-use crate::integrate::{RenderContext, SampleIntegrator};
+use crate::integrate::{RenderContext, SampleIntegrator, rays_asked};
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::Camera;
@@ -154,7 +153,10 @@ impl<T: PagedTracer + Send> Session<T> {
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
         let resolution = view.settings.resolution;
-        let lease = budget.lease("the passes over tiles", pass_bytes(resolution, tracers.len()))?;
+        let lease = budget.lease(
+            "the passes over tiles",
+            pass_bytes(resolution, tracers.len(), rays_asked(&view.settings)),
+        )?;
         let film = Film::new(resolution, layers, budget)?;
         let tiles = Tiles::z_curve(resolution);
         let photon_map = match &model.voxels {

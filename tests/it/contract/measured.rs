@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Figures are rounded where they are printed, some of them to a thousandth.
 const ROUNDING: f64 = 0.01;
 
-const STRESS: [(&str, Kind); 34] = [
+const STRESS: [(&str, Kind); 39] = [
     ("scene", Text),
     ("integrator", Text),
     ("resolution", List),
@@ -34,11 +34,16 @@ const STRESS: [(&str, Kind); 34] = [
     ("refault_ratio", Number),
     ("first_touch_misses", Number),
     ("bytes_read", Count),
+    ("g_stage.batches", Number),
+    ("g_stage.shadow", Number),
+    ("g_stage.gather", Number),
+    ("g_stage.far", Number),
+    ("g_stage.bytes_in", Number),
+    ("g_stage.bytes_out", Number),
+    ("g_stage.time_ns", Number),
+    ("g_stage.queue_peak", Number),
     ("pixel_error.asked", Number),
     ("pixel_error.worst", Number),
-    ("pixel_error.worst_at_whole", Number),
-    ("pixel_error.worst_at_response", Number),
-    ("pixel_error.worst_at_complete", Number),
     ("memory_slope_bytes", MaybeNumber),
     ("failures", List),
     ("io_backend.backend", Text),

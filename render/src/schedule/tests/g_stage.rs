@@ -1,6 +1,5 @@
 //! Tests of passes whose G-rays go through a stage, against samples whose rays are asked one by one.
 
-use super::*;
 use crate::g_stage::{CpuStage, GAnswer, GKind, GRay, GRays, GStage};
 use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
@@ -11,6 +10,7 @@ use crate::sampler::mix;
 use crate::scene::camera::Camera;
 use crate::scene::settings::{Method, RenderKeys};
 use crate::scene::world::{Model, View, World};
+use crate::schedule::{Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::shading::light::Light;
 use crate::stats::GStats;
 use crate::testing::{pool, settings};
