@@ -74,6 +74,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
         };
+        self.live.is_done = progress == FrameProgress::Done;
         self.report(progress, pass, other)
     }
 

@@ -8,8 +8,10 @@
 //!       -> ...     every pixel has a sample                                                           complete picture
 //! ```
 //!
-//! The first fetch block counts from the event. On the CPU a tile goes through C-rays and G-rays in one go, so the
-//! job queue between them is the worker's own; the block is what is shown together.
+//! The first fetch block counts from the event. Its tiles are shown together.
+//!
+//! While samples are few the preview, which is smoothed, is mixed in, and counts less with each sample: no picture is
+//! further from the truth than the one before.
 //!
 //! A *state* is what samples are of: it changes with each event, each time that more photons are in, and with the error
 //! of the footprint rule. A tile shows its samples until it has some of the present state, unless the preview is of a
@@ -42,6 +44,10 @@ use trex_store::{Code, Error, Result};
 
 /// Share of the frames that pages asked for may take before frames are scarce.
 const DEMAND_MOST: f64 = 0.85;
+
+/// Samples of a pixel that what the preview shows there is worth, beside those of the film: it is smoothed over
+/// neighbours of one surface (`image/coarse.rs`), so it is as near to the truth as one or two samples are.
+const PREVIEW_SAMPLES: f32 = 1.5;
 
 /// Options of frames with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,6 +140,8 @@ pub(super) struct Live {
     pub(super) first_block: Option<u32>,
     /// State of the film at the event.
     pub(super) event_state: u32,
+    /// Every pixel has all samples that were asked for: no preview is mixed in.
+    pub(super) is_done: bool,
     /// Pages in demand since the event, a bit each.
     demand: Vec<u64>,
 }
@@ -171,6 +179,7 @@ impl<T: PagedTracer + Send> Session<T> {
             finished: 0,
             first_block: None,
             event_state: 0,
+            is_done: false,
             demand: Vec::new(),
         };
         let mut session = LiveSession { session: self, live };
@@ -190,8 +199,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         Ok(())
     }
 
-    /// Radiance on show at pixel (x, y): the mean of its samples, or where the preview is of a later state its own.
-    /// Linear RGB.
+    /// Radiance on show at pixel (x, y): that of the preview where the film has no samples of its state or a later one;
+    /// the mean of the samples, and while more are to come of the preview, where both are of one state; else the mean
+    /// of the samples. Linear RGB.
     pub fn shown(&self, pixel: [u32; 2]) -> [f32; 3] {
         let mut shown = [[0.0; 3]];
         self.show(pixel, &mut shown);
@@ -202,9 +212,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     fn show(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
         let tile = first.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
-        match self.shows_samples(index) {
-            true => self.film.radiances(first, radiances),
-            false => radiances.copy_from_slice(&self.live.display.radiances(first)[..radiances.len()]),
+        let preview = &self.live.display.radiances(first)[..radiances.len()];
+        if !self.shows_samples(index) {
+            return radiances.copy_from_slice(preview);
+        }
+        self.film.radiances(first, radiances);
+        if !self.live.is_done && self.film.tile_state(index) == self.live.display.state() {
+            let share = PREVIEW_SAMPLES / (PREVIEW_SAMPLES + self.film.tile_samples(index) as f32);
+            for (shown, preview) in radiances.iter_mut().flatten().zip(preview.iter().flatten()) {
+                *shown += share * (preview - *shown);
+            }
         }
     }
 
@@ -245,7 +262,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         session.tiles = session.tiles.ordered(order, &eye);
         // An event that comes before any tile is done finds a hand that moves.
         live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
-        (live.finished, live.first_block) = (0, None);
+        (live.finished, live.first_block, live.is_done) = (0, None, false);
         live.event_at = Instant::now();
         if change == Change::Light
             && let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons())

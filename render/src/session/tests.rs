@@ -168,6 +168,40 @@ fn frames_are_as_exact_as_was_asked_for_whatever_the_demand() {
     }
 }
 
+/// The preview is worth one sample and a half, until the picture is done.
+#[test]
+fn the_preview_is_mixed_in_while_samples_are_few() {
+    let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, ..RenderKeys::default() };
+    let options = FrameOptions {
+        t_max: Duration::from_secs(60),
+        fetch_block: FetchBlock::Tiles(4),
+        ..FrameOptions::default()
+    };
+    let mut live = floor_demanding(0, keys).go_live(options).unwrap();
+    // A lamp beside the floor's middle: each sample finds another part of it.
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    live.apply(Event::Lights(vec![lamp])).unwrap();
+    let (mut samples, mut mixed) = (vec![], 0);
+    while samples.last() != Some(&3) {
+        let progress = live.frame(3, &|| false).progress;
+        let n = live.film.tile_samples(0);
+        for pixel in (0..64).map(|at| [at % 8, at / 8]) {
+            let (film, preview) = (live.film.radiance(pixel), live.live.display.radiances(pixel)[0]);
+            let expected = match progress {
+                FrameProgress::Preview => preview,
+                FrameProgress::Done => film,
+                _ => std::array::from_fn(|c| (n as f32 * film[c] + 1.5 * preview[c]) / (n as f32 + 1.5)),
+            };
+            let found = live.shown(pixel);
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-5), "{progress:?} {pixel:?}");
+            mixed += u32::from(expected != film && expected != preview);
+        }
+        samples.push(n);
+    }
+    assert!(samples.contains(&1) && samples.contains(&2) && mixed > 0, "{samples:?} {mixed}");
+}
+
 #[test]
 fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
     let picture = |percent| {
