@@ -7,7 +7,8 @@ use rustix::time::{ClockId, clock_gettime};
 use std::sync::Mutex;
 use std::time::Duration;
 use trex_render::{
-    AllResident, Answer, Hit, PagedMesh, PagedTracer, PooledPages, Ray, Tracer, VoxelHit, VoxelScene,
+    AllResident, Answer, Hit, LowerHit, LowerScene, PagedMesh, PagedTracer, PooledPages, Ray, Tracer,
+    VoxelHit, VoxelScene,
 };
 
 /// Longest sleep for pages; arrivals wake it earlier.
@@ -227,9 +228,36 @@ impl Pooled<'_> {
 /// Ours, through the voxels: rays learn of a leaf, not of a triangle.
 pub(super) struct Gray<'a> {
     pub(super) space: Space,
-    pub(super) scene: VoxelScene<'a>,
+    pub(super) scene: GrayScene<'a>,
     pub(super) calls: GrayCalls,
     pub(super) workers: Vec<GrayWorker>,
+}
+
+/// The voxels.
+#[derive(Clone, Copy)]
+pub(super) enum GrayScene<'a> {
+    /// Those of the upper octree.
+    Upper(VoxelScene<'a>),
+    /// The finest ones, in units that are all there.
+    Finest(LowerScene<'a>, &'a AllResident),
+}
+
+impl GrayScene<'_> {
+    /// Side of a leaf, model units.
+    pub(super) fn leaf_side(&self) -> f64 {
+        match self {
+            GrayScene::Upper(scene) => scene.leaf_side(),
+            GrayScene::Finest(scene, _) => scene.leaf_side(),
+        }
+    }
+
+    /// Distance off any surface at which a ray is free of that surface's own voxels, model units.
+    pub(super) fn clearance(&self) -> f64 {
+        match self {
+            GrayScene::Upper(scene) => scene.clearance([1.0, 0.0, 0.0]),
+            GrayScene::Finest(scene, _) => scene.clearance([1.0, 0.0, 0.0]),
+        }
+    }
 }
 
 /// How rays are handed to the voxels.
@@ -247,6 +275,7 @@ pub(super) struct GrayWorker {
     rays: Vec<Ray>,
     hits: Vec<Option<VoxelHit>>,
     occluded: Vec<bool>,
+    finest: Vec<Answer<Option<LowerHit>>>,
 }
 
 impl Contender for Gray<'_> {
@@ -261,7 +290,10 @@ impl Contender for Gray<'_> {
             worker.rays.extend(rays.iter().map(|ray| space.to_gray(ray)));
             worker.hits.resize(rays.len(), None);
             worker.occluded.resize(rays.len(), false);
-            worker.answer(&scene, (set.query, calls));
+            match scene {
+                GrayScene::Upper(scene) => worker.answer(&scene, (set.query, calls)),
+                GrayScene::Finest(scene, pages) => worker.answer_finest((&scene, pages), (set.query, calls)),
+            }
             match set.query {
                 Query::Any => {
                     let pairs = answers.iter_mut().zip(&worker.occluded);
@@ -278,7 +310,7 @@ impl Contender for Gray<'_> {
 
 impl GrayWorker {
     fn answer(&mut self, scene: &VoxelScene<'_>, how: (Query, GrayCalls)) {
-        let GrayWorker { rays, hits, occluded } = self;
+        let GrayWorker { rays, hits, occluded, .. } = self;
         match how {
             (Query::Any, GrayCalls::Batch) => scene.occluded_batch(rays, occluded),
             (Query::Closest, GrayCalls::Batch) => scene.intersect_batch(rays, hits),
@@ -288,6 +320,30 @@ impl GrayWorker {
             (Query::Closest, GrayCalls::Single) => {
                 rays.iter().zip(hits).for_each(|(ray, hit)| *hit = scene.intersect(ray));
             }
+        }
+    }
+}
+
+impl GrayWorker {
+    /// As `answer`, through units: any hit is asked for as the closest one is.
+    fn answer_finest(
+        &mut self,
+        (scene, mut pages): (&LowerScene<'_>, &AllResident),
+        (query, calls): (Query, GrayCalls),
+    ) {
+        let GrayWorker { rays, hits, occluded, finest } = self;
+        finest.resize(rays.len(), Answer::Blocked);
+        match calls {
+            GrayCalls::Batch => scene.intersect_batch(rays, &mut pages, finest),
+            GrayCalls::Single => {
+                let pairs = rays.iter().zip(&mut *finest);
+                pairs.for_each(|(ray, hit)| *hit = scene.intersect(ray, &mut pages));
+            }
+        }
+        let found = finest.iter().map(|answer| exact(*answer).expect(ALL_THERE).map(|hit| hit.upper));
+        match query {
+            Query::Any => found.zip(occluded).for_each(|(hit, occluded)| *occluded = hit.is_some()),
+            Query::Closest => found.zip(hits).for_each(|(found, hit)| *hit = found),
         }
     }
 }

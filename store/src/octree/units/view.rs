@@ -82,16 +82,22 @@ impl<'a> UnitsView<'a> {
     /// Occluder bitmap of a leaf, by its index within the page.
     #[inline]
     pub fn bitmap(&self, leaf: u32) -> u64 {
-        u64::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + BITMAP_BYTES * leaf as usize))
+        u64::from_le_bytes(self.bytes(self.bitmaps_at() + BITMAP_BYTES * leaf as usize))
+    }
+
+    /// The occluder bitmaps of all leaves, where they lie: words of 8 bytes, the least first.
+    #[inline]
+    pub fn bitmaps(&self) -> &'a [u8] {
+        &self.frame[self.bitmaps_at()..]
     }
 
     /// Normal, flatness and material of the surface in a leaf.
     pub fn leaf(&self, leaf: u32) -> LeafVoxel {
-        let Counts { units, nodes, leaves, .. } = self.counts;
-        let normals_at = self.indices_at() + INDEX_BYTES * (units + nodes + 2);
+        let normals_at = self.links_at() + LINK_BYTES * self.counts.links;
         let word = self.bytes(normals_at + NORMAL_BYTES * leaf as usize);
         let (normal, flatness) = LeafNormal(u16::from_le_bytes(word)).unpack();
-        let material_at = normals_at + NORMAL_BYTES * leaves + self.material_bytes * leaf as usize;
+        let material_at =
+            normals_at + NORMAL_BYTES * self.counts.leaves + self.material_bytes * leaf as usize;
         let material = match self.material_bytes {
             1 => u16::from(self.frame[material_at]),
             _ => u16::from_le_bytes(self.bytes(material_at)),
@@ -100,17 +106,17 @@ impl<'a> UnitsView<'a> {
     }
 
     fn links_at(&self) -> usize {
-        FRAME_HEAD_BYTES + BITMAP_BYTES * self.counts.leaves
+        FRAME_HEAD_BYTES + INDEX_BYTES * (self.counts.units + self.counts.nodes + 2)
     }
 
-    fn indices_at(&self) -> usize {
-        self.links_at() + LINK_BYTES * self.counts.links
+    fn bitmaps_at(&self) -> usize {
+        self.frame.len() - BITMAP_BYTES * self.counts.leaves
     }
 
     /// Of the first nodes and first leaves.
     #[inline]
     fn index(&self, at: usize) -> u32 {
-        u32::from(u16::from_le_bytes(self.bytes(self.indices_at() + INDEX_BYTES * at)))
+        u32::from(u16::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + INDEX_BYTES * at)))
     }
 
     #[inline]
