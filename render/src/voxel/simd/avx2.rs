@@ -206,10 +206,15 @@ fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit
         let is_new = _mm256_and_si256(_mm256_cmpeq_epi32(height, _mm256_set1_epi32(level)), goes_down);
         row.0 = cast(_mm256_blendv_epi8(cast(row.0), _mm256_set1_epi32(UNKNOWN as i32), is_new));
     }
+    let mut nears = zeros;
+    if Q::FINER > 0 {
+        let linking = _mm256_set1_epi32(Q::FINER as i32 + 1);
+        nears = _mm256_and_si256(goes_down, _mm256_cmpeq_epi32(height, linking));
+    }
     packet.at.0 = cast(at);
     packet.address.0 = cast(addresses::<Q>(tree, at, height));
     let mask = |lanes| _mm256_movemask_ps(_mm256_castsi256_ps(lanes)) as u32;
-    Ends { hit: mask(hit), miss: mask(miss), asks: mask(asks) }
+    Ends { hit: mask(hit), miss: mask(miss), asks: mask(asks), nears: mask(nears) }
 }
 
 /// Addresses of masks and of bitmaps.

@@ -205,9 +205,14 @@ fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit
         let unknown = _mm512_set1_epi32(UNKNOWN as i32);
         row.0 = cast(_mm512_mask_mov_epi32(cast(row.0), is_new, unknown));
     }
+    let mut nears = 0;
+    if Q::FINER > 0 {
+        let linking = _mm512_set1_epi32(Q::FINER as i32 + 1);
+        nears = _mm512_mask_cmpeq_epi32_mask(goes_down, height, linking);
+    }
     packet.at.0 = cast(at);
     packet.address.0 = cast(addresses::<Q>(tree, at, height));
-    Ends { hit: u32::from(hit), miss: u32::from(miss), asks: u32::from(asks) }
+    Ends { hit: u32::from(hit), miss: u32::from(miss), asks: u32::from(asks), nears: u32::from(nears) }
 }
 
 /// Lanes at a node.

@@ -102,16 +102,12 @@ impl<'a, A: FnMut(u32, Outcome), const FINER: u32> LowerQueue<'a, A, FINER> {
 
     /// The frame of a page, held, or what becomes of the ray without.
     #[inline(always)]
-    fn hold(&mut self, page: u32, tree: &mut Tree) -> Result<Held<'a>, Without> {
+    fn hold(&mut self, page: u32, tree: &mut Tree) -> Result<&Held<'a>, Without> {
         let slot = page as usize % SLOTS;
-        match self.held[slot] {
-            Some(held) if held.page == page => Ok(held),
-            _ => {
-                let held = self.look_up(page, tree)?;
-                self.held[slot] = Some(held);
-                Ok(held)
-            }
+        if !matches!(&self.held[slot], Some(held) if held.page == page) {
+            self.held[slot] = Some(self.look_up(page, tree)?);
         }
+        Ok(self.held[slot].as_ref().expect("it is held"))
     }
 
     #[inline(never)]
@@ -142,36 +138,36 @@ impl<'a, A: FnMut(u32, Outcome), const FINER: u32> LowerQueue<'a, A, FINER> {
         }
     }
 
-    /// Where the first child is of the leaf at which a lane stands; and the leaf's bitmap.
+    /// Moves a lane down from the leaf at which it stands.
     #[inline(always)]
-    fn first_child<const N: usize>(
+    fn go_down<const N: usize>(
         &mut self,
-        packet: &Packet<N>,
+        packet: &mut Packet<N>,
         lane: usize,
         note: &mut Note,
         tree: &mut Tree,
-    ) -> Result<(u32, u64), Without> {
+    ) -> Result<(), Without> {
         let (height, at) = (packet.height.0[lane] as usize, packet.at.0[lane]);
         let (unit, rank, bits) = if height == FINER as usize {
             let node = packet.path[height + 1].0[lane];
             let unit = self.scene.links().unit((node - self.first_link) as usize);
             let rank = at - self.octree.nodes()[node as usize].first;
-            (Some(unit), rank, self.octree.bitmaps()[at as usize])
+            (unit, rank, self.octree.bitmaps()[at as usize])
         } else {
+            let unit = note.link.ok_or(Without::Unit)?;
             let outer = self.hold(note.page[height], tree)?;
-            (note.link, at - packet.below[height].0[lane], outer.view.bitmap(at - outer.zero))
+            (unit, at - packet.below[height].0[lane], outer.view.bitmap(at - outer.zero))
         };
-        let unit = unit.ok_or(Without::Unit)?;
-        let held = self.hold(unit.page(), tree)?;
+        let Held { view, zero, .. } = *self.hold(unit.page(), tree)?;
         // A unit that is not what the leaf says is none.
-        let node = held.view.node(unit.unit(), rank).filter(|node| node.leaf_count() == bits.count_ones());
+        let node = view.node(unit.unit(), rank).filter(|node| node.leaf_count() == bits.count_ones());
         let node = node.ok_or(Without::Unit)?;
-        note.page[height - 1] = unit.page();
-        note.zero[height - 1] = held.zero;
+        (note.page[height - 1], note.zero[height - 1]) = (unit.page(), zero);
         if height > 1 {
             note.link = node.link;
         }
-        Ok((held.zero + node.first_leaf(), bits))
+        packet.descend(lane, zero + node.first_leaf(), bits, tree);
+        Ok(())
     }
 
     /// The voxel at which a lane stands.
@@ -231,6 +227,12 @@ impl<A: FnMut(u32, Outcome), const FINER: u32> Queue for LowerQueue<'_, A, FINER
     }
 
     #[inline(always)]
+    fn near<const N: usize>(&self, packet: &Packet<N>, lane: usize) -> u64 {
+        let number = packet.at.0[lane].wrapping_sub(self.first_link) as usize;
+        self.scene.links().words().as_ptr().wrapping_add(number).addr() as u64
+    }
+
+    #[inline(always)]
     fn ask<const N: usize>(
         &mut self,
         packet: &mut Packet<N>,
@@ -238,11 +240,8 @@ impl<A: FnMut(u32, Outcome), const FINER: u32> Queue for LowerQueue<'_, A, FINER
         note: &mut Note,
         tree: &mut Tree,
     ) -> bool {
-        let outcome = match self.first_child(packet, lane, note, tree) {
-            Ok((first, bits)) => {
-                packet.descend(lane, first, bits, tree);
-                return true;
-            }
+        let outcome = match self.go_down(packet, lane, note, tree) {
+            Ok(()) => return true,
             Err(Without::Room) => Outcome::Crowded,
             Err(Without::Unit) => Outcome::Hit(self.hit_of(packet, lane, note)),
             Err(Without::Page(page)) => {

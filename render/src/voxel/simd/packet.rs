@@ -109,6 +109,9 @@ pub(in crate::voxel) trait Queue {
     /// A ray has met nothing.
     fn miss(&mut self, ray: usize);
 
+    /// Address of what a lane that has come to a linking node may ask for.
+    fn near<const N: usize>(&self, packet: &Packet<N>, lane: usize) -> u64;
+
     /// Looks where the children are of the leaf at which a lane stands, and moves the lane there; false when the ray
     /// is answered instead.
     fn ask<const N: usize>(
@@ -130,6 +133,8 @@ pub(super) struct Ends {
     pub(super) hit: u32,
     pub(super) miss: u32,
     pub(super) asks: u32,
+    /// Those that have come to a linking node.
+    pub(super) nears: u32,
 }
 
 /// `N` rays and where they are. See `Entry` and `VoxelScene::walk`.
@@ -196,6 +201,9 @@ pub(super) fn take_turns<const N: usize, const PACKETS: usize, Q: Queue>(
             for lane in lanes(ends.asks & packet.busy) {
                 let goes_on = queue.ask(packet, lane, &mut notes[lane], &mut tree);
                 ended |= u32::from(!goes_on) << lane;
+            }
+            for lane in lanes(ends.nears) {
+                prefetch(queue.near(packet, lane));
             }
             for lane in lanes(ended) {
                 packet.refill(lane, queue, &tree);

@@ -58,6 +58,11 @@ impl<A: FnMut(usize, Option<VoxelHit>)> Queue for UpperQueue<'_, A> {
     }
 
     #[inline(always)]
+    fn near<const N: usize>(&self, _: &Packet<N>, _: usize) -> u64 {
+        unreachable!("there is nothing below")
+    }
+
+    #[inline(always)]
     fn ask<const N: usize>(&mut self, _: &mut Packet<N>, _: usize, (): &mut (), _: &mut Tree) -> bool {
         unreachable!("there is nothing below")
     }
