@@ -276,6 +276,7 @@ pub(super) struct GrayWorker {
     hits: Vec<Option<VoxelHit>>,
     occluded: Vec<bool>,
     finest: Vec<Answer<Option<LowerHit>>>,
+    finest_occluded: Vec<Answer<bool>>,
 }
 
 impl Contender for Gray<'_> {
@@ -325,25 +326,37 @@ impl GrayWorker {
 }
 
 impl GrayWorker {
-    /// As `answer`, through units: any hit is asked for as the closest one is.
+    /// As `answer`, through units.
     fn answer_finest(
         &mut self,
         (scene, mut pages): (&LowerScene<'_>, &AllResident),
-        (query, calls): (Query, GrayCalls),
+        how: (Query, GrayCalls),
     ) {
-        let GrayWorker { rays, hits, occluded, finest } = self;
-        finest.resize(rays.len(), Answer::Blocked);
-        match calls {
-            GrayCalls::Batch => scene.intersect_batch(rays, &mut pages, finest),
-            GrayCalls::Single => {
-                let pairs = rays.iter().zip(&mut *finest);
-                pairs.for_each(|(ray, hit)| *hit = scene.intersect(ray, &mut pages));
+        let GrayWorker { rays, hits, occluded, finest, finest_occluded } = self;
+        match how {
+            (Query::Any, GrayCalls::Batch) => {
+                finest_occluded.resize(rays.len(), Answer::Blocked);
+                scene.occluded_batch(rays, &mut pages, finest_occluded);
+                let pairs = finest_occluded.iter().zip(occluded);
+                pairs.for_each(|(answer, occluded)| *occluded = exact(*answer).expect(ALL_THERE));
             }
-        }
-        let found = finest.iter().map(|answer| exact(*answer).expect(ALL_THERE).map(|hit| hit.upper));
-        match query {
-            Query::Any => found.zip(occluded).for_each(|(hit, occluded)| *occluded = hit.is_some()),
-            Query::Closest => found.zip(hits).for_each(|(found, hit)| *hit = found),
+            (Query::Closest, GrayCalls::Batch) => {
+                finest.resize(rays.len(), Answer::Blocked);
+                scene.intersect_batch(rays, &mut pages, finest);
+                let pairs = finest.iter().zip(hits);
+                pairs.for_each(|(answer, hit)| *hit = exact(*answer).expect(ALL_THERE).map(|hit| hit.upper));
+            }
+            (Query::Any, GrayCalls::Single) => {
+                rays.iter().zip(occluded).for_each(|(ray, occluded)| {
+                    *occluded = exact(scene.occluded(ray, &mut pages)).expect(ALL_THERE);
+                });
+            }
+            (Query::Closest, GrayCalls::Single) => {
+                rays.iter().zip(hits).for_each(|(ray, hit)| {
+                    let found = exact(scene.intersect(ray, &mut pages)).expect(ALL_THERE);
+                    *hit = found.map(|hit| hit.upper);
+                });
+            }
         }
     }
 }

@@ -47,13 +47,37 @@ impl LowerScene<'_> {
         answers: &mut [Answer<Option<LowerHit>>],
     ) {
         assert_eq!(rays.len(), answers.len(), "a place for each answer");
+        self.answer_batch(width, rays, pages, |ray, answer| answers[ray] = answer);
+    }
+
+    /// [`LowerScene::occluded`] of each ray, to its place in `occluded`.
+    ///
+    /// # Panics
+    /// When the two differ in length.
+    pub fn occluded_batch(&self, rays: &[Ray], pages: &mut impl Pages, occluded: &mut [Answer<bool>]) {
+        assert_eq!(rays.len(), occluded.len(), "a place for each answer");
+        self.answer_batch(PacketWidth::widest(), rays, pages, |ray, answer| {
+            occluded[ray] = match answer {
+                Answer::Exact(hit) => Answer::Exact(hit.is_some()),
+                Answer::Blocked => Answer::Blocked,
+            }
+        });
+    }
+
+    fn answer_batch(
+        &self,
+        width: PacketWidth,
+        rays: &[Ray],
+        pages: &mut impl Pages,
+        mut answer: impl FnMut(usize, Answer<Option<LowerHit>>),
+    ) {
         assert!(width.is_available(), "{width:?} on a machine without it");
         let mut waiting: Vec<u32> = (0..rays.len() as u32).collect();
         #[cfg(target_arch = "x86_64")]
         if width != PacketWidth::One && simd::fits(self.upper().octree()) {
             // Before the first time others may have left no room.
             for time in 0.. {
-                let crowded = self.walk_lanes(width, (rays, &waiting), pages, answers);
+                let crowded = self.walk_lanes(width, (rays, &waiting), pages, &mut answer);
                 let is_worth_it = time == 0 || 2 * crowded.len() <= waiting.len();
                 waiting = crowded;
                 if waiting.is_empty() {
@@ -66,7 +90,7 @@ impl LowerScene<'_> {
             }
         }
         for index in waiting {
-            answers[index as usize] = self.intersect(&rays[index as usize], pages);
+            answer(index as usize, self.intersect(&rays[index as usize], pages));
         }
     }
 
@@ -77,30 +101,25 @@ impl LowerScene<'_> {
         width: PacketWidth,
         (rays, waiting): (&[Ray], &[u32]),
         pages: &mut impl Pages,
-        answers: &mut [Answer<Option<LowerHit>>],
+        answer: &mut impl FnMut(usize, Answer<Option<LowerHit>>),
     ) -> Vec<u32> {
         let (mut crowded, mut wanted) = (Vec::new(), Vec::new());
-        let answer = |ray: u32, outcome| {
-            answers[ray as usize] = match outcome {
-                Outcome::Hit(hit) => Answer::Exact(Some(hit)),
-                Outcome::Miss => Answer::Exact(None),
-                Outcome::Missing(page, hit) => {
-                    wanted.push(page);
-                    hit.map_or(Answer::Blocked, |hit| Answer::Exact(Some(hit)))
-                }
-                Outcome::Crowded => {
-                    crowded.push(ray);
-                    Answer::Blocked
-                }
-            };
+        let tell = |ray: u32, outcome| match outcome {
+            Outcome::Hit(hit) => answer(ray as usize, Answer::Exact(Some(hit))),
+            Outcome::Miss => answer(ray as usize, Answer::Exact(None)),
+            Outcome::Missing(page, hit) => {
+                wanted.push(page);
+                answer(ray as usize, hit.map_or(Answer::Blocked, |hit| Answer::Exact(Some(hit))));
+            }
+            Outcome::Crowded => crowded.push(ray),
         };
         match self.links().refinement() {
             Refinement::None => unreachable!("links lead to finer leaves"),
             Refinement::By4 => {
-                walk_all(width, LowerQueue::<_, 1>::new(self, (rays, waiting), &*pages, answer));
+                walk_all(width, LowerQueue::<_, 1>::new(self, (rays, waiting), &*pages, tell));
             }
             Refinement::By16 => {
-                walk_all(width, LowerQueue::<_, 2>::new(self, (rays, waiting), &*pages, answer));
+                walk_all(width, LowerQueue::<_, 2>::new(self, (rays, waiting), &*pages, tell));
             }
         }
         wanted.into_iter().for_each(|page| pages.want(page));

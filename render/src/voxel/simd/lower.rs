@@ -25,8 +25,8 @@ use trex_store::octree::{MAX_FINER, UnitRef, UnitsView, UpperOctree};
 const REACH: u64 = 1 << 34;
 /// Bytes of a bitmap.
 const WORD_BYTES: u64 = 8;
-/// Pages whose frames are remembered: rays that follow each other ask for few.
-const SLOTS: usize = 64;
+/// Pages whose frames are remembered: gather rays of a tile go to all of the model. 32 KiB.
+const SLOTS: usize = 1024;
 
 /// What became of a ray.
 #[derive(Clone, Copy, Debug)]
@@ -69,7 +69,7 @@ pub(in crate::voxel) struct LowerQueue<'a, A, const FINER: u32> {
     rays: &'a [Ray],
     waiting: std::slice::Iter<'a, u32>,
     pages: &'a dyn Pages,
-    held: [Option<Held<'a>>; SLOTS],
+    held: Vec<Option<Held<'a>>>,
     /// Address of place 0.
     base: Option<u64>,
     /// Index of the first linking node.
@@ -93,7 +93,7 @@ impl<'a, A: FnMut(u32, Outcome), const FINER: u32> LowerQueue<'a, A, FINER> {
             rays,
             waiting: waiting.iter(),
             pages,
-            held: [None; SLOTS],
+            held: vec![None; SLOTS],
             base: None,
             first_link: (octree.nodes().len() - octree.last_nodes().len()) as u32,
             answer,
