@@ -16,8 +16,8 @@
 //! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what
 //! positions in f32 are rounded by.
 //!
-//! Invariants: 1. an answer that is no stand-in does not depend on which pages were there; 2. no voxel is met that is no part of one of
-//! the upper octree; 3. no allocation; a page is in use until the next one is looked up.
+//! Invariants: 1. an answer that is no stand-in does not depend on which pages were there; 2. no voxel is met that is
+//! no part of one of the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
 use super::leaf::LeafHit;
 use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};

@@ -21,8 +21,8 @@ use crate::trace::{Answer, Pages, Ray};
 use trex_store::octree::Refinement;
 
 impl LowerScene<'_> {
-    /// [`LowerScene::intersect`] of each ray, to its place in `answers`. Pages that are there stay held until others are
-    /// looked up, so that what is behind a hit can be read.
+    /// [`LowerScene::intersect`] of each ray, to its place in `answers`. Pages that are there stay held until others
+    /// are looked up, so that what is behind a hit can be read.
     ///
     /// # Panics
     /// When the two differ in length.
