@@ -12,11 +12,11 @@
 //! Places of bitmaps in frames are words of 8 bytes from a base. It is put `REACH` before the first frame that is held,
 //! so that they are 32-bit numbers for frames up to 16 GiB before and behind that one: all of a pool, as a rule.
 //!
-//! Speed of the upper octree of the same finest resolution: 1; of units all resident: 0.77 and 0.84 on an iso-surface
-//! (gather, shadow rays), 0.69 and 0.70 on pipes; of the scalar walk through them 0.15 to 0.2.
+//! Speed, where the upper octree of the same finest resolution has 1: iso-surface 0.77 (gather rays) and 0.72 to 0.84
+//! (shadow rays), pipes 0.59 to 0.69 and 0.70 to 0.72; 4 to 5 times the scalar walk. 256/1024, on a busy machine.
 //!
-//! Tried and lost, by the speed left: asking in two turns, with the node's cache line fetched in between (0.9: a visit
-//! more costs more than the line); 64 pages remembered (0.85: most look-ups went to `pages`). Neither won nor lost:
+//! Tried and lost, by the speed left: asking in two turns, with the node's cache line fetched in between (0.8 to 0.95);
+//! 64 pages remembered (about 0.8: look-ups went to `pages` and to heads of frames). Neither seen to win nor to lose:
 //! the words of linking nodes prefetched when a lane comes to one.
 //!
 //! Invariants: 1. lanes stand in frames that `pages` lends for all of the walk; 2. a page is looked up only when a ray
