@@ -66,4 +66,6 @@ pub use trace::{
     AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
     PooledPages, Probe, ProbeStep, Ray, Tracer, pooled_tracers,
 };
-pub use voxel::{LowerHit, LowerLeaf, LowerScene, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels};
+pub use voxel::{
+    LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels,
+};

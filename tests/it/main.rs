@@ -35,3 +35,4 @@ mod support;
 mod tidy;
 mod voxels;
 mod voxels_lower;
+mod voxels_lower_batch;

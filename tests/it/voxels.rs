@@ -119,7 +119,7 @@ fn rays_meet_what_all_voxels_say_in_an_octant() {
 }
 
 /// Rays of all kinds: between points in and around the box, along axes, on boundaries of voxels, and such as are none.
-fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<Ray> {
+pub(crate) fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<Ray> {
     let block = built.file.superblock();
     let (bounds, lattice) = (block.bounds, block.lattice);
     let corner = lattice.position(octree.grid().lo).map(|v| v - 0.5 * lattice.step());

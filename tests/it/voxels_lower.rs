@@ -132,7 +132,7 @@ fn ray_about(file: &PageFile, rng: &mut Random) -> Ray {
     Ray { origin, direction: way.map(|v| v / length), t_max: 2.0 * length }
 }
 
-fn refined(spec: &str, refinement: Refinement) -> Arc<Built> {
+pub(crate) fn refined(spec: &str, refinement: Refinement) -> Arc<Built> {
     model_with(spec, VoxelOptions::Refined { upper: 64, refinement })
 }
 

@@ -7,7 +7,8 @@ use rustix::time::{ClockId, clock_gettime};
 use std::sync::Mutex;
 use std::time::Duration;
 use trex_render::{
-    AllResident, Answer, Hit, PagedMesh, PagedTracer, PooledPages, Ray, Tracer, VoxelHit, VoxelScene,
+    AllResident, Answer, Hit, LowerHit, LowerScene, PagedMesh, PagedTracer, PooledPages, Ray, Tracer,
+    VoxelHit, VoxelScene,
 };
 
 /// Longest sleep for pages; arrivals wake it earlier.
@@ -227,9 +228,36 @@ impl Pooled<'_> {
 /// Ours, through the voxels: rays learn of a leaf, not of a triangle.
 pub(super) struct Gray<'a> {
     pub(super) space: Space,
-    pub(super) scene: VoxelScene<'a>,
+    pub(super) scene: GrayScene<'a>,
     pub(super) calls: GrayCalls,
     pub(super) workers: Vec<GrayWorker>,
+}
+
+/// The voxels.
+#[derive(Clone, Copy)]
+pub(super) enum GrayScene<'a> {
+    /// Those of the upper octree.
+    Upper(VoxelScene<'a>),
+    /// The finest ones, in units that are all there.
+    Finest(LowerScene<'a>, &'a AllResident),
+}
+
+impl GrayScene<'_> {
+    /// Side of a leaf, model units.
+    pub(super) fn leaf_side(&self) -> f64 {
+        match self {
+            GrayScene::Upper(scene) => scene.leaf_side(),
+            GrayScene::Finest(scene, _) => scene.leaf_side(),
+        }
+    }
+
+    /// Distance off any surface at which a ray is free of that surface's own voxels, model units.
+    pub(super) fn clearance(&self) -> f64 {
+        match self {
+            GrayScene::Upper(scene) => scene.clearance([1.0, 0.0, 0.0]),
+            GrayScene::Finest(scene, _) => scene.clearance([1.0, 0.0, 0.0]),
+        }
+    }
 }
 
 /// How rays are handed to the voxels.
@@ -247,6 +275,8 @@ pub(super) struct GrayWorker {
     rays: Vec<Ray>,
     hits: Vec<Option<VoxelHit>>,
     occluded: Vec<bool>,
+    finest: Vec<Answer<Option<LowerHit>>>,
+    finest_occluded: Vec<Answer<bool>>,
 }
 
 impl Contender for Gray<'_> {
@@ -261,7 +291,10 @@ impl Contender for Gray<'_> {
             worker.rays.extend(rays.iter().map(|ray| space.to_gray(ray)));
             worker.hits.resize(rays.len(), None);
             worker.occluded.resize(rays.len(), false);
-            worker.answer(&scene, (set.query, calls));
+            match scene {
+                GrayScene::Upper(scene) => worker.answer(&scene, (set.query, calls)),
+                GrayScene::Finest(scene, pages) => worker.answer_finest((&scene, pages), (set.query, calls)),
+            }
             match set.query {
                 Query::Any => {
                     let pairs = answers.iter_mut().zip(&worker.occluded);
@@ -278,7 +311,7 @@ impl Contender for Gray<'_> {
 
 impl GrayWorker {
     fn answer(&mut self, scene: &VoxelScene<'_>, how: (Query, GrayCalls)) {
-        let GrayWorker { rays, hits, occluded } = self;
+        let GrayWorker { rays, hits, occluded, .. } = self;
         match how {
             (Query::Any, GrayCalls::Batch) => scene.occluded_batch(rays, occluded),
             (Query::Closest, GrayCalls::Batch) => scene.intersect_batch(rays, hits),
@@ -287,6 +320,42 @@ impl GrayWorker {
             }
             (Query::Closest, GrayCalls::Single) => {
                 rays.iter().zip(hits).for_each(|(ray, hit)| *hit = scene.intersect(ray));
+            }
+        }
+    }
+}
+
+impl GrayWorker {
+    /// As `answer`, through units.
+    fn answer_finest(
+        &mut self,
+        (scene, mut pages): (&LowerScene<'_>, &AllResident),
+        how: (Query, GrayCalls),
+    ) {
+        let GrayWorker { rays, hits, occluded, finest, finest_occluded } = self;
+        match how {
+            (Query::Any, GrayCalls::Batch) => {
+                finest_occluded.resize(rays.len(), Answer::Blocked);
+                scene.occluded_batch(rays, &mut pages, finest_occluded);
+                let pairs = finest_occluded.iter().zip(occluded);
+                pairs.for_each(|(answer, occluded)| *occluded = exact(*answer).expect(ALL_THERE));
+            }
+            (Query::Closest, GrayCalls::Batch) => {
+                finest.resize(rays.len(), Answer::Blocked);
+                scene.intersect_batch(rays, &mut pages, finest);
+                let pairs = finest.iter().zip(hits);
+                pairs.for_each(|(answer, hit)| *hit = exact(*answer).expect(ALL_THERE).map(|hit| hit.upper));
+            }
+            (Query::Any, GrayCalls::Single) => {
+                rays.iter().zip(occluded).for_each(|(ray, occluded)| {
+                    *occluded = exact(scene.occluded(ray, &mut pages)).expect(ALL_THERE);
+                });
+            }
+            (Query::Closest, GrayCalls::Single) => {
+                rays.iter().zip(hits).for_each(|(ray, hit)| {
+                    let found = exact(scene.intersect(ray, &mut pages)).expect(ALL_THERE);
+                    *hit = found.map(|hit| hit.upper);
+                });
             }
         }
     }

@@ -42,6 +42,15 @@ pub struct RayFigures {
     pub gray: Option<SetFigures>,
     /// Shadow rays through the voxels.
     pub gray_shadow: Option<SetFigures>,
+    /// Finest leaves along the model's longest side; `None` for a file without units, or where they did not fit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub finest_resolution: Option<u32>,
+    /// As `gray`, through units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gray_finest: Option<SetFigures>,
+    /// As `gray_shadow`, through units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gray_finest_shadow: Option<SetFigures>,
     /// The peer, where one was asked for.
     pub peer: Option<PeerFigures>,
 }

@@ -1,7 +1,9 @@
 //! A run of `rays`: sets made, contenders set up, turns taken, figures drawn.
 
 use super::compare::{self, Agreement};
-use super::contender::{Contender, Gray, GrayCalls, GrayWorker, Packets, Pooled, RayAnswer, Resident};
+use super::contender::{
+    Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, Pooled, RayAnswer, Resident,
+};
 use super::falsehood;
 use super::figures::{PeerFigures, RayFigures, SetFigures};
 use super::options::{Peer, RayOptions};
@@ -41,26 +43,40 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         let tracers = || (0..around.threads).map(|_| PagedMesh::new(&file, &pages));
         let mut ours = Resident { space, workers: tracers().collect() };
         let mut packets = Packets::new(space, tracers());
-        let scene = voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
-        let mut gray = scene.map(|scene| {
+        let upper = voxels.as_ref().map(|voxels| GrayScene::Upper(voxels.scene(Occluders::On)));
+        let finest = voxels.as_ref().and_then(|voxels| voxels.lower_scene(Occluders::On));
+        let finest = finest.map(|scene| GrayScene::Finest(scene, &pages));
+        let both_calls = |scene| {
             [GrayCalls::Batch, GrayCalls::Single].map(|calls| {
                 let workers = vec![GrayWorker::default(); around.threads];
                 Gray { space, scene, calls, workers }
             })
-        });
-        let clearance =
-            scene.map(|scene| scene.clearance([1.0, 0.0, 0.0]) / file.superblock().lattice.step());
-        let sets = make_sets(&file, model, options, clearance, |ray| ours.hit(ray))?;
-        let ours_all = Contenders { single: &mut ours, packets: Some(&mut packets), gray: gray.as_mut() };
+        };
+        let (mut gray, mut finest_gray) = (upper.map(both_calls), finest.map(both_calls));
+        let scenes = [upper, finest].map(|scene| scene.map(|scene| scene.clearance()));
+        let sets = make_sets(&file, model, options, scenes, |ray| ours.hit(ray))?;
+        let ours_all = Contenders {
+            single: &mut ours,
+            packets: Some(&mut packets),
+            gray: [gray.as_mut(), finest_gray.as_mut()],
+        };
         let mut figures = compete(ours_all, &sets, &file, options, around)?;
-        if let (Some(gray), Some(rays)) = (&mut gray, &sets.gray) {
-            let sets = [(&mut figures.gray, &rays.gather), (&mut figures.gray_shadow, &rays.shadow)];
-            for (figures, set) in sets {
+        let [of_upper, of_finest] = &sets.gray;
+        for (gray, rays, [gather, shadow]) in [
+            (&mut gray, of_upper, [&mut figures.gray, &mut figures.gray_shadow]),
+            (&mut finest_gray, of_finest, [&mut figures.gray_finest, &mut figures.gray_finest_shadow]),
+        ] {
+            let (Some(gray), Some(rays)) = (gray, rays) else { continue };
+            for (figures, set) in [(gather, &rays.gather), (shadow, &rays.shadow)] {
                 let against = falsehood::against(&mut ours, &mut gray[0], set);
                 figures.iter_mut().for_each(|figures| figures.against_mesh = Some(against));
             }
         }
-        figures.voxel_resolution = file.upper_size()?.map(|size| size.resolution);
+        let upper = file.upper_size()?;
+        figures.voxel_resolution = upper.map(|size| size.resolution);
+        if let (Some(upper), Some(lower)) = (upper, file.lower_size()?) {
+            figures.finest_resolution = Some(upper.resolution * lower.refinement.factor());
+        }
         figures.pages = "resident".to_owned();
         figures.scene.clone_from(&model.scene);
         return Ok(figures);
@@ -71,8 +87,8 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     );
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
     let mut ours = Pooled { space, workers: pooled_tracers(&file, &pool, around.threads) };
-    let sets = make_sets(&file, model, options, None, |ray| ours.hit(ray))?;
-    let ours_all = Contenders { single: &mut ours, packets: None, gray: None };
+    let sets = make_sets(&file, model, options, [None; 2], |ray| ours.hit(ray))?;
+    let ours_all = Contenders { single: &mut ours, packets: None, gray: [None, None] };
     let mut figures = compete(ours_all, &sets, &file, options, around)?;
     figures.pages = "pooled".to_owned();
     figures.scene.clone_from(&model.scene);
@@ -102,7 +118,7 @@ fn make_sets(
     file: &PageFile,
     model: &Model,
     options: &RayOptions,
-    clearance: Option<f64>,
+    clearances: [Option<f64>; 2],
     mut hit: impl FnMut(&BenchRay) -> Option<Hit>,
 ) -> anyhow::Result<RaySets> {
     let (block, space) = (file.superblock(), Space::new(file.superblock()));
@@ -113,10 +129,11 @@ fn make_sets(
     ensure!(!points.is_empty(), "the camera sees nothing of {}", model.scene);
     let shadow = sets::shadow(space, block, &points);
     let incoherent = sets::incoherent(&points, options.seed);
-    let gray = clearance.map(|clearance| {
+    let gray = clearances.map(|clearance| {
+        let clearance = clearance? / block.lattice.step();
         let points: Vec<_> = points.iter().map(|point| sets::lifted(point, clearance)).collect();
         let (gather, shadow) = (sets::incoherent(&points, options.seed), sets::shadow(space, block, &points));
-        GraySets { gather, shadow }
+        Some(GraySets { gather, shadow })
     });
     Ok(RaySets { primary, shadow, incoherent, gray })
 }
@@ -125,8 +142,8 @@ fn make_sets(
 struct Contenders<'a, 'p> {
     single: &'a mut dyn Contender,
     packets: Option<&'a mut Packets<'p>>,
-    /// Through the voxels: in batches, and one by one.
-    gray: Option<&'a mut [Gray<'p>; 2]>,
+    /// Through the voxels, those of the upper octree and the finest: in batches, and one by one.
+    gray: [Option<&'a mut [Gray<'p>; 2]>; 2],
 }
 
 /// What comes of set after set.
@@ -170,13 +187,16 @@ fn compete(
     let incoherent = score.measure("incoherent", Ours::alone(single), &sets.incoherent)?;
 
     // Rays through the voxels.
-    let (mut gray_gather, mut gray_shadow) = (None, None);
-    if let (Some([batch, single]), Some(sets)) = (gray, &sets.gray) {
-        let ours = Ours { contender: batch, single: Some(single) };
-        gray_gather = Some(score.measure("gray", ours, &sets.gather)?);
-        let ours = Ours { contender: batch, single: Some(single) };
-        gray_shadow = Some(score.measure("gray_shadow", ours, &sets.shadow)?);
+    let mut through_voxels = [None, None, None, None];
+    let names = [["gray", "gray_shadow"], ["gray_finest", "gray_finest_shadow"]];
+    for (at, (gray, sets)) in gray.into_iter().zip(&sets.gray).enumerate() {
+        let (Some([batch, single]), Some(sets)) = (gray, sets) else { continue };
+        for (kind, set) in [&sets.gather, &sets.shadow].into_iter().enumerate() {
+            let ours = Ours { contender: batch, single: Some(single) };
+            through_voxels[2 * at + kind] = Some(score.measure(names[at][kind], ours, set)?);
+        }
     }
+    let [gray, gray_shadow, gray_finest, gray_finest_shadow] = through_voxels;
 
     let resident_bytes = resident_bytes(file, file.pages().len());
     let triangle_count = file.superblock().triangle_count;
@@ -198,8 +218,11 @@ fn compete(
         shadow,
         incoherent,
         voxel_resolution: None,
-        gray: gray_gather,
+        gray,
         gray_shadow,
+        finest_resolution: None,
+        gray_finest,
+        gray_finest_shadow,
     })
 }
 

@@ -57,8 +57,8 @@ pub(crate) struct RaySets {
     /// From visible points to where light could come from.
     pub(crate) incoherent: RaySet,
     /// The same and shadow rays, from so far off the surface that they are free of its own voxels; none where the
-    /// file has no voxels.
-    pub(crate) gray: Option<GraySets>,
+    /// file has no voxels. Of the upper octree, and of the finest ones.
+    pub(crate) gray: [Option<GraySets>; 2],
 }
 
 /// Rays for voxels.

@@ -122,11 +122,11 @@ pub(crate) trait GStage: Sync + std::fmt::Debug {
     fn answer(&self, tiles: &mut [&mut GRays], pages: &mut dyn Pages) -> GStats;
 }
 
-/// Counts of a batch whose rays ask such questions, but for its time.
-fn counted(kinds: &[GKind]) -> GStats {
+/// Counts of a batch of such rays, but for its time.
+fn counted(rays: &[&GRay]) -> GStats {
     let mut stats = GStats { batches: 1, ..GStats::default() };
-    for kind in kinds {
-        *match kind {
+    for ray in rays {
+        *match ray.kind {
             GKind::Shadow => &mut stats.shadow,
             GKind::Gather => &mut stats.gather,
             GKind::Far => &mut stats.far,

@@ -14,7 +14,7 @@ use crate::shading::bsdf::{Bsdf, takes_shadow_rays};
 use crate::shading::light::LightSample;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
-use crate::voxel::Occluders;
+use crate::voxel::{MissingUnits, Occluders};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
 
@@ -63,11 +63,13 @@ impl<'a> RenderContext<'a> {
         }
     }
 
-    /// This context for a picture at once: G-rays ask the resident voxels, at most one of a kind leaves a surface, and
-    /// nothing waits for pages.
+    /// This context for a picture at once: at most one G-ray of a kind leaves a surface, and nothing waits for pages:
+    /// where a unit is missing, the voxel above it answers.
     pub(crate) fn for_preview(self) -> RenderContext<'a> {
-        let resident =
-            |scene: GScene<'a>| GScene { lower: None, near: Near::Voxel, answers_g_rays: true, ..scene };
+        let resident = |scene: GScene<'a>| {
+            let lower = scene.lower.map(|lower| lower.on_missing(MissingUnits::StandIn));
+            GScene { lower, near: Near::Voxel, answers_g_rays: true, ..scene }
+        };
         let voxels = self.voxels.map(resident);
         RenderContext { voxels, photon_tree: None, has_layers: false, rays_most: 1, is_preview: true, ..self }
     }

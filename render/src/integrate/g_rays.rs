@@ -36,7 +36,7 @@ pub(super) struct FirstRays<'a> {
 impl RenderContext<'_> {
     /// True when shadow and gather rays are asked in batches.
     pub(super) fn batches_g_rays(&self) -> bool {
-        self.g_scene().is_some_and(|scene| scene.near == Near::Voxel && scene.lower.is_none())
+        self.g_scene().is_some_and(|scene| scene.near == Near::Voxel)
     }
 
     /// Asks for the shadow rays of a surface, from the first on, and with the last of them for the gather rays.

@@ -124,7 +124,7 @@ impl<'a> SampleIntegrator<'a> {
 
     /// The G-stage on the processor for what is asked here; `None` where nothing is.
     pub(crate) fn cpu_stage(&self) -> Option<CpuStage<'a>> {
-        self.ctx.voxels.as_ref().map(|scene| CpuStage::new(scene.voxels))
+        self.ctx.voxels.as_ref().map(|scene| CpuStage::new(scene.voxels, scene.lower))
     }
 
     /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it

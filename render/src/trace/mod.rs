@@ -107,4 +107,15 @@ pub trait Tracer {
     fn unit_page(&mut self, _page: u32) -> Page<'_> {
         Page::Damaged
     }
+
+    /// A page of units, held beside others: see [`Pages::hold`].
+    fn hold_unit_page(&self, _page: u32) -> Option<Page<'_>> {
+        Some(Page::Damaged)
+    }
+
+    /// Records a page of units that was missing when it was to be held.
+    fn want_unit_page(&mut self, _page: u32) {}
+
+    /// Lets go of all pages.
+    fn let_go_unit_pages(&mut self) {}
 }

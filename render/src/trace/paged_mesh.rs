@@ -200,6 +200,18 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
         found
     }
 
+    fn hold_unit_page(&self, page: u32) -> Option<Page<'_>> {
+        self.pages.hold(page)
+    }
+
+    fn want_unit_page(&mut self, page: u32) {
+        self.wanted.add(page);
+    }
+
+    fn let_go_unit_pages(&mut self) {
+        self.pages.let_go();
+    }
+
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         let mut missing = Missing::none();
         match self.run(ray, Goal::Closest, &mut missing) {

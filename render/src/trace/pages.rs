@@ -1,4 +1,13 @@
 //! Where traversal gets pages from. It never waits: a page is there, on its way, or damaged for good.
+//!
+//! ```text
+//! one ray after the other   page: looks one up; it may let go of all others
+//! many rays at once         hold, hold, hold ..: frames stay where they are as long as any is borrowed
+//!                           None: no more can be held -> what needs more ends, lets go, and begins again
+//! ```
+//!
+//! Invariant: that nothing is let go of while rays read it is what borrows say: `hold` shares, `page` and `let_go` do
+//! not.
 
 /// The answer of a page look-up.
 pub enum Page<'a> {
@@ -14,6 +23,39 @@ pub enum Page<'a> {
 pub trait Pages {
     /// Looks `page` up. The frame stays where it is until the next call.
     fn page(&mut self, page: u32) -> Page<'_>;
+
+    /// Looks `page` up and holds it beside all that are held: its frame stays where it is as long as it is borrowed.
+    /// One that is missing is recorded by nobody: see [`Pages::want`]. `None` when no more can be held until
+    /// [`Pages::let_go`], which is no answer: whoever needs the page is to ask [`Pages::page`] in the end, which always
+    /// has room for one. So there is no way to wait for room that never comes.
+    fn hold(&self, _page: u32) -> Option<Page<'_>> {
+        None
+    }
+
+    /// Lets go of all pages.
+    fn let_go(&mut self) {}
+
+    /// Learns that a ray was blocked by `page`, which was missing when it was to be held: recorded as if it had been
+    /// looked up.
+    fn want(&mut self, _page: u32) {}
+}
+
+impl Pages for &mut dyn Pages {
+    fn page(&mut self, page: u32) -> Page<'_> {
+        (**self).page(page)
+    }
+
+    fn hold(&self, page: u32) -> Option<Page<'_>> {
+        (**self).hold(page)
+    }
+
+    fn let_go(&mut self) {
+        (**self).let_go();
+    }
+
+    fn want(&mut self, page: u32) {
+        (**self).want(page);
+    }
 }
 
 /// The pages of a file, all in memory: for models that fit, and for tests.
@@ -52,5 +94,9 @@ impl AllResident {
 impl Pages for &AllResident {
     fn page(&mut self, page: u32) -> Page<'_> {
         Page::Ready(self.frame(page))
+    }
+
+    fn hold(&self, page: u32) -> Option<Page<'_>> {
+        Some(Page::Ready(self.frame(page)))
     }
 }

@@ -11,6 +11,7 @@
 use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
+use std::cell::{Cell, OnceCell};
 use std::time::Duration;
 use trex_store::PageFile;
 use trex_store::pool::{PagePool, PageState, PinToken, Want};
@@ -21,15 +22,17 @@ const WANTS_MAX: usize = 512;
 pub struct PooledPages<'a> {
     pool: &'a PagePool,
     /// Per page: 1 + its place in `pins`, or 0.
-    pinned: Vec<u16>,
-    pins: Vec<PinToken>,
+    pinned: Vec<Cell<u16>>,
+    /// The first `pin_count` are there. Cells, so that one more can be pinned while frames of others are borrowed.
+    pins: Vec<OnceCell<PinToken>>,
+    pin_count: Cell<usize>,
     pins_max: usize,
     workers: usize,
     /// The worker's number: the origin of its want-list.
     origin: usize,
     wants: Vec<(u32, u32)>,
     /// Pages asked for since demand was forgotten, a bit each.
-    used: Vec<u64>,
+    used: Vec<Cell<u64>>,
     epoch: u64,
 }
 
@@ -42,13 +45,14 @@ impl<'a> PooledPages<'a> {
         let pins_max = pins_max(pool, workers);
         PooledPages {
             pool,
-            pinned: vec![0; pool.page_count() as usize],
-            pins: Vec::with_capacity(pins_max.min(pool.page_count() as usize)),
+            pinned: vec![Cell::new(0); pool.page_count() as usize],
+            pins: empty_pins(pool, pins_max),
+            pin_count: Cell::new(0),
             pins_max,
             workers,
             origin,
             wants: Vec::new(),
-            used: vec![0; (pool.page_count() as usize).div_ceil(64)],
+            used: vec![Cell::new(0); (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
         }
     }
@@ -56,13 +60,14 @@ impl<'a> PooledPages<'a> {
     /// Bytes that one worker's table takes for a file of `page_count` pages.
     pub fn bytes(page_count: usize, pins_max: usize) -> u64 {
         let table = 2 * page_count + page_count / 8;
-        let lists = size_of::<PinToken>() * pins_max.min(page_count) + 16 * WANTS_MAX;
+        let lists = size_of::<OnceCell<PinToken>>() * pins_max.min(page_count) + 16 * WANTS_MAX;
         (table + lists) as u64 + PagedMesh::<PooledPages>::wanted_bytes(page_count)
     }
 
     fn unpin_all(&mut self) {
-        for pin in self.pins.drain(..) {
-            self.pinned[pin.page() as usize] = 0;
+        let held = &mut self.pins[..self.pin_count.take()];
+        for pin in held.iter_mut().filter_map(OnceCell::take) {
+            self.pinned[pin.page() as usize].set(0);
             self.pool.unpin(pin);
         }
     }
@@ -93,7 +98,7 @@ impl<'a> PooledPages<'a> {
 
     /// Forgets what was asked for: nothing that has not been begun is read for it.
     fn forget(&mut self) {
-        self.used.fill(0);
+        self.used.fill(Cell::new(0));
         self.wants.clear();
         // What is not wanted for two rounds is dropped.
         for _ in 0..2 {
@@ -104,7 +109,7 @@ impl<'a> PooledPages<'a> {
     fn demand(&self, pages: &mut Vec<u64>) -> usize {
         pages.resize(self.used.len(), 0);
         for (sum, used) in pages.iter_mut().zip(&self.used) {
-            *sum |= used;
+            *sum |= used.get();
         }
         let frames = self.pool.frames().frames;
         if frames < self.pool.page_count() as usize { frames } else { 0 }
@@ -114,20 +119,38 @@ impl<'a> PooledPages<'a> {
 impl Pages for PooledPages<'_> {
     #[inline]
     fn page(&mut self, page: u32) -> Page<'_> {
-        let place = usize::from(self.pinned[page as usize]);
-        if place > 0 {
-            return Page::Ready(self.pool.bytes(&self.pins[place - 1]));
-        }
-        self.used[page as usize / 64] |= 1 << (page % 64);
-        if self.pins.len() >= self.pins_max {
+        if self.pinned[page as usize].get() == 0 && self.pin_count.get() >= self.pins_max {
             self.unpin_all();
         }
+        self.hold(page).expect("there is room for one")
+    }
+
+    #[inline]
+    fn hold(&self, page: u32) -> Option<Page<'_>> {
+        let pinned = &self.pinned[page as usize];
+        let place = usize::from(pinned.get());
+        if place > 0 {
+            let pin = self.pins[place - 1].get().expect("it is pinned");
+            return Some(Page::Ready(self.pool.bytes(pin)));
+        }
+        let used = &self.used[page as usize / 64];
+        used.set(used.get() | 1 << (page % 64));
+        let place = self.pin_count.get();
+        if place >= self.pins_max {
+            return None;
+        }
         let Some(token) = self.pool.try_pin(page) else {
-            return if self.pool.is_damaged(page) { Page::Damaged } else { Page::Missing };
+            let is_damaged = self.pool.is_damaged(page);
+            return Some(if is_damaged { Page::Damaged } else { Page::Missing });
         };
-        self.pins.push(token);
-        self.pinned[page as usize] = self.pins.len() as u16;
-        Page::Ready(self.pool.bytes(&self.pins[self.pins.len() - 1]))
+        let pin = self.pins[place].get_or_init(|| token);
+        self.pin_count.set(place + 1);
+        pinned.set(place as u16 + 1);
+        Some(Page::Ready(self.pool.bytes(pin)))
+    }
+
+    fn let_go(&mut self) {
+        self.unpin_all();
     }
 }
 
@@ -143,6 +166,9 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
         pages.unpin_all();
         // The limit may have changed.
         pages.pins_max = pins_max(pages.pool, pages.workers);
+        if pages.pins.len() != pages.pins_max.min(pages.pool.page_count() as usize) {
+            pages.pins = empty_pins(pages.pool, pages.pins_max);
+        }
     }
 
     fn request_missing(&mut self) -> usize {
@@ -178,4 +204,8 @@ pub fn pooled_tracers<'a>(
 
 fn pins_max(pool: &PagePool, workers: usize) -> usize {
     (pool.frames().frames.saturating_sub(2) / workers).clamp(1, usize::from(u16::MAX) - 1)
+}
+
+fn empty_pins(pool: &PagePool, pins_max: usize) -> Vec<OnceCell<PinToken>> {
+    std::iter::repeat_with(OnceCell::new).take(pins_max.min(pool.page_count() as usize)).collect()
 }

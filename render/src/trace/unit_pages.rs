@@ -10,4 +10,16 @@ impl<T: Tracer> Pages for UnitPages<'_, T> {
     fn page(&mut self, page: u32) -> Page<'_> {
         self.0.unit_page(page)
     }
+
+    fn hold(&self, page: u32) -> Option<Page<'_>> {
+        self.0.hold_unit_page(page)
+    }
+
+    fn let_go(&mut self) {
+        self.0.let_go_unit_pages();
+    }
+
+    fn want(&mut self, page: u32) {
+        self.0.want_unit_page(page);
+    }
 }

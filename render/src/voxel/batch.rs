@@ -10,7 +10,7 @@
 //! Invariant: answers are those of [`VoxelScene::intersect`] and [`VoxelScene::occluded`], bit for bit.
 
 #[cfg(target_arch = "x86_64")]
-use super::simd::{self, Queue};
+use super::simd::{self, UpperQueue};
 use super::traverse::{VoxelHit, VoxelScene};
 use crate::trace::Ray;
 
@@ -91,9 +91,9 @@ impl VoxelScene<'_> {
         if simd::fits(self.octree()) {
             match width {
                 PacketWidth::One => {}
-                PacketWidth::Eight => return simd::avx2::walk_all(&mut Queue::new(self, rays, answer)),
+                PacketWidth::Eight => return simd::avx2::walk_all(&mut UpperQueue::new(self, rays, answer)),
                 PacketWidth::Sixteen => {
-                    return simd::avx512::walk_all(&mut Queue::new(self, rays, answer));
+                    return simd::avx512::walk_all(&mut UpperQueue::new(self, rays, answer));
                 }
             }
         }

@@ -54,18 +54,6 @@ impl<'a> VoxelScene<'a> {
         self.surface(hit).face(ray, materials)
     }
 
-    /// The surface in `voxel`, which `ray` has met, and which is `hit.leaf` or in it.
-    pub(crate) fn surface_of(
-        &self,
-        voxel: &LeafVoxel,
-        ray: &Ray,
-        hit: &VoxelHit,
-        materials: &'a [Material],
-    ) -> LeafHit<'a> {
-        let facet = self.octree().facet(hit.node, hit.leaf);
-        VoxelSurface { t: hit.t, facet, leaf: *voxel }.face(ray, materials)
-    }
-
     /// A ray that leaves a leaf: it starts where no voxel of the plane through any point of the subvoxel can be.
     pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
         let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;

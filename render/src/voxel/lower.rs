@@ -3,7 +3,8 @@
 //! ```text
 //! as `traverse`, in subvoxels of the finest leaves, and
 //!   a bit of a leaf's bitmap is set  -> the leaf there, in its unit: go on down
-//!                                       the page is missing        -> blocked: it is asked for, the ray comes again
+//!                                       the page is missing        -> blocked: it is asked for, the ray comes again;
+//!                                                                     or the coarser voxel stands in (`MissingUnits`)
 //!                                       it can never be had        -> the coarser voxel is what there is
 //!   a bit of a finest bitmap is set  -> hit
 //! ```
@@ -15,10 +16,10 @@
 //! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what
 //! positions in f32 are rounded by.
 //!
-//! Invariants: 1. an answer does not depend on which pages were there; 2. no voxel is met that is no part of one of
-//! the upper octree; 3. no allocation; a page is in use until the next one is looked up.
+//! Invariants: 1. an answer that is no stand-in does not depend on which pages were there; 2. no voxel is met that is
+//! no part of one of the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
-use super::leaf::LeafHit;
+use super::leaf::{LeafHit, VoxelSurface};
 use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
 use crate::trace::{Answer, Page, Pages, Ray};
 use glam::DVec3;
@@ -29,11 +30,23 @@ use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
 /// 2^-24 of it at most.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 
+/// What becomes of a ray that meets a voxel whose unit is missing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MissingUnits {
+    /// It is blocked, and is to be asked again.
+    #[default]
+    Block,
+    /// The voxel answers in the place of the finer ones, and the answer says so; the page is recorded all the same.
+    /// Paper, section 5.4.
+    StandIn,
+}
+
 /// The octree of a model with its units.
 #[derive(Clone, Copy, Debug)]
 pub struct LowerScene<'a> {
     upper: VoxelScene<'a>,
     links: &'a LowerLinks,
+    missing: MissingUnits,
 }
 
 /// The hit of a ray on the finest voxels.
@@ -43,6 +56,8 @@ pub struct LowerHit {
     pub upper: VoxelHit,
     /// The leaf of a unit; `None` where there is none to be had.
     pub lower: Option<LowerLeaf>,
+    /// True where a unit below is missing: finer voxels answer when it has come, and the ray may be asked again.
+    pub is_stand_in: bool,
 }
 
 /// A leaf of a unit.
@@ -77,7 +92,24 @@ enum Below {
 impl<'a> LowerScene<'a> {
     /// `upper` with the units to which `links`, of the same file, lead.
     pub fn new(upper: VoxelScene<'a>, links: &'a LowerLinks) -> LowerScene<'a> {
-        LowerScene { upper, links }
+        LowerScene { upper, links, missing: MissingUnits::Block }
+    }
+
+    /// The same scene, in which this becomes of rays that meet missing units.
+    pub fn on_missing(self, missing: MissingUnits) -> LowerScene<'a> {
+        LowerScene { missing, ..self }
+    }
+
+    pub(super) fn missing(&self) -> MissingUnits {
+        self.missing
+    }
+
+    pub(super) fn upper(&self) -> &VoxelScene<'a> {
+        &self.upper
+    }
+
+    pub(super) fn links(&self) -> &'a LowerLinks {
+        self.links
     }
 
     /// Side of a finest leaf, model units.
@@ -97,7 +129,7 @@ impl<'a> LowerScene<'a> {
     }
 
     /// The cube in subvoxels of the finest leaves.
-    fn cube(&self) -> Cube {
+    pub(super) fn cube(&self) -> Cube {
         let (upper, refinement) = (self.upper.cube(), self.links.refinement());
         let cell = upper.cell / f64::from(refinement.factor());
         Cube { cell, levels: upper.levels + refinement.levels() as u32, ..upper }
@@ -109,10 +141,10 @@ impl<'a> LowerScene<'a> {
         let Some(entry) = cube.enter(ray) else { return Answer::Exact(None) };
         match self.walk(&entry, pages) {
             Answer::Blocked => Answer::Blocked,
-            Answer::Exact(found) => Answer::Exact(found.map(|(found, lower)| {
+            Answer::Exact(found) => Answer::Exact(found.map(|(found, lower, is_stand_in)| {
                 let Found { t, node, leaf, axis } = found;
                 let t = entry.t_in + f64::from(t) * cube.cell;
-                LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower }
+                LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower, is_stand_in }
             })),
         }
     }
@@ -137,13 +169,21 @@ impl<'a> LowerScene<'a> {
             Answer::Exact(None) => return Answer::Exact(None),
             Answer::Blocked => return Answer::Blocked,
         };
-        let octree = self.upper.octree();
-        let voxel = match hit.lower.map(|at| (at, pages.page(at.page))) {
+        match self.surface(&hit, pages) {
+            Answer::Exact(surface) => Answer::Exact(Some(surface.face(ray, materials))),
+            Answer::Blocked => Answer::Blocked,
+        }
+    }
+
+    /// The surface in the leaf of `hit`; where its page has gone in between blocked, or that of the voxel above it.
+    pub(crate) fn surface(&self, hit: &LowerHit, pages: &mut impl Pages) -> Answer<VoxelSurface> {
+        let upper = self.upper.surface(&hit.upper);
+        let leaf = match hit.lower.map(|at| (at, pages.page(at.page))) {
             Some((at, Page::Ready(frame))) => UnitsView::new(frame).leaf(at.leaf),
-            Some((_, Page::Missing)) => return Answer::Blocked,
-            Some((_, Page::Damaged)) | None => octree.leaf(hit.upper.leaf as usize),
+            Some((_, Page::Missing)) if self.missing == MissingUnits::Block => return Answer::Blocked,
+            Some((_, Page::Missing | Page::Damaged)) | None => return Answer::Exact(upper),
         };
-        Answer::Exact(Some(self.upper.surface_of(&voxel, ray, &hit.upper, materials)))
+        Answer::Exact(VoxelSurface { leaf, ..upper })
     }
 
     /// The ray that leaves a leaf in unit `direction`: as `VoxelScene::ray_from_leaf`, for the finest voxels.
@@ -161,7 +201,7 @@ impl<'a> LowerScene<'a> {
     }
 
     /// Walks from the cube's side on.
-    fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<(Found, Option<LowerLeaf>)>> {
+    fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<(Found, Option<LowerLeaf>, bool)>> {
         let octree = self.upper.octree();
         let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());
         let first_link = nodes.len() - octree.last_nodes().len();
@@ -200,10 +240,10 @@ impl<'a> LowerScene<'a> {
                 }
                 let below = if level == finest { Below::Never } else { leaf.below(place, pages) };
                 match below {
-                    Below::Missing => return Answer::Blocked,
-                    Below::Never => {
+                    Below::Missing if self.missing == MissingUnits::Block => return Answer::Blocked,
+                    Below::Missing | Below::Never => {
                         let found = Found { t, node: path[depth - 1], leaf: path[depth], axis };
-                        return Answer::Exact(Some((found, leaf.at)));
+                        return Answer::Exact(Some((found, leaf.at, matches!(below, Below::Missing))));
                     }
                     Below::Child(None) => break (shift, leaf.bitmap),
                     Below::Child(Some(child)) => {

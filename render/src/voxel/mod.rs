@@ -3,6 +3,7 @@
 mod batch;
 mod leaf;
 mod lower;
+mod lower_batch;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 mod traverse;
@@ -10,6 +11,6 @@ mod voxels;
 
 pub use batch::PacketWidth;
 pub(crate) use leaf::{LeafHit, VoxelSurface};
-pub use lower::{LowerHit, LowerLeaf, LowerScene};
+pub use lower::{LowerHit, LowerLeaf, LowerScene, MissingUnits};
 pub use traverse::{Occluders, VoxelHit, VoxelScene};
 pub use voxels::Voxels;

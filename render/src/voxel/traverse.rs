@@ -158,6 +158,7 @@ impl Cube {
     }
 
     /// The ray from where it enters the cube; `None` where it passes the cube by, or its numbers are not finite.
+    #[inline(always)]
     pub(super) fn enter(&self, ray: &Ray) -> Option<Entry> {
         let side = self.cells();
         let (mut t_in, mut t_out, mut axis) = (0.0f64, ray.t_max, 0);
@@ -245,6 +246,7 @@ impl<'a> VoxelScene<'a> {
     }
 
     /// The ray from where it enters the cube; `None` where it passes the cube by, or its numbers are not finite.
+    #[inline(always)]
     pub(super) fn enter(&self, ray: &Ray) -> Option<Entry> {
         self.cube().enter(ray)
     }

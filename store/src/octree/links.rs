@@ -144,4 +144,9 @@ impl LowerLinks {
     pub fn unit(&self, number: usize) -> UnitRef {
         UnitRef(self.words[number])
     }
+
+    /// The words of all linking nodes, where they lie.
+    pub fn words(&self) -> &[u32] {
+        &self.words
+    }
 }

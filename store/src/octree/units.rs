@@ -15,10 +15,13 @@
 //! disk   units u32 | nodes u32 | leaves u32 | linked u32 | nodes of each unit u8 | leaves of each node u8
 //!        | words of nodes u32, when linked | bitmaps u64 | normals u16 | materials u8 or u16
 //!        (words of more than a byte in planes, see `stored`)
-//! frame  units u16 | nodes u16 | leaves u16 | material bytes u8 | linked u8 | bitmaps u64 | words of nodes u32
+//! frame  units u16 | nodes u16 | leaves u16 | material bytes u8 | linked u8
 //!        | first node of each unit u16, and the end | first leaf of each node u16, and the end
-//!        | normals u16 | materials
+//!        | words of nodes u32 | normals u16 | materials | .. | bitmaps u64
 //! ```
+//!
+//! What leads from a unit to a bitmap stands near the frame's head, few cache lines for all units. Bitmaps end where
+//! the frame ends, so that they are aligned as it is, whatever stands before: rays read them as words.
 //!
 //! Areas are not stored: light is kept by the facets of the upper leaves.
 //!
@@ -246,20 +249,6 @@ pub(crate) fn install_units(
         .iter()
         .for_each(|&count| out.put(&(count as u16).to_le_bytes()));
     out.put(&[material_bytes as u8, u8::from(counts.links > 0)]);
-    for leaf in 0..counts.leaves {
-        let bitmap = stored.bitmap(leaf);
-        if bitmap == 0 {
-            return Err("a leaf of a unit is empty");
-        }
-        out.put(&bitmap.to_le_bytes());
-    }
-    for node in 0..counts.links {
-        let word = stored.link(node);
-        if !(context.is_units)(UnitRef::from_word(word).page()) {
-            return Err("a unit leads to a page that has none");
-        }
-        out.put(&word.to_le_bytes());
-    }
     for sizes in [stored.units, stored.nodes] {
         let mut sum = 0u16;
         out.put(&sum.to_le_bytes());
@@ -267,6 +256,13 @@ pub(crate) fn install_units(
             sum += u16::from(size);
             out.put(&sum.to_le_bytes());
         }
+    }
+    for node in 0..counts.links {
+        let word = stored.link(node);
+        if !(context.is_units)(UnitRef::from_word(word).page()) {
+            return Err("a unit leads to a page that has none");
+        }
+        out.put(&word.to_le_bytes());
     }
     for leaf in 0..counts.leaves {
         let normal = stored.normal(leaf);
@@ -281,6 +277,14 @@ pub(crate) fn install_units(
             return Err("a unit names a material that is not there");
         }
         out.put(&material.to_le_bytes()[..material_bytes]);
+    }
+    out.at = out.frame.len() - BITMAP_BYTES * counts.leaves;
+    for leaf in 0..counts.leaves {
+        let bitmap = stored.bitmap(leaf);
+        if bitmap == 0 {
+            return Err("a leaf of a unit is empty");
+        }
+        out.put(&bitmap.to_le_bytes());
     }
     Ok(())
 }

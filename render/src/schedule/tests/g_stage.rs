@@ -200,7 +200,7 @@ fn the_processor_answers_a_batch_as_it_answers_its_rays_alone() {
         let kind = [GKind::Shadow, GKind::Gather, GKind::Far][key as usize % 3];
         tiles[(key % 6) as usize].push(GRay { ray: Ray::new(place(0), direction, 1.5), kind });
     }
-    let stats = CpuStage::new(voxels).answer(&mut tiles.iter_mut().collect::<Vec<_>>(), &mut NoPages);
+    let stats = CpuStage::new(voxels, None).answer(&mut tiles.iter_mut().collect::<Vec<_>>(), &mut NoPages);
     assert_eq!((stats.batches, stats.shadow, stats.gather, stats.far), (1, 1000, 1000, 1000));
     let mut met = 0;
     for tile in &tiles {

@@ -4,8 +4,8 @@
 //! are nodes and bitmaps at which lanes stand.
 #![allow(unsafe_code)]
 
-use super::packet::{Ends, Packet, Queue, Row, Tree, fits, take_turns};
-use crate::voxel::traverse::{EIGHTH, Occluders, VoxelHit};
+use super::packet::{Ends, Packet, Queue, Row, Tree, UNKNOWN, fits, take_turns};
+use crate::voxel::traverse::{EIGHTH, Occluders};
 use bytemuck::cast;
 use std::arch::x86_64::*;
 use trex_store::octree::MAX_DEPTH;
@@ -23,15 +23,15 @@ pub(in crate::voxel) fn is_available() -> bool {
 }
 
 /// Answers all rays of `queue`.
-pub(in crate::voxel) fn walk_all(queue: &mut Queue<'_, impl FnMut(usize, Option<VoxelHit>)>) {
-    assert!(is_available() && fits(queue.scene.octree()));
+pub(in crate::voxel) fn walk_all(queue: &mut impl Queue) {
+    assert!(is_available() && fits(queue.octree()));
     // SAFETY: the machine has the features.
     unsafe { walk_with_features(queue) }
 }
 
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn walk_with_features(queue: &mut Queue<'_, impl FnMut(usize, Option<VoxelHit>)>) {
-    take_turns::<LANES, PACKETS>(queue, |packet, tree| visit(packet, tree), prefetch);
+fn walk_with_features<Q: Queue>(queue: &mut Q) {
+    take_turns::<LANES, PACKETS, Q>(queue, |packet, tree| visit::<Q>(packet, tree), prefetch);
 }
 
 /// Asks for the cache line at `address`.
@@ -54,6 +54,8 @@ struct Child {
     /// Index of the child, where it is there.
     index: __m256i,
     is_there: __m256i,
+    /// Nobody has asked where the children are.
+    is_unknown: __m256i,
 }
 
 /// The way of each lane out of the empty cube around its cell.
@@ -73,21 +75,21 @@ struct Exit {
 /// One visit of each lane, of which those that end stay where they are.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn visit(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
-    let child = look(packet, tree);
+fn visit<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
+    let child = look::<Q>(packet, tree);
     let exit = leave(packet, tree, &child);
-    settle(packet, tree, &child, &exit)
+    settle::<Q>(packet, tree, &child, &exit)
 }
 
 /// Step 1: which child, and whether it is there.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn look(packet: &Packet<LANES>, tree: &Tree) -> Child {
+fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child {
     let (height, at): (__m256i, __m256i) = (cast(packet.height.0), cast(packet.at.0));
     let cell: [__m256i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let address: [__m256i; 2] = cast(packet.address.0);
     let zeros = _mm256_setzero_si256();
-    let is_node = _mm256_xor_si256(_mm256_cmpeq_epi32(height, zeros), _mm256_set1_epi32(-1));
+    let is_node = _mm256_cmpgt_epi32(height, _mm256_set1_epi32(Q::FINER as i32));
     let shift = _mm256_slli_epi32::<1>(height);
     let part = |cell| _mm256_and_si256(_mm256_srlv_epi32(cell, shift), _mm256_set1_epi32(3));
     let [x, y, z] = cell.map(part);
@@ -100,13 +102,20 @@ fn look(packet: &Packet<LANES>, tree: &Tree) -> Child {
     let words_before = _mm256_add_epi32(at, _mm256_slli_epi32::<1>(at));
     // SAFETY: lanes at a node read its third word, others nothing. `fits` keeps the offset positive.
     let first = unsafe { _mm256_mask_i32gather_epi32::<4>(zeros, tree.first, words_before, is_node) };
+    let (mut first, mut is_unknown) = (first, zeros);
+    for (row, level) in packet.below.iter().zip(1..=Q::FINER as i32) {
+        let is_here = _mm256_cmpeq_epi32(height, _mm256_set1_epi32(level));
+        first = _mm256_blendv_epi8(first, cast(row.0), is_here);
+        let unknown = _mm256_cmpeq_epi32(first, _mm256_set1_epi32(UNKNOWN as i32));
+        is_unknown = _mm256_or_si256(is_unknown, _mm256_and_si256(is_here, unknown));
+    }
     // The child's bit comes to the top, and those of the children before it below.
     let up_by = wide(_mm256_xor_si256(place, _mm256_set1_epi32(63)));
     let up = [_mm256_sllv_epi64(bits[0], up_by[0]), _mm256_sllv_epi64(bits[1], up_by[1])];
     let is_there = _mm256_srai_epi32::<31>(narrow::<0xdd>(up));
     let before = up.map(|up| count_ones(_mm256_add_epi64(up, up)));
     let index = _mm256_add_epi32(first, narrow::<0x88>(before));
-    Child { place, shift, bits, index, is_there }
+    Child { place, shift, bits, index, is_there, is_unknown }
 }
 
 /// Step 2: out of the empty cube, which is the child's, or the eighth of the node around it.
@@ -159,19 +168,20 @@ fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
 /// Step 3: what becomes of each lane.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn settle(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -> Ends {
+fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -> Ends {
     let (zeros, ones) = (_mm256_setzero_si256(), _mm256_set1_epi32(-1));
     let (height, t_before): (__m256i, __m256) =
         (cast(packet.height.0), _mm256_castsi256_ps(cast(packet.t.0)));
-    let is_leaf = _mm256_cmpeq_epi32(height, zeros);
-    let is_node = _mm256_xor_si256(is_leaf, ones);
+    let is_finest = _mm256_cmpeq_epi32(height, zeros);
     let (is_there, is_out) = (child.is_there, exit.is_out);
     let whole = if tree.occluders == Occluders::Off { ones } else { zeros };
-    let hit = _mm256_and_si256(is_leaf, _mm256_or_si256(is_there, whole));
-    let stops = _mm256_or_si256(is_there, hit);
+    let may_stop = _mm256_or_si256(is_there, whole);
+    let hit = _mm256_and_si256(is_finest, may_stop);
+    let asks = _mm256_and_si256(child.is_unknown, may_stop);
+    let stops = _mm256_or_si256(_mm256_or_si256(is_there, hit), asks);
     let miss = _mm256_andnot_si256(stops, is_out);
     let goes_on = _mm256_xor_si256(_mm256_or_si256(stops, is_out), ones);
-    let goes_down = _mm256_and_si256(is_node, is_there);
+    let goes_down = _mm256_andnot_si256(_mm256_or_si256(is_finest, asks), is_there);
     let up = _mm256_and_si256(_mm256_max_epi32(height, exit.above), goes_on);
     let kept = _mm256_add_epi32(_mm256_andnot_si256(goes_on, height), goes_down);
     let height = _mm256_or_si256(kept, up);
@@ -185,33 +195,64 @@ fn settle(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -
     let axis = _mm256_blendv_epi8(cast(packet.axis.0), exit.axis, goes_on);
     packet.axis.0 = cast(axis);
     let mut at = zeros;
-    for level in 0..MAX_DEPTH {
+    for level in 0..MAX_DEPTH + Q::FINER as usize {
         let is_here = _mm256_cmpeq_epi32(height, _mm256_set1_epi32(level as i32));
         let is_new = _mm256_and_si256(is_here, goes_down);
         let row = _mm256_blendv_epi8(cast(packet.path[level].0), child.index, is_new);
         packet.path[level].0 = cast(row);
         at = _mm256_or_si256(at, _mm256_and_si256(row, is_here));
     }
+    for (row, level) in packet.below.iter_mut().zip(1..=Q::FINER as i32) {
+        let is_new = _mm256_and_si256(_mm256_cmpeq_epi32(height, _mm256_set1_epi32(level)), goes_down);
+        row.0 = cast(_mm256_blendv_epi8(cast(row.0), _mm256_set1_epi32(UNKNOWN as i32), is_new));
+    }
+    let mut nears = zeros;
+    if Q::FINER > 0 {
+        let linking = _mm256_set1_epi32(Q::FINER as i32 + 1);
+        nears = _mm256_and_si256(goes_down, _mm256_cmpeq_epi32(height, linking));
+    }
     packet.at.0 = cast(at);
-    packet.address.0 = cast(addresses(tree, at, height));
+    packet.address.0 = cast(addresses::<Q>(tree, at, height));
     let mask = |lanes| _mm256_movemask_ps(_mm256_castsi256_ps(lanes)) as u32;
-    Ends { hit: mask(hit), miss: mask(miss) }
+    Ends { hit: mask(hit), miss: mask(miss), asks: mask(asks), nears: mask(nears) }
 }
 
-/// Addresses of masks, or at height 0 of bitmaps.
+/// Addresses of masks and of bitmaps.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn addresses(tree: &Tree, at: __m256i, height: __m256i) -> [__m256i; 2] {
-    let is_leaf = _mm256_cmpeq_epi32(height, _mm256_setzero_si256());
+fn addresses<Q: Queue>(tree: &Tree, at: __m256i, height: __m256i) -> [__m256i; 2] {
+    let finer = Q::FINER as i32;
+    let is_leaf = match finer {
+        0 => _mm256_cmpeq_epi32(height, _mm256_setzero_si256()),
+        _ => _mm256_cmpgt_epi32(_mm256_set1_epi32(finer + 1), height),
+    };
     // 12 bytes a node, 8 a bitmap.
     let four = _mm256_andnot_si256(is_leaf, _mm256_slli_epi32::<2>(at));
-    let offset = wide(_mm256_add_epi32(_mm256_slli_epi32::<3>(at), four));
-    let is_leaf = [_mm256_unpacklo_epi32(is_leaf, is_leaf), _mm256_unpackhi_epi32(is_leaf, is_leaf)];
+    let mut offset = wide(_mm256_add_epi32(_mm256_slli_epi32::<3>(at), four));
+    if finer > 0 {
+        // Bytes to units may be more than 32 bits.
+        let size = wide(_mm256_blendv_epi8(_mm256_set1_epi32(12), _mm256_set1_epi32(8), is_leaf));
+        let at = wide(at);
+        offset = std::array::from_fn(|half| _mm256_mul_epu32(at[half], size[half]));
+    }
     let (nodes, bitmaps) = (_mm256_set1_epi64x(tree.nodes as i64), _mm256_set1_epi64x(tree.bitmaps as i64));
-    std::array::from_fn(|half| {
-        let base = _mm256_add_epi64(nodes, _mm256_and_si256(is_leaf[half], bitmaps));
-        _mm256_add_epi64(base, offset[half])
-    })
+    let is_leaf = twice(is_leaf);
+    let mut base: [__m256i; 2] =
+        std::array::from_fn(|half| _mm256_add_epi64(nodes, _mm256_and_si256(is_leaf[half], bitmaps)));
+    if finer > 0 {
+        let is_unit = twice(_mm256_cmpgt_epi32(_mm256_set1_epi32(finer), height));
+        let units = _mm256_set1_epi64x(tree.units() as i64);
+        base =
+            std::array::from_fn(|half| _mm256_add_epi64(base[half], _mm256_and_si256(is_unit[half], units)));
+    }
+    std::array::from_fn(|half| _mm256_add_epi64(base[half], offset[half]))
+}
+
+/// Words twice.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn twice(words: __m256i) -> [__m256i; 2] {
+    [_mm256_unpacklo_epi32(words, words), _mm256_unpackhi_epi32(words, words)]
 }
 
 /// Words to 64 bits; for their order see `slot`.

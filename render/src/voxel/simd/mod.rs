@@ -2,6 +2,10 @@
 
 pub(super) mod avx2;
 pub(super) mod avx512;
+mod lower;
 mod packet;
+mod upper;
 
-pub(super) use packet::{Queue, fits};
+pub(super) use lower::{LowerQueue, Outcome};
+pub(super) use packet::fits;
+pub(super) use upper::UpperQueue;

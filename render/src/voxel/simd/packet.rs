@@ -5,6 +5,7 @@
 //!   for each packet: all of its lanes visit the node (or the leaf) that they are at      (`avx2`, `avx512`)
 //!     child is there    -> down to it                 down, up and on are all computed, masks choose
 //!     child is missing  -> out of the empty cube, up to the node that holds the next cell too
+//!     a leaf above units that nobody has looked below yet -> its lane asks where its children are       (`lower`)
 //!     lanes that ended give their answers and get the next rays
 //!     what the lanes are at now is prefetched; the other packets' visits pass until it is looked at
 //! ```
@@ -18,11 +19,14 @@
 //! compiled for AVX-512VL (1.1 where sixteen gain 1.5); huge pages for the octree (1.03); a visit in three parts,
 //! each for all packets in turn (0.95); reciprocals instead of divisions when a ray enters (1.0).
 //!
+//! Addresses: nodes, bitmaps of the upper octree and bitmaps of units are three arrays with bases of their own, and a
+//! lane keeps 32-bit places in them: of nodes, or of words of 8 bytes. Its height says in which it is: levels above the
+//! finest leaves, so leaves of the upper octree are at [`Queue::FINER`], those of units below that, nodes above.
+//!
 //! Invariant: a lane stands at a node or leaf of the octree at all times, also one without a ray.
 
-use crate::trace::Ray;
-use crate::voxel::traverse::{Entry, Found, Occluders, VoxelHit, VoxelScene};
-use trex_store::octree::{MAX_DEPTH, OctreeNode, UpperOctree};
+use crate::voxel::traverse::{Entry, Found, Occluders};
+use trex_store::octree::{MAX_DEPTH, MAX_FINER, OctreeNode, UpperOctree};
 
 const _: () = assert!(size_of::<OctreeNode>() == 12 && std::mem::offset_of!(OctreeNode, first) == 8);
 
@@ -32,14 +36,16 @@ pub(in crate::voxel) fn fits(octree: &UpperOctree) -> bool {
 }
 
 /// The octree as lanes see it.
-pub(super) struct Tree {
+pub(in crate::voxel) struct Tree {
     /// Address of the nodes, and how far from there the bitmaps are.
     pub(super) nodes: u64,
     pub(super) bitmaps: u64,
+    /// How far from these the bitmaps of units are.
+    units: u64,
     /// The first node's first child.
     pub(super) first: *const i32,
-    /// Levels above the leaves.
-    depth: u32,
+    /// Height of the root.
+    levels: u32,
     /// The last subvoxel along an axis.
     pub(super) last: u32,
     /// Leaves are whole cubes.
@@ -47,35 +53,93 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    fn new(octree: &UpperOctree, occluders: Occluders) -> Tree {
+    fn new<Q: Queue>(queue: &Q) -> Tree {
+        let octree = queue.octree();
         let (nodes, bitmaps) = (octree.nodes().as_ptr(), octree.bitmaps().as_ptr());
-        let depth = octree.grid().depth() as u32;
+        let levels = octree.grid().depth() as u32 + Q::FINER;
         let [nodes_at, bitmaps_at] = [nodes.expose_provenance(), bitmaps.expose_provenance()];
         Tree {
             nodes: nodes_at as u64,
             bitmaps: (bitmaps_at as u64).wrapping_sub(nodes_at as u64),
+            units: 0,
             first: nodes.cast::<i32>().wrapping_add(2),
-            depth,
-            last: 4u32.pow(depth + 1) - 1,
-            occluders,
+            levels,
+            last: 4u32.pow(levels + 1) - 1,
+            occluders: queue.occluders(),
         }
     }
+
+    /// How far from the bitmaps of the upper octree those of units are.
+    pub(super) fn units(&self) -> u64 {
+        self.units
+    }
+
+    /// Address of a bitmap of a unit.
+    #[inline(always)]
+    fn unit_bitmap(&self, place: u32) -> u64 {
+        self.nodes.wrapping_add(self.bitmaps).wrapping_add(self.units).wrapping_add(8 * u64::from(place))
+    }
+
+    /// The base of the bitmaps of units is at an address from now on.
+    pub(super) fn set_units(&mut self, address: u64) {
+        self.units = address.wrapping_sub(self.nodes.wrapping_add(self.bitmaps));
+    }
+}
+
+/// Place of the children of a leaf that nobody has looked below.
+pub(super) const UNKNOWN: u32 = u32::MAX;
+
+/// Rays that wait, what is below the upper octree's leaves, and where answers go.
+pub(in crate::voxel) trait Queue {
+    /// Levels of leaves below those of the upper octree.
+    const FINER: u32;
+    /// What a lane remembers of what it asked.
+    type Note: Copy + Default;
+
+    fn octree(&self) -> &UpperOctree;
+
+    fn occluders(&self) -> Occluders;
+
+    /// The next ray that enters the cube; those before it that do not are answered.
+    fn next(&mut self) -> Option<(usize, Entry)>;
+
+    /// The ray of a lane has met the voxel at which the lane stands.
+    fn hit<const N: usize>(&mut self, packet: &Packet<N>, lane: usize, note: &Self::Note);
+
+    /// A ray has met nothing.
+    fn miss(&mut self, ray: usize);
+
+    /// Address of what a lane that has come to a linking node may ask for.
+    fn near<const N: usize>(&self, packet: &Packet<N>, lane: usize) -> u64;
+
+    /// Looks where the children are of the leaf at which a lane stands, and moves the lane there; false when the ray
+    /// is answered instead.
+    fn ask<const N: usize>(
+        &mut self,
+        packet: &mut Packet<N>,
+        lane: usize,
+        note: &mut Self::Note,
+        tree: &mut Tree,
+    ) -> bool;
 }
 
 /// A number per lane, as a register of up to 64 bytes takes it.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(super) struct Row<T, const N: usize>(pub(super) [T; N]);
+pub(in crate::voxel) struct Row<T, const N: usize>(pub(super) [T; N]);
 
-/// Lanes whose rays ended.
+/// Lanes that cannot go on by themselves: whose rays ended, and which are at a leaf whose children are unknown.
 pub(super) struct Ends {
     pub(super) hit: u32,
     pub(super) miss: u32,
+    pub(super) asks: u32,
+    /// Those that have come to a linking node.
+    pub(super) nears: u32,
 }
 
 /// `N` rays and where they are. See `Entry` and `VoxelScene::walk`.
 #[derive(Clone, Copy)]
-pub(super) struct Packet<const N: usize> {
+pub(in crate::voxel) struct Packet<const N: usize> {
     pub(super) origin: [Row<f32, N>; 3],
     pub(super) direction: [Row<f32, N>; 3],
     pub(super) inverse: [Row<f32, N>; 3],
@@ -84,19 +148,21 @@ pub(super) struct Packet<const N: usize> {
     pub(super) cell: [Row<u32, N>; 3],
     pub(super) t: Row<f32, N>,
     pub(super) axis: Row<u32, N>,
-    /// Levels above the leaves; at 0 a lane is at a leaf.
+    /// Levels above the finest leaves.
     pub(super) height: Row<u32, N>,
     /// The node or leaf.
     pub(super) at: Row<u32, N>,
     /// Address of its mask or bitmap, in the order of [`slot`].
     pub(super) address: Row<u64, N>,
     /// Leaf and nodes on the way to it by height; above the greatest there is only the root, 0.
-    pub(super) path: [Row<u32, N>; MAX_DEPTH],
+    pub(super) path: [Row<u32, N>; MAX_DEPTH + MAX_FINER],
+    /// The first child of the leaf on the way, by its height less one; or `UNKNOWN`.
+    pub(super) below: [Row<u32, N>; MAX_FINER],
     /// Lanes with a ray.
     busy: u32,
     /// Index of the lane's ray, and its distance to the cube.
-    ray: [usize; N],
-    t_in: [f64; N],
+    pub(super) ray: [usize; N],
+    pub(super) t_in: [f64; N],
 }
 
 /// Place of a lane's 64 bits: registers are unpacked within parts of four words, their lower pairs first.
@@ -107,13 +173,14 @@ fn slot<const N: usize>(lane: usize) -> usize {
 
 /// Answers all rays of `queue` with `PACKETS` packets of `N`, which `visit` moves.
 #[inline(always)]
-pub(super) fn take_turns<const N: usize, const PACKETS: usize>(
-    queue: &mut Queue<'_, impl FnMut(usize, Option<VoxelHit>)>,
+pub(super) fn take_turns<const N: usize, const PACKETS: usize, Q: Queue>(
+    queue: &mut Q,
     visit: impl Fn(&mut Packet<N>, &Tree) -> Ends,
     prefetch: impl Fn(u64),
 ) {
-    let tree = Tree::new(queue.scene.octree(), queue.scene.occluders());
+    let mut tree = Tree::new(queue);
     let mut packets = [Packet::<N>::idle(&tree); PACKETS];
+    let mut notes = [[Q::Note::default(); N]; PACKETS];
     for lane in 0..N {
         for packet in &mut packets {
             packet.refill(lane, queue, &tree);
@@ -121,14 +188,24 @@ pub(super) fn take_turns<const N: usize, const PACKETS: usize>(
     }
     loop {
         let mut busy = 0;
-        for packet in &mut packets {
+        for (packet, notes) in packets.iter_mut().zip(&mut notes) {
             let ends = visit(packet, &tree);
             let mut ended = (ends.hit | ends.miss) & packet.busy;
-            while ended != 0 {
-                let lane = ended.trailing_zeros() as usize;
-                ended &= ended - 1;
-                let found = (ends.hit >> lane & 1 == 1).then(|| (packet.t_in[lane], packet.found(lane)));
-                queue.answer(packet.ray[lane], found);
+            for lane in lanes(ended) {
+                if ends.hit >> lane & 1 == 1 {
+                    queue.hit(packet, lane, &notes[lane]);
+                } else {
+                    queue.miss(packet.ray[lane]);
+                }
+            }
+            for lane in lanes(ends.asks & packet.busy) {
+                let goes_on = queue.ask(packet, lane, &mut notes[lane], &mut tree);
+                ended |= u32::from(!goes_on) << lane;
+            }
+            for lane in lanes(ends.nears) {
+                prefetch(queue.near(packet, lane));
+            }
+            for lane in lanes(ended) {
                 packet.refill(lane, queue, &tree);
             }
             busy |= packet.busy;
@@ -143,40 +220,14 @@ pub(super) fn take_turns<const N: usize, const PACKETS: usize>(
     }
 }
 
-/// Rays that wait, and where answers go.
-pub(in crate::voxel) struct Queue<'a, A> {
-    pub(in crate::voxel) scene: &'a VoxelScene<'a>,
-    rays: &'a [Ray],
-    /// Rays before this one are answered or under way.
-    taken: usize,
-    answer: A,
-}
-
-impl<'a, A: FnMut(usize, Option<VoxelHit>)> Queue<'a, A> {
-    /// The queue of all `rays`, to be answered by place.
-    pub(in crate::voxel) fn new(scene: &'a VoxelScene<'a>, rays: &'a [Ray], answer: A) -> Queue<'a, A> {
-        Queue { scene, rays, taken: 0, answer }
-    }
-
-    /// The next ray that enters the cube; those before it that do not are answered.
-    #[inline(always)]
-    pub(in crate::voxel) fn next(&mut self) -> Option<(usize, Entry)> {
-        while let Some(ray) = self.rays.get(self.taken) {
-            let index = self.taken;
-            self.taken += 1;
-            match self.scene.enter(ray) {
-                Some(entry) => return Some((index, entry)),
-                None => (self.answer)(index, None),
-            }
-        }
-        None
-    }
-
-    /// Answers `ray` with what its walk found, and its distance to the cube.
-    #[inline(always)]
-    pub(in crate::voxel) fn answer(&mut self, ray: usize, found: Option<(f64, Found)>) {
-        (self.answer)(ray, found.map(|(t_in, found)| self.scene.hit_of(t_in, &found)));
-    }
+/// Places of the bits that are set.
+#[inline(always)]
+fn lanes(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = (bits != 0).then(|| bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        lane
+    })
 }
 
 impl<const N: usize> Packet<N> {
@@ -192,10 +243,11 @@ impl<const N: usize> Packet<N> {
             cell: [zeros; 3],
             t: zero,
             axis: zeros,
-            height: Row([tree.depth; N]),
+            height: Row([tree.levels; N]),
             at: zeros,
             address: Row([tree.nodes; N]),
-            path: [zeros; MAX_DEPTH],
+            path: [zeros; MAX_DEPTH + MAX_FINER],
+            below: [Row([UNKNOWN; N]); MAX_FINER],
             busy: 0,
             ray: [0; N],
             t_in: [0.0; N],
@@ -204,12 +256,7 @@ impl<const N: usize> Packet<N> {
 
     /// Gives the lane the next ray of `queue`. Without one it stays where it is.
     #[inline(always)]
-    fn refill(
-        &mut self,
-        lane: usize,
-        queue: &mut Queue<'_, impl FnMut(usize, Option<VoxelHit>)>,
-        tree: &Tree,
-    ) {
+    fn refill(&mut self, lane: usize, queue: &mut impl Queue, tree: &Tree) {
         let Some((ray, entry)) = queue.next() else {
             self.busy &= !(1 << lane);
             return;
@@ -232,17 +279,39 @@ impl<const N: usize> Packet<N> {
         self.t.0[lane] = 0.0;
         self.flip.0[lane] = entry.flip;
         self.axis.0[lane] = entry.axis as u32;
-        self.height.0[lane] = tree.depth;
+        self.height.0[lane] = tree.levels;
         self.at.0[lane] = 0;
         self.address.0[slot::<N>(lane)] = tree.nodes;
     }
 
-    /// The voxel at which a lane stands that hit.
-    fn found(&self, lane: usize) -> Found {
+    /// Puts a lane at the child of its leaf that holds its cell, if that is there; the first child is in place `first`.
+    #[inline(always)]
+    pub(super) fn descend(&mut self, lane: usize, first: u32, bits: u64, tree: &Tree) {
+        let height = self.height.0[lane] as usize;
+        self.below[height - 1].0[lane] = first;
+        let cell: [u32; 3] = std::array::from_fn(|a| self.cell[a].0[lane] >> (2 * height) & 3);
+        let place = (cell[0] | cell[1] << 2 | cell[2] << 4) ^ self.flip.0[lane];
+        if bits >> place & 1 == 0 {
+            return;
+        }
+        let at = first + (bits & ((1 << place) - 1)).count_ones();
+        self.height.0[lane] = height as u32 - 1;
+        self.at.0[lane] = at;
+        self.path[height - 1].0[lane] = at;
+        if height > 1 {
+            self.below[height - 2].0[lane] = UNKNOWN;
+        }
+        self.address.0[slot::<N>(lane)] = tree.unit_bitmap(at);
+    }
+
+    /// The voxel at which a lane stands, by the leaf of the upper octree that it is in or is.
+    #[inline(always)]
+    pub(super) fn found<Q: Queue>(&self, lane: usize) -> Found {
+        let leaf = Q::FINER as usize;
         Found {
             t: self.t.0[lane],
-            node: self.path[1].0[lane],
-            leaf: self.at.0[lane],
+            node: self.path[leaf + 1].0[lane],
+            leaf: self.path[leaf].0[lane],
             axis: self.axis.0[lane] as usize,
         }
     }

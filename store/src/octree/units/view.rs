@@ -5,7 +5,7 @@
 use super::super::LeafVoxel;
 use super::super::links::UnitRef;
 use super::super::payload::LeafNormal;
-use super::{BITMAP_BYTES, Counts, FRAME_HEAD_BYTES, INDEX_BYTES, LINK_BYTES, NORMAL_BYTES};
+use super::{BITMAP_BYTES, FRAME_HEAD_BYTES, INDEX_BYTES, LINK_BYTES, NORMAL_BYTES};
 
 /// A node of a unit: one leaf of the octree above it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,56 +42,71 @@ impl UnitNode {
 #[derive(Clone, Copy, Debug)]
 pub struct UnitsView<'a> {
     frame: &'a [u8],
-    counts: Counts,
-    material_bytes: usize,
+    units: u16,
+    nodes: u16,
+    leaves: u16,
+    material_bytes: u8,
+    is_linked: bool,
 }
 
 impl<'a> UnitsView<'a> {
     /// The view of a frame that `install` has filled with a page of units.
     #[inline]
     pub fn new(frame: &'a [u8]) -> UnitsView<'a> {
-        let count = |i: usize| usize::from(u16::from_le_bytes([frame[2 * i], frame[2 * i + 1]]));
-        let links = if frame[7] == 0 { 0 } else { count(1) };
-        let counts = Counts { units: count(0), nodes: count(1), leaves: count(2), links };
-        UnitsView { frame, counts, material_bytes: usize::from(frame[6]) }
+        let count = |i: usize| u16::from_le_bytes([frame[2 * i], frame[2 * i + 1]]);
+        UnitsView {
+            frame,
+            units: count(0),
+            nodes: count(1),
+            leaves: count(2),
+            material_bytes: frame[6],
+            is_linked: frame[7] != 0,
+        }
     }
 
     /// Nodes of a unit, 1 to 64; 0 where there is no such unit.
     pub fn node_count(&self, unit: u32) -> u32 {
-        let unit = unit as usize;
-        if unit >= self.counts.units { 0 } else { self.index(unit + 1) - self.index(unit) }
+        if unit >= u32::from(self.units) { 0 } else { self.index(unit + 1) - self.index(unit) }
     }
 
     /// Node `rank` of a unit: of the leaves above it the one with so many before it. `None` where there is none.
-    #[inline]
+    #[inline(always)]
     pub fn node(&self, unit: u32, rank: u32) -> Option<UnitNode> {
-        let unit = unit as usize;
-        if unit >= self.counts.units || rank >= self.index(unit + 1) - self.index(unit) {
+        if unit >= u32::from(self.units) || rank >= self.index(unit + 1) - self.index(unit) {
             return None;
         }
-        let node = (self.index(unit) + rank) as usize;
+        let node = self.index(unit) + rank;
         // First leaves stand behind the first nodes and their end.
-        let at = self.counts.units + 1 + node;
+        let at = u32::from(self.units) + 1 + node;
         let first = self.index(at);
-        let link_at = self.links_at() + LINK_BYTES * node;
-        let link =
-            (self.counts.links > 0).then(|| UnitRef::from_word(u32::from_le_bytes(self.bytes(link_at))));
+        let link = self.is_linked.then(|| {
+            let link_at = self.links_at() + LINK_BYTES * node as usize;
+            UnitRef::from_word(u32::from_le_bytes(self.bytes(link_at)))
+        });
         Some(UnitNode { first, count: self.index(at + 1) - first, link })
     }
 
     /// Occluder bitmap of a leaf, by its index within the page.
     #[inline]
     pub fn bitmap(&self, leaf: u32) -> u64 {
-        u64::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + BITMAP_BYTES * leaf as usize))
+        u64::from_le_bytes(self.bytes(self.bitmaps_at() + BITMAP_BYTES * leaf as usize))
+    }
+
+    /// The occluder bitmaps of all leaves, where they lie: words of 8 bytes, the least first.
+    #[inline]
+    pub fn bitmaps(&self) -> &'a [u8] {
+        &self.frame[self.bitmaps_at()..]
     }
 
     /// Normal, flatness and material of the surface in a leaf.
     pub fn leaf(&self, leaf: u32) -> LeafVoxel {
-        let Counts { units, nodes, leaves, .. } = self.counts;
-        let normals_at = self.indices_at() + INDEX_BYTES * (units + nodes + 2);
+        let link_count = if self.is_linked { usize::from(self.nodes) } else { 0 };
+        let normals_at = self.links_at() + LINK_BYTES * link_count;
         let word = self.bytes(normals_at + NORMAL_BYTES * leaf as usize);
         let (normal, flatness) = LeafNormal(u16::from_le_bytes(word)).unpack();
-        let material_at = normals_at + NORMAL_BYTES * leaves + self.material_bytes * leaf as usize;
+        let material_at = normals_at
+            + NORMAL_BYTES * usize::from(self.leaves)
+            + usize::from(self.material_bytes) * leaf as usize;
         let material = match self.material_bytes {
             1 => u16::from(self.frame[material_at]),
             _ => u16::from_le_bytes(self.bytes(material_at)),
@@ -100,17 +115,17 @@ impl<'a> UnitsView<'a> {
     }
 
     fn links_at(&self) -> usize {
-        FRAME_HEAD_BYTES + BITMAP_BYTES * self.counts.leaves
+        FRAME_HEAD_BYTES + INDEX_BYTES * (usize::from(self.units) + usize::from(self.nodes) + 2)
     }
 
-    fn indices_at(&self) -> usize {
-        self.links_at() + LINK_BYTES * self.counts.links
+    fn bitmaps_at(&self) -> usize {
+        self.frame.len() - BITMAP_BYTES * usize::from(self.leaves)
     }
 
     /// Of the first nodes and first leaves.
     #[inline]
-    fn index(&self, at: usize) -> u32 {
-        u32::from(u16::from_le_bytes(self.bytes(self.indices_at() + INDEX_BYTES * at)))
+    fn index(&self, at: u32) -> u32 {
+        u32::from(u16::from_le_bytes(self.bytes(FRAME_HEAD_BYTES + INDEX_BYTES * at as usize)))
     }
 
     #[inline]
