@@ -45,11 +45,10 @@ pub(crate) struct SampleIntegrator<'a> {
     integrator: &'static dyn Integrator,
 }
 
-/// The integrator of a method, or of its preview: what gathers on the mesh, or goes on by chance, is seen in direct
-/// light at first.
+/// The integrator of a method, or of its preview.
 fn integrator(method: Method, is_preview: bool) -> &'static dyn Integrator {
     match method {
-        Method::Path | Method::FullGi if is_preview => &Direct,
+        method if is_preview && !method.has_own_preview() => &Direct,
         Method::Direct => &Direct,
         Method::Path => &PathTracing,
         Method::Ao => &AmbientOcclusion,

@@ -84,12 +84,18 @@ fn room(photons: u64) -> u64 {
 }
 
 impl PhotonStore {
-    /// Room for the hits of `photons` photons and for their tree; `center` is the middle of the model.
+    /// Room for the hits of `photons` photons, for their tree, and for `flight_bytes` of those under way; `center` is
+    /// the middle of the model.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonTree::bytes`].
-    pub(crate) fn new(photons: u64, center: DVec3, budget: &Budget) -> Result<PhotonStore> {
-        let lease = budget.lease("the photons", PhotonTree::bytes(photons))?;
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonTree::bytes`] and the flights.
+    pub(crate) fn new(
+        photons: u64,
+        center: DVec3,
+        flight_bytes: u64,
+        budget: &Budget,
+    ) -> Result<PhotonStore> {
+        let lease = budget.lease("the photons", PhotonTree::bytes(photons) + flight_bytes)?;
         let room = room(photons) as usize;
         let counts = vec![0; photons.div_ceil(BATCH) as usize];
         Ok(PhotonStore {
@@ -200,7 +206,7 @@ mod tests {
 
     /// Photons strewn over |x|, |y| <= 1 of the plane z = 0, every fourth on its other side; the oracle gets the same.
     fn strewn(count: u64) -> (PhotonTree, Vec<(DVec3, Deposit)>) {
-        let mut store = PhotonStore::new(count, DVec3::ZERO, &Budget::unlimited()).unwrap();
+        let mut store = PhotonStore::new(count, DVec3::ZERO, 0, &Budget::unlimited()).unwrap();
         let deposit = |index: u64| {
             let at = [0, 1].map(|axis| 2.0 * number(7 * index + axis) - 1.0);
             let side = if index % 4 == 3 { -1.0 } else { 1.0 };
@@ -266,7 +272,7 @@ mod tests {
             let light = tree.radiance(&surface([0.1, 0.2], [0.0, 0.0, 1.0]), &[Material::default()], 50);
             assert!(light[0].is_finite() && (light[0] > 0.0) == (count > 1), "{count}: {light:?}");
         }
-        let mut store = PhotonStore::new(5000, DVec3::ZERO, &Budget::unlimited()).unwrap();
+        let mut store = PhotonStore::new(5000, DVec3::ZERO, 0, &Budget::unlimited()).unwrap();
         let one = Deposit::new(DVec3::new(0.5, 0.5, 0.0), DVec3::Z, Vec3::Z, Vec3::ONE);
         store.land(0, &vec![one; 4096]);
         let tree = store.into_tree(5000);
@@ -279,7 +285,7 @@ mod tests {
     #[test]
     fn memory_is_leased_for_the_most_and_shrinks() {
         let budget = Budget::unlimited();
-        let store = PhotonStore::new(3 * BATCH, DVec3::ZERO, &budget).unwrap();
+        let store = PhotonStore::new(3 * BATCH, DVec3::ZERO, 0, &budget).unwrap();
         assert_eq!(budget.used_bytes(), PhotonTree::bytes(3 * BATCH));
         assert!(store.places.len() as u64 >= 9 * BATCH);
         let tree = store.into_tree(3 * BATCH);
@@ -287,6 +293,6 @@ mod tests {
         drop(tree);
         assert_eq!(budget.used_bytes(), 0);
         let tight = Budget::new(trex_store::RESERVE_BYTES + PhotonTree::bytes(100) - 1);
-        assert!(PhotonStore::new(100, DVec3::ZERO, &tight).is_err());
+        assert!(PhotonStore::new(100, DVec3::ZERO, 0, &tight).is_err());
     }
 }

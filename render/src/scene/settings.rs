@@ -87,6 +87,12 @@ impl Method {
         matches!(self, Method::Photon | Method::FullGi)
     }
 
+    /// True when the picture that frames show at once is of this method, too: what gathers on the mesh, or goes on by
+    /// chance, is seen in direct light at first.
+    pub(crate) fn has_own_preview(self) -> bool {
+        !matches!(self, Method::Path | Method::FullGi)
+    }
+
     /// True when voxels are asked where there are any.
     pub fn asks_voxels(self) -> bool {
         self.needs_voxels() || self == Method::Ao

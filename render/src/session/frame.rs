@@ -46,8 +46,7 @@ struct OtherRays {
 impl<T: PagedTracer + Send> LiveSession<T> {
     /// Goes on with the picture: with the preview that comes first; then until a fetch block is done, the picture is
     /// complete or `t_max` has passed. `spp`: samples that are enough. `stop` is asked between tiles. Light that has
-    /// changed comes by voxels, whether it was baked or not; for `full-gi` it comes when
-    /// [`LiveSession::illuminate`] is called again.
+    /// changed comes by itself: by voxels, whether it was baked or not; for `full-gi` through the mesh.
     pub fn frame(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) -> FrameReport {
         let begin = Instant::now();
         let mut other = OtherRays::default();
@@ -67,7 +66,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let tiles_begin = Instant::now();
         let pass = self.run_tiles(spp, begin, stop);
         self.live.tiles_time = tiles_begin.elapsed();
-        let is_lit = self.live.next.as_ref().is_none_or(NextLight::is_idle);
+        let is_lit = self.live.next.as_ref().is_none_or(NextLight::is_idle) && self.live.next_tree.is_none();
         let progress = match self.live.first_block {
             _ if self.film.samples() >= spp && is_lit => FrameProgress::Done,
             _ if self.is_complete() => FrameProgress::Complete,
@@ -113,6 +112,17 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// Sends photons of changed light. Gives the count of their rays.
     fn illuminate_until(&mut self, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> u64 {
+        if let Some(next) = self.live.next_tree.take() {
+            let (built, rays) = next.go_on(&mut self.session, deadline, stop);
+            match built {
+                Ok(tree) => {
+                    self.session.photon_tree = Some(tree);
+                    self.begin_samples();
+                }
+                Err(next) => self.live.next_tree = Some(next),
+            }
+            return rays;
+        }
         let Some(next) = &mut self.live.next else { return 0 };
         let Some(mut map) = self.session.photon_map.take() else { return 0 };
         let target = self.session.view.settings.photons;
@@ -214,7 +224,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             stale_tiles += u32::from(self.film.tile_state(tile) < Some(live.event_state));
         }
         let preview = live.display.step().filter(|_| live.display.state() >= Some(live.event_state));
-        let light_share = live.next.as_ref().map_or(1.0, NextLight::share);
+        let photons = self.view.settings.photons;
+        let light_share = match (&live.next_tree, &live.next) {
+            (Some(tree), _) => tree.share(photons),
+            (None, next) => next.as_ref().map_or(1.0, NextLight::share),
+        };
         FrameReport {
             progress,
             block_tiles: live.first_block.unwrap_or(live.block.tiles(Nth::First)),

@@ -13,7 +13,7 @@ use crate::scene::settings::{Method, RenderKeys};
 use crate::shading::light::PhotonSources;
 use crate::stats::PhotonStats;
 use crate::trace::PagedTracer;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::sync::Mutex;
 use trex_store::Result;
 
@@ -88,25 +88,49 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        let Session { world, model, view, tracers, budget, pool, .. } = self;
-        let target = view.settings.photons;
-        let Some(sources) = PhotonSources::new(&world.lights, &model.bounds) else {
+        if !self.sends_photons() {
             return Ok(PhotonStats::default());
-        };
-        let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
-        let store = Mutex::new(PhotonStore::new(target, model.bounds.center().into(), budget)?);
-        let land = |batch, deposits: &[Deposit]| {
-            store.lock().expect("a worker panicked").land(batch, deposits);
-            deposits.len() as u64
-        };
-        let photons = MeshPhotons { world, sources: &sources, land: &land, stop, pool };
-        let send = |indices| match photons.trace(tracers, indices) {
+        }
+        let mut store = self.photon_store()?;
+        let target = self.view.settings.photons;
+        let send = |indices| match self.send_to_store(&mut store, indices, stop) {
             Some(pass) => ControlFlow::Continue(pass),
             None => ControlFlow::Break(PhotonStats::default()),
         };
         let stats = send_in_passes(0..target, send, &mut |done| tell(done, target));
-        let store = store.into_inner().expect("a worker panicked");
         self.photon_tree = Some(store.into_tree(stats.photons));
         Ok(stats)
+    }
+
+    /// True when anything sends photons.
+    pub(super) fn sends_photons(&self) -> bool {
+        PhotonSources::new(&self.world.lights, &self.model.bounds).is_some()
+    }
+
+    /// Room for the photons of `full-gi`.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for them, and for those under way.
+    pub(super) fn photon_store(&self) -> Result<PhotonStore> {
+        let flights = flight_bytes(self.tracers.len());
+        PhotonStore::new(self.view.settings.photons, self.model.bounds.center().into(), flights, &self.budget)
+    }
+
+    /// Sends the photons with these indices, from a whole batch on, through the mesh. `None` when it was stopped: some
+    /// batches have landed then, and are to be sent again with the others.
+    pub(super) fn send_to_store(
+        &mut self,
+        store: &mut PhotonStore,
+        indices: Range<u64>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<PhotonStats> {
+        let Session { world, model, tracers, pool, .. } = self;
+        let sources = PhotonSources::new(&world.lights, &model.bounds)?;
+        let store = Mutex::new(store);
+        let land = |batch, deposits: &[Deposit]| {
+            store.lock().expect("a worker panicked").land(batch, deposits);
+            deposits.len() as u64
+        };
+        MeshPhotons { world, sources: &sources, land: &land, stop, pool }.trace(tracers, indices)
     }
 }

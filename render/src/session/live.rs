@@ -29,12 +29,14 @@
 use super::fetch_block::{Block, FetchBlock};
 use super::ladder::Ladder;
 use super::next_light::NextLight;
+use super::next_tree::NextTree;
 use super::{Change, Event, Session};
 use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
 use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
+use crate::scene::settings::Method;
 use crate::schedule::Pass;
 use crate::stats::{PassStats, PhotonStats, RayCounts};
 use crate::trace::PagedTracer;
@@ -127,6 +129,8 @@ pub(super) struct Live {
     pub(super) options: FrameOptions,
     pub(super) display: Display,
     pub(super) next: Option<NextLight>,
+    /// Photons of `full-gi` on their way.
+    pub(super) next_tree: Option<NextTree>,
     pub(super) pass: Option<Pass>,
     pub(super) block: Block,
     pub(super) ladder: Ladder,
@@ -167,10 +171,14 @@ impl<T: PagedTracer + Send> Session<T> {
             _ => None,
         };
         let settings = self.view.settings;
+        let grows =
+            settings.integrator == Method::FullGi && self.photon_tree.is_none() && self.sends_photons();
+        let next_tree = if grows { Some(NextTree::new(&self)?) } else { None };
         let live = Live {
             options,
             display: Display::new(settings.resolution, &self.budget)?,
             next,
+            next_tree,
             pass: None,
             block: Block::new(options.fetch_block),
             ladder: Ladder::new(false),
@@ -217,7 +225,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             return radiances.copy_from_slice(preview);
         }
         self.film.radiances(first, radiances);
-        if !self.live.is_done && self.film.tile_state(index) == self.live.display.state() {
+        let is_alike = self.view.settings.integrator.has_own_preview();
+        if is_alike && !self.live.is_done && self.film.tile_state(index) == self.live.display.state() {
             let share = PREVIEW_SAMPLES / (PREVIEW_SAMPLES + self.film.tile_samples(index) as f32);
             for (shown, preview) in radiances.iter_mut().flatten().zip(preview.iter().flatten()) {
                 *shown += share * (preview - *shown);
@@ -239,6 +248,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         stop: &(dyn Fn() -> bool + Sync),
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
+        if self.live.next_tree.take().is_some() {
+            self.session.photon_tree = None;
+        }
         let stats = self.session.illuminate(stop, tell)?;
         if stats.photons > 0 {
             self.begin_samples();
@@ -268,6 +280,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             && let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons())
         {
             next.begin(&photons);
+        }
+        if change == Change::Light && session.view.settings.integrator == Method::FullGi {
+            // What is on its way gives its room back first.
+            live.next_tree = None;
+            live.next_tree = NextTree::new(session).ok().filter(|_| session.sends_photons());
+            if live.next_tree.is_none() {
+                // No light any more, or no room for both: the light on show goes.
+                session.photon_tree = None;
+                live.next_tree = NextTree::new(session).ok().filter(|_| session.sends_photons());
+            }
         }
         for tracer in &mut session.tracers {
             tracer.forget_demand();

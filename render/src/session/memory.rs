@@ -169,7 +169,11 @@ pub fn model_bytes(file: &PageFile) -> u64 {
 /// Bytes that photons on the mesh take at most, with those under way.
 fn photons_bytes(needs: &PictureNeeds) -> u64 {
     match needs.settings.integrator {
-        Method::FullGi => PhotonTree::bytes(needs.settings.photons) + flight_bytes(needs.workers),
+        Method::FullGi => {
+            // In frames the light on show stays until what comes after it is there.
+            let trees = if needs.is_live { 2 } else { 1 };
+            trees * (PhotonTree::bytes(needs.settings.photons) + flight_bytes(needs.workers))
+        }
         Method::Photon if needs.settings.bake => flight_bytes(needs.workers),
         _ => 0,
     }

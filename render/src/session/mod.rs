@@ -20,6 +20,7 @@ mod ladder;
 mod live;
 mod memory;
 mod next_light;
+mod next_tree;
 
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession};
@@ -209,13 +210,11 @@ impl<T: PagedTracer + Send> Session<T> {
         if let Some(model) = model {
             self.model = model;
         }
-        if change == Change::Light {
-            self.photon_tree = None;
-        }
         Ok(change)
     }
 
     fn forget_photons(&mut self) {
+        self.photon_tree = None;
         if let Some(map) = &mut self.photon_map {
             map.clear();
         }

@@ -202,6 +202,45 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
     assert!(samples.contains(&1) && samples.contains(&2) && mixed > 0, "{samples:?} {mixed}");
 }
 
+/// The light of `full-gi` after an edit: on its way while frames go on, the one before on show meanwhile, and in the end
+/// the film of a session that had it from the beginning.
+#[test]
+fn full_gi_lights_itself_anew_while_frames_go_on() {
+    let keys = RenderKeys {
+        resolution: [16, 16],
+        n_shadow: 1,
+        integrator: Method::FullGi,
+        photons: 20_000,
+        k_nearest: 16,
+        ..RenderKeys::default()
+    };
+    let options = FrameOptions { t_max: Duration::from_millis(20), ..FrameOptions::default() };
+    let film = |film: &Film| (0..256).map(|at| film.radiance([at % 16, at / 16])).collect::<Vec<_>>();
+    let at_leisure = |irradiance| {
+        let mut session = floor(keys);
+        session.apply(Event::Lights(sun(irradiance))).unwrap();
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+        session.render(2, &|| false, &mut |_, _| ControlFlow::Continue(()));
+        film(session.film())
+    };
+    let mut live = floor(keys).go_live(options).unwrap();
+    for irradiance in [1.0, 3.0] {
+        live.apply(Event::Lights(sun(irradiance))).unwrap();
+        let mut shares = vec![];
+        while live.frame(2, &|| false).progress != FrameProgress::Done {
+            shares.push(live.live.next_tree.as_ref().map_or(1.0, |tree| tree.share(keys.photons)));
+            assert!(shares.len() < 10_000);
+        }
+        assert!(shares.is_sorted() && shares[0] < 1.0, "{shares:?}");
+        assert!(film(live.film()) == at_leisure(irradiance), "{irradiance}");
+        // An event in between forgets what was on its way.
+        live.apply(Event::Lights(sun(2.0))).unwrap();
+        for _ in 0..4 {
+            live.frame(2, &|| false);
+        }
+    }
+}
+
 #[test]
 fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
     let picture = |percent| {
