@@ -4,10 +4,10 @@
 //! 4,096 rays, octree of 512): the walk takes as long as before, since neighbours of a tile read the same nodes
 //! anyway, and the sort takes 5 % of a picture.
 
-use super::{GAnswer, GKind, GRay, GRays, GStage, counted};
+use super::{GAnswer, GKind, GRays, GStage, counted};
 use crate::stats::GStats;
 use crate::trace::{Answer, Pages, Ray};
-use crate::voxel::{LowerHit, LowerScene, VoxelScene};
+use crate::voxel::{LowerHit, LowerScene, VoxelHit, VoxelScene};
 use std::time::Instant;
 
 /// Samples of a batch: with two shadow and two gather rays each, 32 times as many rays as lanes have under way. Twice
@@ -34,32 +34,35 @@ impl<'a> CpuStage<'a> {
         rays * (size_of::<Ray>() + size_of::<u32>() + size_of::<GAnswer>() + walk)
     }
 
-    /// Answers rays that the resident octree answers.
-    fn ask_upper(&self, (all, places): (&[&GRay], &[u32]), answers: &mut [GAnswer]) {
-        let rays: Vec<Ray> = places.iter().map(|&place| all[place as usize].ray).collect();
-        self.voxels.each_in_batch(&rays, |index, hit| {
-            let place = places[index] as usize;
-            answers[place] = match (hit, all[place].kind) {
-                (None, _) => GAnswer::Nothing,
-                (Some(_), GKind::Shadow) => GAnswer::Occluded,
-                (Some(hit), GKind::Gather | GKind::Far) => GAnswer::Surface(self.voxels.surface(&hit)),
-            };
-        });
+    /// Answers the rays of a tile from the resident octree.
+    fn ask_upper(&self, tile: &mut GRays) {
+        let (rays, kinds, answers) = tile.to_answer();
+        self.voxels.each_in_batch(rays, |place, hit| answers[place] = self.upper_answer(kinds[place], hit));
     }
 
-    /// Answers rays that go through units.
-    fn ask_units(
-        &self,
-        lower: &LowerScene<'_>,
-        (all, places): (&[&GRay], &[u32]),
-        mut pages: &mut dyn Pages,
-        answers: &mut [GAnswer],
-    ) {
-        let rays: Vec<Ray> = places.iter().map(|&place| all[place as usize].ray).collect();
-        let mut hits = vec![Answer::Blocked; rays.len()];
-        lower.intersect_batch(&rays, &mut pages, &mut hits);
-        for (&place, hit) in places.iter().zip(hits) {
-            answers[place as usize] = match (hit, all[place as usize].kind) {
+    fn upper_answer(&self, kind: GKind, hit: Option<VoxelHit>) -> GAnswer {
+        match (hit, kind) {
+            (None, _) => GAnswer::Nothing,
+            (Some(_), GKind::Shadow) => GAnswer::Occluded,
+            (Some(hit), GKind::Gather | GKind::Far) => GAnswer::Surface(self.voxels.surface(&hit)),
+        }
+    }
+
+    /// Answers the rays of all tiles: shadow and gather rays through `lower`, the others from the resident octree.
+    fn ask_both(&self, lower: &LowerScene<'_>, tiles: &mut [&mut GRays], mut pages: &mut dyn Pages) {
+        let kinds: Vec<GKind> = tiles.iter().flat_map(|tile| tile.kinds()).copied().collect();
+        let all: Vec<&Ray> = tiles.iter().flat_map(|tile| tile.rays()).collect();
+        let is_far = |place: &usize| kinds[*place] == GKind::Far;
+        let (far, finest): (Vec<usize>, Vec<usize>) = (0..all.len()).partition(is_far);
+        let rays = |places: &[usize]| places.iter().map(|&place| *all[place]).collect::<Vec<Ray>>();
+        let mut answers = vec![GAnswer::Blocked; all.len()];
+        self.voxels.each_in_batch(&rays(&far), |at, hit| {
+            answers[far[at]] = self.upper_answer(GKind::Far, hit);
+        });
+        let mut hits = vec![Answer::Blocked; finest.len()];
+        lower.intersect_batch(&rays(&finest), &mut pages, &mut hits);
+        for (&place, hit) in finest.iter().zip(hits) {
+            answers[place] = match (hit, kinds[place]) {
                 (Answer::Blocked, _) => GAnswer::Blocked,
                 (Answer::Exact(None), _) => GAnswer::Nothing,
                 (Answer::Exact(Some(_)), GKind::Shadow) => GAnswer::Occluded,
@@ -68,6 +71,11 @@ impl<'a> CpuStage<'a> {
                     Answer::Blocked => GAnswer::Blocked,
                 },
             };
+        }
+        let mut answers = answers.into_iter();
+        for tile in tiles {
+            let count = tile.rays().len();
+            tile.answer(answers.by_ref().take(count));
         }
     }
 }
@@ -79,21 +87,11 @@ impl GStage for CpuStage<'_> {
 
     fn answer(&self, tiles: &mut [&mut GRays], pages: &mut dyn Pages) -> GStats {
         let begin = Instant::now();
-        let all: Vec<&GRay> = tiles.iter().flat_map(|tile| tile.rays()).collect();
-        let mut answers = vec![GAnswer::Nothing; all.len()];
-        let is_upper = |place: &u32| self.lower.is_none() || all[*place as usize].kind == GKind::Far;
-        let (upper, finest): (Vec<u32>, Vec<u32>) = (0..all.len() as u32).partition(is_upper);
-        self.ask_upper((&all, &upper), &mut answers);
-        if let Some(lower) = &self.lower {
-            self.ask_units(lower, (&all, &finest), pages, &mut answers);
+        match &self.lower {
+            // A tile at a time, where it lies: larger batches are no faster.
+            None => tiles.iter_mut().for_each(|tile| self.ask_upper(tile)),
+            Some(lower) => self.ask_both(lower, tiles, pages),
         }
-        let mut stats = counted(&all);
-        let mut answers = answers.into_iter();
-        for tile in tiles {
-            let count = tile.rays().len();
-            tile.answer(answers.by_ref().take(count));
-        }
-        stats.time_ns = begin.elapsed().as_nanos() as u64;
-        stats
+        GStats { time_ns: begin.elapsed().as_nanos() as u64, ..counted(tiles) }
     }
 }

@@ -29,13 +29,6 @@ pub(crate) enum GKind {
     Far,
 }
 
-/// A ray and what it asks.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct GRay {
-    pub(crate) ray: Ray,
-    pub(crate) kind: GKind,
-}
-
 /// What a ray came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum GAnswer {
@@ -72,28 +65,37 @@ impl GAnswer {
 /// The rays that the samples of a tile ask, and their answers.
 #[derive(Debug, Default)]
 pub(crate) struct GRays {
-    rays: Vec<GRay>,
+    rays: Vec<Ray>,
+    /// What each asks.
+    kinds: Vec<GKind>,
     answers: Vec<GAnswer>,
 }
 
 impl GRays {
     /// Bytes of a ray with its answer.
-    pub(crate) const RAY_BYTES: usize = size_of::<GRay>() + size_of::<GAnswer>();
+    pub(crate) const RAY_BYTES: usize = size_of::<Ray>() + size_of::<GKind>() + size_of::<GAnswer>();
 
     /// Makes room for so many rays.
     pub(crate) fn reserve_exact(&mut self, rays: usize) {
         self.rays.reserve_exact(rays);
+        self.kinds.reserve_exact(rays);
     }
 
     /// Asks `ray`. Gives its place.
-    pub(crate) fn push(&mut self, ray: GRay) -> u32 {
+    pub(crate) fn push(&mut self, ray: Ray, kind: GKind) -> u32 {
         self.rays.push(ray);
+        self.kinds.push(kind);
         self.rays.len() as u32 - 1
     }
 
     /// The rays that are asked.
-    pub(crate) fn rays(&self) -> &[GRay] {
+    pub(crate) fn rays(&self) -> &[Ray] {
         &self.rays
+    }
+
+    /// What each of them asks.
+    pub(crate) fn kinds(&self) -> &[GKind] {
+        &self.kinds
     }
 
     /// A ray and what it came to.
@@ -101,7 +103,7 @@ impl GRays {
     /// # Panics
     /// When it has not been answered.
     pub(crate) fn answered(&self, place: u32) -> (&Ray, &GAnswer) {
-        (&self.rays[place as usize].ray, &self.answers[place as usize])
+        (&self.rays[place as usize], &self.answers[place as usize])
     }
 
     /// Takes the answers, one a ray, in the order of asking.
@@ -110,6 +112,14 @@ impl GRays {
         self.answers.reserve_exact(self.rays.len());
         self.answers.extend(answers);
         assert_eq!(self.answers.len(), self.rays.len(), "an answer for each ray");
+    }
+
+    /// The rays, what they ask, and the places of their answers.
+    pub(crate) fn to_answer(&mut self) -> (&[Ray], &[GKind], &mut [GAnswer]) {
+        self.answers.clear();
+        self.answers.reserve_exact(self.rays.len());
+        self.answers.resize(self.rays.len(), GAnswer::Blocked);
+        (&self.rays, &self.kinds, &mut self.answers)
     }
 }
 
@@ -123,16 +133,17 @@ pub(crate) trait GStage: Sync + std::fmt::Debug {
 }
 
 /// Counts of a batch of such rays, but for its time.
-fn counted(rays: &[&GRay]) -> GStats {
+fn counted(tiles: &[&mut GRays]) -> GStats {
     let mut stats = GStats { batches: 1, ..GStats::default() };
-    for ray in rays {
-        *match ray.kind {
+    for kind in tiles.iter().flat_map(|tile| tile.kinds()) {
+        *match kind {
             GKind::Shadow => &mut stats.shadow,
             GKind::Gather => &mut stats.gather,
             GKind::Far => &mut stats.far,
         } += 1;
     }
     let rays = stats.shadow + stats.gather + stats.far;
-    (stats.bytes_in, stats.bytes_out) = (rays * size_of::<GRay>() as u64, rays * size_of::<GAnswer>() as u64);
+    stats.bytes_in = rays * (size_of::<Ray>() + size_of::<GKind>()) as u64;
+    stats.bytes_out = rays * size_of::<GAnswer>() as u64;
     stats
 }

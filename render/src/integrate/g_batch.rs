@@ -3,7 +3,7 @@
 //! Invariant: what a path asked for is there, answered, until its tile is handed on again.
 
 use super::c_ray::FarRay;
-use crate::g_stage::{GAnswer, GKind, GRay, GRays};
+use crate::g_stage::{GAnswer, GKind, GRays};
 use crate::scene::settings::RenderKeys;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray};
@@ -60,13 +60,13 @@ impl GBatch {
     /// Asks for the rest of a C-ray. Its place.
     pub(super) fn push_far(&mut self, far: &FarRay) -> u32 {
         self.make_room();
-        self.rays.push(GRay { ray: far.ray, kind: GKind::Far })
+        self.rays.push(far.ray, GKind::Far)
     }
 
     /// Asks for a shadow or gather ray, if anything is left of it; `weight` is what it brings.
     pub(super) fn push(&mut self, ray: Option<Ray>, kind: GKind, weight: Vec3) {
         self.make_room();
-        let place = ray.map(|ray| self.rays.push(GRay { ray, kind }));
+        let place = ray.map(|ray| self.rays.push(ray, kind));
         self.entries.push((place, weight));
     }
 

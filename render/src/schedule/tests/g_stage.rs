@@ -1,6 +1,6 @@
 //! Tests of passes whose G-rays go through a stage, against samples whose rays are asked one by one.
 
-use crate::g_stage::{CpuStage, GAnswer, GKind, GRay, GRays, GStage};
+use crate::g_stage::{CpuStage, GAnswer, GKind, GRays, GStage};
 use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
 use crate::integrate::{RenderContext, SampleIntegrator};
@@ -89,12 +89,12 @@ impl GStage for Naive<'_> {
     fn answer(&self, tiles: &mut [&mut GRays], _pages: &mut dyn Pages) -> GStats {
         self.batches.fetch_add(1, Ordering::Relaxed);
         for tile in tiles {
-            let answer = |GRay { ray, kind }: &GRay| match (self.voxels.intersect(ray), kind) {
+            let answer = |(ray, kind): (&Ray, &GKind)| match (self.voxels.intersect(ray), kind) {
                 (None, _) => GAnswer::Nothing,
                 (Some(_), GKind::Shadow) => GAnswer::Occluded,
                 (Some(hit), _) => GAnswer::Surface(self.voxels.surface(&hit)),
             };
-            let answers: Vec<GAnswer> = tile.rays().iter().map(answer).collect();
+            let answers: Vec<GAnswer> = tile.rays().iter().zip(tile.kinds()).map(answer).collect();
             tile.answer(answers.into_iter());
         }
         GStats::default()
@@ -198,13 +198,13 @@ fn the_processor_answers_a_batch_as_it_answers_its_rays_alone() {
             |at: u64| DVec3::from_array(std::array::from_fn(|a| 2.0 * number(9 * key + at + a as u64) - 0.5));
         let direction = (place(3) - place(0)).normalize();
         let kind = [GKind::Shadow, GKind::Gather, GKind::Far][key as usize % 3];
-        tiles[(key % 6) as usize].push(GRay { ray: Ray::new(place(0), direction, 1.5), kind });
+        tiles[(key % 6) as usize].push(Ray::new(place(0), direction, 1.5), kind);
     }
     let stats = CpuStage::new(voxels, None).answer(&mut tiles.iter_mut().collect::<Vec<_>>(), &mut NoPages);
     assert_eq!((stats.batches, stats.shadow, stats.gather, stats.far), (1, 1000, 1000, 1000));
     let mut met = 0;
     for tile in &tiles {
-        for (place, GRay { ray, kind }) in (0..).zip(tile.rays()) {
+        for (place, (ray, kind)) in (0..).zip(tile.rays().iter().zip(tile.kinds())) {
             let expected = match (voxels.intersect(ray), kind) {
                 (None, _) => GAnswer::Nothing,
                 (Some(_), GKind::Shadow) => GAnswer::Occluded,
