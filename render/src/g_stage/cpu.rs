@@ -44,7 +44,8 @@ impl<'a> CpuStage<'a> {
         match (hit, kind) {
             (None, _) => GAnswer::Nothing,
             (Some(_), GKind::Shadow) => GAnswer::Occluded,
-            (Some(hit), GKind::Gather | GKind::Far) => GAnswer::Surface(self.voxels.surface(&hit)),
+            (Some(hit), GKind::Gather) => GAnswer::Surface(self.voxels.surface(&hit)),
+            (Some(hit), GKind::Far) => GAnswer::Surface(self.voxels.unlit_surface(&hit)),
         }
     }
 

@@ -81,7 +81,7 @@ impl RenderContext<'_> {
     /// The hit of a ray behind the cut.
     pub(super) fn far_hit(&self, far: &FarRay) -> Option<CRayHit> {
         let voxels = &self.voxels.as_ref().expect("what is far is in voxels").voxels;
-        far.hit(voxels, voxels.intersect(&far.ray).map(|hit| voxels.surface(&hit)))
+        far.hit(voxels, voxels.intersect(&far.ray).map(|hit| voxels.unlit_surface(&hit)))
     }
 
     /// Parameter from which on voxels answer the C-ray at hand; infinite where the mesh does to its end.

@@ -11,12 +11,15 @@ use glam::{DVec3, Vec3};
 use trex_store::Material;
 use trex_store::octree::LeafVoxel;
 
+/// The facet of a surface whose light nobody asks for: to find it costs a look far away in memory.
+const NO_FACET: u32 = u32::MAX;
+
 /// The surface in the leaf that a ray has met: all that light asks of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VoxelSurface {
     /// Distance to where the voxel is entered, model units.
     pub(crate) t: f64,
-    /// The facet that keeps its light.
+    /// The facet that keeps its light; [`NO_FACET`] where nobody asks for it.
     pub(crate) facet: u32,
     pub(crate) leaf: LeafVoxel,
 }
@@ -47,6 +50,11 @@ impl<'a> VoxelScene<'a> {
     pub(crate) fn surface(&self, hit: &VoxelHit) -> VoxelSurface {
         let (octree, &VoxelHit { t, leaf, node, .. }) = (self.octree(), hit);
         VoxelSurface { t, facet: octree.facet(node, leaf), leaf: octree.leaf(leaf as usize) }
+    }
+
+    /// The same, but for its light.
+    pub(crate) fn unlit_surface(&self, hit: &VoxelHit) -> VoxelSurface {
+        VoxelSurface { t: hit.t, facet: NO_FACET, leaf: self.octree().leaf(hit.leaf as usize) }
     }
 
     /// The surface in the leaf that `ray` has met.

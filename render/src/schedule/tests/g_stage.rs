@@ -92,6 +92,7 @@ impl GStage for Naive<'_> {
             let answer = |(ray, kind): (&Ray, &GKind)| match (self.voxels.intersect(ray), kind) {
                 (None, _) => GAnswer::Nothing,
                 (Some(_), GKind::Shadow) => GAnswer::Occluded,
+                (Some(hit), GKind::Far) => GAnswer::Surface(self.voxels.unlit_surface(&hit)),
                 (Some(hit), _) => GAnswer::Surface(self.voxels.surface(&hit)),
             };
             let answers: Vec<GAnswer> = tile.rays().iter().zip(tile.kinds()).map(answer).collect();
@@ -208,6 +209,7 @@ fn the_processor_answers_a_batch_as_it_answers_its_rays_alone() {
             let expected = match (voxels.intersect(ray), kind) {
                 (None, _) => GAnswer::Nothing,
                 (Some(_), GKind::Shadow) => GAnswer::Occluded,
+                (Some(hit), GKind::Far) => GAnswer::Surface(voxels.unlit_surface(&hit)),
                 (Some(hit), _) => GAnswer::Surface(voxels.surface(&hit)),
             };
             assert_eq!(*tile.answered(place).1, expected);
