@@ -84,6 +84,7 @@ for model in isosurface:469M pipes:366M; do
 done
 # By hand: with the 512^3 that --render-limit 128MiB chooses the responses were no shorter.
 record build-pipes-100m build gen:pipes:100M -o pipes-100m.trex --overwrite --memory-limit 1GiB --voxels 256
+record build-scan-100m build gen:scan:100M -o scan-100m.trex --overwrite --memory-limit 1GiB
 # The plant is seen from its marked views: from outside there is but a roof.
 cp "$root/bench/scenes/pipes-100m-views.toml" .
 overview="--camera-position 7.35,83.6309,-1 --camera-target 323.4,0,-230.4 --fov-x 75"
@@ -92,6 +93,7 @@ for scenario in flip inside pingpong teleport sweep light-edit squeeze soak; do
     views=
     [ $scenario != inside ] || views="--views pipes-100m-views.toml"
     stress stress-pipes-$scenario pipes-100m.trex --scenario $scenario $overview $views
+    stress stress-scan-$scenario scan-100m.trex --scenario $scenario
 done
 for scenario in flip inside; do
     stress stress-isosurface-$scenario-exact isosurface-100m.trex --scenario $scenario --lod-error 0

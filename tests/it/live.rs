@@ -98,6 +98,33 @@ fn every_scenario_passes_on_a_small_model() {
     }
 }
 
+/// Views whose pages find no room together: each is exact everywhere in the end, with no hole on the way.
+#[test]
+fn views_that_do_not_fit_evict_pages_and_are_complete_all_the_same() {
+    let inside = folder();
+    built_in(inside.path(), "gen:isosurface:600k --voxels 64", "iso.trex");
+    let line = |limit: u64| {
+        format!(
+            "stress iso.trex --scenario inside --lod-error 0 --resolution 48x36 --photons 5k --switches 6 \
+             --hold 30000 --threads 2 --require frame.max=60000 --memory-limit {limit}B --json -q"
+        )
+    };
+    let refused = run_in(inside.path(), &line(1 << 20)).expect_error(4, "memory-limit");
+    let smallest = refused["smallest_limit_bytes"].as_u64().unwrap();
+    let ran = run_in(inside.path(), &line(smallest + (4 << 16)));
+    ran.expect(0);
+    let document = ran.document();
+    let of_pool = |key: &str| document["pool"][key].as_u64().unwrap();
+    assert!(of_pool("evictions") > 100 && of_pool("refaults") > 100, "{document:#}");
+    assert_eq!(
+        (&document["complete_ms"]["count"], &document["holes"]),
+        (&6.into(), &0.into()),
+        "{document:#}"
+    );
+    assert_eq!((&document["livelock"], &document["verdict"]), (&false.into(), &"pass".into()));
+    assert!(document["memory"]["peak_rss_bytes"].as_u64().unwrap() <= smallest + (4 << 16));
+}
+
 #[test]
 fn a_verdict_can_be_no() {
     let inside = folder();

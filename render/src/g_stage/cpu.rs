@@ -30,13 +30,14 @@ impl<'a> CpuStage<'a> {
 
     /// Bytes of a batch in work with so many rays, beside those of the tiles.
     pub(crate) const fn bytes(rays: usize) -> usize {
-        let walk = size_of::<Answer<Option<LowerHit>>>() + 2 * size_of::<u32>();
-        rays * (size_of::<Ray>() + size_of::<u32>() + size_of::<GAnswer>() + walk)
+        // Through units: what is asked and where it is, its hit, and the lists of those that wait, of missing pages.
+        let lists = 3 * size_of::<usize>() + size_of::<GKind>() + 4 * size_of::<u32>();
+        rays * (size_of::<Ray>() + size_of::<GAnswer>() + size_of::<Answer<Option<LowerHit>>>() + lists)
     }
 
     /// Answers the rays of a tile from the resident octree.
     fn ask_upper(&self, tile: &mut GRays) {
-        let (rays, kinds, answers) = tile.to_answer();
+        let (rays, kinds, answers) = tile.parts_mut();
         self.voxels.each_in_batch(rays, |place, hit| answers[place] = self.upper_answer(kinds[place], hit));
     }
 

@@ -115,7 +115,7 @@ impl GRays {
     }
 
     /// The rays, what they ask, and the places of their answers.
-    pub(crate) fn to_answer(&mut self) -> (&[Ray], &[GKind], &mut [GAnswer]) {
+    pub(crate) fn parts_mut(&mut self) -> (&[Ray], &[GKind], &mut [GAnswer]) {
         self.answers.clear();
         self.answers.reserve_exact(self.rays.len());
         self.answers.resize(self.rays.len(), GAnswer::Blocked);

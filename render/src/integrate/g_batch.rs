@@ -4,7 +4,7 @@
 
 use super::c_ray::FarRay;
 use crate::g_stage::{GAnswer, GKind, GRays};
-use crate::scene::settings::RenderKeys;
+use crate::scene::settings::{Near, RenderKeys};
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray};
 use crate::voxel::VoxelSurface;
@@ -16,8 +16,11 @@ pub(super) const RAYS_ASKED_MAX: usize = 8;
 
 /// Most rays that a path asks for at a time, by what the view asks for at a surface.
 pub(crate) fn rays_asked(keys: &RenderKeys) -> usize {
-    let RenderKeys { n_shadow, n_gather, .. } = *keys;
-    (n_shadow.saturating_add(n_gather) as usize).clamp(1, RAYS_ASKED_MAX)
+    let RenderKeys { integrator, near, n_shadow, n_gather, .. } = *keys;
+    // Others ask for the rest of a C-ray behind the cut.
+    let batches_g_rays = integrator.asks_voxels() && near == Near::Voxel;
+    let rays = if batches_g_rays { n_shadow.saturating_add(n_gather) as usize } else { 1 };
+    rays.clamp(1, RAYS_ASKED_MAX)
 }
 
 /// A shadow or gather ray: which of the rays asked, if anything is left of it, and the weight of what it brings.
@@ -110,7 +113,6 @@ impl GBatches {
 
     /// Bytes that the batches of paths take which ask for so many rays, all together.
     pub(crate) const fn bytes(rays: usize) -> usize {
-        // While answers are taken, hardly anything is asked again.
         rays * (GRays::RAY_BYTES + size_of::<Entry>())
     }
 
@@ -119,6 +121,11 @@ impl GBatches {
         let room = self.asked.room;
         self.answered = std::mem::replace(&mut self.asked, GBatch { room, ..GBatch::default() });
         &mut self.answered.rays
+    }
+
+    /// Forgets what has been taken.
+    pub(crate) fn forget_answered(&mut self) {
+        self.answered = GBatch::default();
     }
 
     /// Forgets all.

@@ -4,8 +4,9 @@
 //! C-rays of a tile -> push -> ... a batch of samples waits, or nothing else is to be done -> take -> G-stage
 //! ```
 //!
-//! Invariants: 1. a worker pushes a tile only after it has seen that no batch waits, so at most a batch and a tile a
-//! worker are here; 2. tiles leave in the order in which they came.
+//! Invariants: 1. no worker begins a tile while a batch waits that it may take, and what is pushed back was taken from here, so that at
+//! most a batch and a tile a worker are here and in hands beside a batch a worker; 2. tiles leave in the order in which
+//! they came; 3. a worker without room for more tiles that wait for pages takes its own alone.
 
 use super::job::Job;
 use std::collections::VecDeque;
@@ -49,14 +50,23 @@ impl GQueue {
         waiting.peak = waiting.peak.max(waiting.jobs.len());
     }
 
-    /// Takes the first tiles, up to so many samples, but at least one if there is any; an equal share for each of
-    /// `workers` where there are fewer.
-    pub(super) fn take(&self, samples: usize, workers: usize) -> Vec<Job> {
+    /// Count of tiles that worker `home` began.
+    pub(super) fn tiles_of(&self, home: usize) -> usize {
+        self.lock().jobs.iter().filter(|job| job.home == home).count()
+    }
+
+    /// Takes the first tiles, of worker `home` alone where that is given: a batch of so many samples, and where there
+    /// are fewer an equal share for each of `workers`, but at least one tile if there is any.
+    pub(super) fn take(&self, samples: usize, workers: usize, home: Option<usize>) -> Vec<Job> {
         let mut waiting = self.lock();
-        let most = samples.min(waiting.samples.div_ceil(workers));
-        let (mut taken, mut count) = (Vec::new(), 0);
-        while count < most {
-            let Some(job) = waiting.jobs.pop_front() else { break };
+        let most = if waiting.samples >= samples { samples } else { waiting.samples.div_ceil(workers) };
+        let (mut taken, mut count, mut at) = (Vec::new(), 0, 0);
+        while count < most && at < waiting.jobs.len() {
+            if home.is_some_and(|home| waiting.jobs[at].home != home) {
+                at += 1;
+                continue;
+            }
+            let job = waiting.jobs.remove(at).expect("it is there");
             count += job.samples.pending.len();
             taken.push(job);
         }

@@ -15,6 +15,8 @@ pub(super) const JOB_SAMPLES_MAX: usize = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS *
 /// A tile in work.
 pub(super) struct Job {
     pub(super) tile: Tile,
+    /// The worker that began it.
+    pub(super) home: usize,
     /// Samples not yet finished; their slots are places in `radiances`.
     pub(super) samples: Samples,
     /// Radiances by sample, then by pixel; linear RGB.
@@ -35,8 +37,13 @@ impl Job {
         (samples + pixels) as u64
     }
 
-    /// The next samples of a tile whose pixels have `from`, up to `target`.
-    pub(super) fn new(integrator: &SampleIntegrator<'_>, tile: Tile, from: u32, target: u32) -> Job {
+    /// The next samples of a tile whose pixels have `from`, up to `target`; begun by worker `home`.
+    pub(super) fn new(
+        integrator: &SampleIntegrator<'_>,
+        home: usize,
+        tile: Tile,
+        [from, target]: [u32; 2],
+    ) -> Job {
         let (count, pixels) = ((target - from).min(PASS_SAMPLES_MAX), tile.pixel_count());
         let pending = |slot: u32| {
             let path = integrator.start(tile.pixel(slot % pixels), from + slot / pixels);
@@ -47,6 +54,7 @@ impl Job {
         let rays = pending.len() * integrator.rays_asked();
         Job {
             tile,
+            home,
             samples: Samples::new(pending, rays),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
             indirect: vec![[0.0; 3]; (count * pixels) as usize],
@@ -63,6 +71,11 @@ impl Job {
         let has_advanced = samples.go_on(integrator, tracer, |slot, sample| self.finish(slot, sample));
         self.samples = samples;
         has_advanced
+    }
+
+    /// True when none of its samples is finished: to begin it again loses little.
+    pub(super) fn is_fresh(&self) -> bool {
+        self.samples.pending.len() == self.radiances.len()
     }
 
     /// Takes what a sample came to.

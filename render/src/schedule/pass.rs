@@ -17,8 +17,8 @@
 //! the next piece goes on with it.
 //!
 //! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
-//! deadlines, batches or blocked rays; 2. no worker begins a tile while [`PARKED_MAX`] of its own wait for pages, or a
-//! batch waits for the G-stage; 3. a tile's samples reach the film all together or not at all, so a stopped pass leaves
+//! deadlines, batches or blocked rays; 2. no worker begins a tile while a batch that it may take waits for the G-stage, nor, but to
+//! defer it, while [`PARKED_MAX`] of its own wait for pages; 3. a tile's samples reach the film all together or not at all, so a stopped pass leaves
 //! a film that can go on.
 
 use super::g_queue::GQueue;
@@ -113,9 +113,10 @@ impl Pass {
         };
         let done = Mutex::new(PassStats::default());
         pool.scope(|scope| {
-            for (tracer, lane) in tracers.iter_mut().zip(lanes) {
-                scope.spawn(|_| {
-                    let mut worker = Worker::new(&piece, tracer, lane);
+            for (number, (tracer, lane)) in tracers.iter_mut().zip(lanes).enumerate() {
+                let (piece, done) = (&piece, &done);
+                scope.spawn(move |_| {
+                    let mut worker = Worker::new(piece, number, tracer, lane);
                     worker.work();
                     done.lock().expect("a worker panicked").add(&worker.stats());
                 });
@@ -135,7 +136,12 @@ pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize, rays_asked: 
     let in_queue = BATCH_SAMPLES + worker_count * JOB_SAMPLES_MAX;
     let in_hands = worker_count * (BATCH_SAMPLES + JOB_SAMPLES_MAX);
     let sample_bytes = Job::bytes() as usize / JOB_SAMPLES_MAX + GBatches::bytes(rays_asked);
-    let asking = (in_queue + in_hands) * sample_bytes + CpuStage::bytes(in_hands * rays_asked);
+    // Once a worker parks a batch that others began, beside the one in its hands; while a tile takes its answers, it
+    // asks again.
+    let parked = worker_count * (BATCH_SAMPLES + JOB_SAMPLES_MAX) * (Job::bytes() as usize / JOB_SAMPLES_MAX);
+    let again = worker_count * GBatches::bytes(JOB_SAMPLES_MAX * rays_asked);
+    let asking =
+        (in_queue + in_hands) * sample_bytes + parked + again + CpuStage::bytes(in_hands * rays_asked);
     let at_worker = (PARKED_MAX + 1) as u64 * Job::bytes() + Together::bytes(JOB_SAMPLES_MAX);
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution) + worker_count as u64 * at_worker + asking as u64

@@ -9,7 +9,6 @@
 
 use crate::g_stage::GStage;
 use crate::integrate::{GBatches, Path, Sample, SampleIntegrator, Step, Together};
-use crate::stats::GStats;
 use crate::trace::{Tracer, UnitPages};
 
 /// What takes samples: the integrator, and what answers its G-rays.
@@ -70,17 +69,15 @@ impl Samples {
         tracer: &mut T,
         together: &mut Together,
         mut finish: impl FnMut(u32, &Sample),
-    ) -> GStats {
-        let mut stats = GStats::default();
+    ) {
         self.begin(&work.integrator, tracer, together);
         loop {
             self.go_on(&work.integrator, tracer, &mut finish);
             let Some(g_stage) = work.g_stage.filter(|_| self.asks) else { break };
-            stats.add(&g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer)));
+            g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer));
         }
         self.batches.clear();
         assert!(self.pending.is_empty(), "a preview waits for nothing");
-        stats
     }
 
     /// Takes all samples as far as the answers go; those that are done go to `finish` with their slots. True when any
@@ -112,6 +109,7 @@ impl Samples {
             }
             true
         });
+        batches.forget_answered();
         has_advanced
     }
 }

@@ -7,8 +7,8 @@
 //! no tile to begin              -> what waits for the G-stage, however little; then a round over what is parked
 //! ```
 //!
-//! Invariants: 1. no tile is begun while [`PARKED_MAX`] wait for pages; 2. a tile's samples reach the film all
-//! together or not at all.
+//! Invariants: 1. a worker parks at most [`PARKED_MAX`] tiles and, once, those of a batch that others began; 2. a tile
+//! with finished samples is never begun anew; 3. a tile's samples reach the film all together or not at all.
 
 use super::g_queue::GQueue;
 use super::job::Job;
@@ -45,7 +45,7 @@ pub(crate) struct Until<'a> {
 /// What becomes of a blocked tile that finds no room among those parked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WhenFull {
-    /// There is none: no tile is begun before there is room.
+    /// There is none, as a rule: no tile is begun before there is room.
     Wait,
     /// It is begun again at the end of the pass: what can be drawn is drawn first.
     Defer,
@@ -78,6 +78,8 @@ pub(super) struct Piece<'a> {
 /// A worker of a piece, at work.
 pub(super) struct Worker<'a, T> {
     piece: &'a Piece<'a>,
+    /// The worker's number.
+    number: usize,
     tracer: &'a mut T,
     lane: &'a mut Lane,
     together: Together,
@@ -112,7 +114,7 @@ impl Piece<'_> {
     }
 
     /// The next tile that lacks samples: a fresh one, else a deferred one.
-    fn next_job(&self, takes_deferred: bool) -> Option<Job> {
+    fn next_job(&self, home: usize, takes_deferred: bool) -> Option<Job> {
         loop {
             let turn = self.turn.fetch_add(1, Ordering::Relaxed);
             if turn >= self.work.tiles.count() {
@@ -123,21 +125,31 @@ impl Piece<'_> {
             let tile = self.work.tiles.nth(turn);
             let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
             if from < self.target {
-                return Some(Job::new(&self.work.samples.integrator, tile, from, self.target));
+                return Some(Job::new(&self.work.samples.integrator, home, tile, [from, self.target]));
             }
         }
         let takes = || self.deferred.lock().expect("a worker panicked").pop_front();
         let tile = self.work.tiles.tile(if takes_deferred { takes() } else { None }?);
         let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
-        Some(Job::new(&self.work.samples.integrator, tile, from, self.target))
+        Some(Job::new(&self.work.samples.integrator, home, tile, [from, self.target]))
     }
 }
 
 impl<'a, T: PagedTracer> Worker<'a, T> {
-    /// A worker of `piece` that goes on with what `lane` holds.
-    pub(super) fn new(piece: &'a Piece<'a>, tracer: &'a mut T, lane: &'a mut Lane) -> Worker<'a, T> {
+    /// Worker `number` of `piece`, which goes on with what `lane` holds.
+    pub(super) fn new(
+        piece: &'a Piece<'a>,
+        number: usize,
+        tracer: &'a mut T,
+        lane: &'a mut Lane,
+    ) -> Worker<'a, T> {
         let (together, retry, has_advanced, stats) = Default::default();
-        Worker { piece, tracer, lane, together, retry, has_advanced, stats }
+        Worker { piece, number, tracer, lane, together, retry, has_advanced, stats }
+    }
+
+    /// True when more tiles may come to wait for pages.
+    fn has_room(&self) -> bool {
+        self.lane.parked.len() + self.piece.queue.tiles_of(self.number) < PARKED_MAX
     }
 
     /// Counts of what the worker did.
@@ -154,13 +166,12 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             self.round();
         }
         while !self.piece.is_over() {
-            if self.piece.has_batch() {
-                self.answer_batch();
+            if self.piece.has_batch() && self.answer_batch() {
                 continue;
             }
-            let has_room = self.lane.parked.len() < PARKED_MAX;
+            let has_room = self.has_room();
             let may_take = has_room || self.piece.full == WhenFull::Defer;
-            if let Some(job) = if may_take { self.piece.next_job(has_room) } else { None } {
+            if let Some(job) = if may_take { self.piece.next_job(self.number, has_room) } else { None } {
                 self.begin(job);
                 continue;
             }
@@ -219,10 +230,10 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         }
         self.tracer.request_missing();
         self.stats.parked += 1;
-        if self.piece.full == WhenFull::Wait || self.lane.parked.len() < PARKED_MAX {
-            self.lane.parked.push_back(job);
-        } else {
+        if self.lane.parked.len() >= PARKED_MAX && self.piece.full == WhenFull::Defer && job.is_fresh() {
             self.piece.deferred.lock().expect("a worker panicked").push_back(job.tile.index);
+        } else {
+            self.lane.parked.push_back(Job { home: self.number, ..job });
         }
     }
 
@@ -230,7 +241,8 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
     fn answer_batch(&mut self) -> bool {
         let Piece { queue, workers, work, .. } = self.piece;
         let Some(g_stage) = work.samples.g_stage else { return false };
-        let mut jobs = queue.take(self.piece.batch_samples(), *workers);
+        let own_alone = (self.lane.parked.len() >= PARKED_MAX).then_some(self.number);
+        let mut jobs = queue.take(self.piece.batch_samples(), *workers, own_alone);
         if jobs.is_empty() {
             return false;
         }

@@ -5,8 +5,8 @@
 //! photons -> tiles -> block learned
 //! ```
 //!
-//! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a tile, a batch of
-//! photons.
+//! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a batch of the
+//! G-stage, a batch of photons a worker.
 
 use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};

@@ -13,18 +13,16 @@
 //! While samples are few the preview, which is smoothed, is mixed in, and counts less with each sample: no picture is
 //! further from the truth than the one before.
 //!
-//! A *state* is what samples are of: it changes with each event, each time that more photons are in, and with the error
-//! of the footprint rule. A tile shows its samples until it has some of the present state, unless the preview is of a
-//! later one.
+//! A *state* is what samples are of: it changes with each event, and each time that more photons are in. A tile shows
+//! its samples until it has some of the present state, unless the preview is of a later one.
 //!
 //! Where the pages in demand approach the frames there are, no tile is begun while others wait for theirs. Tried and
 //! taken out: a governor that raised the error of the footprint rule until every pixel had a sample. The preview is
 //! there sooner, and a complete picture of the plant came twice as late (`docs/performance.md`).
 //!
 //! Invariants: 1. no pixel shows nothing, or what was there before the event, after the first frame, unless that was
-//! stopped; 2. nothing of a
-//! preview is ever on the film; 3. once the view stands still, the film goes to the same bytes as
-//! [`super::Session::render`]'s.
+//! stopped; 2. nothing of a preview is ever on the film; 3. once the view stands still, the film goes to the same bytes
+//! as [`super::Session::render`]'s.
 
 use super::fetch_block::{Block, FetchBlock};
 use super::ladder::Ladder;
@@ -81,7 +79,7 @@ pub enum FrameProgress {
     Part,
     /// A fetch block or more is done: the response.
     Block,
-    /// Every pixel has a sample that was taken after the event, at the error of the footprint rule that was asked for.
+    /// Every pixel has a sample that was taken after the event.
     Complete,
     /// Every pixel has all samples that were asked for, and all photons are in.
     Done,
@@ -105,7 +103,7 @@ pub struct FrameReport {
     pub hole_tiles: u32,
     /// Share of the photons of changed light that are in and shown, 0 to 1; 1 where none are on their way.
     pub light_share: f64,
-    /// Error of the footprint rule in force, pixels.
+    /// Error of the footprint rule, pixels.
     pub lod_error: f64,
     /// Counts of the pass in this frame.
     pub pass: PassStats,
@@ -282,13 +280,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             next.begin(&photons);
         }
         if change == Change::Light && session.view.settings.integrator == Method::FullGi {
-            // What is on its way gives its room back first.
-            live.next_tree = None;
-            live.next_tree = NextTree::new(session).ok().filter(|_| session.sends_photons());
+            live.next_tree = Some(NextTree::again(live.next_tree.take())).filter(|_| session.sends_photons());
             if live.next_tree.is_none() {
-                // No light any more, or no room for both: the light on show goes.
                 session.photon_tree = None;
-                live.next_tree = NextTree::new(session).ok().filter(|_| session.sends_photons());
             }
         }
         for tracer in &mut session.tracers {

@@ -256,7 +256,7 @@ fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
 
 #[test]
 fn a_film_that_does_not_fit_is_refused() {
-    let bytes = pass_bytes([16, 16], 2, 3) + film_bytes([16, 16], Layers::default());
+    let bytes = pass_bytes([16, 16], 2, 1) + film_bytes([16, 16], Layers::default());
     let limit = trex_store::RESERVE_BYTES + bytes;
     assert!(session(&Budget::new(limit)).is_ok());
     let error = session(&Budget::new(limit - 1)).unwrap_err();

@@ -18,6 +18,7 @@ use trex_store::pool::{PagePool, PageState, PinToken, Want};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
+
 /// Pages of a pool, pinned by one worker.
 pub struct PooledPages<'a> {
     pool: &'a PagePool,

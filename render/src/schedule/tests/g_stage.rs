@@ -35,7 +35,7 @@ fn heap() -> (Vec<NaiveTriangle>, Model, PageFile) {
             |key| std::array::from_fn(|axis| (first[axis] + 0.6 * (place(key)[axis] - 0.5)).clamp(0.0, 1.0));
         NaiveTriangle {
             corners: [first, near(10 * index + 1), near(10 * index + 2)],
-            material: (index % 3 == 0).into(),
+            material: index.is_multiple_of(3).into(),
         }
     };
     let triangles: Vec<_> = (0..40).map(triangle).collect();
