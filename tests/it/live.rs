@@ -106,7 +106,7 @@ fn views_that_do_not_fit_evict_pages_and_are_complete_all_the_same() {
     let line = |limit: u64| {
         format!(
             "stress iso.trex --scenario inside --lod-error 0 --resolution 48x36 --photons 5k --switches 6 \
-             --hold 30000 --threads 2 --require frame.max=60000 --memory-limit {limit}B --json -q"
+             --hold 30000 --threads 1 --require frame.max=60000 --memory-limit {limit}B --json -q"
         )
     };
     let refused = run_in(inside.path(), &line(1 << 20)).expect_error(4, "memory-limit");
@@ -115,7 +115,7 @@ fn views_that_do_not_fit_evict_pages_and_are_complete_all_the_same() {
     ran.expect(0);
     let document = ran.document();
     let of_pool = |key: &str| document["pool"][key].as_u64().unwrap();
-    assert!(of_pool("evictions") > 100 && of_pool("refaults") > 100, "{document:#}");
+    assert!(of_pool("evictions") > 30 && of_pool("refaults") > 10, "{:#}", document["pool"]);
     assert_eq!(
         (&document["complete_ms"]["count"], &document["holes"]),
         (&6.into(), &0.into()),

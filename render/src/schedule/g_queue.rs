@@ -4,9 +4,9 @@
 //! C-rays of a tile -> push -> ... a batch of samples waits, or nothing else is to be done -> take -> G-stage
 //! ```
 //!
-//! Invariants: 1. no worker begins a tile while a batch waits that it may take, and what is pushed back was taken from here, so that at
-//! most a batch and a tile a worker are here and in hands beside a batch a worker; 2. tiles leave in the order in which
-//! they came; 3. a worker without room for more tiles that wait for pages takes its own alone.
+//! Invariants: 1. no worker begins a tile while a batch waits that it may take, and what is pushed back was taken from
+//! here, so that at most a batch and a tile a worker are here, and as many again in the hands of each; 2. tiles leave
+//! in the order in which they came; 3. a worker without room for more tiles that wait for pages takes its own alone.
 
 use super::job::Job;
 use std::collections::VecDeque;

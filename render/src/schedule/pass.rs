@@ -17,9 +17,9 @@
 //! the next piece goes on with it.
 //!
 //! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
-//! deadlines, batches or blocked rays; 2. no worker begins a tile while a batch that it may take waits for the G-stage, nor, but to
-//! defer it, while [`PARKED_MAX`] of its own wait for pages; 3. a tile's samples reach the film all together or not at all, so a stopped pass leaves
-//! a film that can go on.
+//! deadlines, batches or blocked rays; 2. no worker begins a tile while a batch that it may take waits for the G-stage,
+//! nor, but to defer it, while [`PARKED_MAX`] of its own wait for pages; 3. a tile's samples reach the film all
+//! together or not at all, so a stopped pass leaves a film that can go on.
 
 use super::g_queue::GQueue;
 use super::job::{JOB_SAMPLES_MAX, Job};

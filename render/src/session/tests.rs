@@ -202,8 +202,8 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
     assert!(samples.contains(&1) && samples.contains(&2) && mixed > 0, "{samples:?} {mixed}");
 }
 
-/// The light of `full-gi` after an edit: on its way while frames go on, the one before on show meanwhile, and in the end
-/// the film of a session that had it from the beginning.
+/// The light of `full-gi` after an edit: on its way while frames go on, the one before on show meanwhile, and in the
+/// end the film of a session that had it from the beginning.
 #[test]
 fn full_gi_lights_itself_anew_while_frames_go_on() {
     let keys = RenderKeys {
