@@ -42,7 +42,7 @@ fn a_ring_that_fails_costs_a_line() {
     if whole["io_backend"]["backend"] != "uring" {
         return cannot_run("this machine has no io_uring");
     }
-    for (errno, when) in [("ENOMEM", "10"), ("EIO", "10"), ("ENOMEM", "3"), ("EIO", "20+")] {
+    for (errno, when) in [("ENOMEM", "10"), ("EIO", "10"), ("ENOMEM", "3"), ("EIO", "6+")] {
         let rendered = run_with(inside.path(), &format!("io_uring_enter:error={errno}:when={when}"), RENDER);
         rendered.expect(0);
         let document = rendered.document();
