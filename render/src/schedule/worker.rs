@@ -45,7 +45,7 @@ pub(crate) struct Until<'a> {
 /// What becomes of a blocked tile that finds no room among those parked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WhenFull {
-    /// There is none, as a rule: no tile is begun before there is room.
+    /// No tile is begun before there is room; what comes back blocked from the G-stage stays all the same.
     Wait,
     /// It is begun again at the end of the pass: what can be drawn is drawn first.
     Defer,

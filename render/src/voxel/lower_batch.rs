@@ -10,8 +10,9 @@
 //! ```
 //!
 //! Invariants: 1. answers are those of [`LowerScene::intersect`] with the same pages, bit for bit; a crowd costs time
-//! and changes none; 2. lanes visit each ray's way twice on average, at most: each time half as many go again; 3. a ray
-//! alone is answered or blocked with room for one page, so that waiting for pages ends when it does one by one.
+//! and changes none; 2. lanes visit each ray's way three times on average, at most: all, all again with all pages let
+//! go, and from then on half as many each time; 3. a ray alone is answered or blocked with room for one page, so that
+//! waiting for pages ends when it does one by one.
 
 use super::batch::PacketWidth;
 use super::lower::{LowerHit, LowerScene};
