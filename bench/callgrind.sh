@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# Counts instructions: of the tests of nodes, leaf boxes and leaves, of primary rays alone and in packets, and of install a
-# triangle. A count stands still where times do not. Needs valgrind.
+# Counts instructions: of primary rays alone and in packets, and of install a triangle. A count stands still where times do not. Needs valgrind.
 #
 #   bench/callgrind.sh FILE.trex    writes one JSON document to stdout
 set -euo pipefail
@@ -11,7 +10,7 @@ cargo build --release -q -p trex-bench --example counts
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 counts=
-for step in node leaf-boxes leaf alone packets install; do
+for step in alone packets install; do
     steps=$(valgrind --tool=callgrind --toggle-collect='counts::measured*' --callgrind-out-file="$work/out" \
         target/release/examples/counts "$file" "$step" 2>"$work/log")
     all=$(sed -n 's/.*Collected : *\([0-9]*\).*/\1/p' "$work/log")

@@ -1,18 +1,15 @@
-//! Steps of traversal: tests of nodes, leaf boxes and triangles, eight lanes and plain; and whole rays, alone and in
-//! packets. One core.
+//! Traversal: rays alone and in packets. One core.
 //!
 //! ```text
 //! cargo bench -p trex-benches --bench traversal
 //! gen:isosurface -> build -> all its pages -> rays of a camera, along rows
 //! ```
-//!
-//! Invariant: eight lanes and plain meet the same.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use std::time::Duration;
 use trex_bench::model::Model;
-use trex_render::{AllResident, Arithmetic, Camera, PagedMesh, Probe, ProbeStep, Ray, Tracer};
+use trex_render::{AllResident, Camera, PagedMesh, Ray, Tracer};
 use trex_store::build::Voxels;
 use trex_store::{Budget, PageFile};
 
@@ -20,8 +17,6 @@ use trex_store::{Budget, PageFile};
 const MODEL: &str = "gen:isosurface:200k";
 /// Pixels along a side of the picture.
 const PICTURE_SIDE: u32 = 128;
-/// Of its rays every one after so many is tested against everything; a prime: they come from all columns.
-const PROBE_STEP: usize = 997;
 /// Passes over all tests.
 const SAMPLES: usize = 20;
 
@@ -44,23 +39,6 @@ fn traversal(criterion: &mut Criterion) {
     let (pages, rays) = (AllResident::load(&file), rays(&file));
     let mut group = criterion.benchmark_group("traversal");
     group.sample_size(SAMPLES).measurement_time(Duration::from_secs(3));
-
-    let few: Vec<Ray> = rays.iter().copied().step_by(PROBE_STEP).collect();
-    let fastest = Arithmetic::for_file(&file);
-    for (step, name) in
-        [(ProbeStep::Node, "node"), (ProbeStep::LeafBoxes, "leaf-boxes"), (ProbeStep::Triangles, "leaf")]
-    {
-        let [fast, plain] =
-            [fastest, Arithmetic::Scalar].map(|arithmetic| Probe::new(&file, &pages, &few, arithmetic));
-        assert_eq!(fast.run(step), plain.run(step));
-        assert!(fast.run(step) > 0, "no ray meets anything");
-        group.throughput(Throughput::Elements(fast.test_count(step)));
-        for (probe, arithmetic) in [(fast, fastest), (plain, Arithmetic::Scalar)] {
-            group.bench_function(BenchmarkId::new(name, arithmetic.name()), |bencher| {
-                bencher.iter(|| black_box(&probe).run(step));
-            });
-        }
-    }
 
     group.throughput(Throughput::Elements(rays.len() as u64));
     let mut mesh = PagedMesh::new(&file, &pages);

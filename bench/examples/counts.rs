@@ -1,23 +1,20 @@
 //! One pass of a step of tracing or of install, for a tool that counts instructions: `bench/callgrind.sh` runs it.
 //!
 //! ```text
-//! counts FILE node|leaf-boxes|leaf|alone|packets|install    ->  how many steps `measured` took, on stdout
+//! counts FILE alone|packets|install    ->  how many steps `measured` took, on stdout
 //! ```
 //!
 //! Invariant: all that counts is called from [`measured`] and from nowhere else.
 
-use std::hint::black_box;
 use std::io::Write;
 use std::path::Path;
-use trex_render::{AllResident, Arithmetic, Camera, PagedMesh, Probe, ProbeStep, Ray, Tracer};
+use trex_render::{AllResident, Camera, PagedMesh, Ray, Tracer};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::PageStore;
 use trex_store::{Budget, PageFile};
 
 /// Pixels along a side of the picture from which rays come.
 const SIDE: u32 = 256;
-/// Of them, every one after so many for the steps that test everything; a prime.
-const PROBE_STEP: usize = 9973;
 
 /// What callgrind collects.
 #[inline(never)]
@@ -35,18 +32,9 @@ fn main() {
     let pixels = (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| [x, y].map(|v| f64::from(v) + 0.5)));
     let rays: Vec<Ray> = pixels.map(|[x, y]| projection.ray(x, y)).collect();
 
-    let few: Vec<Ray> = rays.iter().copied().step_by(PROBE_STEP).collect();
-    let probe = |step: ProbeStep| {
-        let probe = Probe::new(&file, &pages, &few, Arithmetic::for_file(&file));
-        measured(&mut || black_box(probe.run(step)));
-        probe.test_count(step)
-    };
     let mut mesh = PagedMesh::new(&file, &pages);
     let mut answers = Vec::with_capacity(rays.len());
     let steps = match step.as_str() {
-        "node" => probe(ProbeStep::Node),
-        "leaf-boxes" => probe(ProbeStep::LeafBoxes),
-        "leaf" => probe(ProbeStep::Triangles),
         "alone" => measured(&mut || {
             answers.extend(rays.iter().map(|ray| mesh.intersect(ray)));
             answers.len() as u64

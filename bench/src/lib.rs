@@ -15,7 +15,10 @@ pub mod machine;
 pub mod median;
 pub mod model;
 mod peers;
+mod rates;
 pub mod rays;
 pub mod record;
 pub mod sizes;
 pub mod stress;
+
+pub use rates::RayRates;

@@ -58,13 +58,13 @@ pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{
     BLOCK_TILES_MIN, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan,
-    PictureNeeds, RenderStats, Session, SessionSetup, model_bytes,
+    Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp, model_bytes,
 };
 pub use shading::{Emitter, Emitters, Light};
-pub use stats::{GStats, PassStats, PhotonStats, RayCounts, RayRates};
+pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
-    PooledPages, Probe, ProbeStep, Ray, Tracer, pooled_tracers,
+    PooledPages, Ray, Tracer, pooled_tracers,
 };
 pub use voxel::{
     LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels,

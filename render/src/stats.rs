@@ -26,21 +26,6 @@ pub struct RayCounts {
     pub photon: u64,
 }
 
-/// Rays per second, by kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct RayRates {
-    /// Rays per second from the camera.
-    pub primary: f64,
-    /// Rays per second off perfect mirrors.
-    pub mirror: f64,
-    /// Rays per second towards lights.
-    pub shadow: f64,
-    /// Rays per second that gather light.
-    pub gather: f64,
-    /// Rays per second of photons.
-    pub photon: f64,
-}
-
 impl RayCounts {
     /// Counts a ray more.
     pub(crate) fn count(&mut self, kind: RayKind) {
@@ -64,18 +49,6 @@ impl RayCounts {
     /// Count of rays of all kinds together.
     pub fn total(&self) -> u64 {
         self.primary + self.mirror + self.shadow + self.gather + self.photon
-    }
-
-    /// Rates of each kind over `seconds`.
-    pub fn per_s(&self, seconds: f64) -> RayRates {
-        let rate = |count: u64| count as f64 / seconds.max(1e-9);
-        RayRates {
-            primary: rate(self.primary),
-            mirror: rate(self.mirror),
-            shadow: rate(self.shadow),
-            gather: rate(self.gather),
-            photon: rate(self.photon),
-        }
     }
 }
 

@@ -15,8 +15,9 @@ use crate::memory::Memory;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use trex_bench::RayRates;
 use trex_render::{
-    Camera, Event, Filter, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RayRates, RenderKeys,
+    Camera, Event, Filter, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RenderKeys,
     RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
@@ -268,7 +269,7 @@ impl Job<'_> {
             integrator: keys.integrator.as_str(),
             spp: stats.spp,
             rays,
-            rays_per_s: RayRates { photon: rays.per_s(photons_s).photon, ..rays.per_s(render_s) },
+            rays_per_s: RayRates::new(&rays, render_s, photons_s),
             g_stage: stats.total.g_stage,
             photons,
             photons_ms: (photons_s * 1e3) as u64,

@@ -6,7 +6,8 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
-use trex_render::{GStats, MemoryPlan, PhotonStats, RayCounts, RayRates};
+use trex_bench::RayRates;
+use trex_render::{GStats, MemoryPlan, PhotonStats, RayCounts};
 use trex_store::io::IoDescription;
 use trex_store::pool::PoolStats;
 

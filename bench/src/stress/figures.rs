@@ -4,10 +4,11 @@ use super::errors::ERROR_TIMES_MS;
 use super::hold::{LIVELOCK, Log, Switch};
 use super::options::{Figure, Requirement, Scenario, StressOptions};
 use super::times::Times;
+use crate::RayRates;
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trex_render::{GStats, RayCounts, RayRates};
+use trex_render::{GStats, RayCounts};
 use trex_store::pool::PoolStats;
 
 /// Share of a run that warms up before memory is watched.
@@ -150,7 +151,7 @@ impl StressFigures {
             error_at_ms: errors_at(&log.switches),
             frame_ms,
             rays,
-            rays_per_s: rays.per_s(seconds),
+            rays_per_s: RayRates::new(&rays, seconds, seconds),
             g_stage: log.pass.g_stage,
             look_ups_per_s: log.pass.look_ups as f64 / seconds,
             time_ms: (seconds * 1e3) as u64,

@@ -124,7 +124,7 @@ impl GRays {
 }
 
 /// A device that answers G-rays.
-pub(crate) trait GStage: Sync + std::fmt::Debug {
+pub(crate) trait GStage: Send + Sync + std::fmt::Debug {
     /// Samples whose rays make a batch that is large enough for it.
     fn batch_samples(&self) -> usize;
 

@@ -70,8 +70,8 @@ pub struct Film {
     indirect: Vec<[f64; 3]>,
     /// Mean of `indirect`, smoothed, as of the last time.
     smoothed: Vec<[f32; 3]>,
-    /// True when `smoothed` is of all samples.
-    is_smooth: bool,
+    /// Samples of the present state that `smoothed` is of; 0 for none.
+    smoothed_of: u32,
     _lease: Lease,
 }
 
@@ -139,7 +139,7 @@ impl Film {
             id: vec![NO_ID; if_asked(layers.id)],
             indirect: vec![[0.0; 3]; if_asked(layers.filter)],
             smoothed: vec![[0.0; 3]; if_asked(layers.filter)],
-            is_smooth: false,
+            smoothed_of: 0,
             _lease: lease,
         })
     }
@@ -166,7 +166,7 @@ impl Film {
     /// Begins another state of the scene: the samples so far count no more.
     pub(crate) fn begin_state(&mut self) {
         self.state += 1;
-        self.is_smooth = false;
+        self.smoothed_of = 0;
     }
 
     /// The present state of the scene: grows with each [`Film::begin_state`].
@@ -179,6 +179,11 @@ impl Film {
         (self.counts[index as usize] > 0).then_some(self.states[index as usize])
     }
 
+    /// Samples of the present state whose indirect light was smoothed; 0 for none.
+    pub(crate) fn smoothed_of(&self) -> u32 {
+        self.smoothed_of
+    }
+
     /// Forgets the samples of tile `index`.
     fn clear_tile(&mut self, index: u32) {
         fn fill<T: Copy>(layer: &mut [T], row: Range<usize>, value: T) {
@@ -187,7 +192,7 @@ impl Film {
                 row.fill(value);
             }
         }
-        self.is_smooth = false;
+        self.smoothed_of = 0;
         // Tiles without samples are as new: where views change fast, that is most of them.
         if std::mem::take(&mut self.counts[index as usize]) == 0 {
             return;
@@ -224,7 +229,6 @@ impl Film {
             }
         }
         self.counts[tile.index as usize] += (radiances.len() / pixels) as u32;
-        self.is_smooth = false;
     }
 
     /// Adds the share of indirect light of the samples that [`Film::add`] got, in the same order; only with
@@ -244,12 +248,15 @@ impl Film {
         self.indirect[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
     }
 
-    /// The smoothed indirect light, to be written, by rows; from now on it counts in place of the other until samples
-    /// are added.
+    /// The smoothed indirect light, to be written, by rows.
     pub(crate) fn smoothed_mut(&mut self) -> &mut [[f32; 3]] {
         assert!(self.layers.filter, "this film keeps no indirect light");
-        self.is_smooth = true;
         &mut self.smoothed
+    }
+
+    /// From now on the smoothed light counts in place of the other, also of samples to come, until another state.
+    pub(crate) fn set_smooth(&mut self) {
+        self.smoothed_of = self.samples();
     }
 
     /// Sets the layers of one pixel (x, y), of a tile that has samples.
@@ -295,7 +302,7 @@ impl Film {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(first)].max(1));
         let first = self.place(first);
         let sums = &self.sums[first..][..radiances.len()];
-        if !self.is_smooth {
+        if self.smoothed_of == 0 {
             let means = sums.iter().map(|sums| sums.map(|sum| (sum * per_sample) as f32));
             radiances.iter_mut().zip(means).for_each(|(radiance, mean)| *radiance = mean);
             return;

@@ -31,11 +31,13 @@ const REACH_SAMPLES: f64 = 4.0;
 /// Window, in reaches: what is left out weighs an eighth of the middle or less.
 const WINDOW_REACHES: f64 = 2.0;
 /// Depth that counts as an edge, in pixels' widths.
-const PLANE_PIXELS: f64 = 1.0;
+const PLANE_PIXELS: f32 = 1.0;
 /// Power of the normals' cosine.
 const NORMAL_POWER: i32 = 32;
 /// Difference of albedo that counts as an edge.
-const ALBEDO_REACH: f64 = 0.1;
+const ALBEDO_REACH: f32 = 0.1;
+/// Exponent below which a weight is none: 3e-7.
+const EXPONENT_LEAST: f32 = -15.0;
 
 /// Bytes that the filter takes at `resolution` (width, height; pixels) while it works, film not counted.
 pub fn filter_bytes(resolution: [u32; 2]) -> u64 {
@@ -58,11 +60,12 @@ struct Window<'a> {
     seen: &'a [Seen],
     resolution: [usize; 2],
     radius: usize,
-    /// exp(-d^2 / 2 s^2) for d from 0 to the radius.
-    near: Vec<f64>,
+    /// -d^2 / 2 s^2 for d from 0 to the radius.
+    near: Vec<f32>,
 }
 
-/// Smooths the indirect light of `film`, which was taken by the rays of `projection`, on the threads of `pool`.
+/// Smooths the indirect light of `film`, which was taken by the rays of `projection`, on the threads of `pool`. `stop`
+/// is asked between lines: those that are left then stay as they were.
 ///
 /// # Errors
 /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`filter_bytes`].
@@ -74,20 +77,24 @@ pub(crate) fn smooth(
     projection: &Projection,
     pool: &ThreadPool,
     budget: &Budget,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
     let _lease = budget.lease("the filter", filter_bytes(film.resolution()))?;
     let resolution = film.resolution().map(|side| side as usize);
     let seen = seen(film, projection);
     let reach = REACH_PIXELS * (REACH_SAMPLES / f64::from(film.samples().max(1))).powf(1.0 / 6.0);
     let radius = (WINDOW_REACHES * reach).ceil() as usize;
-    let near = (0..=radius).map(|d| (-0.5 * (d as f64 / reach).powi(2)).exp()).collect();
+    let near = (0..=radius).map(|d| (-0.5 * (d as f64 / reach).powi(2)) as f32).collect();
     let window = Window { seen: &seen, resolution, radius, near };
     pool.install(|| {
         let lines = film.smoothed_mut().par_chunks_mut(resolution[0]).enumerate();
-        lines.for_each(|(y, line)| {
+        lines.filter(|_| !stop()).for_each(|(y, line)| {
             line.iter_mut().enumerate().for_each(|(x, out)| *out = window.mean(y * resolution[0] + x).into());
         });
     });
+    if !stop() {
+        film.set_smooth();
+    }
     Ok(())
 }
 
@@ -119,33 +126,31 @@ impl Window<'_> {
         if here.width == 0.0 {
             return here.indirect;
         }
-        let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
+        let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
         for v in y.saturating_sub(self.radius)..(y + self.radius + 1).min(height) {
             for u in x.saturating_sub(self.radius)..(x + self.radius + 1).min(width) {
                 let there = &self.seen[v * width + u];
-                let weight = self.near[u.abs_diff(x)] * self.near[v.abs_diff(y)] * here.likeness(there);
+                let weight = here.weight(there, self.near[u.abs_diff(x)] + self.near[v.abs_diff(y)]);
                 weights += weight;
-                sum += weight * there.indirect.as_dvec3();
+                sum += weight * there.indirect;
             }
         }
         // The pixel itself counts with 1, or with nothing where its normal is none.
-        if weights > 0.0 { (sum / weights).as_vec3() } else { here.indirect }
+        if weights > 0.0 { sum / weights } else { here.indirect }
     }
 }
 
 impl Seen {
-    /// Weight of the light at `there` for the light here, 0 to 1.
-    fn likeness(&self, there: &Seen) -> f64 {
-        let normal = self.normal.as_dvec3();
-        let cos = normal.dot(there.normal.as_dvec3());
+    /// Weight of the light at `there` for the light here, 0 to 1; `near`: the exponent of their distance.
+    fn weight(&self, there: &Seen, near: f32) -> f32 {
+        let cos = self.normal.dot(there.normal);
         if there.width == 0.0 || cos <= 0.0 {
             return 0.0;
         }
-        let way = there.place.as_dvec3() - self.place.as_dvec3();
-        let off_plane = normal.dot(way) / (PLANE_PIXELS * f64::from(self.width));
-        let albedo = self.albedo.as_dvec3() - there.albedo.as_dvec3();
-        let edges = off_plane * off_plane + albedo.length_squared() / (ALBEDO_REACH * ALBEDO_REACH);
-        cos.min(1.0).powi(NORMAL_POWER) * (-0.5 * edges).exp()
+        let off_plane = self.normal.dot(there.place - self.place) / (PLANE_PIXELS * self.width);
+        let albedo = (self.albedo - there.albedo).length_squared() / (ALBEDO_REACH * ALBEDO_REACH);
+        let exponent = near - 0.5 * (off_plane * off_plane + albedo);
+        if exponent < EXPONENT_LEAST { 0.0 } else { cos.min(1.0).powi(NORMAL_POWER) * exponent.exp() }
     }
 }
 
@@ -261,7 +266,7 @@ mod tests {
         for threads in [1, 2, 5, 40] {
             let mut film = film(&noise);
             let before: Vec<_> = pixels().map(|pixel| film.radiance(pixel)).collect();
-            smooth(&mut film, &projection(), &pool(threads), &Budget::unlimited()).unwrap();
+            smooth(&mut film, &projection(), &pool(threads), &Budget::unlimited(), &|| false).unwrap();
             for (pixel, before) in pixels().zip(before) {
                 let (found, expected) = (film.radiance(pixel), oracle(pixel, &noise));
                 let raw = film.indirect(pixel);
@@ -276,7 +281,7 @@ mod tests {
     #[test]
     fn even_light_stays_even_noise_falls_and_edges_stay() {
         let mut even = film(&|_, _| [0.25, 0.5, 1.0]);
-        smooth(&mut even, &projection(), &pool(2), &Budget::unlimited()).unwrap();
+        smooth(&mut even, &projection(), &pool(2), &Budget::unlimited(), &|| false).unwrap();
         for pixel in pixels() {
             let found = even.radiance(pixel);
             assert!((0..3).all(|c| (found[c] - [2.25, 2.5, 3.0][c]).abs() < 1e-5), "{pixel:?} {found:?}");
@@ -290,23 +295,35 @@ mod tests {
             inner.iter().map(apart).sum::<f64>() / inner.len() as f64
         };
         let before = spread(&|pixel| stepped.indirect(pixel)[0]);
-        smooth(&mut stepped, &projection(), &pool(2), &Budget::unlimited()).unwrap();
+        smooth(&mut stepped, &projection(), &pool(2), &Budget::unlimited(), &|| false).unwrap();
         // All light is 2 and the indirect light.
         let after = spread(&|pixel| stepped.radiance(pixel)[0] - 2.0);
         assert!(after < before / 8.0, "{before} {after}");
     }
 
+    /// Light beside the smoothed is that of all samples, until another state begins.
     #[test]
-    fn samples_that_come_later_show_as_they_are() {
+    fn what_was_smoothed_stays_while_samples_come() {
         let mut film = film(&noise);
         let (pixel, raw) = ([3, 3], film.radiance([3, 3]));
-        smooth(&mut film, &projection(), &pool(1), &Budget::unlimited()).unwrap();
-        assert_ne!(film.radiance(pixel), raw);
+        smooth(&mut film, &projection(), &pool(1), &Budget::unlimited(), &|| true).unwrap();
+        assert_eq!((film.radiance(pixel), film.smoothed_of()), (raw, 0), "it was stopped");
+        smooth(&mut film, &projection(), &pool(1), &Budget::unlimited(), &|| false).unwrap();
+        let smooth_light = film.radiance(pixel);
+        assert!(smooth_light != raw && film.smoothed_of() == SAMPLES);
         let first = tile([SIDE, SIDE], 0);
-        film.add(&first, &vec![[0.0; 3]; first.pixel_count() as usize]);
+        let dark = vec![[0.0; 3]; first.pixel_count() as usize];
+        film.add(&first, &dark);
+        // All light is 2 and the indirect light.
         let found = film.radiance(pixel);
-        assert!((0..3).all(|c| (found[c] - raw[c] * 4.0 / 5.0).abs() < 1e-6), "{found:?}");
+        assert!(
+            (0..3).all(|c| (found[c] - (smooth_light[c] - 2.0 + 2.0 * 4.0 / 5.0)).abs() < 1e-6),
+            "{found:?}"
+        );
+        film.begin_state();
+        film.add(&first, &dark);
+        assert_eq!((film.radiance(pixel), film.smoothed_of()), ([0.0; 3], 0));
         let tight = Budget::new(trex_store::RESERVE_BYTES + filter_bytes([SIDE, SIDE]) - 1);
-        assert!(smooth(&mut film, &projection(), &pool(1), &tight).is_err());
+        assert!(super::smooth(&mut film, &projection(), &pool(1), &tight, &|| false).is_err());
     }
 }

@@ -8,15 +8,24 @@
 //! Invariant: a sample comes to the same bytes as alone.
 
 use crate::g_stage::GStage;
-use crate::integrate::{GBatches, Path, Sample, SampleIntegrator, Step, Together};
+use crate::integrate::{GBatches, Path, RenderContext, Sample, SampleIntegrator, Step, Together};
 use crate::trace::{Tracer, UnitPages};
+use std::sync::Arc;
 
 /// What takes samples: the integrator, and what answers its G-rays.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct SampleWork<'a> {
     pub(crate) integrator: SampleIntegrator<'a>,
     /// `None` where no ray asks voxels.
-    pub(crate) g_stage: Option<&'a dyn GStage>,
+    pub(crate) g_stage: Option<Arc<dyn GStage + 'a>>,
+}
+
+impl<'a> SampleWork<'a> {
+    /// The integrator that the world of `ctx` asks for, its G-rays answered on the processor.
+    pub(crate) fn on_cpu(ctx: RenderContext<'a>) -> SampleWork<'a> {
+        let integrator = SampleIntegrator::new(ctx);
+        SampleWork { integrator, g_stage: integrator.cpu_stage().map(|stage| Arc::new(stage) as _) }
+    }
 }
 
 /// A sample on its way.
@@ -73,7 +82,7 @@ impl Samples {
         self.begin(&work.integrator, tracer, together);
         loop {
             self.go_on(&work.integrator, tracer, &mut finish);
-            let Some(g_stage) = work.g_stage.filter(|_| self.asks) else { break };
+            let Some(g_stage) = work.g_stage.as_ref().filter(|_| self.asks) else { break };
             g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer));
         }
         self.batches.clear();

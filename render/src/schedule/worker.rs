@@ -13,7 +13,6 @@
 use super::g_queue::GQueue;
 use super::job::Job;
 use super::samples::{Pending, SampleWork};
-use crate::g_stage::GStage;
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
 use crate::integrate::Together;
@@ -104,7 +103,7 @@ impl Piece<'_> {
 
     /// Samples of a batch of the G-stage.
     fn batch_samples(&self) -> usize {
-        self.work.samples.g_stage.map_or(usize::MAX, GStage::batch_samples)
+        self.work.samples.g_stage.as_ref().map_or(usize::MAX, |stage| stage.batch_samples())
     }
 
     /// True when the G-stage should have what waits for it: a batch, or all that is wanted of this piece.
@@ -240,7 +239,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
     /// Takes a batch of tiles through the G-stage, or what there is of one; false when there is nothing.
     fn answer_batch(&mut self) -> bool {
         let Piece { queue, workers, work, .. } = self.piece;
-        let Some(g_stage) = work.samples.g_stage else { return false };
+        let Some(g_stage) = &work.samples.g_stage else { return false };
         let own_alone = (self.lane.parked.len() >= PARKED_MAX).then_some(self.number);
         let mut jobs = queue.take(self.piece.batch_samples(), *workers, own_alone);
         if jobs.is_empty() {

@@ -6,14 +6,15 @@
 //! ```
 //!
 //! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a batch of the
-//! G-stage, a batch of photons a worker.
+//! G-stage, a batch of photons a worker, the filter of a picture whose samples have doubled.
 
 use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
 use super::ladder::Turn;
 use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
-use crate::integrate::{RenderContext, SampleIntegrator};
+use crate::image::filter;
+use crate::integrate::RenderContext;
 use crate::schedule::{Grid, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
@@ -65,10 +66,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         let tiles_begin = Instant::now();
         let pass = self.run_tiles(spp, begin, stop);
+        self.smooth(spp, stop);
         self.live.tiles_time = tiles_begin.elapsed();
-        let is_lit = self.live.next.as_ref().is_none_or(NextLight::is_idle) && self.live.next_tree.is_none();
         let progress = match self.live.first_block {
-            _ if self.film.samples() >= spp && is_lit => FrameProgress::Done,
+            _ if self.film.samples() >= spp && self.live.is_lit() => FrameProgress::Done,
             _ if self.is_complete() => FrameProgress::Complete,
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
@@ -83,9 +84,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let Session { world, model, photon_map, film, tracers, pool, .. } = &mut self.session;
         let Live { next, display, ladder, options, .. } = &mut self.live;
         let irradiance = irradiance(photon_map.as_ref(), next.as_ref());
-        let integrator = SampleIntegrator::new(RenderContext::new(world, model, irradiance).for_preview());
-        let g_stage = integrator.cpu_stage();
-        let work = SampleWork { integrator, g_stage: g_stage.as_ref().map(|stage| stage as _) };
+        let work = SampleWork::on_cpu(RenderContext::new(world, model, irradiance).for_preview());
         let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
@@ -164,14 +163,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let full = if is_scarce { WhenFull::Wait } else { WhenFull::Defer };
         let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, .. } =
             &mut self.session;
-        let Live { next, pass, block, finished, .. } = &mut self.live;
+        let Live { next, pass, block, finished, first_block, .. } = &mut self.live;
         let ctx = RenderContext::new(world, model, irradiance(photon_map.as_ref(), next.as_ref()))
             .with_layers(film.layers())
             .with_photon_tree(photon_tree.as_ref());
-        let integrator = SampleIntegrator::new(ctx);
-        let g_stage = integrator.cpu_stage();
-        let samples = SampleWork { integrator, g_stage: g_stage.as_ref().map(|stage| stage as _) };
-        let work = TileWork { samples, tiles };
+        let work = TileWork { samples: SampleWork::on_cpu(ctx), tiles };
         let (begin, was_complete) = (Instant::now(), film.samples() > 0);
         let mut total = PassStats::default();
         let mut has_become_complete = false;
@@ -205,9 +201,23 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let least = if block.is_adaptive() { BLOCK_TILES_MIN.min(whole) } else { whole };
         if *finished >= u64::from(least.min(tiles.count())) {
             let shown = (*finished).min(whole.into()) as u32;
-            self.live.first_block.get_or_insert(shown);
+            first_block.get_or_insert(shown);
         }
         total
+    }
+
+    /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all
+    /// `spp` are there.
+    fn smooth(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) {
+        let Session { film, world, pool, budget, .. } = &mut self.session;
+        let samples = film.samples();
+        if film.layers().filter
+            && samples > film.smoothed_of()
+            && (samples.is_power_of_two() || samples >= spp)
+        {
+            // Its room is planned for; without it light is shown as it comes.
+            let _ = filter::smooth(film, &world.projection, pool, budget, stop);
+        }
     }
 
     /// True when every tile has samples from after the event.

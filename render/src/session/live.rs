@@ -28,7 +28,7 @@ use super::fetch_block::{Block, FetchBlock};
 use super::ladder::Ladder;
 use super::next_light::NextLight;
 use super::next_tree::NextTree;
-use super::{Change, Event, Session};
+use super::{Change, Event, Pick, Session};
 use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
@@ -113,6 +113,16 @@ pub struct FrameReport {
     pub photon_rays: u64,
 }
 
+/// See [`LiveSession::tile_stamp`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TileStamp {
+    /// State and count of the samples that are shown.
+    samples: Option<(Option<u32>, u32)>,
+    /// State and step of the preview that is.
+    preview: Option<(u32, u32)>,
+    smoothed: u32,
+}
+
 /// A session whose pictures are made in frames. `T` answers rays, one per worker thread.
 ///
 /// All of [`Session`] can be asked of it, but a picture made at leisure.
@@ -165,7 +175,13 @@ impl<T: PagedTracer + Send> Session<T> {
             .next("build the file without --no-asvo, or render without a deadline"));
         }
         let next = match (&self.photon_map, self.voxel_photons()) {
-            (Some(map), Some(photons)) => Some(NextLight::new(&photons, map, &self.budget)?),
+            (Some(map), Some(photons)) => {
+                let mut next = NextLight::new(&photons, map.irradiance().len(), &self.budget)?;
+                if map.photons() == 0 && photons.is_lit() {
+                    next.begin(&photons);
+                }
+                Some(next)
+            }
             _ => None,
         };
         let settings = self.view.settings;
@@ -200,7 +216,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// # Errors
     /// Those of [`Session::apply`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
-        let change = self.session.change(event)?;
+        let change = match event {
+            Event::Settings(settings) => self.resettle_live(settings)?,
+            event => self.session.change(event)?,
+        };
         self.begin_state(change);
         Ok(())
     }
@@ -214,8 +233,19 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         shown[0]
     }
 
+    /// What the look of a tile depends on: another stamp when it may show something else.
+    pub fn tile_stamp(&self, index: u32) -> TileStamp {
+        let Live { display, is_done, .. } = &self.live;
+        let preview = display.state().zip(display.step());
+        let samples =
+            self.shows_samples(index).then(|| (self.film.tile_state(index), self.film.tile_samples(index)));
+        // Samples of a later state, and all of them, have no preview in them.
+        let is_mixed = samples.is_none_or(|(state, _)| !is_done && state == display.state());
+        TileStamp { samples, preview: preview.filter(|_| is_mixed), smoothed: self.film.smoothed_of() }
+    }
+
     /// As [`LiveSession::shown`], of as many pixels as there are places, from (x, y) on in its row; all of one tile.
-    fn show(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
+    pub fn show(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
         let tile = first.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
         let preview = &self.live.display.radiances(first)[..radiances.len()];
@@ -256,12 +286,20 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         Ok(stats)
     }
 
-    /// Smooths the indirect light, as [`Session::smooth`] does.
-    ///
-    /// # Errors
-    /// Those of [`Session::smooth`].
-    pub fn smooth(&mut self) -> Result<()> {
-        self.session.smooth()
+    /// What is seen at a pixel, as [`Session::pick`] says.
+    pub fn pick(&mut self, pixel: [u32; 2]) -> Option<Pick> {
+        self.session.pick(pixel)
+    }
+
+    /// The session from now on: its pictures are made at leisure again, the next from its first sample on. Photons of
+    /// light that has changed and are not all there are to be sent again.
+    pub fn into_session(self) -> Session<T> {
+        let LiveSession { mut session, live } = self;
+        if !live.is_lit() {
+            session.forget_photons();
+        }
+        session.film.clear();
+        session
     }
 
     /// Begins a new picture, after the world has become another.
@@ -313,6 +351,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 }
 
 impl Live {
+    /// True when no photons of changed light are on their way.
+    pub(super) fn is_lit(&self) -> bool {
+        self.next.as_ref().is_none_or(NextLight::is_idle) && self.next_tree.is_none()
+    }
+
     /// True when the pages asked for since the event approach the frames there are.
     pub(super) fn is_scarce<T: PagedTracer>(&mut self, tracers: &[T]) -> bool {
         self.demand.fill(0);

@@ -21,24 +21,25 @@ mod live;
 mod memory;
 mod next_light;
 mod next_tree;
+mod resettle;
 
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
-pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession};
+pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession, TileStamp};
 pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
 
 use crate::image::film::{Film, Layers};
 use crate::image::filter;
 use crate::image::tile::Tiles;
-use crate::integrate::{RenderContext, SampleIntegrator, rays_asked};
+use crate::integrate::{RenderContext, rays_asked};
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::Camera;
-use crate::scene::settings::Method;
+use crate::scene::settings::{Method, RenderSettings};
 use crate::scene::world::{MaterialEdit, Model, View, World};
 use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers, pass_bytes};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
-use crate::trace::PagedTracer;
+use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -58,6 +59,17 @@ pub enum Event {
         /// Changes to it.
         edit: MaterialEdit,
     },
+    /// Other numbers of the picture; photons stay where they are the same.
+    Settings(RenderSettings),
+}
+
+/// What is seen at a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pick {
+    /// The triangle; its parameter is the distance from the camera, model units.
+    pub hit: Hit,
+    /// The place on it, model units.
+    pub position: [f64; 3],
 }
 
 /// The parts that a [`Session`] is made of.
@@ -115,7 +127,8 @@ pub struct Session<T> {
     pub(super) photon_tree: Option<PhotonTree>,
     pub(super) pool: Arc<ThreadPool>,
     pub(super) budget: Budget,
-    _lease: Lease,
+    /// Room of the passes.
+    lease: Lease,
 }
 
 /// The effect of an event.
@@ -168,19 +181,7 @@ impl<T: PagedTracer + Send> Session<T> {
         };
         let budget = budget.clone();
         let photon_tree = None;
-        Ok(Session {
-            model,
-            view,
-            world,
-            tracers,
-            tiles,
-            film,
-            photon_map,
-            photon_tree,
-            pool,
-            budget,
-            _lease: lease,
-        })
+        Ok(Session { model, view, world, tracers, tiles, film, photon_map, photon_tree, pool, budget, lease })
     }
 
     /// Changes camera, lights or a material.
@@ -200,6 +201,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let (mut model, mut view) = (None, self.view.clone());
         let change = if matches!(event, Event::Camera(_)) { Change::View } else { Change::Light };
         match event {
+            Event::Settings(settings) => return self.resettle(settings),
             Event::Camera(camera) => view.camera = camera,
             Event::Lights(lights) => view.lights = lights,
             Event::Material { index, edit } => model.insert(self.model.clone()).edit(index, &edit)?,
@@ -211,6 +213,21 @@ impl<T: PagedTracer + Send> Session<T> {
             self.model = model;
         }
         Ok(change)
+    }
+
+    /// What is seen through the middle of a pixel (x, y) on the exact mesh; waits for its pages. `None` for nothing.
+    pub fn pick(&mut self, [x, y]: [u32; 2]) -> Option<Pick> {
+        let ray = self.world.projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let mut found = None;
+        let ask = |tracer: &mut T| match tracer.intersect(&ray) {
+            Answer::Exact(hit) => {
+                found = hit;
+                Advance::Done
+            }
+            Answer::Blocked => Advance::Blocked,
+        };
+        Retry::default().alone(&mut self.tracers[0], || Some(WAIT), ask);
+        found.map(|hit| Pick { hit, position: ray.at(hit.t).to_array() })
     }
 
     fn forget_photons(&mut self) {
@@ -233,10 +250,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let ctx = RenderContext::new(&self.world, &self.model, irradiance)
             .with_layers(self.film.layers())
             .with_photon_tree(self.photon_tree.as_ref());
-        let integrator = SampleIntegrator::new(ctx);
-        let g_stage = integrator.cpu_stage();
-        let samples = SampleWork { integrator, g_stage: g_stage.as_ref().map(|stage| stage as _) };
-        let work = TileWork { samples, tiles: &self.tiles };
+        let work = TileWork { samples: SampleWork::on_cpu(ctx), tiles: &self.tiles };
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));
@@ -263,7 +277,7 @@ impl<T: PagedTracer + Send> Session<T> {
         if !self.film.layers().filter {
             return Ok(());
         }
-        filter::smooth(&mut self.film, &self.world.projection, &self.pool, &self.budget)
+        filter::smooth(&mut self.film, &self.world.projection, &self.pool, &self.budget, &|| false)
     }
 
     /// The film with the samples up to now.

@@ -14,15 +14,13 @@ pub(super) struct NextLight {
 }
 
 impl NextLight {
-    /// The second buffer of `shown`; on its way at once where that is dark and anything gives light.
+    /// The second buffer of a map of so many facets; nothing is on its way.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for a second map.
-    pub(super) fn new(world: &VoxelPhotons<'_>, shown: &PhotonMap, budget: &Budget) -> Result<NextLight> {
+    pub(super) fn new(world: &VoxelPhotons<'_>, facets: usize, budget: &Budget) -> Result<NextLight> {
         let work = world.begin()?;
-        let map = PhotonMap::new(shown.irradiance().len(), budget)?;
-        let share = (shown.photons() == 0 && world.is_lit()).then_some(0.0);
-        Ok(NextLight { map, work, share })
+        Ok(NextLight { map: PhotonMap::new(facets, budget)?, work, share: None })
     }
 
     /// Begins anew, since light has changed: what was on its way is out of date.
@@ -114,6 +112,12 @@ mod tests {
         map
     }
 
+    /// A map of which nothing is on its way.
+    fn idle<T: PagedTracer + Send>(session: &Session<T>) -> NextLight {
+        let facets = session.model().voxels.as_ref().unwrap().facet_count();
+        NextLight::new(&session.voxel_photons().unwrap(), facets, &session.budget).unwrap()
+    }
+
     /// Sends the photons of some batches. Whether the light on show has changed.
     fn some<T: PagedTracer + Send>(
         session: &Session<T>,
@@ -161,7 +165,8 @@ mod tests {
         let session = session();
         let mut shown =
             PhotonMap::new(whole(&session, PASS_PHOTONS).irradiance().len(), &session.budget).unwrap();
-        let mut next = NextLight::new(&session.voxel_photons().unwrap(), &shown, &session.budget).unwrap();
+        let mut next = idle(&session);
+        next.begin(&session.voxel_photons().unwrap());
         assert_eq!((next.is_idle(), next.share()), (false, 0.0));
         check(&next, &shown, |_| Vec3::ZERO);
         assert!(some(&session, &mut next, &mut shown));
@@ -174,7 +179,7 @@ mod tests {
         let mut session = session();
         let mut shown = whole(&session, PASS_PHOTONS);
         let before = whole(&session, PASS_PHOTONS);
-        let mut next = NextLight::new(&session.voxel_photons().unwrap(), &shown, &session.budget).unwrap();
+        let mut next = idle(&session);
         assert_eq!((next.is_idle(), next.share()), (true, 1.0));
         assert!(!rest(&session, &mut next, &mut shown));
 
@@ -201,7 +206,7 @@ mod tests {
         let mut session = session();
         let mut shown = whole(&session, PASS_PHOTONS);
         let before = whole(&session, PASS_PHOTONS);
-        let mut next = NextLight::new(&session.voxel_photons().unwrap(), &shown, &session.budget).unwrap();
+        let mut next = idle(&session);
         session.change(Event::Lights(sun(5.0))).unwrap();
         next.begin(&session.voxel_photons().unwrap());
         some(&session, &mut next, &mut shown);

@@ -9,12 +9,10 @@ mod paged_mesh;
 mod paged_tracer;
 mod pages;
 mod pooled;
-mod probe;
 mod retry;
 mod scalar;
 #[cfg(target_arch = "x86_64")]
 mod simd;
-mod steps;
 mod unit_pages;
 
 pub use arithmetic::Arithmetic;
@@ -23,9 +21,7 @@ pub use paged_mesh::PagedMesh;
 pub use paged_tracer::PagedTracer;
 pub use pages::{AllResident, Page, Pages};
 pub use pooled::{PooledPages, pooled_tracers};
-pub use probe::Probe;
 pub(crate) use retry::{Advance, Retry, WAIT};
-pub use steps::ProbeStep;
 pub(crate) use unit_pages::UnitPages;
 
 use glam::DVec3;

@@ -78,6 +78,7 @@ fn a_row_is_its_pixels() {
     for is_smooth in [false, true] {
         if is_smooth {
             (0..).zip(film.smoothed_mut()).for_each(|(i, smoothed)| *smoothed = [100.0 + i as f32; 3]);
+            film.set_smooth();
         }
         for (x, width) in [(0, 8), (10, 6), (16, 4)] {
             let mut row = vec![[0.0; 3]; width];

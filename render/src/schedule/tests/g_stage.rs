@@ -173,16 +173,16 @@ fn every_stage_and_batch_gives_the_samples_of_rays_asked_alone() {
 
         let cpu = integrator.cpu_stage().unwrap();
         assert!(
-            film(SampleWork { integrator, g_stage: Some(&cpu) }, &triangles, 2) == expected,
+            film(SampleWork { integrator, g_stage: Some(Arc::new(cpu)) }, &triangles, 2) == expected,
             "{method:?}"
         );
         let voxels = model.voxels.as_ref().unwrap().scene(Occluders::On);
         for (batch_samples, workers, most) in [(1, 1, u64::MAX), (100, 3, u64::MAX), (usize::MAX, 1, 12)] {
-            let naive = Naive { voxels, batch_samples, batches: AtomicU64::new(0) };
-            let found = film(SampleWork { integrator, g_stage: Some(&naive) }, &triangles, workers);
+            let naive = Arc::new(Naive { voxels, batch_samples, batches: AtomicU64::new(0) });
+            let found = film(SampleWork { integrator, g_stage: Some(naive.clone()) }, &triangles, workers);
             assert!(found == expected, "{method:?}, {batch_samples} samples a batch, {workers} workers");
             // A batch that takes all there is needs one for each bounce at most.
-            let batches = naive.batches.into_inner();
+            let batches = naive.batches.load(Ordering::Relaxed);
             assert!(batches > 0 && batches <= most, "{batches} batches");
         }
     }

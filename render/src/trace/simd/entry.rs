@@ -1,4 +1,4 @@
-//! The ways into the AVX2 kernel: a ray, a packet, the steps of a probe, each compiled for its features as a whole.
+//! The ways into the AVX2 kernel: a ray, a packet, each compiled for its features as a whole.
 //!
 //! Invariant: who calls has asked [`is_available`] once, when the arithmetic was chosen.
 #![allow(unsafe_code)]
@@ -8,7 +8,6 @@ use super::packet::{PacketRoom, trace_packet};
 use crate::trace::Ray;
 use crate::trace::bvh::{Ended, Goal, Missing, Scene, Stack, trace_ray};
 use crate::trace::pages::Pages;
-use crate::trace::steps::{ProbeStep, Steps};
 
 /// True where the machine has what the kernel uses.
 pub(in crate::trace) fn is_available() -> bool {
@@ -60,15 +59,4 @@ fn packet_with_features<P: Pages>(
 ) {
     // SAFETY: the features are there.
     unsafe { trace_packet(scene, pages, stack, rays, room) }
-}
-
-/// [`Steps::count_with`] with this kernel.
-pub(in crate::trace) fn probe(steps: &Steps<'_>, step: ProbeStep) -> u64 {
-    // SAFETY: `Probe` chooses this arithmetic only where `is_available`.
-    unsafe { probe_with_features(steps, step) }
-}
-
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn probe_with_features(steps: &Steps<'_>, step: ProbeStep) -> u64 {
-    steps.count_with::<Avx2>(step)
 }

@@ -4,5 +4,5 @@ mod avx2;
 mod entry;
 mod packet;
 
-pub(super) use entry::{is_available, packet, probe, trace};
+pub(super) use entry::{is_available, packet, trace};
 pub(super) use packet::{PACKET_RAYS, PacketRoom};

@@ -1,0 +1,255 @@
+//! Other settings for a session at work: what they make anew, and what stays.
+//!
+//! ```text
+//! film, tiles, picture on show      another resolution, a filter switched on or off
+//! room of the passes                other counts of rays that are asked together
+//! photons                           another integrator, other photons, seed, bitmaps or way through the model
+//! all else                          stays
+//! ```
+//!
+//! Invariant: settings that are refused, or for which there is no room, change nothing. So there must be room for what
+//! is made anew beside what it replaces.
+
+use super::{Change, LiveSession, Session};
+use crate::image::display::Display;
+use crate::image::film::{Film, Layers};
+use crate::image::tile::Tiles;
+use crate::integrate::rays_asked;
+use crate::photon::irradiance::PhotonMap;
+use crate::scene::settings::{Filter, Method, RenderSettings};
+use crate::scene::world::{View, World};
+use crate::schedule::pass_bytes;
+use crate::session::next_light::NextLight;
+use crate::trace::PagedTracer;
+use trex_store::Result;
+
+/// True when photons sent under one of the settings are those of the other.
+fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
+    let light = |of: &RenderSettings| (of.integrator, of.photons, of.seed, of.occluders, of.bake);
+    light(a) == light(b)
+}
+
+impl<T: PagedTracer + Send> Session<T> {
+    /// Takes other settings. The film is empty, or still that of the state before.
+    pub(super) fn resettle(&mut self, settings: RenderSettings) -> Result<Change> {
+        let before = self.view.settings;
+        let view = View { settings, ..self.view.clone() };
+        let world = World::new(&self.model, &view)?;
+        let layers = Layers { filter: settings.filter == Filter::On, ..self.film.layers() };
+        let resolution = settings.resolution;
+        let film = match resolution == before.resolution && layers == self.film.layers() {
+            true => None,
+            false => Some(Film::new(resolution, layers, &self.budget)?),
+        };
+        let bytes = |of: &RenderSettings| pass_bytes(of.resolution, self.tracers.len(), rays_asked(of));
+        let lease = match bytes(&settings) == bytes(&before) {
+            true => None,
+            false => Some(self.budget.lease("the passes over tiles", bytes(&settings))?),
+        };
+        let map = match (&self.model.voxels, &self.photon_map) {
+            (Some(voxels), None) if settings.integrator == Method::Photon => {
+                Some(PhotonMap::new(voxels.facet_count(), &self.budget)?)
+            }
+            _ => None,
+        };
+        if let Some(film) = film {
+            (self.film, self.tiles) = (film, Tiles::z_curve(resolution));
+        }
+        if let Some(lease) = lease {
+            self.lease = lease;
+        }
+        self.photon_map = map.or(self.photon_map.take()).filter(|_| settings.integrator == Method::Photon);
+        self.photon_tree = self.photon_tree.take().filter(|_| settings.integrator == Method::FullGi);
+        (self.view, self.world) = (view, world);
+        Ok(if are_lit_alike(&before, &settings) { Change::View } else { Change::Light })
+    }
+}
+
+impl<T: PagedTracer + Send> LiveSession<T> {
+    /// Takes other settings; the picture on show goes with a film that goes.
+    pub(super) fn resettle_live(&mut self, settings: RenderSettings) -> Result<Change> {
+        let LiveSession { session, live } = self;
+        let (before, layers) = (session.view.settings, session.film.layers());
+        let keeps_film =
+            settings.resolution == before.resolution && layers.filter == (settings.filter == Filter::On);
+        let display = match keeps_film {
+            true => None,
+            false => Some(Display::new(settings.resolution, &session.budget)?),
+        };
+        let next = match (session.voxel_photons(), &live.next, &session.model.voxels) {
+            (Some(photons), None, Some(voxels)) if settings.integrator == Method::Photon => {
+                Some(NextLight::new(&photons, voxels.facet_count(), &session.budget)?)
+            }
+            _ => None,
+        };
+        let change = session.resettle(settings)?;
+        if let Some(display) = display {
+            live.display = display;
+        }
+        live.next = next.or(live.next.take()).filter(|_| settings.integrator == Method::Photon);
+        live.next_tree = live.next_tree.take().filter(|_| settings.integrator == Method::FullGi);
+        Ok(change)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::settings::RenderKeys;
+    use crate::session::tests::{floor, sun};
+    use crate::session::{Event, FetchBlock, FrameOptions, FrameProgress};
+    use std::ops::ControlFlow;
+    use std::time::Duration;
+    use trex_store::{Budget, Code, RESERVE_BYTES};
+
+    const SPP: u32 = 2;
+
+    fn keys() -> RenderKeys {
+        let (integrator, resolution) = (Method::Photon, [32, 24]);
+        RenderKeys { integrator, resolution, photons: 30_000, n_shadow: 1, ..RenderKeys::default() }
+    }
+
+    /// Settings far from each other: each differs from the one before in something else.
+    fn tour() -> Vec<RenderKeys> {
+        let keys = keys();
+        let small = RenderKeys { resolution: [9, 40], ..keys };
+        let smooth = RenderKeys { filter: Filter::On, ..small };
+        let many = RenderKeys { n_shadow: 3, n_gather: 5, photons: 50_000, ..smooth };
+        let other = RenderKeys { integrator: Method::Ao, filter: Filter::Off, ..many };
+        let near = RenderKeys { lod_error: 2.0, seed: 7, ..keys };
+        let full = RenderKeys { integrator: Method::FullGi, k_nearest: 9, photons: 5_000, ..keys };
+        vec![keys, small, smooth, many, other, near, full, keys]
+    }
+
+    fn settings(keys: RenderKeys) -> RenderSettings {
+        RenderSettings::new(keys).unwrap()
+    }
+
+    fn pixels(film: &Film) -> Vec<[u32; 3]> {
+        let [width, height] = film.resolution();
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
+        places.map(|pixel| film.radiance(pixel).map(f32::to_bits)).collect()
+    }
+
+    /// The picture of a session that had `keys` from the beginning.
+    fn fresh(keys: RenderKeys) -> Vec<[u32; 3]> {
+        finished(&mut floor(keys))
+    }
+
+    fn finished<T: PagedTracer + Send>(session: &mut Session<T>) -> Vec<[u32; 3]> {
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+        session.render(SPP, &|| false, &mut |_, _| ControlFlow::Continue(()));
+        session.smooth().unwrap();
+        pixels(session.film())
+    }
+
+    fn done<T: PagedTracer + Send>(live: &mut LiveSession<T>) -> Vec<[u32; 3]> {
+        (0..10_000).find(|_| live.frame(SPP, &|| false).progress == FrameProgress::Done).unwrap();
+        pixels(live.film())
+    }
+
+    fn options() -> FrameOptions {
+        let t_max = Duration::from_millis(50);
+        FrameOptions { t_max, fetch_block: FetchBlock::Tiles(4), ..FrameOptions::default() }
+    }
+
+    #[test]
+    fn a_session_with_other_settings_is_as_one_that_had_them_from_the_beginning() {
+        let (mut session, mut live) = (floor(keys()), floor(keys()).go_live(options()).unwrap());
+        for keys in tour() {
+            session.apply(Event::Settings(settings(keys))).unwrap();
+            live.apply(Event::Settings(settings(keys))).unwrap();
+            let expected = fresh(keys);
+            assert!(finished(&mut session) == expected, "at leisure: {keys:?}");
+            assert!(done(&mut live) == expected, "in frames: {keys:?}");
+            // A second event while the first is under way.
+            live.apply(Event::Settings(settings(RenderKeys { seed: 3, ..keys }))).unwrap();
+            live.frame(SPP, &|| false);
+        }
+        live.apply(Event::Lights(sun(1.0))).unwrap();
+        live.frame(SPP, &|| false);
+        let mut session = live.into_session();
+        session.apply(Event::Settings(settings(keys()))).unwrap();
+        assert!(finished(&mut session) == fresh(keys()), "at leisure after frames");
+    }
+
+    #[test]
+    fn photons_stay_where_they_are_the_same() {
+        let mut session = floor(keys());
+        let sent = |session: &mut Session<_>| session.illuminate(&|| false, &mut |_, _| {}).unwrap().photons;
+        assert_eq!(sent(&mut session), 30_000);
+        for (keys, photons) in [
+            (RenderKeys { resolution: [50, 50], ..keys() }, 0),
+            (RenderKeys { lod_error: 1.0, n_gather: 7, exposure: 2.0, ..keys() }, 0),
+            (RenderKeys { seed: 2, ..keys() }, 30_000),
+            (RenderKeys { photons: 20_000, seed: 2, ..keys() }, 20_000),
+        ] {
+            session.apply(Event::Settings(settings(keys))).unwrap();
+            assert_eq!(sent(&mut session), photons, "{keys:?}");
+        }
+    }
+
+    #[test]
+    fn what_has_no_room_changes_nothing() {
+        let mut live = floor(keys()).go_live(options()).unwrap();
+        let before = done(&mut live);
+        // From now on there is no room for more.
+        live.session.budget = Budget::new(RESERVE_BYTES + 100);
+        for keys in [
+            RenderKeys { resolution: [64, 64], ..keys() },
+            RenderKeys { filter: Filter::On, ..keys() },
+            RenderKeys { n_gather: 64, n_shadow: 64, ..keys() },
+        ] {
+            let error = live.apply(Event::Settings(settings(keys))).unwrap_err();
+            assert_eq!(error.code(), Code::MemoryLimit, "{keys:?}");
+        }
+        assert!(done(&mut live) == before && live.view().settings == settings(self::keys()));
+    }
+
+    /// The stamps of tiles tell of each change of what is shown, and of none where there is none.
+    #[test]
+    fn stamps_change_where_the_picture_does() {
+        let mut live = floor(keys()).go_live(options()).unwrap();
+        let shown = |live: &LiveSession<_>| {
+            let tile = |index: u32| {
+                let [x, y] = [index % 4 * 8, index / 4 * 8];
+                let row = |y| (x..x + 8).map(move |x| [x, y]);
+                let pixels: Vec<_> =
+                    (y..y + 8).flat_map(row).map(|pixel| live.shown(pixel).map(f32::to_bits)).collect();
+                (pixels, live.tile_stamp(index))
+            };
+            (0..12).map(tile).collect::<Vec<_>>()
+        };
+        let mut events =
+            vec![Event::Lights(sun(3.0)), Event::Settings(settings(RenderKeys { lod_error: 9.0, ..keys() }))];
+        let (mut before, mut changes) = (shown(&live), 0);
+        loop {
+            let progress = live.frame(5, &|| false).progress;
+            let now = shown(&live);
+            for (tile, (before, now)) in before.iter().zip(&now).enumerate() {
+                assert!(before.0 == now.0 || before.1 != now.1, "tile {tile}: {:?}", now.1);
+                changes += u32::from(before.1 != now.1);
+            }
+            before = now;
+            if progress == FrameProgress::Done {
+                let Some(event) = events.pop() else { break };
+                live.frame(5, &|| false);
+                assert!(shown(&live) == before, "nothing changes once it is done");
+                live.apply(event).unwrap();
+            }
+        }
+        // Two previews and five samples of each tile, thrice, and little more: not each tile in each frame.
+        assert!((3 * 12 * 5..3 * 12 * 12).contains(&changes), "{changes}");
+    }
+
+    #[test]
+    fn a_pick_is_what_the_pixel_shows() {
+        let mut session = floor(keys());
+        let camera = session.view().camera;
+        let pick = session.pick([16, 12]).unwrap();
+        assert!(pick.position[2].abs() < 1e-9 && (pick.hit.t - 3.0).abs() < 0.1, "{pick:?}");
+        let away = crate::scene::camera::Camera { target: [0.0, 0.0, 9.0], ..camera };
+        session.apply(Event::Camera(away)).unwrap();
+        assert_eq!(session.pick([16, 12]), None);
+    }
+}
