@@ -10,6 +10,7 @@ mod demo;
 mod image;
 mod render;
 mod stress;
+mod view;
 
 use crate::values::MemoryLimit;
 pub use bench::{BenchArgs, BenchBuildArgs, BenchRaysArgs, BenchVerb};
@@ -20,6 +21,7 @@ pub use demo::{DemoArgs, GenArgs};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs, Switch};
 pub use stress::StressArgs;
+pub use view::ViewArgs;
 
 /// Opens triangle meshes far larger than memory and renders them under a memory limit.
 #[derive(Debug, Parser)]
@@ -37,6 +39,7 @@ Examples:
   trex build gen:isosurface:20M -o iso.trex --memory-limit 512MiB
   trex info statue.trex                                what is inside
   trex render statue.trex -o statue.png --memory-limit 128MiB
+  trex view statue.trex                                live in the browser; trex statue.trex does the same
   trex stress statue.trex --scenario flip              two views in turn: how fast it responds
   trex image diff a.exr reference.exr                  how far apart two pictures are
 
@@ -59,6 +62,8 @@ pub enum Verb {
     Verify(VerifyArgs),
     /// Render a page file or a scene
     Render(RenderArgs),
+    /// Show a page file or a scene live in a browser page
+    View(ViewArgs),
     /// Change views, lights or limits faster than a model likes, and judge the responses
     Stress(StressArgs),
     /// Measure this machine on a model
@@ -77,6 +82,7 @@ impl Verb {
             Verb::Info(_) => "info",
             Verb::Verify(_) => "verify",
             Verb::Render(_) => "render",
+            Verb::View(_) => "view",
             Verb::Stress(_) => "stress",
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
@@ -93,6 +99,7 @@ impl Verb {
             Verb::Info(args) => &args.common,
             Verb::Verify(args) => &args.common,
             Verb::Render(args) => &args.common,
+            Verb::View(args) => &args.common,
             Verb::Stress(args) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,

@@ -5,10 +5,9 @@
 use crate::blocks::BLOCK_SIDE;
 use crate::mailbox::{ClientId, Edit, Mail};
 use crate::message::{CameraText, LightText, MaterialText, Notice, SettingsText, text_of};
-use crate::renderer;
 use crate::session_loop::SessionLoop;
 use crate::state::{BoundsText, HitText, LimitText, Picked, State};
-use trex_render::{Event, PagedTracer, RenderKeys, RenderSettings, up_axis};
+use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Error, Result};
 
 /// Most pixels on a side of a picture that follows a page.
@@ -136,10 +135,11 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
         self.change_settings(old, settings).inspect_err(|_| {
             // As it was: there was room for it.
-            let _ = (self.around.make_room)(&old);
+            let _ = (self.around.make_room)(&[old]);
         })?;
+        (self.around.make_room)(&[settings])?;
         self.tone.set_exposure(settings.exposure);
-        self.shared.picture().forget_stamps();
+        self.shared.picture().forget();
         let view = self.session().view();
         Ok(State {
             size: Some(settings.resolution),
@@ -150,12 +150,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {
-        (self.around.make_room)(&new)?;
-        renderer::set_settings(self.session_mut(), new)?;
+        // What is replaced goes once the other is there.
+        (self.around.make_room)(&[old, new])?;
+        self.session_mut().apply(Event::Settings(new))?;
         if new.resolution != old.resolution
             && let Err(error) = self.shared.resize(new.resolution)
         {
-            renderer::set_settings(self.session_mut(), old)?;
+            self.session_mut().apply(Event::Settings(old))?;
             return Err(error);
         }
         Ok(())
@@ -206,9 +207,9 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     fn pick(&mut self, client: ClientId, id: u32, pixel: [u32; 2]) {
         let [width, height] = self.session().view().settings.resolution;
         let is_inside = pixel[0] < width && pixel[1] < height;
-        let hit = if is_inside { renderer::pick(self.session_mut(), pixel) } else { None };
+        let hit = if is_inside { self.session_mut().pick(pixel) } else { None };
         let materials = &self.session().model().materials;
-        let hit = hit.map(|(hit, position)| HitText {
+        let hit = hit.map(|Pick { hit, position }| HitText {
             triangle: hit.triangle,
             material: hit.material,
             name: materials

@@ -78,9 +78,8 @@ impl Figures {
     /// Rays a second since the last time.
     pub(crate) fn rays_per_s(&mut self) -> RaysText {
         let seconds = self.told_at.elapsed().as_secs_f64().max(1e-3);
-        let rays = std::mem::take(&mut self.rays).per_s(seconds);
-        let far = std::mem::take(&mut self.far) as f64 / seconds;
+        let (rays, far) = (std::mem::take(&mut self.rays), std::mem::take(&mut self.far));
         self.told_at = Instant::now();
-        RaysText::new(&rays, far)
+        RaysText::new(&rays, far, seconds)
     }
 }

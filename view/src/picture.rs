@@ -1,7 +1,7 @@
 //! `Picture`: what clients are shown, in 8 bits: the whole picture, or every so many pixels of it while it moves.
 //!
-//! Invariants: 1. only tiles whose stamp has changed are looked at, and only blocks whose bytes have changed are marked;
-//! 2. its memory does not grow after [`Picture::new`]; 3. `frame` grows with each change.
+//! Invariants: 1. only tiles that may have changed are looked at, and only blocks whose bytes have changed are marked; 2.
+//! its memory does not grow after [`Picture::new`]; 3. `frame` grows with each change.
 
 use crate::blocks::{BLOCK_SIDE, BLOCKS_MAX, Layout, Marks};
 use crate::tone::Tone;
@@ -53,8 +53,8 @@ pub(crate) struct Picture {
     pub(crate) flags: u8,
     /// The same without loss, once it stands still.
     pub(crate) settled: Option<Settled>,
-    /// What the renderer said of each tile when it was looked at.
-    stamps: Vec<u64>,
+    /// Every tile is to be looked at the next time.
+    forgets: bool,
 }
 
 /// The blocks that have changed.
@@ -66,29 +66,26 @@ pub(crate) enum Changed {
     All,
 }
 
-/// What the renderer shows: a stamp for each tile, which changes when what it shows does, and radiances of pixels of one
-/// row of one tile, from the first on.
+/// What the renderer shows: whether a tile may have changed since this was asked last, and radiances of pixels of one row
+/// of one tile, from the first on.
 pub(crate) struct Shown<'a> {
-    pub(crate) stamp: &'a dyn Fn(u32) -> u64,
+    pub(crate) has_changed: &'a mut dyn FnMut(u32) -> bool,
     pub(crate) show: &'a dyn Fn([u32; 2], &mut [[f32; 3]]),
 }
 
 impl Picture {
     /// Bytes of a picture of `full` pixels.
     pub(crate) fn bytes([width, height]: [u32; 2]) -> u64 {
-        let tiles = u64::from(width.div_ceil(TILE_SIDE)) * u64::from(height.div_ceil(TILE_SIDE));
-        u64::from(width) * u64::from(height) * 3 + tiles * 8
+        u64::from(width) * u64::from(height) * 3
     }
 
     /// A black picture of `full` pixels.
     pub(crate) fn new(full: [u32; 2]) -> Picture {
         let scale = Picture::least_scale(full);
         let layout = Layout::new(full, scale);
-        let tiles = full.map(|side| side.div_ceil(TILE_SIDE) as usize);
         let mut rgb = Vec::with_capacity(full[0] as usize * full[1] as usize);
         rgb.resize(layout.size[0] as usize * layout.size[1] as usize, [0; 3]);
-        let stamps = vec![u64::MAX; tiles[0] * tiles[1]];
-        Picture { full, scale, layout, rgb, frame: 0, seq: 0, flags: 0, settled: None, stamps }
+        Picture { full, scale, layout, rgb, frame: 0, seq: 0, flags: 0, settled: None, forgets: true }
     }
 
     /// The smallest scale at which blocks can be numbered.
@@ -98,26 +95,25 @@ impl Picture {
     }
 
     /// Has every tile looked at the next time.
-    pub(crate) fn forget_stamps(&mut self) {
-        self.stamps.fill(u64::MAX);
+    pub(crate) fn forget(&mut self) {
+        self.forgets = true;
     }
 
     /// Takes over what has changed, at every `scale`-th pixel.
-    pub(crate) fn refresh(&mut self, scale: u32, tone: &Tone, shown: &Shown<'_>) -> Changed {
+    pub(crate) fn refresh(&mut self, scale: u32, tone: &Tone, shown: &mut Shown<'_>) -> Changed {
         let is_other = scale != self.scale;
         if is_other {
             self.scale = scale;
             self.layout = Layout::new(self.full, scale);
             self.rgb.resize(self.layout.size[0] as usize * self.layout.size[1] as usize, [0; 3]);
-            self.forget_stamps();
         }
+        let forgets = std::mem::take(&mut self.forgets) || is_other;
         let mut marks = Marks::none(self.layout);
-        let columns = self.full[0].div_ceil(TILE_SIDE);
-        for tile in 0..self.stamps.len() as u32 {
-            let stamp = (shown.stamp)(tile);
-            if std::mem::replace(&mut self.stamps[tile as usize], stamp) != stamp {
+        let [columns, rows] = self.full.map(|side| side.div_ceil(TILE_SIDE));
+        for tile in 0..columns * rows {
+            if (shown.has_changed)(tile) || forgets {
                 let first = [tile % columns * TILE_SIDE, tile / columns * TILE_SIDE];
-                if self.refresh_tile(first, tone, shown) {
+                if self.refresh_tile(first, tone, shown.show) {
                     marks.set(self.layout.block_of(first.map(|x| x / scale)));
                 }
             }
@@ -126,14 +122,19 @@ impl Picture {
     }
 
     /// Takes over the tile that begins at `first`; true when any byte has changed.
-    fn refresh_tile(&mut self, first: [u32; 2], tone: &Tone, shown: &Shown<'_>) -> bool {
+    fn refresh_tile(
+        &mut self,
+        first: [u32; 2],
+        tone: &Tone,
+        show: &dyn Fn([u32; 2], &mut [[f32; 3]]),
+    ) -> bool {
         let width = TILE_SIDE.min(self.full[0] - first[0]) as usize;
         let rows = first[1]..self.full[1].min(first[1] + TILE_SIDE);
         let scale = self.scale as usize;
         let mut has_changed = false;
         for y in rows.step_by(scale) {
             let mut radiances = [[0.0; 3]; TILE_SIDE as usize];
-            (shown.show)([first[0], y], &mut radiances[..width]);
+            show([first[0], y], &mut radiances[..width]);
             let at = y as usize / scale * self.layout.size[0] as usize + first[0] as usize / scale;
             for (old, radiance) in self.rgb[at..].iter_mut().zip(radiances[..width].iter().step_by(scale)) {
                 let new = tone.pixel(*radiance);
@@ -148,13 +149,13 @@ impl Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::cell::{Cell, RefCell};
+    use std::cell::Cell;
 
-    /// A picture whose tiles have values and stamps that a test sets.
+    /// A picture whose tiles have values that a test sets.
     struct Source {
         columns: u32,
-        values: RefCell<Vec<f32>>,
-        stamps: RefCell<Vec<u64>>,
+        values: Vec<f32>,
+        changed: Vec<bool>,
         looked: Cell<u32>,
     }
 
@@ -162,22 +163,21 @@ mod tests {
         fn new(size: [u32; 2]) -> Source {
             let columns = size[0].div_ceil(8);
             let count = (columns * size[1].div_ceil(8)) as usize;
-            let (values, stamps) = (RefCell::new(vec![0.0; count]), RefCell::new(vec![0; count]));
-            Source { columns, values, stamps, looked: Cell::new(0) }
+            Source { columns, values: vec![0.0; count], changed: vec![false; count], looked: Cell::new(0) }
         }
 
-        fn set(&self, tile: usize, value: f32) {
-            self.values.borrow_mut()[tile] = value;
-            self.stamps.borrow_mut()[tile] += 1;
+        fn set(&mut self, tile: usize, value: f32) {
+            (self.values[tile], self.changed[tile]) = (value, true);
         }
 
-        fn refresh(&self, picture: &mut Picture, scale: u32) -> Changed {
+        fn refresh(&mut self, picture: &mut Picture, scale: u32) -> Changed {
             let show = |[x, y]: [u32; 2], radiances: &mut [[f32; 3]]| {
                 self.looked.set(self.looked.get() + 1);
-                radiances.fill([self.values.borrow()[(y / 8 * self.columns + x / 8) as usize]; 3]);
+                radiances.fill([self.values[(y / 8 * self.columns + x / 8) as usize]; 3]);
             };
-            let stamp = |tile: u32| self.stamps.borrow()[tile as usize];
-            picture.refresh(scale, &Tone::new(1.0), &Shown { stamp: &stamp, show: &show })
+            let mut has_changed = |tile: u32| std::mem::take(&mut self.changed[tile as usize]);
+            let mut shown = Shown { has_changed: &mut has_changed, show: &show };
+            picture.refresh(scale, &Tone::new(1.0), &mut shown)
         }
     }
 
@@ -191,7 +191,7 @@ mod tests {
     #[test]
     fn blocks_are_marked_whose_bytes_have_changed() {
         let size = [100, 50];
-        let (source, mut picture) = (Source::new(size), Picture::new(size));
+        let (mut source, mut picture) = (Source::new(size), Picture::new(size));
         assert_eq!(taken(source.refresh(&mut picture, 1)), [0; 0]);
         let looked = source.looked.get();
         assert_eq!(taken(source.refresh(&mut picture, 1)), [0; 0]);
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn another_scale_is_another_picture() {
         let size = [100, 50];
-        let (source, mut picture) = (Source::new(size), Picture::new(size));
+        let (mut source, mut picture) = (Source::new(size), Picture::new(size));
         source.set(12, 1.0);
         assert_eq!(source.refresh(&mut picture, 4), Changed::All);
         assert_eq!((picture.layout.size, picture.rgb.len()), ([25, 13], 25 * 13));

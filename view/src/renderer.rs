@@ -1,43 +1,38 @@
-//! What the viewer asks of a live session beyond its frames, in one place.
+//! What a live session shows, as the picture takes it over.
 
 use crate::picture::Shown;
-use std::cell::Cell;
-use trex_render::{Event, Hit, LiveSession, PagedTracer, RenderSettings};
-use trex_store::{Code, Error, Result};
+use trex_render::{LiveSession, PagedTracer, TILE_SIDE_PIXELS, TileStamp};
 
-/// What `session` shows.
-pub(crate) fn with_shown<T: PagedTracer + Send, R>(
-    session: &LiveSession<T>,
-    then: impl FnOnce(&Shown<'_>) -> R,
-) -> R {
-    let count = Cell::new(0);
-    let stamp = |_: u32| {
-        count.set(count.get() + 1);
-        count.get() ^ std::time::UNIX_EPOCH.elapsed().map_or(0, |time| time.as_nanos() as u64) << 16
-    };
-    let show = |[x, y]: [u32; 2], radiances: &mut [[f32; 3]]| {
-        for (pixel, radiance) in (x..).zip(radiances) {
-            *radiance = session.shown([pixel, y]);
+/// What the session said of each tile when it was looked at last.
+#[derive(Debug, Default)]
+pub(crate) struct Stamps {
+    stamps: Vec<Option<TileStamp>>,
+}
+
+impl Stamps {
+    /// Bytes of the stamps of a picture of `full` pixels.
+    pub(crate) fn bytes(full: [u32; 2]) -> u64 {
+        let [columns, rows] = full.map(|side| u64::from(side.div_ceil(TILE_SIDE_PIXELS)));
+        columns * rows * size_of::<Option<TileStamp>>() as u64
+    }
+
+    /// Gives what `session` shows to `then`.
+    pub(crate) fn with_shown<T: PagedTracer + Send, R>(
+        &mut self,
+        session: &LiveSession<T>,
+        then: impl FnOnce(&mut Shown<'_>) -> R,
+    ) -> R {
+        let full = session.view().settings.resolution;
+        let count = full.iter().map(|side| side.div_ceil(TILE_SIDE_PIXELS) as usize).product();
+        if self.stamps.len() != count {
+            // Exactly so many are leased.
+            self.stamps = vec![None; count];
         }
-    };
-    then(&Shown { stamp: &stamp, show: &show })
-}
-
-/// Other numbers of the picture.
-pub(crate) fn set_settings<T: PagedTracer + Send>(
-    _session: &mut LiveSession<T>,
-    _settings: RenderSettings,
-) -> Result<()> {
-    let _ = Event::Lights(vec![]);
-    Err(Error::new(Code::Usage, "the renderer cannot change its settings yet")
-        .at_place("render")
-        .next("start the viewer with other flags"))
-}
-
-/// What is at a pixel, and where.
-pub(crate) fn pick<T: PagedTracer + Send>(
-    _session: &mut LiveSession<T>,
-    _pixel: [u32; 2],
-) -> Option<(Hit, [f64; 3])> {
-    None
+        let mut has_changed = |tile: u32| {
+            let stamp = Some(session.tile_stamp(tile));
+            std::mem::replace(&mut self.stamps[tile as usize], stamp) != stamp
+        };
+        let show = |first: [u32; 2], radiances: &mut [[f32; 3]]| session.show(first, radiances);
+        then(&mut Shown { has_changed: &mut has_changed, show: &show })
+    }
 }

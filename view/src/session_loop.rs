@@ -18,7 +18,7 @@ use crate::figures::Figures;
 use crate::message::text_of;
 use crate::motion::Motion;
 use crate::picture::{Changed, Picture, Settled, flag};
-use crate::renderer::with_shown;
+use crate::renderer::Stamps;
 use crate::shared::{Shared, png_bytes};
 use crate::state::{Stats, TextsMessage, progress_name};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
@@ -26,7 +26,7 @@ use crate::texts;
 use crate::tone::Tone;
 use std::sync::Arc;
 use std::time::Duration;
-use trex_render::{Filter, FrameProgress, FrameReport, Light, LiveSession, PagedTracer, write_png};
+use trex_render::{FrameProgress, FrameReport, Light, LiveSession, PagedTracer, write_png};
 use trex_store::{Material, Result};
 
 /// Longest sleep: after so long it is asked whether the viewer is to end.
@@ -56,6 +56,7 @@ pub(crate) struct SessionLoop<'a, T> {
     /// Pixels between samples of the last frame.
     step: Option<u32>,
     ending: Ending,
+    stamps: Stamps,
     png: Arc<Vec<u8>>,
 }
 
@@ -95,6 +96,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             is_fresh: true,
             step: None,
             ending: Ending::No,
+            stamps: Stamps::default(),
             png: Arc::default(),
         };
         this.greet();
@@ -197,7 +199,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let mut picture = self.shared.picture();
         let scale = scale.max(Picture::least_scale(picture.full));
         let session = self.session.as_ref().expect("a screenshot gives the session back");
-        let mut changed = with_shown(session, |shown| picture.refresh(scale, &self.tone, shown));
+        let mut changed = self.stamps.with_shown(session, |shown| picture.refresh(scale, &self.tone, shown));
         let seq = if is_whole { self.seq } else { picture.seq };
         if let Changed::Some(marks) = &mut changed
             && marks.is_empty()
@@ -218,12 +220,6 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     /// The last step of a picture: all of it, and once more without loss.
     fn settle(&mut self) {
         self.ending = Ending::Settled;
-        if self.session().view().settings.filter == Filter::On {
-            if let Err(error) = self.session_mut().smooth() {
-                self.tell_error(&error);
-            }
-            self.shared.picture().forget_stamps();
-        }
         self.refresh(1, flag::COMPLETE | flag::DONE, true);
         self.png = Arc::new(self.write_png());
         if !self.png.is_empty() {

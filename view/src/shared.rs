@@ -11,6 +11,7 @@ use crate::guard::{Hosts, Token};
 use crate::mailbox::Mailbox;
 use crate::message::{MESSAGE_BYTES_MAX, Role};
 use crate::picture::{Changed, Picture, Settled};
+use crate::renderer::Stamps;
 use crate::state::State;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -53,7 +54,7 @@ pub(crate) struct Shared {
 pub fn view_bytes(full: [u32; 2]) -> u64 {
     let clients = CLIENTS_MAX as u64 * (frame_bytes(full) + TEXT_BYTES_MAX) as u64;
     let connections = CONNECTIONS_MAX as u64 * CONNECTION_BYTES;
-    Picture::bytes(full) + Atlas::bytes(full) + png_bytes(full) + clients + connections
+    Picture::bytes(full) + Stamps::bytes(full) + Atlas::bytes(full) + png_bytes(full) + clients + connections
 }
 
 /// Most bytes of a settled picture.

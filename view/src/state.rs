@@ -4,7 +4,7 @@
 
 use crate::message::{CameraText, LightText, MaterialText, Role, SettingsText, text_of};
 use serde::Serialize;
-use trex_render::{FrameProgress, RayRates};
+use trex_render::{FrameProgress, RayCounts};
 
 /// What is constant of a model, for the page.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -184,10 +184,12 @@ pub(crate) struct RaysText {
 }
 
 impl RaysText {
-    /// Rates of the renderer, with those of C-rays behind the cut of the footprint rule.
-    pub(crate) fn new(rates: &RayRates, far: f64) -> RaysText {
-        let RayRates { primary, mirror, shadow, gather, photon } = *rates;
-        RaysText { primary: primary + mirror, shadow, gather, far, photon }
+    /// Rates over `seconds`, `far`: C-rays behind the cut of the footprint rule.
+    pub(crate) fn new(rays: &RayCounts, far: u64, seconds: f64) -> RaysText {
+        let RayCounts { primary, mirror, shadow, gather, photon } = *rays;
+        let [primary, shadow, gather, far, photon] =
+            [primary + mirror, shadow, gather, far, photon].map(|count| count as f64 / seconds);
+        RaysText { primary, shadow, gather, far, photon }
     }
 }
 

@@ -29,8 +29,8 @@ pub struct Surroundings<'a> {
     pub pool: &'a dyn Fn() -> PoolFigures,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
-    /// Sets the memory for frames of pages to what is left beside a picture with these settings.
-    pub make_room: &'a dyn Fn(&RenderSettings) -> Result<()>,
+    /// Sets the memory for frames of pages to what is left beside pictures of all these settings.
+    pub make_room: &'a dyn Fn(&[RenderSettings]) -> Result<()>,
     /// True once the viewer is to end.
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
