@@ -30,6 +30,8 @@ use trex_view::{
 const T_MAX: Milliseconds = Milliseconds(100.0);
 /// Size of the picture until the page says its own.
 const FIRST_RESOLUTION: [u32; 2] = [1280, 720];
+/// Smallest side of a picture that is tried where memory is short, pixels.
+const SIDE_LEAST: u32 = 80;
 
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -45,11 +47,19 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
     let listener = listen(args)?;
 
-    let layers = layers_of(&RenderSettings::new(scene.render)?);
-    let copies_bytes = view_bytes(scene.render.resolution);
     let io = io_options(&args.disk);
-    let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
-    let stage = Stage::open(&play, ctx)?;
+    let stage = loop {
+        let layers = layers_of(&RenderSettings::new(scene.render)?);
+        let copies_bytes = view_bytes(scene.render.resolution);
+        let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
+        match Stage::open(&play, ctx) {
+            // A smaller picture is better than none.
+            Err(error) if error.code() == Code::MemoryLimit && follows_page => {
+                scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
+            }
+            stage => break stage?,
+        }
+    };
     let session = stage.session(ctx)?.go_live(frames)?;
 
     let options =
@@ -100,6 +110,12 @@ fn check_resolution(scene: &Scene) -> Result<()> {
         .at_place("--resolution")
         .numbers(format!("{width}x{height}, at most {SIDE_MAX} on a side"))
         .next("ask for a smaller one, or use trex render"))
+}
+
+/// A picture of half the sides; `None` when it would show nothing.
+fn halved(resolution: [u32; 2]) -> Option<[u32; 2]> {
+    let halved = resolution.map(|side| side / 2);
+    halved.iter().all(|&side| side >= SIDE_LEAST).then_some(halved)
 }
 
 /// Smoothed light needs layers.

@@ -10,10 +10,12 @@ use std::io::{self, Write};
 use tungstenite::protocol::frame::FrameHeader;
 use tungstenite::protocol::frame::coding::{Data, OpCode};
 
-/// Quality of JPEG while the picture changes, and what it falls to where that does not fit.
-const QUALITIES: [u8; 3] = [85, 60, 25];
-/// Bytes of a frame beside a byte for each pixel: tables, and pictures so small that these count.
-const FRAME_FIXED_BYTES: usize = 64 << 10;
+/// Quality of JPEG while the picture changes.
+const QUALITY: u8 = 85;
+/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two.
+const PIXELS_PER_BYTE: usize = 2;
+/// Bytes of a frame beside these: tables, and pictures so small that these count.
+const FRAME_FIXED_BYTES: usize = 32 << 10;
 /// Most bytes of the header of a message from a server.
 const HEADER_BYTES_MAX: usize = 10;
 /// Kinds of binary messages.
@@ -71,7 +73,7 @@ impl FrameHead {
 pub(crate) fn frame_bytes(full: [u32; 2]) -> usize {
     let pixels = full[0] as usize * full[1] as usize;
     let blocks = Layout::new(full, 1).count() as usize;
-    pixels + 2 * blocks + FRAME_FIXED_BYTES
+    pixels / PIXELS_PER_BYTE + 2 * blocks + FRAME_FIXED_BYTES
 }
 
 impl Atlas {
@@ -112,17 +114,13 @@ impl Atlas {
     /// not fit.
     pub(crate) fn encode(&self, most: usize, bytes: &mut Vec<u8>) -> Option<usize> {
         let [width, height] = [self.columns, self.rows].map(|count| (count * BLOCK_SIDE) as u16);
-        for quality in QUALITIES {
-            bytes.clear();
-            bytes.resize(HEADER_BYTES_MAX, 0);
-            self.head.write(KIND_BLOCKS, self.columns, &self.blocks, bytes);
-            let mut encoder = Encoder::new(Bounded { bytes, most }, quality);
-            encoder.set_sampling_factor(SamplingFactor::F_1_1);
-            if encoder.encode(&self.rgb, width, height, ColorType::Rgb).is_ok() {
-                return Some(finish(bytes));
-            }
-        }
-        None
+        bytes.clear();
+        bytes.resize(HEADER_BYTES_MAX, 0);
+        self.head.write(KIND_BLOCKS, self.columns, &self.blocks, bytes);
+        let mut encoder = Encoder::new(Bounded { bytes, most }, QUALITY);
+        encoder.set_sampling_factor(SamplingFactor::F_1_1);
+        encoder.encode(&self.rgb, width, height, ColorType::Rgb).ok()?;
+        Some(finish(bytes))
     }
 
     /// The frame that was copied last.
@@ -185,5 +183,77 @@ impl Write for Bounded<'_> {
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::{Changed, Shown};
+    use crate::tone::Tone;
+    use rand_pcg::Pcg64Mcg;
+    use rand_pcg::rand_core::{Rng, SeedableRng};
+    use std::cell::RefCell;
+
+    fn picture(size: [u32; 2], value: &dyn Fn([u32; 2]) -> f32) -> Picture {
+        let mut picture = Picture::new(size);
+        let show = |[x, y]: [u32; 2], radiances: &mut [[f32; 3]]| {
+            (x..).zip(radiances).for_each(|(x, radiance)| *radiance = [value([x, y]); 3]);
+        };
+        let changed =
+            picture.refresh(1, &Tone::new(1.0), &mut Shown { has_changed: &mut |_| true, show: &show });
+        assert!(matches!(changed, Changed::Some(_)));
+        picture
+    }
+
+    #[test]
+    fn blocks_stand_side_by_side_and_edges_are_filled_up() {
+        let size = [40, 20];
+        let picture = picture(size, &|[x, y]| (x + 40 * y) as f32 / 1000.0);
+        let mut atlas = Atlas { blocks: vec![0, 2, 3, 5], ..Atlas::default() };
+        atlas.copy(&picture);
+        assert_eq!((atlas.columns, atlas.rows), (3, 2));
+        let at = |x: usize, y: usize| atlas.rgb[(y * 48 + x) * 3];
+        let there = |x: usize, y: usize| picture.rgb[y * 40 + x][0];
+        assert_eq!((at(0, 0), at(15, 15)), (there(0, 0), there(15, 15)));
+        // Block 2 is 8 wide, block 3 is 4 high, block 5 both.
+        assert_eq!((at(16, 3), at(23, 3), at(31, 3)), (there(32, 3), there(39, 3), there(39, 3)));
+        assert_eq!((at(33, 2), at(33, 15)), (there(1, 18), there(1, 19)));
+        assert_eq!(at(15, 31), there(39, 19));
+    }
+
+    #[test]
+    fn a_frame_says_what_it_holds() {
+        let mut picture = picture([640, 320], &|[x, _]| (x % 16) as f32 / 16.0);
+        (picture.frame, picture.seq, picture.flags) = (0x0102_0304, 7, 5);
+        let mut atlas = Atlas { blocks: vec![1, 39, 40, 799], ..Atlas::default() };
+        atlas.copy(&picture);
+        let mut bytes = vec![];
+        let start = atlas.encode(frame_bytes([640, 320]), &mut bytes).unwrap();
+        let message = &bytes[start..];
+        // Final, binary, 16 bits of length.
+        assert_eq!((message[0], message[1]), (0x82, 126));
+        assert_eq!(usize::from(u16::from_be_bytes([message[2], message[3]])), message.len() - 4);
+        let head = &message[4..];
+        assert_eq!(head[..12], [1, 5, 1, 0, 4, 3, 2, 1, 7, 0, 0, 0]);
+        assert_eq!(head[12..20], [128, 2, 64, 1, 4, 0, 4, 0]);
+        assert_eq!(head[20..28], [1, 0, 39, 0, 40, 0, 31, 3]);
+        assert_eq!(head[28..30], [0xff, 0xd8]);
+    }
+
+    /// Noise takes more than half a byte a pixel.
+    #[test]
+    fn what_does_not_fit_is_not_made() {
+        let random = RefCell::new(Pcg64Mcg::seed_from_u64(3));
+        let picture = picture([256, 256], &|_| random.borrow_mut().next_u32() as f32 / u32::MAX as f32);
+        let mut atlas = Atlas { blocks: (0..256).collect(), ..Atlas::default() };
+        atlas.copy(&picture);
+        let (mut bytes, most) = (vec![], 40_000);
+        assert_eq!(atlas.encode(most, &mut bytes), None);
+        assert!(bytes.capacity() <= most);
+        // One block always does.
+        atlas.blocks.truncate(1);
+        atlas.copy(&picture);
+        assert!(atlas.encode(frame_bytes([1, 1]), &mut bytes).is_some());
     }
 }

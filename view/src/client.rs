@@ -19,8 +19,8 @@ use std::time::{Duration, Instant};
 
 /// Most texts that wait.
 const TEXTS_MAX: usize = 256;
-/// Most bytes of texts that wait, beyond which no more are taken.
-pub(crate) const TEXT_BYTES_MAX: usize = 1 << 20;
+/// Most bytes of texts that wait; a single one may be longer.
+pub(crate) const TEXT_BYTES_MAX: usize = 128 << 10;
 /// Bytes of a frame that is not small, at first, and at least.
 const WINDOW_FIRST_BYTES: f64 = 262_144.0;
 const WINDOW_LEAST_BYTES: f64 = 16_384.0;
@@ -135,7 +135,8 @@ impl Client {
     /// Sends a text.
     pub(crate) fn tell(&self, text: String) {
         self.change(|outbox| {
-            if outbox.texts.len() >= TEXTS_MAX || outbox.text_bytes + text.len() > TEXT_BYTES_MAX {
+            let is_long = outbox.text_bytes > 0 && outbox.text_bytes + text.len() > TEXT_BYTES_MAX;
+            if outbox.texts.len() >= TEXTS_MAX || is_long {
                 outbox.close.get_or_insert(close::POLICY);
                 return;
             }

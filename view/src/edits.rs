@@ -8,12 +8,15 @@ use crate::message::{CameraText, LightText, MaterialText, Notice, SettingsText, 
 use crate::session_loop::SessionLoop;
 use crate::state::{BoundsText, HitText, LimitText, Picked, State};
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
-use trex_store::{Error, Result};
+use trex_store::{Code, Error, Result};
 
 /// Most pixels on a side of a picture that follows a page.
 pub const SIDE_MAX: u32 = 16_384;
 /// Most pixels of a picture that follows a page: those whose blocks have numbers.
 const PIXELS_MAX: u64 = 65_000 * (BLOCK_SIDE * BLOCK_SIDE) as u64;
+
+/// Where there is no memory for a picture, one whose sides are so much of its is tried.
+const SMALLER: [u32; 2] = [7, 8];
 
 impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// Says all there is to say to who comes.
@@ -66,9 +69,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             self.set_limit(bytes);
         }
         if let Some(size) = size.filter(|_| self.options.follows_page) {
-            let resolution = fitting(size);
-            let keys = RenderKeys { resolution, ..*self.session().view().settings };
-            let changed = RenderSettings::new(keys).and_then(|settings| self.set_settings(settings));
+            let changed = self.set_size(fitting(size));
             self.tell_change(changed, since);
         }
         for edit in edits {
@@ -123,6 +124,25 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             Edit::Settings(edit) => {
                 let settings = edit.settings(&self.session().view().settings)?;
                 self.set_settings(settings)
+            }
+        }
+    }
+
+    /// Sets the size of the picture, or the largest below it that memory allows.
+    fn set_size(&mut self, size: [u32; 2]) -> Result<State> {
+        let mut resolution = size;
+        loop {
+            let keys = RenderKeys { resolution, ..*self.session().view().settings };
+            let changed = RenderSettings::new(keys).and_then(|settings| self.set_settings(settings));
+            let smaller = resolution.map(|side| (side * SMALLER[0] / SMALLER[1]).max(BLOCK_SIDE));
+            match changed {
+                Err(error) if error.code() == Code::MemoryLimit && smaller != resolution => {
+                    if resolution == size {
+                        self.tell_error(&error);
+                    }
+                    resolution = smaller;
+                }
+                changed => return changed,
             }
         }
     }

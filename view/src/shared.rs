@@ -8,6 +8,7 @@
 use crate::atlas::{Atlas, frame_bytes};
 use crate::client::{Client, TEXT_BYTES_MAX};
 use crate::guard::{Hosts, Token};
+use crate::http::HEAD_BYTES_MAX;
 use crate::mailbox::Mailbox;
 use crate::message::{MESSAGE_BYTES_MAX, Role};
 use crate::picture::{Changed, Picture, Settled};
@@ -22,8 +23,10 @@ use trex_store::{Budget, Lease, Result};
 pub(crate) const CLIENTS_MAX: usize = 8;
 /// Most connections of any kind.
 pub(crate) const CONNECTIONS_MAX: usize = 32;
-/// Bytes of a connection beside frames and texts that go out: what is read, a head, a part of the stack.
-const CONNECTION_BYTES: u64 = MESSAGE_BYTES_MAX as u64 + (64 << 10);
+/// Bytes of a client beside frames and texts that go out: what is read, and parts of two stacks.
+const CLIENT_BYTES: usize = MESSAGE_BYTES_MAX + (32 << 10);
+/// Bytes of a connection that is no client: a head, and a part of the stack.
+const CONNECTION_BYTES: usize = HEAD_BYTES_MAX + (16 << 10);
 /// A settled picture takes at most so much, and this share of its pixels' bytes more.
 const PNG_FIXED_BYTES: u64 = 64 << 10;
 const PNG_MORE: u64 = 50;
@@ -52,9 +55,10 @@ pub(crate) struct Shared {
 /// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are encoded,
 /// the settled picture, and for each client its frame and its texts.
 pub fn view_bytes(full: [u32; 2]) -> u64 {
-    let clients = CLIENTS_MAX as u64 * (frame_bytes(full) + TEXT_BYTES_MAX) as u64;
-    let connections = CONNECTIONS_MAX as u64 * CONNECTION_BYTES;
-    Picture::bytes(full) + Stamps::bytes(full) + Atlas::bytes(full) + png_bytes(full) + clients + connections
+    let clients = CLIENTS_MAX * (frame_bytes(full) + TEXT_BYTES_MAX + CLIENT_BYTES);
+    let connections = (CONNECTIONS_MAX - CLIENTS_MAX) * CONNECTION_BYTES;
+    let pictures = Picture::bytes(full) + Stamps::bytes(full) + Atlas::bytes(full) + png_bytes(full);
+    pictures + (clients + connections) as u64
 }
 
 /// Most bytes of a settled picture.

@@ -165,22 +165,29 @@ fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Resul
 /// Sends what is marked, or as much of it as the line bears.
 fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
     let mut atlas = shared.atlas();
-    let full = {
+    let mut most_blocks = usize::MAX;
+    let start = loop {
         let picture = shared.picture();
         let mut outbox = client.outbox();
         // A picture that moves is seen whole or not at all.
-        let most = if picture.scale == 1 { outbox.window.blocks() } else { usize::MAX };
+        let bearable = if picture.scale == 1 { outbox.window.blocks() } else { usize::MAX };
         atlas.blocks.clear();
-        outbox.marks.take(most, &mut atlas.blocks);
+        outbox.marks.take(bearable.min(most_blocks), &mut atlas.blocks);
         drop(outbox);
         atlas.copy(&picture);
-        picture.full
+        let most = frame_bytes(picture.full);
+        drop(picture);
+        if frame.capacity() > most {
+            *frame = Vec::new();
+        }
+        if let Some(start) = atlas.encode(most, frame) {
+            break start;
+        }
+        // They go in more than one frame. The picture may have become another one meanwhile.
+        most_blocks = (atlas.blocks.len() / 2).max(1);
+        let picture = shared.picture();
+        client.outbox().marks.put_back(&atlas.blocks, picture.layout);
     };
-    let most = frame_bytes(full);
-    if frame.capacity() > most {
-        *frame = Vec::new();
-    }
-    let start = atlas.encode(most, frame).ok_or(io::ErrorKind::StorageFull)?;
     client.outbox().fly(atlas.head().frame, frame.len() - start, atlas.blocks.len());
     drop(atlas);
     put(client, &frame[start..])

@@ -1,7 +1,7 @@
 //! `Tone`: radiance to 8 bits of sRGB, by the numbers of the renderer's PNG, fast enough for each frame.
 //!
 //! ```text
-//! value -> bucket (its exponent and 6 bits) -> code at the bucket's start -> one more, if past the next threshold
+//! value -> bucket (its exponent and 7 bits) -> code at the bucket's start -> one more, if past the next threshold
 //! ```
 //!
 //! Invariants: 1. the code of each value is the one that `trex_render::write_png` gives; 2. no bucket holds two
@@ -10,7 +10,7 @@
 /// Values below this are black; a power of two below the threshold of code 1.
 const LEAST: f32 = 1.0 / 8192.0;
 /// Bits of a value that a bucket does not tell apart.
-const SHIFT: u32 = 17;
+const SHIFT: u32 = 16;
 /// Buckets from [`LEAST`] up to 1.
 const BUCKETS: usize = ((1.0f32.to_bits() - LEAST.to_bits()) >> SHIFT) as usize;
 
