@@ -9,6 +9,7 @@ mod determinism;
 mod examples;
 mod extremes;
 mod faults;
+mod few_frames;
 mod fixtures;
 mod format;
 mod format_octree;

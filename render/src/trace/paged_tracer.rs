@@ -12,6 +12,10 @@ pub trait PagedTracer: Tracer {
     /// Hands the pages recorded since the last call to the loader. Returns how many are awaited.
     fn request_missing(&mut self) -> usize;
 
+    /// From now on, or no more, a page that is missing is waited for while the ray that asks is on its way, for a
+    /// second at most.
+    fn set_patient(&mut self, _is_patient: bool) {}
+
     /// Sleeps until something has arrived, or for `longest`.
     fn wait(&mut self, longest: Duration);
 

@@ -11,13 +11,16 @@
 use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
+use super::retry::WAIT;
 use std::cell::{Cell, OnceCell};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use trex_store::PageFile;
 use trex_store::pool::{PagePool, PageState, PinToken, Want};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
+/// Longest that a ray on its way waits for a page: longer than disks take, unless something is wrong with them.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Pages of a pool, pinned by one worker.
 pub struct PooledPages<'a> {
@@ -35,6 +38,8 @@ pub struct PooledPages<'a> {
     /// Pages asked for since demand was forgotten, a bit each.
     used: Vec<Cell<u64>>,
     epoch: u64,
+    /// True while pages that are missing are waited for.
+    is_patient: bool,
 }
 
 impl<'a> PooledPages<'a> {
@@ -55,6 +60,7 @@ impl<'a> PooledPages<'a> {
             wants: Vec::new(),
             used: vec![Cell::new(0); (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
+            is_patient: false,
         }
     }
 
@@ -79,10 +85,7 @@ impl<'a> PooledPages<'a> {
         blocked.sort_unstable_by_key(|&(page, rays)| (std::cmp::Reverse(rays), page));
         let blocked = &blocked[..blocked.len().min(WANTS_MAX / 2)];
         let pool = self.pool;
-        let awaited = |page: u32| {
-            matches!(pool.state(page), PageState::Absent | PageState::Queued | PageState::Reading)
-        };
-        self.wants.retain(|&(page, _)| awaited(page));
+        self.wants.retain(|&(page, _)| is_awaited(pool, page));
         for &(page, rays) in blocked {
             match self.wants.iter_mut().find(|(wanted, _)| *wanted == page) {
                 Some((_, weight)) => *weight = rays.max(*weight),
@@ -95,6 +98,15 @@ impl<'a> PooledPages<'a> {
         let list: Vec<Want> = self.wants.iter().map(|&(page, weight)| Want { page, weight }).collect();
         pool.submit(self.origin, &list);
         list.len()
+    }
+
+    /// Waits for one page, for [`PATIENCE`] at most.
+    fn bring(&mut self, page: u32) {
+        let until = Instant::now() + PATIENCE;
+        while is_awaited(self.pool, page) && Instant::now() < until {
+            self.pool.submit(self.origin, &[Want { page, weight: 1 }]);
+            self.epoch = self.pool.wait_for_progress(self.epoch, WAIT);
+        }
     }
 
     /// Forgets what was asked for: nothing that has not been begun is read for it.
@@ -117,11 +129,19 @@ impl<'a> PooledPages<'a> {
     }
 }
 
+/// True when a page may still come.
+fn is_awaited(pool: &PagePool, page: u32) -> bool {
+    matches!(pool.state(page), PageState::Absent | PageState::Queued | PageState::Reading)
+}
+
 impl Pages for PooledPages<'_> {
     #[inline]
     fn page(&mut self, page: u32) -> Page<'_> {
         if self.pinned[page as usize].get() == 0 && self.pin_count.get() >= self.pins_max {
             self.unpin_all();
+        }
+        if self.is_patient {
+            self.bring(page);
         }
         self.hold(page).expect("there is room for one")
     }
@@ -176,6 +196,10 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
         let mut blocked = Vec::new();
         self.take_wanted(&mut blocked);
         self.pages_mut().submit(&mut blocked)
+    }
+
+    fn set_patient(&mut self, is_patient: bool) {
+        self.pages_mut().is_patient = is_patient;
     }
 
     fn wait(&mut self, longest: Duration) {

@@ -8,11 +8,12 @@
 //!
 //! Why it ends, however few frames there are: a piece of work keeps what it has, so only rays count. Alone it wants the
 //! pages of ONE ray; `begin_tile` is called only when that ray was answered, so the tracer may keep each page that came
-//! for it; every try finds at least one page more, and a ray crosses finitely many. What it takes is room for the pages
-//! of one ray a worker: the pool's smallest limit. A page that cannot be had must be answered for (a coarser form, an
-//! error), never Blocked for ever.
+//! for it; every try finds at least one page more, and a ray crosses finitely many. Where these are more than there are
+//! frames, pages that came go again for those that come: after [`TRIES_MAX`] tries of a ray the tracer is patient, and
+//! waits for each page while the ray is on its way, which takes room for one. A page that cannot be had must be
+//! answered for (a coarser form, an error), never Blocked for ever.
 //!
-//! Invariants: 1. nothing sleeps longer than [`WAIT`]; 2. work that is interrupted alone can go on alone.
+//! Invariants: 1. nothing sleeps longer than [`WAIT`], but for a patient tracer, a second a page; 2. work that is interrupted alone can go on alone.
 
 use super::PagedTracer;
 use std::time::Duration;
@@ -20,6 +21,9 @@ use std::time::Duration;
 /// Rounds without one answer, after each of which pages were waited for, before one goes alone: late pages are more
 /// likely than lack of room.
 const STALLED_ROUNDS: u32 = 4;
+/// Tries of one ray alone before its pages are waited for one by one: until then all that is seen to be missing is
+/// asked for together.
+const TRIES_MAX: u32 = 8;
 /// Longest sleep for pages: arrivals wake it earlier.
 pub(crate) const WAIT: Duration = Duration::from_millis(50);
 
@@ -68,17 +72,25 @@ impl Retry {
         mut advance: impl FnMut(&mut T) -> Advance,
     ) -> bool {
         tracer.begin_tile();
-        loop {
+        let mut tries = 0;
+        let is_done = loop {
             match advance(tracer) {
-                Advance::Done => return true,
-                Advance::Answered => tracer.begin_tile(),
+                Advance::Done => break true,
+                Advance::Answered => {
+                    tracer.begin_tile();
+                    tries = 0;
+                }
                 Advance::Blocked => {
-                    let Some(longest) = longest() else { return false };
+                    let Some(longest) = longest() else { break false };
                     tracer.request_missing();
                     self.wait(tracer, longest);
+                    tries += 1;
                 }
             }
-        }
+            tracer.set_patient(tries >= TRIES_MAX);
+        };
+        tracer.set_patient(false);
+        is_done
     }
 }
 
