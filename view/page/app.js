@@ -105,6 +105,7 @@ class App {
       this.tell("progress", rest);
     } else if (type === "notice") {
       this.notices.show(rest);
+      this.tell("notice", rest);
     }
   }
 

@@ -22,6 +22,7 @@ export class Export {
     app.listen("progress", (progress) => this.progressed(progress));
     app.listen("file", (buffer) => this.received(buffer));
     app.listen("link", () => this.ended());
+    app.listen("notice", ({ code }) => code === "screenshot" && this.ended());
   }
 
   async copy(text, what) {
