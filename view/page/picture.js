@@ -1,10 +1,11 @@
 // The picture: frames of the server drawn on a canvas at the picture's own pixels.
 //
 // ```text
-// binary message -> header -> decode (off this thread) -> draw on the next animation frame -> acknowledge
+// binary message -> header -> decode (off this thread) -> draw -> next animation frame: acknowledge
 // ```
-// Invariants: 1. frames are drawn in the order in which they came; 2. a frame is acknowledged once it is drawn, or
-// once it is known that it cannot be; 3. what a message says of its length is checked before it is used.
+// Invariants: 1. frames are drawn in the order in which they came; 2. a frame is acknowledged in the first animation
+// frame after it was drawn, or after it is known that it cannot be: a page that nobody sees asks for none; 3. what a
+// message says of its length is checked before it is used.
 
 const HEADER_BYTES = 20;
 const BLOCK = 16;
@@ -98,9 +99,10 @@ export class Picture {
     const decoded = createImageBitmap(data, AS_SENT).catch(() => null);
     this.order = this.order.then(async () => {
       const bitmap = await decoded;
-      await new Promise((resolve) => requestAnimationFrame(resolve));
       this.draw(header, bitmap);
-      this.mark(header, received, buffer.byteLength, bitmap !== null);
+      const drawn = performance.now();
+      await new Promise((resolve) => requestAnimationFrame(resolve));
+      this.mark(header, { received, drawn, bytes: buffer.byteLength }, bitmap !== null);
       acknowledge(header.frame);
       this.drawn(header);
     });
@@ -124,17 +126,30 @@ export class Picture {
     bitmap.close();
   }
 
-  /** Draws a small picture over the whole one, smoothed. */
+  /**
+   * Draws a small picture over the whole one, smoothed. Its pixels are the top left ones of their squares, so they
+   * stand half a square up and to the left; the strips that this leaves at the far edges repeat the last pixels.
+   */
   draw_small(header, bitmap) {
+    const { context, small } = this;
     const { scale, width, height } = header;
-    const [small_width, small_height] = [Math.ceil(width / scale), Math.ceil(height / scale)];
-    if (this.small.width !== small_width || this.small.height !== small_height) {
-      [this.small.width, this.small.height] = [small_width, small_height];
+    const [columns, rows] = [Math.ceil(width / scale), Math.ceil(height / scale)];
+    if (small.width !== columns || small.height !== rows) {
+      [small.width, small.height] = [columns, rows];
     }
-    copy_blocks(this.small_context, bitmap, header, small_width);
-    this.context.imageSmoothingEnabled = true;
-    this.context.imageSmoothingQuality = "low";
-    this.context.drawImage(this.small, 0, 0, small_width * scale, small_height * scale);
+    copy_blocks(this.small_context, bitmap, header, columns);
+    context.imageSmoothingEnabled = true;
+    context.imageSmoothingQuality = "low";
+    const shift = -(scale - 1) / 2;
+    const [drawn_width, drawn_height] = [columns * scale, rows * scale];
+    const [right, bottom] = [drawn_width + shift, drawn_height + shift];
+    context.drawImage(small, shift, shift, drawn_width, drawn_height);
+    if (right < width) {
+      context.drawImage(small, columns - 1, 0, 1, rows, right - 1, shift, width - right + 1, drawn_height);
+    }
+    if (bottom < height) {
+      context.drawImage(small, 0, rows - 1, columns, 1, shift, bottom - 1, drawn_width, height - bottom + 1);
+    }
   }
 
   /** Gives the canvas its size; what was shown stays, stretched, until the new picture comes. */
@@ -150,13 +165,13 @@ export class Picture {
     context.drawImage(before, 0, 0, width, height);
   }
 
-  mark(header, received, bytes, is_good) {
+  mark(header, times, is_good) {
     const { marks } = this;
     this.last = header;
     marks.drawn += is_good ? 1 : 0;
     marks.failed += is_good ? 0 : 1;
     const { frame, seq, scale, kind, flags } = header;
-    marks.times.push({ frame, seq, scale, kind, flags, bytes, received, drawn: performance.now() });
+    marks.times.push({ frame, seq, scale, kind, flags, ...times, shown: performance.now() });
     if (marks.times.length > TIMES_MAX) {
       marks.times.splice(0, TIMES_MAX / 2);
     }

@@ -147,5 +147,5 @@ function show_progress(stats) {
     : `${STAGES[stats.progress] ?? ""} ${stats.samples} of ${stats.spp}`;
   const { used_bytes, limit_bytes } = stats.memory ?? {};
   byId("memory").textContent = Number.isFinite(used_bytes) ? `${bytes(used_bytes)} of ${bytes(limit_bytes)}` : "";
-  byId("rate").textContent = Number.isFinite(stats.fps) && stats.progress !== "done" ? `${stats.fps.toFixed(0)}/s` : "";
+  byId("rate").textContent = stats.fps >= 1 && stats.progress !== "done" ? `${stats.fps.toFixed(0)}/s` : "";
 }
