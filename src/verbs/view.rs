@@ -62,8 +62,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let session = stage.session(ctx)?.go_live(frames)?;
 
-    let options =
-        ServeOptions { token: Token::random()?, hosts: args.host.clone(), t_max: frames.t_max, follows_page };
+    let options = ServeOptions { token: Token::random()?, hosts: args.host.clone(), frames, follows_page };
     let address = listener.local_addr().map_err(|error| refused(args, &error))?;
     say_where(args, address, &options.token, ctx);
     let room = Room {
@@ -81,6 +80,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         model: model_figures(&stage, &path),
         file_materials: stage.file.materials(),
         views: if scene.model.is_empty() { vec![] } else { vec![session.view().camera] },
+        camera: scene.camera,
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
@@ -90,14 +90,14 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let begin = std::time::Instant::now();
     let served = serve(session, &listener, &options, &around)?;
-    Ok(ctx.done(&Viewed {
+    ctx.done(&Viewed {
         scene: path.display().to_string(),
         address: address.to_string(),
         time_ms: begin.elapsed().as_millis() as u64,
         served,
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
-    })?)
+    })
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.

@@ -16,6 +16,7 @@ use std::collections::VecDeque;
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
+use trex_store::Lease;
 
 /// Most texts that wait.
 const TEXTS_MAX: usize = 256;
@@ -59,10 +60,19 @@ pub(crate) struct Outbox {
     texts: VecDeque<String>,
     text_bytes: usize,
     stats: Option<Arc<Stats>>,
-    file: Option<Arc<Vec<u8>>>,
+    files: VecDeque<File>,
     pong: Option<Vec<u8>>,
     close: Option<u16>,
     sent: Sent,
+}
+
+/// A file for the page.
+#[derive(Debug)]
+pub(crate) struct File {
+    /// What goes before it in its message.
+    pub(crate) head: Vec<u8>,
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) _lease: Lease,
 }
 
 /// A frame on its way.
@@ -98,7 +108,7 @@ pub(crate) enum Next {
     /// Marked blocks.
     Blocks,
     Whole(Settled),
-    File(Arc<Vec<u8>>),
+    File(File),
     Pong(Vec<u8>),
     Close(u16),
 }
@@ -114,7 +124,7 @@ impl Client {
             texts: VecDeque::new(),
             text_bytes: 0,
             stats: None,
-            file: None,
+            files: VecDeque::new(),
             pong: None,
             close: None,
             sent: Sent { bytes: 0, frames: 0, before: (0, 0), at: Instant::now() },
@@ -150,9 +160,9 @@ impl Client {
         self.change(|outbox| outbox.stats = Some(stats.clone()));
     }
 
-    /// Sends a file, unless one is waiting.
-    pub(crate) fn send_file(&self, file: Arc<Vec<u8>>) {
-        self.change(|outbox| outbox.file = Some(file));
+    /// Sends a file. Its memory is leased: the budget bounds how many wait.
+    pub(crate) fn send_file(&self, file: File) {
+        self.change(|outbox| outbox.files.push_back(file));
     }
 
     /// Answers a ping.
@@ -227,7 +237,7 @@ impl Outbox {
         if let Some(stats) = self.stats.take() {
             return Some(Next::Text(self.sent.tell(&stats)));
         }
-        if let Some(file) = self.file.take() {
+        if let Some(file) = self.files.pop_front() {
             return Some(Next::File(file));
         }
         if self.in_flight.is_some() {

@@ -35,7 +35,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             home: Some(camera),
             views: Some(views),
             model: Some(self.around.model),
-            t_max_ms: Some(self.options.t_max.as_secs_f64() * 1e3),
+            t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
             memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),
             command: Some(command),
             scene: Some(scene),
@@ -157,16 +157,32 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             // As it was: there was room for it.
             let _ = (self.around.make_room)(&[old]);
         })?;
-        (self.around.make_room)(&[settings])?;
+        if let Err(error) = (self.around.make_room)(&[settings]) {
+            self.tell_error(&error);
+        }
+        self.frame_again(old.resolution, settings.resolution)?;
         self.tone.set_exposure(settings.exposure);
         self.shared.picture().forget();
-        let view = self.session().view();
+        let (session, size) = (self.session(), settings.resolution);
+        let (view, home) = (session.view(), self.around.camera.camera(session.model(), size));
         Ok(State {
-            size: Some(settings.resolution),
+            size: Some(size),
+            home: Some(CameraText::of(&home, size)),
             settings: Some(SettingsText::from(&*settings)),
             camera: Some(CameraText::of(&view.camera, settings.resolution)),
             ..State::default()
         })
+    }
+
+    /// Frames the model anew in a picture of another shape, where it is seen as it was at first.
+    fn frame_again(&mut self, old: [u32; 2], new: [u32; 2]) -> Result<()> {
+        let keys = &self.around.camera;
+        let framed = |resolution| keys.camera(self.session().model(), resolution);
+        let (before, camera) = (framed(old), framed(new));
+        if old != new && self.session().view().camera == before {
+            self.session_mut().apply(Event::Camera(camera))?;
+        }
+        Ok(())
     }
 
     fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {

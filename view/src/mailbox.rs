@@ -280,7 +280,7 @@ mod tests {
         assert!(!mailbox.has_event() && mail.roles && mail.since.is_some());
         assert_eq!(mail.camera.unwrap().camera().position, [18.0, 0.0, 0.0]);
         assert_eq!((mail.seq, mail.size), (Some(19), Some([64, 64])));
-        let order: Vec<usize> = mail.edits.iter().map(|edit| edit_index(edit)).collect();
+        let order: Vec<usize> = mail.edits.iter().map(edit_index).collect();
         assert_eq!(order, (0..10).map(|seq| 2 * seq + 1).collect::<Vec<_>>());
     }
 

@@ -16,6 +16,8 @@ const REFRESH_PART: u32 = 3;
 #[derive(Debug)]
 pub(crate) struct Motion {
     event_at: Option<Instant>,
+    /// When the picture was begun: by an event, or at all.
+    begun_at: Instant,
     is_moving: bool,
     /// Pixels from one to the next while it moves; 0: as many as the picture has samples for.
     scale: u32,
@@ -25,14 +27,15 @@ pub(crate) struct Motion {
 impl Motion {
     /// At rest.
     pub(crate) fn new() -> Motion {
-        Motion { event_at: None, is_moving: false, scale: 0, refreshed_at: Instant::now() }
+        let now = Instant::now();
+        Motion { event_at: None, begun_at: now, is_moving: false, scale: 0, refreshed_at: now }
     }
 
     /// An event came.
     pub(crate) fn event(&mut self) {
         let now = Instant::now();
         self.is_moving = self.event_at.is_some_and(|before| now - before < REST);
-        self.event_at = Some(now);
+        (self.event_at, self.begun_at) = (Some(now), now);
     }
 
     /// The hand has let go.
@@ -61,8 +64,7 @@ impl Motion {
 
     /// True when it is time to send what is complete again.
     pub(crate) fn is_due(&self) -> bool {
-        let since = self.event_at.map_or(Duration::MAX, |event| event.elapsed());
-        since == Duration::MAX || self.refreshed_at.elapsed() >= since / REFRESH_PART
+        self.refreshed_at.elapsed() >= self.begun_at.elapsed() / REFRESH_PART
     }
 
     /// Notes that the picture was sent.
@@ -105,7 +107,7 @@ mod tests {
     fn what_is_complete_is_sent_less_and_less() {
         let mut motion = Motion::new();
         let ago = |ms| Instant::now().checked_sub(Duration::from_millis(ms)).unwrap();
-        (motion.event_at, motion.refreshed_at) = (Some(ago(30_000)), ago(9_000));
+        (motion.begun_at, motion.refreshed_at) = (ago(30_000), ago(9_000));
         assert!(!motion.is_due());
         motion.refreshed_at = ago(10_100);
         assert!(motion.is_due());

@@ -66,11 +66,13 @@ pub(crate) enum Changed {
     All,
 }
 
-/// What the renderer shows: whether a tile may have changed since this was asked last, and radiances of pixels of one row
-/// of one tile, from the first on.
+/// Gives the radiances of pixels of one row of one tile, from the first on.
+pub(crate) type Show<'a> = dyn Fn([u32; 2], &mut [[f32; 3]]) + 'a;
+
+/// What the renderer shows: whether a tile may have changed since this was asked last, and what it shows.
 pub(crate) struct Shown<'a> {
     pub(crate) has_changed: &'a mut dyn FnMut(u32) -> bool,
-    pub(crate) show: &'a dyn Fn([u32; 2], &mut [[f32; 3]]),
+    pub(crate) show: &'a Show<'a>,
 }
 
 impl Picture {
@@ -122,12 +124,7 @@ impl Picture {
     }
 
     /// Takes over the tile that begins at `first`; true when any byte has changed.
-    fn refresh_tile(
-        &mut self,
-        first: [u32; 2],
-        tone: &Tone,
-        show: &dyn Fn([u32; 2], &mut [[f32; 3]]),
-    ) -> bool {
+    fn refresh_tile(&mut self, first: [u32; 2], tone: &Tone, show: &Show<'_>) -> bool {
         let width = TILE_SIDE.min(self.full[0] - first[0]) as usize;
         let rows = first[1]..self.full[1].min(first[1] + TILE_SIDE);
         let scale = self.scale as usize;

@@ -113,6 +113,18 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         self.session.as_mut().expect("a screenshot gives the session back")
     }
 
+    /// The session, to be made something else; [`SessionLoop::put_session`] brings it back.
+    pub(crate) fn take_session(&mut self) -> LiveSession<T> {
+        self.session.take().expect("a screenshot gives the session back")
+    }
+
+    /// A session that is to be shown from now on.
+    pub(crate) fn put_session(&mut self, session: LiveSession<T>) {
+        self.session = Some(session);
+        self.shared.picture().forget();
+        self.begin_picture();
+    }
+
     /// Shows the session until it is told to stop.
     ///
     /// # Errors
@@ -209,6 +221,10 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             }
             // A page learns of it by a frame.
             marks.set(0);
+        }
+        if scale > 1 {
+            // Small pictures go whole: pages smooth them over the place of the large one.
+            changed = Changed::All;
         }
         picture.frame = picture.frame.wrapping_add(1);
         (picture.seq, picture.flags, picture.settled) = (seq, flags, None);

@@ -6,7 +6,7 @@
 //! Invariant: a client that is in the list has had, or has waiting, a welcome of the state at that moment.
 
 use crate::atlas::{Atlas, frame_bytes};
-use crate::client::{Client, TEXT_BYTES_MAX};
+use crate::client::{Client, File, TEXT_BYTES_MAX};
 use crate::guard::{Hosts, Token};
 use crate::http::HEAD_BYTES_MAX;
 use crate::mailbox::Mailbox;
@@ -161,6 +161,13 @@ impl Shared {
     pub(crate) fn tell(&self, id: u32, text: impl FnOnce() -> String) {
         if let Some(client) = lock(&self.clients).iter().find(|client| client.id == id) {
             client.tell(text());
+        }
+    }
+
+    /// Sends a file to one client, if it is still there.
+    pub(crate) fn send_file(&self, id: u32, file: File) {
+        if let Some(client) = lock(&self.clients).iter().find(|client| client.id == id) {
+            client.send_file(file);
         }
     }
 

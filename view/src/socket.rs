@@ -8,7 +8,7 @@
 //! Invariants: 1. nothing but a close goes to who has not said the token; 2. a message is bounded before it is kept; 3.
 //! a page that takes nothing for [`WRITE_TIME_MAX`] is let go; 4. the reader ends the writer, and the other way round.
 
-use crate::atlas::{FrameHead, frame_bytes, header, whole_head};
+use crate::atlas::{FrameHead, frame_bytes, whole_head};
 use crate::client::{Client, Next, close};
 use crate::http::{HEAD_TIME_MAX, Incoming};
 use crate::mailbox::Posted;
@@ -151,8 +151,8 @@ fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Resul
                 put(client, &settled.png)?;
             }
             Next::File(file) => {
-                put(client, &header(file.len()))?;
-                put(client, &file)?;
+                put(client, &file.head)?;
+                put(client, &file.bytes)?;
             }
             Next::Close(code) => {
                 say_goodbye(&client.stream, code);

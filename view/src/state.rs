@@ -130,7 +130,8 @@ impl State {
 
     /// Takes over what `update` has.
     pub(crate) fn merge(&mut self, update: State) {
-        let State { size, camera, lights, materials, settings, memory, command, scene, .. } = update;
+        let State { size, camera, home, lights, materials, settings, memory, command, scene, .. } = update;
+        self.home = home.or(self.home);
         self.size = size.or(self.size);
         self.camera = camera.or(self.camera);
         self.lights = lights.or(self.lights.take());

@@ -3,8 +3,7 @@
 use crate::guard::Token;
 use crate::state::{MemoryFigures, ModelFigures, PoolFigures};
 use serde::Serialize;
-use std::time::Duration;
-use trex_render::{Camera, RenderSettings};
+use trex_render::{Camera, CameraKeys, FrameOptions, RenderSettings};
 use trex_store::{Budget, Material, Result};
 
 /// The surroundings of a session on show.
@@ -21,6 +20,8 @@ pub struct Surroundings<'a> {
     pub file_materials: &'a [Material],
     /// Cameras that the page offers.
     pub views: Vec<Camera>,
+    /// What the scene says of the camera: where that is nothing the model is framed, in a page of any shape.
+    pub camera: CameraKeys,
     /// The ledger.
     pub budget: &'a Budget,
     /// Memory now.
@@ -42,8 +43,8 @@ pub struct ServeOptions {
     pub token: Token,
     /// Host names by which the server may be asked, beside those of this machine and the address it listens on.
     pub hosts: Vec<String>,
-    /// Longest time of a frame, as the session has it.
-    pub t_max: Duration,
+    /// How the session makes its frames.
+    pub frames: FrameOptions,
     /// True when the picture takes the size of the driver's page.
     pub follows_page: bool,
 }
