@@ -25,6 +25,8 @@ const SENT_MAX = 256;
 const RESIZE_REST_MS = 180;
 /** A pick that is not answered by then is given up, ms. */
 const PICK_MS = 10_000;
+/** What a page may not do is said once in this time, ms. */
+const REFUSED_MS = 4000;
 const byId = (id) => document.getElementById(id);
 
 class App {
@@ -57,6 +59,7 @@ class App {
     this.panels = new Panels(this);
     this.input = new Input(this);
     new ResizeObserver(() => this.resized()).observe(this.stage);
+    this.watch_pixels();
   }
 
   // What the session is, and who listens.
@@ -111,6 +114,9 @@ class App {
 
   keep(values, is_welcome) {
     const keys = KEPT.filter((key) => values[key] !== undefined);
+    if (values.role !== undefined && values.role !== this.state.role) {
+      this.size_sent = "";
+    }
     for (const key of keys) {
       this.state[key] = values[key];
     }
@@ -131,7 +137,8 @@ class App {
 
   /** A camera that the server says. The hand's own is newer while this page drives. */
   take_camera(camera, is_welcome) {
-    if (is_welcome || this.state.role !== "drive" || !this.input?.is_busy) {
+    const is_newer_here = this.input.is_busy || this.camera_waits;
+    if (is_welcome || this.state.role !== "drive" || !is_newer_here) {
       this.camera = camera;
       this.shown_camera = camera;
       this.sent = [];
@@ -148,7 +155,11 @@ class App {
     const { is_open } = this.connection;
     const next = is_open ? "press “Take the wheel” beside the state below" : "wait for the connection";
     const text = is_open ? "this page watches: another one drives" : "there is no connection";
-    this.notices.show({ level: "info", code: "watching", text, next });
+    const now = performance.now();
+    if (!(now - this.refused_at < REFUSED_MS)) {
+      this.refused_at = now;
+      this.notices.show({ level: "info", code: "watching", text, next });
+    }
     return false;
   }
 
@@ -272,6 +283,15 @@ class App {
     return [width, height].map((side) => Math.max(16, Math.min(8192, Math.round(side * pixels))));
   }
 
+  /** A window that moves to another screen has other pixels. */
+  watch_pixels() {
+    const same_pixels = matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
+    same_pixels.addEventListener("change", () => {
+      this.watch_pixels();
+      this.resized();
+    }, { once: true });
+  }
+
   resized() {
     this.place();
     clearTimeout(this.resize_timer);
@@ -301,7 +321,7 @@ class App {
 
   place() {
     const box = this.box();
-    for (const canvas of [this.picture.canvas, this.overlay]) {
+    for (const canvas of [this.picture.canvas, this.overlay, byId("under")]) {
       for (const side of ["left", "top", "width", "height"]) {
         canvas.style[side] = `${box[side]}px`;
       }

@@ -14,6 +14,8 @@ const NAMES = {
 export class Help {
   constructor(dialog) {
     this.dialog = dialog;
+    // A click beside the text is one on the dialog itself.
+    dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   }
 
   get is_open() {

@@ -152,6 +152,20 @@ export class Picture {
     }
   }
 
+  /** Keeps what is shown below what comes, which then shows through by `share`: a debug view over the picture. */
+  keep_under(under, share) {
+    [under.width, under.height] = [this.canvas.width, this.canvas.height];
+    under.getContext("2d", { alpha: false }).drawImage(this.canvas, 0, 0);
+    under.hidden = false;
+    this.canvas.style.opacity = String(share);
+  }
+
+  /** Shows what comes alone. */
+  drop_under(under) {
+    under.hidden = true;
+    this.canvas.style.opacity = "";
+  }
+
   /** Gives the canvas its size; what was shown stays, stretched, until the new picture comes. */
   fit(width, height) {
     const { canvas, context } = this;

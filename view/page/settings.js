@@ -1,7 +1,8 @@
 // The panel of the picture: how light is computed, how well, how it is shown, and how much memory it may take.
 //
 // Invariants: 1. what an integrator has no use for is neither shown nor sent with it; 2. a change sends the keys that
-// changed alone; 3. a debug view keeps the integrator that it stands over, and goes back to it.
+// changed alone; 3. a debug view keeps the integrator that it stands over, and goes back to it; 4. what it is laid over
+// is of the same view.
 
 import { button, choice_row, element, number_row, slider_row, switch_row } from "./widgets.js";
 
@@ -32,6 +33,7 @@ const MOVING = [
   ["8", "An eighth"],
   ["1", "Off: full size"],
 ];
+const SHOWN_THROUGH = [["1", "In place of the picture"], ["0.6", "Over the picture"], ["0.3", "Over it, faintly"]];
 const SHARES = [["1", "Of this screen"], ["0.5", "Half of it"], ["0.25", "A quarter of it"]];
 const MIB = 1024 * 1024;
 const gathers = (integrator) => integrator === "photon" || integrator === "full-gi";
@@ -41,6 +43,13 @@ export class Settings {
     this.app = app;
     this.moving = "0";
     this.before_debug = "photon";
+    this.share = 0.6;
+    this.under = document.getElementById("under");
+    // The picture below is of the view that it was kept in.
+    app.listen("moved", () => app.picture.drop_under(this.under));
+    app.listen("size", () => app.picture.drop_under(this.under));
+    // The server may have refused the debug view.
+    app.listen("settings", ({ integrator }) => integrator?.startsWith("debug-") || app.picture.drop_under(this.under));
     app.listen("welcome", () => {
       if (this.moving !== "0" && app.drives) {
         app.connection.send({ type: "moving", scale: Number(this.moving) });
@@ -61,6 +70,7 @@ export class Settings {
     if (!this.now.integrator?.startsWith("debug-")) {
       this.before_debug = this.now.integrator ?? this.before_debug;
     }
+    this.lay_over(name);
     const values = { integrator: name };
     if (!gathers(name) && this.now.filter === "on") {
       values.filter = "off";
@@ -70,6 +80,17 @@ export class Settings {
     }
     this.set(values);
     this.app.panels.rebuild();
+  }
+
+  /** Lays a debug view over the picture that is shown; takes it away again with any other. */
+  lay_over(name) {
+    const { picture } = this.app;
+    const [is_debug, was_debug] = [name, this.now.integrator ?? ""].map((text) => text.startsWith("debug-"));
+    if (!is_debug) {
+      picture.drop_under(this.under);
+    } else if (!was_debug && this.share < 1 && this.app.drives) {
+      picture.keep_under(this.under, this.share);
+    }
   }
 
   /** The next debug view; after the last one the picture again. */
@@ -92,9 +113,16 @@ export class Settings {
     const debug = DEBUG_VIEWS.map(([name, text]) =>
       button(text, () => this.integrator(integrator === name ? this.before_debug : name),
         { "aria-pressed": String(integrator === name) }));
+    const blend = (share) => {
+      this.share = Number(share);
+      if (!this.under.hidden) {
+        this.app.picture.canvas.style.opacity = share;
+      }
+    };
     return [
       choice_row("Light", is_debug ? this.before_debug : integrator, INTEGRATORS, (name) => this.integrator(name)),
       element("div", { class: "buttons", role: "group", "aria-label": "Debug views" }, ...debug),
+      choice_row("Debug views", String(this.share), SHOWN_THROUGH, blend, "Until the view moves"),
     ];
   }
 
