@@ -13,14 +13,17 @@ import { Input } from "./input.js";
 import { KIND_FILE, Picture } from "./picture.js";
 import { Notices } from "./notices.js";
 import { Panels } from "./panels.js";
+import { keep_status } from "./statistics.js";
 import { Views } from "./views.js";
-import { short } from "./widgets.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "materials",
-  "settings", "model", "memory", "t_max_ms", "command", "scene"];
+  "settings", "model", "memory", "t_max_ms", "command", "scene",
+  "follows_page"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
+/** Least and greatest side of a picture that is asked for, pixels. */
+const SIDES = [16, 8192];
 /** A window that changes its size is at rest after this, ms. */
 const RESIZE_REST_MS = 180;
 /** A pick that is not answered by then is given up, ms. */
@@ -280,7 +283,7 @@ class App {
   wanted_size() {
     const { width, height } = this.stage.getBoundingClientRect();
     const pixels = window.devicePixelRatio * this.pixel_share;
-    return [width, height].map((side) => Math.max(16, Math.min(8192, Math.round(side * pixels))));
+    return [width, height].map((side) => Math.max(SIDES[0], Math.min(SIDES[1], Math.round(side * pixels))));
   }
 
   /** A window that moves to another screen has other pixels. */
@@ -298,11 +301,11 @@ class App {
     this.resize_timer = setTimeout(() => this.send_size(), RESIZE_REST_MS);
   }
 
-  /** Asks for a picture of this window's size, once a size. */
+  /** Asks for a picture of this window's size, once a size, unless the scene fixes it. */
   send_size() {
     const size = this.wanted_size();
     const text = size.join("x");
-    if (this.drives && this.state.size && this.size_sent !== text) {
+    if (this.drives && this.state.size && this.state.follows_page !== false && this.size_sent !== text) {
       this.size_sent = text;
       if (text !== this.state.size.join("x")) {
         this.connection.send_event({ type: "size", size });
@@ -349,32 +352,6 @@ class App {
       this.painters.forEach((painter) => painter(context, place, [width, height]));
     });
   }
-}
-
-/** The line at the bottom: connection, progress, memory. */
-function keep_status(app) {
-  const LINKS = { connecting: "connecting", reconnecting: "lost, trying again", lost: "lost", refused: "refused" };
-  const show = () => {
-    const is_open = app.connection.is_open && app.link === "open";
-    const role = app.state.role === "drive" ? "driving" : "watching";
-    const others = (app.state.clients ?? 1) - 1;
-    const name = is_open ? role : LINKS[app.link] ?? "connecting";
-    document.body.dataset.link = is_open ? role : app.link;
-    byId("role").textContent = others > 0 && is_open ? `${name}, ${others} more here` : name;
-    byId("drive").hidden = !is_open || app.state.role === "drive";
-  };
-  byId("drive").addEventListener("click", () => app.connection.send({ type: "drive" }));
-  app.listen("link", show);
-  app.listen("role", show);
-  app.listen("clients", show);
-  app.listen("welcome", (state) => {
-    app.link = "open";
-    show();
-    document.title = `${state.name} · trex`;
-    byId("name").textContent = state.name;
-    const count = state.model?.triangle_count;
-    byId("count").textContent = Number.isFinite(count) ? `${short(count)} triangles` : "";
-  });
 }
 
 /** What tests and measurements read. */

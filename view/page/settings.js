@@ -166,13 +166,14 @@ export class Settings {
       app.send_size();
     };
     const [width, height] = app.state.size ?? [0, 0];
+    const fixed = ", fixed by the scene or the command";
     return [
       element("h3", {}, "Display"),
       slider_row("Exposure", this.now.exposure ?? 1, { min: 1 / 64, max: 64, least: 1e-6 },
         (exposure) => exposure > 0 && this.set({ exposure })),
       choice_row("While moving", this.moving, MOVING, moving, "Size of the picture while the view moves"),
-      choice_row("Pixels", String(app.pixel_share), SHARES, share),
-      element("p", { class: "hint" }, `${width} × ${height} pixels.`),
+      app.state.follows_page === false ? null : choice_row("Pixels", String(app.pixel_share), SHARES, share),
+      element("p", { class: "hint" }, `${width} × ${height} pixels${app.state.follows_page === false ? fixed : ""}.`),
     ];
   }
 

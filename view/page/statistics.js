@@ -138,7 +138,7 @@ export class Statistics {
   }
 }
 
-/** The line at the bottom. */
+/** The line at the bottom: what is under way. */
 function show_progress(stats) {
   const share = stats.progress === "done" ? 1 : Math.min(1, (stats.samples ?? 0) / Math.max(1, stats.spp ?? 1));
   byId("bar").style.transform = `scaleX(${share})`;
@@ -148,4 +148,30 @@ function show_progress(stats) {
   const { used_bytes, limit_bytes } = stats.memory ?? {};
   byId("memory").textContent = Number.isFinite(used_bytes) ? `${bytes(used_bytes)} of ${bytes(limit_bytes)}` : "";
   byId("rate").textContent = stats.fps >= 1 && stats.progress !== "done" ? `${stats.fps.toFixed(0)}/s` : "";
+}
+
+/** The line at the bottom: who drives, and whether the server is there; and the model's name at the top. */
+export function keep_status(app) {
+  const LINKS = { connecting: "connecting", reconnecting: "lost, trying again", lost: "lost", refused: "refused" };
+  const show = () => {
+    const is_open = app.connection.is_open && app.link === "open";
+    const role = app.state.role === "drive" ? "driving" : "watching";
+    const others = (app.state.clients ?? 1) - 1;
+    const name = is_open ? role : LINKS[app.link] ?? "connecting";
+    document.body.dataset.link = is_open ? role : app.link;
+    byId("role").textContent = others > 0 && is_open ? `${name}, ${others} more here` : name;
+    byId("drive").hidden = !is_open || app.state.role === "drive";
+  };
+  byId("drive").addEventListener("click", () => app.connection.send({ type: "drive" }));
+  app.listen("link", show);
+  app.listen("role", show);
+  app.listen("clients", show);
+  app.listen("welcome", (state) => {
+    app.link = "open";
+    show();
+    document.title = `${state.name} · trex`;
+    byId("name").textContent = state.name;
+    const count = state.model?.triangle_count;
+    byId("count").textContent = Number.isFinite(count) ? `${short(count)} triangles` : "";
+  });
 }
