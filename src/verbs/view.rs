@@ -18,7 +18,10 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_render::{Filter, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene};
+use trex_render::{
+    Display, Filter, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene, encoder_bytes,
+    film_bytes, filter_bytes,
+};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
@@ -36,10 +39,12 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = scene.model.is_empty() && args.picture.resolution.is_none();
+    let follows_page = args.picture.resolution.is_none() && !says_resolution(&args.file, &scene);
     if scene.model.is_empty() {
-        let render = &mut scene.render;
-        (render.integrator, render.resolution, render.lod_error) = (Method::Photon, FIRST_RESOLUTION, 1.0);
+        (scene.render.integrator, scene.render.lod_error) = (Method::Photon, 1.0);
+    }
+    if follows_page {
+        scene.render.resolution = FIRST_RESOLUTION;
     }
     args.picture.override_scene(&mut scene);
     scene.render.spp = args.spp.unwrap_or(scene.render.spp);
@@ -98,6 +103,15 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
     })
+}
+
+/// True for a scene whose text has the key: its default is no wish.
+fn says_resolution(file: &Path, scene: &Scene) -> bool {
+    if scene.model.is_empty() {
+        return false;
+    }
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    text.lines().any(|line| line.split('#').next().is_some_and(|line| line.contains("resolution")))
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.
@@ -199,7 +213,14 @@ impl Room<'_> {
         let (last, others) = settings.split_last().expect("a picture has settings");
         let mut copies_bytes = view_bytes(last.resolution);
         for other in others {
-            copies_bytes += MemoryPlan::new(file, &self.needs(*other, 0), u64::MAX)?.film_bytes;
+            let plan = MemoryPlan::new(file, &self.needs(*other, 0), u64::MAX)?;
+            let (size, layers) = (other.resolution, layers_of(other));
+            let smoothing = if layers.filter { filter_bytes(size) } else { 0 };
+            copies_bytes += plan.film_bytes - encoder_bytes(size, layers) - smoothing;
+            if (size, layers) == (last.resolution, layers_of(last)) {
+                // The film and what is on show stay.
+                copies_bytes -= film_bytes(size, layers) + Display::bytes(size);
+            }
         }
         let plan = MemoryPlan::new(file, &self.needs(*last, copies_bytes), limit_bytes)?;
         // The buffers between disk and frames stay as they were opened.

@@ -130,6 +130,22 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
 
     /// Sets the size of the picture, or the largest below it that memory allows.
     fn set_size(&mut self, size: [u32; 2]) -> Result<State> {
+        let changed = self.set_size_below(size)?;
+        let [width, height] = self.session().view().settings.resolution;
+        if [width, height] != size {
+            let text = format!(
+                "the picture is {width}x{height}, not {}x{}: more does not fit into memory",
+                size[0], size[1]
+            );
+            let next = "start trex with a greater --memory-limit, or make the page smaller";
+            if let Some(driver) = self.shared.mailbox.driver() {
+                self.shared.tell(driver, || text_of(&Notice::info("smaller", &text, next)));
+            }
+        }
+        Ok(changed)
+    }
+
+    fn set_size_below(&mut self, size: [u32; 2]) -> Result<State> {
         let mut resolution = size;
         loop {
             let keys = RenderKeys { resolution, ..*self.session().view().settings };
@@ -137,10 +153,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             let smaller = resolution.map(|side| (side * SMALLER[0] / SMALLER[1]).max(BLOCK_SIDE));
             match changed {
                 Err(error) if error.code() == Code::MemoryLimit && smaller != resolution => {
-                    if resolution == size {
-                        self.tell_error(&error);
-                    }
-                    resolution = smaller;
+                    resolution = smaller
                 }
                 changed => return changed,
             }

@@ -64,12 +64,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// Does something to the session at leisure; afterwards it is live again.
     fn at_leisure(&mut self, work: impl FnOnce(&mut Self, &mut Session<T>)) -> Result<()> {
         let old = self.session().view().settings;
+        let samples = self.session().film().samples();
         let mut session = self.take_session().into_session();
         work(self, &mut session);
         if session.view().settings != old {
             session.apply(Event::Settings(old))?;
         }
-        self.put_session(session.go_live(self.options.frames)?);
+        self.put_session(session.go_live(self.options.frames)?, samples);
         Ok(())
     }
 

@@ -56,6 +56,8 @@ pub(crate) struct SessionLoop<'a, T> {
     /// Pixels between samples of the last frame.
     step: Option<u32>,
     ending: Ending,
+    /// Samples that the picture on show has, while a session that begins anew makes them again.
+    shown_samples: u32,
     stamps: Stamps,
     png: Arc<Vec<u8>>,
 }
@@ -96,6 +98,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             is_fresh: true,
             step: None,
             ending: Ending::No,
+            shown_samples: 0,
             stamps: Stamps::default(),
             png: Arc::default(),
         };
@@ -118,11 +121,12 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         self.session.take().expect("a screenshot gives the session back")
     }
 
-    /// A session that is to be shown from now on.
-    pub(crate) fn put_session(&mut self, session: LiveSession<T>) {
+    /// A session of the view that is on show, to be shown from now on: not before it has what is there.
+    pub(crate) fn put_session(&mut self, session: LiveSession<T>, samples: u32) {
         self.session = Some(session);
         self.shared.picture().forget();
         self.begin_picture();
+        self.shown_samples = samples;
     }
 
     /// Shows the session until it is told to stop.
@@ -147,7 +151,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         match self.ending {
             Ending::Settled => Some(SLEEP),
             // A page is still being sent the picture before.
-            Ending::Done if Arc::strong_count(&self.png) > 1 => Some(SLEEP / 10),
+            Ending::Done if self.is_still_sending() => Some(SLEEP / 10),
             Ending::Done => None,
             // What is finer than that would be late, and stand in the way of the next event.
             Ending::No if self.is_fresh || self.step.is_none_or(|step| step > PREVIEW_STEP_LEAST) => None,
@@ -155,9 +159,14 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
     }
 
+    /// True while the settled picture before this one is on its way to some page.
+    fn is_still_sending(&self) -> bool {
+        Arc::strong_count(&self.png) > 1 && self.shared.picture().settled.is_none()
+    }
+
     /// Another picture begins.
     pub(crate) fn begin_picture(&mut self) {
-        (self.is_fresh, self.step, self.ending) = (true, None, Ending::No);
+        (self.is_fresh, self.step, self.ending, self.shown_samples) = (true, None, Ending::No, 0);
     }
 
     /// Makes a frame, and shows it.
@@ -181,6 +190,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
 
     /// Shows what a frame has made, if that is worth it.
     fn publish(&mut self, report: &FrameReport) {
+        if self.session().film().samples() < self.shown_samples {
+            return;
+        }
         let is_preview = report.progress == FrameProgress::Preview;
         let mut flags = if report.preview_tiles > 0 { flag::PREVIEW } else { 0 };
         let step = report.sample_step;
@@ -237,8 +249,10 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     fn settle(&mut self) {
         self.ending = Ending::Settled;
         self.refresh(1, flag::COMPLETE | flag::DONE, true);
-        self.png = Arc::new(self.write_png());
-        if !self.png.is_empty() {
+        if self.shared.picture().settled.is_none() {
+            self.png = Arc::new(self.write_png());
+        }
+        if self.shared.picture().settled.is_none() && !self.png.is_empty() {
             let frame = {
                 let mut picture = self.shared.picture();
                 picture.frame = picture.frame.wrapping_add(1);
@@ -266,18 +280,18 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     /// Tells every page how it goes.
     pub(crate) fn tell_stats(&mut self) {
         let keys = *self.session().view().settings;
-        let stats = Arc::new(Stats {
+        let rays_per_s = self.figures.rays_per_s();
+        self.shared.tell_stats(Stats {
             progress: progress_name(self.figures.progress),
             samples: self.session().film().samples(),
             spp: keys.spp,
             light_share: self.figures.light_share,
             pixel_error: self.figures.error,
             times_ms: self.figures.times,
-            rays_per_s: self.figures.rays_per_s(),
+            rays_per_s,
             memory: (self.around.memory)(),
             pool: (self.around.pool)(),
         });
-        self.shared.clients().iter().for_each(|client| client.tell_stats(&stats));
     }
 
     /// Tells every page the view as texts.

@@ -1,7 +1,7 @@
 //! `Shared`: what the threads of the viewer have in common.
 //!
-//! Locks, in the order in which they may be held together: greeting, atlas, picture, the list of clients, an outbox. The
-//! mailbox is held alone.
+//! Locks, in the order in which they may be held together: greeting, atlas, picture, the list of clients, statistics, an
+//! outbox. The mailbox is held alone.
 //!
 //! Invariant: a client that is in the list has had, or has waiting, a welcome of the state at that moment.
 
@@ -13,7 +13,7 @@ use crate::mailbox::Mailbox;
 use crate::message::{MESSAGE_BYTES_MAX, Role};
 use crate::picture::{Changed, Picture, Settled};
 use crate::renderer::Stamps;
-use crate::state::State;
+use crate::state::{State, Stats};
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -38,6 +38,8 @@ pub(crate) struct Shared {
     pub(crate) hosts: Hosts,
     pub(crate) mailbox: Mailbox,
     greeting: Mutex<State>,
+    /// The last statistics, for those who come later.
+    stats: Mutex<Option<Arc<Stats>>>,
     atlas: Mutex<Atlas>,
     picture: Mutex<Picture>,
     clients: Mutex<Vec<Arc<Client>>>,
@@ -83,6 +85,7 @@ impl Shared {
             hosts,
             mailbox: Mailbox::default(),
             greeting: Mutex::default(),
+            stats: Mutex::default(),
             atlas: Mutex::default(),
             picture: Mutex::new(Picture::new(full)),
             clients: Mutex::default(),
@@ -140,6 +143,9 @@ impl Shared {
         let client = Arc::new(Client::new(id, stream, picture.layout, picture.settled.clone()));
         clients.push(client.clone());
         client.tell(greeting.welcome(role, clients.len()));
+        if let Some(stats) = &*lock(&self.stats) {
+            client.tell_stats(stats);
+        }
         client
     }
 
@@ -155,6 +161,13 @@ impl Shared {
     /// The clients that there are now.
     pub(crate) fn clients(&self) -> Vec<Arc<Client>> {
         lock(&self.clients).clone()
+    }
+
+    /// Tells every client how it goes.
+    pub(crate) fn tell_stats(&self, stats: Stats) {
+        let stats = Arc::new(stats);
+        lock(&self.clients).iter().for_each(|client| client.tell_stats(&stats));
+        *lock(&self.stats) = Some(stats);
     }
 
     /// Sends a text to one client, if it is still there.
