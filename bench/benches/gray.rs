@@ -80,7 +80,7 @@ fn gray(criterion: &mut Criterion) {
     let (file, octree) = built();
     let scene = VoxelScene::new(&octree, &file.superblock().lattice, Occluders::On);
     let rays = gather_rays(&scene, &octree, &file);
-    let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
+    let mut hits = vec![None; rays.len()];
     let mut group = criterion.benchmark_group("gray");
     group.throughput(Throughput::Elements(rays.len() as u64));
     group.bench_function("intersect/single", |bencher| {
@@ -95,13 +95,6 @@ fn gray(criterion: &mut Criterion) {
                 let parts = rays.chunks(batch).zip(hits.chunks_mut(batch));
                 parts.for_each(|(rays, hits)| scene.intersect_batch(rays, hits));
                 black_box(&hits);
-            });
-        });
-        group.bench_function(BenchmarkId::new("occluded", batch), |bencher| {
-            bencher.iter(|| {
-                let parts = rays.chunks(batch).zip(occluded.chunks_mut(batch));
-                parts.for_each(|(rays, occluded)| scene.occluded_batch(rays, occluded));
-                black_box(&occluded);
             });
         });
     }

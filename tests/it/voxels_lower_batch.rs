@@ -189,12 +189,6 @@ fn lanes_meet_in_units_what_single_rays_meet() {
                 }
                 let is_same = answers.iter().zip(&whole).all(|(answer, whole)| bits(answer) == bits(whole));
                 assert!(is_same, "{name}: {batch} at once");
-                let mut occluded = vec![Answer::Blocked; 600];
-                for (rays, occluded) in stage.rays[..600].chunks(batch).zip(occluded.chunks_mut(batch)) {
-                    scene.occluded_batch(rays, &mut &stage.all, occluded);
-                }
-                let single = stage.rays[..600].iter().map(|ray| scene.occluded(ray, &mut &stage.all));
-                assert!(single.zip(&occluded).all(|(single, answer)| single == *answer), "{name}: {batch}");
             }
             scene.intersect_batch(&[], &mut &stage.all, &mut []);
         });

@@ -276,7 +276,6 @@ pub(super) struct GrayWorker {
     hits: Vec<Option<VoxelHit>>,
     occluded: Vec<bool>,
     finest: Vec<Answer<Option<LowerHit>>>,
-    finest_occluded: Vec<Answer<bool>>,
 }
 
 impl Contender for Gray<'_> {
@@ -313,7 +312,10 @@ impl GrayWorker {
     fn answer(&mut self, scene: &VoxelScene<'_>, how: (Query, GrayCalls)) {
         let GrayWorker { rays, hits, occluded, .. } = self;
         match how {
-            (Query::Any, GrayCalls::Batch) => scene.occluded_batch(rays, occluded),
+            (Query::Any, GrayCalls::Batch) => {
+                scene.intersect_batch(rays, hits);
+                occluded.iter_mut().zip(hits).for_each(|(occluded, hit)| *occluded = hit.is_some());
+            }
             (Query::Closest, GrayCalls::Batch) => scene.intersect_batch(rays, hits),
             (Query::Any, GrayCalls::Single) => {
                 rays.iter().zip(occluded).for_each(|(ray, occluded)| *occluded = scene.occluded(ray));
@@ -332,13 +334,13 @@ impl GrayWorker {
         (scene, mut pages): (&LowerScene<'_>, &AllResident),
         how: (Query, GrayCalls),
     ) {
-        let GrayWorker { rays, hits, occluded, finest, finest_occluded } = self;
+        let GrayWorker { rays, hits, occluded, finest } = self;
         match how {
             (Query::Any, GrayCalls::Batch) => {
-                finest_occluded.resize(rays.len(), Answer::Blocked);
-                scene.occluded_batch(rays, &mut pages, finest_occluded);
-                let pairs = finest_occluded.iter().zip(occluded);
-                pairs.for_each(|(answer, occluded)| *occluded = exact(*answer).expect(ALL_THERE));
+                finest.resize(rays.len(), Answer::Blocked);
+                scene.intersect_batch(rays, &mut pages, finest);
+                let pairs = finest.iter().zip(occluded);
+                pairs.for_each(|(answer, occluded)| *occluded = exact(*answer).expect(ALL_THERE).is_some());
             }
             (Query::Closest, GrayCalls::Batch) => {
                 finest.resize(rays.len(), Answer::Blocked);

@@ -95,7 +95,7 @@ fn bounce_end(
     let cos = -hit.normal.as_dvec3().dot(DVec3::from(ray.direction));
     if material.emits() && cos > 0.0 {
         let radiance = Vec3::from(material.ke);
-        gain(radiance, lights.emitter_pdf(from, ray.at(hit.t), cos, radiance));
+        gain(radiance, lights.emitter_pdf(from, (ray, hit.t), cos));
     }
     ctx.lit(SurfaceInteraction::new(ray, &hit))
 }

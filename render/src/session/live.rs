@@ -36,7 +36,7 @@ use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
 use crate::scene::settings::Method;
 use crate::schedule::Pass;
-use crate::stats::{PassStats, PhotonStats, RayCounts};
+use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
@@ -265,25 +265,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// True when tile `index` shows its samples, false when it shows the preview.
     pub(super) fn shows_samples(&self, index: u32) -> bool {
         self.film.tile_state(index).is_some_and(|state| Some(state) >= self.live.display.state())
-    }
-
-    /// Sends the photons that are still to be sent, as [`Session::illuminate`] does.
-    ///
-    /// # Errors
-    /// Those of [`Session::illuminate`].
-    pub fn illuminate(
-        &mut self,
-        stop: &(dyn Fn() -> bool + Sync),
-        tell: &mut dyn FnMut(u64, u64),
-    ) -> Result<PhotonStats> {
-        if self.live.next_tree.take().is_some() {
-            self.session.photon_tree = None;
-        }
-        let stats = self.session.illuminate(stop, tell)?;
-        if stats.photons > 0 {
-            self.begin_samples();
-        }
-        Ok(stats)
     }
 
     /// What is seen at a pixel, as [`Session::pick`] says.

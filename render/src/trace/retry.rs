@@ -13,7 +13,8 @@
 //! waits for each page while the ray is on its way, which takes room for one. A page that cannot be had must be
 //! answered for (a coarser form, an error), never Blocked for ever.
 //!
-//! Invariants: 1. nothing sleeps longer than [`WAIT`], but for a patient tracer, a second a page; 2. work that is interrupted alone can go on alone.
+//! Invariants: 1. nothing sleeps longer than [`WAIT`], but for a patient tracer, a second a page; 2. work that is
+//! interrupted alone can go on alone.
 
 use super::PagedTracer;
 use std::time::Duration;

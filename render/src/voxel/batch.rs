@@ -66,15 +66,6 @@ impl VoxelScene<'_> {
         self.answer_batch(width, rays, |ray, hit| hits[ray] = hit);
     }
 
-    /// [`VoxelScene::occluded`] of each ray, to its place in `occluded`.
-    ///
-    /// # Panics
-    /// When the two differ in length.
-    pub fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
-        assert_eq!(rays.len(), occluded.len(), "a place for each answer");
-        self.answer_batch(PacketWidth::widest(), rays, |ray, hit| occluded[ray] = hit.is_some());
-    }
-
     /// Calls `answer` with the index of each ray and [`VoxelScene::intersect`] of it, in any order.
     pub(crate) fn each_in_batch(&self, rays: &[Ray], answer: impl FnMut(usize, Option<VoxelHit>)) {
         self.answer_batch(PacketWidth::widest(), rays, answer);

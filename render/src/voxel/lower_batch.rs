@@ -51,20 +51,6 @@ impl LowerScene<'_> {
         self.answer_batch(width, rays, pages, |ray, answer| answers[ray] = answer);
     }
 
-    /// [`LowerScene::occluded`] of each ray, to its place in `occluded`.
-    ///
-    /// # Panics
-    /// When the two differ in length.
-    pub fn occluded_batch(&self, rays: &[Ray], pages: &mut impl Pages, occluded: &mut [Answer<bool>]) {
-        assert_eq!(rays.len(), occluded.len(), "a place for each answer");
-        self.answer_batch(PacketWidth::widest(), rays, pages, |ray, answer| {
-            occluded[ray] = match answer {
-                Answer::Exact(hit) => Answer::Exact(hit.is_some()),
-                Answer::Blocked => Answer::Blocked,
-            }
-        });
-    }
-
     fn answer_batch(
         &self,
         width: PacketWidth,

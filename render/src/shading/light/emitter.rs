@@ -1,10 +1,11 @@
-//! `Emitters`: the triangles of the model that give light, drawn in proportion to their power.
+//! `Emitters`: the triangles of the model that give light, drawn in proportion to their power; for a point that is lit,
+//! to their power over squared distance.
 //!
 //! The store keeps them in a section of their own, since nobody can search a mesh on disk for lamps.
 //! Invariants: 1. every kept triangle has a positive power; 2. the cumulated shares rise and end at 1;
 //! 3. light leaves the counter-clockwise side only.
 
-use super::box_tree::BoxTree;
+use super::box_tree::{BoxTree, falloff};
 use crate::math::brightness;
 use crate::trace::Ray;
 use glam::{DVec3, Vec3};
@@ -80,7 +81,8 @@ impl Emitters {
             bounds: Aabb::EMPTY,
             tree: BoxTree::default(),
         };
-        let mut boxes = Vec::with_capacity(emitters.len());
+        let (mut boxes, mut powers) =
+            (Vec::with_capacity(emitters.len()), Vec::with_capacity(emitters.len()));
         let mut total = 0.0;
         for emitter in emitters {
             let radiance = Vec3::from(materials[emitter.material as usize].ke);
@@ -98,10 +100,11 @@ impl Emitters {
                 emitter.corners.iter().for_each(|&corner| bounds.add(corner));
                 all.bounds.join(&bounds);
                 boxes.push(bounds);
+                powers.push(power);
             }
         }
         all.power = total;
-        all.tree = BoxTree::new(&boxes);
+        all.tree = BoxTree::new(&boxes, &powers);
         all.cumulated.iter_mut().for_each(|sum| *sum /= total);
         all
     }
@@ -113,7 +116,7 @@ impl Emitters {
 
     /// Bytes on the heap for `emitter_count` triangles.
     pub fn bytes(emitter_count: usize) -> u64 {
-        let boxes = emitter_count * size_of::<Aabb>();
+        let boxes = emitter_count * (size_of::<Aabb>() + size_of::<f64>());
         (boxes + emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
             + BoxTree::bytes(emitter_count)
     }
@@ -144,11 +147,6 @@ impl Emitters {
         nearest.1
     }
 
-    /// Density, per area, with which [`Emitters::sample`] draws a point of an emitter of this radiance.
-    pub(crate) fn pdf(&self, radiance: Vec3) -> f64 {
-        if self.is_empty() { 0.0 } else { brightness(radiance) / self.power }
-    }
-
     /// A point on an emitter: a triangle by its power with `pick`, a point on it by its area with `u`; all in [0, 1).
     ///
     /// # Panics
@@ -156,21 +154,61 @@ impl Emitters {
     pub(crate) fn sample(&self, pick: f32, u: [f32; 2]) -> EmitterSample {
         let pick = f64::from(pick);
         let index = self.cumulated.partition_point(|&sum| sum <= pick).min(self.kept.len() - 1);
-        let Kept { corner, edges, normal, radiance } = self.kept[index];
-        // The square folded to the triangle keeps strata whole: P. Shirley and K. Chiu (1997).
-        let root = f64::from(u[0]).sqrt();
-        let (s, t) = (root * (1.0 - f64::from(u[1])), root * f64::from(u[1]));
-        EmitterSample {
-            point: corner + s * edges[0] + t * edges[1],
-            normal,
-            radiance,
-            pdf: self.pdf(radiance),
-            edges,
+        let kept = &self.kept[index];
+        kept.sample(u, brightness(kept.radiance) / self.power)
+    }
+
+    /// As [`Emitters::sample`], for light at `place`: a triangle by about what it brings there. `None` where those that
+    /// were looked at show their backs.
+    pub(crate) fn sample_for(&self, place: DVec3, pick: f32, u: [f32; 2]) -> Option<EmitterSample> {
+        let (index, chance) = self.tree.draw(place, pick.into(), |index| self.kept[index].brings(place))?;
+        let kept = &self.kept[index];
+        Some(kept.sample(u, chance / kept.area()))
+    }
+
+    /// Density, per area, with which [`Emitters::sample_for`] draws the point that `ray` meets at `t` for `place`; 0
+    /// where no emitter is met there.
+    pub(crate) fn pdf_for(&self, place: DVec3, ray: &Ray, t: f64) -> f64 {
+        let mut nearest = (f64::INFINITY, 0);
+        self.tree.met(ray, |index| {
+            let apart = self.kept[index].hit(ray).map_or(f64::INFINITY, |own| (own - t).abs());
+            if apart < nearest.0 {
+                nearest = (apart, index);
+            }
+        });
+        let (apart, index) = nearest;
+        if apart == f64::INFINITY {
+            return 0.0;
         }
+        self.tree.chance(place, index, |index| self.kept[index].brings(place)) / self.kept[index].area()
     }
 }
 
 impl Kept {
+    fn area(&self) -> f64 {
+        0.5 * self.edges[0].cross(self.edges[1]).length()
+    }
+
+    /// About what it brings to `place`; nothing behind it.
+    fn brings(&self, place: DVec3) -> f64 {
+        let to = self.corner - place;
+        if to.dot(self.normal) >= 0.0 {
+            return 0.0;
+        }
+        let [ab, ac] = self.edges;
+        let to_centre = to + (ab + ac) / 3.0;
+        falloff(self.area() * brightness(self.radiance), to_centre, 0.5 * ab.length().max(ac.length()))
+    }
+
+    /// The point at `u`, which is drawn with density `pdf`.
+    fn sample(&self, u: [f32; 2], pdf: f64) -> EmitterSample {
+        let Kept { corner, edges, normal, radiance } = *self;
+        // The square folded to the triangle keeps strata whole: P. Shirley and K. Chiu (1997).
+        let root = f64::from(u[0]).sqrt();
+        let (s, t) = (root * (1.0 - f64::from(u[1])), root * f64::from(u[1]));
+        EmitterSample { point: corner + s * edges[0] + t * edges[1], normal, radiance, pdf, edges }
+    }
+
     /// Parameter at which `ray` meets the side that gives light.
     fn hit(&self, ray: &Ray) -> Option<f64> {
         let (direction, [ab, ac]) = (DVec3::from(ray.direction), self.edges);
@@ -189,6 +227,7 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampler::{Decision, Sampler};
 
     #[test]
     fn draws_by_power_and_the_densities_invert_it() {
@@ -207,11 +246,46 @@ mod tests {
             assert_eq!(point.normal, DVec3::Z);
             strong += i32::from(point.radiance[0] == 3.0);
             area += 1.0 / point.pdf / f64::from(count);
-            assert!((emitters.pdf(point.radiance) / point.pdf - 1.0).abs() < 1e-9);
         }
         assert_eq!(strong, 3000);
         assert!((area - 2.5).abs() < 1e-9, "{area}");
         assert!((f64::from(emitters.radiance_area()[0]) - 8.0).abs() < 1e-6);
+    }
+
+    /// For a place that is lit: the mean of one over the density is the area of all that shows its front, and the
+    /// density of a point is told again from a ray that meets it.
+    #[test]
+    fn what_is_drawn_for_a_place_is_all_that_shows_its_front() {
+        const DRAWS: u32 = 20_000;
+        let numbers = |i: u32| Sampler::new(9, [i, 1], 0).draw(Decision::Pixel).map(f64::from);
+        let lamp = |ke: f32| Material { ke: [ke; 3], ..Material::default() };
+        let materials = [lamp(4.0), lamp(0.5)];
+        let emitters: Vec<Emitter> = (0..60)
+            .map(|i| {
+                let at = DVec3::from_slice(&numbers(i)[..3]) * 10.0;
+                let edge =
+                    |k: u32| at + DVec3::from_slice(&numbers(100 + 2 * i + k)[..3]) - DVec3::splat(0.5);
+                Emitter { corners: [at, edge(0), edge(1)].map(|corner| corner.to_array()), material: i % 2 }
+            })
+            .collect();
+        let all = Emitters::new(&emitters, &materials);
+        let place = DVec3::new(4.0, 5.0, -1.0);
+        let fronts = all.kept.iter().filter(|kept| (place - kept.corner).dot(kept.normal) > 0.0);
+        let expected: f64 = fronts.map(Kept::area).sum();
+        let (mut area, mut near) = (0.0, 0);
+        for i in 0..DRAWS {
+            let [u, v, ..] = numbers(1000 + i).map(|x| x as f32);
+            let Some(on) = all.sample_for(place, (i as f32 + 0.5) / DRAWS as f32, [u, v]) else { continue };
+            area += 1.0 / on.pdf / f64::from(DRAWS);
+            near += u32::from(on.point.distance(place) < 5.0);
+            let ray = Ray::new(place, (on.point - place).normalize(), f64::INFINITY);
+            let again = all.pdf_for(place, &ray, on.point.distance(place));
+            assert!((again / on.pdf - 1.0).abs() < 1e-6, "{again} {}", on.pdf);
+        }
+        assert!((area / expected - 1.0).abs() < 0.02, "{area} {expected}");
+        let by_power = (0..DRAWS)
+            .filter(|&i| all.sample((i as f32 + 0.5) / DRAWS as f32, [0.5, 0.5]).point.distance(place) < 5.0);
+        assert!(f64::from(near) > 1.5 * by_power.count() as f64);
     }
 
     /// Light leaves where it is drawn: every ray to a point on a triangle sees that triangle from its front, and

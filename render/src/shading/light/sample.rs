@@ -79,11 +79,12 @@ impl Lights {
         self.share(at, &Source::Sky(self.sky())) * at.bsdf.pdf_rough(direction)
     }
 
-    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws `point` on an emitter of this radiance
-    /// that is seen with cosine `cos` > 0.
-    pub(crate) fn emitter_pdf(&self, at: &ShadingPoint<'_>, point: DVec3, cos: f64, radiance: Vec3) -> f64 {
-        let to = point - at.point;
-        let per_area = self.emitters().pdf(radiance);
+    /// Density (per solid angle) with which [`Lights::sample`] for `at` draws the point of an emitter that `ray` meets
+    /// at
+    /// `t` with cosine `cos` > 0.
+    pub(crate) fn emitter_pdf(&self, at: &ShadingPoint<'_>, (ray, t): (&Ray, f64), cos: f64) -> f64 {
+        let to = ray.at(t) - at.point;
+        let per_area = self.emitters().pdf_for(at.point, ray, t);
         self.share(at, &Source::Emitters(self.emitters())) * per_area * to.length_squared() / cos
     }
 
@@ -158,7 +159,7 @@ impl Source<'_> {
                 Some(LightSample { wi, distance: f64::INFINITY, front: None, weight, pdf })
             }
             Source::Emitters(emitters) => {
-                let on = emitters.sample(u[0], [u[1], u[2]]);
+                let on = emitters.sample_for(at.point, u[0], [u[1], u[2]])?;
                 surface_sample(at, on.point, on.normal, on.radiance, on.pdf)
             }
         }
