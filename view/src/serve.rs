@@ -5,11 +5,23 @@ use crate::server;
 use crate::session_loop::SessionLoop;
 use crate::shared::Shared;
 use crate::surroundings::{ServeOptions, Served, Surroundings};
-use std::net::TcpListener;
+use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::Ordering;
 use std::thread;
 use trex_render::{LiveSession, PagedTracer};
 use trex_store::{Code, Error, Result};
+
+/// Ends the server when it goes.
+struct Ending<'a> {
+    shared: &'a Shared,
+    address: SocketAddr,
+}
+
+impl Drop for Ending<'_> {
+    fn drop(&mut self) {
+        server::end(self.shared, self.address);
+    }
+}
 
 /// Shows `session` to the pages that connect to `listener`, until `around.stop` says so. The session is worked on by the
 /// calling thread and its pool.
@@ -41,9 +53,9 @@ pub fn serve<T: PagedTracer + Send>(
         if let Err(error) = accepting {
             return Err(refused("the system refused a thread", &error));
         }
-        let served = session_loop.run();
-        server::end(shared, address);
-        served
+        // Also when the session panics: who waits for a connection would wait for ever.
+        let _end = Ending { shared, address };
+        session_loop.run()
     })?;
     Ok(Served {
         clients: shared.admitted(),
