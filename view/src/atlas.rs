@@ -110,8 +110,8 @@ impl Atlas {
         }
     }
 
-    /// Makes the message of these blocks in `bytes`, of at most `most` bytes. Gives where it begins; `None` when it does
-    /// not fit.
+    /// Makes the message of these blocks in `bytes`, of at most `most` bytes. Gives where it begins; `None` when it
+    /// does not fit.
     pub(crate) fn encode(&self, most: usize, bytes: &mut Vec<u8>) -> Option<usize> {
         let [width, height] = [self.columns, self.rows].map(|count| (count * BLOCK_SIDE) as u16);
         bytes.clear();

@@ -6,8 +6,8 @@
 //!                      what changes meanwhile is marked ........................................'
 //! ```
 //!
-//! Invariants: 1. one frame is in flight; 2. texts that wait are bounded: a page that takes none is let go; 3. nobody but
-//! its own writer ever waits for a page.
+//! Invariants: 1. one frame is in flight; 2. texts that wait are bounded: a page that takes none is let go; 3. nobody
+//! but its own writer ever waits for a page.
 
 use crate::blocks::{Layout, Marks};
 use crate::picture::{Changed, Settled};

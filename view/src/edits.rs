@@ -4,8 +4,9 @@
 
 use crate::blocks::BLOCK_SIDE;
 use crate::mailbox::{ClientId, Edit, Mail};
-use crate::message::{CameraText, LightText, MaterialText, Notice, SettingsText, text_of};
+use crate::message::{CameraText, LightText, MaterialText, Notice, text_of};
 use crate::session_loop::SessionLoop;
+use crate::settings::SettingsText;
 use crate::state::{BoundsText, HitText, LimitText, Picked, State};
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Code, Error, Result};

@@ -8,10 +8,11 @@
 //!
 //! One client drives, the others watch. Who drives is decided here, so that no watcher's event gets further.
 //!
-//! Invariants: 1. it never grows past its bounds: what does not fit is refused, and who sent it is told; 2. events are of
-//! the one who drives; 3. `has_event` is true exactly while there is something to take.
+//! Invariants: 1. it never grows past its bounds: what does not fit is refused, and who sent it is told; 2. events are
+//! of the one who drives; 3. `has_event` is true exactly while there is something to take.
 
-use crate::message::{CameraText, Format, FromClient, LightText, Role, SettingsEdit};
+use crate::message::{CameraText, Format, FromClient, LightText, Role};
+use crate::settings::SettingsEdit;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard};

@@ -1,8 +1,8 @@
 //! `Motion`: whether the hand moves, and how often a picture that gets better is worth sending.
 //!
-//! Invariants: 1. the hand moves from the second event on that comes within [`REST`] of the one before, until [`REST`] has
-//! passed without any, or the page says so; 2. between an event and the end of its picture, refreshes of what is complete
-//! grow in number as the logarithm of the time.
+//! Invariants: 1. the hand moves from the second event on that comes within [`REST`] of the one before, until [`REST`]
+//! has passed without any, or the page says so; 2. between an event and the end of its picture, refreshes of what is
+//! complete grow in number as the logarithm of the time.
 
 use crate::picture::SCALE_MAX;
 use std::time::{Duration, Instant};

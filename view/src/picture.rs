@@ -1,7 +1,7 @@
 //! `Picture`: what clients are shown, in 8 bits: the whole picture, or every so many pixels of it while it moves.
 //!
-//! Invariants: 1. only tiles that may have changed are looked at, and only blocks whose bytes have changed are marked; 2.
-//! its memory does not grow after [`Picture::new`]; 3. `frame` grows with each change.
+//! Invariants: 1. only tiles that may have changed are looked at, and only blocks whose bytes have changed are marked;
+//! 2. its memory does not grow after [`Picture::new`]; 3. `frame` grows with each change.
 
 use crate::blocks::{BLOCK_SIDE, BLOCKS_MAX, Layout, Marks};
 use crate::tone::Tone;

@@ -23,12 +23,11 @@ impl Drop for Ending<'_> {
     }
 }
 
-/// Shows `session` to the pages that connect to `listener`, until `around.stop` says so. The session is worked on by the
-/// calling thread and its pool.
+/// Shows `session` to the pages that connect to `listener`, until `around.stop` says so. The session is worked on by
+/// the calling thread and its pool.
 ///
-/// # Errors
-/// The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has no room for
-/// [`crate::view_bytes`]; the session cannot go on.
+/// # Errors The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has
+/// no room for [`crate::view_bytes`]; the session cannot go on.
 pub fn serve<T: PagedTracer + Send>(
     session: LiveSession<T>,
     listener: &TcpListener,

@@ -5,8 +5,8 @@
 //!                                          -> /socket: origin ours? 403, room? 503 -> socket.rs
 //! ```
 //!
-//! Invariants: 1. connections and clients are bounded: who comes beyond is sent away at once; 2. a connection answers one
-//! request; 3. when it ends, so do all of its threads.
+//! Invariants: 1. connections and clients are bounded: who comes beyond is sent away at once; 2. a connection answers
+//! one request; 3. when it ends, so do all of its threads.
 
 use crate::http::{self, HEAD_TIME_MAX, Head, Incoming, Status};
 use crate::page;

@@ -6,12 +6,12 @@
 //!    '------------------------- nothing to do: sleep --------------------------- done: one PNG '
 //! ```
 //!
-//! While the hand moves only whole pictures go out, small ones: every so many pixels as there are samples. At rest all of
-//! the picture goes out, in blocks, and less and less often once every pixel has a sample.
+//! While the hand moves only whole pictures go out, small ones: every so many pixels as there are samples. At rest all
+//! of the picture goes out, in blocks, and less and less often once every pixel has a sample.
 //!
-//! Invariants: 1. nothing here waits for a client; 2. the first frame after an event is not stopped by the next one, or a
-//! picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and nothing
-//! is sent.
+//! Invariants: 1. nothing here waits for a client; 2. the first frame after an event is not stopped by the next one,
+//! or a picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and
+//! nothing is sent.
 
 use crate::atlas::Bounded;
 use crate::figures::Figures;

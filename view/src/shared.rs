@@ -1,7 +1,7 @@
 //! `Shared`: what the threads of the viewer have in common.
 //!
-//! Locks, in the order in which they may be held together: greeting, atlas, picture, the list of clients, statistics, an
-//! outbox. The mailbox is held alone.
+//! Locks, in the order in which they may be held together: greeting, atlas, picture, the list of clients, statistics,
+//! an outbox. The mailbox is held alone.
 //!
 //! Invariant: a client that is in the list has had, or has waiting, a welcome of the state at that moment.
 
@@ -54,8 +54,8 @@ pub(crate) struct Shared {
     lease: Mutex<Lease>,
 }
 
-/// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are encoded,
-/// the settled picture, and for each client its frame and its texts.
+/// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are
+/// encoded, the settled picture, and for each client its frame and its texts.
 pub fn view_bytes(full: [u32; 2]) -> u64 {
     let clients = CLIENTS_MAX * (frame_bytes(full) + TEXT_BYTES_MAX + CLIENT_BYTES);
     let connections = (CONNECTIONS_MAX - CLIENTS_MAX) * CONNECTION_BYTES;

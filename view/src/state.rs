@@ -2,7 +2,8 @@
 //!
 //! Invariant: a page that has had the welcome and every `state` since knows all of the state.
 
-use crate::message::{CameraText, LightText, MaterialText, Role, SettingsText, text_of};
+use crate::message::{CameraText, LightText, MaterialText, Role, text_of};
+use crate::settings::SettingsText;
 use serde::Serialize;
 use trex_render::{FrameProgress, RayCounts};
 

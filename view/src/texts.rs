@@ -1,7 +1,7 @@
 //! The view as texts: a command line that makes the same picture, and a scene file.
 //!
-//! Invariants: 1. numbers are written so that they are read back bit by bit; 2. a command line names the scene file where
-//! flags cannot say what has been edited.
+//! Invariants: 1. numbers are written so that they are read back bit by bit; 2. a command line names the scene file
+//! where flags cannot say what has been edited.
 
 use std::fmt::{Display, Write};
 use trex_render::{Camera, Filter, Fov, Light, MaterialEdit, Near, Occluders, RenderKeys};
