@@ -10,16 +10,20 @@ mod demo;
 mod image;
 mod render;
 mod stress;
+mod view;
 
 use crate::values::MemoryLimit;
 pub use bench::{BenchArgs, BenchBuildArgs, BenchRaysArgs, BenchVerb};
 pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs, Switch};
+use std::ffi::OsString;
+use std::path::Path;
 pub use stress::StressArgs;
+pub use view::ViewArgs;
 
 /// Opens triangle meshes far larger than memory and renders them under a memory limit.
 #[derive(Debug, Parser)]
@@ -37,6 +41,7 @@ Examples:
   trex build gen:isosurface:20M -o iso.trex --memory-limit 512MiB
   trex info statue.trex                                what is inside
   trex render statue.trex -o statue.png --memory-limit 128MiB
+  trex view statue.trex                                live in the browser; trex statue.trex does the same
   trex stress statue.trex --scenario flip              two views in turn: how fast it responds
   trex image diff a.exr reference.exr                  how far apart two pictures are
 
@@ -59,6 +64,8 @@ pub enum Verb {
     Verify(VerifyArgs),
     /// Render a page file or a scene
     Render(RenderArgs),
+    /// Show a page file or a scene live in a browser page
+    View(ViewArgs),
     /// Change views, lights or limits faster than a model likes, and judge the responses
     Stress(StressArgs),
     /// Measure this machine on a model
@@ -77,6 +84,7 @@ impl Verb {
             Verb::Info(_) => "info",
             Verb::Verify(_) => "verify",
             Verb::Render(_) => "render",
+            Verb::View(_) => "view",
             Verb::Stress(_) => "stress",
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
@@ -93,6 +101,7 @@ impl Verb {
             Verb::Info(args) => &args.common,
             Verb::Verify(args) => &args.common,
             Verb::Render(args) => &args.common,
+            Verb::View(args) => &args.common,
             Verb::Stress(args) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
@@ -109,6 +118,20 @@ impl Verb {
     }
 }
 
+/// The words of the command line; on a terminal `trex FILE` is `trex view FILE`. `help` is clap's own verb.
+pub fn with_verb(mut words: Vec<OsString>, is_terminal: bool) -> Vec<OsString> {
+    let is_file = |word: &OsString| {
+        let ending = Path::new(word).extension().and_then(|ending| ending.to_str());
+        let is_verb = Cli::command().find_subcommand(word).is_some() || word == "help";
+        !is_verb
+            && ending.is_some_and(|ending| ["trex", "toml"].contains(&ending.to_ascii_lowercase().as_str()))
+    };
+    if is_terminal && words.get(1).is_some_and(is_file) {
+        words.insert(1, "view".into());
+    }
+    words
+}
+
 /// Limit of the demo: its mesh, unpacked, takes several times as much.
 const DEMO_LIMIT_BYTES: u64 = 256 << 20;
 
@@ -116,7 +139,6 @@ const DEMO_LIMIT_BYTES: u64 = 256 << 20;
 mod tests {
     use super::*;
     use crate::values::{self, Input};
-    use clap::CommandFactory;
     use clap::ValueEnum;
 
     fn parse(line: &str) -> Result<Verb, clap::Error> {
@@ -148,6 +170,28 @@ mod tests {
         assert_eq!(args.layers, [Layer::Depth, Layer::Id]);
         assert!(parse("trex render m.trex -o m.png --fov-x 40 --fov-y 40").is_err());
         assert!(parse("trex render m.trex -o m.png --spp 0").is_err());
+    }
+
+    #[test]
+    fn a_file_alone_is_seen_where_there_is_a_terminal() {
+        let words = |line: &str| line.split_whitespace().map(OsString::from).collect::<Vec<_>>();
+        for (typed, meant) in [
+            ("trex a.trex", "trex view a.trex"),
+            ("trex a/b.TOML --spp 4", "trex view a/b.TOML --spp 4"),
+            ("trex info a.trex", "trex info a.trex"),
+            ("trex a.ply", "trex a.ply"),
+            ("trex --help", "trex --help"),
+            ("trex", "trex"),
+        ] {
+            assert_eq!(with_verb(words(typed), true), words(meant), "{typed}");
+            assert_eq!(with_verb(words(typed), false), words(typed));
+        }
+        let Verb::View(args) = parse("trex view a.trex --bind ::1 --host a --host b --no-open").unwrap()
+        else {
+            panic!("not a view")
+        };
+        assert!(args.bind.is_loopback() && args.no_open);
+        assert_eq!((args.host.as_slice(), args.port), (&["a".to_owned(), "b".to_owned()][..], 0));
     }
 
     #[test]

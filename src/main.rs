@@ -29,6 +29,7 @@ use context::Context;
 use failure::Exit;
 use progress::Console;
 use report::Output;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -37,7 +38,8 @@ fn main() -> ExitCode {
 
 fn run() -> Exit {
     let command = report::command_line(std::env::args_os());
-    let cli = match Cli::try_parse() {
+    let words = args::with_verb(std::env::args_os().collect(), std::io::stdout().is_terminal());
+    let cli = match Cli::try_parse_from(words) {
         Ok(cli) => cli,
         Err(error) => {
             // What could not be parsed may still have asked for a document.

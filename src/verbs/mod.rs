@@ -17,6 +17,7 @@ mod show;
 mod stage;
 mod stress;
 mod verify;
+mod view;
 
 use crate::args::{ImageArgs, ImageVerb, Verb};
 use crate::context::Context;
@@ -31,6 +32,7 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::Info(args) => info::run(args, ctx),
         Verb::Verify(args) => verify::run(args, ctx),
         Verb::Render(args) => render::run(args, ctx),
+        Verb::View(args) => view::run(args, ctx),
         Verb::Stress(args) => stress::run(args, ctx),
         Verb::Bench(args) => bench::run(args, ctx),
         Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => image_diff::run(args, ctx),

@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-const VERBS: [&str; 6] = ["demo", "gen", "build", "info", "verify", "render"];
+const VERBS: [&str; 7] = ["demo", "gen", "build", "info", "verify", "render", "view"];
 
 #[track_caller]
 fn trex(line: &str, code: i32) -> Ran {

@@ -30,7 +30,7 @@ const FLOORS: [&str; 14] = [
     "session",
 ];
 /// The crates whose files are looked at, by folder.
-const CRATES: [&str; 6] = ["store", "datasets-gen", "render", "image", "bench", "."];
+const CRATES: [&str; 7] = ["store", "datasets-gen", "render", "view", "image", "bench", "."];
 /// Re-exports that lead to re-exports, at most.
 const SIGNPOSTS_MAX: usize = 8;
 

@@ -1,5 +1,6 @@
 //! Integration tests of trex, one binary: a module per theme.
 
+mod browser;
 mod cgroup;
 mod cli;
 mod command;

@@ -1,0 +1,50 @@
+//! The command line of `trex view`.
+
+use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
+use clap::Args;
+use std::net::IpAddr;
+use std::path::PathBuf;
+
+/// `trex view`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_VIEW)]
+pub struct ViewArgs {
+    /// A page file, or a scene (.toml) that names one
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Address to listen on; any but this machine's own lets others see the model who know the token
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
+    pub bind: IpAddr,
+    /// Port to listen on; 0 = any that is free
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub port: u16,
+    /// A name by which browsers may ask for the page, beside localhost and the address; may be given more than once
+    #[arg(long, value_name = "NAME")]
+    pub host: Vec<String>,
+    /// Do not open a browser
+    #[arg(long)]
+    pub no_open: bool,
+    /// Samples per pixel (default: the scene's, else 16)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub spp: Option<u32>,
+    #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    pub deadline: DeadlineArgs,
+    #[command(flatten)]
+    pub disk: DiskArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_VIEW: &str = "\
+The model in a browser page, live: turn it, change lights and materials, watch memory and times. The page
+is served by this process alone, to who knows the token in the address. Ctrl-C ends it.
+
+A page file without a scene is seen with photon, --lod-error 1, and as large as the page.
+
+Examples:
+  trex view statue.trex                                the browser opens by itself
+  trex statue.trex                                     the same, on a terminal
+  trex view ship.toml --memory-limit 128MiB
+  trex view iso.trex --no-open --port 8000             over SSH: ssh -L 8000:127.0.0.1:8000 HOST";

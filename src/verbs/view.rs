@@ -1,0 +1,315 @@
+//! `trex view`: a page file or a scene, live in a browser page.
+//!
+//! ```text
+//! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
+//! ```
+
+use super::stage::{Play, Stage, io_options, open_scene};
+use crate::args::ViewArgs;
+use crate::context::Context;
+use crate::failure::Exit;
+use crate::memory::Memory;
+use crate::size;
+use crate::values::Milliseconds;
+use serde::Serialize;
+use std::cell::Cell;
+use std::fmt;
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+use trex_render::{
+    Display, Filter, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene, encoder_bytes,
+    film_bytes, filter_bytes,
+};
+use trex_store::layout::FRAME_BYTES;
+use trex_store::{Code, Error, Result};
+use trex_view::{
+    MemoryFigures, ModelFigures, PoolFigures, SIDE_MAX, ServeOptions, Served, Surroundings, Token, serve,
+    view_bytes,
+};
+
+/// Longest frame when no other is asked for.
+const T_MAX: Milliseconds = Milliseconds(100.0);
+/// Size of the picture until the page says its own.
+const FIRST_RESOLUTION: [u32; 2] = [1280, 720];
+/// Smallest side of a picture that is tried where memory is short, pixels.
+const SIDE_LEAST: u32 = 80;
+
+/// Runs `trex view`.
+pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
+    let (mut scene, path) = open_scene(&args.file)?;
+    let follows_page = args.picture.resolution.is_none() && !says_resolution(&args.file, &scene);
+    if scene.model.is_empty() {
+        (scene.render.integrator, scene.render.lod_error) = (Method::Photon, 1.0);
+    }
+    if follows_page {
+        scene.render.resolution = FIRST_RESOLUTION;
+    }
+    args.picture.override_scene(&mut scene);
+    scene.render.spp = args.spp.unwrap_or(scene.render.spp);
+    check_resolution(&scene)?;
+    let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
+    let listener = listen(args)?;
+
+    let io = io_options(&args.disk);
+    let stage = loop {
+        let layers = layers_of(&RenderSettings::new(scene.render)?);
+        let copies_bytes = view_bytes(scene.render.resolution);
+        let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
+        match Stage::open(&play, ctx) {
+            // A smaller picture is better than none.
+            Err(error) if error.code() == Code::MemoryLimit && follows_page => {
+                scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
+            }
+            stage => break stage?,
+        }
+    };
+    let session = stage.session(ctx)?.go_live(frames)?;
+
+    let options = ServeOptions { token: Token::random()?, hosts: args.host.clone(), frames, follows_page };
+    let address = listener.local_addr().map_err(|error| refused(args, &error))?;
+    say_where(args, address, &options.token, ctx);
+    let room = Room {
+        stage: &stage,
+        ctx,
+        now: Cell::new(session.view().settings),
+        most_bytes: ctx.budget.limit_bytes(),
+    };
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+    let around = Surroundings {
+        name: &name,
+        input: &args.file.display().to_string(),
+        model_path: &model_path.display().to_string(),
+        model: model_figures(&stage, &path),
+        file_materials: stage.file.materials(),
+        views: if scene.model.is_empty() { vec![] } else { vec![session.view().camera] },
+        camera: scene.camera,
+        budget: &ctx.budget,
+        memory: &|| memory_figures(&stage, ctx),
+        pool: &|| pool_figures(&stage),
+        set_limit: &|bytes| room.set_limit(bytes),
+        make_room: &|settings| room.make(settings),
+        stop: &|| ctx.interrupt.is_raised(),
+    };
+    let begin = std::time::Instant::now();
+    let served = serve(session, &listener, &options, &around)?;
+    ctx.done(&Viewed {
+        scene: path.display().to_string(),
+        address: address.to_string(),
+        time_ms: begin.elapsed().as_millis() as u64,
+        served,
+        pool: stage.pool.stats(),
+        memory: Memory::new(&ctx.budget),
+    })
+}
+
+/// True for a scene whose text has the key: its default is no wish.
+fn says_resolution(file: &Path, scene: &Scene) -> bool {
+    if scene.model.is_empty() {
+        return false;
+    }
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    text.lines().any(|line| line.split('#').next().is_some_and(|line| line.contains("resolution")))
+}
+
+/// A picture that is sent has fewer pixels on a side than one that is written.
+fn check_resolution(scene: &Scene) -> Result<()> {
+    let [width, height] = scene.render.resolution;
+    if width <= SIDE_MAX && height <= SIDE_MAX {
+        return Ok(());
+    }
+    Err(Error::new(Code::Usage, "this picture is too large to be shown")
+        .at_place("--resolution")
+        .numbers(format!("{width}x{height}, at most {SIDE_MAX} on a side"))
+        .next("ask for a smaller one, or use trex render"))
+}
+
+/// A picture of half the sides; `None` when it would show nothing.
+fn halved(resolution: [u32; 2]) -> Option<[u32; 2]> {
+    let halved = resolution.map(|side| side / 2);
+    halved.iter().all(|&side| side >= SIDE_LEAST).then_some(halved)
+}
+
+/// Smoothed light needs layers.
+fn layers_of(settings: &RenderSettings) -> Layers {
+    Layers { filter: settings.filter == Filter::On, ..Layers::default() }
+}
+
+fn listen(args: &ViewArgs) -> Result<TcpListener> {
+    TcpListener::bind((args.bind, args.port)).map_err(|error| refused(args, &error))
+}
+
+fn refused(args: &ViewArgs, error: &std::io::Error) -> Error {
+    Error::new(Code::Io, "cannot listen for the browser")
+        .at_place(format!("{}", SocketAddr::new(args.bind, args.port)))
+        .numbers(error.to_string())
+        .next("name another --port (0 takes any that is free) or another --bind")
+}
+
+/// Tells where the page is, and opens it where there is a display and the browser is on this machine.
+fn say_where(args: &ViewArgs, address: SocketAddr, token: &Token, ctx: &Context) {
+    let host = match address.ip() {
+        ip if ip.is_unspecified() => args.host.first().cloned().unwrap_or_else(|| "localhost".into()),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+        IpAddr::V4(ip) => ip.to_string(),
+    };
+    let port = address.port();
+    let url = format!("http://{host}:{port}/#token={}", token.digits());
+    // It is of no use without its address: that is told even with --quiet.
+    ctx.console.error(&url);
+    let is_remote = std::env::var_os("SSH_CONNECTION").is_some();
+    if !address.ip().is_loopback() {
+        ctx.console.note(
+            "note: others in the network can see the model, if they learn the token; nothing is encrypted",
+        );
+    } else if is_remote {
+        ctx.console.note(&format!("from your own machine: ssh -L {port}:127.0.0.1:{port} {}", remote_name()));
+    }
+    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
+    if !args.no_open && has_display && !is_remote {
+        open_browser(&url, ctx);
+    }
+}
+
+/// What this machine is called where it was reached from, as far as it can know.
+fn remote_name() -> String {
+    let user = std::env::var("USER").unwrap_or_else(|_| "USER".into());
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_else(|_| "HOST".into());
+    format!("{user}@{}", name.trim())
+}
+
+fn open_browser(url: &str, ctx: &Context) {
+    let mut command = Command::new("xdg-open");
+    command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let opened = command.spawn().and_then(|mut child| {
+        // It ends by itself; who waits for it is no part of what is shown.
+        std::thread::Builder::new().name("view-open".into()).spawn(move || child.wait()).map(drop)
+    });
+    if let Err(error) = opened {
+        ctx.console.note(&format!("note: no browser could be opened ({error}); open the address yourself"));
+    }
+}
+
+/// The memory of frames of pages, while pictures and limits change.
+struct Room<'a> {
+    stage: &'a Stage,
+    ctx: &'a Context,
+    now: Cell<RenderSettings>,
+    /// The limit that trex was started with.
+    most_bytes: u64,
+}
+
+impl Room<'_> {
+    fn needs(&self, settings: RenderSettings, copies_bytes: u64) -> PictureNeeds {
+        let (layers, workers) = (layers_of(&settings), self.ctx.threads);
+        PictureNeeds { settings, layers, workers, is_live: true, copies_bytes }
+    }
+
+    /// Bytes for frames beside pictures of all of `settings` under a limit.
+    fn frames_bytes(&self, settings: &[RenderSettings], limit_bytes: u64) -> Result<u64> {
+        let file = &self.stage.file;
+        let (last, others) = settings.split_last().expect("a picture has settings");
+        let mut copies_bytes = view_bytes(last.resolution);
+        for other in others {
+            let plan = MemoryPlan::new(file, &self.needs(*other, 0), u64::MAX)?;
+            let (size, layers) = (other.resolution, layers_of(other));
+            let smoothing = if layers.filter { filter_bytes(size) } else { 0 };
+            copies_bytes += plan.film_bytes - encoder_bytes(size, layers) - smoothing;
+            if (size, layers) == (last.resolution, layers_of(last)) {
+                // The film and what is on show stay.
+                copies_bytes -= film_bytes(size, layers) + Display::bytes(size);
+            }
+        }
+        let plan = MemoryPlan::new(file, &self.needs(*last, copies_bytes), limit_bytes)?;
+        // The buffers between disk and frames stay as they were opened.
+        Ok((plan.frames_bytes + plan.staging_bytes).saturating_sub(self.stage.shares.staging_bytes))
+    }
+
+    fn make(&self, settings: &[RenderSettings]) -> Result<()> {
+        let frames_bytes = self.frames_bytes(settings, self.ctx.budget.limit_bytes())?;
+        self.stage.pool.set_limit(frames_bytes)?;
+        if let [only] = settings {
+            self.now.set(*only);
+        }
+        Ok(())
+    }
+
+    /// A limit for the process below the one that it was started with, or that one again.
+    fn set_limit(&self, bytes: u64) -> Result<()> {
+        let (budget, most) = (&self.ctx.budget, self.most_bytes);
+        if bytes > most {
+            return Err(Error::new(Code::Usage, "the limit cannot pass the one that trex was started with")
+                .at_place("the memory limit")
+                .numbers(format!("{} asked, {} at most", size::bytes(bytes), size::bytes(most)))
+                .next("start it again with a greater --memory-limit"));
+        }
+        let frames_bytes = self.frames_bytes(&[self.now.get()], bytes)?;
+        // Frames that go are leased until they have gone, those that come need the room first.
+        budget.set_limit(bytes.max(budget.limit_bytes()));
+        self.stage.pool.set_limit(frames_bytes)?;
+        budget.set_limit(bytes);
+        Ok(())
+    }
+}
+
+fn model_figures(stage: &Stage, path: &Path) -> ModelFigures {
+    ModelFigures {
+        triangle_count: stage.file.superblock().triangle_count,
+        file_bytes: std::fs::metadata(path).map_or(0, |metadata| metadata.len()),
+        page_count: stage.file.pages().len() as u64,
+        material_count: stage.file.materials().len() as u64,
+    }
+}
+
+fn memory_figures(stage: &Stage, ctx: &Context) -> MemoryFigures {
+    MemoryFigures {
+        used_bytes: ctx.budget.used_bytes(),
+        limit_bytes: ctx.budget.limit_bytes(),
+        peak_rss_bytes: Memory::new(&ctx.budget).peak_rss_bytes,
+        frames_bytes: stage.pool.stats().frames * FRAME_BYTES as u64,
+    }
+}
+
+fn pool_figures(stage: &Stage) -> PoolFigures {
+    let stats = stage.pool.stats();
+    PoolFigures {
+        frames: stats.frames,
+        resident: stats.pages_read.saturating_sub(stats.evictions).min(stats.frames),
+        pages_read: stats.pages_read,
+        misses: stats.misses,
+        evictions: stats.evictions,
+        bytes_read: stats.bytes_read,
+    }
+}
+
+#[derive(Serialize)]
+struct Viewed {
+    scene: String,
+    address: String,
+    time_ms: u64,
+    #[serde(flatten)]
+    served: Served,
+    pool: trex_store::pool::PoolStats,
+    memory: Memory,
+}
+
+impl fmt::Display for Viewed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Served { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
+        writeln!(
+            f,
+            "{:.0} s; {clients} pages, {events} events, {frames} frames, {frames_drawn} drawn, {} sent",
+            Duration::from_millis(self.time_ms).as_secs_f64(),
+            size::bytes(sent_bytes)
+        )?;
+        write!(
+            f,
+            "pages: {} read; memory limit {}, peak {}",
+            size::count(self.pool.pages_read),
+            size::bytes(self.memory.limit_bytes),
+            self.memory.peak_rss_bytes.map_or_else(|| "unknown".into(), size::bytes)
+        )
+    }
+}

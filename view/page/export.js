@@ -1,0 +1,137 @@
+// The panel to save and share: links, the command line, the scene's text, and pictures rendered by the server.
+//
+// Invariants: 1. the texts are the server's own; 2. one picture is under way at a time; 3. a file becomes a download
+// by a blob's address, which is given back.
+
+import { to_text } from "./camera.js";
+import { button, choice_row, element, number_row, row } from "./widgets.js";
+
+/** Kind, format, two bytes, and the number of the picture. */
+const HEADER_BYTES = 8;
+const FORMATS = [["png", "PNG"], ["exr", "EXR: linear light"]];
+/** A blob's address lives this long, ms: the download has begun by then. */
+const ADDRESS_MS = 60_000;
+
+export class Export {
+  constructor(app) {
+    this.app = app;
+    this.format = "png";
+    this.size = null;
+    this.spp = null;
+    this.under_way = null;
+    app.listen("progress", (progress) => this.progressed(progress));
+    app.listen("file", (buffer) => this.received(buffer));
+    app.listen("link", () => this.ended());
+    app.listen("notice", ({ code }) => code === "screenshot" && this.ended());
+  }
+
+  async copy(text, what) {
+    try {
+      await navigator.clipboard.writeText(text);
+      this.app.panels.say(`Copied: ${what}`);
+    } catch {
+      const next = "select the text in this panel and copy it by hand";
+      this.app.notices.show({ level: "error", code: "clipboard", text: "the browser lets no page copy here", next });
+    }
+  }
+
+  get link() {
+    const { camera, connection } = this.app;
+    const view = to_text(camera);
+    return `${location.origin}/#token=${connection.token}&view=${view}`;
+  }
+
+  copy_link() {
+    this.copy(this.link, "link to this view");
+  }
+
+  /** Asks for a picture. */
+  take(format, size, spp) {
+    const { app } = this;
+    const id = app.next_id();
+    if (this.under_way === null && app.connection.send({ type: "screenshot", id, format, size, spp })) {
+      this.under_way = { id, done: 0, total: 0 };
+      app.panels.say("The picture is being rendered");
+      app.panels.refresh("export");
+    }
+  }
+
+  /** A PNG of what is shown, at its size. */
+  quick() {
+    this.take("png", this.app.state.size, this.app.state.settings.spp ?? 16);
+  }
+
+  progressed({ id, done, total }) {
+    if (this.under_way?.id === id) {
+      Object.assign(this.under_way, { done, total });
+      const bar = document.querySelector("#panel-body progress");
+      if (bar !== null) {
+        [bar.max, bar.value] = [Math.max(1, total), done];
+      }
+    }
+  }
+
+  received(buffer) {
+    const view = new DataView(buffer);
+    const [format, id] = [view.getUint8(1) === 1 ? "exr" : "png", view.getUint32(4, true)];
+    if (this.under_way?.id !== id) {
+      return;
+    }
+    this.ended();
+    const type = format === "png" ? "image/png" : "image/x-exr";
+    const address = URL.createObjectURL(new Blob([new Uint8Array(buffer, HEADER_BYTES)], { type }));
+    const stem = String(this.app.state.name ?? "picture").replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "-");
+    element("a", { href: address, download: `${stem || "picture"}.${format}` }).click();
+    setTimeout(() => URL.revokeObjectURL(address), ADDRESS_MS);
+    this.app.tell("saved", { format, byte_count: buffer.byteLength - HEADER_BYTES });
+  }
+
+  ended() {
+    this.under_way = null;
+    this.app.panels?.refresh("export");
+  }
+
+  /** The panel. */
+  panel() {
+    const { state } = this.app;
+    return [
+      element("h3", {}, "This view"),
+      this.text("Link", this.app.camera ? this.link : "", "link to this view", 2),
+      this.text("Command line", state.command ?? "", "command line", 4),
+      this.text("Scene file", state.scene ?? "", "scene file", 8),
+      element("h3", {}, "Picture"),
+      ...this.picture(),
+    ];
+  }
+
+  text(label, text, what, lines) {
+    const area = element("textarea", { readonly: true, rows: lines, spellcheck: "false", wrap: "soft" });
+    area.value = text;
+    const made = row(label, area);
+    made.classList.add("text");
+    made.insertBefore(button("Copy", () => this.copy(area.value, what), { "aria-label": `Copy the ${what}` }), area);
+    return made;
+  }
+
+  picture() {
+    const { app } = this;
+    const size = this.size ?? app.state.size ?? [1280, 720];
+    const spp = this.spp ?? app.state.settings.spp ?? 16;
+    const side = (at) => (value) => {
+      this.size = [...size];
+      this.size[at] = value;
+      size[at] = value;
+    };
+    const sides = { min: 1, max: 32768, step: 1 };
+    const take = () => this.take(this.format, this.size ?? app.state.size, this.spp ?? spp);
+    const done = this.under_way;
+    return [
+      choice_row("Format", this.format, FORMATS, (format) => { this.format = format; }),
+      number_row("Width", size[0], sides, side(0)),
+      number_row("Height", size[1], sides, side(1)),
+      number_row("Samples a pixel", spp, { min: 1, max: 65536, step: 1 }, (value) => { this.spp = value; }),
+      element("div", { class: "buttons" }, button("Render and save", take, { disabled: done !== null })),
+      done ? element("progress", { max: Math.max(1, done.total), value: done.done, "aria-label": "Picture" }) : null,
+    ];
+  }
+}

@@ -1,0 +1,162 @@
+// The panel of the lights: add, remove, kind, colour, strength, place. Every change sends all lights.
+//
+// Invariants: 1. a new light is as strong as suits the model's size: it lights the target about as much as a lamp in a
+// room; 2. a change of kind keeps colour, place and what arrives at the model.
+
+import { frame } from "./camera.js";
+import { add, across, cross, distance, scale, subtract, unit } from "./vector.js";
+import { button, choice_row, colour_row, element, once_a_frame, swatch, switch_row, vector_row } from "./widgets.js";
+
+const KINDS = [["point", "Lamp"], ["directional", "Sun"], ["rect", "Area light"], ["sky", "Sky"]];
+const NAMES = Object.fromEntries(KINDS);
+/** Keys of the light's colour by kind, and the irradiance that a new one brings to the target, W/m^2. */
+const COLOUR = { point: "intensity", directional: "irradiance", rect: "radiance", sky: "radiance" };
+const IRRADIANCE = 3;
+/** Side of a new area light, in distances to the target. */
+const RECT_SIDE = 0.25;
+/** A new light stands this far from the target, in the camera's distance. */
+const STANDS_AT = 0.8;
+const WHITE = [1, 1, 1];
+
+export class Lights {
+  constructor(app, handles) {
+    this.app = app;
+    this.handles = handles;
+    this.send = once_a_frame((lights) => app.set_lights(lights));
+  }
+
+  closed() {
+    this.handles.toggle(false);
+  }
+
+  get lights() {
+    return this.app.state.lights;
+  }
+
+  /** Light `at` replaced by `light`; null takes it away. */
+  put(at, light) {
+    const lights = [...this.lights];
+    lights.splice(at, 1, ...(light ? [light] : []));
+    if (this.app.may_edit()) {
+      this.app.state.lights = lights;
+      this.app.paint();
+      this.send(lights);
+    }
+  }
+
+  /** All lights `factor` times as strong. */
+  stronger(factor) {
+    const lights = this.lights.map((light) => {
+      const key = COLOUR[light.type];
+      return { ...light, [key]: light[key].map((x) => x * factor) };
+    });
+    if (lights.length > 0) {
+      this.app.set_lights(lights);
+      this.app.panels.refresh("lights");
+      this.app.panels.say(factor > 1 ? "All lamps stronger" : "All lamps weaker");
+    }
+  }
+
+  /** A light of `kind` in `colour` that brings IRRADIANCE to the target from `position`. */
+  made(kind, position, colour) {
+    const { target } = this.app.camera;
+    const far = distance(position, target) || this.app.extent;
+    const towards = unit(subtract(target, position), [0, -1, 0]);
+    const of = (strength) => colour.map((x) => x * strength);
+    if (kind === "point") {
+      return { type: kind, position, intensity: of(IRRADIANCE * far * far) };
+    }
+    if (kind === "directional") {
+      return { type: kind, direction: towards, irradiance: of(IRRADIANCE) };
+    }
+    if (kind === "sky") {
+      return { type: kind, radiance: of(IRRADIANCE / Math.PI / 2) };
+    }
+    const side = RECT_SIDE * far;
+    // It shines to the side of edge_u x edge_v.
+    const edge_u = scale(across(towards), side);
+    const edge_v = scale(unit(cross(towards, edge_u)), side);
+    const corner = subtract(position, scale(add(edge_u, edge_v), 0.5));
+    return { type: kind, corner, edge_u, edge_v, radiance: of(IRRADIANCE / RECT_SIDE ** 2) };
+  }
+
+  add(kind) {
+    const { app } = this;
+    if (app.camera === null) {
+      return;
+    }
+    const { right, up, forward } = frame(app.camera);
+    const far = distance(app.camera.position, app.camera.target) * STANDS_AT;
+    const way = unit(add(add(scale(right, 0.5), scale(up, 0.6)), scale(forward, -1)));
+    const position = add(app.camera.target, scale(way, far));
+    this.handles.selected = this.lights.length;
+    app.set_lights([...this.lights, this.made(kind, position, WHITE)]);
+    app.panels.rebuild();
+  }
+
+  /** The panel. */
+  panel() {
+    this.handles.toggle(true);
+    const adds = KINDS.map(([kind, text]) => button(`+ ${text}`, () => this.add(kind)));
+    const at = Math.min(this.handles.selected, this.lights.length - 1);
+    const items = this.lights.map((light, index) => this.item(light, index, index === at));
+    const none = element("p", { class: "hint" }, "None: a sun and a pale sky of the renderer's own, or what glows.");
+    return [
+      element("div", { class: "buttons" }, ...adds),
+      items.length ? element("ul", { class: "list choose", "aria-label": "Lights" }, ...items) : none,
+      at >= 0 ? this.editor(this.lights[at], at) : null,
+      switch_row("Handles over the picture", this.handles.are_shown, (on) => this.handles.toggle(on)),
+      element("p", { class: "hint" }, "Drag a handle: its light moves in the plane of the picture."),
+    ];
+  }
+
+  item(light, index, is_selected) {
+    const mark = element("span", { class: "dot" });
+    mark.style.background = swatch(light[COLOUR[light.type]]);
+    const choose = () => {
+      this.handles.selected = index;
+      this.app.panels.rebuild();
+      this.app.paint();
+    };
+    const remove = () => {
+      this.put(index, null);
+      this.app.panels.rebuild();
+    };
+    const name = `${NAMES[light.type]} ${index + 1}`;
+    const attributes = { type: "button", class: "name", "aria-pressed": String(is_selected), click: choose };
+    return element("li", {},
+      element("button", attributes, mark, name),
+      button("×", remove, { class: "quiet", "aria-label": `Remove ${name}` }));
+  }
+
+  editor(light, at) {
+    const key = COLOUR[light.type];
+    const now = () => this.lights[at] ?? light;
+    const change = (values) => this.put(at, { ...now(), ...values });
+    const most = Math.max(...light[key], 1e-6);
+    const range = { min: most * 1e-3, max: most * 1e3 };
+    const place = this.handles.point(light) ?? add(this.app.camera.position, [0, 0, 0]);
+    const colour = () => {
+      const strongest = Math.max(...now()[key]);
+      return strongest > 0 ? now()[key].map((x) => x / strongest) : WHITE;
+    };
+    const change_kind = (kind) => {
+      this.put(at, this.made(kind, place, colour()));
+      this.app.panels.rebuild();
+    };
+    const rows = {
+      point: () => [vector_row("Position", light.position, (position) => change({ position }))],
+      directional: () => [vector_row("Direction", light.direction, (direction) => change({ direction }))],
+      rect: () => ["corner", "edge_u", "edge_v"].map((name) =>
+        vector_row({ corner: "Corner", edge_u: "Edge u", edge_v: "Edge v" }[name], light[name],
+          (value) => change({ [name]: value }))),
+      sky: () => [],
+    };
+    const units = { point: "W/sr", directional: "W/m²", rect: "W/m²/sr", sky: "W/m²/sr" };
+    return element("fieldset", {},
+      element("legend", {}, `${NAMES[light.type]} ${at + 1}`),
+      choice_row("Kind", light.type, KINDS, change_kind),
+      colour_row(units[light.type], light[key], range, (rgb) => change({ [key]: rgb })),
+      ...rows[light.type]());
+  }
+}

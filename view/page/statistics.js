@@ -1,0 +1,177 @@
+// The panel of the statistics: every number that the system promises, as it is now, with small plots; and the line of
+// progress at the bottom of the page.
+//
+// Invariants: 1. what the server does not say is not shown; 2. plots go on while the panel is closed, so that it opens
+// with what has been.
+
+import { Plot } from "./plot.js";
+import { bytes, element, short } from "./widgets.js";
+
+const byId = (id) => document.getElementById(id);
+const MS = (number) => (Number.isFinite(number) ? `${number < 10 ? number.toFixed(1) : Math.round(number)} ms` : "-");
+const STAGES = {
+  preview: "Preview",
+  part: "Sharpening",
+  block: "Sharpening",
+  complete: "Converging",
+  done: "Done",
+};
+
+/** Rows with a plot: [key, label, value of the statistics, text, limit]. */
+const PLOTS = [
+  ["memory", "Memory", (s) => s.memory?.used_bytes, bytes, (s) => s.memory?.limit_bytes],
+  ["fps", "Pictures/s", (s) => s.fps, (x) => x.toFixed(1)],
+  ["rate", "Bytes/s", (s) => s.bytes_per_s, bytes],
+  ["rays", "Rays/s", (s) => sum(s.rays_per_s), short],
+  ["misses", "Misses/s", (s) => s.misses_per_s, short],
+  ["error", "Pixel error", (s) => s.pixel_error?.in_force, (x) => `${Number(x.toPrecision(3))} px`,
+    (s) => s.pixel_error?.asked],
+];
+
+/** Rows of text by heading: [label, text of the statistics or undefined]. */
+const FACTS = [
+  ["Picture", [
+    ["Samples", (s) => given(s.samples, (x) => `${x} of ${s.spp}`)],
+    ["Light that has come", (s) => given(s.light_share, (x) => `${Math.round(100 * x)} %`)],
+    ["Pixel error asked", (s) => given(s.pixel_error?.asked, (x) => `${Number(x.toPrecision(3))} px`)],
+    ["Sent so far", (s) => given(s.sent_bytes, bytes)],
+  ]],
+  ["Times after an event", [
+    ["First", (s) => given(s.times_ms?.first, MS)],
+    ["Whole", (s) => given(s.times_ms?.whole, MS)],
+    ["Response", (s) => given(s.times_ms?.response, MS)],
+    ["Complete", (s) => given(s.times_ms?.complete, MS)],
+  ]],
+  ["Rays a second", ["primary", "shadow", "gather", "far", "photon"].map((kind) =>
+    [kind[0].toUpperCase() + kind.slice(1), (s) => given(s.rays_per_s?.[kind], short)])],
+  ["Memory", [
+    ["Limit", (s) => given(s.memory?.limit_bytes, bytes)],
+    ["In frames of the pool", (s) => given(s.memory?.frames_bytes, bytes)],
+    ["Greatest of the process", (s) => given(s.memory?.peak_rss_bytes, bytes)],
+  ]],
+  ["Pool of pages", [
+    ["Frames", (s) => given(s.pool?.frames, short)],
+    ["Pages in them", (s) => given(s.pool?.resident, short)],
+    ["Pages read", (s) => given(s.pool?.pages_read, short)],
+    ["Misses", (s) => given(s.pool?.misses, short)],
+    ["Evictions", (s) => given(s.pool?.evictions, short)],
+    ["Bytes read", (s) => given(s.pool?.bytes_read, bytes)],
+  ]],
+];
+
+const given = (value, text) => (Number.isFinite(value) ? text(value) : undefined);
+const sum = (kinds) => (kinds ? Object.values(kinds).reduce((all, one) => all + (one || 0), 0) : undefined);
+
+export class Statistics {
+  constructor(app) {
+    this.app = app;
+    this.plots = new Map(PLOTS.map(([key, label]) => [key, new Plot(label)]));
+    this.texts = new Map();
+    this.before = null;
+    app.listen("stats", (stats) => this.take(stats));
+  }
+
+  take(stats) {
+    const now = performance.now();
+    const misses = stats.pool?.misses;
+    if (this.before !== null && Number.isFinite(misses)) {
+      const seconds = Math.max(0.05, (now - this.before.now) / 1000);
+      stats.misses_per_s = Math.max(0, misses - this.before.misses) / seconds;
+    }
+    this.before = Number.isFinite(misses) ? { now, misses } : null;
+    for (const [key, , value, , limit] of PLOTS) {
+      const number = value(stats);
+      if (Number.isFinite(number)) {
+        this.plots.get(key).add(number, limit?.(stats) ?? null);
+      }
+    }
+    this.fill(stats);
+    show_progress(stats);
+  }
+
+  /** The panel. */
+  panel() {
+    this.texts.clear();
+    const stats = this.app.state.stats ?? {};
+    const plots = PLOTS.map(([key, label]) => {
+      const text = element("span", { class: "value" }, "-");
+      this.texts.set(`plot ${key}`, text);
+      return element("div", { class: "plot-row" }, element("span", {}, label), this.plots.get(key).canvas, text);
+    });
+    const tables = FACTS.flatMap(([heading, rows]) => {
+      const parts = rows.flatMap(([label]) => {
+        const text = element("dd", {}, "-");
+        this.texts.set(`${heading} ${label}`, text);
+        return [element("dt", {}, label), text];
+      });
+      return [element("h3", {}, heading), element("dl", { class: "facts" }, ...parts)];
+    });
+    requestAnimationFrame(() => this.plots.forEach((plot) => plot.draw()));
+    queueMicrotask(() => this.fill(stats));
+    return [...plots, ...tables, ...this.model()];
+  }
+
+  /** What the model says of itself. */
+  model() {
+    const rows = Object.entries(this.app.state.model ?? {})
+      .filter(([, value]) => ["number", "string", "boolean"].includes(typeof value));
+    const number = (key, value) => (key.endsWith("_bytes") ? bytes(value) : short(value));
+    const text = (key, value) => (typeof value === "number" ? number(key, value) : String(value));
+    const name = (key) => (key[0].toUpperCase() + key.slice(1)).replace(/_bytes$/, "").replaceAll("_", " ");
+    const parts = rows.flatMap(([key, value]) => [element("dt", {}, name(key)), element("dd", {}, text(key, value))]);
+    return parts.length > 0 ? [element("h3", {}, "Model"), element("dl", { class: "facts" }, ...parts)] : [];
+  }
+
+  fill(stats) {
+    const put = (key, text) => {
+      const place = this.texts.get(key);
+      if (place !== undefined) {
+        place.textContent = text ?? "-";
+      }
+    };
+    for (const [key, , value, text] of PLOTS) {
+      put(`plot ${key}`, given(value(stats), text));
+    }
+    for (const [heading, rows] of FACTS) {
+      rows.forEach(([label, text]) => put(`${heading} ${label}`, text(stats)));
+    }
+  }
+}
+
+/** The line at the bottom: what is under way. */
+function show_progress(stats) {
+  const share = stats.progress === "done" ? 1 : Math.min(1, (stats.samples ?? 0) / Math.max(1, stats.spp ?? 1));
+  byId("bar").style.transform = `scaleX(${share})`;
+  byId("progress").textContent = stats.progress === "done" || !Number.isFinite(stats.samples)
+    ? STAGES[stats.progress] ?? ""
+    : `${STAGES[stats.progress] ?? ""} ${stats.samples} of ${stats.spp}`;
+  const { used_bytes, limit_bytes } = stats.memory ?? {};
+  byId("memory").textContent = Number.isFinite(used_bytes) ? `${bytes(used_bytes)} of ${bytes(limit_bytes)}` : "";
+  byId("rate").textContent = stats.fps >= 1 && stats.progress !== "done" ? `${stats.fps.toFixed(0)}/s` : "";
+}
+
+/** The line at the bottom: who drives, and whether the server is there; and the model's name at the top. */
+export function keep_status(app) {
+  const LINKS = { connecting: "connecting", reconnecting: "lost, trying again", lost: "lost", refused: "refused" };
+  const show = () => {
+    const is_open = app.connection.is_open && app.link === "open";
+    const role = app.state.role === "drive" ? "driving" : "watching";
+    const others = (app.state.clients ?? 1) - 1;
+    const name = is_open ? role : LINKS[app.link] ?? "connecting";
+    document.body.dataset.link = is_open ? role : app.link;
+    byId("role").textContent = others > 0 && is_open ? `${name}, ${others} more here` : name;
+    byId("drive").hidden = !is_open || app.state.role === "drive";
+  };
+  byId("drive").addEventListener("click", () => app.connection.send({ type: "drive" }));
+  app.listen("link", show);
+  app.listen("role", show);
+  app.listen("clients", show);
+  app.listen("welcome", (state) => {
+    app.link = "open";
+    show();
+    document.title = `${state.name} · trex`;
+    byId("name").textContent = state.name;
+    const count = state.model?.triangle_count;
+    byId("count").textContent = Number.isFinite(count) ? `${short(count)} triangles` : "";
+  });
+}

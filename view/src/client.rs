@@ -1,0 +1,366 @@
+//! `Client`: what is to go to one page, between the session's thread, the one that reads from it and the one that
+//! writes to it.
+//!
+//! ```text
+//! blocks are marked -> one frame goes, with all that is marked -> the page draws it, acknowledges -> the next
+//!                      what changes meanwhile is marked ........................................'
+//! ```
+//!
+//! Invariants: 1. one frame is in flight; 2. texts that wait are bounded: a page that takes none is let go; 3. nobody but
+//! its own writer ever waits for a page.
+
+use crate::blocks::{Layout, Marks};
+use crate::picture::{Changed, Settled};
+use crate::state::Stats;
+use std::collections::VecDeque;
+use std::net::{Shutdown, TcpStream};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+use trex_store::Lease;
+
+/// Most texts that wait.
+const TEXTS_MAX: usize = 256;
+/// Most bytes of texts that wait; a single one may be longer.
+pub(crate) const TEXT_BYTES_MAX: usize = 128 << 10;
+/// Bytes of a frame that is not small, at first, and at least.
+const WINDOW_FIRST_BYTES: f64 = 262_144.0;
+const WINDOW_LEAST_BYTES: f64 = 16_384.0;
+/// A frame that is acknowledged within the first may be followed by a greater one; after the second, by a smaller.
+const FAST: Duration = Duration::from_millis(80);
+const SLOW: Duration = Duration::from_millis(250);
+
+/// Codes of closing.
+pub(crate) mod close {
+    /// All is well.
+    pub(crate) const NORMAL: u16 = 1000;
+    /// The server ends.
+    pub(crate) const GOING_AWAY: u16 = 1001;
+    /// It broke a rule.
+    pub(crate) const POLICY: u16 = 1008;
+    /// It said a wrong token.
+    pub(crate) const BAD_TOKEN: u16 = 4401;
+}
+
+/// A page that is connected.
+#[derive(Debug)]
+pub(crate) struct Client {
+    pub(crate) id: u32,
+    pub(crate) stream: TcpStream,
+    outbox: Mutex<Outbox>,
+    wake: Condvar,
+}
+
+/// What is to go.
+#[derive(Debug)]
+pub(crate) struct Outbox {
+    pub(crate) marks: Marks,
+    pub(crate) window: Window,
+    settled: Option<Settled>,
+    in_flight: Option<InFlight>,
+    texts: VecDeque<String>,
+    text_bytes: usize,
+    stats: Option<Arc<Stats>>,
+    files: VecDeque<File>,
+    pong: Option<Vec<u8>>,
+    close: Option<u16>,
+    sent: Sent,
+}
+
+/// A file for the page.
+#[derive(Debug)]
+pub(crate) struct File {
+    /// What goes before it in its message.
+    pub(crate) head: Vec<u8>,
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) _lease: Lease,
+}
+
+/// A frame on its way.
+#[derive(Clone, Copy, Debug)]
+struct InFlight {
+    frame: u32,
+    since: Instant,
+    bytes: usize,
+    blocks: usize,
+}
+
+/// How much a frame may hold: a line that is slow gets small ones, or the next event waits behind it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Window {
+    bytes: f64,
+    bytes_per_block: f64,
+}
+
+/// What has been sent.
+#[derive(Clone, Copy, Debug)]
+struct Sent {
+    bytes: u64,
+    frames: u64,
+    /// The same when statistics went last, and when that was.
+    before: (u64, u64),
+    at: Instant,
+}
+
+/// What goes next.
+#[derive(Debug)]
+pub(crate) enum Next {
+    Text(String),
+    /// Marked blocks.
+    Blocks,
+    Whole(Settled),
+    File(File),
+    Pong(Vec<u8>),
+    Close(u16),
+}
+
+impl Client {
+    /// A page that has seen nothing of a picture.
+    pub(crate) fn new(id: u32, stream: TcpStream, layout: Layout, settled: Option<Settled>) -> Client {
+        let outbox = Outbox {
+            marks: Marks::all(layout),
+            window: Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 },
+            settled,
+            in_flight: None,
+            texts: VecDeque::new(),
+            text_bytes: 0,
+            stats: None,
+            files: VecDeque::new(),
+            pong: None,
+            close: None,
+            sent: Sent { bytes: 0, frames: 0, before: (0, 0), at: Instant::now() },
+        };
+        Client { id, stream, outbox: Mutex::new(outbox), wake: Condvar::new() }
+    }
+
+    /// What is to go.
+    pub(crate) fn outbox(&self) -> MutexGuard<'_, Outbox> {
+        self.outbox.lock().expect("a thread of the viewer panicked")
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Outbox)) {
+        change(&mut self.outbox());
+        self.wake.notify_one();
+    }
+
+    /// Sends a text.
+    pub(crate) fn tell(&self, text: String) {
+        self.change(|outbox| {
+            let is_long = outbox.text_bytes > 0 && outbox.text_bytes + text.len() > TEXT_BYTES_MAX;
+            if outbox.texts.len() >= TEXTS_MAX || is_long {
+                outbox.close.get_or_insert(close::POLICY);
+                return;
+            }
+            outbox.text_bytes += text.len();
+            outbox.texts.push_back(text);
+        });
+    }
+
+    /// Sends statistics, in place of those that have not gone.
+    pub(crate) fn tell_stats(&self, stats: &Arc<Stats>) {
+        self.change(|outbox| outbox.stats = Some(stats.clone()));
+    }
+
+    /// Sends a file. Its memory is leased: the budget bounds how many wait.
+    pub(crate) fn send_file(&self, file: File) {
+        self.change(|outbox| outbox.files.push_back(file));
+    }
+
+    /// Answers a ping.
+    pub(crate) fn pong(&self, payload: Vec<u8>) {
+        self.change(|outbox| outbox.pong = Some(payload));
+    }
+
+    /// Marks what has changed in a picture of `layout`.
+    pub(crate) fn mark(&self, changed: &Changed, layout: Layout) {
+        self.change(|outbox| {
+            match changed {
+                Changed::All => outbox.marks = Marks::all(layout),
+                Changed::Some(marks) => outbox.marks.add(marks),
+            }
+            outbox.settled = None;
+        });
+    }
+
+    /// Sends the settled picture, once what is marked has gone.
+    pub(crate) fn settle(&self, settled: &Settled) {
+        self.change(|outbox| outbox.settled = Some(settled.clone()));
+    }
+
+    /// Learns that a frame has been drawn.
+    pub(crate) fn acknowledge(&self, frame: u32) {
+        self.change(|outbox| {
+            if let Some(flight) = outbox.in_flight.take_if(|flight| flight.frame == frame) {
+                outbox.window.learn(&flight);
+                outbox.sent.frames += 1;
+            }
+        });
+    }
+
+    /// Ends the connection once what is being written is through.
+    pub(crate) fn close(&self, code: u16) {
+        self.change(|outbox| {
+            outbox.close.get_or_insert(code);
+        });
+    }
+
+    /// Ends the connection now.
+    pub(crate) fn hang_up(&self) {
+        self.close(close::GOING_AWAY);
+        // It may have ended by itself.
+        let _ = self.stream.shutdown(Shutdown::Both);
+    }
+
+    /// Waits for what goes next.
+    pub(crate) fn next(&self) -> Next {
+        let mut outbox = self.outbox();
+        loop {
+            if let Some(next) = outbox.next() {
+                return next;
+            }
+            outbox = self.wake.wait(outbox).expect("a thread of the viewer panicked");
+        }
+    }
+}
+
+impl Outbox {
+    fn next(&mut self) -> Option<Next> {
+        if let Some(code) = self.close {
+            return Some(Next::Close(code));
+        }
+        if let Some(payload) = self.pong.take() {
+            return Some(Next::Pong(payload));
+        }
+        if let Some(text) = self.texts.pop_front() {
+            self.text_bytes -= text.len();
+            return Some(Next::Text(text));
+        }
+        if let Some(stats) = self.stats.take() {
+            return Some(Next::Text(self.sent.tell(&stats)));
+        }
+        if let Some(file) = self.files.pop_front() {
+            return Some(Next::File(file));
+        }
+        if self.in_flight.is_some() {
+            return None;
+        }
+        if !self.marks.is_empty() {
+            return Some(Next::Blocks);
+        }
+        self.settled.take().map(Next::Whole)
+    }
+
+    /// Notes that a frame is on its way.
+    pub(crate) fn fly(&mut self, frame: u32, bytes: usize, blocks: usize) {
+        self.in_flight = Some(InFlight { frame, since: Instant::now(), bytes, blocks });
+    }
+
+    /// Counts bytes that were written.
+    pub(crate) fn count_sent(&mut self, bytes: usize) {
+        self.sent.bytes += bytes as u64;
+    }
+
+    /// Bytes and frames that were sent.
+    pub(crate) fn sent(&self) -> (u64, u64) {
+        (self.sent.bytes, self.sent.frames)
+    }
+}
+
+impl Window {
+    /// Blocks of the next frame, at most.
+    pub(crate) fn blocks(&self) -> usize {
+        if self.bytes_per_block > 0.0 {
+            (self.bytes / self.bytes_per_block).max(1.0) as usize
+        } else {
+            usize::MAX
+        }
+    }
+
+    fn learn(&mut self, flight: &InFlight) {
+        if flight.blocks == 0 {
+            return;
+        }
+        let (bytes, time) = (flight.bytes as f64, flight.since.elapsed());
+        self.bytes_per_block = bytes / flight.blocks as f64;
+        if time < FAST && bytes > 0.5 * self.bytes {
+            self.bytes *= 2.0;
+        } else if time > SLOW {
+            let fitting = bytes * SLOW.as_secs_f64() / time.as_secs_f64();
+            self.bytes = fitting.min(self.bytes).max(WINDOW_LEAST_BYTES);
+        }
+    }
+}
+
+impl Sent {
+    /// Statistics, with those of this client.
+    fn tell(&mut self, stats: &Stats) -> String {
+        let seconds = self.at.elapsed().as_secs_f64().max(1e-3);
+        let (bytes, frames) = self.before;
+        let rates = [self.bytes - bytes, self.frames - frames].map(|count| count as f64 / seconds);
+        (self.before, self.at) = ((self.bytes, self.frames), Instant::now());
+        stats.text(self.bytes, rates)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    fn client() -> Client {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        Client::new(1, stream, Layout::new([64, 64], 1), None)
+    }
+
+    #[test]
+    fn one_frame_is_in_flight() {
+        let client = client();
+        assert!(matches!(client.next(), Next::Blocks));
+        let mut taken = vec![];
+        client.outbox().marks.take(usize::MAX, &mut taken);
+        client.outbox().fly(7, 1000, taken.len());
+        let settled = Settled { frame: 8, png: Arc::new(vec![]) };
+        client.mark(&Changed::All, Layout::new([64, 64], 4));
+        client.settle(&settled);
+        assert!(client.outbox().next().is_none());
+        client.acknowledge(6);
+        assert!(client.outbox().next().is_none());
+        client.acknowledge(7);
+        assert!(matches!(client.next(), Next::Blocks));
+        client.outbox().marks.take(usize::MAX, &mut taken);
+        assert!(matches!(client.next(), Next::Whole(_)));
+        assert!(client.outbox().next().is_none());
+    }
+
+    #[test]
+    fn a_page_that_takes_no_texts_is_let_go() {
+        let client = client();
+        (0..TEXTS_MAX).for_each(|_| client.tell("x".into()));
+        assert!(matches!(client.next(), Next::Text(_)));
+        client.tell("y".into());
+        assert!(matches!(client.next(), Next::Text(_)));
+        client.tell("y".repeat(TEXT_BYTES_MAX));
+        assert!(matches!(client.next(), Next::Close(close::POLICY)));
+    }
+
+    #[test]
+    fn slow_lines_get_small_frames() {
+        let mut window = Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 };
+        assert_eq!(window.blocks(), usize::MAX);
+        let now = Instant::now();
+        let flight = |bytes, blocks, ms| InFlight {
+            frame: 1,
+            since: now.checked_sub(Duration::from_millis(ms)).unwrap(),
+            bytes,
+            blocks,
+        };
+        window.learn(&flight(400_000, 3600, 1000));
+        assert!((800..1000).contains(&window.blocks()), "{}", window.blocks());
+        window.learn(&flight(4_000_000, 3600, 60_000));
+        assert!(window.bytes >= WINDOW_LEAST_BYTES);
+        for _ in 0..10 {
+            window.learn(&flight(window.bytes as usize, window.blocks(), 1));
+        }
+        assert!(window.blocks() > 3600);
+    }
+}

@@ -1,0 +1,303 @@
+//! What pages want of the session, done: events, sizes, limits, picks, screenshots.
+//!
+//! Invariant: what is refused changes nothing; who asked is told, and what is true instead.
+
+use crate::blocks::BLOCK_SIDE;
+use crate::mailbox::{ClientId, Edit, Mail};
+use crate::message::{CameraText, LightText, MaterialText, Notice, SettingsText, text_of};
+use crate::session_loop::SessionLoop;
+use crate::state::{BoundsText, HitText, LimitText, Picked, State};
+use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
+use trex_store::{Code, Error, Result};
+
+/// Most pixels on a side of a picture that follows a page.
+pub const SIDE_MAX: u32 = 16_384;
+/// Most pixels of a picture that follows a page: those whose blocks have numbers.
+const PIXELS_MAX: u64 = 65_000 * (BLOCK_SIDE * BLOCK_SIDE) as u64;
+
+/// Where there is no memory for a picture, one whose sides are so much of its is tried.
+const SMALLER: [u32; 2] = [7, 8];
+
+impl<T: PagedTracer + Send> SessionLoop<'_, T> {
+    /// Says all there is to say to who comes.
+    pub(crate) fn greet(&mut self) {
+        let session = self.session();
+        let (view, model) = (session.view(), session.model());
+        let resolution = view.settings.resolution;
+        let camera = CameraText::of(&view.camera, resolution);
+        let views = self.around.views.iter().map(|camera| CameraText::of(camera, resolution)).collect();
+        let (command, scene) = self.texts();
+        let state = State {
+            name: Some(self.around.name.to_owned()),
+            follows_page: Some(self.options.follows_page),
+            bounds: Some(BoundsText { lo: model.bounds.lo, hi: model.bounds.hi }),
+            up: Some(up_axis(&model.bounds)),
+            home: Some(camera),
+            views: Some(views),
+            model: Some(self.around.model),
+            t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
+            memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),
+            command: Some(command),
+            scene: Some(scene),
+            ..self.whole_state()
+        };
+        self.shared.set_greeting(state);
+    }
+
+    /// All that events may change.
+    fn whole_state(&self) -> State {
+        let session = self.session();
+        let (view, model) = (session.view(), session.model());
+        State {
+            size: Some(view.settings.resolution),
+            camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
+            lights: Some(view.lights.iter().map(LightText::from).collect()),
+            materials: Some(model.materials.iter().map(MaterialText::from).collect()),
+            settings: Some(SettingsText::from(&*view.settings)),
+            ..State::default()
+        }
+    }
+
+    /// Does what `mail` asks for.
+    ///
+    /// # Errors
+    /// The session cannot go on.
+    pub(crate) fn take_mail(&mut self, mail: Mail) -> Result<()> {
+        let Mail { camera, size, limit_bytes, edits, picks, screenshots, seq, rest, roles, since } = mail;
+        self.seq = seq.unwrap_or(self.seq);
+        if let Some(bytes) = limit_bytes {
+            self.set_limit(bytes);
+        }
+        if let Some(size) = size.filter(|_| self.options.follows_page) {
+            let changed = self.set_size(fitting(size));
+            self.tell_change(changed, since);
+        }
+        for edit in edits {
+            let changed = self.edit(edit);
+            self.tell_change(changed, since);
+        }
+        if let Some(camera) = camera {
+            let changed = self
+                .session_mut()
+                .apply(Event::Camera(camera.camera()))
+                .map(|()| State { camera: Some(camera), ..State::default() });
+            self.motion.event();
+            self.tell_change(changed, since);
+        }
+        if rest {
+            self.motion.rest();
+        }
+        for (client, id, pixel) in picks {
+            self.pick(client, id, pixel);
+        }
+        for shot in screenshots {
+            self.take_screenshot(shot)?;
+        }
+        if roles {
+            self.shared.tell_state(State::default(), None);
+        }
+        Ok(())
+    }
+
+    /// Does an edit. Gives what has changed of the state.
+    fn edit(&mut self, edit: Edit) -> Result<State> {
+        match edit {
+            Edit::Moving(scale) => {
+                self.motion.set_scale(scale);
+                Ok(State::default())
+            }
+            Edit::Lights(lights) => {
+                self.motion.event();
+                let list = lights.iter().map(|light| (*light).into()).collect();
+                self.session_mut().apply(Event::Lights(list))?;
+                Ok(State { lights: Some(lights), ..State::default() })
+            }
+            Edit::Material(index, edit) => {
+                self.motion.event();
+                self.session_mut().apply(Event::Material { index, edit })?;
+                let materials = &self.session().model().materials;
+                Ok(State {
+                    materials: Some(materials.iter().map(MaterialText::from).collect()),
+                    ..State::default()
+                })
+            }
+            Edit::Settings(edit) => {
+                let settings = edit.settings(&self.session().view().settings)?;
+                self.set_settings(settings)
+            }
+        }
+    }
+
+    /// Sets the size of the picture, or the largest below it that memory allows.
+    fn set_size(&mut self, size: [u32; 2]) -> Result<State> {
+        let changed = self.set_size_below(size)?;
+        let [width, height] = self.session().view().settings.resolution;
+        if [width, height] != size {
+            let text = format!(
+                "the picture is {width}x{height}, not {}x{}: more does not fit into memory",
+                size[0], size[1]
+            );
+            let next = "start trex with a greater --memory-limit, or make the page smaller";
+            if let Some(driver) = self.shared.mailbox.driver() {
+                self.shared.tell(driver, || text_of(&Notice::info("smaller", &text, next)));
+            }
+        }
+        Ok(changed)
+    }
+
+    fn set_size_below(&mut self, size: [u32; 2]) -> Result<State> {
+        let mut resolution = size;
+        loop {
+            let keys = RenderKeys { resolution, ..*self.session().view().settings };
+            let changed = RenderSettings::new(keys).and_then(|settings| self.set_settings(settings));
+            let smaller = resolution.map(|side| (side * SMALLER[0] / SMALLER[1]).max(BLOCK_SIDE));
+            match changed {
+                Err(error) if error.code() == Code::MemoryLimit && smaller != resolution => {
+                    resolution = smaller
+                }
+                changed => return changed,
+            }
+        }
+    }
+
+    /// Sets the numbers of the picture.
+    fn set_settings(&mut self, settings: RenderSettings) -> Result<State> {
+        let old = self.session().view().settings;
+        if settings == old {
+            return Ok(State::default());
+        }
+        self.change_settings(old, settings).inspect_err(|_| {
+            // As it was: there was room for it.
+            let _ = (self.around.make_room)(&[old]);
+        })?;
+        if let Err(error) = (self.around.make_room)(&[settings]) {
+            self.tell_error(&error);
+        }
+        self.frame_again(old.resolution, settings.resolution)?;
+        self.tone.set_exposure(settings.exposure);
+        self.shared.picture().forget();
+        let (session, size) = (self.session(), settings.resolution);
+        let (view, home) = (session.view(), self.around.camera.camera(session.model(), size));
+        Ok(State {
+            size: Some(size),
+            home: Some(CameraText::of(&home, size)),
+            settings: Some(SettingsText::from(&*settings)),
+            camera: Some(CameraText::of(&view.camera, settings.resolution)),
+            ..State::default()
+        })
+    }
+
+    /// Frames the model anew in a picture of another shape, where it is seen as it was at first.
+    fn frame_again(&mut self, old: [u32; 2], new: [u32; 2]) -> Result<()> {
+        let keys = &self.around.camera;
+        let framed = |resolution| keys.camera(self.session().model(), resolution);
+        let (before, camera) = (framed(old), framed(new));
+        if old != new && self.session().view().camera == before {
+            self.session_mut().apply(Event::Camera(camera))?;
+        }
+        Ok(())
+    }
+
+    fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {
+        // What is replaced goes once the other is there.
+        (self.around.make_room)(&[old, new])?;
+        self.session_mut().apply(Event::Settings(new))?;
+        if new.resolution != old.resolution
+            && let Err(error) = self.shared.resize(new.resolution)
+        {
+            self.session_mut().apply(Event::Settings(old))?;
+            return Err(error);
+        }
+        Ok(())
+    }
+
+    /// Sets the memory for pages.
+    fn set_limit(&mut self, bytes: u64) {
+        match (self.around.set_limit)(bytes) {
+            Ok(()) => {
+                let limit_bytes = self.around.budget.limit_bytes();
+                let update = State { memory: Some(LimitText { limit_bytes }), ..State::default() };
+                self.shared.tell_state(update, None);
+                self.tell_stats();
+            }
+            Err(error) => self.tell_error(&error),
+        }
+    }
+
+    /// Tells who watches what has changed; or who drives that it has not.
+    fn tell_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
+        match changed {
+            Ok(update) => {
+                if !update.is_empty() {
+                    self.figures.event(since);
+                    self.begin_picture();
+                    // Who drives knows, but not what the renderer makes of it.
+                    let knows = update.camera.is_some() && update.size.is_none();
+                    let driver = self.shared.mailbox.driver().filter(|_| knows || update.lights.is_some());
+                    self.shared.tell_state(update, driver);
+                }
+            }
+            Err(error) => {
+                self.tell_error(&error);
+                let update = self.whole_state();
+                self.shared.tell_state(update, None);
+            }
+        }
+    }
+
+    /// Tells who drives what went wrong.
+    pub(crate) fn tell_error(&self, error: &Error) {
+        if let Some(driver) = self.shared.mailbox.driver() {
+            self.shared.tell(driver, || text_of(&Notice::error(error)));
+        }
+    }
+
+    /// Says what is at a pixel.
+    fn pick(&mut self, client: ClientId, id: u32, pixel: [u32; 2]) {
+        let [width, height] = self.session().view().settings.resolution;
+        let is_inside = pixel[0] < width && pixel[1] < height;
+        let hit = if is_inside { self.session_mut().pick(pixel) } else { None };
+        let materials = &self.session().model().materials;
+        let hit = hit.map(|Pick { hit, position }| HitText {
+            triangle: hit.triangle,
+            material: hit.material,
+            name: materials
+                .get(hit.material as usize)
+                .map(|material| material.name.clone())
+                .unwrap_or_default(),
+            position,
+            normal: hit.normal,
+            distance: hit.t,
+            page: hit.page,
+        });
+        self.shared.tell(client, || text_of(&Picked { id, hit }));
+    }
+}
+
+/// The size of a picture for a page of `size` pixels: each side in its range, and no more blocks than have numbers.
+fn fitting(size: [u32; 2]) -> [u32; 2] {
+    let [width, height] = size.map(|side| side.clamp(BLOCK_SIDE, SIDE_MAX));
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels <= PIXELS_MAX {
+        return [width, height];
+    }
+    let factor = (PIXELS_MAX as f64 / pixels as f64).sqrt();
+    [width, height].map(|side| ((f64::from(side) * factor) as u32).max(BLOCK_SIDE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blocks::{BLOCKS_MAX, Layout};
+
+    #[test]
+    fn sizes_are_brought_into_their_range() {
+        assert_eq!(fitting([1280, 720]), [1280, 720]);
+        assert_eq!(fitting([0, 5]), [BLOCK_SIDE; 2]);
+        for size in [[u32::MAX; 2], [16_384, 16_384], [8192, 4320], [u32::MAX, 1]] {
+            let fitting = fitting(size);
+            assert!(Layout::new(fitting, 1).count() <= BLOCKS_MAX, "{size:?}: {fitting:?}");
+            assert!(fitting.iter().all(|side| (BLOCK_SIDE..=SIDE_MAX).contains(side)));
+        }
+    }
+}

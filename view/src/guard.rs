@@ -1,0 +1,139 @@
+//! Who may talk to the server: host names, origins, and the token.
+//!
+//! A page of another site cannot read what a loopback server says, but it can send to it, and a name of its own that
+//! resolves to 127.0.0.1 makes it the same site. So the name by which the server was asked has to be one of ours, and
+//! so has the site that a socket is opened from. Other users of the machine are kept out by the token.
+//!
+//! Invariants: 1. a name is compared as a whole, ports are not; 2. tokens are compared in a time that says nothing of
+//! where they differ, and never shown by `Debug`.
+
+use std::net::IpAddr;
+use trex_store::{Code, Error, Result};
+
+/// Bytes of a token: 128 bits, which nobody guesses.
+const TOKEN_BYTES: usize = 16;
+
+/// The secret that a page has to say.
+#[derive(Clone)]
+pub struct Token(String);
+
+impl Token {
+    /// A new one.
+    ///
+    /// # Errors
+    /// The system has no random numbers.
+    pub fn random() -> Result<Token> {
+        let mut bytes = [0; TOKEN_BYTES];
+        getrandom::fill(&mut bytes).map_err(|error| {
+            Error::new(Code::Io, "the system gave no random numbers")
+                .at_place("the token of the viewer")
+                .numbers(error.to_string())
+                .next("check that /dev/urandom can be read")
+        })?;
+        Ok(Token(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
+    }
+
+    /// The 32 hexadecimal digits, for the address that is printed. Nothing else may show them.
+    pub fn digits(&self) -> &str {
+        &self.0
+    }
+
+    /// True when `said` is this token.
+    pub(crate) fn is(&self, said: &str) -> bool {
+        let (ours, said) = (self.0.as_bytes(), said.as_bytes());
+        let differs = ours.iter().zip(said).fold(0, |all, (a, b)| all | (a ^ b));
+        ours.len() == said.len() && std::hint::black_box(differs) == 0
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token(..)")
+    }
+}
+
+/// The names that the server may be asked by.
+#[derive(Clone, Debug)]
+pub(crate) struct Hosts(Vec<String>);
+
+impl Hosts {
+    /// The names of this machine for itself, the address that is listened on, and `more`.
+    pub(crate) fn new(bound: IpAddr, more: &[String]) -> Hosts {
+        let ours = ["localhost".to_owned(), "127.0.0.1".to_owned(), "::1".to_owned()];
+        let bound = (!bound.is_unspecified()).then(|| bound.to_string());
+        let more = more.iter().map(|name| bare(name).unwrap_or(name).to_ascii_lowercase());
+        Hosts(ours.into_iter().chain(bound).chain(more).collect())
+    }
+
+    /// True for the value of a `Host` header that names us, with any port or none.
+    pub(crate) fn has(&self, host: &str) -> bool {
+        bare(host).is_some_and(|name| self.0.iter().any(|ours| ours.eq_ignore_ascii_case(name)))
+    }
+
+    /// True for the value of an `Origin` header whose host names us.
+    pub(crate) fn has_origin(&self, origin: &str) -> bool {
+        let host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+        host.is_some_and(|host| self.has(host))
+    }
+}
+
+/// The name in `name`, `name:port`, `[address]` or `[address]:port`; `None` for anything else.
+fn bare(host: &str) -> Option<&str> {
+    let is_port = |port: &str| port.len() <= 5 && port.bytes().all(|byte| byte.is_ascii_digit());
+    if let Some(rest) = host.strip_prefix('[') {
+        let (address, after) = rest.split_once(']')?;
+        let is_good = after.is_empty() || after.strip_prefix(':').is_some_and(is_port);
+        return is_good.then_some(address);
+    }
+    match host.split_once(':') {
+        None => Some(host),
+        Some((name, port)) if is_port(port) => Some(name),
+        // An address of version 6 without brackets, as users write it; no header has it so.
+        Some(_) => host.parse::<IpAddr>().is_ok().then_some(host),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_differ_and_tell_nothing() {
+        let [one, other] = [Token::random().unwrap(), Token::random().unwrap()];
+        assert_eq!(one.digits().len(), 32);
+        assert!(one.is(one.digits()) && !one.is(other.digits()));
+        for wrong in ["", &one.digits()[..31], &format!("{}0", one.digits()), &one.digits().to_uppercase()] {
+            assert!(!one.is(wrong) || wrong == one.digits(), "{wrong}");
+        }
+        assert_eq!(format!("{one:?}"), "Token(..)");
+    }
+
+    #[test]
+    fn hosts_are_compared_as_a_whole_with_any_port() {
+        let hosts = Hosts::new("192.168.1.7".parse().unwrap(), &["render.lan".into(), "[fe80::1]".into()]);
+        let good = "localhost localhost:8000 LOCALHOST:1 127.0.0.1 127.0.0.1:65535 [::1] [::1]:80 192.168.1.7:9 \
+                    render.lan:80 Render.LAN [fe80::1]:7";
+        for host in good.split_whitespace() {
+            assert!(hosts.has(host), "{host}");
+        }
+        let bad = "evil.com localhost.evil.com evil.localhost localhost:80:80 localhost:x localhost: 127.0.0.2 \
+                   localhost. 127.0.0.1:123456 [::1 [::1]x [::1]:8x @localhost user@localhost ::2";
+        for host in bad.split_whitespace().chain([""]).filter(|host| *host != "localhost:") {
+            assert!(!hosts.has(host), "{host}");
+        }
+    }
+
+    #[test]
+    fn origins_are_those_of_the_hosts() {
+        let hosts = Hosts::new("127.0.0.1".parse().unwrap(), &[]);
+        assert!(hosts.has_origin("http://127.0.0.1:4000") && hosts.has_origin("https://localhost"));
+        for bad in ["null", "", "http://evil.com", "file://localhost", "http://localhost/x", "localhost"] {
+            assert!(!hosts.has_origin(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    fn an_address_for_all_is_no_name() {
+        assert!(!Hosts::new("0.0.0.0".parse().unwrap(), &[]).has("0.0.0.0"));
+    }
+}

@@ -1,0 +1,51 @@
+//! trex-view: a live session in the browser.
+//!
+//! Life of a frame: a drag on the page becomes a camera message, which `socket` reads and puts into the `mailbox`, in
+//! place of the camera that was there. The session loop stops the frame under way, applies the event, and has the
+//! [`LiveSession`](trex_render::LiveSession) make a picture of it. `picture` takes over the tiles whose stamp has changed,
+//! in 8 bits (`tone`), and marks the `blocks` that differ, for each `client`. A client's writer, once its page has drawn
+//! the frame before, copies what is marked into the `atlas`, encodes it as one JPEG, and sends it. When nothing changes
+//! any more the picture goes once as PNG, and all threads sleep.
+//!
+//! ```text
+//! tone guard page http     radiance to bytes; who may ask; what is there; how it is asked
+//! blocks picture atlas     which blocks have changed; what is shown; how it is sent
+//! message state texts      what pages say; what they are told; the view as command and scene
+//! mailbox client shared    from reader to session; from session to writer; both
+//! socket server            two threads a page; connections
+//! session_loop edits       frames; events
+//! ```
+//!
+//! This crate knows sockets, picture codecs and a live session. It names no file and no page of one: what it needs of
+//! those comes in as [`Surroundings`]. Its threads end with [`serve`].
+
+mod atlas;
+mod blocks;
+mod client;
+mod edits;
+mod figures;
+mod guard;
+mod http;
+mod mailbox;
+mod message;
+mod motion;
+mod page;
+mod picture;
+mod renderer;
+mod screenshot;
+mod serve;
+mod server;
+mod session_loop;
+mod shared;
+mod socket;
+mod state;
+mod surroundings;
+mod texts;
+mod tone;
+
+pub use edits::SIDE_MAX;
+pub use guard::Token;
+pub use serve::serve;
+pub use shared::view_bytes;
+pub use state::{MemoryFigures, ModelFigures, PoolFigures};
+pub use surroundings::{ServeOptions, Served, Surroundings};

@@ -1,0 +1,66 @@
+//! `serve`: a live session, shown until it is told to stop.
+
+use crate::guard::Hosts;
+use crate::server;
+use crate::session_loop::SessionLoop;
+use crate::shared::Shared;
+use crate::surroundings::{ServeOptions, Served, Surroundings};
+use std::net::{SocketAddr, TcpListener};
+use std::sync::atomic::Ordering;
+use std::thread;
+use trex_render::{LiveSession, PagedTracer};
+use trex_store::{Code, Error, Result};
+
+/// Ends the server when it goes.
+struct Ending<'a> {
+    shared: &'a Shared,
+    address: SocketAddr,
+}
+
+impl Drop for Ending<'_> {
+    fn drop(&mut self) {
+        server::end(self.shared, self.address);
+    }
+}
+
+/// Shows `session` to the pages that connect to `listener`, until `around.stop` says so. The session is worked on by the
+/// calling thread and its pool.
+///
+/// # Errors
+/// The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has no room for
+/// [`crate::view_bytes`]; the session cannot go on.
+pub fn serve<T: PagedTracer + Send>(
+    session: LiveSession<T>,
+    listener: &TcpListener,
+    options: &ServeOptions,
+    around: &Surroundings<'_>,
+) -> Result<Served> {
+    let refused = |what: &str, error: &std::io::Error| {
+        Error::new(Code::Io, what)
+            .at_place("the server of the viewer")
+            .numbers(error.to_string())
+            .next("try again; name another --port if it stays")
+    };
+    let address = listener.local_addr().map_err(|error| refused("the socket has no address", &error))?;
+    let hosts = Hosts::new(address.ip(), &options.hosts);
+    let resolution = session.view().settings.resolution;
+    let shared = Shared::new(options.token.clone(), hosts, resolution, around.budget)?;
+    let shared = &shared;
+    let session_loop = SessionLoop::new(session, shared, options, around);
+    let served = thread::scope(|scope| {
+        let accept = thread::Builder::new().name("view-accept".into());
+        let accepting = accept.spawn_scoped(scope, move || server::accept(scope, listener, shared));
+        if let Err(error) = accepting {
+            return Err(refused("the system refused a thread", &error));
+        }
+        // Also when the session panics: who waits for a connection would wait for ever.
+        let _end = Ending { shared, address };
+        session_loop.run()
+    })?;
+    Ok(Served {
+        clients: shared.admitted(),
+        frames_drawn: shared.gone_frames.load(Ordering::Relaxed),
+        sent_bytes: shared.gone_bytes.load(Ordering::Relaxed),
+        ..served
+    })
+}

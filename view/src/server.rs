@@ -1,0 +1,126 @@
+//! The server: takes connections, each on a thread of its own, until it is told to end.
+//!
+//! ```text
+//! accept -> head in time -> host ours? 421 -> path known? 404 -> the file
+//!                                          -> /socket: origin ours? 403, room? 503 -> socket.rs
+//! ```
+//!
+//! Invariants: 1. connections and clients are bounded: who comes beyond is sent away at once; 2. a connection answers one
+//! request; 3. when it ends, so do all of its threads.
+
+use crate::http::{self, HEAD_TIME_MAX, Head, Incoming, Status};
+use crate::page;
+use crate::shared::{CLIENTS_MAX, CONNECTIONS_MAX, Shared};
+use crate::socket::{self, WRITE_TIME_MAX};
+use std::io::Write;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::{self, Scope};
+use std::time::{Duration, Instant};
+
+/// Where sockets are asked for.
+const SOCKET_PATH: &str = "/socket";
+/// How long to wait when the system has no descriptor for another connection.
+const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
+/// Time for clients to hear that the server ends.
+const GOODBYE: Duration = Duration::from_millis(200);
+/// Stack of a connection's thread.
+const STACK_BYTES: usize = 512 << 10;
+
+/// A number that counts what is there now, and no more than so many.
+struct Place<'a>(&'a AtomicUsize);
+
+impl Place<'_> {
+    fn take(count: &AtomicUsize, most: usize) -> Option<Place<'_>> {
+        let more = |now| (now < most).then_some(now + 1);
+        count.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more).ok().map(|_| Place(count))
+    }
+}
+
+impl Drop for Place<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Takes connections until [`end`] is called.
+pub(crate) fn accept<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    listener: &TcpListener,
+    shared: &'scope Shared,
+) {
+    for stream in listener.incoming() {
+        if shared.is_closing.load(Ordering::Acquire) {
+            return;
+        }
+        let Ok(stream) = stream else {
+            thread::sleep(ACCEPT_AGAIN);
+            continue;
+        };
+        let Some(place) = Place::take(&shared.connections, CONNECTIONS_MAX) else { continue };
+        let thread = thread::Builder::new().name("view-read".into()).stack_size(STACK_BYTES);
+        // Where the system has no thread left the connection closes.
+        let _ = thread.spawn_scoped(scope, move || {
+            let _place = place;
+            serve(shared, stream);
+        });
+    }
+}
+
+/// Ends the server that listens at `address`, and all connections.
+pub(crate) fn end(shared: &Shared, address: SocketAddr) {
+    shared.is_closing.store(true, Ordering::Release);
+    let clients = shared.clients();
+    clients.iter().for_each(|client| client.close(crate::client::close::GOING_AWAY));
+    let begin = Instant::now();
+    while !shared.clients().is_empty() && begin.elapsed() < GOODBYE {
+        thread::sleep(GOODBYE / 20);
+    }
+    shared.clients().iter().for_each(|client| client.hang_up());
+    // What waits for a connection gets one.
+    let ip = match address.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+        ip => ip,
+    };
+    let _ = TcpStream::connect_timeout(&SocketAddr::new(ip, address.port()), WRITE_TIME_MAX);
+}
+
+/// Answers a connection.
+fn serve(shared: &Shared, stream: TcpStream) {
+    let is_ready = stream.set_nodelay(true).and_then(|()| stream.set_write_timeout(Some(WRITE_TIME_MAX)));
+    if is_ready.is_err() {
+        return;
+    }
+    let mut incoming = Incoming { stream, deadline: Some(Instant::now() + HEAD_TIME_MAX) };
+    let Some(read) = http::read_head(&mut incoming) else { return };
+    let answer = match &read {
+        Err(status) => http::refusal(*status),
+        Ok((head, _)) if !shared.hosts.has(&head.host) => http::refusal(Status::MisdirectedRequest),
+        Ok((head, rest)) if head.path == SOCKET_PATH => match grant(shared, head) {
+            Err(status) => http::refusal(status),
+            Ok((key, _place)) => {
+                if incoming.stream.write_all(&http::upgrade(key)).is_ok() {
+                    socket::serve(shared, incoming, rest.clone());
+                }
+                return;
+            }
+        },
+        Ok((head, _)) => match page::find(&head.path) {
+            Some(file) => http::answer(Status::Ok, file.media_type, file.bytes, head.is_bodiless),
+            None => http::refusal(Status::NotFound),
+        },
+    };
+    // Who has gone needs no answer.
+    let _ = incoming.stream.write_all(&answer);
+}
+
+/// The key of a request to become a socket, and its place among the clients; else why not.
+fn grant<'a>(shared: &'a Shared, head: &'a Head) -> Result<(&'a str, Place<'a>), Status> {
+    if head.origin.as_ref().is_some_and(|origin| !shared.hosts.has_origin(origin)) {
+        return Err(Status::Forbidden);
+    }
+    let key = head.socket_key.as_deref().ok_or(Status::UpgradeRequired)?;
+    let place = Place::take(&shared.places, CLIENTS_MAX).ok_or(Status::Full)?;
+    Ok((key, place))
+}

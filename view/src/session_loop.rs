@@ -1,0 +1,324 @@
+//! The session's thread: takes what pages want, goes on with the picture, puts it where clients' threads find it.
+//!
+//! ```text
+//! mailbox -> edits.rs -> frame, stopped by the next event -> the picture's bytes -> marks -> clients' threads
+//!    ^                                                                                        |
+//!    '------------------------- nothing to do: sleep --------------------------- done: one PNG '
+//! ```
+//!
+//! While the hand moves only whole pictures go out, small ones: every so many pixels as there are samples. At rest all of
+//! the picture goes out, in blocks, and less and less often once every pixel has a sample.
+//!
+//! Invariants: 1. nothing here waits for a client; 2. the first frame after an event is not stopped by the next one, or a
+//! picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and nothing
+//! is sent.
+
+use crate::atlas::Bounded;
+use crate::figures::Figures;
+use crate::message::text_of;
+use crate::motion::Motion;
+use crate::picture::{Changed, Picture, Settled, flag};
+use crate::renderer::Stamps;
+use crate::shared::{Shared, png_bytes};
+use crate::state::{Stats, TextsMessage, progress_name};
+use crate::surroundings::{ServeOptions, Served, Surroundings};
+use crate::texts;
+use crate::tone::Tone;
+use std::sync::Arc;
+use std::time::Duration;
+use trex_render::{FrameProgress, FrameReport, Light, LiveSession, PagedTracer, write_png};
+use trex_store::{Material, Result};
+
+/// Longest sleep: after so long it is asked whether the viewer is to end.
+const SLEEP: Duration = Duration::from_millis(200);
+/// Finest grid of a preview, pixels: after it come tiles.
+const PREVIEW_STEP_LEAST: u32 = 2;
+
+/// A session on show.
+pub(crate) struct SessionLoop<'a, T> {
+    /// Always there, but while a screenshot is made of it.
+    session: Option<LiveSession<T>>,
+    pub(crate) shared: &'a Shared,
+    pub(crate) around: &'a Surroundings<'a>,
+    pub(crate) options: &'a ServeOptions,
+    pub(crate) tone: Tone,
+    pub(crate) motion: Motion,
+    pub(crate) figures: Figures,
+    pub(crate) served: Served,
+    /// The driver's last event.
+    pub(crate) seq: u32,
+    /// Lights and materials of the file that was opened.
+    pub(crate) input_lights: Vec<Light>,
+    pub(crate) input_materials: Vec<Material>,
+    pub(crate) input_bakes: bool,
+    /// No frame has been made since the last event.
+    is_fresh: bool,
+    /// Pixels between samples of the last frame.
+    step: Option<u32>,
+    ending: Ending,
+    /// Samples that the picture on show has, while a session that begins anew makes them again.
+    shown_samples: u32,
+    stamps: Stamps,
+    png: Arc<Vec<u8>>,
+}
+
+/// How far the end of a picture is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ending {
+    /// Frames go on.
+    No,
+    /// All is sampled; the settled picture is still to be made.
+    Done,
+    /// All is sent.
+    Settled,
+}
+
+impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
+    /// A loop that shows `session`.
+    pub(crate) fn new(
+        session: LiveSession<T>,
+        shared: &'a Shared,
+        options: &'a ServeOptions,
+        around: &'a Surroundings<'a>,
+    ) -> SessionLoop<'a, T> {
+        let view = session.view();
+        let mut this = SessionLoop {
+            tone: Tone::new(view.settings.exposure),
+            input_lights: view.lights.clone(),
+            input_materials: session.model().materials.clone(),
+            input_bakes: view.settings.bake,
+            session: Some(session),
+            shared,
+            around,
+            options,
+            motion: Motion::new(),
+            figures: Figures::new(),
+            served: Served::default(),
+            seq: 0,
+            is_fresh: true,
+            step: None,
+            ending: Ending::No,
+            shown_samples: 0,
+            stamps: Stamps::default(),
+            png: Arc::default(),
+        };
+        this.greet();
+        this
+    }
+
+    /// The session.
+    pub(crate) fn session(&self) -> &LiveSession<T> {
+        self.session.as_ref().expect("a screenshot gives the session back")
+    }
+
+    /// The session, to be changed.
+    pub(crate) fn session_mut(&mut self) -> &mut LiveSession<T> {
+        self.session.as_mut().expect("a screenshot gives the session back")
+    }
+
+    /// The session, to be made something else; [`SessionLoop::put_session`] brings it back.
+    pub(crate) fn take_session(&mut self) -> LiveSession<T> {
+        self.session.take().expect("a screenshot gives the session back")
+    }
+
+    /// A session of the view that is on show, to be shown from now on: not before it has what is there.
+    pub(crate) fn put_session(&mut self, session: LiveSession<T>, samples: u32) {
+        self.session = Some(session);
+        self.shared.picture().forget();
+        self.begin_picture();
+        self.shown_samples = samples;
+    }
+
+    /// Shows the session until it is told to stop.
+    ///
+    /// # Errors
+    /// The session cannot go on; what pages ask for in vain is told to them alone.
+    pub(crate) fn run(mut self) -> Result<Served> {
+        while !(self.around.stop)() {
+            let mail = self.shared.mailbox.take();
+            self.take_mail(mail)?;
+            match self.rests_for() {
+                Some(time) => self.shared.mailbox.wait(time),
+                None if self.ending == Ending::Done => self.settle(),
+                None => self.go_on(),
+            }
+        }
+        Ok(Served { events: self.figures.events, ..self.served })
+    }
+
+    /// How long there is nothing to do, if there is not.
+    fn rests_for(&self) -> Option<Duration> {
+        match self.ending {
+            Ending::Settled => Some(SLEEP),
+            // A page is still being sent the picture before.
+            Ending::Done if self.is_still_sending() => Some(SLEEP / 10),
+            Ending::Done => None,
+            // What is finer than that would be late, and stand in the way of the next event.
+            Ending::No if self.is_fresh || self.step.is_none_or(|step| step > PREVIEW_STEP_LEAST) => None,
+            Ending::No => self.motion.moves_for().map(|time| time.min(SLEEP)),
+        }
+    }
+
+    /// True while the settled picture before this one is on its way to some page.
+    fn is_still_sending(&self) -> bool {
+        Arc::strong_count(&self.png) > 1 && self.shared.picture().settled.is_none()
+    }
+
+    /// Another picture begins.
+    pub(crate) fn begin_picture(&mut self) {
+        (self.is_fresh, self.step, self.ending, self.shown_samples) = (true, None, Ending::No, 0);
+    }
+
+    /// Makes a frame, and shows it.
+    fn go_on(&mut self) {
+        let is_first = std::mem::take(&mut self.is_fresh);
+        let (stop, mailbox) = (self.around.stop, &self.shared.mailbox);
+        let session = self.session.as_mut().expect("a screenshot gives the session back");
+        let keys = *session.view().settings;
+        let report = session.frame(keys.spp, &|| stop() || !is_first && mailbox.has_event());
+        self.served.frames += 1;
+        self.step = report.sample_step;
+        self.figures.learn(&report, keys.lod_error);
+        if report.progress == FrameProgress::Done {
+            self.ending = Ending::Done;
+        }
+        self.publish(&report);
+        if self.figures.is_due() {
+            self.tell_stats();
+        }
+    }
+
+    /// Shows what a frame has made, if that is worth it.
+    fn publish(&mut self, report: &FrameReport) {
+        if self.session().film().samples() < self.shown_samples {
+            return;
+        }
+        let is_preview = report.progress == FrameProgress::Preview;
+        let mut flags = if report.preview_tiles > 0 { flag::PREVIEW } else { 0 };
+        let step = report.sample_step;
+        let scale = if self.motion.moves_for().is_some() {
+            // A picture that is not whole is none.
+            let Some(step) = step.filter(|_| is_preview || report.progress >= FrameProgress::Complete) else {
+                return;
+            };
+            flags |= flag::MOVING;
+            self.motion.scale(step)
+        } else if is_preview {
+            let Some(step) = step else { return };
+            self.motion.scale(step)
+        } else {
+            if report.progress == FrameProgress::Complete && !self.motion.is_due() {
+                return;
+            }
+            1
+        };
+        if report.progress >= FrameProgress::Complete {
+            flags |= flag::COMPLETE;
+        }
+        self.refresh(scale, flags, step.is_some());
+    }
+
+    /// Takes over into the picture what the session shows, and has it sent.
+    fn refresh(&mut self, scale: u32, flags: u8, is_whole: bool) {
+        let mut picture = self.shared.picture();
+        let scale = scale.max(Picture::least_scale(picture.full));
+        let session = self.session.as_ref().expect("a screenshot gives the session back");
+        let mut changed = self.stamps.with_shown(session, |shown| picture.refresh(scale, &self.tone, shown));
+        let seq = if is_whole { self.seq } else { picture.seq };
+        if let Changed::Some(marks) = &mut changed
+            && marks.is_empty()
+        {
+            if (seq, flags) == (picture.seq, picture.flags) {
+                return;
+            }
+            // A page learns of it by a frame.
+            marks.set(0);
+        }
+        if scale > 1 {
+            // Small pictures go whole: pages smooth them over the place of the large one.
+            changed = Changed::All;
+        }
+        picture.frame = picture.frame.wrapping_add(1);
+        (picture.seq, picture.flags, picture.settled) = (seq, flags, None);
+        self.shared.mark(&picture, &changed);
+        drop(picture);
+        self.motion.refreshed();
+    }
+
+    /// The last step of a picture: all of it, and once more without loss.
+    fn settle(&mut self) {
+        self.ending = Ending::Settled;
+        self.refresh(1, flag::COMPLETE | flag::DONE, true);
+        if self.shared.picture().settled.is_none() {
+            self.png = Arc::new(self.write_png());
+        }
+        if self.shared.picture().settled.is_none() && !self.png.is_empty() {
+            let frame = {
+                let mut picture = self.shared.picture();
+                picture.frame = picture.frame.wrapping_add(1);
+                picture.frame
+            };
+            self.shared.settle(Settled { frame, png: self.png.clone() });
+        }
+        self.tell_texts();
+        self.tell_stats();
+    }
+
+    /// The film as PNG; nothing where it does not fit.
+    fn write_png(&mut self) -> Vec<u8> {
+        self.png = Arc::default();
+        let session = self.session();
+        let most = png_bytes(session.view().settings.resolution) as usize;
+        let mut bytes = Vec::new();
+        let writer = Bounded { bytes: &mut bytes, most };
+        match write_png(session.film(), self.tone.exposure(), session.thread_pool(), writer) {
+            Ok(()) => bytes,
+            Err(_) => Vec::new(),
+        }
+    }
+
+    /// Tells every page how it goes.
+    pub(crate) fn tell_stats(&mut self) {
+        let keys = *self.session().view().settings;
+        let rays_per_s = self.figures.rays_per_s();
+        self.shared.tell_stats(Stats {
+            progress: progress_name(self.figures.progress),
+            samples: self.session().film().samples(),
+            spp: keys.spp,
+            light_share: self.figures.light_share,
+            pixel_error: self.figures.error,
+            times_ms: self.figures.times,
+            rays_per_s,
+            memory: (self.around.memory)(),
+            pool: (self.around.pool)(),
+        });
+    }
+
+    /// Tells every page the view as texts.
+    fn tell_texts(&mut self) {
+        let (command, scene) = self.texts();
+        let text = text_of(&TextsMessage { command: &command, scene: &scene });
+        self.shared.clients().iter().for_each(|client| client.tell(text.clone()));
+        self.shared.keep_texts(command, scene);
+    }
+
+    /// The view as command line and as scene.
+    pub(crate) fn texts(&self) -> (String, String) {
+        let session = self.session();
+        let (view, model) = (session.view(), session.model());
+        let materials = texts::edits(self.around.file_materials, &model.materials);
+        let is_by_flags = view.lights == self.input_lights
+            && model.materials == self.input_materials
+            && (view.settings.bake || !self.input_bakes);
+        let viewed = texts::Viewed {
+            input: self.around.input,
+            model: self.around.model_path,
+            camera: &view.camera,
+            lights: &view.lights,
+            materials: &materials,
+            keys: &view.settings,
+            is_by_flags,
+        };
+        (texts::command(&viewed), texts::scene(&viewed))
+    }
+}

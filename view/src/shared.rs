@@ -1,0 +1,225 @@
+//! `Shared`: what the threads of the viewer have in common.
+//!
+//! Locks, in the order in which they may be held together: greeting, atlas, picture, the list of clients, statistics, an
+//! outbox. The mailbox is held alone.
+//!
+//! Invariant: a client that is in the list has had, or has waiting, a welcome of the state at that moment.
+
+use crate::atlas::{Atlas, frame_bytes};
+use crate::client::{Client, File, TEXT_BYTES_MAX};
+use crate::guard::{Hosts, Token};
+use crate::http::HEAD_BYTES_MAX;
+use crate::mailbox::Mailbox;
+use crate::message::{MESSAGE_BYTES_MAX, Role};
+use crate::picture::{Changed, Picture, Settled};
+use crate::renderer::Stamps;
+use crate::state::{State, Stats};
+use std::net::TcpStream;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use trex_store::{Budget, Lease, Result};
+
+/// Most pages that are connected.
+pub(crate) const CLIENTS_MAX: usize = 8;
+/// Most connections of any kind.
+pub(crate) const CONNECTIONS_MAX: usize = 32;
+/// Bytes of a client beside frames and texts that go out: what is read, and parts of two stacks.
+const CLIENT_BYTES: usize = MESSAGE_BYTES_MAX + (32 << 10);
+/// Bytes of a connection that is no client: a head, and a part of the stack.
+const CONNECTION_BYTES: usize = HEAD_BYTES_MAX + (16 << 10);
+/// A settled picture takes at most so much, and this share of its pixels' bytes more.
+const PNG_FIXED_BYTES: u64 = 64 << 10;
+const PNG_MORE: u64 = 50;
+
+/// See the module's description.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub(crate) token: Token,
+    pub(crate) hosts: Hosts,
+    pub(crate) mailbox: Mailbox,
+    greeting: Mutex<State>,
+    /// The last statistics, for those who come later.
+    stats: Mutex<Option<Arc<Stats>>>,
+    atlas: Mutex<Atlas>,
+    picture: Mutex<Picture>,
+    clients: Mutex<Vec<Arc<Client>>>,
+    pub(crate) is_closing: AtomicBool,
+    pub(crate) connections: AtomicUsize,
+    /// Clients that have a place, whether they have said hello or not.
+    pub(crate) places: AtomicUsize,
+    last_id: AtomicU32,
+    /// Bytes and frames that went to clients which have gone.
+    pub(crate) gone_bytes: AtomicU64,
+    pub(crate) gone_frames: AtomicU64,
+    lease: Mutex<Lease>,
+}
+
+/// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are encoded,
+/// the settled picture, and for each client its frame and its texts.
+pub fn view_bytes(full: [u32; 2]) -> u64 {
+    let clients = CLIENTS_MAX * (frame_bytes(full) + TEXT_BYTES_MAX + CLIENT_BYTES);
+    let connections = (CONNECTIONS_MAX - CLIENTS_MAX) * CONNECTION_BYTES;
+    let pictures = Picture::bytes(full) + Stamps::bytes(full) + Atlas::bytes(full) + png_bytes(full);
+    pictures + (clients + connections) as u64
+}
+
+/// Most bytes of a settled picture.
+pub(crate) fn png_bytes([width, height]: [u32; 2]) -> u64 {
+    let pixels = 3 * u64::from(width) * u64::from(height);
+    pixels + pixels / PNG_MORE + u64::from(height) + PNG_FIXED_BYTES
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().expect("a thread of the viewer panicked")
+}
+
+impl Shared {
+    /// What is shared while pictures have `full` pixels.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`view_bytes`].
+    pub(crate) fn new(token: Token, hosts: Hosts, full: [u32; 2], budget: &Budget) -> Result<Shared> {
+        let lease = budget.lease("the viewer", view_bytes(full))?;
+        Ok(Shared {
+            token,
+            hosts,
+            mailbox: Mailbox::default(),
+            greeting: Mutex::default(),
+            stats: Mutex::default(),
+            atlas: Mutex::default(),
+            picture: Mutex::new(Picture::new(full)),
+            clients: Mutex::default(),
+            is_closing: AtomicBool::new(false),
+            connections: AtomicUsize::new(0),
+            places: AtomicUsize::new(0),
+            last_id: AtomicU32::new(0),
+            gone_bytes: AtomicU64::new(0),
+            gone_frames: AtomicU64::new(0),
+            lease: Mutex::new(lease),
+        })
+    }
+
+    /// What is on show.
+    pub(crate) fn picture(&self) -> MutexGuard<'_, Picture> {
+        lock(&self.picture)
+    }
+
+    /// The blocks that are encoded.
+    pub(crate) fn atlas(&self) -> MutexGuard<'_, Atlas> {
+        lock(&self.atlas)
+    }
+
+    /// Makes room for pictures of `full` pixels; they begin black.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`]; all is as it was then.
+    pub(crate) fn resize(&self, full: [u32; 2]) -> Result<()> {
+        let (mut atlas, mut picture) = (self.atlas(), self.picture());
+        let mut lease = lock(&self.lease);
+        let wanted = view_bytes(full);
+        match wanted.checked_sub(lease.bytes()) {
+            Some(more) => lease.grow("the viewer", more)?,
+            None => lease.shrink_to(wanted),
+        }
+        *atlas = Atlas::default();
+        let (frame, seq) = (picture.frame + 1, picture.seq);
+        // Gone before the next is taken.
+        picture.rgb = Vec::new();
+        *picture = Picture::new(full);
+        (picture.frame, picture.seq) = (frame, seq);
+        let layout = picture.layout;
+        lock(&self.clients).iter().for_each(|client| client.mark(&Changed::All, layout));
+        Ok(())
+    }
+
+    /// Takes a client in, with a page of `size` pixels.
+    pub(crate) fn admit(&self, stream: TcpStream, size: [u32; 2]) -> Arc<Client> {
+        let id = self.last_id.fetch_add(1, Ordering::Relaxed) + 1;
+        self.mailbox.join(id, size);
+        let role = self.mailbox.role(id);
+        let greeting = lock(&self.greeting);
+        let picture = self.picture();
+        let mut clients = lock(&self.clients);
+        let client = Arc::new(Client::new(id, stream, picture.layout, picture.settled.clone()));
+        clients.push(client.clone());
+        client.tell(greeting.welcome(role, clients.len()));
+        if let Some(stats) = &*lock(&self.stats) {
+            client.tell_stats(stats);
+        }
+        client
+    }
+
+    /// Lets a client go.
+    pub(crate) fn dismiss(&self, client: &Client) {
+        lock(&self.clients).retain(|other| other.id != client.id);
+        let (bytes, frames) = client.outbox().sent();
+        self.gone_bytes.fetch_add(bytes, Ordering::Relaxed);
+        self.gone_frames.fetch_add(frames, Ordering::Relaxed);
+        self.mailbox.leave(client.id);
+    }
+
+    /// The clients that there are now.
+    pub(crate) fn clients(&self) -> Vec<Arc<Client>> {
+        lock(&self.clients).clone()
+    }
+
+    /// Tells every client how it goes.
+    pub(crate) fn tell_stats(&self, stats: Stats) {
+        let stats = Arc::new(stats);
+        lock(&self.clients).iter().for_each(|client| client.tell_stats(&stats));
+        *lock(&self.stats) = Some(stats);
+    }
+
+    /// Sends a text to one client, if it is still there.
+    pub(crate) fn tell(&self, id: u32, text: impl FnOnce() -> String) {
+        if let Some(client) = lock(&self.clients).iter().find(|client| client.id == id) {
+            client.tell(text());
+        }
+    }
+
+    /// Sends a file to one client, if it is still there.
+    pub(crate) fn send_file(&self, id: u32, file: File) {
+        if let Some(client) = lock(&self.clients).iter().find(|client| client.id == id) {
+            client.send_file(file);
+        }
+    }
+
+    /// Tells all clients but one what has changed of the state, and keeps it for those who come later.
+    pub(crate) fn tell_state(&self, update: State, but: Option<u32>) {
+        let mut greeting = lock(&self.greeting);
+        let driver = self.mailbox.driver();
+        let clients = lock(&self.clients);
+        for client in clients.iter().filter(|client| Some(client.id) != but) {
+            let role = if driver == Some(client.id) { Role::Drive } else { Role::Watch };
+            client.tell(update.update(role, clients.len()));
+        }
+        greeting.merge(update);
+    }
+
+    /// What is said to who comes.
+    pub(crate) fn set_greeting(&self, state: State) {
+        *lock(&self.greeting) = state;
+    }
+
+    /// Keeps the view as texts for those who come later.
+    pub(crate) fn keep_texts(&self, command: String, scene: String) {
+        lock(&self.greeting).merge(State { command: Some(command), scene: Some(scene), ..State::default() });
+    }
+
+    /// Clients that ever were.
+    pub(crate) fn admitted(&self) -> u64 {
+        self.last_id.load(Ordering::Relaxed).into()
+    }
+
+    /// Marks what has changed with every client. The picture is held meanwhile, so that none comes in between.
+    pub(crate) fn mark(&self, picture: &Picture, changed: &Changed) {
+        lock(&self.clients).iter().for_each(|client| client.mark(changed, picture.layout));
+    }
+
+    /// Sends the settled picture to every client.
+    pub(crate) fn settle(&self, settled: Settled) {
+        let mut picture = self.picture();
+        lock(&self.clients).iter().for_each(|client| client.settle(&settled));
+        picture.settled = Some(settled);
+    }
+}

@@ -1,0 +1,222 @@
+//! A client's two threads: one reads what the page says, one writes what it is to see.
+//!
+//! ```text
+//! head, upgrade -> hello in time, with the token -> welcome -> reader: ack, events -> mailbox
+//!                                                              writer: outbox -> texts, frames
+//! ```
+//!
+//! Invariants: 1. nothing but a close goes to who has not said the token; 2. a message is bounded before it is kept; 3.
+//! a page that takes nothing for [`WRITE_TIME_MAX`] is let go; 4. the reader ends the writer, and the other way round.
+
+use crate::atlas::{FrameHead, frame_bytes, whole_head};
+use crate::client::{Client, Next, close};
+use crate::http::{HEAD_TIME_MAX, Incoming};
+use crate::mailbox::Posted;
+use crate::message::{FromClient, MESSAGE_BYTES_MAX, Notice, text_of};
+use crate::shared::Shared;
+use std::io::{self, Write};
+use std::net::{Shutdown, TcpStream};
+use std::thread;
+use std::time::{Duration, Instant};
+use tungstenite::protocol::frame::FrameHeader;
+use tungstenite::protocol::frame::coding::{Control, Data, OpCode};
+use tungstenite::protocol::{Role, WebSocketConfig};
+use tungstenite::{Message, WebSocket};
+
+/// Longest time in which a page takes nothing of what is written to it.
+pub(crate) const WRITE_TIME_MAX: Duration = Duration::from_secs(10);
+/// Bytes that are read at a time.
+const READ_BYTES: usize = 16 << 10;
+/// Stack of a writer.
+const WRITER_STACK_BYTES: usize = 512 << 10;
+/// Most messages that cannot be read before who sends them is let go.
+const WRONG_MAX: u32 = 16;
+
+type Socket = WebSocket<Incoming>;
+
+/// Serves a page whose request to become a socket has been granted; `rest` is what came after its head.
+pub(crate) fn serve(shared: &Shared, mut incoming: Incoming, rest: Vec<u8>) {
+    incoming.deadline = Some(Instant::now() + HEAD_TIME_MAX);
+    let config = WebSocketConfig::default()
+        .read_buffer_size(READ_BYTES)
+        .max_message_size(Some(MESSAGE_BYTES_MAX))
+        .max_frame_size(Some(MESSAGE_BYTES_MAX));
+    let mut socket = WebSocket::from_partially_read(incoming, rest, Role::Server, Some(config));
+    let size = match hello(shared, &mut socket) {
+        Ok(size) => size,
+        Err(code) => return say_goodbye(&socket.get_ref().stream, code),
+    };
+    let incoming = socket.get_mut();
+    incoming.deadline = None;
+    let Ok(()) = incoming.stream.set_read_timeout(None) else { return };
+    let Ok(stream) = incoming.stream.try_clone() else { return };
+    let client = shared.admit(stream, size);
+    thread::scope(|scope| {
+        let writer = thread::Builder::new().name("view-write".into()).stack_size(WRITER_STACK_BYTES);
+        if writer.spawn_scoped(scope, || write(shared, &client)).is_ok() {
+            client.close(read(shared, &client, &mut socket));
+        }
+    });
+    shared.dismiss(&client);
+}
+
+/// The size that a page says it has, once it has said the token; else the code to close with.
+fn hello(shared: &Shared, socket: &mut Socket) -> Result<[u32; 2], u16> {
+    let text = loop {
+        match socket.read() {
+            Ok(Message::Text(text)) => break text,
+            Ok(Message::Ping(_) | Message::Pong(_)) => {}
+            _ => return Err(close::POLICY),
+        }
+    };
+    match serde_json::from_str(&text) {
+        Ok(FromClient::Hello { token, size, .. }) if shared.token.is(&token) => Ok(size),
+        Ok(FromClient::Hello { .. }) => Err(close::BAD_TOKEN),
+        _ => Err(close::POLICY),
+    }
+}
+
+/// Reads until the page has gone. Gives the code to close with.
+fn read(shared: &Shared, client: &Client, socket: &mut Socket) -> u16 {
+    let mut wrong = 0;
+    loop {
+        let text = match socket.read() {
+            Ok(Message::Text(text)) => text,
+            Ok(Message::Ping(payload)) => {
+                client.pong(payload.to_vec());
+                continue;
+            }
+            Ok(Message::Pong(_)) => continue,
+            Ok(Message::Close(_)) => return close::NORMAL,
+            Ok(_) | Err(_) => return close::POLICY,
+        };
+        match serde_json::from_str(&text) {
+            Ok(FromClient::Ack { frame }) => client.acknowledge(frame),
+            // Once is enough.
+            Ok(FromClient::Hello { .. }) => return close::POLICY,
+            Ok(message) => tell_posted(client, shared.mailbox.post(client.id, message)),
+            Err(error) => {
+                wrong += 1;
+                if wrong > WRONG_MAX {
+                    return close::POLICY;
+                }
+                tell(client, &Notice::wrong(&error.to_string()));
+            }
+        }
+    }
+}
+
+fn tell(client: &Client, notice: &Notice) {
+    client.tell(text_of(notice));
+}
+
+fn tell_posted(client: &Client, posted: Posted) {
+    match posted {
+        Posted::Taken => {}
+        Posted::Watching => {
+            tell(client, &Notice::info("watching", "somebody else drives", "ask for the wheel"));
+        }
+        Posted::Driven => {
+            let next = "wait until the driver has been idle for 10 s, and ask again";
+            tell(client, &Notice::info("driven", "the wheel is not free", next));
+        }
+        Posted::Full => {
+            tell(
+                client,
+                &Notice::info("busy", "too much waits to be done; this was left out", "wait a little"),
+            );
+        }
+    }
+}
+
+/// Writes until there is nothing more to write, or nobody who takes it.
+fn write(shared: &Shared, client: &Client) {
+    let mut frame = Vec::new();
+    // The reader learns of the end by the stream's.
+    let _ = write_all(shared, client, &mut frame);
+    let _ = client.stream.shutdown(Shutdown::Both);
+}
+
+fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
+    client.stream.set_write_timeout(Some(WRITE_TIME_MAX))?;
+    loop {
+        match client.next() {
+            Next::Text(text) => send(client, OpCode::Data(Data::Text), text.as_bytes())?,
+            Next::Pong(payload) => send(client, OpCode::Control(Control::Pong), &payload)?,
+            Next::Blocks => send_blocks(shared, client, frame)?,
+            Next::Whole(settled) => {
+                let head = FrameHead::new(&shared.picture());
+                client.outbox().fly(settled.frame, settled.png.len(), 0);
+                put(client, &whole_head(&settled, head))?;
+                put(client, &settled.png)?;
+            }
+            Next::File(file) => {
+                put(client, &file.head)?;
+                put(client, &file.bytes)?;
+            }
+            Next::Close(code) => {
+                say_goodbye(&client.stream, code);
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Sends what is marked, or as much of it as the line bears.
+fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
+    let mut atlas = shared.atlas();
+    let mut most_blocks = usize::MAX;
+    let start = loop {
+        let picture = shared.picture();
+        let mut outbox = client.outbox();
+        // A picture that moves is seen whole or not at all.
+        let bearable = if picture.scale == 1 { outbox.window.blocks() } else { usize::MAX };
+        atlas.blocks.clear();
+        outbox.marks.take(bearable.min(most_blocks), &mut atlas.blocks);
+        drop(outbox);
+        atlas.copy(&picture);
+        let most = frame_bytes(picture.full);
+        drop(picture);
+        if frame.capacity() > most {
+            *frame = Vec::new();
+        }
+        if let Some(start) = atlas.encode(most, frame) {
+            break start;
+        }
+        // They go in more than one frame. The picture may have become another one meanwhile.
+        most_blocks = (atlas.blocks.len() / 2).max(1);
+        let picture = shared.picture();
+        client.outbox().marks.put_back(&atlas.blocks, picture.layout);
+    };
+    client.outbox().fly(atlas.head().frame, frame.len() - start, atlas.blocks.len());
+    drop(atlas);
+    put(client, &frame[start..])
+}
+
+/// Sends a short message.
+fn send(client: &Client, opcode: OpCode, payload: &[u8]) -> io::Result<()> {
+    let bytes = message(opcode, payload);
+    put(client, &bytes)
+}
+
+fn put(client: &Client, bytes: &[u8]) -> io::Result<()> {
+    (&client.stream).write_all(bytes)?;
+    client.outbox().count_sent(bytes.len());
+    Ok(())
+}
+
+/// A message with its header.
+fn message(opcode: OpCode, payload: &[u8]) -> Vec<u8> {
+    let header = FrameHeader { opcode, ..FrameHeader::default() };
+    let mut bytes = Vec::with_capacity(header.len(payload.len() as u64) + payload.len());
+    header.format(payload.len() as u64, &mut bytes).expect("a vector takes what is written");
+    bytes.extend_from_slice(payload);
+    bytes
+}
+
+/// Sends the close of a connection.
+fn say_goodbye(mut stream: &TcpStream, code: u16) {
+    // Who has gone hears nothing.
+    let _ = stream.set_write_timeout(Some(WRITE_TIME_MAX));
+    let _ = stream.write_all(&message(OpCode::Control(Control::Close), &code.to_be_bytes()));
+}

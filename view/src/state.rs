@@ -1,0 +1,282 @@
+//! What pages are told: the state of the session, what it is doing, and what they asked for.
+//!
+//! Invariant: a page that has had the welcome and every `state` since knows all of the state.
+
+use crate::message::{CameraText, LightText, MaterialText, Role, SettingsText, text_of};
+use serde::Serialize;
+use trex_render::{FrameProgress, RayCounts};
+
+/// What is constant of a model, for the page.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ModelFigures {
+    /// Triangles of the model.
+    pub triangle_count: u64,
+    /// Bytes of its file.
+    pub file_bytes: u64,
+    /// Pages of the file.
+    pub page_count: u64,
+    /// Materials of the model.
+    pub material_count: u64,
+}
+
+/// Memory, as the process and its ledger have it.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct MemoryFigures {
+    /// Leased now.
+    pub used_bytes: u64,
+    /// The limit of the process.
+    pub limit_bytes: u64,
+    /// Most that the process has held at once, as the system counts.
+    pub peak_rss_bytes: Option<u64>,
+    /// Frames of pages.
+    pub frames_bytes: u64,
+}
+
+/// The pool of pages.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct PoolFigures {
+    /// Frames that there are.
+    pub frames: u64,
+    /// Pages in them.
+    pub resident: u64,
+    /// Pages read since the file was opened.
+    pub pages_read: u64,
+    /// Look-ups that found no page.
+    pub misses: u64,
+    /// Pages that lost their frame.
+    pub evictions: u64,
+    /// Bytes read.
+    pub bytes_read: u64,
+}
+
+/// The state of the session; in an update, what has changed of it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(crate) struct State {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) name: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) size: Option<[u32; 2]>,
+    /// The picture is as large as the driver's page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) follows_page: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) bounds: Option<BoundsText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) up: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) camera: Option<CameraText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) home: Option<CameraText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) views: Option<Vec<CameraText>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lights: Option<Vec<LightText>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) materials: Option<Vec<MaterialText>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) settings: Option<SettingsText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model: Option<ModelFigures>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) memory: Option<LimitText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) t_max_ms: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) command: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) scene: Option<String>,
+}
+
+/// The box of the model.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct BoundsText {
+    pub(crate) lo: [f64; 3],
+    pub(crate) hi: [f64; 3],
+}
+
+/// The limit of memory.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct LimitText {
+    pub(crate) limit_bytes: u64,
+}
+
+/// A state as one client gets it.
+#[derive(Serialize)]
+struct StateText<'a> {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    role: Role,
+    clients: usize,
+    #[serde(flatten)]
+    state: &'a State,
+}
+
+impl State {
+    /// The first message to a client.
+    pub(crate) fn welcome(&self, role: Role, clients: usize) -> String {
+        text_of(&StateText { kind: "welcome", role, clients, state: self })
+    }
+
+    /// A message that brings changes.
+    pub(crate) fn update(&self, role: Role, clients: usize) -> String {
+        text_of(&StateText { kind: "state", role, clients, state: self })
+    }
+
+    /// True when nothing has changed that events may change.
+    pub(crate) fn is_empty(&self) -> bool {
+        let State { size, camera, lights, materials, settings, .. } = self;
+        size.is_none() && camera.is_none() && lights.is_none() && materials.is_none() && settings.is_none()
+    }
+
+    /// Takes over what `update` has.
+    pub(crate) fn merge(&mut self, update: State) {
+        let State { size, camera, home, lights, materials, settings, memory, command, scene, .. } = update;
+        self.home = home.or(self.home);
+        self.size = size.or(self.size);
+        self.camera = camera.or(self.camera);
+        self.lights = lights.or(self.lights.take());
+        self.materials = materials.or(self.materials.take());
+        self.settings = settings.or(self.settings);
+        self.memory = memory.or(self.memory);
+        self.command = command.or(self.command.take());
+        self.scene = scene.or(self.scene.take());
+    }
+}
+
+/// How the picture goes on.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(tag = "type", rename = "stats")]
+pub(crate) struct Stats {
+    pub(crate) progress: &'static str,
+    pub(crate) samples: u32,
+    pub(crate) spp: u32,
+    pub(crate) light_share: f64,
+    pub(crate) pixel_error: PixelError,
+    pub(crate) times_ms: Times,
+    pub(crate) rays_per_s: RaysText,
+    pub(crate) memory: MemoryFigures,
+    pub(crate) pool: PoolFigures,
+}
+
+/// Error of the footprint rule, pixels.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(crate) struct PixelError {
+    pub(crate) asked: f64,
+    pub(crate) in_force: f64,
+}
+
+/// When the picture was what, from the last event on, ms.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(crate) struct Times {
+    pub(crate) first: Option<f64>,
+    pub(crate) whole: Option<f64>,
+    pub(crate) response: Option<f64>,
+    pub(crate) complete: Option<f64>,
+}
+
+/// Rays a second by kind.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(crate) struct RaysText {
+    pub(crate) primary: f64,
+    pub(crate) shadow: f64,
+    pub(crate) gather: f64,
+    pub(crate) far: f64,
+    pub(crate) photon: f64,
+}
+
+impl RaysText {
+    /// Rates over `seconds`, `far`: C-rays behind the cut of the footprint rule.
+    pub(crate) fn new(rays: &RayCounts, far: u64, seconds: f64) -> RaysText {
+        let RayCounts { primary, mirror, shadow, gather, photon } = *rays;
+        let [primary, shadow, gather, far, photon] =
+            [primary + mirror, shadow, gather, far, photon].map(|count| count as f64 / seconds);
+        RaysText { primary, shadow, gather, far, photon }
+    }
+}
+
+impl Stats {
+    /// The message, with what is of one client: bytes that went to it, and bytes and frames a second.
+    pub(crate) fn text(&self, sent_bytes: u64, [bytes_per_s, fps]: [f64; 2]) -> String {
+        #[derive(Serialize)]
+        struct StatsText<'a> {
+            #[serde(flatten)]
+            stats: &'a Stats,
+            sent_bytes: u64,
+            bytes_per_s: f64,
+            fps: f64,
+        }
+        text_of(&StatsText { stats: self, sent_bytes, bytes_per_s, fps })
+    }
+}
+
+/// The name of a progress.
+pub(crate) fn progress_name(progress: FrameProgress) -> &'static str {
+    match progress {
+        FrameProgress::Preview => "preview",
+        FrameProgress::Part => "part",
+        FrameProgress::Block => "block",
+        FrameProgress::Complete => "complete",
+        FrameProgress::Done => "done",
+    }
+}
+
+/// The answer to a pick.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "type", rename = "picked")]
+pub(crate) struct Picked {
+    pub(crate) id: u32,
+    pub(crate) hit: Option<HitText>,
+}
+
+/// What is at a pixel.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct HitText {
+    pub(crate) triangle: u32,
+    pub(crate) material: u32,
+    pub(crate) name: String,
+    pub(crate) position: [f64; 3],
+    pub(crate) normal: [f32; 3],
+    pub(crate) distance: f64,
+    pub(crate) page: u32,
+}
+
+/// How far a screenshot is.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(tag = "type", rename = "progress")]
+pub(crate) struct ShotProgress {
+    pub(crate) id: u32,
+    pub(crate) done: u64,
+    pub(crate) total: u64,
+}
+
+/// The view as texts.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "type", rename = "texts")]
+pub(crate) struct TextsMessage<'a> {
+    pub(crate) command: &'a str,
+    pub(crate) scene: &'a str,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_update_says_what_has_changed_and_no_more() {
+        let camera = CameraText { position: [1.0; 3], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 40.0 };
+        let update = State { camera: Some(camera), ..State::default() };
+        let text: serde_json::Value = serde_json::from_str(&update.update(Role::Watch, 2)).unwrap();
+        let keys: Vec<&str> = text.as_object().unwrap().keys().map(String::as_str).collect();
+        assert_eq!(keys.len(), 4);
+        assert_eq!(
+            (&text["type"], &text["role"], &text["clients"]),
+            (&"state".into(), &"watch".into(), &2.into())
+        );
+        let mut state = State { name: Some("a".into()), size: Some([1, 2]), ..State::default() };
+        state.merge(update);
+        assert_eq!(
+            (state.name.as_deref(), state.size, state.camera),
+            (Some("a"), Some([1, 2]), Some(camera))
+        );
+    }
+}

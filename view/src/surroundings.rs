@@ -1,0 +1,67 @@
+//! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
+
+use crate::guard::Token;
+use crate::state::{MemoryFigures, ModelFigures, PoolFigures};
+use serde::Serialize;
+use trex_render::{Camera, CameraKeys, FrameOptions, RenderSettings};
+use trex_store::{Budget, Material, Result};
+
+/// The surroundings of a session on show.
+pub struct Surroundings<'a> {
+    /// Name of the model, for the page's title.
+    pub name: &'a str,
+    /// The file that was opened, as typed: the command lines that the page shows name it.
+    pub input: &'a str,
+    /// Path of the model, for scene files.
+    pub model_path: &'a str,
+    /// What is constant of the model.
+    pub model: ModelFigures,
+    /// Materials of the model as the file has them, before the edits of a scene.
+    pub file_materials: &'a [Material],
+    /// Cameras that the page offers.
+    pub views: Vec<Camera>,
+    /// What the scene says of the camera: where that is nothing the model is framed, in a page of any shape.
+    pub camera: CameraKeys,
+    /// The ledger.
+    pub budget: &'a Budget,
+    /// Memory now.
+    pub memory: &'a dyn Fn() -> MemoryFigures,
+    /// The pool of pages now.
+    pub pool: &'a dyn Fn() -> PoolFigures,
+    /// Sets the memory for frames of pages, bytes.
+    pub set_limit: &'a dyn Fn(u64) -> Result<()>,
+    /// Sets the memory for frames of pages to what is left beside pictures of all these settings.
+    pub make_room: &'a dyn Fn(&[RenderSettings]) -> Result<()>,
+    /// True once the viewer is to end.
+    pub stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// How a session is served.
+#[derive(Clone, Debug)]
+pub struct ServeOptions {
+    /// What pages have to say.
+    pub token: Token,
+    /// Host names by which the server may be asked, beside those of this machine and the address it listens on.
+    pub hosts: Vec<String>,
+    /// How the session makes its frames.
+    pub frames: FrameOptions,
+    /// True when the picture takes the size of the driver's page.
+    pub follows_page: bool,
+}
+
+/// What was served.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Served {
+    /// Pages that were connected.
+    pub clients: u64,
+    /// Events that were applied.
+    pub events: u64,
+    /// Frames of the session.
+    pub frames: u64,
+    /// Frames that pages have drawn.
+    pub frames_drawn: u64,
+    /// Bytes that went to pages.
+    pub sent_bytes: u64,
+    /// Screenshots that were made.
+    pub screenshots: u64,
+}

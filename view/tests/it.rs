@@ -1,0 +1,14 @@
+//! The server with pages that a test plays, against a real session on a small model.
+
+#[path = "it/client.rs"]
+mod client;
+#[path = "it/guard.rs"]
+mod guard;
+#[path = "it/hostile.rs"]
+mod hostile;
+#[path = "it/stage.rs"]
+mod stage;
+#[path = "it/stream.rs"]
+mod stream;
+#[path = "it/wishes.rs"]
+mod wishes;

@@ -1,0 +1,196 @@
+//! A small model, and the server that shows it, on a thread of its own.
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::fmt::Write;
+use std::net::{SocketAddr, TcpListener};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread::JoinHandle;
+use trex_render::{
+    CameraKeys, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene, Session,
+    SessionSetup, Voxels, pooled_tracers, write_png,
+};
+use trex_store::build::{BuildOptions, Existing, Precision, build};
+use trex_store::import::{ImportOptions, open};
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Budget, Interrupt, PageFile, Result};
+use trex_view::{
+    MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings, Token, serve, view_bytes,
+};
+
+/// Squares along a side of the model.
+const SIDE: usize = 60;
+/// Size of its pictures, unless a test says another.
+pub(crate) const SIZE: [u32; 2] = [160, 120];
+
+/// The page file of the model, built once.
+fn model() -> &'static PathBuf {
+    static MODEL: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = MODEL.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, path) = (folder.path().join("wave.obj"), folder.path().join("wave.trex"));
+        let mut text = String::new();
+        for at in 0..(SIDE + 1) * (SIDE + 1) {
+            let [x, y] = [at % (SIDE + 1), at / (SIDE + 1)].map(|i| i as f64 / SIDE as f64);
+            writeln!(text, "v {x} {} {y}", 0.1 * (9.0 * x).sin() * (7.0 * y).cos()).unwrap();
+        }
+        for at in 0..SIDE * SIDE {
+            let a = at + at / SIDE + 1;
+            writeln!(text, "f {a} {} {} {}", a + SIDE + 1, a + SIDE + 2, a + 1).unwrap();
+        }
+        std::fs::write(&input, text).unwrap();
+        let options = BuildOptions {
+            precision: Precision::Default,
+            voxels: trex_store::build::Voxels::Resolution(64),
+            pool: threads(),
+            budget: Budget::unlimited(),
+            temp_dir: None,
+            existing: Existing::Keep,
+            interrupt: Interrupt::default(),
+        };
+        let mut source = open(&input, &ImportOptions::unlimited(folder.path())).unwrap();
+        build(&mut *source, &path, &options, &|_| {}, &|_| {}).unwrap();
+        (folder, path)
+    });
+    path
+}
+
+fn threads() -> Arc<ThreadPool> {
+    Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap())
+}
+
+/// The numbers of pictures.
+pub(crate) fn keys() -> RenderKeys {
+    RenderKeys {
+        integrator: Method::Photon,
+        resolution: SIZE,
+        photons: 20_000,
+        spp: 4,
+        ..RenderKeys::default()
+    }
+}
+
+type Tracer<'a> = PagedMesh<'a, PooledPages<'a>>;
+
+/// Gives a session with `keys` to `then`.
+fn with_session<R>(
+    keys: RenderKeys,
+    budget: &Budget,
+    then: impl FnOnce(Session<Tracer<'_>>, &PagePool) -> R,
+) -> R {
+    let path = model();
+    let file = Arc::new(PageFile::open(path, budget).unwrap());
+    let options = PoolOptions { frames_bytes: 8 << 20, ..PoolOptions::default() };
+    let pool = PagePool::open(file.clone(), path, budget, &options).unwrap();
+    let voxels = Voxels::open(&file, budget).unwrap().map(Arc::new);
+    let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
+    let mut model = Model { bounds, materials, emitters: vec![], voxels };
+    let camera = CameraKeys {
+        position: Some([1.5, 1.0, 2.0]),
+        target: Some([0.5, 0.0, 0.5]),
+        ..CameraKeys::default()
+    };
+    let scene = Scene { render: keys, camera, ..Scene::default() };
+    let view = scene.view(&mut model).unwrap();
+    let tracers = pooled_tracers(&file, &pool, 2);
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads() };
+    then(Session::new(setup, budget).unwrap(), &pool)
+}
+
+/// The picture that a session at leisure makes with `keys`, as PNG.
+pub(crate) fn rendered(keys: RenderKeys) -> Vec<u8> {
+    with_session(keys, &Budget::unlimited(), |mut session, _| {
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+        session.render(keys.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
+        let mut png = vec![];
+        write_png(session.film(), keys.exposure, session.thread_pool(), &mut png).unwrap();
+        png
+    })
+}
+
+/// A server that runs.
+pub(crate) struct Server {
+    pub(crate) address: SocketAddr,
+    pub(crate) token: String,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Result<Served>>>,
+    /// One runs at a time: tests count threads.
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl Server {
+    /// A server of pictures with `keys`.
+    pub(crate) fn new(keys: RenderKeys) -> Server {
+        Server::with_limit(keys, 1 << 30)
+    }
+
+    /// As [`Server::new`], under a memory limit.
+    pub(crate) fn with_limit(keys: RenderKeys, limit_bytes: u64) -> Server {
+        static TURN: Mutex<()> = Mutex::new(());
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let (address, token) = (listener.local_addr().unwrap(), Token::random().unwrap());
+        let stop = Arc::new(AtomicBool::new(false));
+        let (stops, said) = (stop.clone(), token.clone());
+        let work = move || {
+            let budget = Budget::new(limit_bytes);
+            with_session(keys, &budget, |session, pool| {
+                let frames = FrameOptions::default();
+                let session = session.go_live(frames)?;
+                let hosts = vec!["render.lan".to_owned()];
+                let options = ServeOptions { token: said, hosts, frames, follows_page: true };
+                let materials = session.model().materials.clone();
+                let around = Surroundings {
+                    name: "wave",
+                    input: "wave.trex",
+                    model_path: "/models/wave.trex",
+                    model: ModelFigures { triangle_count: 7200, ..ModelFigures::default() },
+                    file_materials: &materials,
+                    views: vec![],
+                    camera: CameraKeys::default(),
+                    budget: &budget,
+                    memory: &|| MemoryFigures { used_bytes: budget.used_bytes(), ..MemoryFigures::default() },
+                    pool: &|| PoolFigures { frames: pool.stats().frames, ..PoolFigures::default() },
+                    set_limit: &|bytes| pool.set_limit(bytes).map(drop),
+                    make_room: &|settings| match settings {
+                        [_, more] => budget.lease("another picture", view_bytes(more.resolution)).map(drop),
+                        _ => Ok(()),
+                    },
+                    stop: &|| stops.load(Ordering::Relaxed),
+                };
+                serve(session, &listener, &options, &around)
+            })
+        };
+        let thread = std::thread::Builder::new().name("server".into()).spawn(work).unwrap();
+        Server { address, token: token.digits().to_owned(), stop, thread: Some(thread), _turn: turn }
+    }
+
+    /// Ends the server; what it served.
+    pub(crate) fn end(mut self) -> Served {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap().unwrap()
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A test that has failed says what it missed; this may say why.
+            if let Ok(Err(error)) = thread.join() {
+                assert!(std::thread::panicking(), "{error}");
+                std::io::Write::write_all(&mut std::io::stderr(), format!("{error}\n").as_bytes()).unwrap();
+            }
+        }
+    }
+}
+
+/// Threads of servers that there are now.
+pub(crate) fn view_threads() -> usize {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    let name =
+        |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("comm")).unwrap_or_default();
+    tasks.filter_map(|task| task.ok()).map(name).filter(|name| name.starts_with("view-")).count()
+}

@@ -1,0 +1,144 @@
+//! What pages ask for: edits, sizes, picks, screenshots, the wheel.
+
+use crate::client::{Came, Page};
+use crate::stage::{SIZE, Server, keys, rendered};
+use crate::stream::camera;
+use serde_json::json;
+use std::time::Duration;
+use trex_render::{Method, RenderKeys};
+
+#[test]
+fn edits_are_seen_by_those_who_watch_and_in_the_texts() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, SIZE);
+    let mut watcher = Page::new(&server, SIZE);
+    page.say(&json!({"type": "material", "seq": 1, "index": 0, "edit": {"kd": [0.5, 0.25, 0.125]}}));
+    page.say(&json!({"type": "lights", "seq": 2, "lights": [{"type": "sky", "radiance": [1.0, 0.5, 0.25]}]}));
+    let mut states = vec![];
+    while states.iter().all(|state: &serde_json::Value| state["lights"].is_null()) {
+        states.push(watcher.text("state"));
+    }
+    assert!(
+        states.iter().any(|state| state["materials"][0]["kd"] == json!([0.5, 0.25, 0.125])),
+        "{states:?}"
+    );
+    assert_eq!(states.last().unwrap()["lights"][0]["radiance"], json!([1.0, 0.5, 0.25]));
+    page.frame_until(|frame| frame.seq == 2 && frame.kind == 2);
+    let texts = page.text("texts");
+    let scene = texts["scene"].as_str().unwrap();
+    assert!(scene.contains("[material.\"default\"]\nkd = [0.5, 0.25, 0.125]"), "{scene}");
+    assert!(scene.contains("type = \"sky\"\nradiance = [1.0, 0.5, 0.25]"), "{scene}");
+    assert_eq!(texts["command"], "trex render view.toml -o picture.png");
+}
+
+#[test]
+fn what_makes_no_sense_is_told_and_changes_nothing() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, SIZE);
+    page.settle();
+    for said in [
+        json!({"type": "camera", "seq": 1, "position": [0, 0, 0], "target": [0, 0, 0], "up": [0, 1, 0], "fov_y": 40}),
+        json!({"type": "material", "seq": 2, "index": 7, "edit": {}}),
+        json!({"type": "settings", "seq": 3, "settings": {"spp": 0}}),
+        json!({"type": "lights", "seq": 4, "lights": [{"type": "sky", "radiance": [-1, 0, 0]}]}),
+    ] {
+        page.say(&said);
+        let notice = page.text("notice");
+        assert_eq!((&notice["level"], &notice["code"]), (&json!("error"), &json!("scene-format")), "{said}");
+        for part in ["text", "place", "numbers", "next"] {
+            assert!(notice[part].as_str().is_some_and(|part| !part.is_empty()), "{notice}");
+        }
+        while page.text("state")["settings"]["spp"] != 4 {}
+    }
+}
+
+#[test]
+fn settings_and_sizes_make_the_picture_that_they_say() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, [96, 64]);
+    page.say(&json!({"type": "settings", "seq": 1, "settings": {"integrator": "direct", "spp": 2, "exposure": 0.5}}));
+    let settled = page.frame_until(|frame| frame.kind == 2 && frame.seq == 1);
+    assert_eq!(settled.size, [96, 64]);
+    let expected =
+        RenderKeys { integrator: Method::Direct, spp: 2, exposure: 0.5, resolution: [96, 64], ..keys() };
+    assert!(settled.body == rendered(expected));
+    page.say(&json!({"type": "size", "seq": 2, "size": [50, 40]}));
+    let settled = page.frame_until(|frame| frame.kind == 2 && frame.seq == 2);
+    assert!(settled.body == rendered(RenderKeys { resolution: [50, 40], ..expected }));
+}
+
+/// A page that asks for more than there is memory for gets the largest that fits.
+#[test]
+fn a_picture_that_is_too_large_becomes_smaller() {
+    let server = Server::with_limit(keys(), 128 << 20);
+    let mut page = Page::new(&server, SIZE);
+    page.settle();
+    page.say(&json!({"type": "size", "seq": 2, "size": [16_000, 16_000]}));
+    let notice = page.text("notice");
+    assert_eq!((&notice["level"], &notice["code"]), (&json!("info"), &json!("smaller")), "{notice}");
+    let frame = page.frame_until(|frame| frame.seq == 2);
+    assert!((200..5000).contains(&frame.size[0]), "{:?}", frame.size);
+}
+
+#[test]
+fn a_pick_says_what_is_there() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, SIZE);
+    page.say(&json!({"type": "pick", "id": 7, "pixel": [80, 60]}));
+    let picked = page.text("picked");
+    assert_eq!((&picked["id"], &picked["hit"]["name"]), (&json!(7), &json!("default")));
+    assert!(picked["hit"]["distance"].as_f64().unwrap() > 0.0, "{picked}");
+    for pixel in [[0, 0], [160, 0], [u32::MAX, u32::MAX]] {
+        page.say(&json!({"type": "pick", "id": 8, "pixel": pixel}));
+        assert!(page.text("picked")["hit"].is_null());
+    }
+}
+
+#[test]
+fn a_screenshot_is_the_picture_of_the_command_line() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, SIZE);
+    assert!(page.settle().body == rendered(keys()));
+    for (id, format) in [(3, "png"), (4, "exr")] {
+        page.say(&json!({"type": "screenshot", "id": id, "format": format, "size": [64, 48], "spp": 3}));
+        let body = loop {
+            match page.next(Duration::from_secs(30)) {
+                Came::File { id: found, format: kind, body } => {
+                    assert_eq!((found, kind), (id, u8::from(format == "exr")));
+                    break body;
+                }
+                Came::Frame(frame) => panic!("the picture is what it was: {frame:?}"),
+                Came::Text(text) => assert_ne!(text["type"], "notice", "{text}"),
+                Came::Closed(code) => panic!("closed: {code}"),
+                Came::Nothing => panic!("no file came"),
+            }
+        };
+        if format == "png" {
+            assert!(body == rendered(RenderKeys { resolution: [64, 48], spp: 3, ..keys() }));
+        } else {
+            assert!(body.starts_with(&[0x76, 0x2f, 0x31, 0x01]));
+        }
+    }
+    page.say(&json!({"type": "screenshot", "id": 5, "format": "png", "size": [60_000, 60_000], "spp": 1}));
+    assert_eq!(page.text("notice")["code"], "memory-limit");
+    page.say(&camera(9, 1.5));
+    page.frame_until(|frame| frame.kind == 2 && frame.seq == 9);
+    assert_eq!(server.end().screenshots, 2);
+}
+
+#[test]
+fn who_watches_asks_for_the_wheel() {
+    let server = Server::new(keys());
+    let driver = Page::new(&server, SIZE);
+    let mut watcher = Page::new(&server, SIZE);
+    watcher.say(&camera(1, 1.5));
+    assert_eq!(watcher.text("notice")["code"], "watching");
+    watcher.say(&json!({"type": "drive"}));
+    assert_eq!(watcher.text("notice")["code"], "driven");
+    drop(driver);
+    while watcher.text("state")["clients"] != 1 {}
+    watcher.say(&json!({"type": "drive"}));
+    while watcher.text("state")["role"] != "drive" {}
+    watcher.say(&camera(2, 1.5));
+    watcher.frame_until(|frame| frame.seq == 2);
+}
