@@ -8,35 +8,8 @@ work=$(realpath "${1:?usage: bench/campaign.sh WORK_FOLDER}")
 cd "$(dirname "$0")/.."
 root=$PWD
 cargo build --release --workspace
-trex=$root/target/release/trex
+source bench/record.sh
 cd "$work"
-
-# record NAME COMMAND...: runs a verb of trex with --json in the folder `at` or the work folder, keeps the document.
-record() {
-    local name=$1
-    shift
-    echo "== $name: trex $*" >&2
-    (cd "${at:-$work}" && "$trex" "$@" --json --progress none >"$work/document.json")
-    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex $*" document.json
-}
-
-# capped NAME BYTES COMMAND...: the same inside a control group of exactly so many bytes.
-capped() {
-    local name=$1 bytes=$2
-    shift 2
-    local group=/sys/fs/cgroup/memory/trex-campaign-$$
-    mkdir "$group"
-    echo "$bytes" >"$group/memory.limit_in_bytes"
-    (
-        echo "$BASHPID" >"$group/cgroup.procs"
-        record "$name" "$@"
-    )
-    grep -H 'oom_kill ' "$group/memory.oom_control" >&2
-    echo "   kernel's count at most $(cat "$group/memory.max_usage_in_bytes") of $bytes bytes" >&2
-    rmdir "$group"
-}
-
-MiB=$((1 << 20))
 
 for kind in isosurface pipes scan soup; do
     record gen-$kind-20m gen $kind --triangles 20M -o $kind.ply --overwrite
@@ -63,12 +36,6 @@ for kind in isosurface pipes scan; do
 done
 record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 --integrator path
 
-# Views that jump on 100 million triangles in 128 MiB. A verdict of no ends nothing here.
-stress() {
-    local name=$1
-    shift
-    capped "$name" $((128 * MiB)) stress "$@" --memory-limit 128MiB --resolution 512x512 || true
-}
 capped build-isosurface-100m $((1024 * MiB)) build gen:isosurface:100M -o isosurface-100m.trex --overwrite --memory-limit 1GiB \
     --render-limit 128MiB
 capped build-isosurface-100m-no-asvo $((1024 * MiB)) build gen:isosurface:100M -o bare.trex --overwrite \
@@ -85,28 +52,8 @@ done
 # By hand: with the 512^3 that --render-limit 128MiB chooses the responses were no shorter.
 record build-pipes-100m build gen:pipes:100M -o pipes-100m.trex --overwrite --memory-limit 1GiB --voxels 256
 record build-scan-100m build gen:scan:100M -o scan-100m.trex --overwrite --memory-limit 1GiB
-# The plant is seen from its marked views: from outside there is but a roof.
-cp "$root/bench/scenes/pipes-100m-views.toml" .
-overview="--camera-position 7.35,83.6309,-1 --camera-target 323.4,0,-230.4 --fov-x 75"
-for scenario in flip inside pingpong teleport sweep light-edit squeeze soak; do
-    stress stress-isosurface-$scenario isosurface-100m.trex --scenario $scenario
-    views=
-    [ $scenario != inside ] || views="--views pipes-100m-views.toml"
-    stress stress-pipes-$scenario pipes-100m.trex --scenario $scenario $overview $views
-    stress stress-scan-$scenario scan-100m.trex --scenario $scenario
-done
-for scenario in flip inside; do
-    stress stress-isosurface-$scenario-exact isosurface-100m.trex --scenario $scenario --lod-error 0
-    views=
-    [ $scenario != inside ] || views="--views pipes-100m-views.toml"
-    stress stress-pipes-$scenario-exact pipes-100m.trex --scenario $scenario $overview $views --lod-error 0
-done
-# How wrong pictures are while they are made.
-for scenario in flip inside teleport light-edit; do
-    stress error-isosurface-$scenario isosurface-100m.trex --scenario $scenario --switches 40 --reference-spp 256
-    stress error-pipes-$scenario pipes-100m.trex --scenario $scenario $overview --views pipes-100m-views.toml \
-        --switches 40 --reference-spp 256
-done
+# Views that jump on 100 million triangles in 128 MiB.
+"$root/bench/frames.sh" "$work"
 
 # The form of the paper's table 2: one view again and again, all that it needs resident; response, complete picture, rays.
 mkdir -p "$root/out"

@@ -4,6 +4,7 @@
 use crate::args::DiskArgs;
 use crate::context::Context;
 use crate::size;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trex_render::{
@@ -11,8 +12,18 @@ use trex_render::{
     RenderSettings, Scene, Session, SessionSetup, View, Voxels, model_bytes, parse_views, pooled_tracers,
 };
 use trex_store::io::IoOptions;
-use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::layout::PageKind;
+use trex_store::pool::{PagePool, PageState, PoolOptions};
 use trex_store::{Budget, Code, Error, Lease, PageFile, Result};
+
+/// Counts of pages that are in frames.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ResidentPages {
+    /// Clusters and their trees.
+    pub mesh: u32,
+    /// Units of the finer octrees.
+    pub units: u32,
+}
 
 /// A file, its pool, and what the scene says of them.
 pub struct Stage {
@@ -60,6 +71,20 @@ impl Stage {
         model.voxels = voxels.map(Arc::new);
         let view = play.scene.view(&mut model)?;
         Ok(Stage { file, pool, shares, model, view, layers, _lease: lease })
+    }
+
+    /// The pages that are in frames now, by what they hold.
+    pub fn resident_pages(&self) -> ResidentPages {
+        let mut resident = ResidentPages::default();
+        for (page, entry) in (0..).zip(self.file.pages()) {
+            if self.pool.state(page) == PageState::Resident {
+                *match entry.kind {
+                    PageKind::Mesh => &mut resident.mesh,
+                    PageKind::Units => &mut resident.units,
+                } += 1;
+            }
+        }
+        resident
     }
 
     /// A session on this stage.

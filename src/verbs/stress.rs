@@ -1,7 +1,7 @@
 //! `trex stress`: views, lights and limits that change, and a verdict.
 
 use super::picture_file::PictureFile;
-use super::stage::{Play, Stage, io_options, open_scene, read_views};
+use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, read_views};
 use crate::args::StressArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -74,6 +74,8 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene: path.display().to_string(),
         integrator: scene.render.integrator.as_str(),
         resolution,
+        triangle_count: stage.file.superblock().triangle_count,
+        file_bytes: stage.file.superblock().file_bytes,
         n_shadow: scene.render.n_shadow,
         n_gather: scene.render.n_gather,
         t_max_ms: frames.t_max.as_secs_f64() * 1e3,
@@ -84,6 +86,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         reference_spp: args.reference_spp,
         figures,
         memory,
+        resident_pages: stage.resident_pages(),
         io_backend: stage.pool.io(),
         verdict: if passed { "pass" } else { "fail" },
     };
@@ -163,6 +166,8 @@ struct Stressed {
     scene: String,
     integrator: &'static str,
     resolution: [u32; 2],
+    triangle_count: u64,
+    file_bytes: u64,
     n_shadow: u32,
     n_gather: u32,
     t_max_ms: f64,
@@ -172,6 +177,8 @@ struct Stressed {
     #[serde(flatten)]
     figures: StressFigures,
     memory: Memory,
+    /// At the end, by what they hold.
+    resident_pages: ResidentPages,
     io_backend: IoDescription,
     verdict: &'static str,
 }

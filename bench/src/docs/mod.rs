@@ -6,6 +6,7 @@
 //! <!-- record:PATTERN KEY KEY.. -->              a table: a row per record name, a column per key
 //! <!-- end -->
 //! <!-- plot:FILE PATTERN,PATTERN x=KEY y=KEY --> a plot in docs/plots/FILE.svg: a line per pattern
+//! <!-- plot:FILE PATTERN x=STEM.* y=KEY -->      the same, of what each figure tells as STEM.X.KEY: a line per figure
 //! <!-- end -->
 //! ```
 //!
@@ -138,12 +139,19 @@ impl Page<'_> {
         let (x, y) = x.strip_prefix("x=").zip(y.strip_prefix("y=")).context("axes are x=KEY y=KEY")?;
         let lines: Vec<plot::Line> = patterns
             .split(',')
-            .map(|pattern| plot::Line::new(pattern, &select(self.figures, pattern), x, y))
+            .flat_map(|pattern| {
+                let figures = select(self.figures, pattern);
+                match x.strip_suffix(".*") {
+                    Some(stem) => figures.iter().map(|figure| plot::Line::of_keys(figure, stem, y)).collect(),
+                    None => vec![plot::Line::new(pattern, &figures, x, y)],
+                }
+            })
             .filter(|line| !line.points.is_empty())
             .collect();
         if lines.is_empty() {
             return Ok(EMPTY.to_owned());
         }
+        let x = x.trim_end_matches(".*");
         let svg = plot::render(&lines, x, y).with_context(|| format!("plot {name}"))?;
         self.plots.insert(name.to_owned(), svg);
         Ok(format!("![{} over {}](plots/{name}.svg)\n", figure::title(y), figure::title(x)))
@@ -216,6 +224,22 @@ mod tests {
         assert!(page.contains("](plots/speed.svg)"), "{page}");
         let svg = fs::read_to_string(root.path().join("docs/plots/speed.svg")).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("triangles per s"), "{svg}");
+    }
+
+    #[test]
+    fn what_a_figure_tells_at_several_places_is_a_line() {
+        let page = "<!-- plot:error err-* x=error_at_ms.* y=median -->\n<!-- end -->\n";
+        let mut one = record("err-a", 1, 1.0);
+        for (key, value) in [("33.median", 3.0), ("100.median", 2.0), ("100.max", 9.0), ("x.median", 7.0)] {
+            one.values.insert(format!("error_at_ms.{key}"), json!(value));
+        }
+        let figures = figure::group(vec![one.clone()]);
+        let line = plot::Line::of_keys(&figures[0], "error_at_ms", "median");
+        assert_eq!(line.points, [(33.0, 3.0), (100.0, 2.0)]);
+        let root = checkout(page, &[one]);
+        write(root.path()).unwrap();
+        let page = fs::read_to_string(root.path().join("docs/page.md")).unwrap();
+        assert!(page.contains("![median over error at](plots/error.svg)"), "{page}");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! A plot of figures as SVG: a line per pattern, x on a log scale, y from zero.
+//! A plot of figures as SVG: a line per pattern, or one of its own for each figure that tells y at several x; x on a log
+//! scale, y from zero.
 //!
 //! Invariant: the bytes depend on the points alone (no fonts are measured, no clock is read).
 
@@ -34,6 +35,18 @@ impl Line {
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         Line { label: label.trim_end_matches(['*', '-']).to_owned(), points }
+    }
+
+    /// What one figure tells as `STEM.X.TAIL`, by X, a number above zero.
+    pub(super) fn of_keys(figure: &Figure, stem: &str, tail: &str) -> Line {
+        let point = |key: &String| {
+            let x = key.strip_prefix(stem)?.strip_prefix('.')?.strip_suffix(tail)?.strip_suffix('.')?;
+            let x: f64 = x.parse().ok().filter(|x| *x > 0.0)?;
+            Some((x, figure.number(key)?))
+        };
+        let mut points: Vec<(f64, f64)> = figure.record.values.keys().filter_map(point).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Line { label: figure.record.name.clone(), points }
     }
 }
 

@@ -1,0 +1,35 @@
+# What campaigns share, to be sourced: `work` is the folder of the models, `root` the checkout, both absolute.
+trex=$root/target/release/trex
+MiB=$((1 << 20))
+
+# record NAME COMMAND...: runs a verb of trex with --json in the folder `at` or the work folder, keeps the document.
+record() {
+    local name=$1
+    shift
+    echo "== $name: trex $*" >&2
+    (cd "${at:-$work}" && "$trex" "$@" --json --progress none >"$work/document.json")
+    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex $*" document.json
+}
+
+# capped NAME BYTES COMMAND...: the same inside a control group of exactly so many bytes.
+capped() {
+    local name=$1 bytes=$2
+    shift 2
+    local group=/sys/fs/cgroup/memory/trex-campaign-$$
+    mkdir "$group"
+    echo "$bytes" >"$group/memory.limit_in_bytes"
+    (
+        echo "$BASHPID" >"$group/cgroup.procs"
+        record "$name" "$@"
+    )
+    grep -H 'oom_kill ' "$group/memory.oom_control" >&2
+    echo "   kernel's count at most $(cat "$group/memory.max_usage_in_bytes") of $bytes bytes" >&2
+    rmdir "$group"
+}
+
+# stress NAME MIB ARGUMENTS...: views that jump, in a group of so many MiB. A verdict of no ends nothing.
+stress() {
+    local name=$1 mib=$2
+    shift 2
+    capped "$name" $((mib * MiB)) stress "$@" --memory-limit "${mib}MiB" --resolution 512x512 || true
+}
