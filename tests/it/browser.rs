@@ -5,6 +5,8 @@
 
 mod chromium;
 mod devtools;
+mod drag;
+mod link;
 mod viewer;
 
 use crate::command::{cannot_run, document_in, folder, pixels, said};
@@ -36,6 +38,9 @@ const MEANS: &str = "[0, 1, 2].map((channel) => {
 /// FNV-1a of the picture's colours, 32 bits.
 const HASH: &str =
     "read_picture().reduce((hash, value) => Math.imul(hash ^ value, 0x01000193), 0x811c9dc5) >>> 0";
+
+/// The wheel is given away after ten seconds without an event of the page that has it.
+const HANDS_OFF: Duration = Duration::from_millis(10_500);
 
 /// Two materials, a lamp and a floor: enough for each panel to have something to change.
 const MODEL: &str = "mtllib room.mtl
@@ -88,6 +93,7 @@ fn a_hand_at_the_page() {
     edits_change_the_picture(&mut tab);
     a_lost_connection_comes_back(&mut tab);
     a_reload_comes_back(&mut tab);
+    another_page_takes_the_wheel(&mut tab, &command, &viewer.address);
     the_settled_picture_is_the_commands(&mut tab, inside.path(), "last");
     a_picture_is_saved(&mut tab, inside.path());
     a_settled_page_is_quiet(&mut tab);
@@ -350,6 +356,31 @@ fn a_picture_is_saved(tab: &mut Tab, inside: &Path) {
     panic!("no file with the bytes of last.png in {}", tab.downloads().display());
 }
 
+/// A second page sees the same picture, and drives once the first has let go for long enough.
+fn another_page_takes_the_wheel(first: &mut Tab, command: &Path, address: &str) {
+    settle(first);
+    let mut second = Tab::open(command, SIZE);
+    second.go(address);
+    second.wait_for("trex.link === 'watching' && trex.drawn > 0");
+    second.value(READ_PICTURE);
+    let shown = first.number(HASH);
+    second.wait_for(&format!("{HASH} === {shown}"));
+    let view = second.value("trex.app.camera");
+    second.drag(MIDDLE, [560.0, 200.0], 3);
+    assert_eq!(second.value("trex.app.camera"), view, "who watches moves nothing");
+    second.listen(HANDS_OFF);
+    second.value("document.getElementById('drive').click()");
+    second.wait_for("trex.link === 'driving'");
+    first.wait_for("trex.link === 'watching'");
+    act(&mut second, |second| second.drag(MIDDLE, [560.0, 200.0], 5));
+    let shown = second.number(HASH);
+    first.wait_for(&format!("{HASH} === {shown}"));
+    assert_eq!(second.take_complaints(), Vec::<String>::new());
+    drop(second);
+    // A page that is alone drives.
+    first.wait_for("trex.link === 'driving'");
+}
+
 /// Once all has come, nothing is sent.
 fn a_settled_page_is_quiet(tab: &mut Tab) {
     let begin = Instant::now();
@@ -357,7 +388,7 @@ fn a_settled_page_is_quiet(tab: &mut Tab) {
     while begin.elapsed() < PATIENCE {
         let received = tab.number("trex.counts.received_bytes");
         if received == before {
-            return settle(tab);
+            return assert_eq!(tab.value("trex.last.is_done && trex.last.kind === 2"), true);
         }
         before = received;
         tab.listen(Duration::from_secs(3));

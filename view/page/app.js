@@ -135,6 +135,10 @@ class App {
       this.place();
       this.send_size();
     }
+    if (this.state.clients === 1 && this.state.role === "watch" && (keys.includes("clients") || is_welcome)) {
+      // Nobody else is there to drive.
+      this.connection.send({ type: "drive" });
+    }
     this.paint();
   }
 
