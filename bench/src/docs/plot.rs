@@ -1,5 +1,5 @@
-//! A plot of figures as SVG: a line per pattern, or one of its own for each figure that tells y at several x; x on a log
-//! scale, y from zero.
+//! A plot of figures as SVG: a line per pattern, or one for each figure that tells y at several x; x on a log scale, y
+//! from zero.
 //!
 //! Invariant: the bytes depend on the points alone (no fonts are measured, no clock is read).
 

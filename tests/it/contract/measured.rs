@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Figures are rounded where they are printed, some of them to a thousandth.
 const ROUNDING: f64 = 0.01;
 
-const STRESS: [(&str, Kind); 39] = [
+const STRESS: [(&str, Kind); 43] = [
     ("scene", Text),
     ("integrator", Text),
     ("resolution", List),
