@@ -202,7 +202,7 @@ mod tests {
         };
         let changed =
             picture.refresh(1, &Tone::new(1.0), &mut Shown { has_changed: &mut |_| true, show: &show });
-        assert!(matches!(changed, Changed::Some(_)));
+        assert_eq!(changed, Changed::All);
         picture
     }
 

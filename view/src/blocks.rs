@@ -87,10 +87,9 @@ impl Marks {
         self.bits.iter_mut().zip(&other.bits).for_each(|(ours, other)| *ours |= other);
     }
 
-    /// Marks blocks that were taken. Where the layout is another one now, all of its blocks are marked already.
-    pub(crate) fn put_back(&mut self, blocks: &[u16], layout: Layout) {
-        let there = blocks.iter().map(|&block| u32::from(block)).filter(|&block| block < layout.count());
-        there.for_each(|block| self.set(block));
+    /// Marks blocks that were taken.
+    pub(crate) fn put_back(&mut self, blocks: &[u16]) {
+        blocks.iter().for_each(|&block| self.set(block.into()));
     }
 
     /// True when no block is marked.

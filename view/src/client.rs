@@ -114,10 +114,10 @@ pub(crate) enum Next {
 }
 
 impl Client {
-    /// A page that has seen nothing of a picture.
-    pub(crate) fn new(id: u32, stream: TcpStream, layout: Layout, settled: Option<Settled>) -> Client {
+    /// A page that has seen nothing of a picture, whose blocks are all marked.
+    pub(crate) fn new(id: u32, stream: TcpStream, marks: Marks, settled: Option<Settled>) -> Client {
         let outbox = Outbox {
-            marks: Marks::all(layout),
+            marks,
             window: Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 },
             settled,
             in_flight: None,
@@ -179,6 +179,12 @@ impl Client {
             }
             outbox.settled = None;
         });
+    }
+
+    /// Another picture begins, of which there is nothing yet.
+    pub(crate) fn begin(&self, marks: Marks) {
+        let mut outbox = self.outbox();
+        (outbox.marks, outbox.settled) = (marks, None);
     }
 
     /// Sends the settled picture, once what is marked has gone.
@@ -309,7 +315,7 @@ mod tests {
     fn client() -> Client {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-        Client::new(1, stream, Layout::new([64, 64], 1), None)
+        Client::new(1, stream, Marks::all(Layout::new([64, 64], 1)), None)
     }
 
     #[test]

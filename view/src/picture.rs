@@ -53,6 +53,8 @@ pub(crate) struct Picture {
     pub(crate) flags: u8,
     /// The same without loss, once it stands still.
     pub(crate) settled: Option<Settled>,
+    /// Nothing has been taken over yet: there is nothing to be sent.
+    is_blank: bool,
     /// Every tile is to be looked at the next time.
     forgets: bool,
 }
@@ -81,19 +83,35 @@ impl Picture {
         u64::from(width) * u64::from(height) * 3
     }
 
-    /// A black picture of `full` pixels.
+    /// A picture of `full` pixels that shows nothing.
     pub(crate) fn new(full: [u32; 2]) -> Picture {
         let scale = Picture::least_scale(full);
         let layout = Layout::new(full, scale);
         let mut rgb = Vec::with_capacity(full[0] as usize * full[1] as usize);
         rgb.resize(layout.size[0] as usize * layout.size[1] as usize, [0; 3]);
-        Picture { full, scale, layout, rgb, frame: 0, seq: 0, flags: 0, settled: None, forgets: true }
+        Picture {
+            full,
+            scale,
+            layout,
+            rgb,
+            frame: 0,
+            seq: 0,
+            flags: 0,
+            settled: None,
+            is_blank: true,
+            forgets: true,
+        }
     }
 
     /// The smallest scale at which blocks can be numbered.
     pub(crate) fn least_scale(full: [u32; 2]) -> u32 {
         let fits = |scale: &u32| Layout::new(full, *scale).count() <= BLOCKS_MAX;
         [1, 2, 4].into_iter().find(fits).unwrap_or(SCALE_MAX)
+    }
+
+    /// The blocks that somebody has not seen who has seen nothing.
+    pub(crate) fn unseen(&self) -> Marks {
+        if self.is_blank { Marks::none(self.layout) } else { Marks::all(self.layout) }
     }
 
     /// Has every tile looked at the next time.
@@ -103,7 +121,7 @@ impl Picture {
 
     /// Takes over what has changed, at every `scale`-th pixel.
     pub(crate) fn refresh(&mut self, scale: u32, tone: &Tone, shown: &mut Shown<'_>) -> Changed {
-        let is_other = scale != self.scale;
+        let is_other = std::mem::take(&mut self.is_blank) || scale != self.scale;
         if is_other {
             self.scale = scale;
             self.layout = Layout::new(self.full, scale);
@@ -189,7 +207,9 @@ mod tests {
     fn blocks_are_marked_whose_bytes_have_changed() {
         let size = [100, 50];
         let (mut source, mut picture) = (Source::new(size), Picture::new(size));
-        assert_eq!(taken(source.refresh(&mut picture, 1)), [0; 0]);
+        assert!(picture.unseen().is_empty());
+        assert_eq!(source.refresh(&mut picture, 1), Changed::All);
+        assert_eq!(picture.unseen(), Marks::all(picture.layout));
         let looked = source.looked.get();
         assert_eq!(taken(source.refresh(&mut picture, 1)), [0; 0]);
         assert_eq!(source.looked.get(), looked);

@@ -109,7 +109,7 @@ impl Shared {
         lock(&self.atlas)
     }
 
-    /// Makes room for pictures of `full` pixels; they begin black.
+    /// Makes room for pictures of `full` pixels; nothing is sent of them before the first.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`]; all is as it was then.
@@ -127,8 +127,7 @@ impl Shared {
         picture.rgb = Vec::new();
         *picture = Picture::new(full);
         (picture.frame, picture.seq) = (frame, seq);
-        let layout = picture.layout;
-        lock(&self.clients).iter().for_each(|client| client.mark(&Changed::All, layout));
+        lock(&self.clients).iter().for_each(|client| client.begin(picture.unseen()));
         Ok(())
     }
 
@@ -140,7 +139,7 @@ impl Shared {
         let greeting = lock(&self.greeting);
         let picture = self.picture();
         let mut clients = lock(&self.clients);
-        let client = Arc::new(Client::new(id, stream, picture.layout, picture.settled.clone()));
+        let client = Arc::new(Client::new(id, stream, picture.unseen(), picture.settled.clone()));
         clients.push(client.clone());
         client.tell(greeting.welcome(role, clients.len()));
         if let Some(stats) = &*lock(&self.stats) {

@@ -174,7 +174,12 @@ fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Res
         atlas.blocks.clear();
         outbox.marks.take(bearable.min(most_blocks), &mut atlas.blocks);
         drop(outbox);
+        if atlas.blocks.is_empty() {
+            // Another picture has begun meanwhile.
+            return Ok(());
+        }
         atlas.copy(&picture);
+        let layout = picture.layout;
         let most = frame_bytes(picture.full);
         drop(picture);
         if frame.capacity() > most {
@@ -183,10 +188,12 @@ fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Res
         if let Some(start) = atlas.encode(most, frame) {
             break start;
         }
-        // They go in more than one frame. The picture may have become another one meanwhile.
+        // They go in more than one frame, unless the picture has become another one meanwhile.
         most_blocks = (atlas.blocks.len() / 2).max(1);
         let picture = shared.picture();
-        client.outbox().marks.put_back(&atlas.blocks, picture.layout);
+        if picture.layout == layout {
+            client.outbox().marks.put_back(&atlas.blocks);
+        }
     };
     client.outbox().fly(atlas.head().frame, frame.len() - start, atlas.blocks.len());
     drop(atlas);
