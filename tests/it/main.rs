@@ -35,6 +35,7 @@ mod rays;
 mod real_models;
 mod support;
 mod tidy;
+mod view;
 mod voxels;
 mod voxels_lower;
 mod voxels_lower_batch;
