@@ -11,7 +11,7 @@ const KINDS = [["point", "Lamp"], ["directional", "Sun"], ["rect", "Area light"]
 const NAMES = Object.fromEntries(KINDS);
 /** Keys of the light's colour by kind, and the irradiance that a new one brings to the target, W/m^2. */
 const COLOUR = { point: "intensity", directional: "irradiance", rect: "radiance", sky: "radiance" };
-const IRRADIANCE = 3;
+const IRRADIANCE = 1;
 /** Side of a new area light, in distances to the target. */
 const RECT_SIDE = 0.25;
 /** A new light stands this far from the target, in the camera's distance. */

@@ -94,13 +94,14 @@ export function slider_row(label, value, range, changed, hint = null) {
 export function vector_row(label, value, changed) {
   const inputs = ["x", "y", "z"].map((axis, at) =>
     element("input", { type: "number", step: "any", value: shown(value[at]), "aria-label": `${label} ${axis}` }));
-  const read = () => {
-    const numbers = inputs.map((input) => (input.value === "" ? NaN : Number(input.value)));
-    if (numbers.every(Number.isFinite)) {
-      changed(numbers);
+  // A field shows fewer digits than its number has: what was not changed stays as it is.
+  let now = [...value];
+  inputs.forEach((input, at) => input.addEventListener("change", () => {
+    if (input.value !== "" && input.checkValidity()) {
+      now = now.map((number, axis) => (axis === at ? Number(input.value) : number));
+      changed(now);
     }
-  };
-  inputs.forEach((input) => input.addEventListener("change", read));
+  }));
   const text = element("span", { class: "label" }, label);
   return element("div", { class: "row vector", role: "group", "aria-label": label }, text, ...inputs);
 }
