@@ -4,7 +4,7 @@
 // room; 2. a change of kind keeps colour, place and what arrives at the model.
 
 import { frame } from "./camera.js";
-import { add, across, cross, distance, scale, subtract, unit } from "./vector.js";
+import { add, across, cross, distance, length, scale, subtract, unit } from "./vector.js";
 import { button, choice_row, colour_row, element, once_a_frame, swatch, switch_row, vector_row } from "./widgets.js";
 
 const KINDS = [["point", "Lamp"], ["directional", "Sun"], ["rect", "Area light"], ["sky", "Sky"]];
@@ -57,27 +57,50 @@ export class Lights {
     }
   }
 
-  /** A light of `kind` in `colour` that brings IRRADIANCE to the target from `position`. */
-  made(kind, position, colour) {
+  /** What `light` brings to the target, W/m^2. */
+  arrives(light) {
+    const strength = Math.max(...light[COLOUR[light.type]]);
+    const point = this.handles.point(light);
+    const far = point ? distance(point, this.app.camera.target) : 1;
+    const shares = {
+      point: () => 1 / far ** 2,
+      directional: () => 1,
+      rect: () => length(cross(light.edge_u, light.edge_v)) / far ** 2,
+      sky: () => 2 * Math.PI,
+    };
+    const irradiance = strength * shares[light.type]();
+    return irradiance > 0 && Number.isFinite(irradiance) ? irradiance : IRRADIANCE;
+  }
+
+  /** A light of `kind` in `colour` that brings `irradiance` to the target from `position`. */
+  made(kind, position, colour, irradiance = IRRADIANCE) {
     const { target } = this.app.camera;
     const far = distance(position, target) || this.app.extent;
     const towards = unit(subtract(target, position), [0, -1, 0]);
     const of = (strength) => colour.map((x) => x * strength);
     if (kind === "point") {
-      return { type: kind, position, intensity: of(IRRADIANCE * far * far) };
+      return { type: kind, position, intensity: of(irradiance * far * far) };
     }
     if (kind === "directional") {
-      return { type: kind, direction: towards, irradiance: of(IRRADIANCE) };
+      return { type: kind, direction: towards, irradiance: of(irradiance) };
     }
     if (kind === "sky") {
-      return { type: kind, radiance: of(IRRADIANCE / Math.PI / 2) };
+      return { type: kind, radiance: of(irradiance / Math.PI / 2) };
     }
     const side = RECT_SIDE * far;
     // It shines to the side of edge_u x edge_v.
     const edge_u = scale(across(towards), side);
     const edge_v = scale(unit(cross(towards, edge_u)), side);
     const corner = subtract(position, scale(add(edge_u, edge_v), 0.5));
-    return { type: kind, corner, edge_u, edge_v, radiance: of(IRRADIANCE / RECT_SIDE ** 2) };
+    return { type: kind, corner, edge_u, edge_v, radiance: of(irradiance / RECT_SIDE ** 2) };
+  }
+
+  /** Where a light stands that has no place yet: over the shoulder of who looks. */
+  get new_place() {
+    const { camera } = this.app;
+    const { right, up, forward } = frame(camera);
+    const way = unit(add(add(scale(right, 0.5), scale(up, 0.6)), scale(forward, -1)));
+    return add(camera.target, scale(way, distance(camera.position, camera.target) * STANDS_AT));
   }
 
   add(kind) {
@@ -85,12 +108,8 @@ export class Lights {
     if (app.camera === null) {
       return;
     }
-    const { right, up, forward } = frame(app.camera);
-    const far = distance(app.camera.position, app.camera.target) * STANDS_AT;
-    const way = unit(add(add(scale(right, 0.5), scale(up, 0.6)), scale(forward, -1)));
-    const position = add(app.camera.target, scale(way, far));
     this.handles.selected = this.lights.length;
-    app.set_lights([...this.lights, this.made(kind, position, WHITE)]);
+    app.set_lights([...this.lights, this.made(kind, this.new_place, WHITE)]);
     app.panels.rebuild();
   }
 
@@ -135,13 +154,13 @@ export class Lights {
     const change = (values) => this.put(at, { ...now(), ...values });
     const most = Math.max(...light[key], 1e-6);
     const range = { min: most * 1e-3, max: most * 1e3 };
-    const place = this.handles.point(light) ?? add(this.app.camera.position, [0, 0, 0]);
+    const place = this.handles.point(light) ?? this.new_place;
     const colour = () => {
       const strongest = Math.max(...now()[key]);
       return strongest > 0 ? now()[key].map((x) => x / strongest) : WHITE;
     };
     const change_kind = (kind) => {
-      this.put(at, this.made(kind, place, colour()));
+      this.put(at, this.made(kind, place, colour(), this.arrives(now())));
       this.app.panels.rebuild();
     };
     const rows = {
