@@ -192,6 +192,7 @@ impl DeadlineArgs {
             Some(SaliencyArg::Itti) => Saliency::Itti,
         };
         FrameOptions {
+            fills_while_moving: true,
             t_max: Duration::from_secs_f64(t_max.0 / 1e3),
             fetch_block: self.fetch_block.unwrap_or(defaults.fetch_block),
             order: match self.tile_order {

@@ -19,8 +19,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use trex_render::{
-    Display, Filter, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene, encoder_bytes,
-    film_bytes, filter_bytes,
+    Display, Filter, FrameOptions, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene,
+    encoder_bytes, film_bytes, filter_bytes,
 };
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
@@ -49,7 +49,9 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     args.picture.override_scene(&mut scene);
     scene.render.spp = args.spp.unwrap_or(scene.render.spp);
     check_resolution(&scene)?;
-    let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
+    let t_max = args.deadline.t_max.as_ref().unwrap_or(&T_MAX);
+    // Pages are sent the samples themselves while the hand moves.
+    let frames = FrameOptions { fills_while_moving: false, ..args.deadline.options(t_max) };
     let listener = listen(args)?;
 
     let io = io_options(&args.disk);

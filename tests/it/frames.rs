@@ -66,6 +66,7 @@ impl Stage {
             t_max: Duration::from_secs(60),
             fetch_block: FetchBlock::Tiles(BLOCK),
             order: TileOrder::Row,
+            ..FrameOptions::default()
         };
         self.session(method).go_live(options).unwrap()
     }

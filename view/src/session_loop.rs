@@ -222,6 +222,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     fn refresh(&mut self, scale: u32, flags: u8, is_whole: bool) {
         let mut picture = self.shared.picture();
         let scale = scale.max(Picture::least_scale(picture.full));
+        if self.step.is_none_or(|step| !scale.is_multiple_of(step)) {
+            self.session.as_mut().expect("a screenshot gives the session back").fill_preview();
+        }
         let session = self.session.as_ref().expect("a screenshot gives the session back");
         let mut changed = self.stamps.with_shown(session, |shown| picture.refresh(scale, &self.tone, shown));
         let seq = if is_whole { self.seq } else { picture.seq };

@@ -103,15 +103,24 @@ impl Coarse {
         self.kept[((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize] = Seen::new(radiance, seen);
     }
 
-    /// Makes a picture of the samples at every `step`-th pixel.
-    pub(super) fn fill(&mut self, step: u32, radiance: &mut [[f32; 3]], pool: &ThreadPool) {
+    /// Smooths the samples at every `step`-th pixel.
+    pub(super) fn smooth(&mut self, step: u32, pool: &ThreadPool) {
         let columns = grid_size(self.resolution, KEPT_STEP)[0] as usize;
         let size = grid_size(self.resolution, step).map(|side| side as usize);
         self.picked.pick(&self.kept, columns, (step / KEPT_STEP) as usize, size);
-        pool.install(|| {
-            STRIDES.iter().for_each(|&stride| self.picked.smooth(stride));
-            self.picked.fill(step as usize, radiance, self.resolution[0] as usize);
-        });
+        pool.install(|| STRIDES.iter().for_each(|&stride| self.picked.smooth(stride)));
+    }
+
+    /// Makes a picture of the samples that were smoothed, at every `step`-th pixel.
+    pub(super) fn fill(&self, step: u32, radiance: &mut [[f32; 3]], pool: &ThreadPool) {
+        pool.install(|| self.picked.fill(step as usize, radiance, self.resolution[0] as usize));
+    }
+
+    /// Shows each of them at its own pixel.
+    pub(super) fn set_samples(&self, step: u32, radiance: &mut [[f32; 3]]) {
+        let (step, width) = (step as usize, self.resolution[0] as usize);
+        let pixels = radiance.chunks_mut(width).step_by(step).flat_map(|row| row.iter_mut().step_by(step));
+        pixels.enumerate().for_each(|(at, pixel)| *pixel = self.picked.shade(at).into());
     }
 }
 
@@ -257,8 +266,7 @@ impl Picked {
         weights: &[[f32; 4]],
     ) {
         let is_one = corners[1..].iter().all(|&corner| self.is_alike(corners[0], corner));
-        let shades =
-            corners.map(|at| Vec3::from_array([0, 1, 2].map(|c| self.light[c][at] * self.albedo[c][at])));
+        let shades = corners.map(|at| self.shade(at));
         let columns = step.min(width - x);
         for (row, weights) in band.chunks_exact_mut(width).zip(weights.chunks_exact(step)) {
             for (pixel, weights) in row[x..][..columns].iter_mut().zip(weights) {
@@ -270,6 +278,11 @@ impl Picked {
                 *pixel = (weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d).into();
             }
         }
+    }
+
+    /// Radiance of a sample.
+    fn shade(&self, at: usize) -> Vec3 {
+        Vec3::from_array([0, 1, 2].map(|c| self.light[c][at] * self.albedo[c][at]))
     }
 
     /// Leaves weight only to the nearest corner and those that are of one surface with it.

@@ -24,6 +24,8 @@ pub struct Display {
     coarse: Coarse,
     /// The state on show and the step of its grid; `None` before the first picture.
     shown: Option<(u32, u32)>,
+    /// Only the pixels of samples show it yet.
+    is_sparse: bool,
     _lease: Lease,
 }
 
@@ -43,7 +45,14 @@ impl Display {
     pub(crate) fn new(resolution: [u32; 2], budget: &Budget) -> Result<Display> {
         let lease = budget.lease("the picture on show", Display::bytes(resolution))?;
         let radiance = vec![[0.0; 3]; resolution[0] as usize * resolution[1] as usize];
-        Ok(Display { resolution, radiance, coarse: Coarse::new(resolution), shown: None, _lease: lease })
+        Ok(Display {
+            resolution,
+            radiance,
+            coarse: Coarse::new(resolution),
+            shown: None,
+            is_sparse: false,
+            _lease: lease,
+        })
     }
 
     /// The state on show; `None` before the first picture.
@@ -66,10 +75,23 @@ impl Display {
         self.coarse.set(pixel, radiance, seen);
     }
 
-    /// Shows the samples at every `step`-th pixel, all of which are of `state`.
-    pub(crate) fn show(&mut self, state: u32, step: u32, pool: &ThreadPool) {
-        self.coarse.fill(step, &mut self.radiance, pool);
-        self.shown = Some((state, step));
+    /// Shows the samples at every `step`-th pixel, all of which are of `state`; where `is_sparse` at their own pixels
+    /// alone, for the time being.
+    pub(crate) fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
+        self.coarse.smooth(step, pool);
+        (self.shown, self.is_sparse) = (Some((state, step)), true);
+        if is_sparse {
+            self.coarse.set_samples(step, &mut self.radiance);
+        } else {
+            self.fill(pool);
+        }
+    }
+
+    /// Fills in the pixels between the samples that are shown, where that is still to be done.
+    pub(crate) fn fill(&mut self, pool: &ThreadPool) {
+        if let Some((_, step)) = self.shown.filter(|_| std::mem::take(&mut self.is_sparse)) {
+            self.coarse.fill(step, &mut self.radiance, pool);
+        }
     }
 }
 
@@ -96,7 +118,7 @@ mod tests {
                 display.set([x, y], Vec3::splat(radiance([x, y])), &seen([x, y]));
             }
         }
-        display.show(7, step, &pool(2));
+        display.show(7, step, false, &pool(2));
         assert_eq!((display.state(), display.step()), (Some(7), Some(step)));
         display
     }
@@ -113,7 +135,7 @@ mod tests {
         for (x, y) in (0..64).step_by(2).flat_map(|y| (0..64).step_by(2).map(move |x| (x, y))) {
             display.set([x, y], Vec3::splat(slope([x, y])), &seen([0, 0]));
         }
-        display.show(0, 2, &pool(2));
+        display.show(0, 2, false, &pool(2));
         for pixel in (14..48).flat_map(|y| (14..48).map(move |x| [x, y])) {
             let found = display.radiances(pixel)[0][0];
             assert!((found - slope(pixel)).abs() < 1e-3, "{pixel:?}: {found}");
@@ -128,7 +150,7 @@ mod tests {
         for pixel in (0..128).step_by(2).flat_map(|y| (0..128).step_by(2).map(move |x| [x, y])) {
             display.set(pixel, Vec3::splat(noise(pixel)), &seen([0, 0]));
         }
-        display.show(0, 2, &pool(2));
+        display.show(0, 2, false, &pool(2));
         let pixels = || (0..128).flat_map(|y| (0..128).map(move |x| [x, y]));
         let value = |pixel| f64::from(display.radiances(pixel)[0][0]);
         let mean = pixels().map(value).sum::<f64>() / 128.0f64.powi(2);
@@ -151,6 +173,25 @@ mod tests {
                 assert!(!before || found < 2.0);
                 assert!(!after || found > 2.0);
             }
+        }
+    }
+
+    #[test]
+    fn a_sparse_picture_is_that_of_its_samples_until_it_is_filled() {
+        let light = |[x, y]: [u32; 2]| (mix(u64::from(x * 100 + y)) % 100) as f32 / 99.0;
+        for step in STEPS {
+            let whole = shown(step, light);
+            let mut sparse = shown(step, light);
+            sparse.radiance.fill([-1.0; 3]);
+            sparse.show(8, step, true, &pool(2));
+            for pixel in pixels() {
+                let is_sample = pixel.iter().all(|v| v % step == 0);
+                let expected = if is_sample { whole.radiances(pixel)[0] } else { [-1.0; 3] };
+                let found = sparse.radiances(pixel)[0];
+                assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-6), "{step} {pixel:?}");
+            }
+            (0..2).for_each(|_| sparse.fill(&pool(2)));
+            assert_eq!((sparse.radiance == whole.radiance, sparse.state()), (true, Some(8)), "{step}");
         }
     }
 }

@@ -10,7 +10,7 @@
 
 use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
-use super::ladder::Turn;
+use super::ladder::{ROUGH_STEP, Turn};
 use super::live::{FrameProgress, FrameReport, Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
 use crate::image::filter;
@@ -56,6 +56,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             other.preview = self.show_preview(step, stop);
             return self.report(FrameProgress::Preview, PassStats::default(), other);
         }
+        self.fill_preview();
         let has_responded = self.live.first_block.is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.photon_map.as_ref().is_some_and(|map| map.photons() == 0) {
@@ -99,9 +100,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             rung = ladder.next(Turn::Later, options.t_max);
         }
         if let Some(step) = taken {
-            display.show(film.state(), step, pool);
+            let is_sparse = ladder.is_moving() && !options.fills_while_moving;
+            display.show(film.state(), step, is_sparse, pool);
         }
-        if ladder.is_moving() || ladder.next(Turn::First, options.t_max).is_none() {
+        // Where there is no time for a rough picture there is none for pages.
+        let is_rough = taken.is_some_and(|step| step <= ROUGH_STEP);
+        if ladder.is_moving() && is_rough || ladder.next(Turn::First, options.t_max).is_none() {
             for tracer in tracers.iter_mut() {
                 tracer.request_missing();
             }
@@ -157,6 +161,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 
     fn run_tiles(&mut self, spp: u32, begin: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
+        self.put_in_order();
         let FrameTimes { nth, deadline, allowed, whole } = self.times(begin);
         let is_scarce = self.live.is_scarce(&self.session.tracers);
         // Where the pages of all tiles find no room together, each tile that is begun costs those that wait theirs.

@@ -13,9 +13,9 @@ use crate::image::coarse::STEPS;
 use std::time::Duration;
 
 /// Pixels from sample to sample at which a picture is first shown.
-const ROUGH_STEP: u32 = 4;
+pub(super) const ROUGH_STEP: u32 = 4;
 /// Part of `t_max` that all rungs may take while the hand moves.
-const MOVING_PART: u32 = 3;
+const MOVING_PART: u32 = 2;
 /// Time of a rung over that of those before it.
 const RUNG_GROWTH: u32 = 3;
 

@@ -58,6 +58,9 @@ pub struct FrameOptions {
     pub fetch_block: FetchBlock,
     /// The order of tiles.
     pub order: TileOrder,
+    /// True when also pictures that are gone with the next event are filled in between their samples; else only the
+    /// pixels of those are shown, until [`LiveSession::fill_preview`] is called or the hand rests.
+    pub fills_while_moving: bool,
 }
 
 impl Default for FrameOptions {
@@ -66,6 +69,7 @@ impl Default for FrameOptions {
             t_max: Duration::from_millis(100),
             fetch_block: FetchBlock::default(),
             order: TileOrder::default(),
+            fills_while_moving: true,
         }
     }
 }
@@ -152,6 +156,8 @@ pub(super) struct Live {
     pub(super) first_block: Option<u32>,
     /// State of the film at the event.
     pub(super) event_state: u32,
+    /// The tiles of the present state are still to be put in order.
+    pub(super) is_unordered: bool,
     /// Every pixel has all samples that were asked for: no preview is mixed in.
     pub(super) is_done: bool,
     /// Pages in demand since the event, a bit each.
@@ -201,6 +207,7 @@ impl<T: PagedTracer + Send> Session<T> {
             finished: 0,
             first_block: None,
             event_state: 0,
+            is_unordered: true,
             is_done: false,
             demand: Vec::new(),
         };
@@ -220,7 +227,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Event::Settings(settings) => self.resettle_live(settings)?,
             event => self.session.change(event)?,
         };
-        self.begin_state(change);
+        if change != Change::Nothing {
+            self.begin_state(change);
+        }
         Ok(())
     }
 
@@ -267,6 +276,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.film.tile_state(index).is_some_and(|state| Some(state) >= self.live.display.state())
     }
 
+    /// Fills in what the preview shows between its samples, where that is still to be done.
+    pub fn fill_preview(&mut self) {
+        self.live.display.fill(&self.session.pool);
+    }
+
     /// What is seen at a pixel, as [`Session::pick`] says.
     pub fn pick(&mut self, pixel: [u32; 2]) -> Option<Pick> {
         self.session.pick(pixel)
@@ -285,13 +299,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// Begins a new picture, after the world has become another.
     fn begin_state(&mut self, change: Change) {
-        let order = self.live.options.order;
-        let eye = self.reduced(order);
         let LiveSession { session, live } = self;
-        session.tiles = session.tiles.ordered(order, &eye);
         // An event that comes before any tile is done finds a hand that moves.
         live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
-        (live.finished, live.first_block, live.is_done) = (0, None, false);
+        (live.finished, live.first_block, live.is_done, live.is_unordered) = (0, None, false, true);
         live.event_at = Instant::now();
         if change == Change::Light
             && let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons())
@@ -311,14 +322,22 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.live.event_state = self.film.state();
     }
 
-    /// The picture on show at a few samples a tile, for an order that asks what the last picture was like.
-    fn reduced(&self, order: TileOrder) -> Reduced {
-        match order {
+    /// Puts the tiles of the present state in order, the stalest first. Not before a preview of it is there: what
+    /// catches the eye is asked of that, and while the hand moves no tile is begun.
+    pub(super) fn put_in_order(&mut self) {
+        if !std::mem::take(&mut self.live.is_unordered) {
+            return;
+        }
+        let (order, resolution) = (self.live.options.order, self.view.settings.resolution);
+        let eye = match order {
             TileOrder::Saliency(_) => {
-                Reduced::new(self.view.settings.resolution, |first, radiances| self.show(first, radiances))
+                Reduced::new(resolution, |first, radiances| self.show(first, radiances))
             }
             _ => Reduced::default(),
-        }
+        };
+        let Session { tiles, film, .. } = &mut self.session;
+        *tiles = tiles.ordered(order, &eye);
+        tiles.sort_by_age(|tile| film.tile_state(tile));
     }
 
     /// Begins to take samples of another state. Those there are stay on show until there are better: the stalest are

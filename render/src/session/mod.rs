@@ -134,6 +134,8 @@ pub struct Session<T> {
 /// The effect of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Change {
+    /// The samples are what they were.
+    Nothing,
     /// Another camera.
     View,
     /// Other lights or another material.
@@ -189,8 +191,10 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Errors
     /// Those of [`World::new`] and [`Model::edit`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
-        if self.change(event)? == Change::Light {
-            self.forget_photons();
+        match self.change(event)? {
+            Change::Nothing => return Ok(()),
+            Change::View => {}
+            Change::Light => self.forget_photons(),
         }
         self.film.clear();
         Ok(())

@@ -4,7 +4,7 @@
 //! film, tiles, picture on show      another resolution, a filter switched on or off
 //! room of the passes                other counts of rays that are asked together
 //! photons                           another integrator, other photons, seed, bitmaps or way through the model
-//! all else                          stays
+//! all else                          stays, and with another exposure or count of samples all samples do
 //! ```
 //!
 //! Invariant: settings that are refused, or for which there is no room, change nothing. So there must be room for what
@@ -16,7 +16,7 @@ use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
 use crate::integrate::rays_asked;
 use crate::photon::irradiance::PhotonMap;
-use crate::scene::settings::{Filter, Method, RenderSettings};
+use crate::scene::settings::{Filter, Method, RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
 use crate::schedule::pass_bytes;
 use crate::session::next_light::NextLight;
@@ -27,6 +27,13 @@ use trex_store::Result;
 fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
     let light = |of: &RenderSettings| (of.integrator, of.photons, of.seed, of.occluders, of.bake);
     light(a) == light(b)
+}
+
+/// True when samples under one of the settings are those under the other: these only say how many, and how they are
+/// shown.
+fn are_sampled_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
+    let sampled = |of: &RenderSettings| RenderKeys { spp: 1, exposure: 1.0, ..**of };
+    sampled(a) == sampled(b)
 }
 
 impl<T: PagedTracer + Send> Session<T> {
@@ -61,7 +68,11 @@ impl<T: PagedTracer + Send> Session<T> {
         self.photon_map = map.or(self.photon_map.take()).filter(|_| settings.integrator == Method::Photon);
         self.photon_tree = self.photon_tree.take().filter(|_| settings.integrator == Method::FullGi);
         (self.view, self.world) = (view, world);
-        Ok(if are_lit_alike(&before, &settings) { Change::View } else { Change::Light })
+        Ok(match (are_lit_alike(&before, &settings), are_sampled_alike(&before, &settings)) {
+            (true, true) => Change::Nothing,
+            (true, false) => Change::View,
+            (false, _) => Change::Light,
+        })
     }
 }
 
@@ -95,7 +106,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::settings::RenderKeys;
     use crate::session::tests::{floor, sun};
     use crate::session::{Event, FetchBlock, FrameOptions, FrameProgress};
     use std::ops::ControlFlow;
@@ -204,6 +214,20 @@ mod tests {
             assert_eq!(error.code(), Code::MemoryLimit, "{keys:?}");
         }
         assert!(done(&mut live) == before && live.view().settings == settings(self::keys()));
+    }
+
+    #[test]
+    fn samples_stay_where_they_are_the_same() {
+        let (mut session, mut live) = (floor(keys()), floor(keys()).go_live(options()).unwrap());
+        let (film, shown) = (finished(&mut session), done(&mut live));
+        let other = Event::Settings(settings(RenderKeys { exposure: 3.0, spp: 99, ..keys() }));
+        session.apply(other.clone()).unwrap();
+        live.apply(other).unwrap();
+        assert!(pixels(session.film()) == film && pixels(live.film()) == shown);
+        assert_eq!(live.frame(SPP, &|| false).progress, FrameProgress::Done);
+        assert!(live.frame(SPP + 1, &|| false).pass.samples > 0 && live.film().samples() == SPP);
+        session.apply(Event::Settings(settings(RenderKeys { seed: 5, ..keys() }))).unwrap();
+        assert_eq!(session.film().samples(), 0);
     }
 
     /// The stamps of tiles tell of each change of what is shown, and of none where there is none.
