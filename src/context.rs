@@ -86,11 +86,14 @@ impl Context {
     }
 
     /// Ctrl-C and SIGTERM raise the switch; work stops at its next check and cleans up. The second one leaves at
-    /// once, whatever is left behind.
+    /// once, whatever is left behind. A file that passes the size that the user may write is an error of that write.
     ///
     /// # Errors
     /// The system refuses a handler.
     pub fn listen_for_signals(&self) -> std::result::Result<(), ctrlc::Error> {
+        // The flag is asked by nobody: what counts is that the signal no longer ends the process.
+        signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default())
+            .map_err(ctrlc::Error::System)?;
         let interrupt = self.interrupt.clone();
         let asked = AtomicBool::new(false);
         ctrlc::set_handler(move || {

@@ -33,6 +33,9 @@ pub struct RenderArgs {
     /// array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml", conflicts_with = "t_max")]
     pub camera_path: Option<PathBuf>,
+    /// Exit with 0 also when damaged pages are left out of the picture
+    #[arg(long)]
+    pub allow_damage: bool,
     /// Further layers of an EXR
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
@@ -50,6 +53,8 @@ pub struct RenderArgs {
 
 const AFTER_RENDER: &str = "\
 The picture depends on scene, seed and samples alone, not on the memory limit or the thread count.
+
+Exit status 1 when pages that the picture asked for are damaged: it is written without them, and says so.
 
 Examples:
   trex render statue.trex -o statue.png

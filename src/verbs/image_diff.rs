@@ -18,7 +18,7 @@ use trex_image::{
     Comparison, Constants, Figures, Head, Origin, Picture, compare, false_colour, read_head, read_picture,
 };
 use trex_store::output::check_apart;
-use trex_store::{Code, Error, Lease, RESERVE_BYTES, Result};
+use trex_store::{Code, Error, Lease, RESERVE_BYTES, Result, open_regular};
 
 /// Runs `trex image diff`.
 pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -78,14 +78,8 @@ struct Input<'a> {
 
 impl<'a> Input<'a> {
     fn open(path: &'a Path, ctx: &Context) -> Result<Input<'a>> {
-        let failed = |error: &std::io::Error| Error::io("open the picture", path, error);
-        let file = File::open(path).map_err(|e| failed(&e))?;
-        let about = file.metadata().map_err(|e| failed(&e))?;
-        if !about.is_file() {
-            return Err(Error::new(Code::InputUnreadable, "the picture is not a file")
-                .at(path)
-                .next("name a PNG or EXR file: pictures are not read from folders, pipes or devices"));
-        }
+        let file = open_regular(path)?;
+        let about = file.metadata().map_err(|error| Error::io("open the picture", path, &error))?;
         let (mut reader, file_bytes) = (BufReader::new(file), about.len());
         let head = read_head(&mut reader, Origin { path, file_bytes, interrupt: &ctx.interrupt })?;
         Ok(Input { path, reader, file_bytes, head })

@@ -8,13 +8,12 @@ use crate::size;
 use crate::values::Input;
 use serde::Serialize;
 use std::fmt;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 use trex_render::{MemoryPlan, PictureNeeds};
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
-use trex_store::{Aabb, PageFile};
+use trex_store::{Aabb, PageFile, open_regular};
 
 /// Materials named in the text.
 const NAMED: usize = 16;
@@ -42,8 +41,8 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
 
 fn is_page_file(path: &Path) -> bool {
     let mut head = [0; MAGIC.len()];
-    let read = File::open(path).and_then(|mut file| file.read_exact(&mut head));
-    (read.is_ok() && head == MAGIC) || path.extension().is_some_and(|ending| ending == "trex")
+    let is_read = open_regular(path).is_ok_and(|mut file| file.read_exact(&mut head).is_ok());
+    (is_read && head == MAGIC) || path.extension().is_some_and(|ending| ending == "trex")
 }
 
 #[derive(Serialize)]

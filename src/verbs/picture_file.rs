@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use trex_render::{Image, Layers, write_exr, write_png};
-use trex_store::output::Existing;
+use trex_store::output::{Existing, draft};
 use trex_store::{Code, Error, Result};
 
 /// Where a picture goes; checked before any work.
@@ -54,26 +54,22 @@ impl PictureFile {
 
     /// Publishes what `encode` writes; nothing is left behind when that fails.
     pub fn write_with(&self, encode: impl FnOnce(&mut BufWriter<&mut Disk>) -> io::Result<()>) -> Result<()> {
-        let part = self.path.with_extension(format!("{}.part", std::process::id()));
-        let written = self.write_part(&part, encode);
-        if written.is_err() {
-            let _ = std::fs::remove_file(&part);
-        }
-        written.map_err(|error| Error::writing("write the picture", &self.path, &error))
+        self.write_draft(encode).map_err(|error| Error::writing("write the picture", &self.path, &error))
     }
 
-    fn write_part(
+    fn write_draft(
         &self,
-        part: &Path,
         encode: impl FnOnce(&mut BufWriter<&mut Disk>) -> io::Result<()>,
     ) -> io::Result<()> {
-        let mut disk = Disk { file: File::create(part)?, failed: None };
+        let draft = draft(&self.path)?;
+        let mut disk = Disk { file: draft.as_file().try_clone()?, failed: None };
         let mut writer = BufWriter::new(&mut disk);
         let encoded = encode(&mut writer).and_then(|()| writer.flush());
         drop(writer);
         encoded.map_err(|error| disk.failed.map_or(error, io::Error::from_raw_os_error))?;
         disk.file.sync_all()?;
-        std::fs::rename(part, &self.path)
+        draft.persist(&self.path)?;
+        Ok(())
     }
 }
 

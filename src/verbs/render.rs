@@ -55,7 +55,10 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         time_limit: args.time_limit.as_ref().map(|limit| Duration::from_secs_f64(limit.0)),
         live: args.deadline.t_max.as_ref().map(|t_max| args.deadline.options(t_max)),
     };
-    ctx.done(&job.render(ctx)?)
+    let rendered = job.render(ctx)?;
+    let is_whole = rendered.damaged_pages.is_empty();
+    ctx.done(&rendered)?;
+    Ok(if is_whole || args.allow_damage { Exit::Done } else { Exit::No })
 }
 
 /// What the command line says goes before what the scene says.

@@ -14,7 +14,7 @@ use trex_render::{
 use trex_store::io::IoOptions;
 use trex_store::layout::PageKind;
 use trex_store::pool::{PagePool, PageState, PoolOptions};
-use trex_store::{Budget, Code, Error, Lease, PageFile, Result};
+use trex_store::{Budget, Code, Error, Lease, PageFile, Result, open_regular};
 
 /// Counts of pages that are in frames.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -101,7 +101,7 @@ pub fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
     if !file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
         return Ok((Scene::default(), file.to_path_buf()));
     }
-    let text = std::fs::read_to_string(file).map_err(|error| Error::io("read the scene", file, &error))?;
+    let text = read_text("read the scene", file)?;
     let scene = Scene::parse(&text, file)?;
     let model = file.parent().unwrap_or(Path::new("")).join(&scene.model);
     Ok((scene, model))
@@ -139,8 +139,14 @@ fn model_of(file: &PageFile) -> Model {
     }
 }
 
+/// The text of a file.
+fn read_text(doing: &str, path: &Path) -> Result<String> {
+    let file = open_regular(path)?;
+    std::io::read_to_string(file).map_err(|error| Error::io(doing, path, &error))
+}
+
 /// The viewpoints of a file, otherwise like `camera`.
 pub fn read_views(path: &Path, camera: &Camera) -> Result<Vec<Camera>> {
-    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read the views", path, &error))?;
+    let text = read_text("read the views", path)?;
     parse_views(&text, camera).map_err(|error| error.at(path))
 }

@@ -305,16 +305,19 @@ pub(crate) fn lower_size(file: &File, block: &Superblock, path: &Path) -> Result
         .ok_or_else(|| out_of_range(section, kind, path))
 }
 
-/// Opens a regular file.
-pub(crate) fn open_regular(path: &Path) -> Result<File> {
-    let file = File::open(path).map_err(|e| Error::io("open", path, &e))?;
-    let about = file.metadata().map_err(|e| Error::io("open", path, &e))?;
-    if !about.is_file() {
+/// Opens a regular file for reading.
+///
+/// # Errors
+/// [`Code::InputUnreadable`] for a folder, a pipe, a socket or a device, and for what cannot be opened.
+pub fn open_regular(path: &Path) -> Result<File> {
+    let failed = |error| Error::io("open", path, &error);
+    // Asked before the open: opening a pipe would wait for a writer.
+    if !std::fs::metadata(path).map_err(failed)?.is_file() {
         return Err(Error::new(Code::InputUnreadable, "this is no regular file")
             .at(path)
-            .next("name a file"));
+            .next("name a file: nothing is read from folders, pipes, sockets or devices"));
     }
-    Ok(file)
+    File::open(path).map_err(failed)
 }
 
 /// The head, or the tail where the head is damaged.

@@ -33,7 +33,7 @@ pub mod verify;
 pub use budget::{Budget, Lease, RESERVE_BYTES};
 pub use chain::Chain;
 pub use error::{Code, Error, Result};
-pub use file::{Emitter, PageFile};
+pub use file::{Emitter, PageFile, open_regular};
 pub use geom::{Aabb, Lattice};
 pub use material::Material;
 pub use progress::{Interrupt, Progress, Report};

@@ -4,8 +4,13 @@
 //! pipes and symbolic links would be lost by the rename that publishes.
 
 use crate::error::{Code, Error, Result};
-use std::os::unix::fs::MetadataExt;
+use std::fs::Permissions;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
+use tempfile::NamedTempFile;
+
+/// Characters of an output's name that its draft has, too: names end at 255 bytes, and a draft's has some more.
+const DRAFT_NAME_CHARS: usize = 40;
 
 /// What to do when the output exists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,6 +81,26 @@ pub fn check_apart(output: &Path, input: &Path) -> Result<()> {
         .next("name another output with -o"))
 }
 
+/// A file beside `output` that is to take its name once it is whole: hidden until then, gone when it is dropped, with
+/// the permissions of the file that it replaces, else those of a plain create.
+///
+/// # Errors
+/// Those of the folder.
+pub fn draft(output: &Path) -> std::io::Result<NamedTempFile> {
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    let kept: String = name.chars().take(DRAFT_NAME_CHARS).collect();
+    let file = tempfile::Builder::new()
+        .prefix(&format!(".{kept}."))
+        .suffix(".part")
+        // The user's umask takes its part.
+        .permissions(Permissions::from_mode(0o666))
+        .tempfile_in(folder_of(output))?;
+    if let Ok(replaced) = output.metadata() {
+        file.as_file().set_permissions(Permissions::from_mode(replaced.mode() & 0o777))?;
+    }
+    Ok(file)
+}
+
 /// The folder of an output.
 pub fn folder_of(output: &Path) -> &Path {
     match output.parent() {
@@ -104,5 +129,23 @@ mod tests {
         assert!(Existing::Keep.check(&file).is_err() && Existing::Replace.check(&file).is_ok());
         assert!(check_apart(&link, &file).is_err() && check_apart(&file, &file).is_err());
         assert!(check_apart(&missing, &file).is_ok() && check_apart(&missing, &missing).is_ok());
+    }
+
+    #[test]
+    fn a_draft_has_the_permissions_of_what_it_replaces_and_any_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "x").unwrap();
+        let mode = |file: &NamedTempFile| file.as_file().metadata().unwrap().mode() & 0o7777;
+        for wanted in [0o600, 0o640, 0o666, 0o444] {
+            std::fs::set_permissions(&file, Permissions::from_mode(wanted)).unwrap();
+            assert_eq!(mode(&draft(&file).unwrap()), wanted);
+        }
+        assert_eq!(mode(&draft(&folder.path().join("new")).unwrap()) & !0o666, 0);
+        for name in ["x".repeat(255), "\u{20ac}".repeat(85)] {
+            let path = folder.path().join(name);
+            draft(&path).unwrap().persist(&path).unwrap();
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "drafts are left behind");
     }
 }

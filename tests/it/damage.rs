@@ -207,14 +207,14 @@ fn damaged_units_fall_back_to_the_upper_octree() {
     victim.flip(&units.iter().map(|&page| pages[page].offset + 9).collect::<Vec<_>>());
     assert_eq!(victim.damage()["damage_count"], units.len());
     for integrator in ["photon", "ao", "debug-lower"] {
-        let drawn = document_in(victim.folder(), &picture("bad.trex", integrator));
+        let drawn = document_in(victim.folder(), &(picture("bad.trex", integrator) + " --allow-damage"));
         assert_eq!(drawn["exact"], false, "{integrator}");
         let named = drawn["damaged_pages"].as_array().unwrap();
         assert!(named.iter().all(|page| units.iter().any(|unit| page == unit)), "{named:?}");
     }
     let [lower, upper] =
         [("bad.trex", "debug-lower"), ("whole.trex", "debug-upper")].map(|(file, integrator)| {
-            let drawn = document_in(victim.folder(), &picture(file, integrator));
+            let drawn = document_in(victim.folder(), &(picture(file, integrator) + " --allow-damage"));
             drawn["image"]["mean"][0].as_f64().unwrap()
         });
     // Rays go by other cells: those that graze an edge may part.
@@ -285,12 +285,12 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
         )
     };
     let whole = document_in(victim.folder(), &line("whole.trex", "whole.png"));
-    let damaged = document_in(victim.folder(), &line("bad.trex", "bad.png"));
+    let damaged = document_in(victim.folder(), &(line("bad.trex", "bad.png") + " --allow-damage"));
     assert_eq!((whole["exact"].clone(), damaged["exact"].clone()), (Value::from(true), Value::from(false)));
     assert_eq!(damaged["damaged_pages"], Value::from(vec![page]));
     assert_eq!(damaged["image"]["width"], side);
     let text = run_in(victim.folder(), &format!("{} --overwrite", line("bad.trex", "bad.png")));
-    text.expect(0);
+    text.expect(1);
     assert!(text.stdout.contains("not whole: 1 damaged page"), "{}", text.stdout);
     assert!(text.stderr.contains(&format!("damaged page {page}")), "{}", text.stderr);
 
@@ -319,14 +319,14 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
     );
 }
 
-/// All pages damaged: a picture of the sky, and its exit status is still 0.
+/// All pages damaged: a picture of the sky, and where that is allowed the exit status is 0.
 #[test]
 fn even_a_file_with_no_whole_page_gives_a_picture() {
     let victim = Victim::build("gen:soup:20k --voxels 64");
     let offsets: Vec<u64> = victim.file.pages().iter().map(|page| page.offset).collect();
     victim.flip(&offsets);
     let line = "render bad.trex -o bad.png --resolution 16x16 --spp 1";
-    let document = document_in(victim.folder(), line);
+    let document = document_in(victim.folder(), &format!("{line} --allow-damage"));
     assert_eq!(document["exact"], false);
     assert!(!document["damaged_pages"].as_array().unwrap().is_empty());
     assert_eq!(victim.damage()["damage_count"], offsets.len());

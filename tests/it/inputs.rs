@@ -6,6 +6,7 @@ use crate::fixtures::built_in;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
+use std::process::Command;
 
 /// A file that is bad, the code it gets, and how the error's place ends after the name; `?`: in some line or byte.
 type Bad<'a> = (&'a str, Vec<u8>, &'a str, &'a str);
@@ -231,6 +232,36 @@ fn what_cannot_be_opened_is_named() {
     }
     for line in ["build gen:cube:5 -o out.trex", "build gen:soup:many -o out.trex", "info gen:soup"] {
         check(inside.path(), line, 2, "usage", "");
+    }
+}
+
+/// Opening a pipe waits for a writer: `trex info` of one did not end, and not by SIGTERM either.
+#[test]
+fn pipes_sockets_and_devices_end_at_once() {
+    let inside = folder();
+    let pipes = ["pipe.trex", "pipe.ply", "pipe.toml", "pipe.png"];
+    assert!(Command::new("mkfifo").args(pipes).current_dir(inside.path()).status().unwrap().success());
+    let _socket = std::os::unix::net::UnixListener::bind(inside.path().join("socket.trex")).unwrap();
+    // Not `check`, which looks into every file of the folder.
+    let refused = |line: &str, place: &str| {
+        let document =
+            run_in(inside.path(), &format!("{line} --json -q")).expect_error(3, "input-unreadable");
+        assert!(document["where"].as_str().unwrap().ends_with(place), "{line}: {document}");
+    };
+    for file in ["pipe.trex", "socket.trex", "/dev/zero", "/dev/tty"] {
+        for verb in ["info FILE", "verify FILE", "render FILE -o out.png", "stress FILE --scenario flip"] {
+            refused(&verb.replace("FILE", file), file);
+        }
+        refused(&format!("view {file} --no-open"), file);
+    }
+    for (line, place) in [
+        ("build pipe.ply -o out.trex", "pipe.ply"),
+        ("build socket.trex -o out.trex", "socket.trex"),
+        ("render pipe.toml -o out.png", "pipe.toml"),
+        ("image diff pipe.png pipe.png", "pipe.png"),
+        ("image diff /dev/zero /dev/zero", "/dev/zero"),
+    ] {
+        refused(line, place);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Where results go: outputs that exist, disks that are full, folders that refuse, and Ctrl-C. Whatever happens, the
 //! old file or the whole new one stands there, and nothing beside it.
 
-use crate::command::{cannot_run, document_in, folder, hash_of, listing, ran, run_in, trex_in};
+use crate::command::{TREX, cannot_run, document_in, folder, hash_of, listing, ran, run_in, trex_in};
 use crate::oracle::pictures::{exr, noise};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -22,12 +22,48 @@ fn an_output_that_exists_is_kept_without_overwrite() {
         ("demo --triangles 10k --resolution 8x8 -o kept.png", "kept.png"),
         ("image diff view.png view.png -o kept.png", "kept.png"),
     ] {
-        std::fs::write(inside.path().join(output), "mine").unwrap();
+        let path = inside.path().join(output);
+        std::fs::write(&path, "mine").unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o640)).unwrap();
         let before = listing(inside.path());
         run_in(inside.path(), &format!("{line} --json -q")).expect_error(2, "usage");
         assert_eq!(listing(inside.path()), before, "{line}");
         run_in(inside.path(), &format!("{line} --overwrite -q")).expect(0);
-        assert_ne!(std::fs::read(inside.path().join(output)).unwrap(), b"mine", "{line}");
+        assert_ne!(std::fs::read(&path).unwrap(), b"mine", "{line}");
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o7777, 0o640, "{line}");
+    }
+}
+
+/// File systems take names of 255 bytes; files beside an output had longer ones.
+#[test]
+fn outputs_may_have_the_longest_names() {
+    let inside = folder();
+    let name = |ending: &str| format!("{}{ending}", "n".repeat(255 - ending.len()));
+    document_in(inside.path(), &format!("build gen:soup:10k --no-asvo -o {}", name(".trex")));
+    document_in(inside.path(), &format!("gen soup --triangles 10k -o {}", name(".stl")));
+    for picture in [name(".png"), name(".exr")] {
+        document_in(inside.path(), &format!("render {} --resolution 8x8 -o {picture}", name(".trex")));
+    }
+    assert_eq!(listing(inside.path()).len(), 4);
+}
+
+/// Past the size that the user may write the system sends a signal, which ended the process without a word.
+#[test]
+fn a_file_that_may_not_grow_is_a_disk_error() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:soup:10k --no-asvo -o model.trex");
+    let before = listing(inside.path());
+    for line in [
+        "build gen:soup:100k --no-asvo -o out.trex",
+        "gen soup --triangles 100k -o out.ply",
+        "render model.trex --resolution 400x400 -o out.exr",
+    ] {
+        let mut limited = Command::new("sh");
+        // Blocks of 512 bytes.
+        limited.args(["-c", &format!("ulimit -f 400; exec \"$0\" {line} --json -q"), TREX]);
+        let ended = ran(line, limited.current_dir(inside.path()).output().unwrap());
+        ended.expect_error(5, "disk-full");
+        assert_eq!(listing(inside.path()), before, "{line} left something behind");
     }
 }
 

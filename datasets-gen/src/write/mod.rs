@@ -17,13 +17,12 @@ mod window;
 
 pub use trex_store::output::Existing;
 
-use std::fs::{File, Permissions};
+use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
-use trex_store::output::folder_of;
+use trex_store::output::{draft, folder_of};
 use trex_store::{
     Budget, Code, Error, Interrupt, Material, Progress, Report, Result, TriangleBatch, TriangleSource,
 };
@@ -143,15 +142,8 @@ struct Draft {
 impl Draft {
     /// Opens the temporary file beside `path`.
     fn create(path: &Path, existing: Existing) -> Result<Draft> {
-        let folder = existing.check(path)?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let file = tempfile::Builder::new()
-            .prefix(&format!(".{name}."))
-            .suffix(".part")
-            // What a plain create asks for; the user's umask takes its part.
-            .permissions(Permissions::from_mode(0o666))
-            .tempfile_in(folder)
-            .map_err(|error| Error::writing("create the output", path, &error))?;
+        existing.check(path)?;
+        let file = draft(path).map_err(|error| Error::writing("create the output", path, &error))?;
         Ok(Draft { out: BufWriter::with_capacity(BUFFER_BYTES, file), path: path.to_path_buf(), existing })
     }
 

@@ -12,6 +12,7 @@ use super::scratch::drop_cache;
 use super::{BuildOptions, Existing};
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
+use crate::output::draft;
 use crate::verify;
 use rustix::fs::fdatasync;
 use std::fs::File;
@@ -37,14 +38,7 @@ pub(super) struct DraftFile<'a> {
 
 impl Draft {
     pub(super) fn create(output: &Path, folder: &Path) -> Result<Draft> {
-        let name = output.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
-        let file = tempfile::Builder::new()
-            .prefix(&format!(".{name}."))
-            .suffix(".part")
-            .permissions(mode)
-            .tempfile_in(folder)
-            .map_err(|e| Error::writing("create a file", folder, &e))?;
+        let file = draft(output).map_err(|e| Error::writing("create a file", folder, &e))?;
         Ok(Draft { file, folder: folder.to_path_buf() })
     }
 
@@ -84,7 +78,10 @@ impl Draft {
             Existing::Keep => self.file.persist_noclobber(output).map_err(failed)?,
         };
         let folder = File::open(&self.folder).map_err(|e| Error::io("open the folder", &self.folder, &e))?;
-        folder.sync_all().map_err(|e| Error::io("write the folder to the disk", &self.folder, &e))
+        folder.sync_all().map_err(|e| {
+            let failed = Error::io("write the folder to the disk", &self.folder, &e);
+            failed.next("the file is there, and whole; after a loss of power it may not be: check the disk")
+        })
     }
 }
 
