@@ -130,7 +130,8 @@ impl Forger {
 
 fn render(file: &str, integrator: &str) -> String {
     format!(
-        "render {file} -o out.png --overwrite --resolution 48x48 --spp 1 --photons 1k --integrator {integrator}"
+        "render {file} -o out.png --overwrite --allow-damage --resolution 48x48 --spp 1 --photons 1k \
+         --integrator {integrator}"
     )
 }
 
