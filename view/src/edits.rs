@@ -4,7 +4,7 @@
 
 use crate::blocks::BLOCK_SIDE;
 use crate::mailbox::{ClientId, Edit, Mail};
-use crate::message::{CameraText, LightText, MaterialText, Notice, text_of};
+use crate::message::{CameraText, MaterialText, Notice, text_of};
 use crate::session_loop::SessionLoop;
 use crate::settings::SettingsText;
 use crate::state::{BoundsText, HitText, LimitText, Picked, State};
@@ -52,7 +52,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         State {
             size: Some(view.settings.resolution),
             camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
-            lights: Some(view.lights.iter().map(LightText::from).collect()),
+            lights: Some(view.lights.clone()),
             materials: Some(model.materials.iter().map(MaterialText::from).collect()),
             settings: Some(SettingsText::from(&*view.settings)),
             ..State::default()
@@ -109,8 +109,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             }
             Edit::Lights(lights) => {
                 self.motion.event();
-                let list = lights.iter().map(|light| (*light).into()).collect();
-                self.session_mut().apply(Event::Lights(list))?;
+                self.session_mut().apply(Event::Lights(lights.clone()))?;
                 Ok(State { lights: Some(lights), ..State::default() })
             }
             Edit::Material(index, edit) => {

@@ -11,7 +11,7 @@
 //! Invariants: 1. it never grows past its bounds: what does not fit is refused, and who sent it is told; 2. events are
 //! of the one who drives; 3. `has_event` is true exactly while there is something to take.
 
-use crate::message::{CameraText, Format, FromClient, LightText, Role};
+use crate::message::{CameraText, Format, FromClient, Role};
 use crate::settings::SettingsEdit;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -34,7 +34,7 @@ pub(crate) type ClientId = u32;
 /// A change that is applied in order with others.
 #[derive(Clone, Debug)]
 pub(crate) enum Edit {
-    Lights(Vec<LightText>),
+    Lights(Vec<trex_render::Light>),
     Material(usize, MaterialEdit),
     Settings(SettingsEdit),
     /// Pixels from one to the next while the picture moves.

@@ -24,7 +24,7 @@ pub(crate) enum FromClient {
     /// The hand has let go.
     Rest {},
     /// All lights.
-    Lights { seq: u32, lights: Vec<LightText> },
+    Lights { seq: u32, lights: Vec<Light> },
     /// Changes to a material.
     Material { seq: u32, index: usize, edit: MaterialEdit },
     /// Changes to the numbers of the picture.
@@ -79,42 +79,6 @@ impl CameraText {
     pub(crate) fn camera(&self) -> Camera {
         let CameraText { position, target, up, fov_y } = *self;
         Camera { position, target, up, fov: Fov::Y(fov_y) }
-    }
-}
-
-/// A light, as scene files have it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
-pub(crate) enum LightText {
-    Point { position: [f64; 3], intensity: [f32; 3] },
-    Directional { direction: [f64; 3], irradiance: [f32; 3] },
-    Rect { corner: [f64; 3], edge_u: [f64; 3], edge_v: [f64; 3], radiance: [f32; 3] },
-    Sky { radiance: [f32; 3] },
-}
-
-impl From<LightText> for Light {
-    fn from(text: LightText) -> Light {
-        match text {
-            LightText::Point { position, intensity } => Light::Point { position, intensity },
-            LightText::Directional { direction, irradiance } => Light::Directional { direction, irradiance },
-            LightText::Rect { corner, edge_u, edge_v, radiance } => {
-                Light::Rect { corner, edge_u, edge_v, radiance }
-            }
-            LightText::Sky { radiance } => Light::Sky { radiance },
-        }
-    }
-}
-
-impl From<&Light> for LightText {
-    fn from(light: &Light) -> LightText {
-        match *light {
-            Light::Point { position, intensity } => LightText::Point { position, intensity },
-            Light::Directional { direction, irradiance } => LightText::Directional { direction, irradiance },
-            Light::Rect { corner, edge_u, edge_v, radiance } => {
-                LightText::Rect { corner, edge_u, edge_v, radiance }
-            }
-            Light::Sky { radiance } => LightText::Sky { radiance },
-        }
     }
 }
 
@@ -280,8 +244,8 @@ mod tests {
             Light::Rect { corner: [0.0; 3], edge_u: [1.0; 3], edge_v: [1e9; 3], radiance: [3.0; 3] },
         ];
         for light in lights {
-            let text = text_of(&LightText::from(&light));
-            assert_eq!(Light::from(serde_json::from_str::<LightText>(&text).unwrap()), light, "{text}");
+            let text = text_of(&light);
+            assert_eq!(serde_json::from_str::<Light>(&text).unwrap(), light, "{text}");
         }
     }
 

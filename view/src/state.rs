@@ -2,7 +2,7 @@
 //!
 //! Invariant: a page that has had the welcome and every `state` since knows all of the state.
 
-use crate::message::{CameraText, LightText, MaterialText, Role, text_of};
+use crate::message::{CameraText, MaterialText, Role, text_of};
 use crate::settings::SettingsText;
 use serde::Serialize;
 use trex_render::{FrameProgress, RayCounts};
@@ -71,7 +71,7 @@ pub(crate) struct State {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) views: Option<Vec<CameraText>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) lights: Option<Vec<LightText>>,
+    pub(crate) lights: Option<Vec<trex_render::Light>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) materials: Option<Vec<MaterialText>>,
     #[serde(skip_serializing_if = "Option::is_none")]

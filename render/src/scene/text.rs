@@ -51,8 +51,7 @@ impl Scene {
     /// with the key: a value out of range.
     pub fn parse(text: &str, path: &Path) -> Result<Scene> {
         let text: SceneText = toml::from_str(text).map_err(|error| toml_error(&error, text, path))?;
-        let lights = text.light.into_iter().map(Light::from).collect();
-        let SceneText { model, camera, material, render, .. } = text;
+        let SceneText { model, camera, light: lights, material, render } = text;
         let scene = Scene { model, camera, lights, materials: material, render };
         scene.check(path)?;
         Ok(scene)
@@ -135,33 +134,11 @@ struct SceneText {
     #[serde(default)]
     camera: CameraKeys,
     #[serde(default)]
-    light: Vec<LightText>,
+    light: Vec<Light>,
     #[serde(default)]
     material: BTreeMap<String, MaterialEdit>,
     #[serde(default)]
     render: RenderKeys,
-}
-
-#[derive(Deserialize)]
-#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
-enum LightText {
-    Point { position: [f64; 3], intensity: [f32; 3] },
-    Directional { direction: [f64; 3], irradiance: [f32; 3] },
-    Rect { corner: [f64; 3], edge_u: [f64; 3], edge_v: [f64; 3], radiance: [f32; 3] },
-    Sky { radiance: [f32; 3] },
-}
-
-impl From<LightText> for Light {
-    fn from(text: LightText) -> Light {
-        match text {
-            LightText::Point { position, intensity } => Light::Point { position, intensity },
-            LightText::Directional { direction, irradiance } => Light::Directional { direction, irradiance },
-            LightText::Rect { corner, edge_u, edge_v, radiance } => {
-                Light::Rect { corner, edge_u, edge_v, radiance }
-            }
-            LightText::Sky { radiance } => Light::Sky { radiance },
-        }
-    }
 }
 
 fn toml_error(error: &toml::de::Error, text: &str, path: &Path) -> Error {

@@ -5,7 +5,8 @@ use glam::DVec3;
 use trex_store::{Code, Error, Result};
 
 /// A light of the scene. Emissive triangles of the model are not among these: see [`super::Emitter`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Light {
     /// A point that shines alike in all directions.
     Point {
