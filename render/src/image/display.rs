@@ -3,16 +3,32 @@
 //! Its samples are taken at every 8th pixel, then every 4th, then every 2nd: a finer grid holds the coarser ones. What
 //! is shown between them: see `coarse.rs`.
 //!
-//! Invariants: 1. nothing of it is ever on the film; 2. all that is shown is of one state; 3. its memory is leased
-//! before it is taken.
+//! Where light goes on to change after that, what was shown until then takes its place, tile by tile.
+//!
+//! Invariants: 1. nothing of it is ever on the film; 2. all that is shown is of one event, and of one state until light
+//! changes by itself; 3. its memory is leased before it is taken.
 
 use super::coarse::Coarse;
 use super::film::LayerPixel;
 use super::saliency;
-use super::tile::tile_count;
+use super::tile::{tile, tile_count};
 use glam::Vec3;
 use rayon::ThreadPool;
 use trex_store::{Budget, Lease, Result};
+
+/// Samples of a pixel that the picture of the first rays is worth: it is smoothed over neighbours of one surface
+/// (`image/coarse.rs`), so it is as near to the truth as one or two samples are.
+const FIRST_WORTH: f32 = 1.5;
+
+/// Samples of a pixel that what was shown before light changed by itself is worth at most: it is of the light before.
+const BEFORE_WORTH_MOST: f32 = 4.0;
+
+/// What the display shows of a tile: the state that it is of, and samples of a pixel that it is worth.
+#[derive(Clone, Copy, Debug)]
+struct Standing {
+    state: u32,
+    worth: f32,
+}
 
 /// The picture where the film has none.
 #[derive(Debug)]
@@ -22,8 +38,10 @@ pub struct Display {
     radiance: Vec<[f32; 3]>,
     /// What `radiance` is made of.
     coarse: Coarse,
-    /// The state on show and the step of its grid; `None` before the first picture.
+    /// The state of the first rays on show and the step of their grid; `None` before the first picture.
     shown: Option<(u32, u32)>,
+    /// Per tile; says nothing before the first picture.
+    standings: Vec<Standing>,
     /// Only the pixels of samples show it yet.
     is_sparse: bool,
     _lease: Lease,
@@ -34,6 +52,7 @@ impl Display {
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
         pixels * size_of::<[f32; 3]>() as u64
+            + u64::from(tile_count(resolution)) * size_of::<Standing>() as u64
             + Coarse::bytes(resolution)
             + saliency::work_bytes(tile_count(resolution))
     }
@@ -50,14 +69,37 @@ impl Display {
             radiance,
             coarse: Coarse::new(resolution),
             shown: None,
+            standings: vec![Standing { state: 0, worth: FIRST_WORTH }; tile_count(resolution) as usize],
             is_sparse: false,
             _lease: lease,
         })
     }
 
-    /// The state on show; `None` before the first picture.
+    /// The state of the first rays on show; `None` before the first picture.
     pub(crate) fn state(&self) -> Option<u32> {
         self.shown.map(|(state, _)| state)
+    }
+
+    /// The state that tile `index` shows; `None` before the first picture.
+    pub(crate) fn tile_state(&self, index: u32) -> Option<u32> {
+        self.shown.map(|_| self.standings[index as usize].state)
+    }
+
+    /// Samples of a pixel that what tile `index` shows is worth.
+    pub(crate) fn worth(&self, index: u32) -> f32 {
+        self.standings[index as usize].worth
+    }
+
+    /// Shows of tile `index` from now on, as of `state`, what is `shown` of it, pixel by pixel as in `Tile::pixel`:
+    /// the display's own picture with that of so many `samples`.
+    pub(crate) fn keep(&mut self, index: u32, state: u32, (samples, shown): (u32, &[[f32; 3]])) {
+        let standing = &mut self.standings[index as usize];
+        let worth = (standing.worth + samples as f32).min(BEFORE_WORTH_MOST);
+        *standing = Standing { state, worth };
+        let tile = tile(self.resolution, index);
+        for (pixel, &shown) in (0..).map(|i| tile.pixel(i)).zip(shown) {
+            self.radiance[(pixel[1] * self.resolution[0] + pixel[0]) as usize] = shown;
+        }
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.
@@ -80,6 +122,7 @@ impl Display {
     pub(crate) fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
         self.coarse.smooth(step, pool);
         (self.shown, self.is_sparse) = (Some((state, step)), true);
+        self.standings.fill(Standing { state, worth: FIRST_WORTH });
         if is_sparse {
             self.coarse.set_samples(step, &mut self.radiance);
         } else {

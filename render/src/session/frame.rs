@@ -134,7 +134,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let (rays, has_changed) = done.unwrap_or_default();
         self.session.photon_map = Some(map);
         if has_changed {
-            self.begin_samples();
+            self.begin_light();
         }
         rays
     }
@@ -235,8 +235,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let tiles = self.tiles.count();
         let (mut preview_tiles, mut stale_tiles) = (0, 0);
         for tile in 0..tiles {
-            preview_tiles += u32::from(!self.shows_samples(tile));
-            stale_tiles += u32::from(self.film.tile_state(tile) < Some(live.event_state));
+            let is_stale = self.film.tile_state(tile) < Some(live.event_state);
+            preview_tiles += u32::from(is_stale && !self.shows_samples(tile));
+            stale_tiles += u32::from(is_stale);
         }
         let preview = live.display.step().filter(|_| live.display.state() >= Some(live.event_state));
         let photons = self.view.settings.photons;

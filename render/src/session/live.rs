@@ -11,7 +11,8 @@
 //! The first fetch block counts from the event. Its tiles are shown together.
 //!
 //! While samples are few the preview, which is smoothed, is mixed in, and counts less with each sample: no picture is
-//! further from the truth than the one before.
+//! further from the truth than the one before. Where photons have come in, and samples are to be taken anew, what was
+//! shown until then takes the preview's place.
 //!
 //! A *state* is what samples are of: it changes with each event, and each time that more photons are in. A tile shows
 //! its samples until it has some of the present state, unless the preview is of a later one.
@@ -44,10 +45,6 @@ use trex_store::{Code, Error, Result};
 
 /// Share of the frames that pages asked for may take before frames are scarce.
 const DEMAND_MOST: f64 = 0.85;
-
-/// Samples of a pixel that what the preview shows there is worth, beside those of the film: it is smoothed over
-/// neighbours of one surface (`image/coarse.rs`), so it is as near to the truth as one or two samples are.
-const PREVIEW_SAMPLES: f32 = 1.5;
 
 /// Options of frames with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +98,7 @@ pub struct FrameReport {
     /// Most pixels between two samples that were taken after the event; `None` while any pixel shows what was there
     /// before.
     pub sample_step: Option<u32>,
-    /// Tiles that show the preview.
+    /// Tiles that show the preview alone.
     pub preview_tiles: u32,
     /// Tiles that show nothing at all.
     pub hole_tiles: u32,
@@ -245,11 +242,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// What the look of a tile depends on: another stamp when it may show something else.
     pub fn tile_stamp(&self, index: u32) -> TileStamp {
         let Live { display, is_done, .. } = &self.live;
-        let preview = display.state().zip(display.step());
+        let state = display.tile_state(index);
+        let preview = state.zip(display.step());
         let samples =
             self.shows_samples(index).then(|| (self.film.tile_state(index), self.film.tile_samples(index)));
         // Samples of a later state, and all of them, have no preview in them.
-        let is_mixed = samples.is_none_or(|(state, _)| !is_done && state == display.state());
+        let is_mixed = samples.is_none_or(|(of, _)| !is_done && of == state);
         TileStamp { samples, preview: preview.filter(|_| is_mixed), smoothed: self.film.smoothed_of() }
     }
 
@@ -263,8 +261,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         self.film.radiances(first, radiances);
         let is_alike = self.view.settings.integrator.has_own_preview();
-        if is_alike && !self.live.is_done && self.film.tile_state(index) == self.live.display.state() {
-            let share = PREVIEW_SAMPLES / (PREVIEW_SAMPLES + self.film.tile_samples(index) as f32);
+        let display = &self.live.display;
+        if is_alike && !self.live.is_done && self.film.tile_state(index) == display.tile_state(index) {
+            let worth = display.worth(index);
+            let share = worth / (worth + self.film.tile_samples(index) as f32);
             for (shown, preview) in radiances.iter_mut().flatten().zip(preview.iter().flatten()) {
                 *shown += share * (preview - *shown);
             }
@@ -273,7 +273,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// True when tile `index` shows its samples, false when it shows the preview.
     pub(super) fn shows_samples(&self, index: u32) -> bool {
-        self.film.tile_state(index).is_some_and(|state| Some(state) >= self.live.display.state())
+        self.film.tile_state(index).is_some_and(|state| Some(state) >= self.live.display.tile_state(index))
     }
 
     /// Fills in what the preview shows between its samples, where that is still to be done.
@@ -338,6 +338,27 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let Session { tiles, film, .. } = &mut self.session;
         *tiles = tiles.ordered(order, &eye);
         tiles.sort_by_age(|tile| film.tile_state(tile));
+    }
+
+    /// Begins to take samples in other light than that of a moment ago: what is shown stays, and counts for some samples
+    /// beside those to come.
+    pub(super) fn begin_light(&mut self) {
+        let mut shown = [[0.0; 3]; (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize];
+        for index in 0..self.tiles.count() {
+            let of = self.live.display.tile_state(index);
+            if of < Some(self.live.event_state) {
+                continue;
+            }
+            let samples = if self.film.tile_state(index) == of { self.film.tile_samples(index) } else { 0 };
+            let tile = self.tiles.tile(index);
+            let pixels = if samples > 0 { tile.pixel_count() } else { 0 };
+            for (i, shown) in shown.iter_mut().enumerate().take(pixels as usize) {
+                *shown = self.shown(tile.pixel(i as u32));
+            }
+            let kept = (samples, &shown[..pixels as usize]);
+            self.live.display.keep(index, self.session.film.state() + 1, kept);
+        }
+        self.begin_samples();
     }
 
     /// Begins to take samples of another state. Those there are stay on show until there are better: the stalest are

@@ -202,6 +202,41 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
     assert!(samples.contains(&1) && samples.contains(&2) && mixed > 0, "{samples:?} {mixed}");
 }
 
+/// Light that changes by itself while samples are taken: what was shown stays, and counts for some beside new ones.
+#[test]
+fn what_was_shown_counts_on_when_light_has_changed() {
+    let keys = RenderKeys { resolution: [8, 8], n_shadow: 1, ..RenderKeys::default() };
+    let t_max = Duration::from_secs(60);
+    let options = FrameOptions { t_max, fetch_block: FetchBlock::Tiles(1), ..FrameOptions::default() };
+    let mut live = floor_demanding(0, keys).go_live(options).unwrap();
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    live.apply(Event::Lights(vec![lamp])).unwrap();
+    let pixels = || (0..64).map(|at| [at % 8, at / 8]);
+    let (mut worth, mut changed) = (1.5, 0);
+    for _ in 0..3 {
+        while live.film.tile_samples(0) < 2 {
+            live.frame(9, &|| false);
+        }
+        let shown: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
+        live.begin_light();
+        assert!(pixels().zip(&shown).all(|(pixel, &before)| live.shown(pixel) == before));
+        let stamp = live.tile_stamp(0);
+        worth = f32::min(worth + 2.0, 4.0);
+        assert_ne!(live.frame(9, &|| false).preview_tiles, 1);
+        assert_ne!(live.tile_stamp(0), stamp);
+        let n = live.film.tile_samples(0) as f32;
+        assert!(n > 0.0);
+        for (pixel, before) in pixels().zip(&shown) {
+            let (film, found) = (live.film.radiance(pixel), live.shown(pixel));
+            let expected: [f32; 3] = std::array::from_fn(|c| (n * film[c] + worth * before[c]) / (n + worth));
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-5), "{found:?} {expected:?}");
+            changed += u32::from(film != *before);
+        }
+    }
+    assert!(changed > 0);
+}
+
 /// The light of `full-gi` after an edit: on its way while frames go on, the one before on show meanwhile, and in the
 /// end the film of a session that had it from the beginning.
 #[test]
