@@ -13,7 +13,7 @@ mod stress;
 mod view;
 
 use crate::values::MemoryLimit;
-pub use bench::{BenchArgs, BenchBuildArgs, BenchRaysArgs, BenchVerb};
+pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchVerb};
 pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
@@ -87,6 +87,7 @@ impl Verb {
             Verb::View(_) => "view",
             Verb::Stress(_) => "stress",
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
+            Verb::Bench(BenchArgs { verb: BenchVerb::Io(_) }) => "bench-io",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
         }
@@ -104,6 +105,7 @@ impl Verb {
             Verb::View(args) => &args.common,
             Verb::Stress(args) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
+            Verb::Bench(BenchArgs { verb: BenchVerb::Io(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
         }

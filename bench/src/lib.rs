@@ -3,6 +3,7 @@
 //! ```text
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
+//!   ^ page_io: pages at random, through each backend
 //!   ^ sizes: what clusters and pages would take in other forms
 //!   ^ stress: a session under views and limits that change
 //! ```
@@ -14,6 +15,7 @@ pub mod docs;
 pub mod machine;
 pub mod median;
 pub mod model;
+pub mod page_io;
 mod peers;
 mod rates;
 pub mod rays;

@@ -32,6 +32,8 @@ struct Cli {
 enum Verb {
     /// Rays per second on a model: primary, shadow, incoherent
     Rays(workload::RaysArgs),
+    /// Pages per second at random, cold: as they are, hashed, and ready to trace
+    Io(workload::IoArgs),
     /// Triangles per second of the build of a generated mesh
     Build(workload::BuildArgs),
     /// Bytes per triangle in forms of clusters and pages that are not shipped
@@ -66,6 +68,7 @@ fn main() -> anyhow::Result<ExitCode> {
     let Cli { root, verb } = Cli::parse();
     match verb {
         Verb::Rays(args) => workload::rays(&args, &command_line()).map(|()| ExitCode::SUCCESS),
+        Verb::Io(args) => workload::io(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Sizes(args) => workload::sizes(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Docs { check: true } => check_docs(&root),

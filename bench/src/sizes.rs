@@ -16,13 +16,13 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use trex_render::AllResident;
 use trex_store::PageFile;
-use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterMesh, FrameView, LEAF_WIDTH_LEAST, LeafBoxes, Node};
+use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterMesh, FrameView, LEAF_PLANES, Node};
 use trex_store::layout::{FRAME_BYTES, NODE_WIDTH, Packing, PageKind};
 
 /// Bytes of a cluster's head without its leaf boxes, with its place in a node and one material.
-const HEAD_BYTES: usize = CLUSTER_LEAVES_AT - size_of::<LeafBoxes>() + Node::BYTES / NODE_WIDTH + 2;
-/// Bytes of a leaf's box.
-const BOX_BYTES: usize = 6;
+const HEAD_BYTES: usize = CLUSTER_HEAD_BYTES + Node::BYTES / NODE_WIDTH + 2;
+/// Bytes of a leaf before its indices: box and shape.
+const BOX_BYTES: usize = LEAF_PLANES + 1;
 
 /// Bytes per triangle.
 #[derive(Clone, Debug, Serialize)]
@@ -128,7 +128,7 @@ fn frame_bytes(mesh: &ClusterMesh, (full, leaf): (usize, usize), indices: Indice
         let corners = triangles.as_flattened().iter();
         let span = corners.clone().max().expect("a leaf is not empty") - corners.min().expect("as well");
         let width = match indices {
-            Indices::AsNeeded => (8 - span.leading_zeros() as usize).max(LEAF_WIDTH_LEAST as usize),
+            Indices::AsNeeded => (8 - span.leading_zeros() as usize).max(1),
             Indices::Fixed => 7,
         };
         usize::from(indices == Indices::AsNeeded) + (3 * leaf * width).div_ceil(8)

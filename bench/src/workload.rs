@@ -9,6 +9,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use trex_bench::building;
 use trex_bench::model::{Model, Surroundings};
+use trex_bench::page_io::{self, PageIoOptions};
 use trex_bench::rays::{self, Peer, RayOptions};
 use trex_bench::sizes;
 use trex_store::io::IoOptions;
@@ -45,6 +46,9 @@ pub(crate) struct RaysArgs {
     /// Seed of the gather rays
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Count visits per ray by level, beside those of a reference tree
+    #[arg(long)]
+    stats: bool,
     /// Whom to compare with; needs a feature of this program
     #[arg(long, value_enum, value_name = "NAME")]
     peer: Option<PeerName>,
@@ -57,6 +61,32 @@ pub(crate) struct RaysArgs {
 enum PeerName {
     /// Intel Embree 3: feature peer-embree
     Embree,
+}
+
+/// `trex-bench io`
+#[derive(Debug, Args)]
+pub(crate) struct IoArgs {
+    /// A page file, or gen:KIND:COUNT[:SEED]
+    model: String,
+    /// Reads in flight, one figure each
+    #[arg(long, value_name = "N", value_delimiter = ',', default_values_t = [1, 8, 32],
+        value_parser = clap::value_parser!(u16).range(1..=1024))]
+    depth: Vec<u16>,
+    /// Seed of the order of pages
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Read the same extents with fio, too, in turns
+    #[arg(long, value_enum, value_name = "NAME")]
+    peer: Option<IoPeer>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// `--peer` of `io`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum IoPeer {
+    /// fio, as installed
+    Fio,
 }
 
 /// `trex-bench build`
@@ -98,9 +128,23 @@ pub(crate) fn rays(args: &RaysArgs, command: &str) -> anyhow::Result<()> {
         rounds: usize::from(args.common.rounds),
         seed: args.seed,
         io: IoOptions::default(),
+        stats: args.stats,
         peer: args.peer.map(peer).transpose()?,
     };
     tell("bench-rays", command, &rays::run(&model, &options, &around)?)
+}
+
+/// Runs `trex-bench io`.
+pub(crate) fn io(args: &IoArgs, command: &str) -> anyhow::Result<()> {
+    let around = args.common.surroundings();
+    let model = Model::open(&args.model, &around)?;
+    let options = PageIoOptions {
+        depths: args.depth.iter().map(|&depth| usize::from(depth)).collect(),
+        rounds: usize::from(args.common.rounds),
+        seed: args.seed,
+        fio: args.peer.is_some(),
+    };
+    tell("bench-io", command, &page_io::run(&model, &options, &around)?)
 }
 
 /// Runs `trex-bench build`.

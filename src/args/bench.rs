@@ -17,6 +17,8 @@ pub struct BenchArgs {
 pub enum BenchVerb {
     /// Rays per second: primary, shadow, incoherent
     Rays(BenchRaysArgs),
+    /// Pages per second, read at random: as they are, hashed, and ready to trace
+    Io(BenchIoArgs),
     /// Triangles per second of a build, generation not counted
     Build(BenchBuildArgs),
 }
@@ -37,6 +39,9 @@ pub struct BenchRaysArgs {
     /// Seed of the gather rays
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// Count visits per ray by level, beside those of a reference tree over the same triangles
+    #[arg(long)]
+    pub stats: bool,
     #[command(flatten)]
     pub scratch: ScratchArgs,
     #[command(flatten)]
@@ -51,6 +56,36 @@ All pages are in memory where the limit has room for them; below that they come 
 Examples:
   trex bench rays statue.trex
   trex bench rays iso.trex --memory-limit 96MiB --resolution 512x512 --json";
+
+/// `trex bench io`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_BENCH_IO)]
+pub struct BenchIoArgs {
+    /// A page file, or a generated mesh (gen:pipes:5M), which is built first
+    #[arg(value_name = "FILE")]
+    pub model: String,
+    /// Reads in flight; several, by commas, give a figure each
+    #[arg(long, value_name = "N", value_delimiter = ',', default_values_t = [1, 8, 32],
+        value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub depth: Vec<u16>,
+    /// Measured rounds; figures are their medians
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub rounds: u16,
+    /// Seed of the order of pages
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub scratch: ScratchArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_BENCH_IO: &str = "\
+The system is asked to drop the file from its cache before each round.
+
+Examples:
+  trex bench io statue.trex
+  trex bench io statue.trex --depth 4,64 --json";
 
 /// `trex bench build`
 #[derive(Debug, Args)]

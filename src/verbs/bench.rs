@@ -1,7 +1,7 @@
-//! `trex bench rays`, `trex bench build`: the workloads of `trex-bench` without its peers.
+//! `trex bench rays`, `io` and `build`: the workloads of `trex-bench` without its peers.
 
 use super::stage::io_options;
-use crate::args::{BenchArgs, BenchBuildArgs, BenchRaysArgs, BenchVerb};
+use crate::args::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchVerb};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -11,12 +11,14 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use trex_bench::building::{self, BuildFigures};
 use trex_bench::model::{Model, Surroundings};
-use trex_bench::rays::{self, RayFigures, RayOptions, SetFigures};
+use trex_bench::page_io::{self, PageIoFigures, PageIoOptions, Stage};
+use trex_bench::rays::{self, RayFigures, RayOptions, SetFigures, VisitFigures};
 
 /// Runs `trex bench`.
 pub fn run(args: &BenchArgs, ctx: &Context) -> anyhow::Result<Exit> {
     match &args.verb {
         BenchVerb::Rays(args) => run_rays(args, ctx),
+        BenchVerb::Io(args) => run_io(args, ctx),
         BenchVerb::Build(args) => run_build(args, ctx),
     }
 }
@@ -29,10 +31,24 @@ fn run_rays(args: &BenchRaysArgs, ctx: &Context) -> anyhow::Result<Exit> {
         rounds: usize::from(args.rounds),
         seed: args.seed,
         io: io_options(&args.disk),
+        stats: args.stats,
         peer: None,
     };
     let figures = rays::run(&model, &options, &around)?;
     ctx.done(&RaysMeasured { figures, memory: Memory::new(&ctx.budget) })
+}
+
+fn run_io(args: &BenchIoArgs, ctx: &Context) -> anyhow::Result<Exit> {
+    let around = surroundings(args.scratch.temp_dir.as_deref(), ctx);
+    let model = Model::open(&args.model, &around)?;
+    let options = PageIoOptions {
+        depths: args.depth.iter().map(|&depth| usize::from(depth)).collect(),
+        rounds: usize::from(args.rounds),
+        seed: args.seed,
+        fio: false,
+    };
+    let figures = page_io::run(&model, &options, &around)?;
+    ctx.done(&IoMeasured { figures, memory: Memory::new(&ctx.budget) })
 }
 
 fn run_build(args: &BenchBuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -84,6 +100,72 @@ impl fmt::Display for RaysMeasured {
                     let (hit, miss) = (percent(against.false_hit_share), percent(against.false_miss_share));
                     write!(f, "; false: {hit} hits, {miss} misses")?;
                 }
+            }
+        }
+        figures.visits.as_ref().map_or(Ok(()), |visits| show_visits(visits, f))
+    }
+}
+
+/// A line a set, and one a tree.
+fn show_visits(visits: &VisitFigures, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let VisitFigures { ours, reference } = visits;
+    for (name, ours, reference) in [
+        ("primary", ours.primary, reference.primary),
+        ("shadow", ours.shadow, reference.shadow),
+        ("incoherent", ours.incoherent, reference.incoherent),
+    ] {
+        write!(
+            f,
+            "\nvisits, {name}: {:.2} (top {:.2}, nodes {:.2}, clusters {:.2}, leaves {:.2}); reference {:.2}",
+            ours.total, ours.top, ours.node, ours.cluster, ours.leaf, reference.total
+        )?;
+    }
+    for (name, tree) in [("tree", ours), ("reference", reference)] {
+        write!(
+            f,
+            "\n{name}: SAH cost {:.1}, overlap {:.2}, {:.2} triangles a leaf",
+            tree.sah_cost, tree.overlap, tree.leaf_triangles
+        )?;
+    }
+    Ok(())
+}
+
+#[derive(Serialize)]
+struct IoMeasured {
+    #[serde(flatten)]
+    figures: PageIoFigures,
+    memory: Memory,
+}
+
+impl fmt::Display for IoMeasured {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let figures = &self.figures;
+        write!(
+            f,
+            "{} pages a round, {} on disk and {:.0} triangles each, {} rounds",
+            figures.page_count,
+            size::bytes(figures.bytes_per_page as u64),
+            figures.triangles_per_page,
+            figures.round_count
+        )?;
+        for way in &figures.ways {
+            let how = if way.direct { "direct" } else { "cached" };
+            let stage = match way.stage {
+                Stage::Raw => "raw",
+                Stage::Hashed => "hashed",
+                Stage::Ready => "ready to trace",
+            };
+            write!(
+                f,
+                "\n{} {how}, depth {}, {stage}: {}, {}/s, {:.1} us of processor a page",
+                way.backend,
+                way.depth,
+                size::rate(way.pages_per_s, "pages"),
+                size::bytes(way.bytes_per_s as u64),
+                way.cpu_us_per_page
+            )?;
+            if let Some(latency) = way.latency_us {
+                write!(f, ", {} us (p99 {})", latency.p50, latency.p99)?;
             }
         }
         Ok(())

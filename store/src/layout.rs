@@ -22,7 +22,7 @@ pub use superblock::{Section, Superblock};
 /// First bytes of a file. The line ends show a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"TREX\r\n\x1a\n";
 /// Version of the format; another one is refused.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Required features that this build knows. A bit that is not known here refuses the file.
 pub const REQUIRED_FEATURES: u64 = FEATURE_LOWER;
 /// The file has pages of units, and the section that links them.
@@ -30,15 +30,15 @@ pub const FEATURE_LOWER: u64 = 1;
 
 /// Bytes of a frame: the memory of one page, whatever its size on disk.
 pub const FRAME_BYTES: usize = 64 << 10;
-/// Most triangles of a cluster: 7-bit counts, and 16 leaves of 8.
+/// Most triangles of a cluster: 7-bit counts, and 16 leaves of 8 at most.
 pub const CLUSTER_TRIANGLES: usize = 128;
 /// Most vertices of a cluster: a corner is a 7-bit index.
 pub const CLUSTER_VERTICES: usize = 128;
-/// Triangles of a leaf: the width of an AVX2 register in f32.
+/// Most triangles of a leaf: the width of an AVX2 register in f32.
 pub const LEAF_TRIANGLES: usize = 8;
 /// Most leaves of a cluster.
 pub const CLUSTER_LEAVES: usize = CLUSTER_TRIANGLES / LEAF_TRIANGLES;
-/// Children of a node: eight 8-bit planes fill a 64-bit word.
+/// Children of a node: eight 16-bit planes fill half of an AVX2 register.
 pub const NODE_WIDTH: usize = 8;
 /// Most bits of a packed vertex: at any bit offset within a byte it fits one unaligned 64-bit load.
 pub const VERTEX_BITS: u32 = 57;

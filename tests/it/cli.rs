@@ -29,7 +29,7 @@ fn help_lists_the_verbs_and_the_exit_statuses() {
 
 #[test]
 fn every_verb_explains_its_flags_units_and_defaults() {
-    for verb in VERBS.into_iter().chain(["bench rays", "image diff"]) {
+    for verb in VERBS.into_iter().chain(["bench rays", "bench io", "image diff"]) {
         let help = stdout(&format!("{verb} --help"));
         for word in
             ["Example", "--memory-limit", "512MiB", "auto = 50%", "--threads", "--json", "[default: auto]"]

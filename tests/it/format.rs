@@ -171,7 +171,13 @@ fn read_cluster(
 ) -> Vec<([[u64; 3]; 3], u64)> {
     let mut bits = Bits { bytes: &r.bytes[r.at..], at: 0 };
     let [count, vertex_count] = [7, 7].map(|width| bits.take(width) as usize + 1);
-    let [wide, has_palette] = [1, 1].map(|width| bits.take(width) == 1);
+    let [wide, has_palette, leaves_differ] = [1; 3].map(|width| bits.take(width) == 1);
+    if leaves_differ {
+        let leaves = bits.take(4) + 1;
+        let sizes: Vec<u64> = (0..leaves).map(|_| bits.take(3) + 1).collect();
+        assert_eq!(sizes.iter().sum::<u64>(), count as u64, "triangles of the leaves");
+        assert!(sizes[..sizes.len() - 1].iter().any(|&size| size < 8), "leaves that do not differ");
+    }
     let offsets = offset_widths.map(|width| bits.take(width));
     let base: [u64; 3] = std::array::from_fn(|a| anchor[a] + offsets[a]);
     let widths = [6; 3].map(|width| bits.take(width));

@@ -2,6 +2,7 @@
 
 use super::compare::Agreement;
 use super::falsehood::AgainstMesh;
+use super::visits::VisitFigures;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -51,6 +52,9 @@ pub struct RayFigures {
     /// As `gray_shadow`, through units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gray_finest_shadow: Option<SetFigures>,
+    /// Visits per ray, where they were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visits: Option<VisitFigures>,
     /// The peer, where one was asked for.
     pub peer: Option<PeerFigures>,
 }

@@ -20,12 +20,14 @@ mod peer;
 mod run;
 mod sets;
 mod turns;
+mod visits;
 
 pub use compare::Agreement;
 pub use falsehood::AgainstMesh;
 pub use figures::{ModeFigures, ModeSet, PeerFigures, RayFigures, SetFigures, SingleFigures};
 pub use options::{Peer, RayOptions};
 pub use run::run;
+pub use visits::{SetVisits, TreeVisits, VisitFigures};
 #[cfg(feature = "peer-embree")]
 pub(crate) use {
     contender::{Contender, MISS, RayAnswer, spread},

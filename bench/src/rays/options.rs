@@ -13,6 +13,8 @@ pub struct RayOptions {
     pub seed: u64,
     /// How pages are read where they do not all fit.
     pub io: IoOptions,
+    /// Count visits, beside those of a reference tree.
+    pub stats: bool,
     /// Whom to compare with.
     pub peer: Option<Peer>,
 }

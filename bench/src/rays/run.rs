@@ -10,6 +10,7 @@ use super::options::{Peer, RayOptions};
 use super::peer::PeerSetup;
 use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space};
 use super::turns::{Ours, Turns, take_turns};
+use super::visits;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use std::sync::Arc;
@@ -77,10 +78,16 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         if let (Some(upper), Some(lower)) = (upper, file.lower_size()?) {
             figures.finest_resolution = Some(upper.resolution * lower.refinement.factor());
         }
+        if options.stats {
+            let _lease = budget.lease("two trees of boxes", visits::bytes(figures.triangle_count))?;
+            figures.visits =
+                Some(visits::visits(&file, &pages, [&sets.primary, &sets.shadow, &sets.incoherent])?);
+        }
         figures.pages = "resident".to_owned();
         figures.scene.clone_from(&model.scene);
         return Ok(figures);
     }
+    ensure!(!options.stats, "visits are counted with all pages in memory, for which the limit has no room");
     ensure!(
         options.peer.is_none(),
         "a peer takes all of the mesh in memory, and the limit has no room for ours"
@@ -217,6 +224,7 @@ fn compete(
         primary,
         shadow,
         incoherent,
+        visits: None,
         voxel_resolution: None,
         gray,
         gray_shadow,

@@ -10,8 +10,9 @@
 
 use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
+use super::frame_report::{FrameProgress, FrameReport};
 use super::ladder::{ROUGH_STEP, Turn};
-use super::live::{FrameProgress, FrameReport, Live, LiveSession};
+use super::live::{Live, LiveSession};
 use super::next_light::{NextLight, irradiance};
 use crate::image::filter;
 use crate::integrate::RenderContext;

@@ -37,7 +37,6 @@ use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
 use crate::scene::settings::Method;
 use crate::schedule::Pass;
-use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
@@ -69,49 +68,6 @@ impl Default for FrameOptions {
             fills_while_moving: true,
         }
     }
-}
-
-/// The state of a picture in the making.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum FrameProgress {
-    /// The picture shows what is resident, by a sample at some pixels.
-    Preview,
-    /// Some tiles are done, less than a fetch block.
-    Part,
-    /// A fetch block or more is done: the response.
-    Block,
-    /// Every pixel has a sample that was taken after the event.
-    Complete,
-    /// Every pixel has all samples that were asked for, and all photons are in.
-    Done,
-}
-
-/// The report of a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameReport {
-    /// The state of the picture now.
-    pub progress: FrameProgress,
-    /// Tiles of the first fetch block since the event; until it is done, of the block that is made.
-    pub block_tiles: u32,
-    /// Tiles of a fetch block that was finished in this state, over those of the picture; 0 before.
-    pub block_share: f64,
-    /// Most pixels between two samples that were taken after the event; `None` while any pixel shows what was there
-    /// before.
-    pub sample_step: Option<u32>,
-    /// Tiles that show the preview alone.
-    pub preview_tiles: u32,
-    /// Tiles that show nothing at all.
-    pub hole_tiles: u32,
-    /// Share of the photons of changed light that are in and shown, 0 to 1; 1 where none are on their way.
-    pub light_share: f64,
-    /// Error of the footprint rule, pixels.
-    pub lod_error: f64,
-    /// Counts of the pass in this frame.
-    pub pass: PassStats,
-    /// Rays of the preview in this frame.
-    pub preview_rays: RayCounts,
-    /// Rays of photons in this frame.
-    pub photon_rays: u64,
 }
 
 /// See [`LiveSession::tile_stamp`].
@@ -340,8 +296,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         tiles.sort_by_age(|tile| film.tile_state(tile));
     }
 
-    /// Begins to take samples in other light than that of a moment ago: what is shown stays, and counts for some samples
-    /// beside those to come.
+    /// Begins to take samples in other light than that of a moment ago: what is shown stays, and counts for some
+    /// samples beside those to come.
     pub(super) fn begin_light(&mut self) {
         let mut shown = [[0.0; 3]; (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize];
         for index in 0..self.tiles.count() {

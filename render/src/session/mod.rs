@@ -15,6 +15,7 @@
 
 mod fetch_block;
 mod frame;
+mod frame_report;
 mod illuminate;
 mod ladder;
 mod live;
@@ -24,7 +25,8 @@ mod next_tree;
 mod resettle;
 
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
-pub use live::{FrameOptions, FrameProgress, FrameReport, LiveSession, TileStamp};
+pub use frame_report::{FrameProgress, FrameReport};
+pub use live::{FrameOptions, LiveSession, TileStamp};
 pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
 
 use crate::image::film::{Film, Layers};

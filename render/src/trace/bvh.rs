@@ -23,8 +23,8 @@ use super::kernel::{Kernel, Lanes};
 use super::lattice_ray::{LatticeFrame, LatticeRay};
 use super::pages::{Page, Pages};
 use trex_store::PageFile;
-use trex_store::cluster::{CLUSTER_LEAVES_AT, ClusterView, FrameRef, FrameView, TopRef};
-use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH, TREE_DEPTH};
+use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterView, FrameRef, FrameView, LEAF_PLANES, TopRef};
+use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH, TREE_DEPTH};
 
 /// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
@@ -244,7 +244,8 @@ impl PageVisit<'_> {
         let floor = pending.len;
         let met = kernel.leaf_boxes(&cluster, best.t);
         if met.mask != 0 {
-            K::prefetch(cluster.bytes(), CLUSTER_LEAVES_AT, BODY_LINES);
+            let body = CLUSTER_HEAD_BYTES + LEAF_PLANES * cluster.leaf_count();
+            K::prefetch(cluster.bytes(), body, BODY_LINES);
         }
         let mut next = pending.push(met.mask, |leaf| met.entry(leaf, leaf as u32));
         while let Some(at) = next.or_else(|| pending.pop_above(floor, best.t)) {
@@ -252,10 +253,11 @@ impl PageVisit<'_> {
             let leaf = at.word() as usize;
             let mut mask = kernel.triangles(&cluster, leaf, best.t);
             while mask != 0 {
-                let index = leaf * LEAF_TRIANGLES + mask.trailing_zeros() as usize;
+                let place = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                let corners = cluster.triangle(index);
+                let corners = cluster.triangle(leaf, place);
                 let Some(t) = self.ray.reach(corners) else { continue };
+                let index = cluster.leaf_first(leaf) + place;
                 let triangle = self.page.first_triangle + (cluster.first_triangle() + index) as u32;
                 if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
                     best.t = t_above(t);

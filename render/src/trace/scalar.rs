@@ -91,9 +91,9 @@ pub(super) struct Slabs<T> {
 }
 
 /// Boxes with planes `q * scale + lo` and `q * scale + hi`, lattice steps from the ray's cell.
-struct Boxes<const N: usize> {
+struct Boxes<'a, Q> {
     /// The q of lower planes, then those of upper ones, per axis.
-    planes: [[[u8; N]; 3]; 2],
+    planes: [[&'a [Q]; 3]; 2],
     lo: [i64; 3],
     hi: [i64; 3],
     scale: [i64; 3],
@@ -117,15 +117,20 @@ impl<T: Real> Slabs<T> {
     }
 
     /// Tests `count` boxes: those that the ray meets before `t_max`, and where.
-    fn meet<const N: usize>(&self, boxes: &Boxes<N>, count: usize, t_max: f32) -> Lanes<N> {
+    fn meet<Q: Copy + Into<i64>, const N: usize>(
+        &self,
+        boxes: &Boxes<'_, Q>,
+        count: usize,
+        t_max: f32,
+    ) -> Lanes<N> {
         let Boxes { planes, lo, hi, scale } = boxes;
         let mut lanes = Lanes { mask: 0, t: [0.0; N] };
         for i in 0..count {
             let (mut near, mut far) = (T::ZERO, T::from_f64(f64::INFINITY));
             for a in 0..3 {
                 let step = T::from_i64(scale[a]) * self.inverse[a];
-                let t = |plane: u8, base: i64, start: T| {
-                    T::from_i64(i64::from(plane)).fused(step, T::from_i64(base).fused(self.inverse[a], start))
+                let t = |plane: Q, base: i64, start: T| {
+                    T::from_i64(plane.into()).fused(step, T::from_i64(base).fused(self.inverse[a], start))
                 };
                 let (lower, upper) = ((planes[0][a][i], lo[a]), (planes[1][a][i], hi[a]));
                 let (enter, leave) = if self.negative[a] { (upper, lower) } else { (lower, upper) };
@@ -157,17 +162,17 @@ impl<T: Real> Kernel for Scalar<T> {
         let base = std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.cell[a]);
         let scale = node.exponent.map(|e| 1 << (u32::from(e) + self.node_shift));
         let count = usize::from(node.child_count).min(NODE_WIDTH);
-        self.slabs.meet(&Boxes { planes: [node.lo, node.hi], lo: base, hi: base, scale }, count, t_max)
+        let planes = [node.lo.each_ref().map(|row| &row[..]), node.hi.each_ref().map(|row| &row[..])];
+        self.slabs.meet(&Boxes { planes, lo: base, hi: base, scale }, count, t_max)
     }
 
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES> {
-        let (base, boxes) = (cluster.base(), cluster.leaf_boxes());
+        let (base, [x, y, z, upper @ ..]) = (cluster.base(), cluster.leaf_planes());
         let scale = cluster.leaf_shift().map(|shift| 1 << shift);
         let lo = std::array::from_fn(|a| base[a] - self.cell[a]);
         // Upper planes are cells: no vertex lies beyond the last step of one.
         let hi = std::array::from_fn(|a| lo[a] + scale[a] - 1);
-        let [x, y, z, rest @ ..] = *boxes;
-        let boxes = Boxes { planes: [[x, y, z], rest], lo, hi, scale };
+        let boxes = Boxes { planes: [[x, y, z], upper], lo, hi, scale };
         self.slabs.meet(&boxes, cluster.leaf_count(), t_max)
     }
 

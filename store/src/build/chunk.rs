@@ -60,7 +60,7 @@ impl Workspace {
             Prim::new(&exact, all.lo, index as u32)
         }));
         let mut out = Clusters::default();
-        out.grow(&mut self.splitter, &mut self.prims, &self.triangles);
+        out.grow(&mut self.splitter, &mut self.prims, &self.triangles, 0);
         for cluster in &mut out.clusters {
             let ordered = self.orderer.ordered(cluster);
             out.page_bytes.push(ordered.page_bytes());

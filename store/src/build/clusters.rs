@@ -2,10 +2,10 @@
 //!
 //! Invariants: 1. every triangle ends in exactly one cluster; 2. boxes in the tree are exact unions of lattice boxes.
 
-use super::sah::{Prim, Splitter};
+use super::sah::{Prim, Rule, Splitter};
 use super::scratch::LatticeTriangle;
 use crate::cluster::{ClusterMesh, LatticeBox};
-use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
+use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
 #[derive(Clone, Copy, Debug)]
@@ -21,45 +21,54 @@ pub(super) struct Clusters {
     /// By cluster: bytes to set aside for it in a page.
     pub(super) page_bytes: Vec<usize>,
     pub(super) tree: Vec<(LatticeBox, Tree)>,
+    /// Work memory.
+    leaf_sizes: Vec<u8>,
 }
 
 impl Clusters {
-    /// Adds the subtree over `prims`; gives its node.
+    /// Adds the subtree over `prims`, which hangs under `depth` splits; gives its node.
     pub(super) fn grow(
         &mut self,
         splitter: &mut Splitter,
         prims: &mut [Prim],
         triangles: &[LatticeTriangle],
+        depth: usize,
     ) -> u32 {
+        let rule = Rule { leaf: LEAF_TRIANGLES, quantum: LEAF_TRIANGLES, depth };
         if prims.len() <= CLUSTER_TRIANGLES {
-            order_leaves(splitter, prims);
-            if let Some(cluster) = cluster_of(prims, triangles) {
+            self.leaf_sizes.clear();
+            order_leaves(splitter, prims, rule, &mut self.leaf_sizes);
+            if self.leaf_sizes.len() <= CLUSTER_LEAVES
+                && let Some(mut cluster) = cluster_of(prims, triangles)
+            {
+                cluster.leaf_sizes.clone_from(&self.leaf_sizes);
                 self.tree.push((cluster.bounds(), Tree::Cluster(self.clusters.len() as u32)));
                 self.clusters.push(cluster);
                 return self.tree.len() as u32 - 1;
             }
         }
         let quantum = if prims.len() > CLUSTER_TRIANGLES { CLUSTER_TRIANGLES } else { LEAF_TRIANGLES };
-        let cut = splitter.split(prims, quantum);
+        let cut = splitter.split(prims, Rule { quantum, ..rule });
         let (left, right) = prims.split_at_mut(cut);
-        let left = self.grow(splitter, left, triangles);
-        let right = self.grow(splitter, right, triangles);
+        let left = self.grow(splitter, left, triangles, depth + 1);
+        let right = self.grow(splitter, right, triangles, depth + 1);
         let bounds = self.tree[left as usize].0.join(&self.tree[right as usize].0);
         self.tree.push((bounds, Tree::Split(left, right)));
         self.tree.len() as u32 - 1
     }
 }
 
-/// Orders a cluster's primitives so that each eight in a row make a tight leaf.
-fn order_leaves(splitter: &mut Splitter, prims: &mut [Prim]) {
+/// Orders primitives by leaves, tight ones; appends the size of each.
+fn order_leaves(splitter: &mut Splitter, prims: &mut [Prim], rule: Rule, sizes: &mut Vec<u8>) {
     if prims.len() <= LEAF_TRIANGLES {
         prims.sort_unstable_by_key(|prim| prim.index);
+        sizes.push(prims.len() as u8);
         return;
     }
-    let cut = splitter.split(prims, LEAF_TRIANGLES);
+    let cut = splitter.split(prims, rule);
     let (left, right) = prims.split_at_mut(cut);
-    order_leaves(splitter, left);
-    order_leaves(splitter, right);
+    order_leaves(splitter, left, rule, sizes);
+    order_leaves(splitter, right, rule, sizes);
 }
 
 /// Welds the primitives' corners; `None` when they are more than a cluster can hold. Vertices stand in the

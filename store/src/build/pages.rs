@@ -3,17 +3,18 @@
 //! ```text
 //! place(subtree): fits what is left of the open page?  -> a root of that page
 //!                 one cluster?                         -> a root of a new page
-//!                 else                                 -> a node of the top tree; place its children
+//!                 else                                 -> place its children
 //! ```
 //!
-//! So pages fill up, each with a few neighbouring subtrees, and the top tree holds only what no page could. The last
-//! page of a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
+//! So pages fill up, each with a few neighbouring subtrees. What is above these is made anew, of the roots of all pages
+//! of all chunks (`writer.rs`): a chunk's own tree knows nothing of chunks that lie in the same place. The last page of
+//! a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
 //!
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
 
 use super::clusters::{Clusters, Tree};
-use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef, TopRef};
+use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 
 /// A page ready to be written.
@@ -107,14 +108,21 @@ impl OpenPage {
     }
 }
 
-/// The result of a chunk. Page and node numbers count from the chunk's own first.
+/// The result of a chunk.
 pub(super) struct ChunkPages {
     pub(super) pages: Vec<PackedPage>,
     /// The page behind these.
     pub(super) open: OpenPage,
-    /// Top-tree nodes; children before parents.
-    pub(super) nodes: Vec<Vec<(LatticeBox, TopRef)>>,
-    pub(super) root: (LatticeBox, TopRef),
+    /// Where rays enter its pages.
+    pub(super) roots: Vec<ChunkRoot>,
+}
+
+/// A root of a page.
+pub(super) struct ChunkRoot {
+    pub(super) bounds: LatticeBox,
+    /// From the chunk's first page on; one more than there are for the open one.
+    pub(super) page: u32,
+    pub(super) slot: u32,
 }
 
 /// What LZ4 must save, in percent of the raw bytes, to be worth its decode.
@@ -131,14 +139,9 @@ pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
         sizes,
         clusters: &mut clusters,
         context,
-        out: ChunkPages {
-            pages: Vec::new(),
-            open: OpenPage::default(),
-            nodes: Vec::new(),
-            root: (LatticeBox::EMPTY, TopRef::Node(0)),
-        },
+        out: ChunkPages { pages: Vec::new(), open: OpenPage::default(), roots: Vec::new() },
     };
-    packer.out.root = (wide.bounds(wide.root), packer.place(wide.root));
+    packer.place(wide.root_bounds, wide.root);
     packer.out
 }
 
@@ -188,15 +191,6 @@ impl Wide {
         WideRef::Node(self.nodes.len() as u32 - 1)
     }
 
-    fn bounds(&self, at: WideRef) -> LatticeBox {
-        match at {
-            WideRef::Leaf(_) => self.root_bounds,
-            WideRef::Node(i) => {
-                self.nodes[i as usize].iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b))
-            }
-        }
-    }
-
     /// Frame bytes of the subtree under each node.
     fn subtree_bytes(&self, leaf_bytes: &[usize]) -> Vec<usize> {
         let mut bytes: Vec<usize> = Vec::with_capacity(self.nodes.len());
@@ -228,7 +222,7 @@ struct Packer<'a> {
 const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS - FRAME_TAIL_BYTES;
 
 impl Packer<'_> {
-    fn place(&mut self, at: WideRef) -> TopRef {
+    fn place(&mut self, bounds: LatticeBox, at: WideRef) {
         let bytes = match at {
             WideRef::Leaf(i) => self.sizes[i as usize],
             WideRef::Node(i) => self.subtree_bytes[i as usize],
@@ -236,10 +230,8 @@ impl Packer<'_> {
         let fits = self.out.open.has_room(bytes, 1);
         match at {
             WideRef::Node(i) if !fits => {
-                let children =
-                    self.wide.nodes[i as usize].iter().map(|&(b, child)| (b, self.place(child))).collect();
-                self.out.nodes.push(children);
-                return TopRef::Node(self.out.nodes.len() as u32 - 1);
+                let wide = self.wide;
+                return wide.nodes[i as usize].iter().for_each(|&(bounds, child)| self.place(bounds, child));
             }
             WideRef::Leaf(_) if !fits => {
                 let full = std::mem::take(&mut self.out.open);
@@ -251,7 +243,8 @@ impl Packer<'_> {
         let root = self.copy(at);
         let roots = &mut self.out.open.content.roots;
         roots.push(root);
-        TopRef::Page { page: self.out.pages.len() as u32, slot: roots.len() as u32 - 1 }
+        let (page, slot) = (self.out.pages.len() as u32, roots.len() as u32 - 1);
+        self.out.roots.push(ChunkRoot { bounds, page, slot });
     }
 
     /// Copies a subtree into the open page.

@@ -1,15 +1,15 @@
 //! `Writer`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
 //!
-//! Invariants: 1. a page that chunks share is written when it is full, and the nodes that lead to it are told then;
-//! 2. every byte is hashed before it is written.
+//! Invariants: 1. a page that chunks share is written when it is full, and the roots in it are told then; 2. every byte
+//! is hashed before it is written.
 
 use super::BuildReport;
 use super::clusters::Tree;
 use super::lattice::Scan;
-use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
+use super::pages::{ChunkPages, ChunkRoot, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
 use super::partition::Partition;
 use super::publish::DraftFile;
-use super::sah::{Prim, Splitter};
+use super::sah::{Prim, Rule, Splitter};
 use super::voxels::VoxelWork;
 use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::Result;
@@ -25,22 +25,13 @@ pub(super) struct Writer<'a> {
     block: Superblock,
     context: PackContext<'a>,
     pages: Vec<PageEntry>,
-    /// The page that the ends of the last chunks share, and what leads into it.
+    /// The page that the ends of the last chunks share, and the first of `roots` in it.
     open: OpenPage,
-    links: Vec<(Link, u32)>,
-    nodes: Vec<Node>,
-    /// Per chunk: its box and where its root is.
+    open_root: usize,
+    /// Roots of pages, with their boxes.
     roots: Vec<(LatticeBox, TopRef)>,
     emitters: Vec<u8>,
     emitter_count: u64,
-}
-
-/// Where it is said in which page a subtree is.
-enum Link {
-    /// This child of this node.
-    Child(usize, usize),
-    /// The root of this chunk.
-    Root(usize),
 }
 
 impl<'a> Writer<'a> {
@@ -52,8 +43,7 @@ impl<'a> Writer<'a> {
             context,
             pages: Vec::new(),
             open: OpenPage::default(),
-            links: Vec::new(),
-            nodes: Vec::new(),
+            open_root: 0,
             roots: Vec::new(),
             emitters: Vec::new(),
             emitter_count: 0,
@@ -77,48 +67,40 @@ impl<'a> Writer<'a> {
 
     /// Writes the pages of a chunk, and begins or fills the one that chunks share.
     pub(super) fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
-        let (first_page, first_node) = (self.pages.len() as u32, self.nodes.len() as u32);
-        let open_page = chunk.pages.len() as u32;
+        let (first_page, open_page) = (self.pages.len() as u32, chunk.pages.len() as u32);
         for page in chunk.pages {
             self.add_page(page, file)?;
         }
+        let (mut closed, opened): (Vec<_>, Vec<_>) =
+            chunk.roots.into_iter().partition(|root| root.page < open_page);
+        closed.iter_mut().for_each(|root| root.page += first_page);
+        let entered = |root: &ChunkRoot| (root.bounds, TopRef::Page { page: root.page, slot: root.slot });
+        // Those of the open page stand last.
+        let open_at = self.open_root;
+        self.roots.splice(open_at..open_at, closed.iter().map(entered));
+        self.open_root += closed.len();
         if !self.open.takes(&chunk.open) {
             self.close(file)?;
         }
         let first_slot = self.open.append(chunk.open);
-        let links = &mut self.links;
-        let mut moved = |r: TopRef, link: Link| match r {
-            TopRef::Node(index) => TopRef::Node(first_node + index),
-            TopRef::Page { page, slot } if page == open_page => {
-                links.push((link, first_slot + slot));
-                r
-            }
-            TopRef::Page { page, slot } => TopRef::Page { page: first_page + page, slot },
-        };
-        for children in &chunk.nodes {
-            let node = self.nodes.len();
-            let words =
-                children.iter().zip(0..).map(|(&(b, r), i)| (b, moved(r, Link::Child(node, i)).to_word()));
-            self.nodes.push(Node::from_children(&words.collect::<Vec<_>>(), self.node_shift));
-        }
-        self.roots.push((chunk.root.0, moved(chunk.root.1, Link::Root(self.roots.len()))));
+        let opened = opened.into_iter().map(|root| ChunkRoot { slot: first_slot + root.slot, ..root });
+        self.roots.extend(opened.map(|root| entered(&root)));
         Ok(())
     }
 
     /// Ends the open page, if anything is in it.
     pub(super) fn close(&mut self, file: &mut DraftFile<'_>) -> Result<()> {
-        let page = self.pages.len() as u32;
+        let here = self.pages.len() as u32;
         let full = std::mem::take(&mut self.open);
         if !full.is_empty() {
             self.add_page(full.pack(self.context), file)?;
         }
-        for (link, slot) in self.links.drain(..) {
-            let there = TopRef::Page { page, slot };
-            match link {
-                Link::Child(node, i) => self.nodes[node].child[i] = there.to_word(),
-                Link::Root(chunk) => self.roots[chunk].1 = there,
+        for (_, root) in &mut self.roots[self.open_root..] {
+            if let TopRef::Page { page, .. } = root {
+                *page = here;
             }
         }
+        self.open_root = self.roots.len();
         Ok(())
     }
 
@@ -171,7 +153,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Joins the chunks' trees and writes the tables.
+    /// Makes the top tree and writes the tables.
     pub(super) fn write_tables(
         &mut self,
         file: &mut DraftFile<'_>,
@@ -179,16 +161,17 @@ impl<'a> Writer<'a> {
         material_count: usize,
     ) -> Result<()> {
         let bounds = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
-        self.block.root = self.join_roots().to_word();
+        let (nodes, root) = self.top_tree();
+        self.block.root = root.to_word();
         self.block.lattice_bounds = [bounds.lo, bounds.hi];
         self.block.bounds =
             Aabb { lo: self.block.lattice.position(bounds.lo), hi: self.block.lattice.position(bounds.hi) };
         let mut table = Vec::with_capacity(self.pages.len() * PAGE_ENTRY_BYTES);
         self.pages.iter().for_each(|entry| entry.write(&mut table));
-        let tree: &[u8] = bytemuck::cast_slice(&self.nodes);
+        let tree: &[u8] = bytemuck::cast_slice(&nodes);
         let sections = [
             (SectionKind::PageTable, table.as_slice(), self.pages.len()),
-            (SectionKind::TopTree, tree, self.nodes.len()),
+            (SectionKind::TopTree, tree, nodes.len()),
             (SectionKind::Materials, materials_json, material_count),
             (SectionKind::Emitters, &self.emitters, self.emitter_count as usize),
         ];
@@ -225,42 +208,41 @@ impl<'a> Writer<'a> {
         Ok(self.block)
     }
 
-    /// The tree above the chunks: SAH again, collapsed to 8-wide nodes. Gives the root of all.
-    fn join_roots(&mut self) -> TopRef {
-        let all = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
+    /// The tree above the roots of all pages: SAH again, collapsed to 8-wide nodes. Gives the root of all.
+    fn top_tree(&self) -> (Vec<Node>, TopRef) {
+        let roots = &self.roots;
+        let all = roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
         let mut prims: Vec<_> =
-            self.roots.iter().enumerate().map(|(i, (b, _))| Prim::new(b, all.lo, i as u32)).collect();
+            roots.iter().enumerate().map(|(i, (b, _))| Prim::new(b, all.lo, i as u32)).collect();
         let mut tree = Vec::new();
-        grow(&mut Splitter::default(), &mut prims, &self.roots, &mut tree);
+        grow(&mut Splitter::default(), (&mut prims, 0), roots, &mut tree);
         let wide = Wide::new(&tree);
-        let first = self.nodes.len() as u32;
-        let word = |r: WideRef, roots: &[(LatticeBox, TopRef)]| match r {
+        let word = |r: WideRef| match r {
             WideRef::Leaf(i) => roots[i as usize].1,
-            WideRef::Node(i) => TopRef::Node(first + i),
+            WideRef::Node(i) => TopRef::Node(i),
         };
-        for children in &wide.nodes {
-            let children: Vec<_> =
-                children.iter().map(|&(b, r)| (b, word(r, &self.roots).to_word())).collect();
-            self.nodes.push(Node::from_children(&children, self.node_shift));
-        }
-        word(wide.root, &self.roots)
+        let node = |children: &Vec<(LatticeBox, WideRef)>| {
+            let children: Vec<_> = children.iter().map(|&(b, r)| (b, word(r).to_word())).collect();
+            Node::from_children(&children, self.node_shift)
+        };
+        (wide.nodes.iter().map(node).collect(), word(wide.root))
     }
 }
 
-/// The binary tree over chunk roots.
+/// The binary tree over roots.
 fn grow(
     splitter: &mut Splitter,
-    prims: &mut [Prim],
+    (prims, depth): (&mut [Prim], usize),
     roots: &[(LatticeBox, TopRef)],
     tree: &mut Vec<(LatticeBox, Tree)>,
 ) -> u32 {
     if let [only] = prims {
         tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
     } else {
-        let cut = splitter.split(prims, 1);
+        let cut = splitter.split(prims, Rule { leaf: 1, quantum: 1, depth });
         let (left, right) = prims.split_at_mut(cut);
-        let left = grow(splitter, left, roots, tree);
-        let right = grow(splitter, right, roots, tree);
+        let left = grow(splitter, (left, depth + 1), roots, tree);
+        let right = grow(splitter, (right, depth + 1), roots, tree);
         tree.push((tree[left as usize].0.join(&tree[right as usize].0), Tree::Split(left, right)));
     }
     tree.len() as u32 - 1

@@ -4,12 +4,13 @@
 //! page    = clusters u16 | nodes u16 | roots u8 | offset widths 3 x u8 | material bits u8 | anchor 3 x u40
 //!         | kinds of roots, a bit each | node ... | cluster ...
 //! node    = children u8 | kinds of children u8                           (bit i: child i is a node)
-//! cluster = bits of: triangles - 1, 7 | vertices - 1, 7 | wide, 1 | palette, 1 | base - anchor | axis widths 3 x 6
+//! cluster = bits of: triangles - 1, 7 | vertices - 1, 7 | wide, 1 | palette, 1 | leaves differ, 1
+//!         | leaves - 1, 4 (differ) | their triangles - 1, 3 each (differ) | base - anchor | axis widths 3 x 6
 //!         | class widths 3 x 5 (compact) | materials - 1, 7 (palette) | materials | palette indices
 //!         | topology | vertices | zeros to the next byte
 //! ```
 //!
-//! Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
+//! Leaves that do not differ hold eight triangles, but the last. Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
 //! and clusters stand in the order in which a walk from the first root on meets them.
 //!
 //! Invariants: 1. one page content has one disk form; 2. neither that nor the frame form is longer than a frame,
@@ -21,7 +22,9 @@ use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, Guided, TAG_BITS};
 use super::{ClusterMesh, FRAME_TAIL_BYTES, Node, palette_index_bits, vertex_bytes};
 use crate::geom::Lattice;
-use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS};
+use crate::layout::{
+    CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES, NODE_WIDTH, PAGE_ROOTS,
+};
 
 /// Bytes of a frame before its roots.
 pub(super) const FRAME_HEADER_BYTES: usize = 16;
@@ -29,6 +32,9 @@ pub(super) const FRAME_HEADER_BYTES: usize = 16;
 pub(super) const DISK_HEADER_BYTES: usize = 24;
 /// Bits of a count of triangles, vertices or materials of a cluster, less one.
 pub(super) const COUNT_BITS: u32 = 7;
+/// Bits of a count of leaves, and of a count of triangles of one, less one.
+pub(super) const LEAF_COUNT_BITS: u32 = 4;
+pub(super) const LEAF_SIZE_BITS: u32 = 3;
 /// Bits of an axis width.
 pub(super) const AXIS_WIDTH_BITS: u32 = 6;
 
@@ -145,7 +151,8 @@ pub(super) fn disk_bytes_most(cluster: &ClusterMesh, topology_bits: u32) -> usiz
     let (triangles, vertices) = (cluster.triangles.len(), cluster.vertices.len());
     let palette = cluster.palette().len();
     let axes = 3 * (Lattice::MAX_BITS + AXIS_WIDTH_BITS);
-    let head = 3 * COUNT_BITS + 2 + axes + CLASSES as u32 * CLASS_WIDTH_BITS;
+    let leaves = LEAF_COUNT_BITS + cluster.leaf_sizes.len() as u32 * LEAF_SIZE_BITS;
+    let head = 3 * COUNT_BITS + 3 + leaves + axes + CLASSES as u32 * CLASS_WIDTH_BITS;
     let materials = palette * 16 + triangles * palette_index_bits(palette);
     let plain = 8 * vertex_bytes(&cluster.widths(), vertices) + vertices * TAG_BITS as usize;
     (head as usize + materials + topology_bits as usize + plain).div_ceil(8)
@@ -202,6 +209,7 @@ impl ClusterEncoder {
         out.put(vertex_count as u64 - 1, COUNT_BITS);
         out.put(u64::from(widths.wide), 1);
         out.put(u64::from(palette.len() > 1), 1);
+        encode_leaves(cluster, out);
         for axis in 0..3 {
             let offset = widths.base[axis] - self.head.anchor[axis];
             out.put(offset as u64, u32::from(self.head.offset_bits[axis]));
@@ -224,6 +232,19 @@ impl ClusterEncoder {
         self.spent.heads += (before_topology - before) as u64;
         self.spent.topology += (before_vertices - before_topology) as u64;
         self.spent.vertices += (out.bit_count() - before_vertices) as u64;
+    }
+}
+
+/// The sizes of the leaves, where they are not the plain ones.
+fn encode_leaves(cluster: &ClusterMesh, out: &mut BitWriter) {
+    let sizes = &cluster.leaf_sizes;
+    let total: usize = sizes.iter().map(|&size| usize::from(size)).sum();
+    assert!(sizes.len() <= CLUSTER_LEAVES && total == cluster.triangles.len(), "{sizes:?}");
+    let differ = sizes[..sizes.len() - 1].iter().any(|&size| usize::from(size) < LEAF_TRIANGLES);
+    out.put(u64::from(differ), 1);
+    if differ {
+        out.put(sizes.len() as u64 - 1, LEAF_COUNT_BITS);
+        sizes.iter().for_each(|&size| out.put(u64::from(size) - 1, LEAF_SIZE_BITS));
     }
 }
 

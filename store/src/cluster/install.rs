@@ -2,32 +2,31 @@
 //!
 //! ```text
 //! frame   = root_count u16 | node_count u16 | cluster_count u16 | triangle_count u16 | used bytes u32 | 0 u32
-//!         | roots u32 (FrameRef) | nodes, 96 bytes each | clusters
+//!         | roots u32 (FrameRef) | nodes, 144 bytes each | clusters
 //!         | 8 zeros
 //! cluster = 0 base 3 x u40 | 15 widths 3 x u8 | 18 bits per vertex u8 | 19 triangles u8 | 20 vertices u8
-//!         | 21 palette length u8 | 22 first triangle u16 | 24 palette at u16 | 26 vertices at u16
-//!         | 28 widths of leaves' indices above 4 bits: low bits, high bits, 2 x u16
-//!         | 32 leaf boxes: lo x, y, z, hi x, y, z, 16 u8 each | 128 leaves | palette | vertices
-//! leaf    = least index u8 | corner 0 of 8 triangles, above it | corner 1 | corner 2        (4 to 7 bits each)
+//!         | 21 palette length u8 | 22 first triangle u16 | 24 palette at u16 | 26 vertices at u16 | 28 leaves u8
+//!         | 29 leaf boxes: lo x, y, z, hi x, y, z, a u8 per leaf each | shapes, a u8 per leaf
+//!         | leaf ... | palette | vertices
+//! shape   = triangles - 1, 3 bits | bytes of a corner's indices, 3 bits
+//! leaf    = least index u8 | corner 0 of its triangles, above it | corner 1 | corner 2
 //! ```
 //!
-//! Why a width for each leaf: 44 % of the leaves of `gen:isosurface:20M` have their corners within 16 numbers, 29 %
-//! within 32, since vertices are numbered in the order of first use. Bytes a triangle, all counted, of 5M of
-//! iso-surface / scan / pipes: 6.30 / 6.02 / 7.51; with 7 bits for all corners (and heads of 48 bytes, aligned) 7.19
-//! / 6.90 / 8.47. Lost: strips, 11 bytes where a leaf is one in the order in which it is told (52 / 71 / 56 %) and 22
-//! elsewhere: 16.3 / 14.1 / 15.9 bytes a leaf to these 15.6 / 15.5 / 15.2, and each leaf has to be unrolled by every
-//! ray.
+//! Why a shape for each leaf: splits are free to end a leaf where an object ends, and 44 % of the leaves of
+//! `gen:isosurface:20M` have their corners within 16 numbers, 29 % within 32, since vertices are numbered in the order
+//! of first use. Lost: strips, 11 bytes where a leaf is one in the order in which it is told (52 / 71 / 56 % of
+//! iso-surface / scan / pipes) and 22 elsewhere: as many bytes a leaf, and each has to be unrolled by every ray.
 //!
 //! Invariants: 1. no byte of the input is believed: counts and indices are compared with their bounds, and a
-//! frame that was installed can be traced without checks; 2. boxes are rounded outward, made from the vertices, never
-//! read; 3. nodes and clusters are met in the order in which they stand, so that rays walk a tree: neither cycles nor
-//! paths that multiply; 4. no vertex lies behind the lattice, so boxes may end there.
+//! frame that was installed can be traced without checks; 2. boxes are made from the vertices, never read: those of
+//! clusters are exact, those of nodes and leaves rounded outward; 3. nodes and clusters are met in the order in which
+//! they stand, so that rays walk a tree: neither cycles nor paths that multiply; 4. no vertex lies behind the lattice.
 
 use super::encode::{DISK_HEADER_BYTES, FRAME_HEADER_BYTES, Head};
 use super::fields::Machine;
 use super::install_cluster::ClusterInstaller;
-use super::view::{ClusterView, FrameRef};
-use super::{CLUSTER_LEAVES_AT, FRAME_TAIL_BYTES, LatticeBox, Node, bits};
+use super::view::FrameRef;
+use super::{CLUSTER_HEAD_BYTES, FRAME_TAIL_BYTES, LatticeBox, Node, bits};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, TREE_DEPTH, node_shift};
 
 /// Decodes the disk form `packed` of a page into `frame`; `lattice_bits` are the superblock's, at most 40. Says in
@@ -61,7 +60,7 @@ pub(super) fn install_on(
     }
     let nodes_at = (FRAME_HEADER_BYTES + 4 * root_count).next_multiple_of(8);
     let clusters_at = nodes_at + node_count * Node::BYTES;
-    if clusters_at + cluster_count * CLUSTER_LEAVES_AT > FRAME_BYTES {
+    if clusters_at + cluster_count * CLUSTER_HEAD_BYTES > FRAME_BYTES {
         return Err("a page does not fit its frame");
     }
     let (root_kinds, packed) = packed.split_at_checked(root_count.div_ceil(8)).ok_or(ENDS_EARLY)?;
@@ -72,8 +71,11 @@ pub(super) fn install_on(
 
     let mut installer = ClusterInstaller::new(machine, head, lattice_bits);
     let mut end = clusters_at;
+    let mut clusters = Vec::with_capacity(cluster_count);
     for _ in 0..cluster_count {
-        end += installer.install(&mut packed, &mut frame[end..])?;
+        let (bytes, bounds) = installer.install(&mut packed, &mut frame[end..])?;
+        clusters.push((bounds, FrameRef::cluster(end)));
+        end += bytes;
     }
     if !packed.is_empty() {
         return Err("bytes are left over behind the last cluster");
@@ -82,13 +84,13 @@ pub(super) fn install_on(
     frame[FRAME_HEADER_BYTES..nodes_at].fill(0);
     let kinds = node_kinds.as_chunks::<2>().0;
     let mut tree =
-        TreeInstaller { kinds, lattice_bits, nodes_at, next_node: 0, cluster_at: clusters_at, end, frame };
+        TreeInstaller { kinds, lattice_bits, nodes_at, next_node: 0, clusters: clusters.iter(), frame };
     for slot in 0..root_count {
         let is_node = root_kinds[slot / 8] >> (slot % 8) & 1 == 1;
         let (_, root) = tree.install(is_node, 0)?;
         tree.frame[FRAME_HEADER_BYTES + 4 * slot..][..4].copy_from_slice(&root.0.to_le_bytes());
     }
-    if (tree.next_node, tree.cluster_at) != (node_count, end) {
+    if tree.next_node != node_count || tree.clusters.len() > 0 {
         return Err("nothing leads to a part of the page");
     }
     let counts = [root_count, node_count, cluster_count, installer.triangle_count()];
@@ -109,9 +111,8 @@ struct TreeInstaller<'a> {
     lattice_bits: u32,
     nodes_at: usize,
     next_node: usize,
-    /// The next cluster that the walk meets, and where the last one ends.
-    cluster_at: usize,
-    end: usize,
+    /// Boxes and places of the clusters that the walk is to meet.
+    clusters: std::slice::Iter<'a, (LatticeBox, FrameRef)>,
     frame: &'a mut [u8],
 }
 
@@ -119,7 +120,7 @@ impl TreeInstaller<'_> {
     /// Installs what the walk meets next, `depth` nodes below a root; gives its box and place.
     fn install(&mut self, is_node: bool, depth: usize) -> Result<(LatticeBox, FrameRef), &'static str> {
         if !is_node {
-            return self.pass_cluster();
+            return self.clusters.next().copied().ok_or("a page has fewer clusters than its tree");
         }
         let index = self.next_node;
         let &[count, kinds] = self.kinds.get(index).ok_or("a page has fewer nodes than its tree")?;
@@ -142,18 +143,5 @@ impl TreeInstaller<'_> {
         let at = self.nodes_at + index * Node::BYTES;
         self.frame[at..at + Node::BYTES].copy_from_slice(bytemuck::bytes_of(&node));
         Ok((bounds, FrameRef::node(at)))
-    }
-
-    fn pass_cluster(&mut self) -> Result<(LatticeBox, FrameRef), &'static str> {
-        let at = self.cluster_at;
-        if at == self.end {
-            return Err("a page has fewer clusters than its tree");
-        }
-        let cluster = ClusterView::new(&self.frame[at..]);
-        self.cluster_at += cluster.frame_bytes();
-        let mut bounds = cluster.bounds();
-        // Rounded outward, the box may end behind the lattice, which no vertex does.
-        bounds.hi = bounds.hi.map(|q| q.min((1 << self.lattice_bits) - 1));
-        Ok((bounds, FrameRef::cluster(at)))
     }
 }

@@ -1,5 +1,5 @@
 //! Install of one cluster: bits to corners and vertices, and these to a header, leaf boxes, indices and packed
-//! vertices in the frame. Indices of a leaf stand in as many bits as it needs, so that only behind the topology it is
+//! vertices in the frame. Indices of a leaf stand in as many bytes as it needs, so that only behind the topology it is
 //! known where all else goes.
 //!
 //! ```text
@@ -12,17 +12,19 @@
 
 use super::bits::BitReader;
 use super::cells::{self, Cell};
-use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
+use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head, LEAF_COUNT_BITS, LEAF_SIZE_BITS};
 use super::fields::{BYTES_OF_ONE, Fields, Machine, Mover, Work};
 use super::lanes::Lanes;
 use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
-use super::view::{ClusterHead, ClusterView, LeafBoxes};
+use super::view::ClusterHead;
 use super::*;
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES};
 
-// What a header holds in 16 bits: triangles before a cluster, and offsets in it.
-const LEAST_FULL_BYTES: usize = CLUSTER_LEAVES_AT + CLUSTER_LEAVES * (1 + 3 * LEAF_WIDTH_LEAST as usize);
+// What a header holds in 16 bits: triangles before a cluster, and offsets in it. The indices of a triangle take 3 bits
+// at least.
+const LEAST_FULL_BYTES: usize =
+    CLUSTER_HEAD_BYTES + CLUSTER_LEAVES * (LEAF_HEAD_BYTES + 1) + 3 * CLUSTER_TRIANGLES / 8;
 const _: () = assert!(FRAME_BYTES / LEAST_FULL_BYTES * CLUSTER_TRIANGLES <= u16::MAX as usize);
 
 /// Work memory for the clusters of a page.
@@ -35,12 +37,16 @@ pub(super) struct ClusterInstaller {
     placed: [u64; 256],
     /// By vertex.
     cells: [Cell; 256],
+    /// Those of the cluster under way.
+    leaves: [Leaf; CLUSTER_LEAVES],
 }
 
 /// The counts and widths of a cluster, checked.
 struct Plan {
     triangle_count: usize,
     vertex_count: usize,
+    leaf_count: usize,
+    leaf_sizes: [u8; CLUSTER_LEAVES],
     palette_len: usize,
     widths: Widths,
     classes: ClassWidths,
@@ -51,8 +57,6 @@ struct Plan {
 
 /// Where the parts of a cluster stand in the frame.
 struct Places {
-    /// As in the header: a bit a leaf in either half, for 1 and 2 more bits than the least.
-    wider: u32,
     palette: usize,
     vertices: usize,
     end: usize,
@@ -63,6 +67,7 @@ impl Plan {
         let triangle_count = input.take(COUNT_BITS) as usize + 1;
         let vertex_count = input.take(COUNT_BITS) as usize + 1;
         let (wide, has_palette) = (input.take(1) == 1, input.take(1) == 1);
+        let (leaf_count, leaf_sizes) = leaf_sizes(input, triangle_count)?;
         let offset = head.offset_bits.map(|bits| input.take(u32::from(bits)) as i64);
         let base = std::array::from_fn(|a| head.anchor[a] + offset[a]);
         let bits: [u8; 3] = std::array::from_fn(|_| input.take(AXIS_WIDTH_BITS) as u8);
@@ -84,16 +89,14 @@ impl Plan {
         Ok(Plan {
             triangle_count,
             vertex_count,
+            leaf_count,
+            leaf_sizes,
             palette_len,
             widths,
             classes,
             shift: bits.map(|b| b.saturating_sub(8)),
             vertex_bits: if wide { 8 * WIDE_VERTEX_BYTES as u32 } else { vertex_bits },
         })
-    }
-
-    fn leaf_count(&self) -> usize {
-        self.triangle_count.div_ceil(LEAF_TRIANGLES)
     }
 
     /// Bits of the palette and the triangles' indices into it.
@@ -103,11 +106,38 @@ impl Plan {
     }
 }
 
-/// The indices of a leaf: the least, and the bits of the others above it.
+/// Count and sizes of leaves, which are all of the triangles.
+fn leaf_sizes(
+    input: &mut BitReader<'_>,
+    triangle_count: usize,
+) -> Result<(usize, [u8; CLUSTER_LEAVES]), &'static str> {
+    let mut sizes = [LEAF_TRIANGLES as u8; CLUSTER_LEAVES];
+    let (differ, plain) = (input.take(1) == 1, triangle_count.div_ceil(LEAF_TRIANGLES));
+    if !differ {
+        let last = plain.clamp(1, CLUSTER_LEAVES) - 1;
+        sizes[last] = triangle_count.saturating_sub(last * LEAF_TRIANGLES) as u8;
+        return Ok((last + 1, sizes));
+    }
+    let count = input.take(LEAF_COUNT_BITS) as usize + 1;
+    let word = input.take(count as u32 * LEAF_SIZE_BITS);
+    let mut total = 0;
+    for (leaf, size) in sizes[..count].iter_mut().enumerate() {
+        *size = (word >> (leaf as u32 * LEAF_SIZE_BITS) & ((1 << LEAF_SIZE_BITS) - 1)) as u8 + 1;
+        total += usize::from(*size);
+    }
+    if total != triangle_count {
+        return Err("the leaves of a cluster are not what its counts say");
+    }
+    Ok((count, sizes))
+}
+
+/// A leaf on its way to the frame.
 #[derive(Clone, Copy, Default)]
-struct LeafIndices {
+struct Leaf {
+    /// Corners of its triangles, a byte each; behind the last triangle those of the first.
+    corners: [u64; 3],
     least: u8,
-    width: u32,
+    shape: LeafShape,
 }
 
 impl ClusterInstaller {
@@ -120,6 +150,7 @@ impl ClusterInstaller {
             walk: Walk::new(),
             placed: [0; 256],
             cells: [Cell::default(); 256],
+            leaves: [Leaf::default(); CLUSTER_LEAVES],
         }
     }
 
@@ -128,9 +159,13 @@ impl ClusterInstaller {
         self.first_triangle
     }
 
-    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there. Behind
-    /// them stand [`FRAME_TAIL_BYTES`] zeros.
-    pub(super) fn install(&mut self, packed: &mut &[u8], frame: &mut [u8]) -> Result<usize, &'static str> {
+    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there, and the
+    /// box of its vertices. Behind them stand [`FRAME_TAIL_BYTES`] zeros.
+    pub(super) fn install(
+        &mut self,
+        packed: &mut &[u8],
+        frame: &mut [u8],
+    ) -> Result<(usize, LatticeBox), &'static str> {
         let mut input = BitReader::new(packed);
         let plan = Plan::read(&mut input, &self.head, self.lattice_bits)?;
         let mut materials = input;
@@ -139,33 +174,34 @@ impl ClusterInstaller {
         let counts = (plan.triangle_count, plan.vertex_count);
         let machine = self.machine;
         machine.run(Topology { input: &mut input, counts, walk: &mut self.walk })?;
-        let leaves = self.measure_leaves(&plan);
-        let places = Places::new(&plan, &leaves);
+        self.measure_leaves(&plan);
+        let leaves = &self.leaves[..plan.leaf_count];
+        let places = Places::new(&plan, leaves);
         let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
             return Err("a page does not fit its frame");
         };
-        machine.run(Indices { walk: &mut self.walk, leaves: &leaves[..plan.leaf_count()], frame });
+        machine.run(Indices { leaves, frame });
         self.materials(&mut materials, &plan, &mut frame[places.palette..places.vertices])?;
         let vertices = &mut frame[places.vertices..];
-        if plan.widths.wide {
-            self.wide_vertices(&mut input, &plan, vertices);
+        let bounds = if plan.widths.wide {
+            self.wide_vertices(&mut input, &plan, vertices)
         } else {
-            machine.run(Vertices { installer: self, input: &mut input, plan: &plan, frame: vertices });
-        }
+            machine.run(Vertices { installer: self, input: &mut input, plan: &plan, frame: vertices })
+        };
         if !input.align() || !input.is_sound() {
             return Err("the bits of a cluster are more or fewer than its counts say");
         }
-        let boxes = self.leaf_boxes(&plan);
-        self.write_head(&plan, &places, boxes, frame);
-        if !self.is_on_lattice(&plan, frame) {
+        if bounds.hi.iter().any(|q| q >> self.lattice_bits != 0) {
             return Err("a vertex lies behind the lattice");
         }
+        self.write_head(&plan, &places, frame);
+        self.write_boxes(&plan, &mut frame[CLUSTER_HEAD_BYTES..]);
         self.first_triangle += plan.triangle_count;
         *packed = &packed[input.byte_count()..];
-        Ok(places.end)
+        Ok((places.end, bounds))
     }
 
-    fn write_head(&self, plan: &Plan, places: &Places, boxes: LeafBoxes, frame: &mut [u8]) {
+    fn write_head(&self, plan: &Plan, places: &Places, frame: &mut [u8]) {
         let five = |q: i64| q.to_le_bytes()[..5].try_into().expect("five of eight bytes");
         let head = ClusterHead {
             base: plan.widths.base.map(five),
@@ -177,10 +213,9 @@ impl ClusterInstaller {
             first_triangle: (self.first_triangle as u16).to_le_bytes(),
             palette_at: (places.palette as u16).to_le_bytes(),
             vertices_at: (places.vertices as u16).to_le_bytes(),
-            wider: places.wider.to_le_bytes(),
-            boxes,
+            leaf_count: plan.leaf_count as u8,
         };
-        frame[..CLUSTER_LEAVES_AT].copy_from_slice(bytemuck::bytes_of(&head));
+        frame[..CLUSTER_HEAD_BYTES].copy_from_slice(bytemuck::bytes_of(&head));
     }
 
     /// The palette, and each triangle's index into it, to the frame bytes of both.
@@ -209,9 +244,15 @@ impl ClusterInstaller {
         Ok(())
     }
 
-    /// Vertices of a compact cluster, to the end of its frame bytes.
+    /// Vertices of a compact cluster, to the end of its frame bytes. Gives their box.
     #[inline(always)]
-    fn vertices<M: Mover>(&mut self, mover: M, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) {
+    fn vertices<M: Mover>(
+        &mut self,
+        mover: M,
+        input: &mut BitReader<'_>,
+        plan: &Plan,
+        frame: &mut [u8],
+    ) -> LatticeBox {
         let lanes = Lanes::new(&plan.widths);
         let packed = lanes.fields();
         // The upper eight bits of each lane, and a byte for each.
@@ -236,10 +277,14 @@ impl ClusterInstaller {
         });
         frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
         frame[at + 8..].fill(0);
+        let base = plan.widths.base;
+        let greatest = lanes.greatest(&self.placed[..plan.vertex_count]);
+        LatticeBox { lo: base, hi: std::array::from_fn(|a| base[a] + greatest[a] as i64) }
     }
 
-    /// Vertices of a wide cluster.
-    fn wide_vertices(&mut self, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) {
+    /// Vertices of a wide cluster. Gives their box.
+    fn wide_vertices(&mut self, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) -> LatticeBox {
+        let mut bounds = LatticeBox { lo: plan.widths.base, hi: plan.widths.base };
         let (vertices, tail) = frame.split_at_mut(plan.vertex_count * WIDE_VERTEX_BYTES);
         for (bytes, cell) in vertices.as_chunks_mut::<WIDE_VERTEX_BYTES>().0.iter_mut().zip(&mut self.cells) {
             let vertex = vertices::decode_wide(input, &plan.widths);
@@ -247,68 +292,53 @@ impl ClusterInstaller {
             for axis in 0..3 {
                 let q = plan.widths.base[axis] + vertex[axis] as i64;
                 bytes[5 * axis..5 * axis + 5].copy_from_slice(&q.to_le_bytes()[..5]);
+                bounds.hi[axis] = bounds.hi[axis].max(q);
                 places |= vertex[axis] >> plan.shift[axis] << (8 * axis);
             }
             *cell = Cell::new(places);
         }
         tail.fill(0);
+        bounds
     }
 
-    /// True when all vertices lie below 2^lattice bits. Only a cluster whose box ends behind them has to be asked.
-    fn is_on_lattice(&self, plan: &Plan, frame: &[u8]) -> bool {
-        let Widths { base, bits, .. } = plan.widths;
-        if (0..3).all(|a| (base[a] + (1i64 << bits[a]) - 1) >> self.lattice_bits == 0) {
-            return true;
-        }
-        // Wide coordinates are kept modulo 2^40: one that comes out below its base went past that.
-        let cluster = ClusterView::new(frame);
-        let is_inside = |q: [i64; 3]| (0..3).all(|a| q[a] >= base[a] && q[a] >> self.lattice_bits == 0);
-        (0..plan.vertex_count).all(|i| is_inside(cluster.vertex(i)))
-    }
-
-    /// What the indices of each leaf take. The corners of triangles that are not there become one vertex of the last
-    /// one, so that they are met by no ray and ask for nothing more.
-    fn measure_leaves(&mut self, plan: &Plan) -> [LeafIndices; CLUSTER_LEAVES] {
+    /// The leaves of the corners: what their indices take.
+    fn measure_leaves(&mut self, plan: &Plan) {
         let corners = self.walk.corners_mut();
-        let padded = plan.leaf_count() * LEAF_TRIANGLES;
-        let last = corners[0][plan.triangle_count - 1];
-        corners.iter_mut().for_each(|corner| corner[plan.triangle_count..padded].fill(last));
-        let [a, b, c] = corners.each_ref().map(|corner| corner.as_chunks::<LEAF_TRIANGLES>().0);
-        let mut leaves = [LeafIndices::default(); CLUSTER_LEAVES];
-        for (leaf, out) in leaves[..plan.leaf_count()].iter_mut().enumerate() {
-            let (least, most) = cells::range([a[leaf], b[leaf], c[leaf]].map(u64::from_le_bytes));
-            *out = LeafIndices { least, width: leaf_width(most - least) };
+        let mut first = 0;
+        for (leaf, &size) in self.leaves.iter_mut().zip(&plan.leaf_sizes[..plan.leaf_count]) {
+            let (size, there) = (usize::from(size), u64::MAX >> (64 - 8 * u32::from(size)));
+            leaf.corners = std::array::from_fn(|corner| {
+                let eight = &corners[corner][first..first + LEAF_TRIANGLES];
+                let word = u64::from_le_bytes(eight.try_into().expect("eight bytes"));
+                word & there | (word & 0xff) * (BYTES_OF_ONE & !there)
+            });
+            let (least, most) = cells::range(leaf.corners);
+            (leaf.least, leaf.shape) = (least, LeafShape::new(size, most - least));
+            first += size;
         }
-        leaves
     }
 
-    /// Leaf boxes, from the cells.
-    fn leaf_boxes(&mut self, plan: &Plan) -> LeafBoxes {
-        let (corners, cells) = (self.walk.corners_mut(), &self.cells);
-        let mut boxes: LeafBoxes = [[255; 16], [255; 16], [255; 16], [0; 16], [0; 16], [0; 16]];
-        for leaf in 0..plan.leaf_count() {
+    /// Leaf boxes, from the cells, and shapes, to where they stand in the frame.
+    fn write_boxes(&self, plan: &Plan, frame: &mut [u8]) {
+        let (cells, count) = (&self.cells, plan.leaf_count);
+        for (i, leaf) in self.leaves[..count].iter().enumerate() {
             let join = |all: Cell, vertex: &u8| all.min(cells[usize::from(*vertex)]);
-            let least = corners.iter().fold(Cell::MOST, |all, corner| {
-                corner.as_chunks::<LEAF_TRIANGLES>().0[leaf].iter().fold(all, join)
-            });
+            let corners = leaf.corners.map(u64::to_le_bytes);
+            let least = corners.iter().fold(Cell::MOST, |all, corner| corner.iter().fold(all, join));
             for axis in 0..3 {
-                (boxes[axis][leaf], boxes[3 + axis][leaf]) = (least.lo(axis), least.hi(axis));
+                (frame[axis * count + i], frame[(3 + axis) * count + i]) = (least.lo(axis), least.hi(axis));
             }
+            frame[LEAF_PLANES * count + i] = leaf.shape.0;
         }
-        boxes
     }
 }
 
 impl Places {
-    fn new(plan: &Plan, leaves: &[LeafIndices; CLUSTER_LEAVES]) -> Places {
-        let (mut wider, mut palette) = (0, CLUSTER_LEAVES_AT);
-        for (leaf, indices) in leaves[..plan.leaf_count()].iter().enumerate() {
-            let more = indices.width - LEAF_WIDTH_LEAST;
-            wider |= (more & 1 | (more & 2) << 15) << leaf;
-            palette += leaf_bytes(indices.width);
-        }
+    fn new(plan: &Plan, leaves: &[Leaf]) -> Places {
+        let indices: usize = leaves.iter().map(|leaf| leaf.shape.bytes()).sum();
+        let palette = CLUSTER_HEAD_BYTES + leaves.len() * LEAF_HEAD_BYTES + indices;
         let vertices = palette + palette_bytes(plan.palette_len, plan.triangle_count);
-        Places { wider, palette, vertices, end: vertices + vertex_bytes(&plan.widths, plan.vertex_count) }
+        Places { palette, vertices, end: vertices + vertex_bytes(&plan.widths, plan.vertex_count) }
     }
 }
 
@@ -331,8 +361,7 @@ impl Work for Topology<'_, '_> {
 
 /// The indices of all leaves. They run into what is written behind them, by less than the tail.
 struct Indices<'a> {
-    walk: &'a mut Walk,
-    leaves: &'a [LeafIndices],
+    leaves: &'a [Leaf],
     frame: &'a mut [u8],
 }
 
@@ -341,16 +370,16 @@ impl Work for Indices<'_> {
 
     #[inline(always)]
     fn run<M: Mover>(self, mover: M) {
-        let corners = self.walk.corners_mut();
-        let mut at = CLUSTER_LEAVES_AT;
-        for (leaf, &LeafIndices { least, width }) in self.leaves.iter().enumerate() {
+        let mut at = CLUSTER_HEAD_BYTES + LEAF_HEAD_BYTES * self.leaves.len();
+        for leaf in self.leaves {
+            let (least, shape) = (leaf.least, leaf.shape);
+            let there = u64::MAX >> (64 - 8 * shape.triangle_count());
             self.frame[at] = least;
             at += 1;
-            for corner in corners.iter() {
-                let vertices = corner.as_chunks::<LEAF_TRIANGLES>().0[leaf];
-                let above = u64::from_le_bytes(vertices) - u64::from(least) * BYTES_OF_ONE;
-                self.frame[at..at + 8].copy_from_slice(&mover.narrow(above, width).to_le_bytes());
-                at += width as usize;
+            for &corners in &leaf.corners {
+                let above = (corners - u64::from(least) * BYTES_OF_ONE) & there;
+                self.frame[at..at + 8].copy_from_slice(&mover.narrow(above, shape.width()).to_le_bytes());
+                at += shape.corner_bytes();
             }
         }
     }
@@ -365,10 +394,10 @@ struct Vertices<'a, 'b> {
 }
 
 impl Work for Vertices<'_, '_> {
-    type Output = ();
+    type Output = LatticeBox;
 
     #[inline(always)]
-    fn run<M: Mover>(self, mover: M) {
-        self.installer.vertices(mover, self.input, self.plan, self.frame);
+    fn run<M: Mover>(self, mover: M) -> LatticeBox {
+        self.installer.vertices(mover, self.input, self.plan, self.frame)
     }
 }

@@ -69,6 +69,15 @@ impl Lanes {
         (self.add(a, b) + (self.guards - c)) & keep
     }
 
+    /// The greatest number of each lane.
+    #[inline(always)]
+    pub(super) fn greatest(&self, all: &[u64]) -> [u32; 3] {
+        std::array::from_fn(|a| {
+            let (shift, mask) = (self.shift[a], !(u32::MAX << self.bits[a]));
+            all.iter().fold(0, |most, lanes| most.max((lanes >> shift) as u32 & mask))
+        })
+    }
+
     /// All bits of values.
     pub(super) fn mask(&self) -> u64 {
         self.mask

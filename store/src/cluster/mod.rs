@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Invariants: 1. a vertex has the same lattice coordinates in every cluster that holds it; 2. triangles stand in
-//! leaves of eight, the last one filled up with degenerate triangles; 3. a *compact* cluster packs a vertex into
+//! leaves of one to eight; 3. a *compact* cluster packs a vertex into
 //! at most 57 bits relative to its base, at most 24 per axis; what does not fit is *wide*: 40 bits per axis.
 
 mod bits;
@@ -28,14 +28,16 @@ pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
 pub(crate) use order::Orderer;
-pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafBoxes};
+pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafIndices};
 
-use crate::layout::{AXIS_BITS, LEAF_TRIANGLES, VERTEX_BITS};
+use crate::layout::{AXIS_BITS, VERTEX_BITS};
 
-/// Bytes of a frame cluster before the indices of its leaves.
-pub const CLUSTER_LEAVES_AT: usize = size_of::<ClusterHead>();
-/// Least bits of an index above the least index of its leaf; four widths from here on.
-pub const LEAF_WIDTH_LEAST: u32 = 4;
+/// Bytes of a frame cluster before what it holds by leaf.
+pub const CLUSTER_HEAD_BYTES: usize = size_of::<ClusterHead>();
+/// Planes of a leaf box.
+pub const LEAF_PLANES: usize = 6;
+/// Bytes of a leaf before its indices: its box and its shape.
+const LEAF_HEAD_BYTES: usize = LEAF_PLANES + 1;
 /// Bytes of one vertex of a wide cluster: 3 x 40 bits.
 pub const WIDE_VERTEX_BYTES: usize = 15;
 /// Zeros behind the last cluster, so that 64-bit loads of its last vertices stay inside of the frame.
@@ -48,6 +50,8 @@ pub struct ClusterMesh {
     pub vertices: Vec<[i64; 3]>,
     /// Corners as indices into `vertices`, in leaf order.
     pub triangles: Vec<[u8; 3]>,
+    /// Triangles of each leaf, 1 to 8; all together those there are.
+    pub leaf_sizes: Vec<u8>,
     /// Material index per triangle.
     pub materials: Vec<u16>,
 }
@@ -88,32 +92,74 @@ impl ClusterMesh {
         palette
     }
 
-    /// Count of leaves.
-    pub fn leaf_count(&self) -> usize {
-        self.triangles.len().div_ceil(LEAF_TRIANGLES)
+    /// The triangles of each leaf.
+    pub fn leaves(&self) -> impl Iterator<Item = &[[u8; 3]]> {
+        let mut rest = &self.triangles[..];
+        self.leaf_sizes.iter().map(move |&size| {
+            let (leaf, behind) = rest.split_at(usize::from(size));
+            rest = behind;
+            leaf
+        })
     }
 
     /// Bytes that the cluster takes in a frame.
     pub fn frame_bytes(&self) -> usize {
         let vertices = vertex_bytes(&self.widths(), self.vertices.len());
-        let leaves = self.triangles.chunks(LEAF_TRIANGLES).map(|leaf| {
+        let leaves = self.leaves().map(|leaf| {
             let indices = leaf.as_flattened().iter();
             let span = indices.clone().max().expect("a leaf is not empty") - indices.min().expect("as well");
-            leaf_bytes(leaf_width(span))
+            LEAF_HEAD_BYTES + LeafShape::new(leaf.len(), span).bytes()
         });
         let palette = palette_bytes(self.palette().len(), self.triangles.len());
-        CLUSTER_LEAVES_AT + leaves.sum::<usize>() + palette + vertices
+        CLUSTER_HEAD_BYTES + leaves.sum::<usize>() + palette + vertices
     }
 }
 
-/// Bits of the indices of a leaf whose greatest one is `span` above the least.
-fn leaf_width(span: u8) -> u32 {
-    (u8::BITS - span.leading_zeros()).max(LEAF_WIDTH_LEAST)
-}
+/// How the indices of a leaf lie in a frame: count of its triangles, less one, and bytes of each of its three corners'
+/// indices above the least, times 8.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct LeafShape(pub u8);
 
-/// Bytes of a leaf's indices: the least, then 3 corners x 8 triangles above it.
-fn leaf_bytes(width: u32) -> usize {
-    1 + 3 * width as usize
+impl LeafShape {
+    /// The least shape of `count` triangles whose greatest index is `span` above the least.
+    fn new(count: usize, span: u8) -> LeafShape {
+        let width = (u8::BITS - span.leading_zeros()).max(1) as usize;
+        LeafShape((count - 1 | (count * width).div_ceil(8) << 3) as u8)
+    }
+
+    /// Count of triangles, 1 to 8.
+    #[inline(always)]
+    pub fn triangle_count(self) -> usize {
+        usize::from(self.0 % 8) + 1
+    }
+
+    /// Bytes of one corner's indices, 1 to 7.
+    #[inline(always)]
+    pub fn corner_bytes(self) -> usize {
+        usize::from(self.0 >> 3)
+    }
+
+    /// Bits of an index above the least: as many as there is room for, 7 at most.
+    #[inline(always)]
+    pub fn width(self) -> u32 {
+        const WIDTHS: [u8; 64] = {
+            let mut widths = [0; 64];
+            let mut shape = 0;
+            while shape < 64 {
+                let fits = 8 * (shape >> 3) / (shape % 8 + 1);
+                widths[shape] = if fits < 7 { fits as u8 } else { 7 };
+                shape += 1;
+            }
+            widths
+        };
+        u32::from(WIDTHS[usize::from(self.0) % 64])
+    }
+
+    /// Bytes of a leaf's indices: the least, then those of three corners above it.
+    fn bytes(self) -> usize {
+        1 + 3 * self.corner_bytes()
+    }
 }
 
 /// Bytes of the packed vertices.

@@ -1,11 +1,13 @@
-//! An 8-wide node with 8-bit child boxes, and the words that lead from a node to what is below it.
+//! An 8-wide node with 16-bit child boxes, and the words that lead from a node to what is below it.
 //!
 //! ```text
 //! plane of child i on axis a = (origin[a] + lo[a][i] * 2^exponent[a]) << node_shift     (lattice steps)
 //! ```
 //!
-//! Invariants: 1. a child's 8-bit box holds the child's exact box (floor, ceil in integers); 2. slots from
-//! `child_count` on hold the inverted box (255, 0).
+//! Why 16 bits: rays that start on a plate start in any box that is a step wider than the plate.
+//!
+//! Invariants: 1. a child's 16-bit box holds the child's exact box (floor, ceil in integers); 2. slots from
+//! `child_count` on hold the inverted box (65,535, 0).
 
 use crate::layout::{NODE_WIDTH, PAGE_ROOTS, PAGES};
 
@@ -49,7 +51,7 @@ impl LatticeBox {
     }
 }
 
-/// A node as it stands in frames and in the top tree. 96 bytes.
+/// A node as it stands in frames and in the top tree. 144 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Node {
@@ -60,9 +62,9 @@ pub struct Node {
     /// Children in use, 1 to 8.
     pub child_count: u8,
     /// Lower planes, `[axis][child]`.
-    pub lo: [[u8; NODE_WIDTH]; 3],
+    pub lo: [[u16; NODE_WIDTH]; 3],
     /// Upper planes, `[axis][child]`.
-    pub hi: [[u8; NODE_WIDTH]; 3],
+    pub hi: [[u16; NODE_WIDTH]; 3],
     /// In a frame a [`super::FrameRef`], in the top tree a [`TopRef`].
     pub child: [u32; NODE_WIDTH],
 }
@@ -80,19 +82,20 @@ impl Node {
             origin: all.lo.map(|q| i32::try_from(q >> node_shift).expect("31 bits after the shift")),
             exponent: [0; 3],
             child_count: children.len() as u8,
-            lo: [[255; NODE_WIDTH]; 3],
+            lo: [[u16::MAX; NODE_WIDTH]; 3],
             hi: [[0; NODE_WIDTH]; 3],
             child: [0; NODE_WIDTH],
         };
         for axis in 0..3 {
             let origin = i64::from(node.origin[axis]);
             let side = up(all.hi[axis]) - origin;
-            let exponent = (0..).find(|e| side <= 255 << e).expect("a side has at most 40 bits");
+            let exponent =
+                (0..).find(|e| side <= i64::from(u16::MAX) << e).expect("a side has at most 40 bits");
             node.exponent[axis] = exponent as u8;
             for (i, (b, _)) in children.iter().enumerate() {
                 let (lo, hi) = ((b.lo[axis] >> node_shift) - origin, up(b.hi[axis]) - origin);
-                node.lo[axis][i] = (lo >> exponent) as u8;
-                node.hi[axis][i] = ((hi + (1 << exponent) - 1) >> exponent) as u8;
+                node.lo[axis][i] = (lo >> exponent) as u16;
+                node.hi[axis][i] = ((hi + (1 << exponent) - 1) >> exponent) as u16;
             }
         }
         for (i, (_, word)) in children.iter().enumerate() {
@@ -103,7 +106,7 @@ impl Node {
 
     /// The box of child `i` as traversal sees it, in lattice steps.
     pub fn child_box(&self, i: usize, node_shift: u32) -> LatticeBox {
-        let plane = |axis: usize, q: u8| {
+        let plane = |axis: usize, q: u16| {
             (i64::from(self.origin[axis]) + (i64::from(q) << self.exponent[axis])) << node_shift
         };
         LatticeBox {
@@ -170,7 +173,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn eight_bit_boxes_hold_the_exact_ones(boxes in proptest::collection::vec(any_box(), 1..=8)) {
+        fn sixteen_bit_boxes_hold_the_exact_ones(boxes in proptest::collection::vec(any_box(), 1..=8)) {
             let children: Vec<_> = boxes.iter().map(|&b| (b, 7)).collect();
             let node = Node::from_children(&children, 10);
             for (i, exact) in boxes.iter().enumerate() {

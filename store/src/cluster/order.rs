@@ -9,7 +9,7 @@
 //!
 //! Greedy; lost: keeping the leaves' order (0.1 to 0.3 bits a triangle more).
 //!
-//! Invariants: 1. each leaf keeps its triangles, and a part-filled one stays last; 2. orientation is kept; 3. the
+//! Invariants: 1. each leaf keeps its triangles; 2. orientation is kept; 3. the
 //! result depends on the cluster alone.
 
 use super::code::apex;
@@ -76,13 +76,15 @@ impl Orderer {
         self.topology_bits = 0;
         let mut new = ClusterMesh::default();
         new.triangles.reserve(old.triangles.len());
-        let mut leaves: Vec<Vec<usize>> = (0..old.triangles.len())
-            .collect::<Vec<_>>()
-            .chunks(LEAF_TRIANGLES)
-            .map(<[usize]>::to_vec)
-            .collect();
+        let mut first = 0;
+        let mut leaves: Vec<Vec<usize>> = Vec::with_capacity(old.leaf_sizes.len());
+        for &size in &old.leaf_sizes {
+            leaves.push((first..first + usize::from(size)).collect());
+            first += usize::from(size);
+        }
         while !leaves.is_empty() {
             let mut leaf = leaves.remove(self.next_leaf(old, &leaves));
+            new.leaf_sizes.push(leaf.len() as u8);
             while !leaf.is_empty() {
                 let candidates = leaf.iter().map(|&t| self.cheapest(old.triangles[t]));
                 let (at, candidate) =
@@ -94,11 +96,13 @@ impl Orderer {
         Ordered { mesh: new, topology_bits: self.topology_bits }
     }
 
-    /// The leaf to go on with: index into `leaves`.
+    /// The leaf to go on with: index into `leaves`. Where all are full but one, that one comes last: the plain sizes.
     fn next_leaf(&self, old: &ClusterMesh, leaves: &[Vec<usize>]) -> usize {
-        let full = leaves.iter().enumerate().filter(|(_, leaf)| leaf.len() == LEAF_TRIANGLES);
+        let is_full = |leaf: &Vec<usize>| leaf.len() == LEAF_TRIANGLES;
+        let is_plain = leaves.iter().filter(|leaf| !is_full(leaf)).count() == 1;
+        let candidates = leaves.iter().enumerate().filter(|(_, leaf)| !is_plain || is_full(leaf));
         let bits = |leaf: &[usize]| leaf.iter().map(|&t| self.cheapest(old.triangles[t]).bits).min();
-        full.min_by_key(|(_, leaf)| bits(leaf)).map_or(0, |(at, _)| at)
+        candidates.min_by_key(|(_, leaf)| bits(leaf)).map_or(0, |(at, _)| at)
     }
 
     fn cheapest(&self, old: [u8; 3]) -> Candidate {

@@ -26,7 +26,7 @@
 
 use super::bits::{BitReader, BitWriter};
 use super::code::{Entry, FREE, LENGTHS, NAME_BITS, NAME_MASK, WORDS, apex, gate_class};
-use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES};
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// Room for gates: four a triangle, and a power of two so that a masked index needs no check.
 const GATES_MOST: usize = 512;
@@ -86,8 +86,8 @@ struct Tables {
     corners: Corners,
 }
 
-/// Corners of a cluster's triangles, `[corner][triangle]`.
-pub(super) type Corners = [[u8; CLUSTER_TRIANGLES]; 3];
+/// Corners of a cluster's triangles, `[corner][triangle]`; eight from any of them on can be read.
+pub(super) type Corners = [[u8; CLUSTER_TRIANGLES + LEAF_TRIANGLES]; 3];
 
 /// How a triangle is told: across a gate, or on its own.
 #[derive(Clone, Copy)]
@@ -102,7 +102,7 @@ impl Tables {
         behind: [0; 256],
         before: [0; 256],
         guides: [Gate(0); 256],
-        corners: [[0; CLUSTER_TRIANGLES]; 3],
+        corners: [[0; CLUSTER_TRIANGLES + LEAF_TRIANGLES]; 3],
     };
 
     /// The gate pushed `ago` pushes ago.
@@ -316,8 +316,7 @@ pub(super) fn decode(
         }
     }
     (walk.counts, *input) = (counts, reader);
-    let greatest =
-        |corner: &[u8; CLUSTER_TRIANGLES]| corner[..triangle_count].iter().fold(0, |all, &v| all.max(v));
+    let greatest = |corner: &[u8]| corner[..triangle_count].iter().fold(0, |all: u8, &v| all.max(v));
     let inside = walk.tables.corners.iter().all(|corner| usize::from(greatest(corner)) < vertex_count);
     if unsound < 0 || counts.vertices != vertex_count || !inside {
         return Err("the triangles of a cluster are not what its counts say");

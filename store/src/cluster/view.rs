@@ -7,13 +7,22 @@
 //! from different clusters agree (lattice integers).
 
 use super::{
-    CLUSTER_LEAVES_AT, ClusterMesh, LEAF_WIDTH_LEAST, LatticeBox, Node, WIDE_VERTEX_BYTES, bits, leaf_bytes,
+    CLUSTER_HEAD_BYTES, ClusterMesh, LEAF_PLANES, LeafShape, Node, WIDE_VERTEX_BYTES, bits,
     palette_index_bits,
 };
-use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
+use crate::layout::LEAF_TRIANGLES;
 
-/// Leaf boxes of a cluster as they lie in the frame: lo x, y, z, hi x, y, z, one byte per leaf each.
-pub type LeafBoxes = [[u8; CLUSTER_LEAVES]; 6];
+/// Eight bytes, each 1.
+const EACH_BYTE: u64 = 0x0101_0101_0101_0101;
+
+/// Where the indices of a leaf stand in its cluster, bytes from the cluster's start, and how they lie there.
+#[derive(Clone, Copy, Debug)]
+pub struct LeafIndices {
+    /// The least index; behind it those above it.
+    pub at: usize,
+    /// Their shape.
+    pub shape: LeafShape,
+}
 
 /// The first bytes of a cluster in a frame. Numbers of several bytes are little-endian.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
@@ -34,10 +43,7 @@ pub struct ClusterHead {
     pub(super) palette_at: [u8; 2],
     /// Where the packed vertices begin.
     pub(super) vertices_at: [u8; 2],
-    /// A bit a leaf in either half: its indices have 1 and 2 more bits than the least.
-    pub(super) wider: [u8; 4],
-    /// The leaf boxes.
-    pub boxes: LeafBoxes,
+    pub(super) leaf_count: u8,
 }
 
 /// Where a node's child stands in the same frame: a byte offset and whether it is a cluster.
@@ -143,7 +149,7 @@ pub struct ClusterView<'a> {
 impl<'a> ClusterView<'a> {
     #[inline(always)]
     pub(super) fn new(bytes: &'a [u8]) -> ClusterView<'a> {
-        ClusterView { head: bytemuck::from_bytes(&bytes[..CLUSTER_LEAVES_AT]), bytes }
+        ClusterView { head: bytemuck::from_bytes(&bytes[..CLUSTER_HEAD_BYTES]), bytes }
     }
 
     /// The first bytes of the cluster.
@@ -188,7 +194,7 @@ impl<'a> ClusterView<'a> {
     /// Count of leaves, 1 to 16.
     #[inline(always)]
     pub fn leaf_count(&self) -> usize {
-        self.triangle_count().div_ceil(LEAF_TRIANGLES)
+        usize::from(self.head.leaf_count)
     }
 
     /// Leaf planes are multiples of `2^shift` above the base, per axis.
@@ -196,43 +202,60 @@ impl<'a> ClusterView<'a> {
         self.widths().map(|bits| bits.saturating_sub(8))
     }
 
-    /// A box of its vertices, from those of its leaves: exact where it begins, and less than one of 256 steps too
-    /// wide where it ends.
-    pub fn bounds(&self) -> LatticeBox {
-        let (base, shift, boxes) = (self.base(), self.leaf_shift(), self.leaf_boxes());
-        let last = |axis: usize| boxes[3 + axis][..self.leaf_count()].iter().fold(0, |all, &hi| all.max(hi));
-        let end = |axis: usize| base[axis] + ((i64::from(last(axis)) + 1) << shift[axis]) - 1;
-        LatticeBox { lo: base, hi: std::array::from_fn(end) }
-    }
-
     /// Index of its first triangle within the page.
     pub fn first_triangle(&self) -> usize {
         usize::from(u16::from_le_bytes(self.head.first_triangle))
     }
 
-    /// The leaf boxes.
-    pub fn leaf_boxes(&self) -> &'a LeafBoxes {
-        &self.head.boxes
+    /// The planes of the leaf boxes: lo x, y, z, hi x, y, z, a byte per leaf each.
+    pub fn leaf_planes(&self) -> [&'a [u8]; LEAF_PLANES] {
+        let count = self.leaf_count();
+        std::array::from_fn(|plane| &self.bytes[CLUSTER_HEAD_BYTES + plane * count..][..count])
     }
 
-    /// Where the indices of a leaf stand, bytes from the cluster's start, and their width in bits.
+    /// Eight shapes of leaves from `first` on, a byte each; those behind the last are no shapes.
     #[inline(always)]
-    pub fn leaf_indices(&self, leaf: usize) -> (usize, u32) {
-        let wider = u32::from_le_bytes(self.head.wider);
-        let before = wider & ((0x1_0001 << leaf) - 0x1_0001);
-        let width = LEAF_WIDTH_LEAST + (wider >> leaf & 1) + 2 * (wider >> (16 + leaf) & 1);
-        let more = before.count_ones() + (before >> 16).count_ones();
-        (CLUSTER_LEAVES_AT + leaf * leaf_bytes(LEAF_WIDTH_LEAST) + 3 * more as usize, width)
+    fn shapes(&self, first: usize) -> u64 {
+        word_at(self.bytes, CLUSTER_HEAD_BYTES + LEAF_PLANES * self.leaf_count() + first)
     }
 
-    /// The corners of a leaf's triangles, `[corner][triangle]`, as vertex indices. Triangles that are not there
-    /// read as three times the same vertex.
+    /// Sum over the leaves before `leaf` of what `part` keeps of eight shapes, numbers below 8.
+    #[inline(always)]
+    fn sum_before(&self, leaf: usize, part: impl Fn(u64) -> u64) -> usize {
+        let sum = |shapes: u64| (part(shapes).wrapping_mul(EACH_BYTE) >> 56) as usize;
+        let before = |count: usize| !(u64::MAX << (8 * count));
+        if leaf < 8 {
+            return sum(self.shapes(0) & before(leaf));
+        }
+        sum(self.shapes(0)) + if leaf == 8 { 0 } else { sum(self.shapes(8) & before(leaf - 8)) }
+    }
+
+    /// Where the indices of a leaf stand.
+    #[inline(always)]
+    pub fn leaf_indices(&self, leaf: usize) -> LeafIndices {
+        let before = self.sum_before(leaf, |shapes| shapes >> 3 & (7 * EACH_BYTE));
+        let shapes_at = CLUSTER_HEAD_BYTES + LEAF_PLANES * self.leaf_count();
+        let at = shapes_at + self.leaf_count() + leaf + 3 * before;
+        LeafIndices { at, shape: LeafShape(self.bytes[shapes_at + leaf]) }
+    }
+
+    /// Index of the first triangle of a leaf.
+    #[inline(always)]
+    pub fn leaf_first(&self, leaf: usize) -> usize {
+        leaf + self.sum_before(leaf, |shapes| shapes & (7 * EACH_BYTE))
+    }
+
+    /// The corners of a leaf's triangles, `[corner][triangle]`, as vertex indices; the least one behind the last
+    /// triangle.
     pub fn leaf_corners(&self, leaf: usize) -> [[u8; LEAF_TRIANGLES]; 3] {
-        let (at, width) = self.leaf_indices(leaf);
-        let least = self.bytes[at];
+        let LeafIndices { at, shape } = self.leaf_indices(leaf);
+        let (least, width) = (self.bytes[at], shape.width());
         std::array::from_fn(|corner| {
-            let word = bits::get(&self.bytes[at + 1 + corner * width as usize..], 0, 8 * width);
-            std::array::from_fn(|i| least + (word >> (width * i as u32) & ((1 << width) - 1)) as u8)
+            let word = word_at(self.bytes, at + 1 + corner * shape.corner_bytes());
+            std::array::from_fn(|i| match i < shape.triangle_count() {
+                true => least + (word >> (width * i as u32) & ((1 << width) - 1)) as u8,
+                false => least,
+            })
         })
     }
 
@@ -270,14 +293,15 @@ impl<'a> ClusterView<'a> {
         u32::from(self.head.vertex_bits)
     }
 
-    /// The three corners of triangle `index`, lattice.
+    /// The three corners of triangle `place` of a leaf, lattice.
     #[inline]
-    pub fn triangle(&self, index: usize) -> [[i64; 3]; 3] {
-        let (at, width) = self.leaf_indices(index / LEAF_TRIANGLES);
-        let (least, place) = (self.bytes[at], index % LEAF_TRIANGLES * width as usize);
+    pub fn triangle(&self, leaf: usize, place: usize) -> [[i64; 3]; 3] {
+        let LeafIndices { at, shape } = self.leaf_indices(leaf);
+        let (least, width) = (self.bytes[at], shape.width());
         let mut corners = [[0; 3]; 3];
         for (i, corner) in corners.iter_mut().enumerate() {
-            let above = word_at(self.bytes, at + 1 + i * width as usize) >> place & !(u64::MAX << width);
+            let word = word_at(self.bytes, at + 1 + i * shape.corner_bytes());
+            let above = word >> (place * width as usize) & !(u64::MAX << width);
             *corner = self.vertex(usize::from(least) + above as usize);
         }
         corners
@@ -291,13 +315,16 @@ impl<'a> ClusterView<'a> {
 
     /// Everything, as plain arrays.
     pub fn decode(&self) -> ClusterMesh {
-        let triangle = |i: usize| {
-            let corners = self.leaf_corners(i / LEAF_TRIANGLES);
-            corners.map(|indices| indices[i % LEAF_TRIANGLES])
-        };
+        let leaves =
+            (0..self.leaf_count()).map(|leaf| (self.leaf_corners(leaf), self.leaf_indices(leaf).shape));
+        let leaf_sizes: Vec<u8> = leaves.clone().map(|(_, shape)| shape.triangle_count() as u8).collect();
+        let triangles = leaves.flat_map(|(corners, shape)| {
+            (0..shape.triangle_count()).map(move |i| corners.map(|indices| indices[i]))
+        });
         ClusterMesh {
             vertices: (0..self.vertex_count()).map(|i| self.vertex(i)).collect(),
-            triangles: (0..self.triangle_count()).map(triangle).collect(),
+            triangles: triangles.collect(),
+            leaf_sizes,
             materials: (0..self.triangle_count()).map(|i| self.material(i)).collect(),
         }
     }

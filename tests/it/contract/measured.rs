@@ -89,6 +89,18 @@ const BENCH_BUILD: [(&str, Kind); 10] = [
     ("scratch_peak_bytes", Count),
 ];
 
+const BENCH_IO: [(&str, Kind); 9] = [
+    ("scene", Text),
+    ("seed", Count),
+    ("file_bytes", Count),
+    ("page_count", Count),
+    ("bytes_per_page", Number),
+    ("triangles_per_page", Number),
+    ("thread_count", Count),
+    ("round_count", Count),
+    ("ways", List),
+];
+
 /// Phases of a build, in the order of their work.
 const PHASES: [&str; 4] = ["generate", "partition", "clusters", "publish"];
 
@@ -221,6 +233,54 @@ fn bench_rays_tells_its_sets() {
     let per_triangle = at("/resident_bytes") / at("/triangle_count");
     near(at("/resident_bytes_per_triangle"), per_triangle, ROUNDING, &document);
     assert!(document["peer"].is_null());
+}
+
+/// Visits per ray are those of a tree: each level adds up, and the reference has neither top nor clusters.
+#[test]
+fn bench_rays_counts_visits_when_asked() {
+    let inside = folder();
+    built_in(inside.path(), "gen:pipes:20k", "pipes.trex");
+    let line = "bench rays pipes.trex --resolution 64x48 --rounds 1 --stats";
+    let [document, again] = [1, 2].map(|_| document_in(inside.path(), line));
+    assert_eq!(document["visits"], again["visits"], "counts that time changes");
+    for tree in ["ours", "reference"] {
+        let at = |key: String| number(&document, &format!("/visits/{tree}/{key}"));
+        for set in ["primary", "shadow", "incoherent"] {
+            let [top, node, cluster, leaf, total] =
+                ["top", "node", "cluster", "leaf", "total"].map(|level| at(format!("{set}/{level}")));
+            near(total, top + node + cluster + leaf, ROUNDING, &document);
+            assert!(total >= 1.0 && leaf > 0.0, "{document:#}");
+            assert_eq!(tree == "reference", top + cluster == 0.0, "{document:#}");
+        }
+        assert!(at("sah_cost".into()) > 1.0 && (1.0..=8.0).contains(&at("leaf_triangles".into())));
+    }
+    let of = |tree: &str| number(&document, &format!("/visits/{tree}/incoherent/total"));
+    assert!(of("ours") < 3.0 * of("reference"), "{document:#}");
+}
+
+#[test]
+fn bench_io_tells_every_way() {
+    let inside = folder();
+    built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
+    let document = document_in(inside.path(), "bench io iso.trex --depth 1,4 --rounds 2");
+    check_all(&document, "trex.bench-io/1", &BENCH_IO, &[]);
+    let ways = document["ways"].as_array().unwrap();
+    let names = |stage: &str, depth: u64| {
+        let these = ways.iter().filter(|way| way["stage"] == stage && way["depth"] == depth);
+        these.map(|way| way["backend"].as_str().unwrap()).collect::<Vec<_>>()
+    };
+    for depth in [1, 4] {
+        assert_eq!(names("raw", depth).len(), 4, "{document:#}");
+        assert_eq!((names("hashed", depth).len(), names("ready", depth).len()), (1, 1));
+        assert!(names("raw", depth).contains(&"pread") && names("raw", depth).contains(&"mmap"));
+    }
+    let bytes_per_page = number(&document, "/bytes_per_page");
+    for (i, way) in ways.iter().enumerate() {
+        let at = |key: &str| number(&document, &format!("/ways/{i}/{key}"));
+        near(at("bytes_per_s") / at("pages_per_s"), bytes_per_page, ROUNDING, &document);
+        assert!(at("cpu_us_per_page") > 0.0 && way["of_fio"].is_null(), "{way:#}");
+        assert_eq!(way["latency_us"].is_null(), way["stage"] == "ready", "{way:#}");
+    }
 }
 
 #[test]

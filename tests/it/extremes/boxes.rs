@@ -53,8 +53,9 @@ impl Walk<'_> {
         let mut all = NOTHING;
         for i in 0..usize::from(node.child_count) {
             let inside = below(self, node.child[i]);
-            let plane =
-                |a: usize, q: u8| (i128::from(node.origin[a]) + (i128::from(q) << node.exponent[a])) << shift;
+            let plane = |a: usize, q: u16| {
+                (i128::from(node.origin[a]) + (i128::from(q) << node.exponent[a])) << shift
+            };
             let planes = [
                 std::array::from_fn(|a| plane(a, node.lo[a][i])),
                 std::array::from_fn(|a| plane(a, node.hi[a][i])),
@@ -94,19 +95,19 @@ impl Walk<'_> {
     }
 
     fn cluster(&mut self, cluster: &ClusterView<'_>) -> Bounds {
-        let (base, shift, boxes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_boxes());
+        let (base, shift, planes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_planes());
         let mut all = NOTHING;
         for leaf in 0..cluster.leaf_count() {
             let mut inside = NOTHING;
-            for triangle in 8 * leaf..cluster.triangle_count().min(8 * leaf + 8) {
-                for corner in cluster.triangle(triangle) {
+            for place in 0..cluster.leaf_indices(leaf).shape.triangle_count() {
+                for corner in cluster.triangle(leaf, place) {
                     inside = join(inside, [corner.map(i128::from); 2]);
                 }
                 self.triangle_count += 1;
             }
             let plane = |a: usize, cell: i128| i128::from(base[a]) + (cell << shift[a]);
-            let lo = std::array::from_fn(|a| plane(a, i128::from(boxes[a][leaf])));
-            let hi = std::array::from_fn(|a| plane(a, i128::from(boxes[3 + a][leaf]) + 1) - 1);
+            let lo = std::array::from_fn(|a| plane(a, i128::from(planes[a][leaf])));
+            let hi = std::array::from_fn(|a| plane(a, i128::from(planes[3 + a][leaf]) + 1) - 1);
             self.holds([lo, hi], inside, shift.map(|s| 1 << s));
             all = join(all, inside);
         }

@@ -13,7 +13,7 @@ use crate::trace::lattice_ray::{LatticeFrame, LatticeRay};
 use crate::trace::scalar::{Real, Scalar};
 use std::arch::x86_64::*;
 use std::mem::offset_of;
-use trex_store::cluster::{ClusterHead, ClusterView, Node};
+use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterHead, ClusterView, LeafIndices, Node};
 use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
 /// A ray set up for eight lanes.
@@ -104,10 +104,17 @@ impl Avx2 {
         [[row(a), row(b), row(c)], [row(d), row(e), row(f)]]
     }
 
-    /// Tests eight boxes, by the bytes of their planes: a bit each, and t.
+    /// Tests eight boxes, by their planes, rows of which `eight` reads: a bit each, and t.
     #[inline(always)]
-    fn meet(&self, seen: &SeenBoxes, near: [*const u8; 3], far: [*const u8; 3], t_max: f32) -> (u32, __m256) {
-        // SAFETY: the caller's pointers lead to eight bytes each; the caller runs with AVX2 and FMA.
+    fn meet(
+        &self,
+        seen: &SeenBoxes,
+        near: [*const u8; 3],
+        far: [*const u8; 3],
+        t_max: f32,
+        eight: impl Fn(*const u8) -> __m256,
+    ) -> (u32, __m256) {
+        // SAFETY: registers only; the caller runs with AVX2 and FMA.
         unsafe {
             let (mut enter, mut leave) = ([_mm256_setzero_ps(); 3], [_mm256_setzero_ps(); 3]);
             for a in 0..3 {
@@ -257,6 +264,16 @@ unsafe fn eight(bytes: *const u8) -> __m256 {
     unsafe { _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(bytes.cast()))) }
 }
 
+/// Eight numbers of two bytes.
+///
+/// # Safety
+/// There are sixteen bytes.
+#[inline(always)]
+unsafe fn eight_words(bytes: *const u8) -> __m256 {
+    // SAFETY: by the contract; the caller runs with AVX2.
+    unsafe { _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(_mm_loadu_si128(bytes.cast()))) }
+}
+
 /// The low words of a cluster's base, and a word that means nothing: a lattice for f32 has no more than 24 bits.
 #[inline(always)]
 fn base(head: &ClusterHead) -> __m128i {
@@ -345,7 +362,7 @@ impl Kernel for Avx2 {
         let mut lanes = Lanes { mask: 0, t: [0.0; 8] };
         let rows = std::ptr::from_ref(&node.lo).cast::<u8>();
         // SAFETY: a node begins with its origin, exponents and count, 16 bytes; its lower planes are followed by the
-        // upper ones, six rows of eight bytes, as asserted below. The caller runs with AVX2 and FMA.
+        // upper ones, six rows of eight numbers of two bytes, as asserted below. The caller runs with AVX2 and FMA.
         unsafe {
             let head = _mm_loadu_si128(std::ptr::from_ref(node).cast());
             let exponents = _mm_setr_epi8(-1, -1, -1, 12, -1, -1, -1, 13, -1, -1, -1, 14, -1, -1, -1, -1);
@@ -353,8 +370,8 @@ impl Kernel for Avx2 {
             let scale = _mm_castsi128_ps(_mm_add_epi32(exponents, _mm_castps_si128(_mm_set1_ps(1.0))));
             let base = _mm_sub_epi32(head, self.cell);
             let seen = self.see(&Boxes { lo: base, hi: base, scale });
-            let [near, far] = self.rows(rows, 8);
-            let (mask, t) = self.meet(&seen, near, far, t_max);
+            let [near, far] = self.rows(rows, 2 * NODE_WIDTH);
+            let (mask, t) = self.meet(&seen, near, far, t_max, |row| eight_words(row));
             _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
             lanes.mask = mask & ((1 << node.child_count) - 1);
         }
@@ -365,9 +382,10 @@ impl Kernel for Avx2 {
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES> {
         let mut lanes = Lanes { mask: 0, t: [0.0; 16] };
         let (head, leaf_count) = (cluster.head(), cluster.leaf_count());
-        let rows = head.boxes.as_ptr().cast::<u8>();
+        let rows = cluster.bytes()[CLUSTER_HEAD_BYTES..].as_ptr();
         let widths = u32::from_le_bytes([head.widths[0], head.widths[1], head.widths[2], 0]);
-        // SAFETY: six rows of sixteen bytes. The caller runs with AVX2 and FMA.
+        // SAFETY: six rows of a byte a leaf; behind them the frame holds more than the eight bytes, or sixteen, that are
+        // read of each: shapes, indices, a palette, and its tail. The caller runs with AVX2 and FMA.
         unsafe {
             let shift = _mm_subs_epu8(_mm_cvtsi32_si128(widths as i32), _mm_set1_epi8(8));
             let cell = _mm_sllv_epi32(_mm_set1_epi32(1), _mm_cvtepu8_epi32(shift));
@@ -375,13 +393,13 @@ impl Kernel for Avx2 {
             // Upper planes are cells: no vertex lies beyond the last step of one.
             let hi = _mm_add_epi32(lo, _mm_sub_epi32(cell, _mm_set1_epi32(1)));
             let seen = self.see(&Boxes { lo, hi, scale: _mm_cvtepi32_ps(cell) });
-            let [near, far] = self.rows(rows, 16);
-            let (mask, t) = self.meet(&seen, near, far, t_max);
+            let [near, far] = self.rows(rows, leaf_count);
+            let (mask, t) = self.meet(&seen, near, far, t_max, |row| eight(row));
             _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
             lanes.mask = mask;
             if leaf_count > 8 {
-                let [near, far] = self.rows(rows.add(8), 16);
-                let (mask, t) = self.meet(&seen, near, far, t_max);
+                let [near, far] = self.rows(rows.add(8), leaf_count);
+                let (mask, t) = self.meet(&seen, near, far, t_max, |row| eight(row));
                 _mm256_storeu_ps(lanes.t.as_mut_ptr().add(8), t);
                 lanes.mask |= mask << 8;
             }
@@ -401,13 +419,16 @@ impl Kernel for Avx2 {
     #[inline(always)]
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
         let vertices = self.vertices(cluster);
-        let (at, width) = cluster.leaf_indices(leaf);
-        // SAFETY: `install` wrote the leaf's least index and three words of eight narrow ones, and what follows them
-        // within the frame is longer than eight bytes. The caller runs with AVX2, FMA and BMI2.
+        let LeafIndices { at, shape } = cluster.leaf_indices(leaf);
+        // SAFETY: `install` wrote the leaf's least index and three words of narrow ones, and what follows them within the
+        // frame is longer than eight bytes. The caller runs with AVX2, FMA and BMI2.
         unsafe {
             let leaf = cluster.bytes().as_ptr().add(at);
-            let (least, spread) = (u64::from(*leaf) * BYTES_OF_ONE, ((1 << width) - 1) * BYTES_OF_ONE);
-            let above = |corner: usize| leaf.add(1 + corner * width as usize).cast::<u64>().read_unaligned();
+            let (least, stride) = (u64::from(*leaf) * BYTES_OF_ONE, shape.corner_bytes());
+            // Of triangles that are not there all corners are the least: nothing is met.
+            let there = u64::MAX >> (64 - 8 * shape.triangle_count());
+            let spread = ((1 << shape.width()) - 1) * BYTES_OF_ONE & there;
+            let above = |corner: usize| leaf.add(1 + corner * stride).cast::<u64>().read_unaligned();
             let a = self.corner(&vertices, _pdep_u64(above(0), spread) + least);
             let b = self.corner(&vertices, _pdep_u64(above(1), spread) + least);
             let c = self.corner(&vertices, _pdep_u64(above(2), spread) + least);
@@ -448,7 +469,7 @@ const _: () = assert!(
     offset_of!(Node, exponent) == 12
         && offset_of!(Node, child_count) == 15
         && offset_of!(Node, lo) == 16
-        && offset_of!(Node, hi) == 16 + 3 * NODE_WIDTH
+        && offset_of!(Node, hi) == 16 + 3 * 2 * NODE_WIDTH
 );
 
 const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;

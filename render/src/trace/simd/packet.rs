@@ -324,18 +324,18 @@ impl Boxes {
     ) -> [u32; NODE_WIDTH] {
         let mut planes = [[0.0f32; NODE_WIDTH]; 6];
         let mut met = [0; NODE_WIDTH];
-        // SAFETY: planes are rows of eight bytes, `planes` and `t` rows of eight numbers.
+        // SAFETY: planes are rows of eight words, `planes` and `t` rows of eight numbers.
         unsafe {
             let zero = _mm256_setzero_ps();
             let (mut step, mut near, mut far) = ([zero; 3], [zero; 3], [zero; 3]);
             for a in 0..3 {
                 let (enter, leave) =
                     if self.negative[a] { (&node.hi[a], &node.lo[a]) } else { (&node.lo[a], &node.hi[a]) };
-                for (row, bytes) in [(a, enter), (a + 3, leave)] {
-                    let bytes = _mm_loadl_epi64(bytes.as_ptr().cast());
+                for (row, words) in [(a, enter), (a + 3, leave)] {
+                    let words = _mm_loadu_si128(words.as_ptr().cast());
                     _mm256_storeu_ps(
                         planes[row].as_mut_ptr(),
-                        _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes)),
+                        _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(words)),
                     );
                 }
                 let base = _mm256_sub_epi32(_mm256_set1_epi32(node.origin[a] << shift), self.cell[a]);

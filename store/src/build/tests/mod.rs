@@ -114,9 +114,12 @@ fn decoded(bytes: &[u8]) -> (Vec<Snapped>, Lattice) {
         let view = FrameView::new(&frame);
         assert!(view.used_bytes() <= FRAME_BYTES);
         view.for_each_cluster(|cluster| {
-            all.extend(
-                (0..cluster.triangle_count()).map(|i| (canonical(cluster.triangle(i)), cluster.material(i))),
-            );
+            all.extend((0..cluster.leaf_count()).flat_map(|leaf| {
+                let first = cluster.leaf_first(leaf);
+                (0..cluster.leaf_indices(leaf).shape.triangle_count()).map(move |place| {
+                    (canonical(cluster.triangle(leaf, place)), cluster.material(first + place))
+                })
+            }));
         });
     }
     all.sort_unstable();

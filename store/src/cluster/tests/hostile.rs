@@ -6,12 +6,13 @@ use super::*;
 const HEAD: [u8; 25] = [1, 0, 0, 0, 1, 0, 0, 0, 3, 100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
 
 /// The quad of `the_bytes_of_a_tiny_page_are_these`, field by field: value and bits.
-const QUAD: [(u64, u32); 31] = [
-    // Triangles and vertices, less one; wide; palette; axis widths; class widths.
+const QUAD: [(u64, u32); 32] = [
+    // Triangles and vertices, less one; wide; palette; leaves differ; axis widths; class widths.
     (1, 7),
     (3, 7),
     (0, 1),
     (1, 1),
+    (0, 1),
     (4, 6),
     (3, 6),
     (1, 6),
@@ -78,32 +79,37 @@ fn clusters_that_lie_are_refused() {
     let range = "a cluster is out of range";
     for fields in [
         // Compact axes of 25 bits, 58 in all; wide ones of 41; a third material for two triangles.
-        &[(4, (25, 6))][..],
-        &[(4, (24, 6)), (5, (24, 6)), (6, (10, 6))],
-        &[(2, (1, 1)), (4, (41, 6))],
-        &[(10, (2, 7))],
+        &[(5, (25, 6))][..],
+        &[(5, (24, 6)), (6, (24, 6)), (7, (10, 6))],
+        &[(2, (1, 1)), (5, (41, 6))],
+        &[(11, (2, 7))],
     ] {
         refused(&lie(&HEAD, fields, &[]), range);
     }
-    refused(&lie(&HEAD, &[(13, (2, 2))], &[]), "a material index lies behind its palette");
+    refused(&lie(&HEAD, &[(14, (2, 2))], &[]), "a material index lies behind its palette");
     let triangles = "the triangles of a cluster are not what its counts say";
     for fields in [
         // One vertex less than the triangles need, and one more.
         &[(1, (2, 7))][..],
         &[(1, (4, 7))],
         // On a gate where there is none: the first triangle; the fifth gate of four.
-        &[(15, (0b00, 2))],
-        &[(17, (0b011111_u64, 6))],
+        &[(16, (0b00, 2))],
+        &[(18, (0b011111_u64, 6))],
         // The first corner of a free triangle is vertex 4 of 4.
-        &[(16, (0b001 | 4 << 3, 10))],
+        &[(17, (0b001 | 4 << 3, 10))],
     ] {
         refused(&lie(&HEAD, fields, &[]), triangles);
     }
+    // A leaf of two and one of one, and one of three, for two triangles; one for each.
+    let leaves = "the leaves of a cluster are not what its counts say";
+    refused(&lie(&HEAD, &[(4, (0b000_001_0001_1, 11))], &[]), leaves);
+    refused(&lie(&HEAD, &[(4, (0b010_0000_1, 8))], &[]), leaves);
+    install_twice(&lie(&HEAD, &[(4, (0b000_000_0001_1, 11))], &[])).unwrap();
     let left_over = "the bits of a cluster are more or fewer than its counts say";
     // A plain vertex where there is no room for one.
-    refused(&lie(&HEAD, &[(18, (3, 2))], &[]), left_over);
+    refused(&lie(&HEAD, &[(19, (3, 2))], &[]), left_over);
     // The last vertex plain, and then a bit that is set.
-    let plain = |last| lie(&HEAD, &[(21, (3, 2)), (28, (9, 4)), (29, (7, 3)), (30, last)], &[]);
+    let plain = |last| lie(&HEAD, &[(22, (3, 2)), (29, (9, 4)), (30, (7, 3)), (31, last)], &[]);
     install_twice(&plain((0b1, 1))).unwrap();
     refused(&plain((0b11, 2)), left_over);
 }
@@ -118,7 +124,7 @@ fn heads_that_lie_are_refused() {
     for bytes in [(5, 41), (6, 255), (7, 41), (8, 17)] {
         refused(&lie(&head(&[bytes]), &[], &[]), widths);
     }
-    for bytes in [(1, 2), (3, 3)] {
+    for bytes in [(1, 16), (3, 3)] {
         refused(&lie(&head(&[bytes]), &[], &[]), "a page does not fit its frame");
     }
     refused(&lie(&head(&[(24, 2)]), &[], &[]), "bits are left over behind the roots of a page");
@@ -154,8 +160,8 @@ fn vertices_behind_the_lattice_are_refused() {
     // The quad is one step high in z. Compact, then wide, where a vertex takes eight bits without tags.
     let wide: Vec<_> = [(2, (1, 1))]
         .into_iter()
-        .chain((7..10).chain(18..31).map(|i| (i, (0, 0))))
-        .chain([(22, (8, 8)), (23, (0, 8)), (24, (0, 8)), (25, (0x80, 8))])
+        .chain((8..11).chain(19..32).map(|i| (i, (0, 0))))
+        .chain([(23, (8, 8)), (24, (0, 8)), (25, (0, 8)), (26, (0x80, 8))])
         .collect();
     let at = |z: u64| {
         let z = z.to_le_bytes();

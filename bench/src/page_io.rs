@@ -1,0 +1,418 @@
+//! Workload `io`: pages of a file at random, cold, through each backend: as they are, hashed, and ready to trace.
+//!
+//! ```text
+//! raw     backend -> bytes                           what the disk and the system give
+//! hashed  backend -> bytes -> hash                   and are believed
+//! ready   pool, loader, decoders -> hash -> frame    and can be traced
+//! fio     the same extents, in the same order        somebody else's reads, aligned to 4096 bytes
+//! ```
+//!
+//! Invariants: 1. a round reads the same pages in the same order in every way; 2. before each the system is asked to
+//! drop the file from its cache; 3. ways take turns; figures are medians over rounds.
+
+use crate::median::median;
+use crate::model::{Model, Surroundings};
+use anyhow::{Context, ensure};
+use hdrhistogram::Histogram;
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+use rustix::fs::{Advice, fadvise};
+use rustix::time::{ClockId, clock_gettime};
+use serde::Serialize;
+use std::fs::File;
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use trex_store::PageFile;
+use trex_store::io::{
+    ALIGN_BYTES, DirectChoice, Extent, IoChoice, IoOptions, Reader, Staging, Wait, open, staging_bytes_for,
+};
+use trex_store::layout::{FRAME_BYTES, PageKind, STORED_BYTES, page_hash};
+use trex_store::pool::{PagePool, PoolOptions};
+
+/// Pages of a round, at most.
+const PAGES_MOST: usize = 1 << 14;
+
+/// What to measure.
+#[derive(Clone, Debug)]
+pub struct PageIoOptions {
+    /// Reads in flight, each at least 1.
+    pub depths: Vec<usize>,
+    /// Measured rounds, at least 1.
+    pub rounds: usize,
+    /// Seed of the order of pages.
+    pub seed: u64,
+    /// Read the same extents with fio, too, which must be installed.
+    pub fio: bool,
+}
+
+/// Figures of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct PageIoFigures {
+    /// The model.
+    pub scene: String,
+    /// Seed of the order.
+    pub seed: u64,
+    /// Length of the file.
+    pub file_bytes: u64,
+    /// Pages of a round.
+    pub page_count: usize,
+    /// Bytes of a page on disk, mean.
+    pub bytes_per_page: f64,
+    /// Triangles of a page, mean.
+    pub triangles_per_page: f64,
+    /// Threads that decode.
+    pub thread_count: usize,
+    /// Measured rounds.
+    pub round_count: usize,
+    /// Every way, by depth.
+    pub ways: Vec<WayFigures>,
+}
+
+/// How far pages come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// Their bytes are there.
+    Raw,
+    /// And their hash is right.
+    Hashed,
+    /// And they stand in frames of a pool.
+    Ready,
+}
+
+/// Figures of a way.
+#[derive(Clone, Debug, Serialize)]
+pub struct WayFigures {
+    /// `uring`, `pread`, `mmap`, or `fio`.
+    pub backend: String,
+    /// Past the page cache.
+    pub direct: bool,
+    /// How far pages come.
+    pub stage: Stage,
+    /// Reads in flight, at most.
+    pub depth: usize,
+    /// Pages per second of wall time, median.
+    pub pages_per_s: f64,
+    /// Bytes on disk per second.
+    pub bytes_per_s: f64,
+    /// Triangles per second.
+    pub triangles_per_s: f64,
+    /// Processor time of a page, microseconds, all threads together, median.
+    pub cpu_us_per_page: f64,
+    /// From the request to the answer, microseconds, all rounds; `None` where it was not measured.
+    pub latency_us: Option<LatencyFigures>,
+    /// Pages per second over fio's at the same depth, median of the rounds' own ratios.
+    pub of_fio: Option<f64>,
+}
+
+/// Percentiles.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[allow(missing_docs)] // Named as fio does.
+pub struct LatencyFigures {
+    pub p50: u64,
+    pub p99: u64,
+    pub p999: u64,
+    pub max: u64,
+}
+
+/// A way to read, and what its rounds gave.
+struct Way {
+    kind: Kind,
+    depth: usize,
+    rates: Vec<f64>,
+    cpu_us: Vec<f64>,
+    latencies: Histogram<u64>,
+    backend: (String, bool),
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Ours(Stage, IoChoice, DirectChoice),
+    Fio,
+}
+
+/// The pages of a round.
+struct Pages<'a> {
+    file: &'a Arc<PageFile>,
+    order: Vec<u32>,
+    extents: Vec<Extent>,
+}
+
+/// Measures `model`.
+///
+/// # Errors
+/// The file or its pages cannot be read; the limit has no room for what is in flight; fio is asked for and does not run.
+pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> anyhow::Result<PageIoFigures> {
+    ensure!(options.rounds > 0 && options.depths.iter().all(|&depth| depth > 0), "a median takes a round");
+    let file = Arc::new(PageFile::open(&model.path, &around.budget)?);
+    let pages = Pages::new(&file, options.seed);
+    let mut ways: Vec<Way> = options.depths.iter().flat_map(|&depth| Way::all(depth, options.fio)).collect();
+    // One round more, which is not measured.
+    for round in 0..=options.rounds {
+        for way in &mut ways {
+            around.interrupt.check()?;
+            let measured = way.round(&pages, around);
+            let (wall, cpu) =
+                measured.with_context(|| format!("{} at depth {}", way.backend.0, way.depth))?;
+            if round > 0 {
+                way.rates.push(pages.order.len() as f64 / wall.as_secs_f64());
+                way.cpu_us.push(cpu.as_secs_f64() * 1e6 / pages.order.len() as f64);
+            } else {
+                way.latencies.reset();
+            }
+        }
+    }
+    let count = pages.order.len() as f64;
+    let entries = pages.order.iter().map(|&page| &file.pages()[page as usize]);
+    let bytes_per_page = entries.clone().map(|e| f64::from(e.stored_bytes)).sum::<f64>() / count;
+    let triangles_per_page = entries.map(|e| f64::from(e.triangle_count)).sum::<f64>() / count;
+    let fio: Vec<(usize, Vec<f64>)> =
+        ways.iter().filter(|way| way.kind == Kind::Fio).map(|way| (way.depth, way.rates.clone())).collect();
+    let figures = ways.iter().map(|way| way.figures(bytes_per_page, triangles_per_page, &fio));
+    Ok(PageIoFigures {
+        scene: model.scene.clone(),
+        seed: options.seed,
+        file_bytes: file.superblock().file_bytes,
+        page_count: pages.order.len(),
+        bytes_per_page,
+        triangles_per_page,
+        thread_count: around.threads,
+        round_count: options.rounds,
+        ways: figures.collect(),
+    })
+}
+
+impl<'a> Pages<'a> {
+    /// Pages of the mesh in an order by chance, no more than a round has.
+    fn new(file: &'a Arc<PageFile>, seed: u64) -> Pages<'a> {
+        let mut order: Vec<u32> = (0..)
+            .zip(file.pages())
+            .filter(|(_, entry)| entry.kind == PageKind::Mesh)
+            .map(|(page, _)| page)
+            .collect();
+        let mut rng = Pcg64::seed_from_u64(seed);
+        for i in (1..order.len()).rev() {
+            order.swap(i, (rng.next_u64() % (i as u64 + 1)) as usize);
+        }
+        order.truncate(PAGES_MOST);
+        let extent = |&page: &u32| {
+            let entry = &file.pages()[page as usize];
+            Extent { offset: entry.offset, stored_bytes: entry.stored_bytes }
+        };
+        Pages { file, extents: order.iter().map(extent).collect(), order }
+    }
+
+    /// Asks the system to forget the file.
+    fn forget(&self) -> anyhow::Result<()> {
+        let file = File::open(self.file.path())?;
+        fadvise(&file, 0, None, Advice::DontNeed).context("the cache of the file cannot be dropped")
+    }
+
+    fn is_sound(&self, place: usize, stored: &[u8]) -> bool {
+        let page = self.order[place];
+        page_hash(stored, self.file.superblock().file_id, page) == self.file.pages()[page as usize].hash
+    }
+}
+
+/// Processor time of all threads of this process.
+fn process_time() -> Duration {
+    let now = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}
+
+impl Way {
+    /// All ways at a depth.
+    fn all(depth: usize, fio: bool) -> Vec<Way> {
+        use DirectChoice::{Auto, Off};
+        let reads =
+            [(IoChoice::Uring, Auto), (IoChoice::Uring, Off), (IoChoice::Pread, Auto), (IoChoice::Mmap, Off)];
+        let mut kinds = vec![Kind::Fio];
+        kinds.retain(|_| fio);
+        kinds.extend(reads.map(|(io, direct)| Kind::Ours(Stage::Raw, io, direct)));
+        kinds.push(Kind::Ours(Stage::Hashed, IoChoice::Auto, Auto));
+        kinds.push(Kind::Ours(Stage::Ready, IoChoice::Auto, Auto));
+        let way = |kind| Way {
+            kind,
+            depth,
+            rates: Vec::new(),
+            cpu_us: Vec::new(),
+            latencies: Histogram::new(3).expect("three digits"),
+            backend: ("fio".to_owned(), true),
+        };
+        kinds.into_iter().map(way).collect()
+    }
+
+    /// Reads all pages once. Gives wall time and processor time.
+    fn round(&mut self, pages: &Pages<'_>, around: &Surroundings) -> anyhow::Result<(Duration, Duration)> {
+        pages.forget()?;
+        match self.kind {
+            Kind::Fio => fio(pages, self.depth, &around.folder),
+            Kind::Ours(Stage::Ready, io, direct) => self.ready(pages, (io, direct), around),
+            Kind::Ours(stage, io, direct) => self.read(pages, (io, direct), stage, around),
+        }
+    }
+
+    fn options(&self, (io, direct): (IoChoice, DirectChoice)) -> IoOptions {
+        let pread_threads = self.depth.min(IoOptions::default().pread_threads);
+        IoOptions { io, direct, depth: self.depth, pread_threads }
+    }
+
+    /// Through a backend, without a pool.
+    fn read(
+        &mut self,
+        pages: &Pages<'_>,
+        choice: (IoChoice, DirectChoice),
+        stage: Stage,
+        around: &Surroundings,
+    ) -> anyhow::Result<(Duration, Duration)> {
+        let slot_bytes = staging_bytes_for(STORED_BYTES);
+        let _lease = around.budget.lease("reads in flight", (self.depth * slot_bytes) as u64)?;
+        let mut reader = Reader::new(open(pages.file.path(), &self.options(choice))?, pages.file.path());
+        let mut slots = Vec::new();
+        for _ in 0..self.depth.min(pages.order.len()) {
+            slots.push(Staging::new(slot_bytes)?);
+        }
+        let mut begun = vec![Instant::now(); pages.order.len()];
+        let (mut next, mut arrivals) = (0, Vec::new());
+        let (begin, cpu) = (Instant::now(), process_time());
+        while next < pages.order.len() || reader.in_flight() > 0 {
+            while next < pages.order.len() && reader.room() > 0 {
+                let Some(slot) = slots.pop() else { break };
+                begun[next] = Instant::now();
+                reader.submit(next as u32, pages.extents[next], slot);
+                next += 1;
+            }
+            reader.complete(Wait::One, &mut arrivals);
+            for arrival in arrivals.drain(..) {
+                let (place, bytes) = (arrival.tag as usize, arrival.result?);
+                let stored = &arrival.staging[bytes];
+                let is_sound = stage == Stage::Raw || pages.is_sound(place, stored);
+                ensure!(is_sound, "page {} is damaged: run trex verify", pages.order[place]);
+                self.latencies.saturating_record(begun[place].elapsed().as_micros() as u64);
+                slots.push(arrival.staging);
+            }
+        }
+        let spent = (begin.elapsed(), process_time() - cpu);
+        let described = reader.describe();
+        self.backend = (described.backend.clone(), described.direct);
+        Ok(spent)
+    }
+
+    /// Through a pool that has room for all, or for what the limit allows.
+    fn ready(
+        &mut self,
+        pages: &Pages<'_>,
+        choice: (IoChoice, DirectChoice),
+        around: &Surroundings,
+    ) -> anyhow::Result<(Duration, Duration)> {
+        let defaults = PoolOptions {
+            io: self.options(choice),
+            decode_threads: around.threads.min(trex_store::pool::DECODE_THREADS_MAX),
+            ..PoolOptions::default()
+        };
+        let (overhead, smallest) = PagePool::smallest_bytes(&**pages.file, &defaults)?;
+        let wanted = (pages.file.pages().len() * FRAME_BYTES) as u64;
+        let room = around.budget.free_bytes().saturating_sub(overhead).max(smallest - overhead);
+        let pool_options = PoolOptions { frames_bytes: wanted.min(room), ..defaults };
+        let pool = PagePool::open(pages.file.clone(), pages.file.path(), &around.budget, &pool_options)?;
+        self.backend = (pool.io().backend, pool.io().direct);
+        let (begin, cpu) = (Instant::now(), process_time());
+        pool.fetch_blocking(&pages.order)?;
+        Ok((begin.elapsed(), process_time() - cpu))
+    }
+
+    fn figures(&self, bytes: f64, triangles: f64, fio: &[(usize, Vec<f64>)]) -> WayFigures {
+        let pages_per_s = median(&self.rates);
+        let beside = fio.iter().find(|(depth, _)| *depth == self.depth && self.kind != Kind::Fio);
+        let of_fio = beside.map(|(_, rates)| {
+            let ratios: Vec<f64> = self.rates.iter().zip(rates).map(|(ours, fio)| ours / fio).collect();
+            median(&ratios)
+        });
+        let at = |share| self.latencies.value_at_quantile(share);
+        let latency =
+            LatencyFigures { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: self.latencies.max() };
+        WayFigures {
+            backend: self.backend.0.clone(),
+            direct: self.backend.1,
+            stage: match self.kind {
+                Kind::Ours(stage, ..) => stage,
+                Kind::Fio => Stage::Raw,
+            },
+            depth: self.depth,
+            pages_per_s,
+            bytes_per_s: pages_per_s * bytes,
+            triangles_per_s: pages_per_s * triangles,
+            cpu_us_per_page: median(&self.cpu_us),
+            latency_us: (!self.latencies.is_empty()).then_some(latency),
+            of_fio,
+        }
+    }
+}
+
+/// The extents of a round, read by fio. Gives its run time and processor time.
+fn fio(pages: &Pages<'_>, depth: usize, folder: &Path) -> anyhow::Result<(Duration, Duration)> {
+    let path = std::path::absolute(pages.file.path())?;
+    let name = path.to_str().context("fio takes names in UTF-8 only")?;
+    let mut log = format!("fio version 2 iolog\n{name} add\n{name} open\n");
+    for extent in &pages.extents {
+        let align = ALIGN_BYTES as u64;
+        let first = extent.offset / align * align;
+        log += &format!("{name} read {first} {}\n", extent.end().next_multiple_of(align) - first);
+    }
+    log += &format!("{name} close\n");
+    let script = tempfile::NamedTempFile::new_in(folder)?;
+    std::fs::write(script.path(), log)?;
+    let output = Command::new("fio")
+        .args(["--name=pages", "--ioengine=io_uring", "--direct=1", "--replay_no_stall=1"])
+        .arg(format!("--iodepth={depth}"))
+        .arg(format!("--read_iolog={}", script.path().display()))
+        .arg("--output-format=json")
+        .output()
+        .context("fio does not run: install it (Debian: fio)")?;
+    ensure!(output.status.success(), "fio failed: {}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    let document: serde_json::Value =
+        serde_json::from_str(&text[text.find('{').unwrap_or(0)..]).context("what fio says")?;
+    let job = &document["jobs"][0];
+    let number = |value: &serde_json::Value| value.as_f64().context("a number that fio should tell");
+    ensure!(number(&job["read"]["total_ios"])? as usize == pages.extents.len(), "fio has not read all");
+    let seconds = pages.extents.len() as f64 / number(&job["read"]["iops"])?;
+    let busy = (number(&job["usr_cpu"])? + number(&job["sys_cpu"])?) / 100.0;
+    Ok((Duration::from_secs_f64(seconds), Duration::from_secs_f64(seconds * busy)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use trex_store::{Budget, Interrupt};
+
+    #[test]
+    fn all_ways_read_all_pages() {
+        let folder = tempfile::tempdir().unwrap();
+        let around = Surroundings {
+            threads: 2,
+            budget: Budget::unlimited(),
+            folder: folder.path().to_path_buf(),
+            interrupt: Interrupt::default(),
+        };
+        let model = Model::open("gen:isosurface:60k", &around).unwrap();
+        let options = PageIoOptions { depths: vec![1, 8], rounds: 2, seed: 1, fio: false };
+        let figures = run(&model, &options, &around).unwrap();
+        assert_eq!(figures.ways.len(), 12);
+        for way in &figures.ways {
+            assert!(way.pages_per_s > 0.0 && way.of_fio.is_none(), "{way:?}");
+            assert_eq!(way.latency_us.is_none(), way.stage == Stage::Ready);
+        }
+        // A page with another byte is found by all that hash.
+        let file = PageFile::open(&model.path, &around.budget).unwrap();
+        let at = file.pages()[0].offset as usize;
+        let mut bytes = std::fs::read(&model.path).unwrap();
+        bytes[at] ^= 1;
+        let path = folder.path().join("damaged.trex");
+        std::fs::write(&path, bytes).unwrap();
+        let damaged = Model::open(path.to_str().unwrap(), &around).unwrap();
+        assert!(run(&damaged, &options, &around).is_err());
+    }
+}
