@@ -51,4 +51,4 @@ pub use guard::Token;
 pub use serve::serve;
 pub use shared::view_bytes;
 pub use state::{MemoryFigures, ModelFigures, PoolFigures};
-pub use surroundings::{ServeOptions, Served, Surroundings};
+pub use surroundings::{Room, ServeOptions, Served, Surroundings};
