@@ -36,7 +36,7 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = args.picture.resolution.is_none() && !says_resolution(&args.file, &scene);
+    let follows_page = args.picture.resolution.is_none() && !scene.says_resolution;
     if scene.model.is_empty() {
         (scene.render.integrator, scene.render.lod_error) = (Method::Photon, 1.0);
     }
@@ -102,15 +102,6 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
     })
-}
-
-/// True for a scene whose text has the key: its default is no wish.
-fn says_resolution(file: &Path, scene: &Scene) -> bool {
-    if scene.model.is_empty() {
-        return false;
-    }
-    let text = std::fs::read_to_string(file).unwrap_or_default();
-    text.lines().any(|line| line.split('#').next().is_some_and(|line| line.contains("resolution")))
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.
