@@ -110,9 +110,12 @@ impl Log {
         let later = self.sent.split_off(&(seq + 1));
         let shown = std::mem::replace(&mut self.sent, later);
         self.times_ms.extend(shown.get(&seq).map(|at| at.elapsed().as_secs_f64() * 1e3));
-        self.frames += 1;
+        let [from, total] = [20, 24].map(long);
+        // A settled picture comes in parts.
+        let is_frame = bytes[0] != 2 || from as usize + bytes.len() - 28 == total as usize;
+        self.frames += u32::from(is_frame);
         self.bytes += bytes.len();
-        *self.scales.entry(scale).or_default() += 1;
+        *self.scales.entry(scale).or_default() += u32::from(is_frame);
         frame
     }
 }
