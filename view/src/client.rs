@@ -7,16 +7,17 @@
 //! nothing is marked -> a part of the settled picture goes -> the page has it, acknowledges -> the next part
 //! ```
 //!
-//! Invariants: 1. one frame is in flight, or one part: what is newer waits for no more, and has the parts left dropped; 2. texts that wait are bounded: a page that takes none is let go; 3. nobody
-//! but its own writer ever waits for a page.
+//! Invariants: 1. one frame is in flight, or one part: what is newer waits for no more, and has the parts left dropped;
+//! 2. texts that wait are bounded: a page that takes none is let go; 3. nobody but its own writer ever waits for a page.
 
 use crate::blocks::{Layout, Marks};
 use crate::picture::{Changed, Settled};
 use crate::state::Stats;
+use crate::window::Window;
 use std::collections::VecDeque;
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use trex_store::Lease;
 
 /// Most texts that wait.
@@ -25,13 +26,6 @@ const TEXTS_MAX: usize = 256;
 pub(crate) const TEXT_BYTES_MAX: usize = 128 << 10;
 /// Bytes of a part of a settled picture: 0.1 s of 2.5 Mbit/s. With its head it stays below 32 KiB.
 pub(crate) const PART_BYTES: usize = (32 << 10) - 64;
-/// Bytes of a frame that is not small, at first, and at least.
-const WINDOW_FIRST_BYTES: f64 = 262_144.0;
-const WINDOW_LEAST_BYTES: f64 = 16_384.0;
-/// A frame that is acknowledged within the first may be followed by a greater one; after the second, by a smaller.
-const FAST: Duration = Duration::from_millis(80);
-const SLOW: Duration = Duration::from_millis(250);
-
 /// Codes of closing.
 pub(crate) mod close {
     /// All is well.
@@ -90,13 +84,6 @@ struct InFlight {
     is_whole: bool,
 }
 
-/// How much a frame may hold: a line that is slow gets small ones, or the next event waits behind it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Window {
-    bytes: f64,
-    bytes_per_block: f64,
-}
-
 /// What has been sent.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
@@ -125,7 +112,7 @@ impl Client {
     pub(crate) fn new(id: u32, stream: TcpStream, marks: Marks, settled: Option<Settled>) -> Client {
         let outbox = Outbox {
             marks,
-            window: Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 },
+            window: Window::default(),
             settled: settled.map(|settled| (settled, 0)),
             in_flight: None,
             texts: VecDeque::new(),
@@ -203,7 +190,7 @@ impl Client {
     pub(crate) fn acknowledge(&self, frame: u32) {
         self.change(|outbox| {
             if let Some(flight) = outbox.in_flight.take_if(|flight| flight.frame == frame) {
-                outbox.window.learn(&flight);
+                outbox.window.learn(flight.bytes, flight.blocks, flight.since.elapsed());
                 outbox.sent.frames += u64::from(flight.is_whole);
             }
         });
@@ -288,31 +275,6 @@ impl Outbox {
     }
 }
 
-impl Window {
-    /// Blocks of the next frame, at most.
-    pub(crate) fn blocks(&self) -> usize {
-        if self.bytes_per_block > 0.0 {
-            (self.bytes / self.bytes_per_block).max(1.0) as usize
-        } else {
-            usize::MAX
-        }
-    }
-
-    fn learn(&mut self, flight: &InFlight) {
-        if flight.blocks == 0 {
-            return;
-        }
-        let (bytes, time) = (flight.bytes as f64, flight.since.elapsed());
-        self.bytes_per_block = bytes / flight.blocks as f64;
-        if time < FAST && bytes > 0.5 * self.bytes {
-            self.bytes *= 2.0;
-        } else if time > SLOW {
-            let fitting = bytes * SLOW.as_secs_f64() / time.as_secs_f64();
-            self.bytes = fitting.min(self.bytes).max(WINDOW_LEAST_BYTES);
-        }
-    }
-}
-
 impl Sent {
     /// Statistics, with those of this client.
     fn tell(&mut self, stats: &Stats) -> String {
@@ -394,27 +356,5 @@ mod tests {
         assert!(matches!(client.next(), Next::Text(_)));
         client.tell("y".repeat(TEXT_BYTES_MAX));
         assert!(matches!(client.next(), Next::Close(close::POLICY)));
-    }
-
-    #[test]
-    fn slow_lines_get_small_frames() {
-        let mut window = Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 };
-        assert_eq!(window.blocks(), usize::MAX);
-        let now = Instant::now();
-        let flight = |bytes, blocks, ms| InFlight {
-            frame: 1,
-            since: now.checked_sub(Duration::from_millis(ms)).unwrap(),
-            bytes,
-            blocks,
-            is_whole: true,
-        };
-        window.learn(&flight(400_000, 3600, 1000));
-        assert!((800..1000).contains(&window.blocks()), "{}", window.blocks());
-        window.learn(&flight(4_000_000, 3600, 60_000));
-        assert!(window.bytes >= WINDOW_LEAST_BYTES);
-        for _ in 0..10 {
-            window.learn(&flight(window.bytes as usize, window.blocks(), 1));
-        }
-        assert!(window.blocks() > 3600);
     }
 }
