@@ -7,6 +7,7 @@ mod chromium;
 mod devtools;
 mod drag;
 mod link;
+mod saved;
 mod viewer;
 
 use crate::command::{cannot_run, document_in, folder, pixels, said};
@@ -95,7 +96,7 @@ fn a_hand_at_the_page() {
     a_reload_comes_back(&mut tab);
     another_page_takes_the_wheel(&mut tab, &command, &viewer.address);
     the_settled_picture_is_the_commands(&mut tab, inside.path(), "last");
-    a_picture_is_saved(&mut tab, inside.path());
+    saved::a_picture_is_saved(&mut tab, inside.path());
     a_settled_page_is_quiet(&mut tab);
     assert_eq!(tab.number("trex.failed"), 0.0);
     assert_eq!(tab.take_complaints(), Vec::<String>::new());
@@ -334,39 +335,6 @@ fn a_reload_comes_back(tab: &mut Tab) {
     tab.value(READ_PICTURE);
     settle(tab);
     assert_eq!(tab.number(HASH), shown, "the picture is as it was");
-}
-
-/// A picture saved by the page holds the bytes that the command writes.
-fn a_picture_is_saved(tab: &mut Tab, inside: &Path) {
-    tab.value("window.saved = null; trex.app.listen('saved', (file) => { window.saved = file; })");
-    open_panel(tab, "export");
-    let samples = tab.number("trex.app.state.settings.spp");
-    // The command wrote a PNG of this view before; the same as EXR.
-    let line = format!("render view.toml -o last.exr --spp {samples} --overwrite -q");
-    crate::command::run_in(inside, &line).expect(0);
-    for format in ["png", "exr"] {
-        tab.value("window.saved = null");
-        tab.value(&format!("trex.app.panels.export.take('{format}', trex.app.state.size, {samples})"));
-        tab.wait_for(&format!("window.saved && window.saved.format === '{format}'"));
-        wait_for_download(tab, &inside.join(format!("last.{format}")));
-    }
-    let picture = exr::prelude::read_all_flat_layers_from_file(inside.join("last.exr")).unwrap();
-    let exr::math::Vec2(width, height) = picture.attributes.display_window.size;
-    assert_eq!([width, height], SIZE.map(|side| side as usize));
-}
-
-/// Waits for a file that was saved by the page and holds what is in `expected`.
-fn wait_for_download(tab: &mut Tab, expected: &Path) {
-    let (begin, bytes) = (Instant::now(), std::fs::read(expected).unwrap());
-    while begin.elapsed() < PATIENCE {
-        let files = std::fs::read_dir(tab.downloads()).unwrap().map(|entry| entry.unwrap().path());
-        let mut found = files.filter(|path| path.extension() == expected.extension());
-        if found.any(|path| std::fs::read(path).is_ok_and(|found| found == bytes)) {
-            return;
-        }
-        tab.listen(Duration::from_millis(100));
-    }
-    panic!("no file with the bytes of {} in {}", expected.display(), tab.downloads().display());
 }
 
 /// A second page sees the same picture, and drives once the first has let go for long enough.
