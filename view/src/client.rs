@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Invariants: 1. one frame is in flight, or one part: what is newer waits for no more, and has the parts left dropped;
-//! 2. texts that wait are bounded: a page that takes none is let go; 3. nobody but its own writer ever waits for a page.
+//! 2. texts that wait are bounded: a page that takes none is let go; 3. nobody but its own writer ever waits for a
+//! page.
 
 use crate::blocks::{Layout, Marks};
 use crate::picture::{Changed, Settled};
