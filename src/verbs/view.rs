@@ -18,15 +18,12 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_render::{
-    Display, Filter, FrameOptions, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene,
-    encoder_bytes, film_bytes, filter_bytes,
-};
+use trex_render::{Filter, FrameOptions, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
-    MemoryFigures, ModelFigures, PoolFigures, SIDE_MAX, ServeOptions, Served, Surroundings, Token, serve,
-    view_bytes,
+    MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, ServeOptions, Served, Surroundings, Token,
+    serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -39,7 +36,7 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = args.picture.resolution.is_none() && !says_resolution(&args.file, &scene);
+    let follows_page = args.picture.resolution.is_none() && !scene.says_resolution;
     if scene.model.is_empty() {
         (scene.render.integrator, scene.render.lod_error) = (Method::Photon, 1.0);
     }
@@ -72,7 +69,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let options = ServeOptions { token: Token::random()?, hosts: args.host.clone(), frames, follows_page };
     let address = listener.local_addr().map_err(|error| refused(args, &error))?;
     say_where(args, address, &options.token, ctx);
-    let room = Room {
+    let frames = Frames {
         stage: &stage,
         ctx,
         now: Cell::new(session.view().settings),
@@ -91,8 +88,8 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
-        set_limit: &|bytes| room.set_limit(bytes),
-        make_room: &|settings| room.make(settings),
+        set_limit: &|bytes| frames.set_limit(bytes),
+        make_room: &|rooms| frames.make_room(rooms),
         stop: &|| ctx.interrupt.is_raised(),
     };
     let begin = std::time::Instant::now();
@@ -105,15 +102,6 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
     })
-}
-
-/// True for a scene whose text has the key: its default is no wish.
-fn says_resolution(file: &Path, scene: &Scene) -> bool {
-    if scene.model.is_empty() {
-        return false;
-    }
-    let text = std::fs::read_to_string(file).unwrap_or_default();
-    text.lines().any(|line| line.split('#').next().is_some_and(|line| line.contains("resolution")))
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.
@@ -195,7 +183,7 @@ fn open_browser(url: &str, ctx: &Context) {
 }
 
 /// The memory of frames of pages, while pictures and limits change.
-struct Room<'a> {
+struct Frames<'a> {
     stage: &'a Stage,
     ctx: &'a Context,
     now: Cell<RenderSettings>,
@@ -203,37 +191,23 @@ struct Room<'a> {
     most_bytes: u64,
 }
 
-impl Room<'_> {
-    fn needs(&self, settings: RenderSettings, copies_bytes: u64) -> PictureNeeds {
+impl Frames<'_> {
+    /// Bytes for frames beside a picture under a limit.
+    fn bytes(&self, room: &Room, limit_bytes: u64) -> Result<u64> {
+        let Room { settings, copies_bytes } = *room;
         let (layers, workers) = (layers_of(&settings), self.ctx.threads);
-        PictureNeeds { settings, layers, workers, is_live: true, copies_bytes }
-    }
-
-    /// Bytes for frames beside pictures of all of `settings` under a limit.
-    fn frames_bytes(&self, settings: &[RenderSettings], limit_bytes: u64) -> Result<u64> {
-        let file = &self.stage.file;
-        let (last, others) = settings.split_last().expect("a picture has settings");
-        let mut copies_bytes = view_bytes(last.resolution);
-        for other in others {
-            let plan = MemoryPlan::new(file, &self.needs(*other, 0), u64::MAX)?;
-            let (size, layers) = (other.resolution, layers_of(other));
-            let smoothing = if layers.filter { filter_bytes(size) } else { 0 };
-            copies_bytes += plan.film_bytes - encoder_bytes(size, layers) - smoothing;
-            if (size, layers) == (last.resolution, layers_of(last)) {
-                // The film and what is on show stay.
-                copies_bytes -= film_bytes(size, layers) + Display::bytes(size);
-            }
-        }
-        let plan = MemoryPlan::new(file, &self.needs(*last, copies_bytes), limit_bytes)?;
+        let needs = PictureNeeds { settings, layers, workers, is_live: true, copies_bytes };
+        let plan = MemoryPlan::new(&self.stage.file, &needs, limit_bytes)?;
         // The buffers between disk and frames stay as they were opened.
         Ok((plan.frames_bytes + plan.staging_bytes).saturating_sub(self.stage.shares.staging_bytes))
     }
 
-    fn make(&self, settings: &[RenderSettings]) -> Result<()> {
-        let frames_bytes = self.frames_bytes(settings, self.ctx.budget.limit_bytes())?;
-        self.stage.pool.set_limit(frames_bytes)?;
-        if let [only] = settings {
-            self.now.set(*only);
+    fn make_room(&self, rooms: &[Room]) -> Result<()> {
+        let limit_bytes = self.ctx.budget.limit_bytes();
+        let all: Vec<u64> = rooms.iter().map(|room| self.bytes(room, limit_bytes)).collect::<Result<_>>()?;
+        self.stage.pool.set_limit(all.into_iter().min().expect("room is made for something"))?;
+        if let [only] = rooms {
+            self.now.set(only.settings);
         }
         Ok(())
     }
@@ -247,7 +221,7 @@ impl Room<'_> {
                 .numbers(format!("{} asked, {} at most", size::bytes(bytes), size::bytes(most)))
                 .next("start it again with a greater --memory-limit"));
         }
-        let frames_bytes = self.frames_bytes(&[self.now.get()], bytes)?;
+        let frames_bytes = self.bytes(&Room::of(self.now.get()), bytes)?;
         // Frames that go are leased until they have gone, those that come need the room first.
         budget.set_limit(bytes.max(budget.limit_bytes()));
         self.stage.pool.set_limit(frames_bytes)?;

@@ -1,7 +1,7 @@
 //! `Budget`: the ledger of the memory limit. Memory is counted here before it is taken.
 //!
 //! Invariants: 1. the sum of live leases never exceeds the ledger (`limit - RESERVE_BYTES`); 2. a lease gives
-//! its bytes back when dropped; 3. `peak_bytes` only grows.
+//! its bytes back when dropped; 3. `peak_bytes` only grows; 4. what is exchanged is never anybody else's in between.
 
 use crate::error::{Code, Error, Result};
 use std::sync::Arc;
@@ -107,6 +107,22 @@ impl Budget {
             }
         }
     }
+
+    /// Takes `bytes` for `what` in the place of `old` leases, which hold nothing afterwards. Their memory has to go
+    /// before that of `what` is taken, so the lease holds at least what they held: [`Lease::split`] what is needed off
+    /// it, and drop the rest.
+    ///
+    /// # Errors
+    /// Those of [`Budget::lease`], for what is asked beyond the old ones; these are unchanged then.
+    ///
+    /// # Panics
+    /// When an old lease is of another ledger.
+    pub fn exchange(&self, what: &str, bytes: u64, old: &mut [&mut Lease]) -> Result<Lease> {
+        let held: u64 = old.iter().map(|lease| lease.bytes).sum();
+        let mut room = self.lease(what, bytes.saturating_sub(held))?;
+        old.iter_mut().for_each(|lease| room.absorb(lease.split(lease.bytes)));
+        Ok(room)
+    }
 }
 
 impl Lease {
@@ -120,9 +136,23 @@ impl Lease {
     /// # Errors
     /// Those of [`Budget::lease`]; the lease is unchanged then.
     pub fn grow(&mut self, what: &str, bytes: u64) -> Result<()> {
-        let mut more = self.budget.lease(what, bytes)?;
-        self.bytes += std::mem::take(&mut more.bytes);
+        self.absorb(self.budget.lease(what, bytes)?);
         Ok(())
+    }
+
+    /// Holds the bytes of `other`, too.
+    fn absorb(&mut self, mut other: Lease) {
+        assert!(Arc::ptr_eq(&self.budget.0, &other.budget.0), "leases of two ledgers");
+        self.bytes += std::mem::take(&mut other.bytes);
+    }
+
+    /// Makes `bytes` of those held a lease of their own.
+    ///
+    /// # Panics
+    /// When fewer are held.
+    pub fn split(&mut self, bytes: u64) -> Lease {
+        self.bytes = self.bytes.checked_sub(bytes).expect("no more is split off than is held");
+        Lease { budget: self.budget.clone(), bytes }
     }
 
     /// Gives back all but `bytes`. Does nothing when fewer are held.
@@ -158,5 +188,30 @@ mod tests {
         assert_eq!(budget.used_bytes(), 5);
         drop(second);
         assert_eq!((budget.used_bytes(), budget.peak_bytes()), (0, 100));
+    }
+
+    /// What goes makes room for what comes, and is never free for others in between.
+    #[test]
+    fn old_leases_are_exchanged_in_one_step_or_not_at_all() {
+        let budget = Budget::new(RESERVE_BYTES + 100);
+        let (mut film, mut map) = (budget.lease("a", 50).unwrap(), budget.lease("b", 30).unwrap());
+        let refused = budget.exchange("c", 101, &mut [&mut film, &mut map]).unwrap_err();
+        assert_eq!(refused.smallest_limit_bytes(), Some(RESERVE_BYTES + 101));
+        assert_eq!((film.bytes(), map.bytes(), budget.used_bytes()), (50, 30, 80));
+        let larger = budget.exchange("c", 100, &mut [&mut film, &mut map]).unwrap();
+        assert_eq!((film.bytes(), map.bytes(), larger.bytes(), budget.free_bytes()), (0, 0, 100, 0));
+        let mut film = larger;
+        let mut smaller = budget.exchange("d", 20, &mut [&mut film]).unwrap();
+        // The old memory may still be there.
+        assert_eq!((smaller.bytes(), budget.free_bytes()), (100, 0));
+        let needed = smaller.split(20);
+        drop(smaller);
+        assert_eq!((needed.bytes(), budget.used_bytes(), budget.peak_bytes()), (20, 20, 100));
+    }
+
+    #[test]
+    #[should_panic(expected = "no more is split off than is held")]
+    fn no_more_is_split_off_than_is_held() {
+        let _ = Budget::unlimited().lease("a", 5).unwrap().split(6);
     }
 }

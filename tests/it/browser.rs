@@ -7,6 +7,7 @@ mod chromium;
 mod devtools;
 mod drag;
 mod link;
+mod saved;
 mod viewer;
 
 use crate::command::{cannot_run, document_in, folder, pixels, said};
@@ -95,7 +96,7 @@ fn a_hand_at_the_page() {
     a_reload_comes_back(&mut tab);
     another_page_takes_the_wheel(&mut tab, &command, &viewer.address);
     the_settled_picture_is_the_commands(&mut tab, inside.path(), "last");
-    a_picture_is_saved(&mut tab, inside.path());
+    saved::a_picture_is_saved(&mut tab, inside.path());
     a_settled_page_is_quiet(&mut tab);
     assert_eq!(tab.number("trex.failed"), 0.0);
     assert_eq!(tab.take_complaints(), Vec::<String>::new());
@@ -334,26 +335,6 @@ fn a_reload_comes_back(tab: &mut Tab) {
     tab.value(READ_PICTURE);
     settle(tab);
     assert_eq!(tab.number(HASH), shown, "the picture is as it was");
-}
-
-/// A picture saved by the page holds the bytes that the command writes.
-fn a_picture_is_saved(tab: &mut Tab, inside: &Path) {
-    tab.value("window.saved = null; trex.app.listen('saved', (file) => { window.saved = file; })");
-    open_panel(tab, "export");
-    tab.value("trex.app.panels.export.quick()");
-    tab.wait_for("window.saved");
-    let begin = Instant::now();
-    let expected = std::fs::read(inside.join("last.png")).unwrap();
-    while begin.elapsed() < PATIENCE {
-        let files = std::fs::read_dir(tab.downloads()).unwrap().map(|entry| entry.unwrap().path());
-        let found: Vec<_> =
-            files.filter(|path| path.extension().is_some_and(|ending| ending == "png")).collect();
-        if found.iter().any(|path| std::fs::read(path).is_ok_and(|bytes| bytes == expected)) {
-            return;
-        }
-        tab.listen(Duration::from_millis(100));
-    }
-    panic!("no file with the bytes of last.png in {}", tab.downloads().display());
 }
 
 /// A second page sees the same picture, and drives once the first has let go for long enough.

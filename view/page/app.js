@@ -18,8 +18,7 @@ import { Views } from "./views.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "materials",
-  "settings", "model", "memory", "t_max_ms", "command", "scene",
-  "follows_page"];
+  "settings", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
 /** Least and greatest side of a picture that is asked for, pixels. */

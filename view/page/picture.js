@@ -2,15 +2,21 @@
 //
 // ```text
 // binary message -> header -> decode (off this thread) -> draw -> next animation frame: acknowledge
+//                          -> part of a whole picture: keep, acknowledge; with the last one go on as above
 // ```
 // Invariants: 1. frames are drawn in the order in which they came; 2. a frame is acknowledged in the first animation
 // frame after it was drawn, or after it is known that it cannot be: a page that nobody sees asks for none; 3. what a
-// message says of its length is checked before it is used.
+// message says of its length is checked before it is used; 4. parts of a picture that is no longer sent are dropped.
 
 const HEADER_BYTES = 20;
 const BLOCK = 16;
 const KIND_BLOCKS = 1;
 const KIND_WHOLE = 2;
+/** Bytes after the header in front of a part of a whole picture: where it begins, and how long that is. */
+const PART_HEADER_BYTES = 8;
+/** A whole picture takes at most so many bytes a pixel, and so many more. */
+const WHOLE_PIXEL_BYTES = 4;
+const WHOLE_FIXED_BYTES = 1 << 17;
 export const KIND_FILE = 3;
 /** Sides of a picture, pixels: what the header can say. */
 const SIDE_MAX = 65535;
@@ -37,7 +43,7 @@ export function parse(buffer) {
     count: view.getUint16(18, true),
   };
   const { kind, scale, width, height, columns, count } = header;
-  header.data_at = HEADER_BYTES + 2 * count;
+  header.data_at = HEADER_BYTES + 2 * count + (kind === KIND_WHOLE ? PART_HEADER_BYTES : 0);
   header.is_moving = (header.flags & 2) !== 0;
   header.is_done = (header.flags & 8) !== 0;
   const has_size = width > 0 && height > 0 && width <= SIDE_MAX && height <= SIDE_MAX && scale > 0;
@@ -45,6 +51,12 @@ export function parse(buffer) {
   const is_whole = kind === KIND_WHOLE && count === 0;
   if (!has_size || !(is_blocks || is_whole) || header.data_at >= buffer.byteLength) {
     return null;
+  }
+  if (is_whole) {
+    [header.from, header.total] = [view.getUint32(HEADER_BYTES, true), view.getUint32(HEADER_BYTES + 4, true)];
+    if (header.total > width * height * WHOLE_PIXEL_BYTES + WHOLE_FIXED_BYTES) {
+      return null;
+    }
   }
   header.blocks = [];
   for (let at = 0; at < count; at += 1) {
@@ -84,6 +96,7 @@ export class Picture {
     this.drawn = drawn;
     this.order = Promise.resolve();
     this.last = null;
+    this.parts = null;
     this.marks = { drawn: 0, failed: 0, times: [] };
   }
 
@@ -93,20 +106,46 @@ export class Picture {
     if (header === null) {
       return false;
     }
-    const type = header.kind === KIND_BLOCKS ? "image/jpeg" : "image/png";
     const received = performance.now();
-    const data = new Blob([new Uint8Array(buffer, header.data_at)], { type });
+    const data = this.gather(header, new Uint8Array(buffer, header.data_at));
+    if (data === null) {
+      acknowledge(header.frame);
+      return true;
+    }
     const decoded = createImageBitmap(data, AS_SENT).catch(() => null);
     this.order = this.order.then(async () => {
       const bitmap = await decoded;
       this.draw(header, bitmap);
       const drawn = performance.now();
       await new Promise((resolve) => requestAnimationFrame(resolve));
-      this.mark(header, { received, drawn, bytes: buffer.byteLength }, bitmap !== null);
+      this.mark(header, { received, drawn, bytes: data.size }, bitmap !== null);
       acknowledge(header.frame);
       this.drawn(header);
     });
     return true;
+  }
+
+  /** What is to be decoded: the blocks' own bytes, or all parts of a whole picture; null while some are to come. */
+  gather(header, bytes) {
+    if (header.kind === KIND_BLOCKS) {
+      this.parts = null;
+      return new Blob([bytes], { type: "image/jpeg" });
+    }
+    if (header.from === 0) {
+      this.parts = { frame: header.frame, length: 0, list: [] };
+    }
+    const { parts } = this;
+    if (parts === null || parts.frame !== header.frame || parts.length !== header.from) {
+      this.parts = null;
+      return null;
+    }
+    parts.list.push(bytes);
+    parts.length += bytes.length;
+    if (parts.length < header.total) {
+      return null;
+    }
+    this.parts = null;
+    return new Blob(parts.list, { type: "image/png" });
   }
 
   draw(header, bitmap) {

@@ -163,6 +163,14 @@ export function keep_status(app) {
     byId("drive").hidden = !is_open || app.state.role === "drive";
   };
   byId("drive").addEventListener("click", () => app.connection.send({ type: "drive" }));
+  const show_size = () => {
+    const { smaller, size } = app.state;
+    const limit = smaller?.limit_bytes ? `: ${bytes(smaller.limit_bytes)} would do` : "";
+    byId("smaller").textContent = smaller ? `${size.join("×")} of ${smaller.asked.join("×")}${limit}` : "";
+    byId("smaller").title = smaller ? "The memory limit has no room for a picture as large as the page." : "";
+  };
+  app.listen("smaller", show_size);
+  app.listen("size", show_size);
   app.listen("link", show);
   app.listen("role", show);
   app.listen("clients", show);

@@ -4,7 +4,7 @@
 //! filled up with its last pixels, which no one sees.
 
 use crate::blocks::{BLOCK_SIDE, Layout};
-use crate::picture::{Picture, Settled};
+use crate::picture::Picture;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::{self, Write};
 use tungstenite::protocol::frame::FrameHeader;
@@ -23,6 +23,8 @@ const KIND_BLOCKS: u8 = 1;
 const KIND_WHOLE: u8 = 2;
 /// Bytes in front of the indices of blocks.
 const HEAD_BYTES: usize = 20;
+/// Bytes after that in front of a part of a settled picture.
+const PART_HEAD_BYTES: usize = 8;
 
 const BLOCK_PIXELS: usize = (BLOCK_SIDE * BLOCK_SIDE) as usize;
 
@@ -129,11 +131,12 @@ impl Atlas {
     }
 }
 
-/// The message that goes before the bytes of a settled picture.
-pub(crate) fn whole_head(settled: &Settled, head: FrameHead) -> Vec<u8> {
-    let head = FrameHead { frame: settled.frame, scale: 1, ..head };
-    let mut bytes = header(HEAD_BYTES + settled.png.len());
+/// What goes before `length` bytes, from byte `from` on, of a settled picture of `total` bytes.
+pub(crate) fn part_head(head: FrameHead, from: usize, length: usize, total: usize) -> Vec<u8> {
+    let head = FrameHead { scale: 1, ..head };
+    let mut bytes = header(HEAD_BYTES + PART_HEAD_BYTES + length);
     head.write(KIND_WHOLE, 0, &[], &mut bytes);
+    bytes.extend([from, total].into_iter().flat_map(|number| (number as u32).to_le_bytes()));
     bytes
 }
 
@@ -147,7 +150,7 @@ impl FrameHead {
 /// The header of a binary message of so many bytes.
 pub(crate) fn header(length: usize) -> Vec<u8> {
     let header = FrameHeader { opcode: OpCode::Data(Data::Binary), ..FrameHeader::default() };
-    let mut bytes = Vec::with_capacity(HEADER_BYTES_MAX + HEAD_BYTES);
+    let mut bytes = Vec::with_capacity(HEADER_BYTES_MAX + HEAD_BYTES + PART_HEAD_BYTES);
     header.format(length as u64, &mut bytes).expect("a vector takes what is written");
     bytes
 }

@@ -4,31 +4,29 @@
 //! ```text
 //! blocks are marked -> one frame goes, with all that is marked -> the page draws it, acknowledges -> the next
 //!                      what changes meanwhile is marked ........................................'
+//! nothing is marked -> a part of the settled picture goes -> the page has it, acknowledges -> the next part
 //! ```
 //!
-//! Invariants: 1. one frame is in flight; 2. texts that wait are bounded: a page that takes none is let go; 3. nobody
-//! but its own writer ever waits for a page.
+//! Invariants: 1. one frame is in flight, or one part: what is newer waits for no more, and has the parts left dropped;
+//! 2. texts that wait are bounded: a page that takes none is let go; 3. nobody but its own writer ever waits for a
+//! page.
 
 use crate::blocks::{Layout, Marks};
 use crate::picture::{Changed, Settled};
 use crate::state::Stats;
+use crate::window::Window;
 use std::collections::VecDeque;
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use trex_store::Lease;
 
 /// Most texts that wait.
 const TEXTS_MAX: usize = 256;
 /// Most bytes of texts that wait; a single one may be longer.
 pub(crate) const TEXT_BYTES_MAX: usize = 128 << 10;
-/// Bytes of a frame that is not small, at first, and at least.
-const WINDOW_FIRST_BYTES: f64 = 262_144.0;
-const WINDOW_LEAST_BYTES: f64 = 16_384.0;
-/// A frame that is acknowledged within the first may be followed by a greater one; after the second, by a smaller.
-const FAST: Duration = Duration::from_millis(80);
-const SLOW: Duration = Duration::from_millis(250);
-
+/// Bytes of a part of a settled picture: 0.1 s of 2.5 Mbit/s. With its head it stays below 32 KiB.
+pub(crate) const PART_BYTES: usize = (32 << 10) - 64;
 /// Codes of closing.
 pub(crate) mod close {
     /// All is well.
@@ -55,7 +53,8 @@ pub(crate) struct Client {
 pub(crate) struct Outbox {
     pub(crate) marks: Marks,
     pub(crate) window: Window,
-    settled: Option<Settled>,
+    /// The settled picture, and how many of its bytes have gone.
+    settled: Option<(Settled, usize)>,
     in_flight: Option<InFlight>,
     texts: VecDeque<String>,
     text_bytes: usize,
@@ -82,13 +81,8 @@ struct InFlight {
     since: Instant,
     bytes: usize,
     blocks: usize,
-}
-
-/// How much a frame may hold: a line that is slow gets small ones, or the next event waits behind it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Window {
-    bytes: f64,
-    bytes_per_block: f64,
+    /// The page has a picture to draw of it.
+    is_whole: bool,
 }
 
 /// What has been sent.
@@ -107,7 +101,8 @@ pub(crate) enum Next {
     Text(String),
     /// Marked blocks.
     Blocks,
-    Whole(Settled),
+    /// The part of a settled picture from this byte on.
+    Part(Settled, usize),
     File(File),
     Pong(Vec<u8>),
     Close(u16),
@@ -118,8 +113,8 @@ impl Client {
     pub(crate) fn new(id: u32, stream: TcpStream, marks: Marks, settled: Option<Settled>) -> Client {
         let outbox = Outbox {
             marks,
-            window: Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 },
-            settled,
+            window: Window::default(),
+            settled: settled.map(|settled| (settled, 0)),
             in_flight: None,
             texts: VecDeque::new(),
             text_bytes: 0,
@@ -189,15 +184,15 @@ impl Client {
 
     /// Sends the settled picture, once what is marked has gone.
     pub(crate) fn settle(&self, settled: &Settled) {
-        self.change(|outbox| outbox.settled = Some(settled.clone()));
+        self.change(|outbox| outbox.settled = Some((settled.clone(), 0)));
     }
 
     /// Learns that a frame has been drawn.
     pub(crate) fn acknowledge(&self, frame: u32) {
         self.change(|outbox| {
             if let Some(flight) = outbox.in_flight.take_if(|flight| flight.frame == frame) {
-                outbox.window.learn(&flight);
-                outbox.sent.frames += 1;
+                outbox.window.learn(flight.bytes, flight.blocks, flight.since.elapsed());
+                outbox.sent.frames += u64::from(flight.is_whole);
             }
         });
     }
@@ -252,12 +247,22 @@ impl Outbox {
         if !self.marks.is_empty() {
             return Some(Next::Blocks);
         }
-        self.settled.take().map(Next::Whole)
+        let (settled, gone) = self.settled.as_mut()?;
+        let from = *gone;
+        *gone += PART_BYTES;
+        let part = Next::Part(settled.clone(), from);
+        self.settled.take_if(|(settled, gone)| *gone >= settled.png.len());
+        Some(part)
     }
 
-    /// Notes that a frame is on its way.
+    /// Notes that a frame of so many blocks is on its way.
     pub(crate) fn fly(&mut self, frame: u32, bytes: usize, blocks: usize) {
-        self.in_flight = Some(InFlight { frame, since: Instant::now(), bytes, blocks });
+        self.in_flight = Some(InFlight { frame, since: Instant::now(), bytes, blocks, is_whole: true });
+    }
+
+    /// Notes that a part of a settled picture is on its way.
+    pub(crate) fn fly_part(&mut self, frame: u32, bytes: usize, is_last: bool) {
+        self.in_flight = Some(InFlight { frame, since: Instant::now(), bytes, blocks: 0, is_whole: is_last });
     }
 
     /// Counts bytes that were written.
@@ -268,31 +273,6 @@ impl Outbox {
     /// Bytes and frames that were sent.
     pub(crate) fn sent(&self) -> (u64, u64) {
         (self.sent.bytes, self.sent.frames)
-    }
-}
-
-impl Window {
-    /// Blocks of the next frame, at most.
-    pub(crate) fn blocks(&self) -> usize {
-        if self.bytes_per_block > 0.0 {
-            (self.bytes / self.bytes_per_block).max(1.0) as usize
-        } else {
-            usize::MAX
-        }
-    }
-
-    fn learn(&mut self, flight: &InFlight) {
-        if flight.blocks == 0 {
-            return;
-        }
-        let (bytes, time) = (flight.bytes as f64, flight.since.elapsed());
-        self.bytes_per_block = bytes / flight.blocks as f64;
-        if time < FAST && bytes > 0.5 * self.bytes {
-            self.bytes *= 2.0;
-        } else if time > SLOW {
-            let fitting = bytes * SLOW.as_secs_f64() / time.as_secs_f64();
-            self.bytes = fitting.min(self.bytes).max(WINDOW_LEAST_BYTES);
-        }
     }
 }
 
@@ -334,8 +314,38 @@ mod tests {
         client.acknowledge(7);
         assert!(matches!(client.next(), Next::Blocks));
         client.outbox().marks.take(usize::MAX, &mut taken);
-        assert!(matches!(client.next(), Next::Whole(_)));
+        assert!(matches!(client.next(), Next::Part(_, 0)));
         assert!(client.outbox().next().is_none());
+    }
+
+    /// A settled picture goes in parts, each after the one before was acknowledged; texts go in between, and what is
+    /// newer has the rest dropped.
+    #[test]
+    fn a_settled_picture_goes_in_parts_until_another_comes() {
+        let client = client();
+        client.outbox().marks = Marks::none(Layout::new([64, 64], 1));
+        let settled = Settled { frame: 8, png: Arc::new(vec![0; 3 * PART_BYTES - 1]) };
+        client.settle(&settled);
+        let mut froms = vec![];
+        let next = || client.outbox().next();
+        while let Some(Next::Part(settled, from)) = next() {
+            froms.push(from);
+            let is_last = from + PART_BYTES >= settled.png.len();
+            client.outbox().fly_part(settled.frame, PART_BYTES, is_last);
+            assert!(next().is_none());
+            client.tell("x".into());
+            assert!(matches!(next(), Some(Next::Text(_))));
+            client.acknowledge(8);
+        }
+        assert_eq!(froms, [0, PART_BYTES, 2 * PART_BYTES]);
+        assert_eq!(client.outbox().sent().1, 1);
+        client.settle(&settled);
+        assert!(matches!(client.next(), Next::Part(..)));
+        client.mark(&Changed::All, Layout::new([64, 64], 1));
+        assert!(matches!(client.next(), Next::Blocks));
+        client.outbox().marks = Marks::none(Layout::new([64, 64], 1));
+        assert!(client.outbox().next().is_none());
+        assert_eq!(Arc::strong_count(&settled.png), 1);
     }
 
     #[test]
@@ -347,26 +357,5 @@ mod tests {
         assert!(matches!(client.next(), Next::Text(_)));
         client.tell("y".repeat(TEXT_BYTES_MAX));
         assert!(matches!(client.next(), Next::Close(close::POLICY)));
-    }
-
-    #[test]
-    fn slow_lines_get_small_frames() {
-        let mut window = Window { bytes: WINDOW_FIRST_BYTES, bytes_per_block: 0.0 };
-        assert_eq!(window.blocks(), usize::MAX);
-        let now = Instant::now();
-        let flight = |bytes, blocks, ms| InFlight {
-            frame: 1,
-            since: now.checked_sub(Duration::from_millis(ms)).unwrap(),
-            bytes,
-            blocks,
-        };
-        window.learn(&flight(400_000, 3600, 1000));
-        assert!((800..1000).contains(&window.blocks()), "{}", window.blocks());
-        window.learn(&flight(4_000_000, 3600, 60_000));
-        assert!(window.bytes >= WINDOW_LEAST_BYTES);
-        for _ in 0..10 {
-            window.learn(&flight(window.bytes as usize, window.blocks(), 1));
-        }
-        assert!(window.blocks() > 3600);
     }
 }

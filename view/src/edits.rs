@@ -7,7 +7,8 @@ use crate::mailbox::{ClientId, Edit, Mail};
 use crate::message::{CameraText, MaterialText, Notice, text_of};
 use crate::session_loop::SessionLoop;
 use crate::settings::SettingsText;
-use crate::state::{BoundsText, HitText, LimitText, Picked, State};
+use crate::state::{BoundsText, HitText, LimitText, Picked, Smaller, State};
+use crate::surroundings::Room;
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Code, Error, Result};
 
@@ -30,6 +31,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let (command, scene) = self.texts();
         let state = State {
             name: Some(self.around.name.to_owned()),
+            smaller: Some(None),
             follows_page: Some(self.options.follows_page),
             bounds: Some(BoundsText { lo: model.bounds.lo, hi: model.bounds.hi }),
             up: Some(up_axis(&model.bounds)),
@@ -69,7 +71,9 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         if let Some(bytes) = limit_bytes {
             self.set_limit(bytes);
         }
-        if let Some(size) = size.filter(|_| self.options.follows_page) {
+        // What was asked for may fit under another limit.
+        let asked = self.smaller.filter(|_| limit_bytes.is_some()).map(|smaller| smaller.asked);
+        if let Some(size) = size.or(asked).filter(|_| self.options.follows_page) {
             let changed = self.set_size(fitting(size));
             self.tell_change(changed, since);
         }
@@ -128,36 +132,26 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
     }
 
-    /// Sets the size of the picture, or the largest below it that memory allows.
+    /// Sets the size of the picture, or the largest below it that memory allows: that is told once a size.
     fn set_size(&mut self, size: [u32; 2]) -> Result<State> {
-        let changed = self.set_size_below(size)?;
-        let [width, height] = self.session().view().settings.resolution;
-        if [width, height] != size {
-            let text = format!(
-                "the picture is {width}x{height}, not {}x{}: more does not fit into memory",
-                size[0], size[1]
-            );
-            let next = "start trex with a greater --memory-limit, or make the page smaller";
-            if let Some(driver) = self.shared.mailbox.driver() {
-                self.shared.tell(driver, || text_of(&Notice::info("smaller", &text, next)));
-            }
-        }
-        Ok(changed)
-    }
-
-    fn set_size_below(&mut self, size: [u32; 2]) -> Result<State> {
-        let mut resolution = size;
-        loop {
+        let (mut resolution, mut refused) = (size, None);
+        let changed = loop {
             let keys = RenderKeys { resolution, ..*self.session().view().settings };
             let changed = RenderSettings::new(keys).and_then(|settings| self.set_settings(settings));
             let smaller = resolution.map(|side| (side * SMALLER[0] / SMALLER[1]).max(BLOCK_SIDE));
             match changed {
                 Err(error) if error.code() == Code::MemoryLimit && smaller != resolution => {
-                    resolution = smaller
+                    refused.get_or_insert(Smaller { asked: size, limit_bytes: error.smallest_limit_bytes() });
+                    resolution = smaller;
                 }
-                changed => return changed,
+                changed => break changed?,
             }
+        };
+        if refused != self.smaller {
+            self.smaller = refused;
+            self.shared.tell_state(State { smaller: Some(refused), ..State::default() }, None);
         }
+        Ok(changed)
     }
 
     /// Sets the numbers of the picture.
@@ -168,9 +162,9 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
         self.change_settings(old, settings).inspect_err(|_| {
             // As it was: there was room for it.
-            let _ = (self.around.make_room)(&[old]);
+            let _ = (self.around.make_room)(&[Room::of(old)]);
         })?;
-        if let Err(error) = (self.around.make_room)(&[settings]) {
+        if let Err(error) = (self.around.make_room)(&[Room::of(settings)]) {
             self.tell_error(&error);
         }
         self.frame_again(old.resolution, settings.resolution)?;
@@ -199,16 +193,12 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {
-        // What is replaced goes once the other is there.
-        (self.around.make_room)(&[old, new])?;
-        self.session_mut().apply(Event::Settings(new))?;
-        if new.resolution != old.resolution
-            && let Err(error) = self.shared.resize(new.resolution)
-        {
-            self.session_mut().apply(Event::Settings(old))?;
-            return Err(error);
-        }
-        Ok(())
+        (self.around.make_room)(&[Room::of(old), Room::of(new)])?;
+        self.shared.make_room(new.resolution)?;
+        let changed = self.session_mut().apply(Event::Settings(new));
+        // The one that is on show then.
+        self.shared.resize(self.session().view().settings.resolution);
+        changed
     }
 
     /// Sets the memory for pages.

@@ -13,6 +13,7 @@
 //! message settings         what pages say
 //! state texts              what they are told; the view as command and scene
 //! mailbox client shared    from reader to session; from session to writer; both
+//! window                   how much a frame may hold
 //! socket server serve      two threads a page; connections; the beginning and the end
 //! session_loop edits       frames; events
 //! screenshot motion        pictures at leisure; whether the hand moves
@@ -45,10 +46,11 @@ mod state;
 mod surroundings;
 mod texts;
 mod tone;
+mod window;
 
 pub use edits::SIDE_MAX;
 pub use guard::Token;
 pub use serve::serve;
 pub use shared::view_bytes;
 pub use state::{MemoryFigures, ModelFigures, PoolFigures};
-pub use surroundings::{ServeOptions, Served, Surroundings};
+pub use surroundings::{Room, ServeOptions, Served, Surroundings};

@@ -26,7 +26,7 @@ pub(crate) mod flag {
     pub(crate) const DONE: u8 = 8;
 }
 
-/// A PNG of the settled picture.
+/// A PNG of the settled picture; it goes in parts, so that what is newer never waits for long.
 #[derive(Clone, Debug)]
 pub(crate) struct Settled {
     /// The frame that it is of.

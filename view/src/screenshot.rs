@@ -12,8 +12,9 @@ use crate::client::File;
 use crate::mailbox::Shot;
 use crate::message::{Format, Notice, text_of};
 use crate::session_loop::SessionLoop;
-use crate::shared::png_bytes;
+use crate::shared::{png_bytes, view_bytes};
 use crate::state::ShotProgress;
+use crate::surroundings::Room;
 use std::io::Cursor;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -30,6 +31,14 @@ const EXR_FIXED_BYTES: u64 = 1 << 20;
 /// Progress is told at most so often.
 const TELL_EVERY: Duration = Duration::from_millis(200);
 
+/// Most bytes of the file.
+fn file_bytes(shot: &Shot) -> u64 {
+    match shot.format {
+        Format::Png => png_bytes(shot.size),
+        Format::Exr => shot.size.map(u64::from).iter().product::<u64>() * EXR_PIXEL_BYTES + EXR_FIXED_BYTES,
+    }
+}
+
 impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// Makes a picture, and sends it.
     ///
@@ -39,7 +48,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let old = self.session().view().settings;
         let keys = RenderKeys { resolution: shot.size, spp: shot.spp, ..*old };
         let settings = RenderSettings::new(keys).and_then(|settings| {
-            (self.around.make_room)(&[old, settings])?;
+            let copies_bytes = view_bytes(old.resolution) + file_bytes(&shot);
+            (self.around.make_room)(&[Room::of(old), Room { settings, copies_bytes }])?;
             Ok(settings)
         });
         let mut made = Err(Error::interrupted());
@@ -50,7 +60,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             }
         }
         // There was room for it before.
-        (self.around.make_room)(&[old])?;
+        (self.around.make_room)(&[Room::of(old)])?;
         match made {
             Ok(file) => {
                 self.served.screenshots += 1;
@@ -75,12 +85,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     fn make_file(&self, session: &mut Session<T>, shot: Shot, settings: RenderSettings) -> Result<File> {
-        let [width, height] = settings.resolution.map(u64::from);
-        let pixels = width * height;
-        let most = match shot.format {
-            Format::Png => png_bytes(settings.resolution),
-            Format::Exr => pixels * EXR_PIXEL_BYTES + EXR_FIXED_BYTES,
-        };
+        let most = file_bytes(&shot);
+        let pixels = settings.resolution.map(u64::from).iter().product::<u64>();
         let lease = self.around.budget.lease("the screenshot", most)?;
         session.apply(Event::Settings(settings))?;
         session.illuminate(self.around.stop, &mut |_, _| {})?;

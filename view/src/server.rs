@@ -12,7 +12,8 @@ use crate::http::{self, HEAD_TIME_MAX, Head, Incoming, Status};
 use crate::page;
 use crate::shared::{CLIENTS_MAX, CONNECTIONS_MAX, Shared};
 use crate::socket::{self, WRITE_TIME_MAX};
-use std::io::Write;
+use rustix::net::sockopt;
+use std::io::{self, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::{self, Scope};
@@ -24,6 +25,12 @@ const SOCKET_PATH: &str = "/socket";
 const ACCEPT_AGAIN: Duration = Duration::from_millis(50);
 /// Time for clients to hear that the server ends.
 const GOODBYE: Duration = Duration::from_millis(200);
+/// A page whose machine has gone without a word is asked after so long, so often, and so many times: it has lost its
+/// place after a minute. Whoever has been sent something and does not confirm it, after as long.
+const KEEP_ALIVE_IDLE: Duration = Duration::from_secs(30);
+const KEEP_ALIVE_EVERY: Duration = Duration::from_secs(10);
+const KEEP_ALIVE_TIMES: u32 = 3;
+const UNCONFIRMED_MS_MAX: u32 = 60_000;
 /// Stack of a connection's thread.
 const STACK_BYTES: usize = 512 << 10;
 
@@ -88,8 +95,7 @@ pub(crate) fn end(shared: &Shared, address: SocketAddr) {
 
 /// Answers a connection.
 fn serve(shared: &Shared, stream: TcpStream) {
-    let is_ready = stream.set_nodelay(true).and_then(|()| stream.set_write_timeout(Some(WRITE_TIME_MAX)));
-    if is_ready.is_err() {
+    if prepare(&stream).is_err() {
         return;
     }
     let mut incoming = Incoming { stream, deadline: Some(Instant::now() + HEAD_TIME_MAX) };
@@ -115,6 +121,20 @@ fn serve(shared: &Shared, stream: TcpStream) {
     let _ = incoming.stream.write_all(&answer);
 }
 
+/// Has the system send at once, give up writes, and find out whether the peer is still there: nothing is sent to a page
+/// of a settled picture, so nothing else would.
+fn prepare(stream: &TcpStream) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(WRITE_TIME_MAX))?;
+    sockopt::set_socket_keepalive(stream, true)?;
+    sockopt::set_tcp_keepidle(stream, KEEP_ALIVE_IDLE)?;
+    sockopt::set_tcp_keepintvl(stream, KEEP_ALIVE_EVERY)?;
+    sockopt::set_tcp_keepcnt(stream, KEEP_ALIVE_TIMES)?;
+    #[cfg(target_os = "linux")]
+    sockopt::set_tcp_user_timeout(stream, UNCONFIRMED_MS_MAX)?;
+    Ok(())
+}
+
 /// The key of a request to become a socket, and its place among the clients; else why not.
 fn grant<'a>(shared: &'a Shared, head: &'a Head) -> Result<(&'a str, Place<'a>), Status> {
     if head.origin.as_ref().is_some_and(|origin| !shared.hosts.has_origin(origin)) {
@@ -123,4 +143,23 @@ fn grant<'a>(shared: &'a Shared, head: &'a Head) -> Result<(&'a str, Place<'a>),
     let key = head.socket_key.as_deref().ok_or(Status::UpgradeRequired)?;
     let place = Place::take(&shared.places, CLIENTS_MAX).ok_or(Status::Full)?;
     Ok((key, place))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The kernel's own numbers, in its units, by the names of tcp(7).
+    #[test]
+    fn connections_are_asked_whether_they_are_still_there() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let _page = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (stream, _) = listener.accept().unwrap();
+        assert!(!sockopt::socket_keepalive(&stream).unwrap());
+        prepare(&stream).unwrap();
+        assert!(sockopt::socket_keepalive(&stream).unwrap() && stream.nodelay().unwrap());
+        let times = [sockopt::tcp_keepidle(&stream).unwrap(), sockopt::tcp_keepintvl(&stream).unwrap()];
+        assert_eq!(times.map(|time| time.as_secs()), [30, 10]);
+        assert_eq!(sockopt::tcp_keepcnt(&stream).unwrap(), 3);
+    }
 }

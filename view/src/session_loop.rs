@@ -20,7 +20,7 @@ use crate::motion::Motion;
 use crate::picture::{Changed, Picture, Settled, flag};
 use crate::renderer::Stamps;
 use crate::shared::{Shared, png_bytes};
-use crate::state::{Stats, TextsMessage, progress_name};
+use crate::state::{Smaller, Stats, TextsMessage, progress_name};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
@@ -60,6 +60,8 @@ pub(crate) struct SessionLoop<'a, T> {
     shown_samples: u32,
     stamps: Stamps,
     png: Arc<Vec<u8>>,
+    /// A size that was asked for, and does not fit.
+    pub(crate) smaller: Option<Smaller>,
 }
 
 /// How far the end of a picture is.
@@ -101,6 +103,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             shown_samples: 0,
             stamps: Stamps::default(),
             png: Arc::default(),
+            smaller: None,
         };
         this.greet();
         this

@@ -109,26 +109,33 @@ impl Shared {
         lock(&self.atlas)
     }
 
-    /// Makes room for pictures of `full` pixels; nothing is sent of them before the first.
+    /// Leases what pictures of `full` pixels take more than those on show; [`Shared::resize`] takes it, or gives it
+    /// back.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`]; all is as it was then.
-    pub(crate) fn resize(&self, full: [u32; 2]) -> Result<()> {
+    pub(crate) fn make_room(&self, full: [u32; 2]) -> Result<()> {
+        let mut lease = lock(&self.lease);
+        let more = view_bytes(full).saturating_sub(lease.bytes());
+        lease.grow("the viewer", more)
+    }
+
+    /// Shows pictures of `full` pixels from now on, for which there is room; nothing is sent of them before the first.
+    pub(crate) fn resize(&self, full: [u32; 2]) {
         let (mut atlas, mut picture) = (self.atlas(), self.picture());
         let mut lease = lock(&self.lease);
-        let wanted = view_bytes(full);
-        match wanted.checked_sub(lease.bytes()) {
-            Some(more) => lease.grow("the viewer", more)?,
-            None => lease.shrink_to(wanted),
+        if picture.full == full {
+            return lease.shrink_to(view_bytes(full));
         }
+        assert!(lease.bytes() >= view_bytes(full), "room is made before it is taken");
         *atlas = Atlas::default();
         let (frame, seq) = (picture.frame + 1, picture.seq);
         // Gone before the next is taken.
         picture.rgb = Vec::new();
         *picture = Picture::new(full);
         (picture.frame, picture.seq) = (frame, seq);
+        lease.shrink_to(view_bytes(full));
         lock(&self.clients).iter().for_each(|client| client.begin(picture.unseen()));
-        Ok(())
     }
 
     /// Takes a client in, with a page of `size` pixels.

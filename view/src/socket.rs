@@ -8,11 +8,12 @@
 //! Invariants: 1. nothing but a close goes to who has not said the token; 2. a message is bounded before it is kept; 3.
 //! a page that takes nothing for [`WRITE_TIME_MAX`] is let go; 4. the reader ends the writer, and the other way round.
 
-use crate::atlas::{FrameHead, frame_bytes, whole_head};
-use crate::client::{Client, Next, close};
+use crate::atlas::{FrameHead, frame_bytes, part_head};
+use crate::client::{Client, Next, PART_BYTES, close};
 use crate::http::{HEAD_TIME_MAX, Incoming};
 use crate::mailbox::Posted;
 use crate::message::{FromClient, MESSAGE_BYTES_MAX, Notice, text_of};
+use crate::picture::Settled;
 use crate::shared::Shared;
 use std::io::{self, Write};
 use std::net::{Shutdown, TcpStream};
@@ -144,12 +145,7 @@ fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Resul
             Next::Text(text) => send(client, OpCode::Data(Data::Text), text.as_bytes())?,
             Next::Pong(payload) => send(client, OpCode::Control(Control::Pong), &payload)?,
             Next::Blocks => send_blocks(shared, client, frame)?,
-            Next::Whole(settled) => {
-                let head = FrameHead::new(&shared.picture());
-                client.outbox().fly(settled.frame, settled.png.len(), 0);
-                put(client, &whole_head(&settled, head))?;
-                put(client, &settled.png)?;
-            }
+            Next::Part(settled, from) => send_part(shared, client, &settled, from)?,
             Next::File(file) => {
                 put(client, &file.head)?;
                 put(client, &file.bytes)?;
@@ -198,6 +194,22 @@ fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Res
     client.outbox().fly(atlas.head().frame, frame.len() - start, atlas.blocks.len());
     drop(atlas);
     put(client, &frame[start..])
+}
+
+/// Sends the part of a settled picture from a byte on, unless another picture has begun meanwhile.
+fn send_part(shared: &Shared, client: &Client, settled: &Settled, from: usize) -> io::Result<()> {
+    let head = {
+        let picture = shared.picture();
+        if picture.frame != settled.frame {
+            return Ok(());
+        }
+        FrameHead::new(&picture)
+    };
+    let total = settled.png.len();
+    let part = &settled.png[from..total.min(from + PART_BYTES)];
+    client.outbox().fly_part(settled.frame, part.len(), from + part.len() == total);
+    put(client, &part_head(head, from, part.len(), total))?;
+    put(client, part)
 }
 
 /// Sends a short message.

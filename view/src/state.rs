@@ -60,6 +60,9 @@ pub(crate) struct State {
     /// The picture is as large as the driver's page.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) follows_page: Option<bool>,
+    /// The picture is smaller than the driver's page, and why; null where it is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) smaller: Option<Option<Smaller>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) bounds: Option<BoundsText>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -101,6 +104,13 @@ pub(crate) struct LimitText {
     pub(crate) limit_bytes: u64,
 }
 
+/// A size for which there is no memory, and the limit that would do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Smaller {
+    pub(crate) asked: [u32; 2],
+    pub(crate) limit_bytes: Option<u64>,
+}
+
 /// A state as one client gets it.
 #[derive(Serialize)]
 struct StateText<'a> {
@@ -131,7 +141,9 @@ impl State {
 
     /// Takes over what `update` has.
     pub(crate) fn merge(&mut self, update: State) {
-        let State { size, camera, home, lights, materials, settings, memory, command, scene, .. } = update;
+        let State { size, smaller, camera, home, .. } = update;
+        let State { lights, materials, settings, memory, command, scene, .. } = update;
+        self.smaller = smaller.or(self.smaller);
         self.home = home.or(self.home);
         self.size = size.or(self.size);
         self.camera = camera.or(self.camera);

@@ -1,6 +1,7 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
 use crate::guard::Token;
+use crate::shared::view_bytes;
 use crate::state::{MemoryFigures, ModelFigures, PoolFigures};
 use serde::Serialize;
 use trex_render::{Camera, CameraKeys, FrameOptions, RenderSettings};
@@ -30,10 +31,26 @@ pub struct Surroundings<'a> {
     pub pool: &'a dyn Fn() -> PoolFigures,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
-    /// Sets the memory for frames of pages to what is left beside pictures of all these settings.
-    pub make_room: &'a dyn Fn(&[RenderSettings]) -> Result<()>,
+    /// Sets the memory for frames of pages to what each of these leaves: one takes the place of the other.
+    pub make_room: &'a dyn Fn(&[Room]) -> Result<()>,
     /// True once the viewer is to end.
     pub stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// What memory is wanted for.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// The picture in the making.
+    pub settings: RenderSettings,
+    /// Bytes beside its session: what the viewer shows, and files in the making.
+    pub copies_bytes: u64,
+}
+
+impl Room {
+    /// For a picture on show.
+    pub fn of(settings: RenderSettings) -> Room {
+        Room { settings, copies_bytes: view_bytes(settings.resolution) }
+    }
 }
 
 /// How a session is served.

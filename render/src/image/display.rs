@@ -44,7 +44,7 @@ pub struct Display {
     standings: Vec<Standing>,
     /// Only the pixels of samples show it yet.
     is_sparse: bool,
-    _lease: Lease,
+    lease: Lease,
 }
 
 impl Display {
@@ -63,16 +63,26 @@ impl Display {
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`Display::bytes`].
     pub(crate) fn new(resolution: [u32; 2], budget: &Budget) -> Result<Display> {
         let lease = budget.lease("the picture on show", Display::bytes(resolution))?;
+        Ok(Display::in_lease(resolution, lease))
+    }
+
+    /// As [`Display::new`], in a lease of [`Display::bytes`].
+    pub(crate) fn in_lease(resolution: [u32; 2], lease: Lease) -> Display {
         let radiance = vec![[0.0; 3]; resolution[0] as usize * resolution[1] as usize];
-        Ok(Display {
+        Display {
             resolution,
             radiance,
             coarse: Coarse::new(resolution),
             shown: None,
             standings: vec![Standing { state: 0, worth: FIRST_WORTH }; tile_count(resolution) as usize],
             is_sparse: false,
-            _lease: lease,
-        })
+            lease,
+        }
+    }
+
+    /// The lease of its memory.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        &mut self.lease
     }
 
     /// The state of the first rays on show; `None` before the first picture.

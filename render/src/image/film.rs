@@ -72,7 +72,7 @@ pub struct Film {
     smoothed: Vec<[f32; 3]>,
     /// Samples of the present state that `smoothed` is of; 0 for none.
     smoothed_of: u32,
-    _lease: Lease,
+    lease: Lease,
 }
 
 /// Bytes that a film takes at `resolution` (width, height; pixels).
@@ -123,10 +123,15 @@ impl Film {
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`film_bytes`].
     pub fn new(resolution: [u32; 2], layers: Layers, budget: &Budget) -> Result<Film> {
         let lease = budget.lease("the film", film_bytes(resolution, layers))?;
+        Ok(Film::in_lease(resolution, layers, lease))
+    }
+
+    /// As [`Film::new`], in a lease of [`film_bytes`].
+    pub(crate) fn in_lease(resolution: [u32; 2], layers: Layers, lease: Lease) -> Film {
         let pixels = resolution[0] as usize * resolution[1] as usize;
         let if_asked = |asked: bool| if asked { pixels } else { 0 };
         let kept = layers.kept();
-        Ok(Film {
+        Film {
             resolution,
             layers,
             sums: vec![[0.0; 3]; pixels],
@@ -140,8 +145,13 @@ impl Film {
             indirect: vec![[0.0; 3]; if_asked(layers.filter)],
             smoothed: vec![[0.0; 3]; if_asked(layers.filter)],
             smoothed_of: 0,
-            _lease: lease,
-        })
+            lease,
+        }
+    }
+
+    /// The lease of its memory.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        &mut self.lease
     }
 
     /// Width and height, pixels.

@@ -26,7 +26,7 @@ pub struct PhotonMap {
     /// Irradiance per facet, W/m^2 in linear RGB.
     irradiance: Vec<[f32; 3]>,
     photons: u64,
-    _lease: Lease,
+    lease: Lease,
 }
 
 /// The light that gather rays find: of one map, or of two while light changes.
@@ -71,7 +71,7 @@ pub(crate) struct PhotonPass {
     unit: Vec3,
     /// Units of a flux, per channel; 0 for a channel without light.
     per_flux: Vec3,
-    _lease: Lease,
+    lease: Lease,
 }
 
 impl PhotonMap {
@@ -86,7 +86,17 @@ impl PhotonMap {
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
     pub fn new(facet_count: usize, budget: &Budget) -> Result<PhotonMap> {
         let lease = budget.lease("the photon map", PhotonMap::bytes(facet_count))?;
-        Ok(PhotonMap { irradiance: vec![[0.0; 3]; facet_count], photons: 0, _lease: lease })
+        Ok(PhotonMap::in_lease(facet_count, lease))
+    }
+
+    /// As [`PhotonMap::new`], in a lease of [`PhotonMap::bytes`].
+    pub(crate) fn in_lease(facet_count: usize, lease: Lease) -> PhotonMap {
+        PhotonMap { irradiance: vec![[0.0; 3]; facet_count], photons: 0, lease }
+    }
+
+    /// The lease of its memory.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        &mut self.lease
     }
 
     /// Count of photons whose light is in.
@@ -129,10 +139,20 @@ impl PhotonPass {
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
     pub(crate) fn new(facet_count: usize, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
         let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
+        Ok(PhotonPass::in_lease(facet_count, flux, lease))
+    }
+
+    /// As [`PhotonPass::new`], in a lease of [`PhotonMap::bytes`].
+    pub(crate) fn in_lease(facet_count: usize, flux: Vec3, lease: Lease) -> PhotonPass {
         let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();
-        let mut pass = PhotonPass { sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, _lease: lease };
+        let mut pass = PhotonPass { sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, lease };
         pass.set_flux(flux);
-        Ok(pass)
+        pass
+    }
+
+    /// The lease of its memory.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        &mut self.lease
     }
 
     /// Empties the sums, for photons of another mean flux.

@@ -74,7 +74,7 @@ pub(crate) struct PhotonTree {
     center: DVec3,
     /// Photons sent.
     photons: u64,
-    _lease: Lease,
+    lease: Lease,
 }
 
 /// Count of hits of `photons` photons that there is room for.
@@ -135,11 +135,16 @@ impl PhotonStore {
         self.stored.shrink_to_fit();
         drop(self.places);
         self.lease.shrink_to(count as u64 * (size_of::<Stored>() as u64 + TREE_BYTES) + TREE_BYTES_LEAST);
-        PhotonTree { tree, stored: self.stored, center: self.center, photons, _lease: self.lease }
+        PhotonTree { tree, stored: self.stored, center: self.center, photons, lease: self.lease }
     }
 }
 
 impl PhotonTree {
+    /// The lease of its memory.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        &mut self.lease
+    }
+
     /// Bytes that the photons take at most, while their tree is built.
     pub(crate) fn bytes(photons: u64) -> u64 {
         let hit = (size_of::<[f32; 3]>() + size_of::<Stored>()) as u64 + BUILD_BYTES;

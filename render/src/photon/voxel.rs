@@ -23,7 +23,7 @@ use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
-use trex_store::{Aabb, Budget, Result};
+use trex_store::{Aabb, Budget, Lease, Result};
 
 /// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
 const BATCH: u64 = 512;
@@ -61,6 +61,13 @@ pub(crate) struct PassInWork {
     done: u64,
 }
 
+impl PassInWork {
+    /// The lease of its memory.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        self.pass.lease_mut()
+    }
+}
+
 impl VoxelPhotons<'_> {
     /// A pass with empty sums.
     ///
@@ -69,6 +76,12 @@ impl VoxelPhotons<'_> {
     pub(crate) fn begin(&self) -> Result<PassInWork> {
         let pass = PhotonPass::new(self.voxels.octree().facets().count(), self.flux(), self.budget)?;
         Ok(PassInWork { pass, done: 0 })
+    }
+
+    /// As [`VoxelPhotons::begin`], in a lease of [`PhotonMap::bytes`].
+    pub(crate) fn begin_in_lease(&self, lease: Lease) -> PassInWork {
+        let facets = self.voxels.octree().facets().count();
+        PassInWork { pass: PhotonPass::in_lease(facets, self.flux(), lease), done: 0 }
     }
 
     /// Empties the sums, for lights that have changed.

@@ -8,6 +8,7 @@ use super::settings::{RenderKeys, RenderSettings, out_of_range};
 use super::world::{MaterialEdit, Model, View};
 use crate::shading::light::Light;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 use std::path::Path;
 use trex_store::{Code, Error, Result};
@@ -25,6 +26,8 @@ pub struct Scene {
     pub materials: BTreeMap<String, MaterialEdit>,
     /// Keys of the picture: integrator and numbers.
     pub render: RenderKeys,
+    /// True when `resolution` was given: its default is no wish.
+    pub says_resolution: bool,
 }
 
 /// Camera keys; what is `None` is framed from the model.
@@ -50,9 +53,12 @@ impl Scene {
     /// [`Code::SceneFormat`] with path and line: text that is no TOML, an unknown key, a value of the wrong kind;
     /// with the key: a value out of range.
     pub fn parse(text: &str, path: &Path) -> Result<Scene> {
-        let text: SceneText = toml::from_str(text).map_err(|error| toml_error(&error, text, path))?;
-        let SceneText { model, camera, light: lights, material, render } = text;
-        let scene = Scene { model, camera, lights, materials: material, render };
+        let no_scene = |error| toml_error(&error, text, path);
+        let parsed: SceneText = toml::from_str(text).map_err(no_scene)?;
+        let SceneText { model, camera, light: lights, material, render } = parsed;
+        let given: Given = toml::from_str(text).map_err(no_scene)?;
+        let says_resolution = given.render.resolution.is_some();
+        let scene = Scene { model, camera, lights, materials: material, render, says_resolution };
         scene.check(path)?;
         Ok(scene)
     }
@@ -141,6 +147,18 @@ struct SceneText {
     render: RenderKeys,
 }
 
+/// Keys whose defaults are no wishes, as given.
+#[derive(Deserialize)]
+struct Given {
+    #[serde(default)]
+    render: GivenRender,
+}
+
+#[derive(Default, Deserialize)]
+struct GivenRender {
+    resolution: Option<IgnoredAny>,
+}
+
 fn toml_error(error: &toml::de::Error, text: &str, path: &Path) -> Error {
     let message = error.message().trim().to_string();
     let made = Error::new(Code::SceneFormat, "this is no scene").numbers(message);
@@ -203,6 +221,21 @@ mod tests {
             scene.view(&mut Model { bounds, materials: vec![], emitters: vec![], voxels: None }).unwrap();
         assert_eq!(view.camera.up, [0.0, 0.0, 1.0]);
         assert!(view.camera.project(view.settings.resolution).is_ok());
+    }
+
+    #[test]
+    fn a_resolution_is_given_where_its_key_is() {
+        for (text, expected) in [
+            ("", false),
+            ("[render]\nspp = 3 # resolution = [3, 4]", false),
+            ("[material.resolution]\nns = 3", false),
+            ("[render]\nresolution = [1024, 1024]", true),
+            ("render = { spp = 4, \"resolution\" = [3, 4] }", true),
+            ("render.resolution = [3, 4]", true),
+        ] {
+            let scene = parse(&format!("model = 'x'\n{text}")).unwrap();
+            assert_eq!(scene.says_resolution, expected, "{text}");
+        }
     }
 
     fn check_error(text: &str, place: &str, word: &str) {

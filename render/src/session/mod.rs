@@ -207,7 +207,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let (mut model, mut view) = (None, self.view.clone());
         let change = if matches!(event, Event::Camera(_)) { Change::View } else { Change::Light };
         match event {
-            Event::Settings(settings) => return self.resettle(settings),
+            Event::Settings(settings) => return self.resettle(None, settings),
             Event::Camera(camera) => view.camera = camera,
             Event::Lights(lights) => view.lights = lights,
             Event::Material { index, edit } => model.insert(self.model.clone()).edit(index, &edit)?,

@@ -2,7 +2,7 @@
 
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::voxel::{PassInWork, VoxelPhotons};
-use trex_store::{Budget, Result};
+use trex_store::{Budget, Lease, Result};
 
 /// The light that comes after a change, in a map of its own: blended in while it grows, then swapped.
 #[derive(Debug)]
@@ -21,6 +21,17 @@ impl NextLight {
     pub(super) fn new(world: &VoxelPhotons<'_>, facets: usize, budget: &Budget) -> Result<NextLight> {
         let work = world.begin()?;
         Ok(NextLight { map: PhotonMap::new(facets, budget)?, work, share: None })
+    }
+
+    /// As [`NextLight::new`], in two leases of [`PhotonMap::bytes`].
+    pub(super) fn in_leases(world: &VoxelPhotons<'_>, facets: usize, leases: [Lease; 2]) -> NextLight {
+        let [map, work] = leases;
+        NextLight { work: world.begin_in_lease(work), map: PhotonMap::in_lease(facets, map), share: None }
+    }
+
+    /// The leases of its memory.
+    pub(super) fn leases_mut(&mut self) -> [&mut Lease; 2] {
+        [self.map.lease_mut(), self.work.lease_mut()]
     }
 
     /// Begins anew, since light has changed: what was on its way is out of date.

@@ -7,21 +7,41 @@
 //! all else                          stays, and with another exposure or count of samples all samples do
 //! ```
 //!
-//! Invariant: settings that are refused, or for which there is no room, change nothing. So there must be room for what
-//! is made anew beside what it replaces.
+//! Invariants: 1. settings that are refused, or for which there is no room, change nothing; 2. what goes makes room for
+//! what comes: its bytes are taken over in one step of the ledger, and its memory is gone before the other is taken.
 
+use super::live::Live;
 use super::{Change, LiveSession, Session};
 use crate::image::display::Display;
-use crate::image::film::{Film, Layers};
+use crate::image::film::{Film, Layers, film_bytes};
 use crate::image::tile::Tiles;
 use crate::integrate::rays_asked;
 use crate::photon::irradiance::PhotonMap;
+use crate::photon::kd_tree::PhotonTree;
 use crate::scene::settings::{Filter, Method, RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
 use crate::schedule::pass_bytes;
 use crate::session::next_light::NextLight;
 use crate::trace::PagedTracer;
-use trex_store::Result;
+use trex_store::{Lease, Result};
+
+/// The parts of a session that other settings make anew.
+#[derive(Clone, Copy)]
+struct Anew {
+    resolution: [u32; 2],
+    layers: Layers,
+    /// Bytes of the film, 0 where it stays.
+    film: u64,
+    /// Bytes of the picture on show, 0 where it stays, or where there is none.
+    display: u64,
+    passes: u64,
+    /// All light goes.
+    light_goes: bool,
+    /// Facets of a map of photons that comes, 0 for none.
+    facets: usize,
+    /// Maps that come: that of the session, and two of the light after it.
+    maps: u64,
+}
 
 /// True when photons sent under one of the settings are those of the other.
 fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
@@ -36,70 +56,123 @@ fn are_sampled_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
     sampled(a) == sampled(b)
 }
 
+impl Anew {
+    fn bytes(&self) -> u64 {
+        self.film + self.display + self.passes + self.maps * PhotonMap::bytes(self.facets)
+    }
+}
+
 impl<T: PagedTracer + Send> Session<T> {
-    /// Takes other settings. The film is empty, or still that of the state before.
-    pub(super) fn resettle(&mut self, settings: RenderSettings) -> Result<Change> {
+    /// Takes other settings, with what is `live` of it. The film is empty, or still that of the state before.
+    pub(super) fn resettle(
+        &mut self,
+        mut live: Option<&mut Live>,
+        settings: RenderSettings,
+    ) -> Result<Change> {
         let before = self.view.settings;
         let view = View { settings, ..self.view.clone() };
         let world = World::new(&self.model, &view)?;
-        let layers = Layers { filter: settings.filter == Filter::On, ..self.film.layers() };
-        let resolution = settings.resolution;
-        let film = match resolution == before.resolution && layers == self.film.layers() {
-            true => None,
-            false => Some(Film::new(resolution, layers, &self.budget)?),
-        };
-        let bytes = |of: &RenderSettings| pass_bytes(of.resolution, self.tracers.len(), rays_asked(of));
-        let lease = match bytes(&settings) == bytes(&before) {
-            true => None,
-            false => Some(self.budget.lease("the passes over tiles", bytes(&settings))?),
-        };
-        let map = match (&self.model.voxels, &self.photon_map) {
-            (Some(voxels), None) if settings.integrator == Method::Photon => {
-                Some(PhotonMap::new(voxels.facet_count(), &self.budget)?)
-            }
-            _ => None,
-        };
-        if let Some(film) = film {
-            (self.film, self.tiles) = (film, Tiles::z_curve(resolution));
-        }
-        if let Some(lease) = lease {
-            self.lease = lease;
-        }
-        self.photon_map = map.or(self.photon_map.take()).filter(|_| settings.integrator == Method::Photon);
-        self.photon_tree = self.photon_tree.take().filter(|_| settings.integrator == Method::FullGi);
+        let anew = self.anew(live.is_some(), &settings);
+        let budget = self.budget.clone();
+        let mut old = self.leases_that_go(&anew, live.as_deref_mut());
+        let mut room = budget.exchange("a picture by these settings", anew.bytes(), &mut old)?;
+        self.let_go(&anew, live.as_deref_mut(), &mut room);
         (self.view, self.world) = (view, world);
+        self.make(&anew, live, &mut room);
         Ok(match (are_lit_alike(&before, &settings), are_sampled_alike(&before, &settings)) {
             (true, true) => Change::Nothing,
             (true, false) => Change::View,
             (false, _) => Change::Light,
         })
     }
+
+    fn anew(&self, is_live: bool, settings: &RenderSettings) -> Anew {
+        let (before, resolution) = (&self.view.settings, settings.resolution);
+        let layers = Layers { filter: settings.filter == Filter::On, ..self.film.layers() };
+        let is_other_film = resolution != before.resolution || layers != self.film.layers();
+        let if_other = |bytes: u64| if is_other_film { bytes } else { 0 };
+        let light_goes = settings.integrator != before.integrator;
+        let voxels =
+            self.model.voxels.as_ref().filter(|_| light_goes && settings.integrator == Method::Photon);
+        Anew {
+            resolution,
+            layers,
+            film: if_other(film_bytes(resolution, layers)),
+            display: if is_live { if_other(Display::bytes(resolution)) } else { 0 },
+            passes: pass_bytes(resolution, self.tracers.len(), rays_asked(settings)),
+            light_goes,
+            facets: voxels.map_or(0, |voxels| voxels.facet_count()),
+            maps: if is_live { 3 } else { 1 },
+        }
+    }
+
+    fn leases_that_go<'a>(&'a mut self, anew: &Anew, live: Option<&'a mut Live>) -> Vec<&'a mut Lease> {
+        let mut leases = vec![&mut self.lease];
+        if anew.light_goes {
+            leases.extend(self.photon_map.as_mut().map(PhotonMap::lease_mut));
+            leases.extend(self.photon_tree.as_mut().map(PhotonTree::lease_mut));
+        }
+        if anew.film > 0 {
+            leases.push(self.film.lease_mut());
+        }
+        if let Some(Live { display, next, .. }) = live {
+            if anew.film > 0 {
+                leases.push(display.lease_mut());
+            }
+            if anew.light_goes {
+                leases.extend(next.iter_mut().flat_map(NextLight::leases_mut));
+            }
+        }
+        leases
+    }
+
+    /// Lets go what is made anew.
+    fn let_go(&mut self, anew: &Anew, live: Option<&mut Live>, room: &mut Lease) {
+        let nothing = [0, 0];
+        if anew.light_goes {
+            (self.photon_map, self.photon_tree) = (None, None);
+        }
+        if anew.film > 0 {
+            self.film = Film::in_lease(nothing, Layers::default(), room.split(0));
+        }
+        if let Some(live) = live {
+            live.pass = None;
+            if anew.film > 0 {
+                live.display = Display::in_lease(nothing, room.split(0));
+            }
+            if anew.light_goes {
+                (live.next, live.next_tree) = (None, None);
+            }
+        }
+    }
+
+    /// Makes it, in its `room`.
+    fn make(&mut self, anew: &Anew, live: Option<&mut Live>, room: &mut Lease) {
+        let Anew { resolution, layers, facets, .. } = *anew;
+        let map_bytes = PhotonMap::bytes(facets);
+        self.lease = room.split(anew.passes);
+        if anew.film > 0 {
+            self.film = Film::in_lease(resolution, layers, room.split(anew.film));
+            self.tiles = Tiles::z_curve(resolution);
+        }
+        if facets > 0 {
+            self.photon_map = Some(PhotonMap::in_lease(facets, room.split(map_bytes)));
+        }
+        let Some(live) = live else { return };
+        if anew.film > 0 {
+            live.display = Display::in_lease(resolution, room.split(anew.display));
+        }
+        if let Some(photons) = self.voxel_photons().filter(|_| facets > 0) {
+            let leases = [room.split(map_bytes), room.split(map_bytes)];
+            live.next = Some(NextLight::in_leases(&photons, facets, leases));
+        }
+    }
 }
 
 impl<T: PagedTracer + Send> LiveSession<T> {
     /// Takes other settings; the picture on show goes with a film that goes.
     pub(super) fn resettle_live(&mut self, settings: RenderSettings) -> Result<Change> {
-        let LiveSession { session, live } = self;
-        let (before, layers) = (session.view.settings, session.film.layers());
-        let keeps_film =
-            settings.resolution == before.resolution && layers.filter == (settings.filter == Filter::On);
-        let display = match keeps_film {
-            true => None,
-            false => Some(Display::new(settings.resolution, &session.budget)?),
-        };
-        let next = match (session.voxel_photons(), &live.next, &session.model.voxels) {
-            (Some(photons), None, Some(voxels)) if settings.integrator == Method::Photon => {
-                Some(NextLight::new(&photons, voxels.facet_count(), &session.budget)?)
-            }
-            _ => None,
-        };
-        let change = session.resettle(settings)?;
-        if let Some(display) = display {
-            live.display = display;
-        }
-        live.next = next.or(live.next.take()).filter(|_| settings.integrator == Method::Photon);
-        live.next_tree = live.next_tree.take().filter(|_| settings.integrator == Method::FullGi);
-        Ok(change)
+        self.session.resettle(Some(&mut self.live), settings)
     }
 }
 
@@ -110,7 +183,7 @@ mod tests {
     use crate::session::{Event, FetchBlock, FrameOptions, FrameProgress};
     use std::ops::ControlFlow;
     use std::time::Duration;
-    use trex_store::{Budget, Code, RESERVE_BYTES};
+    use trex_store::{Code, RESERVE_BYTES};
 
     const SPP: u32 = 2;
 
@@ -199,21 +272,33 @@ mod tests {
         }
     }
 
+    /// Under a limit that has room for the picture before or for the one after, but not for both.
     #[test]
-    fn what_has_no_room_changes_nothing() {
-        let mut live = floor(keys()).go_live(options()).unwrap();
-        let before = done(&mut live);
-        // From now on there is no room for more.
-        live.session.budget = Budget::new(RESERVE_BYTES + 100);
-        for keys in [
-            RenderKeys { resolution: [64, 64], ..keys() },
-            RenderKeys { filter: Filter::On, ..keys() },
-            RenderKeys { n_gather: 64, n_shadow: 64, ..keys() },
-        ] {
-            let error = live.apply(Event::Settings(settings(keys))).unwrap_err();
-            assert_eq!(error.code(), Code::MemoryLimit, "{keys:?}");
+    fn what_goes_makes_room_for_what_comes_and_what_has_no_room_changes_nothing() {
+        for keys in tour().into_iter().skip(1) {
+            let mut live = floor(self::keys()).go_live(options()).unwrap();
+            let before = done(&mut live);
+            let budget = live.session.budget.clone();
+            let mut expected = floor(keys).go_live(options()).unwrap();
+            done(&mut expected);
+            let needed = expected.session.budget.used_bytes();
+            let held = budget.used_bytes();
+            // Full-gi takes what it needs when its photons are sent.
+            let asked = if keys.integrator == Method::FullGi { held } else { needed };
+            if asked > held {
+                budget.set_limit(RESERVE_BYTES + asked - 1);
+                let error = live.apply(Event::Settings(settings(keys))).unwrap_err();
+                assert_eq!(error.code(), Code::MemoryLimit, "{keys:?}");
+                assert_eq!(error.smallest_limit_bytes(), Some(RESERVE_BYTES + asked), "{keys:?}");
+                assert!(done(&mut live) == before && live.view().settings == settings(self::keys()));
+                assert_eq!(budget.used_bytes(), held, "{keys:?}");
+            }
+            budget.set_limit(RESERVE_BYTES + held.max(asked));
+            live.apply(Event::Settings(settings(keys))).unwrap_or_else(|error| panic!("{keys:?}: {error}"));
+            budget.set_limit(u64::MAX);
+            assert!(done(&mut live) == done(&mut expected), "{keys:?}");
+            assert_eq!(budget.used_bytes(), needed, "{keys:?}");
         }
-        assert!(done(&mut live) == before && live.view().settings == settings(self::keys()));
     }
 
     #[test]

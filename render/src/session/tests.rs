@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::image::film::film_bytes;
-use crate::scene::settings::RenderKeys;
+use crate::scene::settings::{Filter, RenderKeys};
 use crate::testing::{pool, view};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use crate::voxel::Voxels;
@@ -86,7 +86,8 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let mesh = NaiveMesh::new(vec![half([0, 1, 2]), half([0, 2, 3])]);
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
     let tracers = vec![Demanding { mesh, percent }];
-    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: pool(1) };
+    let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
+    let setup = SessionSetup { model, view, layers, tracers, pool: pool(1) };
     Session::new(setup, &budget).unwrap()
 }
 

@@ -18,6 +18,10 @@ pub(crate) struct Page {
     pub(crate) welcome: Value,
     /// Texts that came while something else was waited for.
     pub(crate) texts: Vec<Value>,
+    /// The settled picture, as far as its parts have come.
+    parts: Vec<u8>,
+    /// Said once when a part has come, some time before that is acknowledged.
+    pub(crate) on_part: Option<Value>,
 }
 
 /// A frame.
@@ -64,7 +68,7 @@ impl Page {
     /// A page of `size` pixels.
     pub(crate) fn new(server: &Server, size: [u32; 2]) -> Page {
         let socket = connect(server, &[]).unwrap_or_else(|status| panic!("refused: {status}"));
-        let mut page = Page { socket, welcome: Value::Null, texts: vec![] };
+        let mut page = Page { socket, welcome: Value::Null, texts: vec![], parts: vec![], on_part: None };
         page.say(&json!({"type": "hello", "token": server.token, "size": size}));
         match page.next(PATIENCE) {
             Came::Text(text) if text["type"] == "welcome" => page.welcome = text,
@@ -98,7 +102,10 @@ impl Page {
                 format: bytes[1],
                 body: bytes[8..].to_vec(),
             },
-            Ok(Message::Binary(bytes)) => Came::Frame(Frame::read(&bytes)),
+            Ok(Message::Binary(bytes)) => match self.whole(&bytes) {
+                Some(frame) => Came::Frame(frame),
+                None => self.next(time),
+            },
             Ok(Message::Close(close)) => Came::Closed(close.map_or(0, |close| close.code.into())),
             Err(Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => Came::Nothing,
             Ok(_) => self.next(time),
@@ -106,6 +113,36 @@ impl Page {
             Err(Error::Io(error)) if error.kind() == std::io::ErrorKind::Interrupted => self.next(time),
             Err(_) => Came::Closed(0),
         }
+    }
+
+    /// The frame that a message brings; none for a part of a picture, which is acknowledged, until its last.
+    fn whole(&mut self, bytes: &[u8]) -> Option<Frame> {
+        let mut frame = Frame::read(bytes);
+        if frame.kind == 1 {
+            self.parts.clear();
+            return Some(frame);
+        }
+        assert!(bytes.len() <= 32 << 10, "a part of {} bytes", bytes.len());
+        let (head, part) = frame.body.split_at(8);
+        let [from, total] =
+            [0, 4].map(|at| u32::from_le_bytes(head[at..at + 4].try_into().unwrap()) as usize);
+        if from == 0 {
+            self.parts.clear();
+        }
+        assert_eq!(from, self.parts.len(), "parts come in order");
+        self.parts.extend_from_slice(part);
+        assert!(self.parts.len() <= total);
+        if self.parts.len() < total {
+            if let Some(said) = self.on_part.take() {
+                self.say(&said);
+                std::thread::sleep(Duration::from_millis(500));
+            }
+            self.acknowledge(&frame);
+            return None;
+        }
+        frame.body = std::mem::take(&mut self.parts);
+        assert!(frame.body.starts_with(b"\x89PNG"), "{frame:?}");
+        Some(frame)
     }
 
     /// The next frame, not acknowledged.
@@ -198,8 +235,7 @@ impl Frame {
             blocks: (0..count).map(|block| short(20 + 2 * block)).collect(),
             body: bytes[20 + 2 * count..].to_vec(),
         };
-        let start: &[u8] = if frame.kind == 1 { &[0xff, 0xd8, 0xff] } else { b"\x89PNG" };
-        assert!(frame.body.starts_with(start), "{frame:?}");
+        assert!(frame.kind == 2 || frame.body.starts_with(&[0xff, 0xd8, 0xff]), "{frame:?}");
         assert!(frame.blocks.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", frame.blocks);
         assert!(frame.blocks.iter().all(|&block| u32::from(block) < frame.blocks_in_all()));
         frame

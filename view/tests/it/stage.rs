@@ -16,9 +16,7 @@ use trex_store::build::{BuildOptions, Existing, Precision, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Interrupt, PageFile, Result};
-use trex_view::{
-    MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings, Token, serve, view_bytes,
-};
+use trex_view::{MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings, Token, serve};
 
 /// Squares along a side of the model.
 const SIDE: usize = 60;
@@ -154,10 +152,7 @@ impl Server {
                     memory: &|| MemoryFigures { used_bytes: budget.used_bytes(), ..MemoryFigures::default() },
                     pool: &|| PoolFigures { frames: pool.stats().frames, ..PoolFigures::default() },
                     set_limit: &|bytes| pool.set_limit(bytes).map(drop),
-                    make_room: &|settings| match settings {
-                        [_, more] => budget.lease("another picture", view_bytes(more.resolution)).map(drop),
-                        _ => Ok(()),
-                    },
+                    make_room: &|_| Ok(()),
                     stop: &|| stops.load(Ordering::Relaxed),
                 };
                 serve(session, &listener, &options, &around)

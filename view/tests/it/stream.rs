@@ -4,6 +4,7 @@ use crate::client::{Came, Page};
 use crate::stage::{SIZE, Server, keys, rendered, view_threads};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
+use trex_render::RenderKeys;
 
 /// Flags of frames.
 const DONE: u8 = 8;
@@ -58,6 +59,19 @@ fn a_camera_brings_frames_that_say_so() {
     let settled = page.settle();
     assert_eq!(settled.seq, 5);
     assert!(settled.body != rendered(keys()));
+}
+
+/// The settled picture comes in parts, and what is newer goes before those that are left, which do not come any more.
+#[test]
+fn an_event_does_not_wait_for_the_settled_picture() {
+    let size = [640, 480];
+    let server = Server::new(RenderKeys { resolution: size, spp: 1, ..keys() });
+    let mut page = Page::new(&server, size);
+    page.on_part = Some(camera(5, 1.5));
+    let next = page.frame_until(|frame| frame.kind == 2 || frame.seq == 5);
+    assert!(page.on_part.is_none(), "a picture of less than 32 KiB");
+    assert_eq!((next.kind, next.seq), (1, 5), "{next:?}");
+    assert_eq!(page.settle().seq, 5);
 }
 
 /// Events that come fast bring small pictures, each whole.

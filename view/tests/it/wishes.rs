@@ -67,17 +67,31 @@ fn settings_and_sizes_make_the_picture_that_they_say() {
     assert!(settled.body == rendered(RenderKeys { resolution: [50, 40], ..expected }));
 }
 
-/// A page that asks for more than there is memory for gets the largest that fits.
+/// A page that asks for more than there is memory for gets the largest that fits, and is told so once, with the limit
+/// that would do.
 #[test]
 fn a_picture_that_is_too_large_becomes_smaller() {
     let server = Server::with_limit(keys(), 128 << 20);
     let mut page = Page::new(&server, SIZE);
     page.settle();
-    page.say(&json!({"type": "size", "seq": 2, "size": [16_000, 16_000]}));
-    let notice = page.text("notice");
-    assert_eq!((&notice["level"], &notice["code"]), (&json!("info"), &json!("smaller")), "{notice}");
+    page.say(&json!({"type": "size", "seq": 2, "size": [4000, 4000]}));
+    let told = loop {
+        let state = page.text("state");
+        if !state["smaller"].is_null() {
+            break state["smaller"].clone();
+        }
+    };
+    assert_eq!(told["asked"], json!([4000, 4000]));
+    // What the viewer shows takes more than 10 bytes a pixel.
+    assert!(told["limit_bytes"].as_u64().unwrap() > 10 * 4000 * 4000, "{told}");
     let frame = page.frame_until(|frame| frame.seq == 2);
-    assert!((200..5000).contains(&frame.size[0]), "{:?}", frame.size);
+    assert!((200..4000).contains(&frame.size[0]), "{:?}", frame.size);
+    // Who comes later knows, too.
+    assert_eq!(Page::new(&server, SIZE).welcome["smaller"], told);
+    page.say(&json!({"type": "size", "seq": 3, "size": SIZE}));
+    page.frame_until(|frame| frame.seq == 3);
+    assert!(page.texts.iter().all(|text| text["type"] != "notice"), "{:?}", page.texts);
+    assert!(Page::new(&server, SIZE).welcome["smaller"].is_null());
 }
 
 #[test]

@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# The figures of `trex view` on an idle machine: one line of JSON each, with the model and the figure's name. How far
+# the pictures of a drag are from those views' references is not among them yet.
+# Pages without a browser come from view/examples/figures; a real one, where there is chromium, from
+# tests/it/browser/drag.rs. SMALL and LARGE are page files; FAR one that is far larger than its limit.
+#
+#   bench/view.sh SMALL.trex LARGE.trex FAR.trex [SOAK_MINUTES]
+set -euo pipefail
+usage='usage: bench/view.sh SMALL.trex LARGE.trex FAR.trex [SOAK_MINUTES]'
+small=$(realpath "${1:?$usage}") large=$(realpath "${2:?$usage}") far=$(realpath "${3:?$usage}") minutes=${4:-10}
+cd "$(dirname "$0")/.."
+target=${CARGO_TARGET_DIR:-target}
+cargo build --release -q -p trex
+cargo build --release -q -p trex-view --example figures
+said=$(mktemp)
+viewer=
+stop() {
+    [[ -z $viewer ]] || { kill -INT "$viewer" && wait "$viewer" || true; }
+    viewer=
+}
+trap 'stop; rm -f "$said"' EXIT
+
+# start MODEL LIMIT: a viewer; its address is then in `address`, when it was started in `since`.
+start() {
+    stop
+    : >"$said"
+    since=$(date +%s%N)
+    "$target/release/trex" view "$1" --no-open --memory-limit "$2" >/dev/null 2>"$said" &
+    viewer=$!
+    until grep -q '^http://.*#token=' "$said"; do
+        kill -0 "$viewer" || { cat "$said" >&2 && exit 1; }
+        sleep 0.005
+    done
+    address=$(grep -m1 '^http://' "$said")
+}
+
+# tell MODEL LIMIT LINE: a line with where it comes from.
+tell() {
+    printf '{"model":"%s","limit":"%s",%s\n' "$(basename "$1" .trex)" "$2" "${3#\{}"
+}
+
+# figure MODEL LIMIT NAME...: a figure of the viewer that runs.
+figure() {
+    tell "$1" "$2" "$("$target/release/examples/figures" "$address" "${@:3}")"
+}
+
+# browser MODEL LIMIT [LINE]: a drag in a real browser, over a slow line of "ms there and back,Mbit/s" if one is given.
+browser() {
+    local line name=browser${3:+-over-$3}
+    line=$(TREX_VIEW_ADDRESS=$address ${3:+env TREX_VIEW_LINE="$3"} \
+        cargo test -q -p trex --test it -- --ignored --nocapture a_drag_is_measured 2>&1 | grep -o '{".*}') ||
+        { printf 'NOT MEASURED: %s on %s\n' "$name" "$1" >&2 && return; }
+    tell "$1" "$2" "{\"figure\":\"$name\",\"value\":$line}"
+}
+
+for model in "$small" "$large"; do
+    limit=256MiB
+    start "$model" $limit
+    figure "$model" $limit first "$since"
+    figure "$model" $limit drag 4
+    figure "$model" $limit drag 0
+    figure "$model" $limit converge "$viewer"
+    figure "$model" $limit edits
+    # Its lights are others now.
+    start "$model" $limit
+    if command -v chromium >/dev/null; then
+        browser "$model" $limit
+        browser "$model" $limit 60,2.5
+    else
+        printf 'NOT MEASURED: there is no chromium\n' >&2
+    fi
+done
+for run in 1 2 3; do
+    start "$far" 128MiB
+    figure "$far" 128MiB first "$since"
+done
+start "$small" 256MiB
+figure "$small" 256MiB soak "$viewer" "$minutes"
