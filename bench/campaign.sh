@@ -87,15 +87,9 @@ for integrator in photon:64 full-gi:24 path:64; do
         --overwrite --integrator "${integrator%:*}" --spp "${integrator#*:}" --n-gather 2
 done
 
-# Rays against Embree, where Debian's libembree-dev is installed; G-rays in 1024^3 voxels, as the scene has 20M triangles.
-if cargo build --release -p trex-bench --features peer-embree --manifest-path "$root/Cargo.toml"; then
-    "$trex" build gen:isosurface:20M -o "$root/out/isosurface-20m-1024.trex" --overwrite --voxels 1024 --progress none
-    for model in isosurface-20m-1024 pipes-20m; do
-        command="rays out/$model.trex --peer embree --json"
-        (cd "$root" && target/release/trex-bench $command >"$work/document.json")
-        "$root/target/release/trex-bench" --root "$root" record --name "rays-${model%-1024}" \
-            --command "trex-bench $command" document.json
-    done
+# Rays and pages, where Debian's libembree-dev and fio are installed.
+if [ -e /usr/include/embree3/rtcore.h ] && command -v fio >/dev/null; then
+    "$root/bench/rays.sh" "$work"
 fi
 
 # Instructions, where valgrind is installed.

@@ -180,6 +180,7 @@ mod tests {
             vertices: (0..triangle_count as i64 + 2).map(|i| [from + i, 0, 0]).collect(),
             triangles: (0..triangle_count as u8).map(|i| [i, i + 1, i + 2]).collect(),
             materials: vec![0; triangle_count],
+            ..ClusterMesh::default()
         }
     }
 

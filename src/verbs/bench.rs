@@ -148,7 +148,7 @@ impl fmt::Display for IoMeasured {
             figures.triangles_per_page,
             figures.round_count
         )?;
-        for way in &figures.ways {
+        for way in figures.ways.values() {
             let how = if way.direct { "direct" } else { "cached" };
             let stage = match way.stage {
                 Stage::Raw => "raw",

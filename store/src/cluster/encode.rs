@@ -10,7 +10,9 @@
 //!         | topology | vertices | zeros to the next byte
 //! ```
 //!
-//! Leaves that do not differ hold eight triangles, but the last. Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
+//! Leaves that do not differ hold eight triangles, but the last.
+//!
+//! Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
 //! and clusters stand in the order in which a walk from the first root on meets them.
 //!
 //! Invariants: 1. one page content has one disk form; 2. neither that nor the frame form is longer than a frame,
@@ -18,13 +20,12 @@
 //! `install` does not read back.
 
 use super::bits::{BitWriter, bits_of};
+use super::leaves::{self, LEAF_COUNT_BITS, LEAF_SIZE_BITS};
 use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, Guided, TAG_BITS};
 use super::{ClusterMesh, FRAME_TAIL_BYTES, Node, palette_index_bits, vertex_bytes};
 use crate::geom::Lattice;
-use crate::layout::{
-    CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES, NODE_WIDTH, PAGE_ROOTS,
-};
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS};
 
 /// Bytes of a frame before its roots.
 pub(super) const FRAME_HEADER_BYTES: usize = 16;
@@ -32,9 +33,6 @@ pub(super) const FRAME_HEADER_BYTES: usize = 16;
 pub(super) const DISK_HEADER_BYTES: usize = 24;
 /// Bits of a count of triangles, vertices or materials of a cluster, less one.
 pub(super) const COUNT_BITS: u32 = 7;
-/// Bits of a count of leaves, and of a count of triangles of one, less one.
-pub(super) const LEAF_COUNT_BITS: u32 = 4;
-pub(super) const LEAF_SIZE_BITS: u32 = 3;
 /// Bits of an axis width.
 pub(super) const AXIS_WIDTH_BITS: u32 = 6;
 
@@ -209,7 +207,7 @@ impl ClusterEncoder {
         out.put(vertex_count as u64 - 1, COUNT_BITS);
         out.put(u64::from(widths.wide), 1);
         out.put(u64::from(palette.len() > 1), 1);
-        encode_leaves(cluster, out);
+        leaves::encode_sizes(cluster, out);
         for axis in 0..3 {
             let offset = widths.base[axis] - self.head.anchor[axis];
             out.put(offset as u64, u32::from(self.head.offset_bits[axis]));
@@ -232,19 +230,6 @@ impl ClusterEncoder {
         self.spent.heads += (before_topology - before) as u64;
         self.spent.topology += (before_vertices - before_topology) as u64;
         self.spent.vertices += (out.bit_count() - before_vertices) as u64;
-    }
-}
-
-/// The sizes of the leaves, where they are not the plain ones.
-fn encode_leaves(cluster: &ClusterMesh, out: &mut BitWriter) {
-    let sizes = &cluster.leaf_sizes;
-    let total: usize = sizes.iter().map(|&size| usize::from(size)).sum();
-    assert!(sizes.len() <= CLUSTER_LEAVES && total == cluster.triangles.len(), "{sizes:?}");
-    let differ = sizes[..sizes.len() - 1].iter().any(|&size| usize::from(size) < LEAF_TRIANGLES);
-    out.put(u64::from(differ), 1);
-    if differ {
-        out.put(sizes.len() as u64 - 1, LEAF_COUNT_BITS);
-        sizes.iter().for_each(|&size| out.put(u64::from(size) - 1, LEAF_SIZE_BITS));
     }
 }
 

@@ -12,9 +12,10 @@
 
 use super::bits::BitReader;
 use super::cells::{self, Cell};
-use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head, LEAF_COUNT_BITS, LEAF_SIZE_BITS};
+use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
 use super::fields::{BYTES_OF_ONE, Fields, Machine, Mover, Work};
 use super::lanes::Lanes;
+use super::leaves;
 use super::topology::{self, Walk};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
 use super::view::ClusterHead;
@@ -67,7 +68,7 @@ impl Plan {
         let triangle_count = input.take(COUNT_BITS) as usize + 1;
         let vertex_count = input.take(COUNT_BITS) as usize + 1;
         let (wide, has_palette) = (input.take(1) == 1, input.take(1) == 1);
-        let (leaf_count, leaf_sizes) = leaf_sizes(input, triangle_count)?;
+        let (leaf_count, leaf_sizes) = leaves::decode_sizes(input, triangle_count)?;
         let offset = head.offset_bits.map(|bits| input.take(u32::from(bits)) as i64);
         let base = std::array::from_fn(|a| head.anchor[a] + offset[a]);
         let bits: [u8; 3] = std::array::from_fn(|_| input.take(AXIS_WIDTH_BITS) as u8);
@@ -104,31 +105,6 @@ impl Plan {
         self.palette_len * usize::from(head.material_bits)
             + self.triangle_count * palette_index_bits(self.palette_len)
     }
-}
-
-/// Count and sizes of leaves, which are all of the triangles.
-fn leaf_sizes(
-    input: &mut BitReader<'_>,
-    triangle_count: usize,
-) -> Result<(usize, [u8; CLUSTER_LEAVES]), &'static str> {
-    let mut sizes = [LEAF_TRIANGLES as u8; CLUSTER_LEAVES];
-    let (differ, plain) = (input.take(1) == 1, triangle_count.div_ceil(LEAF_TRIANGLES));
-    if !differ {
-        let last = plain.clamp(1, CLUSTER_LEAVES) - 1;
-        sizes[last] = triangle_count.saturating_sub(last * LEAF_TRIANGLES) as u8;
-        return Ok((last + 1, sizes));
-    }
-    let count = input.take(LEAF_COUNT_BITS) as usize + 1;
-    let word = input.take(count as u32 * LEAF_SIZE_BITS);
-    let mut total = 0;
-    for (leaf, size) in sizes[..count].iter_mut().enumerate() {
-        *size = (word >> (leaf as u32 * LEAF_SIZE_BITS) & ((1 << LEAF_SIZE_BITS) - 1)) as u8 + 1;
-        total += usize::from(*size);
-    }
-    if total != triangle_count {
-        return Err("the leaves of a cluster are not what its counts say");
-    }
-    Ok((count, sizes))
 }
 
 /// A leaf on its way to the frame.

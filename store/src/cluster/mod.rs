@@ -16,6 +16,7 @@ mod fields;
 mod install;
 mod install_cluster;
 mod lanes;
+mod leaves;
 mod node;
 mod order;
 #[cfg(test)]
@@ -26,6 +27,7 @@ mod view;
 
 pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
+pub use leaves::LeafShape;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
 pub(crate) use order::Orderer;
 pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafIndices};
@@ -112,53 +114,6 @@ impl ClusterMesh {
         });
         let palette = palette_bytes(self.palette().len(), self.triangles.len());
         CLUSTER_HEAD_BYTES + leaves.sum::<usize>() + palette + vertices
-    }
-}
-
-/// How the indices of a leaf lie in a frame: count of its triangles, less one, and bytes of each of its three corners'
-/// indices above the least, times 8.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(transparent)]
-pub struct LeafShape(pub u8);
-
-impl LeafShape {
-    /// The least shape of `count` triangles whose greatest index is `span` above the least.
-    fn new(count: usize, span: u8) -> LeafShape {
-        let width = (u8::BITS - span.leading_zeros()).max(1) as usize;
-        LeafShape((count - 1 | (count * width).div_ceil(8) << 3) as u8)
-    }
-
-    /// Count of triangles, 1 to 8.
-    #[inline(always)]
-    pub fn triangle_count(self) -> usize {
-        usize::from(self.0 % 8) + 1
-    }
-
-    /// Bytes of one corner's indices, 1 to 7.
-    #[inline(always)]
-    pub fn corner_bytes(self) -> usize {
-        usize::from(self.0 >> 3)
-    }
-
-    /// Bits of an index above the least: as many as there is room for, 7 at most.
-    #[inline(always)]
-    pub fn width(self) -> u32 {
-        const WIDTHS: [u8; 64] = {
-            let mut widths = [0; 64];
-            let mut shape = 0;
-            while shape < 64 {
-                let fits = 8 * (shape >> 3) / (shape % 8 + 1);
-                widths[shape] = if fits < 7 { fits as u8 } else { 7 };
-                shape += 1;
-            }
-            widths
-        };
-        u32::from(WIDTHS[usize::from(self.0) % 64])
-    }
-
-    /// Bytes of a leaf's indices: the least, then those of three corners above it.
-    fn bytes(self) -> usize {
-        1 + 3 * self.corner_bytes()
     }
 }
 

@@ -89,7 +89,7 @@ const BENCH_BUILD: [(&str, Kind); 10] = [
     ("scratch_peak_bytes", Count),
 ];
 
-const BENCH_IO: [(&str, Kind); 9] = [
+const BENCH_IO: [(&str, Kind); 8] = [
     ("scene", Text),
     ("seed", Count),
     ("file_bytes", Count),
@@ -98,7 +98,6 @@ const BENCH_IO: [(&str, Kind); 9] = [
     ("triangles_per_page", Number),
     ("thread_count", Count),
     ("round_count", Count),
-    ("ways", List),
 ];
 
 /// Phases of a build, in the order of their work.
@@ -263,21 +262,29 @@ fn bench_io_tells_every_way() {
     let inside = folder();
     built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
     let document = document_in(inside.path(), "bench io iso.trex --depth 1,4 --rounds 2");
-    check_all(&document, "trex.bench-io/1", &BENCH_IO, &[]);
-    let ways = document["ways"].as_array().unwrap();
-    let names = |stage: &str, depth: u64| {
-        let these = ways.iter().filter(|way| way["stage"] == stage && way["depth"] == depth);
-        these.map(|way| way["backend"].as_str().unwrap()).collect::<Vec<_>>()
-    };
-    for depth in [1, 4] {
-        assert_eq!(names("raw", depth).len(), 4, "{document:#}");
-        assert_eq!((names("hashed", depth).len(), names("ready", depth).len()), (1, 1));
-        assert!(names("raw", depth).contains(&"pread") && names("raw", depth).contains(&"mmap"));
+    let names = ["uring", "uring_cached", "pread", "mmap", "hashed", "ready"];
+    let ways: Vec<String> =
+        [1, 4].iter().flat_map(|depth| names.map(|name| format!("{name}_{depth}"))).collect();
+    let mut nested = Vec::new();
+    for way in &ways {
+        let keys = ["pages_per_s", "bytes_per_s", "triangles_per_s", "cpu_us_per_page"];
+        nested.extend(below(&format!("ways.{way}"), &keys, Number));
+        nested.extend(below(&format!("ways.{way}"), &["backend", "stage"], Text));
+        nested.extend(below(&format!("ways.{way}"), &["direct"], Flag));
+        nested.extend(below(&format!("ways.{way}"), &["depth"], Count));
+        nested.extend(below(&format!("ways.{way}"), &["of_fio"], MaybeNumber));
+        if way.starts_with("ready") {
+            nested.extend(below(&format!("ways.{way}"), &["latency_us"], MaybeNumber));
+        } else {
+            nested.extend(below(&format!("ways.{way}.latency_us"), &["p50", "p99", "p999", "max"], Count));
+        }
     }
+    check_all(&document, "trex.bench-io/1", &BENCH_IO, &nested);
     let bytes_per_page = number(&document, "/bytes_per_page");
-    for (i, way) in ways.iter().enumerate() {
-        let at = |key: &str| number(&document, &format!("/ways/{i}/{key}"));
+    for way in &ways {
+        let at = |key: &str| number(&document, &format!("/ways/{way}/{key}"));
         near(at("bytes_per_s") / at("pages_per_s"), bytes_per_page, ROUNDING, &document);
+        let way = &document["ways"][way];
         assert!(at("cpu_us_per_page") > 0.0 && way["of_fio"].is_null(), "{way:#}");
         assert_eq!(way["latency_us"].is_null(), way["stage"] == "ready", "{way:#}");
     }

@@ -384,7 +384,7 @@ impl Kernel for Avx2 {
         let (head, leaf_count) = (cluster.head(), cluster.leaf_count());
         let rows = cluster.bytes()[CLUSTER_HEAD_BYTES..].as_ptr();
         let widths = u32::from_le_bytes([head.widths[0], head.widths[1], head.widths[2], 0]);
-        // SAFETY: six rows of a byte a leaf; behind them the frame holds more than the eight bytes, or sixteen, that are
+        // SAFETY: six rows of a byte a leaf; behind them the frame holds more than the eight or sixteen bytes that are
         // read of each: shapes, indices, a palette, and its tail. The caller runs with AVX2 and FMA.
         unsafe {
             let shift = _mm_subs_epu8(_mm_cvtsi32_si128(widths as i32), _mm_set1_epi8(8));
@@ -420,8 +420,8 @@ impl Kernel for Avx2 {
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
         let vertices = self.vertices(cluster);
         let LeafIndices { at, shape } = cluster.leaf_indices(leaf);
-        // SAFETY: `install` wrote the leaf's least index and three words of narrow ones, and what follows them within the
-        // frame is longer than eight bytes. The caller runs with AVX2, FMA and BMI2.
+        // SAFETY: `install` wrote the leaf's least index and three words of narrow ones, and what follows them within
+        // the frame is longer than eight bytes. The caller runs with AVX2, FMA and BMI2.
         unsafe {
             let leaf = cluster.bytes().as_ptr().add(at);
             let (least, stride) = (u64::from(*leaf) * BYTES_OF_ONE, shape.corner_bytes());

@@ -10,6 +10,8 @@
 //! Invariants: 1. a round reads the same pages in the same order in every way; 2. before each the system is asked to
 //! drop the file from its cache; 3. ways take turns; figures are medians over rounds.
 
+mod fio;
+
 use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::{Context, ensure};
@@ -19,14 +21,13 @@ use rand_pcg::rand_core::{Rng, SeedableRng};
 use rustix::fs::{Advice, fadvise};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::path::Path;
-use std::process::Command;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::PageFile;
 use trex_store::io::{
-    ALIGN_BYTES, DirectChoice, Extent, IoChoice, IoOptions, Reader, Staging, Wait, open, staging_bytes_for,
+    DirectChoice, Extent, IoChoice, IoOptions, Reader, Staging, Wait, open, staging_bytes_for,
 };
 use trex_store::layout::{FRAME_BYTES, PageKind, STORED_BYTES, page_hash};
 use trex_store::pool::{PagePool, PoolOptions};
@@ -66,8 +67,8 @@ pub struct PageIoFigures {
     pub thread_count: usize,
     /// Measured rounds.
     pub round_count: usize,
-    /// Every way, by depth.
-    pub ways: Vec<WayFigures>,
+    /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `ready` or `fio`, and the depth.
+    pub ways: BTreeMap<String, WayFigures>,
 }
 
 /// How far pages come.
@@ -143,7 +144,8 @@ struct Pages<'a> {
 /// Measures `model`.
 ///
 /// # Errors
-/// The file or its pages cannot be read; the limit has no room for what is in flight; fio is asked for and does not run.
+/// The file or its pages cannot be read; the limit has no room for what is in flight; fio is asked for and does not
+/// run.
 pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> anyhow::Result<PageIoFigures> {
     ensure!(options.rounds > 0 && options.depths.iter().all(|&depth| depth > 0), "a median takes a round");
     let file = Arc::new(PageFile::open(&model.path, &around.budget)?);
@@ -170,7 +172,7 @@ pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> any
     let triangles_per_page = entries.map(|e| f64::from(e.triangle_count)).sum::<f64>() / count;
     let fio: Vec<(usize, Vec<f64>)> =
         ways.iter().filter(|way| way.kind == Kind::Fio).map(|way| (way.depth, way.rates.clone())).collect();
-    let figures = ways.iter().map(|way| way.figures(bytes_per_page, triangles_per_page, &fio));
+    let figures = ways.iter().map(|way| (way.name(), way.figures(bytes_per_page, triangles_per_page, &fio)));
     Ok(PageIoFigures {
         scene: model.scene.clone(),
         seed: options.seed,
@@ -244,11 +246,25 @@ impl Way {
         kinds.into_iter().map(way).collect()
     }
 
+    /// How it is called in figures.
+    fn name(&self) -> String {
+        let name = match self.kind {
+            Kind::Fio => "fio",
+            Kind::Ours(Stage::Hashed, ..) => "hashed",
+            Kind::Ours(Stage::Ready, ..) => "ready",
+            Kind::Ours(Stage::Raw, IoChoice::Mmap, _) => "mmap",
+            Kind::Ours(Stage::Raw, IoChoice::Pread, _) => "pread",
+            Kind::Ours(Stage::Raw, _, DirectChoice::Off) => "uring_cached",
+            Kind::Ours(Stage::Raw, ..) => "uring",
+        };
+        format!("{name}_{}", self.depth)
+    }
+
     /// Reads all pages once. Gives wall time and processor time.
     fn round(&mut self, pages: &Pages<'_>, around: &Surroundings) -> anyhow::Result<(Duration, Duration)> {
         pages.forget()?;
         match self.kind {
-            Kind::Fio => fio(pages, self.depth, &around.folder),
+            Kind::Fio => fio::read(pages, self.depth, &around.folder),
             Kind::Ours(Stage::Ready, io, direct) => self.ready(pages, (io, direct), around),
             Kind::Ours(stage, io, direct) => self.read(pages, (io, direct), stage, around),
         }
@@ -351,38 +367,6 @@ impl Way {
     }
 }
 
-/// The extents of a round, read by fio. Gives its run time and processor time.
-fn fio(pages: &Pages<'_>, depth: usize, folder: &Path) -> anyhow::Result<(Duration, Duration)> {
-    let path = std::path::absolute(pages.file.path())?;
-    let name = path.to_str().context("fio takes names in UTF-8 only")?;
-    let mut log = format!("fio version 2 iolog\n{name} add\n{name} open\n");
-    for extent in &pages.extents {
-        let align = ALIGN_BYTES as u64;
-        let first = extent.offset / align * align;
-        log += &format!("{name} read {first} {}\n", extent.end().next_multiple_of(align) - first);
-    }
-    log += &format!("{name} close\n");
-    let script = tempfile::NamedTempFile::new_in(folder)?;
-    std::fs::write(script.path(), log)?;
-    let output = Command::new("fio")
-        .args(["--name=pages", "--ioengine=io_uring", "--direct=1", "--replay_no_stall=1"])
-        .arg(format!("--iodepth={depth}"))
-        .arg(format!("--read_iolog={}", script.path().display()))
-        .arg("--output-format=json")
-        .output()
-        .context("fio does not run: install it (Debian: fio)")?;
-    ensure!(output.status.success(), "fio failed: {}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8_lossy(&output.stdout);
-    let document: serde_json::Value =
-        serde_json::from_str(&text[text.find('{').unwrap_or(0)..]).context("what fio says")?;
-    let job = &document["jobs"][0];
-    let number = |value: &serde_json::Value| value.as_f64().context("a number that fio should tell");
-    ensure!(number(&job["read"]["total_ios"])? as usize == pages.extents.len(), "fio has not read all");
-    let seconds = pages.extents.len() as f64 / number(&job["read"]["iops"])?;
-    let busy = (number(&job["usr_cpu"])? + number(&job["sys_cpu"])?) / 100.0;
-    Ok((Duration::from_secs_f64(seconds), Duration::from_secs_f64(seconds * busy)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -401,7 +385,7 @@ mod tests {
         let options = PageIoOptions { depths: vec![1, 8], rounds: 2, seed: 1, fio: false };
         let figures = run(&model, &options, &around).unwrap();
         assert_eq!(figures.ways.len(), 12);
-        for way in &figures.ways {
+        for way in figures.ways.values() {
             assert!(way.pages_per_s > 0.0 && way.of_fio.is_none(), "{way:?}");
             assert_eq!(way.latency_us.is_none(), way.stage == Stage::Ready);
         }
