@@ -12,6 +12,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Voxels};
 use trex_store::output::check_apart;
+use trex_store::printable::one_line;
 use trex_store::{Result, TriangleSource};
 
 /// Runs `trex build`.
@@ -93,7 +94,11 @@ impl Work<'_> {
             }
         };
         let report = build::build(source, self.output, &options, &tell_plan, &ctx.report())?;
-        report.source.warnings.iter().for_each(|warning| ctx.console.note(&format!("note: {warning}")));
+        report
+            .source
+            .warnings
+            .iter()
+            .for_each(|warning| ctx.console.note(&format!("note: {}", one_line(warning))));
         let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
         Ok(Built {
             scene: source.name(),

@@ -13,6 +13,7 @@ use std::path::Path;
 use trex_render::{MemoryPlan, PictureNeeds};
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
+use trex_store::printable::one_line;
 use trex_store::{Aabb, PageFile, open_regular};
 
 /// Materials named in the text.
@@ -55,7 +56,12 @@ struct Generated {
 
 impl fmt::Display for Generated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}: {} triangles (within 1 %)", self.scene, size::count(self.triangle_count))?;
+        writeln!(
+            f,
+            "{}: {} triangles (within 1 %)",
+            one_line(&self.scene),
+            size::count(self.triangle_count)
+        )?;
         write!(f, "box {:?} to {:?}, median edge {:.4e}", self.bounds.lo, self.bounds.hi, self.median_edge)
     }
 }
@@ -80,7 +86,7 @@ impl fmt::Display for Mesh {
             Format::Obj => "OBJ",
             Format::Stl => "STL",
         };
-        write!(f, "{}: {format} ({encoding}), {}", self.scene, size::bytes(info.file_bytes))?;
+        write!(f, "{}: {format} ({encoding}), {}", one_line(&self.scene), size::bytes(info.file_bytes))?;
         for (what, count) in [("vertices", info.vertex_count), ("faces", info.face_count)] {
             if let Some(count) = count {
                 write!(f, ", {} {what} declared", size::count(count))?;
@@ -247,7 +253,7 @@ impl fmt::Display for Stored {
         writeln!(
             f,
             "{}: {} triangles, {} vertices, {} clusters ({} wide), {} pages, {}",
-            self.scene,
+            one_line(&self.scene),
             size::count(self.triangle_count),
             size::count(self.vertex_count),
             size::count(self.cluster_count),
@@ -264,7 +270,8 @@ impl fmt::Display for Stored {
             self.material_count,
             self.emitter_count
         )?;
-        let named = self.materials.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let named =
+            self.materials.iter().take(NAMED).map(|name| one_line(name)).collect::<Vec<_>>().join(", ");
         let more = if self.material_count > NAMED { ", ... (--json lists all)" } else { "" };
         writeln!(f, "materials: {named}{more}")?;
         let per = &self.bytes_per_triangle;

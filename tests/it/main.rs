@@ -28,6 +28,7 @@ mod light;
 mod limits;
 mod live;
 mod memory;
+mod names;
 mod oracle;
 mod outputs;
 mod random;
