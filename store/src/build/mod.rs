@@ -253,7 +253,7 @@ const PLAN_SCRATCH_BYTES: u64 = 24;
 const PLAN_OUTPUT_BYTES: u64 = 5;
 
 fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
-    let free = rustix::fs::statvfs(scratch_folder)
+    let free = rustix::io::retry_on_intr(|| rustix::fs::statvfs(scratch_folder))
         .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
     let plan = Plan {
         triangle_count: scan.triangle_count,

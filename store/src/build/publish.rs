@@ -15,6 +15,7 @@ use crate::layout::Superblock;
 use crate::output::draft;
 use crate::verify;
 use rustix::fs::fdatasync;
+use rustix::io::retry_on_intr;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::os::unix::fs::FileExt;
@@ -97,7 +98,7 @@ impl DraftFile<'_> {
         file.write_all_at(bytes, offset).map_err(|e| self.failed(&e))?;
         self.end += bytes.len() as u64;
         if self.end - self.flushed >= FLUSH_BYTES {
-            fdatasync(file).map_err(|e| self.failed(&e.into()))?;
+            retry_on_intr(|| fdatasync(file)).map_err(|e| self.failed(&e.into()))?;
             drop_cache(file, self.flushed, self.end - self.flushed);
             self.flushed = self.end;
         }

@@ -14,6 +14,7 @@
 use crate::error::Result;
 use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
 use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
+use rustix::io::retry_on_intr;
 use std::fs::File;
 use std::path::Path;
 use std::sync::Mutex;
@@ -84,7 +85,8 @@ impl Scratch {
     /// Writes back what is dirty and drops it from the page cache.
     pub(super) fn flush(&mut self) -> Result<()> {
         let file = self.file.file();
-        fdatasync(file).map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
+        retry_on_intr(|| fdatasync(file))
+            .map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
         drop_cache(file, self.flushed, self.end - self.flushed);
         self.flushed = self.end;
         Ok(())
