@@ -5,6 +5,7 @@ use crate::values::{self, Bytes, Input};
 use clap::Args;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use std::path::PathBuf;
+use trex_store::verify::Level;
 
 /// `trex build`
 #[derive(Debug, Args)]
@@ -88,13 +89,36 @@ pub struct VerifyArgs {
     /// The page file
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Check the structure only: superblocks, tables, ranges; pages are not read
+    #[arg(long, conflicts_with = "deep")]
+    pub quick: bool,
+    /// Decode every page too, and check that mesh, octree and units agree
+    #[arg(long)]
+    pub deep: bool,
+    /// Most bytes to read in a second, with their unit (50MB); as fast as it goes without
+    #[arg(long, value_name = "BYTES/S", value_parser = values::rate)]
+    pub rate: Option<values::Bytes>,
     #[command(flatten)]
     pub common: CommonArgs,
 }
 
-const AFTER_VERIFY: &str = "\
-Reads every byte; behind a damaged table it is not known where pages lie, and that table is named alone.
-Exit status 0: clean. 1: damaged; pages, offsets and boxes are named.
+impl VerifyArgs {
+    /// How far the file is looked at.
+    pub fn level(&self) -> Level {
+        match (self.quick, self.deep) {
+            (true, _) => Level::Quick,
+            (_, true) => Level::Deep,
+            _ => Level::Hashes,
+        }
+    }
+}
 
-Example:
-  trex verify statue.trex";
+const AFTER_VERIFY: &str = "\
+Without --quick or --deep every byte is read and compared with its hash. --deep takes memory for the octree, too.
+Behind a damaged table it is not known where pages lie, and that table is named alone.
+Exit status 0: clean. 1: damaged; pages, byte ranges, boxes and counts of triangles are named.
+
+Examples:
+  trex verify statue.trex
+  trex verify statue.trex --quick                      is it whole at a glance?
+  trex verify statue.trex --deep --rate 50MB           beside other work";

@@ -171,13 +171,15 @@ const RENDER: [(&str, Kind); 35] = [
     ("arithmetic", Text),
 ];
 
-const VERIFY: [(&str, Kind); 7] = [
+const VERIFY: [(&str, Kind); 9] = [
     ("scene", Text),
     ("verdict", Text),
+    ("level", Text),
     ("page_count", Count),
     ("triangle_count", Count),
     ("bytes_read", Count),
     ("damage_count", Count),
+    ("damaged_triangle_count", Count),
     ("damage", List),
 ];
 

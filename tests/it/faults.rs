@@ -5,7 +5,11 @@ use crate::command::{Ran, TREX, cannot_run, document_in, folder, hash_of, ran, r
 use crate::fixtures::built_in;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+use trex_store::io::{Fault, FaultPlan, IoOptions};
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Budget, Code, PageFile};
 
 /// Reads a few hundred pages.
 const RENDER: &str =
@@ -72,4 +76,40 @@ fn a_loader_that_panics_ends_the_command() {
         assert_eq!(ended.stderr.matches("error:").count(), 1, "{}", ended.stderr);
     }
     run_in(inside.path(), RENDER).expect(0);
+}
+
+/// A bit that turned on the way, on a disk that is whole, cost the page for the rest of the run.
+#[test]
+fn a_page_that_comes_damaged_is_read_again_by_another_way() {
+    let inside = folder();
+    built_in(inside.path(), "gen:pipes:20k --voxels 64", "m.trex");
+    let path = inside.path().join("m.trex");
+    let pool_of = |plan| {
+        let file = Arc::new(PageFile::open(&path, &Budget::unlimited()).unwrap());
+        let backend = Fault::new(trex_store::io::open(&path, &IoOptions::default()).unwrap(), plan);
+        let options = PoolOptions::default();
+        PagePool::with_backend(file, Box::new(backend), &path, &Budget::unlimited(), &options).unwrap()
+    };
+    let (whole, faulty) =
+        (pool_of(FaultPlan::default()), pool_of(FaultPlan { flip_per_1024: 1024, ..FaultPlan::default() }));
+    let count = PageFile::open(&path, &Budget::unlimited()).unwrap().pages().len() as u32;
+    assert!(count > 2, "{count} pages are too few");
+    for page in 0..count {
+        let [whole, faulty] = [&whole, &faulty].map(|pool| pool.pin_blocking(page).unwrap());
+        assert!(*whole == *faulty, "page {page}");
+    }
+    assert_eq!((whole.stats().damaged, whole.stats().read_retries), (0, 0));
+    // A read of several pages has one bit that is wrong.
+    let stats = faulty.stats();
+    assert!(stats.damaged == 0 && stats.read_retries > 0, "{stats:?}");
+
+    // What is damaged on the disk is damaged, whoever reads it.
+    let entry = PageFile::open(&path, &Budget::unlimited()).unwrap().pages()[1];
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[entry.offset as usize + 9] ^= 4;
+    std::fs::write(&path, bytes).unwrap();
+    let pool = pool_of(FaultPlan::default());
+    assert_eq!(pool.pin_blocking(1).err().unwrap().code(), Code::Damaged);
+    assert!(pool.pin_blocking(0).is_ok() && pool.pin_blocking(2).is_ok());
+    assert_eq!((pool.stats().damaged, pool.stats().read_retries), (1, 1));
 }

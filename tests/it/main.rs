@@ -36,6 +36,7 @@ mod rays;
 mod real_models;
 mod support;
 mod tidy;
+mod verify;
 mod view;
 mod voxels;
 mod voxels_lower;
