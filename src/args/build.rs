@@ -12,12 +12,14 @@ use trex_store::verify::Level;
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
     /// Meshes: .ply, .obj or .stl files, or gen:KIND:COUNT, also with :SEED; several become one model
-    #[arg(value_name = "INPUT", required = true, num_args = 1..,
+    #[arg(value_name = "INPUT", required_unless_present = "clean", num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
     /// The page file to publish
     #[arg(short, long, value_name = "OUT.trex")]
     pub output: PathBuf,
+    #[command(flatten)]
+    pub resume: ResumeArgs,
     /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]
     pub grid_bits: Option<u8>,
@@ -32,6 +34,22 @@ pub struct BuildArgs {
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// What becomes of a build that is killed or interrupted.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Resume options")]
+pub struct ResumeArgs {
+    /// Keep nothing that a build could go on from, and remove what an earlier one has left
+    #[arg(long)]
+    pub no_resume: bool,
+    /// Build nothing: remove what unfinished builds of the output have left; of all outputs in a folder, where -o names
+    /// one
+    #[arg(long, conflicts_with_all = ["inputs", "no_resume"])]
+    pub clean: bool,
+    /// About how much work a kill may cost, once the input has been read
+    #[arg(long, value_name = "TIME", value_parser = values::seconds, default_value = "3s")]
+    pub journal_every: values::Seconds,
 }
 
 /// The voxel octree of a build.
@@ -58,19 +76,21 @@ pub struct VoxelArgs {
 
 const AFTER_BUILD: &str = "\
 The plan (memory, scratch and output size against the limit and the free space) is printed before work starts.
-The output appears under its name only when it is whole: Ctrl-C leaves nothing half published.
+The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same
+command runs again: a journal beside the output tells how far it was, and `trex info FOLDER` lists such builds.
 
 Examples:
   trex build statue.ply -o statue.trex
   trex build hull.obj engine.stl -o ship.trex --error 0.0001
   trex build hull.obj -o ship.trex --render-limit 128MiB
-  trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json";
+  trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json
+  trex build --clean -o ship.trex                      remove what a killed build has left";
 
 /// `trex info`
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
-    /// A page file, or a mesh: .ply, .obj, .stl or gen:KIND:COUNT
+    /// A page file, a mesh (.ply, .obj, .stl or gen:KIND:COUNT), or a folder or an output with unfinished builds
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
     #[command(flatten)]

@@ -1,5 +1,6 @@
 //! `trex info`: what a mesh or a page file holds, without loading it.
 
+use super::build::Unfinished;
 use super::inputs;
 use crate::args::InfoArgs;
 use crate::context::Context;
@@ -11,6 +12,7 @@ use std::fmt;
 use std::io::Read;
 use std::path::Path;
 use trex_render::{MemoryPlan, PictureNeeds};
+use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
 use trex_store::printable::one_line;
@@ -33,11 +35,20 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
                 bounds,
             })
         }
+        Input::File(path) if !path.is_file() && has_unfinished(path) => {
+            let unfinished = left_over::find(path)?;
+            ctx.done(&Unfinished { is_cleaned: false, unfinished })
+        }
         Input::File(path) if is_page_file(path) => {
             ctx.done(&Stored::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
         Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),
     }
+}
+
+/// Whether builds of this output, or of outputs in this folder, were begun and not ended.
+fn has_unfinished(path: &Path) -> bool {
+    left_over::find(path).is_ok_and(|found| !found.is_empty())
 }
 
 fn is_page_file(path: &Path) -> bool {

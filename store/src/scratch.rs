@@ -6,23 +6,36 @@
 //!
 //! A disk or a cable that turns one bit would otherwise make a model that is wrong and whose every hash is right.
 //!
-//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. no byte of a block is looked
+//! Invariants: 1. the file is unlinked from the start, and a killed build leaves nothing, but for those that a journal
+//! names (`build`); 2. no byte of a block is looked
 //! at before its hash was checked, past the page cache where it did not match; 3. the length of a block is known to who
 //! wrote it, and never read from the file; 4. a name is given once in a file, so a block in another's place does not
 //! pass.
 
 use crate::error::{Code, Error, Result};
 use crate::io::drop_cached;
-use std::fs::File;
+use rustix::fs::fdatasync;
+use rustix::io::retry_on_intr;
+use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// Bytes of a block before its content.
 pub(crate) const SEAL_BYTES: usize = 8;
 
-/// An unlinked file.
+/// Where a scratch file is.
+pub(crate) enum Place {
+    /// Without a name, in this folder.
+    Unnamed(PathBuf),
+    /// A new one of this name, which a journal keeps or removes.
+    New(PathBuf),
+    /// The one that a build before this left under this name.
+    Left(PathBuf),
+}
+
+/// A file of blocks.
 pub(crate) struct ScratchFile {
     file: File,
     folder: PathBuf,
@@ -35,11 +48,28 @@ pub(crate) fn seal(block: &mut [u8], name: u64) {
 }
 
 impl ScratchFile {
-    /// A new file in `folder`.
+    /// A new file in `folder`, without a name.
     pub(crate) fn create(folder: &Path) -> Result<ScratchFile> {
-        let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
-        Ok(ScratchFile { file, folder: folder.to_path_buf() })
+        ScratchFile::at(Place::Unnamed(folder.to_path_buf()))
+    }
+
+    /// The file of a place.
+    pub(crate) fn at(place: Place) -> Result<ScratchFile> {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true);
+        let (file, folder) = match place {
+            Place::Unnamed(folder) => (tempfile::tempfile_in(&folder), folder),
+            Place::New(path) => (options.create(true).truncate(true).mode(0o600).open(&path), path),
+            Place::Left(path) => (options.open(&path), path),
+        };
+        let file = file.map_err(|e| Error::writing("create a scratch file", &folder, &e))?;
+        Ok(ScratchFile { file, folder })
+    }
+
+    /// Waits until all that was written is on the disk.
+    pub(crate) fn sync(&self) -> Result<()> {
+        let synced = retry_on_intr(|| fdatasync(&self.file));
+        synced.map_err(|e| self.failed("write to the scratch file", &e.into()))
     }
 
     /// The file, for what is neither reading nor writing.

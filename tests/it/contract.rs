@@ -68,7 +68,7 @@ fn with_memory(keys: &[(&'static str, Kind)]) -> Vec<(&'static str, Kind)> {
     keys.iter().copied().chain(MEMORY).collect()
 }
 
-const BUILD: [(&str, Kind); 27] = [
+const BUILD: [(&str, Kind); 28] = [
     ("scene", Text),
     ("result_hash", Text),
     ("input_triangle_count", Count),
@@ -94,6 +94,7 @@ const BUILD: [(&str, Kind); 27] = [
     ("phase_ms.publish", Count),
     ("phase_ms.total", Count),
     ("scratch_peak_bytes", Count),
+    ("resumed_triangle_count", Count),
     ("output_bytes", Count),
     ("cluster_fill", Number),
 ];

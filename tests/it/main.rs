@@ -34,6 +34,7 @@ mod outputs;
 mod random;
 mod rays;
 mod real_models;
+mod resume;
 mod support;
 mod tidy;
 mod verify;

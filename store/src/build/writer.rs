@@ -5,7 +5,6 @@
 
 use super::BuildReport;
 use super::clusters::Tree;
-use super::lattice::Scan;
 use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
 use super::partition::Partition;
 use super::publish::DraftFile;
@@ -22,17 +21,19 @@ use xxhash_rust::xxh3::xxh3_64;
 pub(super) struct Writer<'a> {
     file_id: u64,
     node_shift: u32,
-    block: Superblock,
+    pub(super) block: Superblock,
     context: PackContext<'a>,
-    pages: Vec<PageEntry>,
+    pub(super) pages: Vec<PageEntry>,
     /// The page that the ends of the last chunks share, and what leads into it.
     open: OpenPage,
     links: Vec<(Link, u32)>,
-    nodes: Vec<Node>,
+    /// Whose ends these are: the chunk, and its first node.
+    pub(super) open_chunks: Vec<(usize, usize)>,
+    pub(super) nodes: Vec<Node>,
     /// Per chunk: its box and where its root is.
-    roots: Vec<(LatticeBox, TopRef)>,
-    emitters: Vec<u8>,
-    emitter_count: u64,
+    pub(super) roots: Vec<(LatticeBox, TopRef)>,
+    pub(super) emitters: Vec<u8>,
+    pub(super) emitter_count: u64,
 }
 
 /// Where it is said in which page a subtree is.
@@ -53,6 +54,7 @@ impl<'a> Writer<'a> {
             pages: Vec::new(),
             open: OpenPage::default(),
             links: Vec::new(),
+            open_chunks: Vec::new(),
             nodes: Vec::new(),
             roots: Vec::new(),
             emitters: Vec::new(),
@@ -76,33 +78,48 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes the pages of a chunk, and begins or fills the one that chunks share.
-    pub(super) fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
+    pub(super) fn add_chunk(&mut self, mut chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
         let (first_page, first_node) = (self.pages.len() as u32, self.nodes.len() as u32);
         let open_page = chunk.pages.len() as u32;
-        for page in chunk.pages {
+        for page in std::mem::take(&mut chunk.pages) {
             self.add_page(page, file)?;
         }
         if !self.open.takes(&chunk.open) {
             self.close(file)?;
         }
-        let first_slot = self.open.append(chunk.open);
-        let links = &mut self.links;
-        let mut moved = |r: TopRef, link: Link| match r {
+        let moved = |r: TopRef| match r {
             TopRef::Node(index) => TopRef::Node(first_node + index),
-            TopRef::Page { page, slot } if page == open_page => {
-                links.push((link, first_slot + slot));
-                r
-            }
+            // Told when the page is closed.
+            TopRef::Page { page, .. } if page == open_page => r,
             TopRef::Page { page, slot } => TopRef::Page { page: first_page + page, slot },
         };
         for children in &chunk.nodes {
-            let node = self.nodes.len();
-            let words =
-                children.iter().zip(0..).map(|(&(b, r), i)| (b, moved(r, Link::Child(node, i)).to_word()));
-            self.nodes.push(Node::from_children(&words.collect::<Vec<_>>(), self.node_shift));
+            let words: Vec<_> = children.iter().map(|&(b, r)| (b, moved(r).to_word())).collect();
+            self.nodes.push(Node::from_children(&words, self.node_shift));
         }
-        self.roots.push((chunk.root.0, moved(chunk.root.1, Link::Root(self.roots.len()))));
+        self.roots.push((chunk.root.0, moved(chunk.root.1)));
+        self.take_end((self.roots.len() - 1, first_node as usize), open_page, chunk);
         Ok(())
+    }
+
+    /// Takes the end of a chunk with this first node, which it calls page `open_page`, into the page that chunks share.
+    fn take_end(&mut self, (number, first_node): (usize, usize), open_page: u32, chunk: ChunkPages) {
+        let first_slot = self.open.append(chunk.open);
+        let links = &mut self.links;
+        let mut link = |r: TopRef, link: Link| match r {
+            TopRef::Page { page, slot } if page == open_page => links.push((link, first_slot + slot)),
+            _ => {}
+        };
+        for (node, children) in (first_node..).zip(&chunk.nodes) {
+            children.iter().zip(0..).for_each(|(&(_, r), i)| link(r, Link::Child(node, i)));
+        }
+        link(chunk.root.1, Link::Root(number));
+        self.open_chunks.push((number, first_node));
+    }
+
+    /// Takes the end of a chunk again that was added before the build was killed, and whose page was open then.
+    pub(super) fn reopen(&mut self, place: (usize, usize), chunk: ChunkPages) {
+        self.take_end(place, chunk.pages.len() as u32, chunk);
     }
 
     /// Ends the open page, if anything is in it.
@@ -112,6 +129,7 @@ impl<'a> Writer<'a> {
         if !full.is_empty() {
             self.add_page(full.pack(self.context), file)?;
         }
+        self.open_chunks.clear();
         for (link, slot) in self.links.drain(..) {
             let there = TopRef::Page { page, slot };
             match link {
@@ -281,7 +299,7 @@ pub(super) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_
 }
 
 /// The superblock of a file in which nothing is yet.
-pub(super) fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
+pub(super) fn superblock_of(parted: &Partition) -> Superblock {
     Superblock {
         file_bytes: 0,
         file_id: 0,
@@ -291,7 +309,7 @@ pub(super) fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
         error_bound: parted.error_bound,
         bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
         lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
-        median_edge: scan.median_edge,
+        median_edge: parted.median_edge,
         input_triangle_count: parted.input_triangle_count,
         triangle_count: 0,
         vertex_count: 0,

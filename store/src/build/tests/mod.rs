@@ -1,5 +1,6 @@
 //! The build against a plain snap of the same triangles: nothing lost, nothing changed, nothing order-dependent.
 
+mod resume;
 mod scratch;
 
 use super::*;
@@ -59,6 +60,7 @@ fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
         budget: Budget::new(limit_bytes),
         temp_dir: None,
         existing: Existing::Keep,
+        resume: None,
         interrupt: Interrupt::default(),
     }
 }
