@@ -40,6 +40,11 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             ctx.done(&Unfinished { is_cleaned: false, unfinished })
         }
         Input::File(path) if is_page_file(path) => {
+            if has_unfinished(path) {
+                ctx.console.note(
+                    "note: a build of this output did not end; trex build --clean removes what it left",
+                );
+            }
             ctx.done(&Stored::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
         Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),

@@ -7,6 +7,7 @@ mod command;
 mod contract;
 mod damage;
 mod determinism;
+mod enumerated;
 mod examples;
 mod extremes;
 mod faults;

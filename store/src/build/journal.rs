@@ -42,6 +42,8 @@ const NAME_CHARS: usize = 40;
 const JOURNAL_BYTES: u64 = 1 << 20;
 /// Tries to lock a journal that others remove meanwhile.
 const LOCK_TRIES: u32 = 16;
+/// How long somebody may hold the lock who only looks whether it is held.
+const GLANCE: Duration = Duration::from_millis(50);
 /// Time between two records, over the time that one took: so they cost a twentieth. Beyond the second number, over the
 /// time that was asked for, a slow disk costs more than that.
 const PAUSE: u32 = 20;
@@ -158,7 +160,7 @@ impl Header {
 pub(super) struct Journal {
     names: Names,
     /// Holds the lock.
-    _file: File,
+    file: File,
     every: Duration,
     due: Instant,
     /// There is a record to go on from.
@@ -179,11 +181,21 @@ impl Journal {
         let Some(resume) = &options.resume else { return Ok(None) };
         let names = Names::new(output, scratch_folder);
         let path = names.file("journal");
-        let file = lock(&path)?.ok_or_else(|| busy(output))?;
+        let mut locked = lock(&path)?;
+        if locked.is_none() {
+            // Who lists unfinished builds holds the lock for a moment.
+            std::thread::sleep(GLANCE);
+            locked = lock(&path)?;
+        }
+        let file = locked.ok_or_else(|| busy(output))?;
         let now = Header::new(output, resume, options);
-        match Header::read(&file) {
+        let found = Header::read(&file);
+        let (every, due) = (resume.every, Instant::now() + resume.every);
+        let mut journal = Journal { names, file, every, due, has_record: false, is_kept: false };
+        match found {
             Some(found) if found == now => {}
             Some(found) => {
+                journal.is_kept = true;
                 return Err(Error::new(
                     Code::Usage,
                     "an unfinished build of this output is of something else",
@@ -193,22 +205,22 @@ impl Journal {
                 .next("build with the same input and options, or remove it with trex build --clean"));
             }
             None => {
-                names.clear();
+                journal.names.clear();
                 let failed = |e| Error::writing("write the journal", &path, &e);
                 let header = serde_json::to_vec(&now).expect("headers are plain data");
+                let file = &journal.file;
                 file.set_len(0).and_then(|()| file.write_all_at(&header, 0)).map_err(failed)?;
                 file.sync_all().map_err(failed)?;
             }
         }
-        let (every, due) = (resume.every, Instant::now() + resume.every);
-        Ok(Some(Journal { names, _file: file, every, due, has_record: false, is_kept: false }))
+        Ok(Some(journal))
     }
 
     /// Removes records that there is nothing to go on from by, before their files are written anew: those of chunks,
     /// and where the input is read again all.
     pub(super) fn forget(&mut self, is_all: bool) -> Result<()> {
         let endings: &[&str] = if is_all { &["done", "chunks"] } else { &["done"] };
-        for path in endings.iter().map(|ending| self.file(ending)).filter(|path| path.exists()) {
+        for path in endings.iter().map(|ending| self.path(ending)).filter(|path| path.exists()) {
             std::fs::remove_file(&path).map_err(|e| Error::writing("remove a record", &path, &e))?;
             let synced = File::open(self.folder()).and_then(|folder| folder.sync_all());
             synced.map_err(|e| Error::writing("write the folder to the disk", self.folder(), &e))?;
@@ -217,8 +229,8 @@ impl Journal {
         Ok(())
     }
 
-    /// The file of an ending.
-    pub(super) fn file(&self, ending: &str) -> PathBuf {
+    /// Path of the file of an ending.
+    pub(super) fn path(&self, ending: &str) -> PathBuf {
         self.names.file(ending)
     }
 
@@ -269,6 +281,10 @@ pub(super) fn lock(path: &Path) -> Result<Option<File>> {
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) => return Ok(None),
             Err(error) => {
+                // Without locks nobody holds it.
+                if file.metadata().is_ok_and(|found| found.len() == 0) {
+                    let _ = std::fs::remove_file(path);
+                }
                 return Err(Error::writing("lock the journal", path, &error.into())
                     .next("this file system may have no locks: add --no-resume"));
             }

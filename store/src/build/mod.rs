@@ -329,8 +329,8 @@ impl Site<'_> {
     fn scratch(&self, journal: Option<&Journal>, ending: &str, is_left: bool) -> Place {
         match journal {
             None => Place::Unnamed(self.scratch_folder.to_path_buf()),
-            Some(journal) if is_left => Place::Left(journal.file(ending)),
-            Some(journal) => Place::New(journal.file(ending)),
+            Some(journal) if is_left => Place::Left(journal.path(ending)),
+            Some(journal) => Place::New(journal.path(ending)),
         }
     }
 }

@@ -108,17 +108,17 @@ impl Journal {
             content_hash: parted.content_hash,
             source: read.source.clone(),
         };
-        record::write(&self.file("chunks"), self.folder(), &head, &[&read.materials_json])?;
+        record::write(&self.path("chunks"), self.folder(), &head, &[&read.materials_json])?;
         self.written(begin);
         Ok(())
     }
 
     /// What a build before this has read; `None` when it did not come so far.
     pub(super) fn read_chunks(&mut self, done: Option<&Done>, budget: &Budget) -> Result<Option<Read>> {
-        let Some(record) = record::read::<ChunksHead<'_>>(&self.file("chunks"), budget)? else {
+        let Some(record) = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)? else {
             return Ok(None);
         };
-        let (head, cells) = (record.head, self.file("cells"));
+        let (head, cells) = (record.head, self.path("cells"));
         let octree = match head.octree {
             None => None,
             Some((resolution, factor)) => match Refinement::from_factor(factor) {
@@ -193,18 +193,18 @@ impl Journal {
         let nodes = bytemuck::cast_slice(&writer.nodes);
         let [roots, words] = [&roots, &voxel_words].map(|words| bytemuck::cast_slice(words));
         let blobs = [table.as_slice(), nodes, roots, &writer.emitters, words];
-        record::write(&self.file("done"), self.folder(), &head, &blobs)?;
+        record::write(&self.path("done"), self.folder(), &head, &blobs)?;
         self.written(begin);
         Ok(true)
     }
 
     /// The chunks that a build before this has brought to the output; `None` for none.
     pub(super) fn read_done(&self, budget: &Budget) -> Result<Option<Done>> {
-        let Some(record) = record::read::<DoneHead>(&self.file("done"), budget)? else { return Ok(None) };
+        let Some(record) = record::read::<DoneHead>(&self.path("done"), budget)? else { return Ok(None) };
         let Some(done) = Done::parse(record) else { return Ok(None) };
         let voxels_end = done.voxel_words.first().copied().unwrap_or(0);
-        let is_there = is_as_long(&self.file("part"), done.head.draft_bytes)
-            && (voxels_end == 0 || is_as_long(&self.file("voxels"), voxels_end));
+        let is_there = is_as_long(&self.path("part"), done.head.draft_bytes)
+            && (voxels_end == 0 || is_as_long(&self.path("voxels"), voxels_end));
         Ok(Some(done).filter(|_| is_there))
     }
 }
