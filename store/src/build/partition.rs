@@ -84,7 +84,15 @@ pub(super) fn partition(
     let (scratch, chunks) = cells.into_chunks(options)?;
     let lattice_bounds = [snapper.bounds.lo, snapper.bounds.hi];
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
-    let parted = Partition {
+    if triangle_count == 0 {
+        let rejected = Rejected {
+            read: snapper.input_triangle_count,
+            degenerate: snapper.rejected_degenerate,
+            non_finite: snapper.rejected_non_finite,
+        };
+        return Err(no_triangles(&name, rejected));
+    }
+    Ok(Partition {
         triangle_count,
         scratch,
         chunks,
@@ -98,18 +106,7 @@ pub(super) fn partition(
         octree: voxels::resolution(options.voxels, &snapper.surface, lattice_bounds, triangle_count),
         content_hash: snapper.hasher.digest(),
         wait_ms: waited.as_millis() as u64,
-    };
-    if parted.triangle_count == 0 {
-        return Err(no_triangles(
-            &name,
-            Rejected {
-                read: parted.input_triangle_count,
-                degenerate: parted.rejected_degenerate,
-                non_finite: parted.rejected_non_finite,
-            },
-        ));
-    }
-    Ok(parted)
+    })
 }
 
 /// Reads the source on a thread of its own, and sorts what comes into cells; gives the time that it was waited for.
