@@ -12,6 +12,7 @@ use std::panic::PanicHookInfo;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use trex_store::printable::{is_obeyed, lines, one_line};
 use trex_store::{Code, Error};
 
 /// Time for threads to end and for temporary files to go after a panic. Then the process ends as it stands.
@@ -132,10 +133,10 @@ impl Failure {
 
     /// What, then the parts that exist, one a line.
     fn text(&self) -> String {
-        let mut text = format!("error: {} [{}]", self.what, self.code);
+        let mut text = format!("error: {} [{}]", one_line(&self.what), self.code);
         for (label, part) in [("where", &self.place), ("numbers", &self.numbers), ("next", &self.next_step)] {
             if !part.is_empty() {
-                text.push_str(&format!("\n  {label}: {part}"));
+                text.push_str(&format!("\n  {label}: {}", one_line(part)));
             }
         }
         text
@@ -153,8 +154,12 @@ pub fn tell(error: &anyhow::Error, console: &Console, output: &Output) -> Exit {
 
 /// Tells what clap says: help and version are results, the rest is a usage error.
 pub fn tell_usage(error: &clap::Error, output: &Output) -> Exit {
-    // The streams may be closed pipes; then there is nobody to tell.
-    let _ = error.print();
+    // The streams may be closed pipes; then there is nobody to tell. Words that a terminal would obey are told plain.
+    let is_tame = !std::env::args_os().any(|word| word.to_string_lossy().contains(is_obeyed));
+    let _ = match is_tame {
+        true => error.print(),
+        false => write!(io::stderr().lock(), "{}", lines(&error.render().to_string())),
+    };
     if !error.use_stderr() {
         return Exit::Done;
     }

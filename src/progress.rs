@@ -17,6 +17,7 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use trex_store::Progress;
+use trex_store::printable::lines;
 
 /// Least time between two lines of one phase.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
@@ -181,7 +182,7 @@ impl State {
     /// Writes a line to stderr; a bar is lifted off and put back. Stderr that is gone is nobody's error.
     fn line(&self, text: &str) {
         let write = || {
-            let _ = writeln!(io::stderr().lock(), "{}", text.trim_end());
+            let _ = writeln!(io::stderr().lock(), "{}", lines(text.trim_end()));
         };
         match &self.bar {
             Some(bar) => bar.suspend(write),

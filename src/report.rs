@@ -2,13 +2,14 @@
 //!
 //! Invariants: 1. with `--json` stdout holds exactly one document, also after a failure: the first that is said; 2. a
 //! reader that hangs up (`trex info x | head -1`) ends the output, not the program, and is no error; 3. all notes go to
-//! stderr.
+//! stderr; 4. names from files reach a terminal with what it would obey told by number.
 
 use serde::Serialize;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use trex_store::printable::{is_obeyed, lines};
 
 /// Where results go, and in which form.
 #[derive(Clone, Debug)]
@@ -59,7 +60,7 @@ impl Output {
         if self.json {
             return self.document(verb, result);
         }
-        let mut text = result.to_string();
+        let mut text = lines(&result.to_string()).into_owned();
         if !text.is_empty() && !text.ends_with('\n') {
             text.push('\n');
         }
@@ -74,8 +75,18 @@ impl Output {
             body,
         };
         let text = serde_json::to_string_pretty(&document).expect("results are maps with string keys");
-        text + "\n"
+        escaped(text) + "\n"
     }
+}
+
+/// A document in which what terminals obey stands by its number, as JSON has it: outside of strings there is none.
+fn escaped(text: String) -> String {
+    let is_bad = |c: char| is_obeyed(c) && c != '\n';
+    if !text.contains(is_bad) {
+        return text;
+    }
+    let escape = |c: char| if is_bad(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() };
+    text.chars().map(escape).collect()
 }
 
 /// Writes and flushes; a closed pipe counts as written.
@@ -138,6 +149,15 @@ mod tests {
         assert_eq!(document["schema"], "trex.info/1");
         assert_eq!(document["command"], "trex info x");
         assert_eq!(document["triangle_count"], 7);
+    }
+
+    #[test]
+    fn documents_keep_names_and_hide_them_from_terminals() {
+        let name = "a\u{1b}[2J\u{9b}\u{202e}\u{feff}\n\"";
+        let text = Output::new(true, name.into()).render("info", &Counted { triangle_count: 7 });
+        assert!(text.chars().all(|c| c == '\n' || c == '"' || !is_obeyed(c)), "{text:?}");
+        let document: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(document["command"], name);
     }
 
     #[test]

@@ -102,6 +102,11 @@ const UNITS: [(&str, u64); 9] = [
     ("B", 1),
 ];
 
+/// Parses `50MB`, `1GiB/s`: bytes in a second.
+pub fn rate(text: &str) -> Result<Bytes, String> {
+    bytes(text.trim().strip_suffix("/s").unwrap_or(text))
+}
+
 /// Parses `512MiB`, `1.5GiB`, `2GB`, `4096B`; case does not matter.
 pub fn bytes(text: &str) -> Result<Bytes, String> {
     let refused = |why: &str| Err(format!("{why}; accepted are amounts like 512MiB, 1.5GiB, 2GB or 65536B"));

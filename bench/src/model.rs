@@ -101,6 +101,7 @@ pub(crate) fn build(
         budget,
         temp_dir: None,
         existing: Existing::Keep,
+        resume: None,
         interrupt,
     };
     Ok(trex_store::build::build(&mut *source, path, &options, &|_| {}, &|_| {})?)

@@ -5,18 +5,21 @@ use crate::values::{self, Bytes, Input};
 use clap::Args;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use std::path::PathBuf;
+use trex_store::verify::Level;
 
 /// `trex build`
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
     /// Meshes: .ply, .obj or .stl files, or gen:KIND:COUNT, also with :SEED; several become one model
-    #[arg(value_name = "INPUT", required = true, num_args = 1..,
+    #[arg(value_name = "INPUT", required_unless_present = "clean", num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
     /// The page file to publish
     #[arg(short, long, value_name = "OUT.trex")]
     pub output: PathBuf,
+    #[command(flatten)]
+    pub resume: ResumeArgs,
     /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]
     pub grid_bits: Option<u8>,
@@ -31,6 +34,22 @@ pub struct BuildArgs {
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// What becomes of a build that is killed or interrupted.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Resume options")]
+pub struct ResumeArgs {
+    /// Keep nothing that a build could go on from, and remove what an earlier one has left
+    #[arg(long)]
+    pub no_resume: bool,
+    /// Build nothing: remove what unfinished builds of the output have left; of all outputs in a folder, where -o names
+    /// one
+    #[arg(long, conflicts_with_all = ["inputs", "no_resume"])]
+    pub clean: bool,
+    /// About how much work a kill may cost, once the input has been read
+    #[arg(long, value_name = "TIME", value_parser = values::seconds, default_value = "3s")]
+    pub journal_every: values::Seconds,
 }
 
 /// The voxel octree of a build.
@@ -57,19 +76,21 @@ pub struct VoxelArgs {
 
 const AFTER_BUILD: &str = "\
 The plan (memory, scratch and output size against the limit and the free space) is printed before work starts.
-The output appears under its name only when it is whole: Ctrl-C leaves nothing half published.
+The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same
+command runs again: a journal beside the output tells how far it was, and `trex info FOLDER` lists such builds.
 
 Examples:
   trex build statue.ply -o statue.trex
   trex build hull.obj engine.stl -o ship.trex --error 0.0001
   trex build hull.obj -o ship.trex --render-limit 128MiB
-  trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json";
+  trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json
+  trex build --clean -o ship.trex                      remove what a killed build has left";
 
 /// `trex info`
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
-    /// A page file, or a mesh: .ply, .obj, .stl or gen:KIND:COUNT
+    /// A page file, a mesh (.ply, .obj, .stl or gen:KIND:COUNT), or a folder or an output with unfinished builds
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
     #[command(flatten)]
@@ -88,13 +109,36 @@ pub struct VerifyArgs {
     /// The page file
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Check the structure only: superblocks, tables, ranges; pages are not read
+    #[arg(long, conflicts_with = "deep")]
+    pub quick: bool,
+    /// Decode every page too, and check that mesh, octree and units agree
+    #[arg(long)]
+    pub deep: bool,
+    /// Most bytes to read in a second, with their unit (50MB); as fast as it goes without
+    #[arg(long, value_name = "BYTES/S", value_parser = values::rate)]
+    pub rate: Option<values::Bytes>,
     #[command(flatten)]
     pub common: CommonArgs,
 }
 
-const AFTER_VERIFY: &str = "\
-Reads every byte; behind a damaged table it is not known where pages lie, and that table is named alone.
-Exit status 0: clean. 1: damaged; pages, offsets and boxes are named.
+impl VerifyArgs {
+    /// How far the file is looked at.
+    pub fn level(&self) -> Level {
+        match (self.quick, self.deep) {
+            (true, _) => Level::Quick,
+            (_, true) => Level::Deep,
+            _ => Level::Hashes,
+        }
+    }
+}
 
-Example:
-  trex verify statue.trex";
+const AFTER_VERIFY: &str = "\
+Without --quick or --deep every byte is read and compared with its hash. --deep takes memory for the octree, too.
+Behind a damaged table it is not known where pages lie, and that table is named alone.
+Exit status 0: clean. 1: damaged; pages, byte ranges, boxes and counts of triangles are named.
+
+Examples:
+  trex verify statue.trex
+  trex verify statue.trex --quick                      is it whole at a glance?
+  trex verify statue.trex --deep --rate 50MB           beside other work";

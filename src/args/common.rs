@@ -56,7 +56,8 @@ pub struct OverwriteArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Output options")]
 pub struct ScratchArgs {
-    /// Folder for scratch files (default: beside the output; bench and stress: here); removed again, also after Ctrl-C
+    /// Folder for scratch files (default: beside the output; bench and stress: here); removed again, but for those that
+    /// a killed build goes on from
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
 }

@@ -9,13 +9,25 @@ use crate::size;
 use crate::values::Input;
 use serde::Serialize;
 use std::fmt;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Voxels};
+use std::time::Duration;
+use trex_store::build::left_over::{self, LeftOver};
+use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
-use trex_store::{Result, TriangleSource};
+use trex_store::printable::one_line;
+use trex_store::{Error, Result, TriangleSource};
+
+/// Longest time between two records of a journal, seconds: a day.
+const JOURNAL_EVERY_MOST_S: f64 = 86_400.0;
 
 /// Runs `trex build`.
 pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
+    if args.resume.clean {
+        let unfinished = left_over::clean(&args.output)?;
+        ctx.output.result("build-clean", &Unfinished { is_cleaned: true, unfinished })?;
+        return Ok(Exit::Done);
+    }
     let precision = match (args.grid_bits, args.error) {
         (Some(bits), _) => Precision::GridBits(u32::from(bits)),
         (None, Some(error)) => Precision::Error(error),
@@ -27,6 +39,7 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: Existing::replace_if(args.overwrite.overwrite),
         precision,
         voxels: voxels(&args.voxels),
+        resume: resume(args)?,
     };
     for input in &args.inputs {
         if let Input::File(path) = input {
@@ -35,6 +48,25 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     }
     let mut source = inputs::open(&args.inputs, &work.scratch_folder(), build::smallest_bytes(), ctx)?;
     ctx.done(&work.build(&mut *source, ctx)?)
+}
+
+/// What tells the inputs apart from others: a file by its path, length and time, a generator by its name.
+fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
+    let fact = |(number, input): (usize, &Input)| {
+        let value = match input {
+            Input::Generated(name) => name.clone(),
+            Input::File(path) => {
+                let failed = |error| Error::io("open the input", path, &error);
+                let found = path.metadata().map_err(failed)?;
+                let (full, bytes) = (path.canonicalize().map_err(failed)?, found.len());
+                format!("{full:?}, {bytes} bytes, changed at {}.{:09} s", found.mtime(), found.mtime_nsec())
+            }
+        };
+        Ok((format!("input {}", number + 1), value))
+    };
+    let input = args.inputs.iter().enumerate().map(fact).collect::<Result<_>>()?;
+    let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
+    Ok((!args.resume.no_resume).then_some(Resume { input, every }))
 }
 
 fn voxels(args: &VoxelArgs) -> Voxels {
@@ -58,6 +90,7 @@ pub struct Work<'a> {
     pub existing: Existing,
     pub precision: Precision,
     pub voxels: Voxels,
+    pub resume: Option<Resume>,
 }
 
 impl Work<'_> {
@@ -77,6 +110,7 @@ impl Work<'_> {
             temp_dir: self.temp_dir.map(Path::to_path_buf),
             existing: self.existing,
             interrupt: ctx.interrupt.clone(),
+            resume: self.resume.clone(),
         };
         let tell_plan = |plan: &Plan| {
             ctx.console.note(&format!(
@@ -93,7 +127,15 @@ impl Work<'_> {
             }
         };
         let report = build::build(source, self.output, &options, &tell_plan, &ctx.report())?;
-        report.source.warnings.iter().for_each(|warning| ctx.console.note(&format!("note: {warning}")));
+        if report.resumed_triangle_count > 0 {
+            let [done, all] = [report.resumed_triangle_count, report.triangle_count].map(size::count);
+            ctx.console.note(&format!("resumed: {done} of {all} triangles were done by an earlier build"));
+        }
+        report
+            .source
+            .warnings
+            .iter()
+            .for_each(|warning| ctx.console.note(&format!("note: {}", one_line(warning))));
         let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
         Ok(Built {
             scene: source.name(),
@@ -114,6 +156,32 @@ impl Work<'_> {
 fn miss_rate(report: &BuildReport) -> Option<f64> {
     let lookups = report.source.vertex_lookups;
     (lookups > 0).then(|| report.source.vertex_cache_misses as f64 / lookups as f64)
+}
+
+/// Unfinished builds that were listed or removed.
+#[derive(Debug, Serialize)]
+pub struct Unfinished {
+    #[serde(skip)]
+    pub is_cleaned: bool,
+    pub unfinished: Vec<LeftOver>,
+}
+
+impl fmt::Display for Unfinished {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.unfinished.is_empty() {
+            return f.write_str("no unfinished builds");
+        }
+        for LeftOver { output, file_count, bytes, is_running } in &self.unfinished {
+            let state = match (self.is_cleaned, is_running) {
+                (true, _) => "removed",
+                (false, true) => "at work",
+                (false, false) => "goes on when the same command runs again; trex build --clean removes it",
+            };
+            let (output, bytes) = (output.display().to_string(), size::bytes(*bytes));
+            writeln!(f, "unfinished: {}, {file_count} files, {bytes}: {state}", one_line(&output))?;
+        }
+        Ok(())
+    }
 }
 
 /// The result of a build.

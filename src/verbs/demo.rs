@@ -43,6 +43,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: Existing::replace_if(overwrite),
         precision: Precision::Default,
         voxels: Voxels::default(),
+        resume: None,
     };
     let build = work.build(&mut *inputs::generate(&spec, build::smallest_bytes(), ctx)?, ctx)?;
     ctx.console.finish();

@@ -11,6 +11,7 @@ use datasets_gen::write::{Existing, WriteOptions, smallest_bytes, write};
 use serde::Serialize;
 use std::fmt;
 use std::time::Instant;
+use trex_store::printable::one_line;
 
 /// Runs `trex gen`.
 pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -53,7 +54,7 @@ impl fmt::Display for Generated {
         write!(
             f,
             "{}: {} triangles, {}, {}",
-            self.output,
+            one_line(&self.output),
             size::count(self.triangle_count),
             size::bytes(self.output_bytes),
             size::rate(self.triangles_per_s, "triangles")

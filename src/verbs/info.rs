@@ -1,5 +1,6 @@
 //! `trex info`: what a mesh or a page file holds, without loading it.
 
+use super::build::Unfinished;
 use super::inputs;
 use crate::args::InfoArgs;
 use crate::context::Context;
@@ -11,8 +12,10 @@ use std::fmt;
 use std::io::Read;
 use std::path::Path;
 use trex_render::{MemoryPlan, PictureNeeds};
+use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
+use trex_store::printable::one_line;
 use trex_store::{Aabb, PageFile, open_regular};
 
 /// Materials named in the text.
@@ -32,11 +35,25 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
                 bounds,
             })
         }
+        Input::File(path) if !path.is_file() && has_unfinished(path) => {
+            let unfinished = left_over::find(path)?;
+            ctx.done(&Unfinished { is_cleaned: false, unfinished })
+        }
         Input::File(path) if is_page_file(path) => {
+            if has_unfinished(path) {
+                ctx.console.note(
+                    "note: a build of this output did not end; trex build --clean removes what it left",
+                );
+            }
             ctx.done(&Stored::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
         Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),
     }
+}
+
+/// Whether builds of this output, or of outputs in this folder, were begun and not ended.
+fn has_unfinished(path: &Path) -> bool {
+    left_over::find(path).is_ok_and(|found| !found.is_empty())
 }
 
 fn is_page_file(path: &Path) -> bool {
@@ -55,7 +72,12 @@ struct Generated {
 
 impl fmt::Display for Generated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}: {} triangles (within 1 %)", self.scene, size::count(self.triangle_count))?;
+        writeln!(
+            f,
+            "{}: {} triangles (within 1 %)",
+            one_line(&self.scene),
+            size::count(self.triangle_count)
+        )?;
         write!(f, "box {:?} to {:?}, median edge {:.4e}", self.bounds.lo, self.bounds.hi, self.median_edge)
     }
 }
@@ -80,7 +102,7 @@ impl fmt::Display for Mesh {
             Format::Obj => "OBJ",
             Format::Stl => "STL",
         };
-        write!(f, "{}: {format} ({encoding}), {}", self.scene, size::bytes(info.file_bytes))?;
+        write!(f, "{}: {format} ({encoding}), {}", one_line(&self.scene), size::bytes(info.file_bytes))?;
         for (what, count) in [("vertices", info.vertex_count), ("faces", info.face_count)] {
             if let Some(count) = count {
                 write!(f, ", {} {what} declared", size::count(count))?;
@@ -247,7 +269,7 @@ impl fmt::Display for Stored {
         writeln!(
             f,
             "{}: {} triangles, {} vertices, {} clusters ({} wide), {} pages, {}",
-            self.scene,
+            one_line(&self.scene),
             size::count(self.triangle_count),
             size::count(self.vertex_count),
             size::count(self.cluster_count),
@@ -264,7 +286,8 @@ impl fmt::Display for Stored {
             self.material_count,
             self.emitter_count
         )?;
-        let named = self.materials.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let named =
+            self.materials.iter().take(NAMED).map(|name| one_line(name)).collect::<Vec<_>>().join(", ");
         let more = if self.material_count > NAMED { ", ... (--json lists all)" } else { "" };
         writeln!(f, "materials: {named}{more}")?;
         let per = &self.bytes_per_triangle;

@@ -10,6 +10,7 @@ use trex_bench::RayRates;
 use trex_render::{GStats, MemoryPlan, PhotonStats, RayCounts};
 use trex_store::io::IoDescription;
 use trex_store::pool::PoolStats;
+use trex_store::printable::one_line;
 
 /// The result of a render.
 #[derive(Debug, Serialize)]
@@ -73,7 +74,8 @@ impl fmt::Display for Rendered {
         };
         writeln!(
             f,
-            "{output}: {}x{}, {} samples a pixel, {}",
+            "{}: {}x{}, {} samples a pixel, {}",
+            one_line(&output),
             self.image.width,
             self.image.height,
             self.spp,

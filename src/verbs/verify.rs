@@ -1,4 +1,4 @@
-//! `trex verify`: every byte of a page file; 0 clean, 1 damaged.
+//! `trex verify`: a page file at one of three levels, every byte by default; 0 clean, 1 damaged.
 
 use crate::args::VerifyArgs;
 use crate::context::Context;
@@ -7,7 +7,9 @@ use crate::memory::Memory;
 use crate::size;
 use serde::Serialize;
 use std::fmt;
-use trex_store::{Progress, verify};
+use std::num::NonZeroU64;
+use trex_store::Progress;
+use trex_store::verify::{self, Level};
 
 /// Damaged stretches named in the text; JSON has up to a thousand.
 const NAMED: usize = 20;
@@ -20,7 +22,9 @@ pub fn run(args: &VerifyArgs, ctx: &Context) -> anyhow::Result<Exit> {
         show(Progress { phase: "verify", done, total, unit: "bytes", memory_bytes });
         ctx.interrupt.check()
     };
-    let verdict = verify::check(&args.file, &ctx.budget, &report)?;
+    let bytes_per_s = args.rate.and_then(|rate| NonZeroU64::new(rate.0));
+    let options = verify::Options { level: args.level(), bytes_per_s };
+    let verdict = verify::check(&args.file, &options, &ctx.budget, &report)?;
     let clean = verdict.damage_count == 0;
     let answer = Verified {
         scene: args.file.display().to_string(),
@@ -56,16 +60,25 @@ impl fmt::Display for Verified {
         }
         write!(
             f,
-            "{}{}: {} pages, {} triangles, {} read",
+            "{}{}{}: {} pages, {} triangles, {} read",
             self.verdict,
             match found.damage_count {
                 0 => String::new(),
                 1 => " in one place".to_owned(),
                 count => format!(" in {count} places"),
             },
+            match found.damaged_triangle_count {
+                0 => String::new(),
+                count => format!(", {count} triangles lost"),
+            },
             found.page_count,
             size::count(found.triangle_count),
             size::bytes(found.bytes_read)
-        )
+        )?;
+        f.write_str(match found.level {
+            Level::Quick => " (structure)",
+            Level::Hashes => " (all hashes)",
+            Level::Deep => " (hashes and content)",
+        })
     }
 }

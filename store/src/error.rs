@@ -2,8 +2,10 @@
 //!
 //! Invariants: 1. every error that reaches a user names a place (a path, with a line or a byte offset when
 //! there is one); 2. `Code` strings never change once published; 3. only users' data, files and devices make
-//! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one.
+//! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one;
+//! 4. shown, each part is one line without control characters, whatever names it holds (`printable`).
 
+use crate::printable::one_line;
 use std::fmt;
 use std::path::Path;
 
@@ -218,10 +220,10 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Parts { code, what, place, numbers, next_step, .. } = &*self.0;
-        write!(f, "{what} [{}]", code.as_str())?;
+        write!(f, "{} [{}]", one_line(what), code.as_str())?;
         for (label, part) in [("where", place), ("numbers", numbers), ("next", next_step)] {
             if !part.is_empty() {
-                write!(f, "\n  {label}: {part}")?;
+                write!(f, "\n  {label}: {}", one_line(part))?;
             }
         }
         Ok(())

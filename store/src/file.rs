@@ -3,12 +3,12 @@
 //! Invariants: 1. what `open` returns was checked: hashes of superblock and sections, ranges of every entry, every
 //! reference of the top tree; 2. pages are checked when they are read, hash before decode, and then against what the
 //! tables say of them, so that rays and materials can be looked up without asking; 3. the file is never
-//! written.
+//! written; 4. what does not match its hash is read again before it counts as damaged (`twice`).
 
 use crate::budget::{Budget, Lease};
 use crate::cluster::{FrameView, Node, install};
 use crate::error::{Code, Error, Result};
-use crate::io::Extent;
+use crate::io::{Extent, drop_cached};
 use crate::layout::*;
 use crate::material::Material;
 use crate::octree::{
@@ -19,12 +19,18 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
+mod sections;
 mod tables;
+mod twice;
 
+pub use sections::open_regular;
 pub use tables::Emitter;
 
+use sections::{checked_section, damaged_section, out_of_range};
+pub(crate) use sections::{lower_size, read_superblock, upper_size};
 pub(crate) use tables::table_bytes;
 use tables::{kept_bytes, parse_emitters, parse_materials, parse_pages, parse_top};
+pub(crate) use twice::twice;
 
 /// An open page file. See the module's invariants.
 pub struct PageFile {
@@ -51,13 +57,7 @@ impl PageFile {
         let block = read_superblock(&file, path)?;
         let mut lease = budget.lease("the tables of the file", table_bytes(&block))?;
         let read = |kind: SectionKind| -> Result<Vec<u8>> {
-            let section = block.section(kind);
-            let mut bytes = vec![0; section.bytes as usize];
-            file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
-            if section_hash(&bytes, block.file_id, section.kind) != section.hash {
-                return Err(damaged_section(section, kind, path, "does not match its hash"));
-            }
-            Ok(bytes)
+            checked_section(&file, block.section(kind), (kind, block.file_id), path)
         };
         let out_of_range = |kind| out_of_range(block.section(kind), kind, path);
         let kind = SectionKind::PageTable;
@@ -167,16 +167,26 @@ impl PageFile {
 
     /// The bytes of a section, which match its hash.
     fn checked_section(&self, section: Section, kind: SectionKind) -> Result<Vec<u8>> {
-        let mut bytes = vec![0; section.bytes as usize];
-        self.file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", &self.path, &e))?;
-        if section_hash(&bytes, self.block.file_id, section.kind) != section.hash {
-            return Err(damaged_section(section, kind, &self.path, "does not match its hash"));
-        }
-        Ok(bytes)
+        checked_section(&self.file, section, (kind, self.block.file_id), &self.path)
     }
 
     /// Compares the bytes of a section with its hash, piece by piece.
-    pub(crate) fn check_section(&self, section: Section, kind: SectionKind) -> Result<()> {
+    /// Lengths of the pieces go to `on_read`, those of a second look too.
+    pub(crate) fn check_section(
+        &self,
+        section: Section,
+        kind: SectionKind,
+        on_read: &mut dyn FnMut(u64) -> Result<()>,
+    ) -> Result<()> {
+        twice(&self.file, (section.offset, section.bytes), || self.check_section_once(section, kind, on_read))
+    }
+
+    fn check_section_once(
+        &self,
+        section: Section,
+        kind: SectionKind,
+        on_read: &mut dyn FnMut(u64) -> Result<()>,
+    ) -> Result<()> {
         let mut hasher = section_hasher(self.block.file_id, section.kind);
         let mut piece = vec![0; FRAME_BYTES];
         let end = section.offset + section.bytes;
@@ -186,6 +196,7 @@ impl PageFile {
             self.file.read_exact_at(piece, at).map_err(|e| Error::io("read", &self.path, &e))?;
             hasher.update(piece);
             at += piece.len() as u64;
+            on_read(piece.len() as u64)?;
         }
         if hasher.digest() != section.hash {
             return Err(damaged_section(section, kind, &self.path, "does not match its hash"));
@@ -208,12 +219,8 @@ impl PageFile {
     /// # Errors
     /// [`Code::Damaged`] with the page's place; the frame's content is then not specified.
     pub fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
+        self.check_hash(page, stored)?;
         let entry = &self.pages[page as usize];
-        let found = page_hash(stored, self.block.file_id, page);
-        if found != entry.hash {
-            let numbers = format!("page {page}: hash {found:016x}, expected {:016x}", entry.hash);
-            return Err(self.damaged_page(page, "a page does not match its hash").numbers(numbers));
-        }
         let raw = match entry.packing {
             Packing::Raw => stored,
             Packing::Lz4 => {
@@ -248,8 +255,36 @@ impl PageFile {
         let entry = &self.pages[page as usize];
         let [stored, scratch] = buffers;
         stored.resize(entry.stored_bytes as usize, 0);
-        self.file.read_exact_at(stored, entry.offset).map_err(|e| Error::io("read", &self.path, &e))?;
-        self.install(page, stored, frame, scratch)
+        twice(&self.file, (entry.offset, u64::from(entry.stored_bytes)), || {
+            self.read_stored(page, stored)?;
+            self.install(page, stored, frame, scratch)
+        })
+    }
+
+    /// Reads one page and compares it with its hash; nothing is decoded.
+    pub(crate) fn check_page(&self, page: u32, stored: &mut Vec<u8>) -> Result<()> {
+        let entry = &self.pages[page as usize];
+        stored.resize(entry.stored_bytes as usize, 0);
+        twice(&self.file, (entry.offset, u64::from(entry.stored_bytes)), || {
+            self.read_stored(page, stored)?;
+            self.check_hash(page, stored)
+        })
+    }
+
+    fn check_hash(&self, page: u32, stored: &[u8]) -> Result<()> {
+        let expected = self.pages[page as usize].hash;
+        let found = page_hash(stored, self.block.file_id, page);
+        if found == expected {
+            return Ok(());
+        }
+        let numbers = format!("page {page}: hash {found:016x}, expected {expected:016x}");
+        Err(self.damaged_page(page, "a page does not match its hash").numbers(numbers))
+    }
+
+    /// The bytes of a page as they lie in the file, unchecked.
+    fn read_stored(&self, page: u32, stored: &mut [u8]) -> Result<()> {
+        let offset = self.pages[page as usize].offset;
+        self.file.read_exact_at(stored, offset).map_err(|e| Error::io("read", &self.path, &e))
     }
 
     fn damaged_page(&self, page: u32, what: &str) -> Error {
@@ -274,86 +309,12 @@ impl PageStore for PageFile {
         PageFile::install(self, page, stored, frame, scratch)
     }
 
+    fn read_again(&self, page: u32, stored: &mut [u8]) -> Result<bool> {
+        drop_cached(&self.file, self.pages[page as usize].offset, stored.len() as u64);
+        self.read_stored(page, stored).map(|()| true)
+    }
+
     fn frame_bytes(&self) -> usize {
         FRAME_BYTES
     }
-}
-
-/// See [`PageFile::upper_size`].
-pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<UpperSize>> {
-    let kind = SectionKind::Upper;
-    let Some(section) = block.find_section(kind) else { return Ok(None) };
-    let mut head = [0; UpperOctree::HEAD_BYTES];
-    let length = (section.bytes as usize).min(head.len());
-    file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
-    let material_count = block.section(SectionKind::Materials).count;
-    UpperOctree::peek(&head[..length], section.bytes, material_count as usize)
-        .filter(|size| size.leaf_count == section.count)
-        .map(Some)
-        .ok_or_else(|| out_of_range(section, kind, path))
-}
-
-/// See [`PageFile::lower_size`].
-pub(crate) fn lower_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<LowerSize>> {
-    let kind = SectionKind::Lower;
-    let Some(section) = block.find_section(kind) else { return Ok(None) };
-    let mut head = [0; LowerLinks::HEAD_BYTES];
-    let length = (section.bytes as usize).min(head.len());
-    file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
-    LowerLinks::peek(&head[..length], section.count, section.bytes)
-        .map(Some)
-        .ok_or_else(|| out_of_range(section, kind, path))
-}
-
-/// Opens a regular file for reading.
-///
-/// # Errors
-/// [`Code::InputUnreadable`] for a folder, a pipe, a socket or a device, and for what cannot be opened.
-pub fn open_regular(path: &Path) -> Result<File> {
-    let failed = |error| Error::io("open", path, &error);
-    // Asked before the open: opening a pipe would wait for a writer.
-    if !std::fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(Error::new(Code::InputUnreadable, "this is no regular file")
-            .at(path)
-            .next("name a file: nothing is read from folders, pipes, sockets or devices"));
-    }
-    File::open(path).map_err(failed)
-}
-
-/// The head, or the tail where the head is damaged.
-pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
-    let length = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
-    if length < 2 * SUPERBLOCK_BYTES as u64 {
-        return Err(Error::new(Code::InputFormat, "this is no trex file: it is too short")
-            .at(path)
-            .numbers(format!("{length} bytes, at least {}", 2 * SUPERBLOCK_BYTES))
-            .next("make one with `trex build`"));
-    }
-    let mut bytes = [0; SUPERBLOCK_BYTES];
-    file.read_exact_at(&mut bytes, 0).map_err(|e| Error::io("read", path, &e))?;
-    let block = Superblock::parse(&bytes, path).or_else(|head_error| {
-        if head_error.code() == Code::Version {
-            return Err(head_error);
-        }
-        file.read_exact_at(&mut bytes, length - SUPERBLOCK_BYTES as u64).map_err(|_| head_error.clone())?;
-        Superblock::parse(&bytes, path).map_err(|_| head_error)
-    })?;
-    if block.file_bytes != length {
-        return Err(Error::new(Code::Damaged, "the file has another length than it was published with")
-            .at(path)
-            .numbers(format!("{length} bytes, expected {}", block.file_bytes))
-            .next("copy the file again, or build it again"));
-    }
-    Ok(block)
-}
-
-fn out_of_range(section: Section, kind: SectionKind, path: &Path) -> Error {
-    damaged_section(section, kind, path, "holds a number out of its range")
-}
-
-fn damaged_section(section: Section, kind: SectionKind, path: &Path, what: &str) -> Error {
-    Error::new(Code::Damaged, format!("the section `{}` {what}", kind.name()))
-        .at_byte(path, section.offset)
-        .numbers(format!("{} bytes, {} entries", section.bytes, section.count))
-        .next("run `trex verify` to see what else is damaged, and build the file again")
 }

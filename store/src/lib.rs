@@ -25,6 +25,7 @@ mod material;
 pub mod octree;
 pub mod output;
 pub mod pool;
+pub mod printable;
 mod progress;
 mod scratch;
 mod source;

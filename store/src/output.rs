@@ -4,10 +4,10 @@
 //! pipes and symbolic links would be lost by the rename that publishes.
 
 use crate::error::{Code, Error, Result};
-use std::fs::Permissions;
+use std::fs::{OpenOptions, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 /// Characters of an output's name that its draft has, too: names end at 255 bytes, and a draft's has some more.
 const DRAFT_NAME_CHARS: usize = 40;
@@ -95,10 +95,30 @@ pub fn draft(output: &Path) -> std::io::Result<NamedTempFile> {
         // The user's umask takes its part.
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(folder_of(output))?;
-    if let Ok(replaced) = output.metadata() {
-        file.as_file().set_permissions(Permissions::from_mode(replaced.mode() & 0o777))?;
-    }
+    permit(&file, output)?;
     Ok(file)
+}
+
+/// The draft `path`, a new one or one that is there. It stays when it is dropped: who names it removes it.
+///
+/// # Errors
+/// Those of the folder.
+pub(crate) fn draft_at(output: &Path, path: &Path, is_new: bool) -> std::io::Result<NamedTempFile> {
+    let mut options = OpenOptions::new();
+    let file = options.read(true).write(true).create(is_new).truncate(is_new).open(path)?;
+    let mut path = TempPath::try_from_path(path)?;
+    path.disable_cleanup(true);
+    let file = NamedTempFile::from_parts(file, path);
+    permit(&file, output)?;
+    Ok(file)
+}
+
+/// Gives a draft the permissions of what it replaces.
+fn permit(file: &NamedTempFile, output: &Path) -> std::io::Result<()> {
+    match output.metadata() {
+        Ok(replaced) => file.as_file().set_permissions(Permissions::from_mode(replaced.mode() & 0o777)),
+        Err(_) => Ok(()),
+    }
 }
 
 /// The folder of an output.

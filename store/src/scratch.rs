@@ -6,21 +6,36 @@
 //!
 //! A disk or a cable that turns one bit would otherwise make a model that is wrong and whose every hash is right.
 //!
-//! Invariants: 1. the file is unlinked from the start: a killed build leaves nothing; 2. no byte of a block is looked
-//! at before its hash was checked; 3. the length of a block is known to who wrote it, and never read from the file;
-//! 4. a name is given once in a file, so a block in another's place does not pass.
+//! Invariants: 1. the file is unlinked from the start, and a killed build leaves nothing, but for those that a journal
+//! names (`build`); 2. no byte of a block is looked
+//! at before its hash was checked, past the page cache where it did not match; 3. the length of a block is known to who
+//! wrote it, and never read from the file; 4. a name is given once in a file, so a block in another's place does not
+//! pass.
 
 use crate::error::{Code, Error, Result};
-use std::fs::File;
+use crate::io::drop_cached;
+use rustix::fs::fdatasync;
+use rustix::io::retry_on_intr;
+use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// Bytes of a block before its content.
 pub(crate) const SEAL_BYTES: usize = 8;
 
-/// An unlinked file.
+/// Where a scratch file is.
+pub(crate) enum Place {
+    /// Without a name, in this folder.
+    Unnamed(PathBuf),
+    /// A new one of this name, which a journal keeps or removes.
+    New(PathBuf),
+    /// The one that a build before this left under this name.
+    Left(PathBuf),
+}
+
+/// A file of blocks.
 pub(crate) struct ScratchFile {
     file: File,
     folder: PathBuf,
@@ -33,11 +48,28 @@ pub(crate) fn seal(block: &mut [u8], name: u64) {
 }
 
 impl ScratchFile {
-    /// A new file in `folder`.
+    /// A new file in `folder`, without a name.
     pub(crate) fn create(folder: &Path) -> Result<ScratchFile> {
-        let file =
-            tempfile::tempfile_in(folder).map_err(|e| Error::writing("create a scratch file", folder, &e))?;
-        Ok(ScratchFile { file, folder: folder.to_path_buf() })
+        ScratchFile::at(Place::Unnamed(folder.to_path_buf()))
+    }
+
+    /// The file of a place.
+    pub(crate) fn at(place: Place) -> Result<ScratchFile> {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true);
+        let (file, folder) = match place {
+            Place::Unnamed(folder) => (tempfile::tempfile_in(&folder), folder),
+            Place::New(path) => (options.create(true).truncate(true).mode(0o600).open(&path), path),
+            Place::Left(path) => (options.open(&path), path),
+        };
+        let file = file.map_err(|e| Error::writing("create a scratch file", &folder, &e))?;
+        Ok(ScratchFile { file, folder })
+    }
+
+    /// Waits until all that was written is on the disk.
+    pub(crate) fn sync(&self) -> Result<()> {
+        let synced = retry_on_intr(|| fdatasync(&self.file));
+        synced.map_err(|e| self.failed("write to the scratch file", &e.into()))
     }
 
     /// The file, for what is neither reading nor writing.
@@ -59,14 +91,20 @@ impl ScratchFile {
         buffer: &'a mut Vec<u8>,
     ) -> Result<&'a [u8]> {
         buffer.resize(bytes, 0);
-        self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read the scratch file", &e))?;
-        let (hash, content) = buffer.split_first_chunk::<SEAL_BYTES>().expect("a block is sealed");
-        let (found, expected) = (xxh3_64_with_seed(content, name), u64::from_le_bytes(*hash));
-        if found != expected {
-            let numbers = format!("{bytes} bytes: hash {found:016x}, expected {expected:016x}");
-            return Err(self.damaged(offset).numbers(numbers));
+        let mut hashes = (0, 0);
+        for is_again in [false, true] {
+            if is_again {
+                drop_cached(&self.file, offset, bytes as u64);
+            }
+            self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read the scratch file", &e))?;
+            let (hash, content) = buffer.split_first_chunk::<SEAL_BYTES>().expect("a block is sealed");
+            hashes = (xxh3_64_with_seed(content, name), u64::from_le_bytes(*hash));
+            if hashes.0 == hashes.1 {
+                return Ok(&buffer[SEAL_BYTES..]);
+            }
         }
-        Ok(content)
+        let numbers = format!("{bytes} bytes: hash {:016x}, expected {:016x}", hashes.0, hashes.1);
+        Err(self.damaged(offset).numbers(numbers))
     }
 
     /// The error of a block that is not what was written.

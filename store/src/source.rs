@@ -60,7 +60,7 @@ pub struct ScanHint {
 }
 
 /// What a source has met so far, for progress and for the report.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct SourceStats {
     /// Input bytes consumed since the last rewind.
     pub bytes_read: u64,

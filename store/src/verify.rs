@@ -1,22 +1,57 @@
-//! Verify: reads every byte of a page file, checks hashes and structure, names what is damaged and where it lies
-//! in the model.
+//! Verify: reads a page file as far as it was asked to, checks hashes and structure, names what is damaged and where it
+//! lies in the model.
 //!
-//! Invariants: 1. damage is an answer, not an error; 2. memory does not grow with the file: the list of damage
-//! is bounded, its count is not.
+//! ```text
+//! Quick     superblocks, tables: hashes, ranges, references; heads of the octree's sections        (reads a percent)
+//! Hashes    and every byte against its hash                                                        (no decoding)
+//! Deep      and every page decoded, the octree and its units against each other
+//! ```
+//!
+//! Invariants: 1. damage is an answer, not an error; 2. memory does not grow with the file but for its tables, in
+//! `Deep` for its octree too: the list of damage is bounded, its counts are not; 3. a level finds what those before it
+//! find.
 
+mod pace;
+mod tables;
 mod voxels;
 
 use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
-use crate::error::{Code, Error, Result};
+use crate::error::{Code, Result};
 use crate::file::{PageFile, lower_size, open_regular, read_superblock, table_bytes, upper_size};
 use crate::geom::Aabb;
-use crate::layout::{FRAME_BYTES, PageKind, SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
-use std::os::unix::fs::FileExt;
+use crate::layout::{FRAME_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES};
+use pace::Pace;
+use std::num::NonZeroU64;
 use std::path::Path;
 
 /// Most entries of the list of damage.
 const DAMAGE_LISTED: usize = 1000;
+
+/// Pages between two reports.
+const TELL_PAGES: u32 = 64;
+
+/// How far a file is looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// Its structure: superblocks, tables, ranges. No page is read.
+    Quick,
+    /// And all hashes: every byte.
+    #[default]
+    Hashes,
+    /// And what is decoded from it, and that its parts agree.
+    Deep,
+}
+
+/// What [`check`] does.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// How far it goes.
+    pub level: Level,
+    /// Most bytes that are read in a second; `None` for as fast as it goes.
+    pub bytes_per_s: Option<NonZeroU64>,
+}
 
 /// Something that is not as it was published.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -25,12 +60,16 @@ pub struct Damage {
     pub what: String,
     /// The page, where it is one.
     pub page: Option<u32>,
+    /// What the page holds.
+    pub kind: Option<PageKind>,
     /// Byte offset in the file.
     pub offset: u64,
     /// Length of the damaged stretch.
     pub bytes: u64,
-    /// Where the page's triangles lie in the model.
+    /// Where what the page holds lies in the model. Of a page of units known to [`Level::Deep`] only.
     pub bounds: Option<Aabb>,
+    /// Triangles in the page, none of which will be drawn.
+    pub triangle_count: Option<u64>,
 }
 
 impl std::fmt::Display for Damage {
@@ -39,9 +78,15 @@ impl std::fmt::Display for Damage {
         if let Some(page) = self.page {
             write!(f, ", page {page}")?;
         }
+        if self.kind == Some(PageKind::Units) {
+            write!(f, " (voxels)")?;
+        }
         write!(f, ", bytes {}..{}", self.offset, self.offset + self.bytes)?;
         if let Some(b) = &self.bounds {
             write!(f, ", box {:?} to {:?}", b.lo, b.hi)?;
+        }
+        if let Some(count) = self.triangle_count.filter(|&count| count > 0) {
+            write!(f, ", {count} triangles")?;
         }
         Ok(())
     }
@@ -50,111 +95,188 @@ impl std::fmt::Display for Damage {
 /// The answer.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Verdict {
+    /// How far the file was looked at.
+    pub level: Level,
     /// Pages read.
     pub page_count: u64,
-    /// Triangles counted in whole pages.
+    /// Triangles in pages that were read and are whole.
     pub triangle_count: u64,
-    /// Bytes read.
+    /// Bytes of the file that were looked at.
     pub bytes_read: u64,
     /// How many damages there are.
     pub damage_count: u64,
+    /// Triangles in all damaged pages.
+    pub damaged_triangle_count: u64,
     /// The first thousand of them.
     pub damage: Vec<Damage>,
 }
 
-/// Checks the whole file. `report(done, total)` in bytes; its error ends the check.
+/// Checks the file. `report(done, total)` in bytes; its error ends the check.
 ///
 /// # Errors
 /// When there is no trex file to check ([`Code::InputFormat`], [`Code::InputUnreadable`], [`Code::Version`]),
 /// and [`Code::Io`], [`Code::MemoryLimit`].
-pub fn check(path: &Path, budget: &Budget, report: &dyn Fn(u64, u64) -> Result<()>) -> Result<Verdict> {
-    check_with(Voxels::Content, path, budget, report)
+pub fn check(
+    path: &Path,
+    options: &Options,
+    budget: &Budget,
+    report: &dyn Fn(u64, u64) -> Result<()>,
+) -> Result<Verdict> {
+    let (pages, octree) = match options.level {
+        Level::Quick => (Pages::Unread, Octree::Head),
+        Level::Hashes => (Pages::Hashed, Octree::Hashed),
+        Level::Deep => (Pages::Decoded, Octree::Parsed),
+    };
+    let pace = Pace::new(report, options.bytes_per_s);
+    Check { pages, octree, pace, verdict: Verdict { level: options.level, ..Verdict::default() } }
+        .run(path, budget)
 }
 
-/// The same for a file that was written a moment ago: of voxels the bytes are compared with their hash, piece by
-/// piece, so that no limit under which they could be written is too small.
+/// The check of a file that was written a moment ago: pages are decoded, and of voxels the bytes are compared with
+/// their hash, piece by piece, so that no limit under which they could be written is too small.
 pub(crate) fn read_back(
     path: &Path,
     budget: &Budget,
     report: &dyn Fn(u64, u64) -> Result<()>,
 ) -> Result<Verdict> {
-    check_with(Voxels::Bytes, path, budget, report)
+    let (pages, octree) = (Pages::Decoded, Octree::Hashed);
+    Check { pages, octree, pace: Pace::new(report, None), verdict: Verdict::default() }.run(path, budget)
 }
 
-/// How voxels are checked.
+/// How pages are checked.
 #[derive(Clone, Copy, PartialEq)]
-enum Voxels {
+enum Pages {
+    Unread,
     /// Against their hash.
-    Bytes,
-    /// And against each other, in memory.
-    Content,
+    Hashed,
+    /// And against what the tables say of them, in memory.
+    Decoded,
 }
 
-fn check_with(
-    voxels: Voxels,
-    path: &Path,
-    budget: &Budget,
-    report: &dyn Fn(u64, u64) -> Result<()>,
-) -> Result<Verdict> {
-    let mut verdict = Verdict::default();
-    // With the tables and the octree that are leased next, so that a limit too small for all is named at once.
-    let frame_bytes = 4 * FRAME_BYTES as u64;
-    let opened = open_regular(path)?;
-    let tables_bytes = read_superblock(&opened, path).map_or(0, |block| {
-        let is_deep = voxels == Voxels::Content;
-        let upper = upper_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
-        let lower = lower_size(&opened, &block, path).ok().flatten().filter(|_| is_deep);
-        let parts = [
-            upper.map_or(0, |size| size.resident_bytes.saturating_add(size.reading_bytes)),
-            lower.map_or(0, |size| size.resident_bytes.saturating_add(size.reading_bytes)),
-        ];
-        parts.into_iter().fold(table_bytes(&block), u64::saturating_add)
-    });
-    let what = "the tables of the file and a frame";
-    let mut lease = budget.lease(what, tables_bytes.saturating_add(frame_bytes))?;
-    lease.shrink_to(frame_bytes);
-    let file = match PageFile::open(path, budget) {
-        Ok(file) => file,
-        Err(error) if error.code() == Code::Damaged => {
-            check_tables(path, &error, budget, &mut verdict)?;
-            return Ok(verdict);
-        }
-        Err(error) => return Err(error),
-    };
-    check_superblocks(path, file.superblock(), &mut verdict)?;
-    let mut boxes = None;
-    let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
-    let total = file.superblock().file_bytes;
-    for (page, entry) in (0..).zip(file.pages()) {
-        match file.read_page(page, &mut frame, &mut buffers) {
-            Ok(()) if entry.kind == PageKind::Units => {}
-            Ok(()) if FrameView::new(&frame).triangle_count() == entry.triangle_count as usize => {
-                verdict.triangle_count += u64::from(entry.triangle_count);
-            }
-            Ok(()) => verdict.add_page(&file, page, "a page holds another count of triangles", &mut boxes),
+/// How the sections of the octree are checked.
+#[derive(Clone, Copy, PartialEq)]
+enum Octree {
+    /// Their heads.
+    Head,
+    /// Against their hash.
+    Hashed,
+    /// And against each other, and pages of units against them, in memory.
+    Parsed,
+}
+
+/// A check under way.
+struct Check<'a> {
+    pages: Pages,
+    octree: Octree,
+    pace: Pace<'a>,
+    verdict: Verdict,
+}
+
+impl Check<'_> {
+    fn run(mut self, path: &Path, budget: &Budget) -> Result<Verdict> {
+        // With the tables and the octree that are leased next, so that a limit too small for all is named at once.
+        let frame_bytes = 4 * FRAME_BYTES as u64;
+        let tables_bytes = self.tables_bytes(path)?;
+        let what = "the tables of the file and a frame";
+        let mut lease = budget.lease(what, tables_bytes.saturating_add(frame_bytes))?;
+        lease.shrink_to(frame_bytes);
+        let file = match PageFile::open(path, budget) {
+            Ok(file) => file,
             Err(error) if error.code() == Code::Damaged => {
-                verdict.add_page(&file, page, error.what(), &mut boxes);
+                tables::check_sections(path, &error, budget, &mut self.verdict)?;
+                return Ok(self.verdict);
             }
             Err(error) => return Err(error),
+        };
+        let block = file.superblock();
+        tables::check_superblocks(path, block, &mut self.verdict)?;
+        let structure_bytes = 2 * SUPERBLOCK_BYTES as u64 + table_bytes(block) / 3;
+        self.pace.total = if self.pages == Pages::Unread { structure_bytes } else { block.file_bytes };
+        self.pace.read(structure_bytes)?;
+        if self.pages != Pages::Unread {
+            self.check_pages(&file)?;
         }
-        verdict.page_count += 1;
-        verdict.bytes_read += u64::from(entry.stored_bytes);
-        if page % 64 == 0 {
-            report(verdict.bytes_read, total)?;
+        match self.octree {
+            Octree::Head => voxels::check_heads(&file, &mut self.verdict)?,
+            Octree::Hashed => voxels::check_bytes(&file, &mut self.pace, &mut self.verdict)?,
+            Octree::Parsed => voxels::check(&file, budget, &mut self.pace, &mut self.verdict)?,
+        }
+        self.verdict.bytes_read = self.pace.total;
+        self.pace.finish()?;
+        Ok(self.verdict)
+    }
+
+    /// Bytes of the tables while they are read, and of the octree where it is read, by what their heads say.
+    fn tables_bytes(&self, path: &Path) -> Result<u64> {
+        let opened = open_regular(path)?;
+        let Ok(block) = read_superblock(&opened, path) else { return Ok(0) };
+        let mut bytes = table_bytes(&block);
+        if self.octree == Octree::Parsed {
+            let upper = upper_size(&opened, &block, path).ok().flatten();
+            let lower = lower_size(&opened, &block, path).ok().flatten();
+            let sizes = [
+                upper.map(|size| [size.resident_bytes, size.reading_bytes]),
+                lower.map(|size| [size.resident_bytes, size.reading_bytes]),
+            ];
+            bytes = sizes.into_iter().flatten().flatten().fold(bytes, u64::saturating_add);
+        }
+        Ok(bytes)
+    }
+
+    fn check_pages(&mut self, file: &PageFile) -> Result<()> {
+        let mut boxes = None;
+        let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
+        for (page, entry) in (0..).zip(file.pages()) {
+            let result = match self.pages {
+                Pages::Decoded => file.read_page(page, &mut frame, &mut buffers),
+                _ => file.check_page(page, &mut buffers[0]),
+            };
+            let is_decoded = self.pages == Pages::Decoded && entry.kind == PageKind::Mesh;
+            match result {
+                Ok(())
+                    if is_decoded
+                        && FrameView::new(&frame).triangle_count() != entry.triangle_count as usize =>
+                {
+                    self.verdict.add_page(file, page, "a page holds another count of triangles", &mut boxes);
+                }
+                Ok(()) => self.verdict.triangle_count += u64::from(entry.triangle_count),
+                Err(error) if error.code() == Code::Damaged => {
+                    self.verdict.add_page(file, page, error.what(), &mut boxes);
+                }
+                Err(error) => return Err(error),
+            }
+            self.verdict.page_count += 1;
+            self.pace.read(u64::from(entry.stored_bytes))?;
+            if page % TELL_PAGES == 0 {
+                self.pace.tell()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Damage {
+    /// A stretch of the file that is no page.
+    fn of_bytes(what: &str, offset: u64, bytes: u64) -> Damage {
+        let what = what.to_owned();
+        Damage { what, page: None, kind: None, offset, bytes, bounds: None, triangle_count: None }
+    }
+
+    /// A page, whose box is not known yet.
+    fn of_page(what: &str, page: u32, entry: &PageEntry) -> Damage {
+        Damage {
+            page: Some(page),
+            kind: Some(entry.kind),
+            triangle_count: Some(u64::from(entry.triangle_count)),
+            ..Damage::of_bytes(what, entry.offset, u64::from(entry.stored_bytes))
         }
     }
-    match voxels {
-        Voxels::Bytes => voxels::check_bytes(&file, &mut verdict)?,
-        Voxels::Content => voxels::check(&file, budget, &mut verdict)?,
-    }
-    verdict.bytes_read = total;
-    report(total, total)?;
-    Ok(verdict)
 }
 
 impl Verdict {
     fn add(&mut self, damage: Damage) {
         self.damage_count += 1;
+        self.damaged_triangle_count += damage.triangle_count.unwrap_or(0);
         if self.damage.len() < DAMAGE_LISTED {
             self.damage.push(damage);
         }
@@ -163,13 +285,7 @@ impl Verdict {
     fn add_page(&mut self, file: &PageFile, page: u32, what: &str, boxes: &mut Option<Vec<Aabb>>) {
         let entry = &file.pages()[page as usize];
         let boxes = boxes.get_or_insert_with(|| page_boxes(file));
-        self.add(Damage {
-            what: what.to_string(),
-            page: Some(page),
-            offset: entry.offset,
-            bytes: u64::from(entry.stored_bytes),
-            bounds: boxes.get(page as usize).copied(),
-        });
+        self.add(Damage { bounds: boxes.get(page as usize).copied(), ..Damage::of_page(what, page, entry) });
     }
 }
 
@@ -191,50 +307,4 @@ pub fn page_boxes(file: &PageFile) -> Vec<Aabb> {
         }
     }
     boxes
-}
-
-/// Head and tail must both be whole and the same.
-fn check_superblocks(path: &Path, block: &Superblock, verdict: &mut Verdict) -> Result<()> {
-    let file = open_regular(path)?;
-    for (what, offset) in
-        [("the head is damaged", 0), ("the tail is damaged", block.file_bytes - SUPERBLOCK_BYTES as u64)]
-    {
-        let mut bytes = [0; SUPERBLOCK_BYTES];
-        file.read_exact_at(&mut bytes, offset).map_err(|e| Error::io("read", path, &e))?;
-        if bytes != block.to_bytes() {
-            let bytes = SUPERBLOCK_BYTES as u64;
-            verdict.add(Damage { what: what.into(), page: None, offset, bytes, bounds: None });
-        }
-    }
-    Ok(())
-}
-
-/// What is damaged in a file that cannot be opened for `error`: sections that do not match their hashes, or, where
-/// no superblock tells of sections, the file.
-fn check_tables(path: &Path, error: &Error, budget: &Budget, verdict: &mut Verdict) -> Result<()> {
-    let file = open_regular(path)?;
-    if let Ok(block) = read_superblock(&file, path) {
-        check_superblocks(path, &block, verdict)?;
-        for section in block.sections.iter().filter(|section| section.kind != 0) {
-            let _lease = budget.lease("a section of the file", section.bytes)?;
-            let mut bytes = vec![0; section.bytes as usize];
-            file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
-            if section_hash(&bytes, block.file_id, section.kind) != section.hash {
-                let kind = SectionKind::from_word(section.kind);
-                let name = kind.map_or("unknown", SectionKind::name);
-                let what = format!("the section `{name}` does not match its hash");
-                let (offset, bytes) = (section.offset, section.bytes);
-                verdict.add(Damage { what, page: None, offset, bytes, bounds: None });
-            }
-        }
-    }
-    if verdict.damage_count == 0 {
-        let bytes = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
-        verdict.add(Damage { what: summary(error), page: None, offset: 0, bytes, bounds: None });
-    }
-    Ok(())
-}
-
-fn summary(error: &Error) -> String {
-    format!("{} ({})", error.what(), error.numbers_text())
 }

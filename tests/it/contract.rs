@@ -68,7 +68,7 @@ fn with_memory(keys: &[(&'static str, Kind)]) -> Vec<(&'static str, Kind)> {
     keys.iter().copied().chain(MEMORY).collect()
 }
 
-const BUILD: [(&str, Kind); 27] = [
+const BUILD: [(&str, Kind); 28] = [
     ("scene", Text),
     ("result_hash", Text),
     ("input_triangle_count", Count),
@@ -94,6 +94,7 @@ const BUILD: [(&str, Kind); 27] = [
     ("phase_ms.publish", Count),
     ("phase_ms.total", Count),
     ("scratch_peak_bytes", Count),
+    ("resumed_triangle_count", Count),
     ("output_bytes", Count),
     ("cluster_fill", Number),
 ];
@@ -171,13 +172,15 @@ const RENDER: [(&str, Kind); 35] = [
     ("arithmetic", Text),
 ];
 
-const VERIFY: [(&str, Kind); 7] = [
+const VERIFY: [(&str, Kind); 9] = [
     ("scene", Text),
     ("verdict", Text),
+    ("level", Text),
     ("page_count", Count),
     ("triangle_count", Count),
     ("bytes_read", Count),
     ("damage_count", Count),
+    ("damaged_triangle_count", Count),
     ("damage", List),
 ];
 

@@ -197,7 +197,10 @@ fn damaged_units_fall_back_to_the_upper_octree() {
         )
     };
     victim.flip(&[pages[units[1]].offset + 9]);
-    let damage = &victim.damage()["damage"][0];
+    victim.damage();
+    let deep = run_in(victim.folder(), "verify bad.trex --deep --json -q");
+    deep.expect(1);
+    let damage = &deep.document()["damage"][0];
     assert_eq!(damage["page"], units[1], "{damage}");
     for axis in 0..3 {
         let [lo, hi] = ["lo", "hi"].map(|end| damage["bounds"][end][axis].as_f64().unwrap());

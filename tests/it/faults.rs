@@ -1,24 +1,33 @@
 //! System calls that fail where they never do: what the kernel answers is changed by strace, in the command as it
 //! ships.
 
-use crate::command::{Ran, TREX, cannot_run, document_in, folder, hash_of, ran, run_in};
+use crate::command::{Ran, TREX, cannot_run, document_in, folder, hash_of, listing, ran, run_in, said};
 use crate::fixtures::built_in;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+use trex_store::io::{Fault, FaultPlan, IoOptions};
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Budget, Code, PageFile};
 
 /// Reads a few hundred pages.
 const RENDER: &str =
     "render m.trex -o out.png --overwrite --resolution 320x240 --spp 1 --memory-limit 64MiB --json";
 
-/// A model of a few hundred pages, with its picture; `None`, said aloud, where strace cannot be had.
-fn model() -> Option<tempfile::TempDir> {
+/// A folder; `None`, said aloud, where strace cannot be had.
+fn traced_folder() -> Option<tempfile::TempDir> {
     let traced = Command::new("strace").args(["-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
     if !traced.is_ok_and(|status| status.success()) {
         cannot_run("strace is not installed, or may not trace");
         return None;
     }
-    let inside = folder();
+    Some(folder())
+}
+
+/// A model of a few hundred pages, with its picture.
+fn model() -> Option<tempfile::TempDir> {
+    let inside = traced_folder()?;
     built_in(inside.path(), "gen:pipes:1M --voxels 64", "m.trex");
     Some(inside)
 }
@@ -72,4 +81,96 @@ fn a_loader_that_panics_ends_the_command() {
         assert_eq!(ended.stderr.matches("error:").count(), 1, "{}", ended.stderr);
     }
     run_in(inside.path(), RENDER).expect(0);
+}
+
+/// A bit that turned on the way, on a disk that is whole, cost the page for the rest of the run.
+#[test]
+fn a_page_that_comes_damaged_is_read_again_by_another_way() {
+    let inside = folder();
+    built_in(inside.path(), "gen:pipes:20k --voxels 64", "m.trex");
+    let path = inside.path().join("m.trex");
+    let pool_of = |plan| {
+        let file = Arc::new(PageFile::open(&path, &Budget::unlimited()).unwrap());
+        let backend = Fault::new(trex_store::io::open(&path, &IoOptions::default()).unwrap(), plan);
+        let options = PoolOptions::default();
+        PagePool::with_backend(file, Box::new(backend), &path, &Budget::unlimited(), &options).unwrap()
+    };
+    let (whole, faulty) =
+        (pool_of(FaultPlan::default()), pool_of(FaultPlan { flip_per_1024: 1024, ..FaultPlan::default() }));
+    let count = PageFile::open(&path, &Budget::unlimited()).unwrap().pages().len() as u32;
+    assert!(count > 2, "{count} pages are too few");
+    for page in 0..count {
+        let [whole, faulty] = [&whole, &faulty].map(|pool| pool.pin_blocking(page).unwrap());
+        assert!(*whole == *faulty, "page {page}");
+    }
+    assert_eq!((whole.stats().damaged, whole.stats().read_retries), (0, 0));
+    // A read of several pages has one bit that is wrong.
+    let stats = faulty.stats();
+    assert!(stats.damaged == 0 && stats.read_retries > 0, "{stats:?}");
+
+    // What is damaged on the disk is damaged, whoever reads it.
+    let entry = PageFile::open(&path, &Budget::unlimited()).unwrap().pages()[1];
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[entry.offset as usize + 9] ^= 4;
+    std::fs::write(&path, bytes).unwrap();
+    let pool = pool_of(FaultPlan::default());
+    assert_eq!(pool.pin_blocking(1).err().unwrap().code(), Code::Damaged);
+    assert!(pool.pin_blocking(0).is_ok() && pool.pin_blocking(2).is_ok());
+    assert_eq!((pool.stats().damaged, pool.stats().read_retries), (1, 1));
+}
+
+/// Each call of a build by which something comes to the disk, failing in turn: nothing is published but the whole file,
+/// and nothing is left; a call that a signal interrupted is made again. `TREX_FAULTS=full` takes every call.
+#[test]
+fn every_write_and_sync_of_a_build_that_fails_is_told() {
+    let Some(inside) = traced_folder() else { return };
+    let line = "build gen:soup:10k --voxels 64 -o out.trex --threads 1 --journal-every 1ms --json -q";
+    run_in(inside.path(), line).expect(0);
+    let output = inside.path().join("out.trex");
+    let whole = hash_of(&output);
+    std::fs::remove_file(&output).unwrap();
+    let before = listing(inside.path());
+    let is_full = std::env::var_os("TREX_FAULTS").is_some_and(|value| value == "full");
+    let mut count = 0;
+    for call in ["pwrite64", "fdatasync", "fsync", "rename", "renameat2", "ftruncate", "flock"] {
+        for (errno, exit) in [("EIO", 7), ("ENOSPC", 5), ("EINTR", 0)] {
+            let is_again = ["pwrite64", "fdatasync", "fsync", "ftruncate", "flock"].contains(&call);
+            if exit == 0 && !is_again {
+                continue;
+            }
+            // Many writes are alike.
+            let step = match (is_full, call) {
+                (true, _) => 1,
+                (false, "pwrite64") => 9,
+                (false, _) => 4,
+            };
+            for when in (1..2000).step_by(step) {
+                let begin = Instant::now();
+                let ended = run_with(inside.path(), &format!("{call}:error={errno}:when={when}"), line);
+                assert!(
+                    begin.elapsed() < Duration::from_secs(20),
+                    "{call} {errno} {when}: {:?}",
+                    begin.elapsed()
+                );
+                let is_published = output.exists();
+                if is_published {
+                    assert_eq!(hash_of(&output), whole, "{call} {errno} {when}");
+                    std::fs::remove_file(&output).unwrap();
+                }
+                assert_eq!(listing(inside.path()), before, "{call} {errno} {when} left something");
+                if ended.code == Some(0) {
+                    assert!(is_published);
+                } else {
+                    assert_eq!(ended.code, Some(exit), "{call} {errno} {when}: {}", ended.stderr);
+                    ended.document();
+                }
+                count += 1;
+                // Past the last call of its kind; an interrupted one is seen by nobody.
+                if ended.code == Some(0) && (exit != 0 || when > 8) {
+                    break;
+                }
+            }
+        }
+    }
+    said(&format!("{count} builds with a call that fails, each whole or told"));
 }

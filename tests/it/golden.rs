@@ -77,7 +77,8 @@ fn the_golden_file_is_read_as_it_was_written() {
     let inside = folder();
     let path = inside.path().join("golden.trex");
     std::fs::write(&path, FILE).unwrap();
-    let verdict = verify::check(&path, &Budget::unlimited(), &|_, _| Ok(())).unwrap();
+    let deep = verify::Options { level: verify::Level::Deep, bytes_per_s: None };
+    let verdict = verify::check(&path, &deep, &Budget::unlimited(), &|_, _| Ok(())).unwrap();
     assert_eq!((verdict.damage_count, verdict.triangle_count), (0, 61));
     let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
     assert_eq!(file_triangles(&file), input_triangles());

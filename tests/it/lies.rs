@@ -67,7 +67,7 @@ impl Forger {
     /// The octree is named as damaged by `verify`, and those who read it refuse the file.
     #[track_caller]
     fn octree_refused(&self, lie: &str) {
-        let verified = run_in(self.inside.path(), "verify lie.trex --json -q");
+        let verified = run_in(self.inside.path(), "verify lie.trex --deep --json -q");
         verified.expect(1);
         let damage = &verified.document()["damage"];
         assert_eq!(damage.as_array().unwrap().len(), 1, "{lie}: {damage:#}");
@@ -83,7 +83,8 @@ impl Forger {
     #[track_caller]
     fn octree_takes_no_room(&self, lie: &str) {
         let render = "render lie.trex -o out.png --resolution 8x8 --integrator";
-        for line in ["verify lie.trex", &format!("{render} photon"), &format!("{render} debug-upper")] {
+        for line in ["verify lie.trex --deep", &format!("{render} photon"), &format!("{render} debug-upper")]
+        {
             let line = format!("{line} --memory-limit 256MiB --json -q");
             let script = format!("ulimit -v 2000000 && exec '{TREX}' {line}");
             let mut shell = Command::new("sh");
@@ -100,13 +101,13 @@ impl Forger {
         for line in ["info lie.trex", "render lie.trex -o out.png --resolution 8x8"] {
             run_in(self.inside.path(), &format!("{line} --json -q")).expect_error(3, "damaged");
         }
-        run_in(self.inside.path(), "verify lie.trex").expect(1);
+        run_in(self.inside.path(), "verify lie.trex --deep").expect(1);
     }
 
     /// The file opens, its bad pages are drawn as empty and named.
     #[track_caller]
     fn drawn_without_bad_pages(&self) {
-        run_in(self.inside.path(), "verify lie.trex").expect(1);
+        run_in(self.inside.path(), "verify lie.trex --deep").expect(1);
         let drawn = document_in(
             self.inside.path(),
             "render lie.trex -o out.png --resolution 64x64 --spp 1 --overwrite --allow-damage",
@@ -313,7 +314,7 @@ fn slots_that_are_not_used_hold_nothing() {
     let lie = |what: &str, change: &dyn Fn(&mut Section)| {
         forger.seal(SectionKind::TopTree, |_, block| change(&mut block.sections[unused]));
         forger.refused();
-        let line = "verify lie.trex --memory-limit 64MiB --json -q";
+        let line = "verify lie.trex --deep --memory-limit 64MiB --json -q";
         let verified = run_in(forger.inside.path(), line);
         verified.expect(1);
         let peak = verified.document()["memory"]["peak_rss_bytes"].as_u64().unwrap();

@@ -103,7 +103,9 @@ impl Forger {
     /// `verify` names the page; those who look at it draw the upper octree, and say so.
     #[track_caller]
     fn page_is_refused(&self, lie: &str, page: usize) {
-        let verified = run_in(self.path(), "verify lie.trex --json -q");
+        // Every hash is right.
+        run_in(self.path(), "verify lie.trex -q").expect(0);
+        let verified = run_in(self.path(), "verify lie.trex --deep --json -q");
         verified.expect(1);
         let damage = &verified.document()["damage"][0];
         assert_eq!(damage["page"], page, "{lie}: {damage:#}");
@@ -116,7 +118,7 @@ impl Forger {
     /// The links are named as damaged, and those who read them refuse the file.
     #[track_caller]
     fn links_are_refused(&self, lie: &str) {
-        let verified = run_in(self.path(), "verify lie.trex --json -q");
+        let verified = run_in(self.path(), "verify lie.trex --deep --json -q");
         verified.expect(1);
         let damage = &verified.document()["damage"][0];
         assert!(damage["what"].as_str().unwrap().contains("lower octrees"), "{lie}: {damage:#}");
@@ -203,7 +205,7 @@ fn units_that_are_others() {
         let other = (nodes + 1..links).find(|&at| raw[at] != raw[nodes]).unwrap();
         raw.swap(nodes, other);
         forger.seal(Some((page, raw)), |_, _| {});
-        let verified = run_in(forger.path(), "verify lie.trex --json -q");
+        let verified = run_in(forger.path(), "verify lie.trex --deep --json -q");
         verified.expect(1);
         // Where units nest, the page that leads to it is as good a culprit.
         assert!(verified.document()["damage"][0]["page"].as_u64().unwrap() as usize >= page, "{voxels}");
@@ -223,7 +225,7 @@ fn links_that_lead_astray() {
         if factor != 16 {
             forger.links_are_refused(&format!("a refinement of {factor}"));
         } else {
-            run_in(forger.path(), "verify lie.trex -q").expect(1);
+            run_in(forger.path(), "verify lie.trex --deep -q").expect(1);
         }
     }
     for step in [-1i64, 1] {
@@ -252,12 +254,12 @@ fn links_that_lead_astray() {
         if is_refused {
             forger.links_are_refused(lie);
         } else {
-            run_in(forger.path(), "verify lie.trex -q").expect(1);
+            run_in(forger.path(), "verify lie.trex --deep -q").expect(1);
             document_in(forger.path(), &render("lie.trex", "debug-lower"));
         }
     }
     forger.seal(None, |bytes, _| bytes[4] ^= 1);
-    let verified = run_in(forger.path(), "verify lie.trex --json -q");
+    let verified = run_in(forger.path(), "verify lie.trex --deep --json -q");
     verified.expect(1);
     assert!(verified.document()["damage"][0]["what"].as_str().unwrap().contains("leaves"));
 }

@@ -249,7 +249,7 @@ fn ctrl_c_leaves_nothing_behind() {
     // While it generates and sorts, while it reads a file, while it writes pages, and in the other verbs.
     interrupt(inside.path(), "build gen:isosurface:20M -o out.trex", after(700));
     interrupt(inside.path(), "build scan.ply scan.ply scan.ply scan.ply scan.ply -o out.trex", after(300));
-    interrupt(inside.path(), "build gen:soup:1500k -o out.trex --threads 1", begun(".part"));
+    interrupt(inside.path(), "build gen:soup:1500k -o out.trex --threads 1 --no-resume", begun(".part"));
     interrupt(inside.path(), "gen isosurface --triangles 20M -o out.ply", after(700));
     interrupt(inside.path(), "render model.trex -o out.png --resolution 2048x2048 --spp 4096", after(700));
 }

@@ -29,6 +29,7 @@ pub(crate) fn build_options() -> BuildOptions {
         budget: Budget::new(1 << 30),
         temp_dir: None,
         existing: Existing::Keep,
+        resume: None,
         interrupt: Interrupt::default(),
     }
 }

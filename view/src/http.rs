@@ -108,7 +108,10 @@ pub(crate) fn read_head(incoming: &mut impl Read) -> Option<Result<(Head, Vec<u8
     let mut bytes = Vec::with_capacity(HEAD_BYTES_MAX);
     let mut part = [0; 1024];
     loop {
-        let count = incoming.read(&mut part).ok().filter(|&count| count > 0)?;
+        let count = match incoming.read(&mut part) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            read => read.ok().filter(|&count| count > 0)?,
+        };
         bytes.extend_from_slice(&part[..count]);
         match parse_head(&bytes) {
             Ok(Some((head, end))) => return Some(Ok((head, bytes.split_off(end)))),

@@ -69,6 +69,7 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
         budget: budget.clone(),
         temp_dir: None,
         existing: Existing::Keep,
+        resume: None,
         interrupt: Interrupt::default(),
     };
     let mut source = open(&input, &ImportOptions::unlimited(folder.path())).unwrap();

@@ -46,6 +46,7 @@ pub(crate) fn model() -> Result<Model, Error> {
         budget: Budget::unlimited(),
         temp_dir: None,
         existing: Existing::Keep,
+        resume: None,
         interrupt: Interrupt::default(),
     };
     let mut source = open(&input, &ImportOptions::unlimited(folder.path()))?;

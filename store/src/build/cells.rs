@@ -7,6 +7,7 @@ use super::BuildOptions;
 use super::scratch::{LatticeTriangle, Run, Scratch, encode};
 use crate::error::Result;
 use crate::geom::hilbert_key;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// Most triangles of a chunk: about 16 pages, and 25 MB of work memory a thread.
@@ -19,7 +20,7 @@ const LEVELS_MORE: u32 = 3;
 const KEY_BITS: u32 = 18;
 
 /// A stretch of a run: triangles `skip .. skip + take`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct Piece {
     pub(super) run: Run,
     pub(super) skip: u32,
@@ -27,7 +28,7 @@ pub(super) struct Piece {
 }
 
 /// The unit of the cluster phase.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Chunk {
     pub(super) pieces: Vec<Piece>,
     pub(super) triangle_count: u64,

@@ -5,9 +5,11 @@
 
 use super::chunk::{Workspace, worker_bytes};
 use super::in_order::InOrder;
-use super::lattice::{Scan, Tell};
+use super::journal::Journal;
+use super::lattice::Tell;
 use super::pages::{ChunkPages, PackContext};
 use super::partition::Partition;
+use super::progress_record::{Done, Read};
 use super::publish::DraftFile;
 use super::scratch::LatticeTriangle;
 use super::voxels::VoxelWork;
@@ -21,11 +23,12 @@ use std::time::Instant;
 
 /// What is written.
 pub(super) struct Work<'a> {
-    pub(super) parted: &'a Partition,
-    pub(super) scan: &'a Scan,
+    pub(super) read: &'a Read,
     /// The octree that was asked for; its records come with the chunks.
     pub(super) voxels: Option<VoxelWork>,
-    pub(super) materials: &'a [Material],
+    /// Where it is told how far the work is, so that it can go on; and how far it was.
+    pub(super) journal: Option<&'a mut Journal>,
+    pub(super) done: Option<Done>,
 }
 
 /// Writes everything between the two superblocks and the superblocks themselves.
@@ -36,26 +39,17 @@ pub(super) fn emit(
     tell: Tell<'_>,
     out: &mut BuildReport,
 ) -> Result<Superblock> {
-    let Work { parted, scan, voxels, materials } = work;
+    let Work { read, mut voxels, journal, done } = work;
+    let Read { parted, materials_json, .. } = read;
+    let materials: Vec<Material> = serde_json::from_slice(materials_json).expect("materials are plain data");
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
     let context = PackContext { emissive: &emissive };
-    let materials_json = serde_json::to_vec(materials).expect("materials are plain data");
-    let file_id = file_id(parted, voxels.as_ref(), &materials_json);
-    let mut writer = Writer::new(file_id, superblock_of(parted, scan), context);
-
-    // The head's place; it is written last.
-    file.append(&[0; SUPERBLOCK_BYTES])?;
-    tell("clusters", "triangles", 0, parted.triangle_count);
+    let file_id = file_id(parted, voxels.as_ref(), materials_json);
+    let mut writer = Writer::new(file_id, superblock_of(parted), context);
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
-    build_chunks(parted, voxels.as_ref(), context, options, |chunk, pages| {
-        writer.add_chunk(pages, &mut file)?;
-        for piece in &parted.chunks[chunk].pieces {
-            parted.scratch.consume(&piece.run, piece.take);
-        }
-        tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
-        Ok(())
-    })?;
+    let work = ChunkWork { read, journal, done, context, options, tell };
+    out.resumed_triangle_count = work.run(&mut writer, &mut file, &mut voxels)?;
     writer.close(&mut file)?;
     out.scratch_peak_bytes = parted.scratch.bytes();
 
@@ -73,7 +67,7 @@ pub(super) fn emit(
     };
 
     // Tables, then the sections of the octree.
-    writer.write_tables(&mut file, &materials_json, materials.len())?;
+    writer.write_tables(&mut file, materials_json, materials.len())?;
     if let Some(merged) = merged {
         out.scratch_peak_bytes = out.scratch_peak_bytes.max(merged.scratch_bytes);
         out.lower_leaf_count = merged.lower_leaf_count();
@@ -83,6 +77,72 @@ pub(super) fn emit(
 
     // Both superblocks.
     writer.seal(&mut file, out)
+}
+
+/// All chunks, of which a build before this may have done some.
+struct ChunkWork<'a> {
+    read: &'a Read,
+    journal: Option<&'a mut Journal>,
+    done: Option<Done>,
+    context: PackContext<'a>,
+    options: &'a BuildOptions,
+    tell: Tell<'a>,
+}
+
+impl ChunkWork<'_> {
+    /// Writes what is not done; gives the triangles of chunks that were.
+    fn run(
+        self,
+        writer: &mut Writer<'_>,
+        file: &mut DraftFile<'_>,
+        voxels: &mut Option<VoxelWork>,
+    ) -> Result<u64> {
+        let ChunkWork { read, mut journal, done, context, options, tell } = self;
+        let parted = &read.parted;
+        let mut given_back = 0;
+        let first = match done {
+            // The head's place; it is written last.
+            None => file.append(&[0; SUPERBLOCK_BYTES]).map(|_| 0)?,
+            Some(done) => {
+                let first = done.chunk_count();
+                let open = done.restore(writer, file, voxels.as_mut())?;
+                given_back = open.first().copied().unwrap_or(first);
+                reopen(writer, &open, parted, context, options)?;
+                first
+            }
+        };
+        let voxels = voxels.as_ref();
+        tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+        build_chunks(first, parted, voxels, context, options, |chunk, pages| {
+            writer.add_chunk(chunk, pages, file)?;
+            // Chunks that nobody will ask for again.
+            let last = match &mut journal {
+                None => chunk + 1,
+                Some(journal) if journal.is_due() => {
+                    if !journal.has_record {
+                        journal.write_chunks(read, &options.budget)?;
+                    }
+                    let tables = (voxels, &options.budget);
+                    let is_written =
+                        journal.has_record && journal.write_done(chunk + 1, writer, file, tables)?;
+                    let open = writer.open_chunks.first().copied().unwrap_or(chunk + 1);
+                    if is_written { open } else { given_back }
+                }
+                Some(_) => given_back,
+            };
+            for piece in parted.chunks[given_back..last].iter().flat_map(|chunk| &chunk.pieces) {
+                parted.scratch.consume(&piece.run, piece.take);
+            }
+            given_back = last;
+            tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+            Ok(())
+        })?;
+        if let Some(journal) = journal.filter(|journal| journal.has_record) {
+            // The merge has no units of its own: a build that is killed in it goes on from here.
+            journal.write_done(parted.chunks.len(), writer, file, (voxels, &options.budget))?;
+        }
+        Ok(parted.chunks[..first].iter().map(|chunk| chunk.triangle_count).sum())
+    }
 }
 
 /// What one worker needs.
@@ -99,28 +159,48 @@ pub(super) fn worker_count(options: &BuildOptions) -> usize {
         .max(1)
 }
 
-/// Builds all chunks, with their voxel records, and hands their pages to `put`, in order.
+/// Makes the ends of chunks again, which share a page that was not written.
+fn reopen(
+    writer: &mut Writer<'_>,
+    open: &[usize],
+    parted: &Partition,
+    context: PackContext<'_>,
+    options: &BuildOptions,
+) -> Result<()> {
+    let _lease = options.budget.lease("a cluster builder", worker_bytes())?;
+    let mut workspace = Workspace::default();
+    for &chunk in open {
+        options.interrupt.check()?;
+        let pages = workspace.build(&parted.chunks[chunk], &parted.scratch, context)?;
+        writer.reopen(chunk, pages);
+    }
+    Ok(())
+}
+
+/// Builds the chunks from `first` on, with their voxel records, and hands their pages to `put`, in order.
 fn build_chunks(
+    first: usize,
     parted: &Partition,
     voxels: Option<&VoxelWork>,
     context: PackContext<'_>,
     options: &BuildOptions,
-    put: impl FnMut(usize, ChunkPages) -> Result<()>,
+    mut put: impl FnMut(usize, ChunkPages) -> Result<()>,
 ) -> Result<()> {
     let worker_count = worker_count(options).min(parted.chunks.len()).max(1);
     let bytes = needed_bytes(options) * worker_count as u64;
     let _lease = options.budget.lease("the cluster builders", bytes)?;
-    let (pool, item_count, interrupt) = (&options.pool, parted.chunks.len(), &options.interrupt);
+    let (pool, item_count, interrupt) = (&options.pool, parted.chunks.len() - first, &options.interrupt);
     let begin = || {
         let mut workspace = Workspace::default();
         let mut voxelizer = voxels.map(|work| Voxelizer::new(work.finest(), &work.runs));
-        move |chunk: usize| {
+        move |index: usize| {
+            let chunk = first + index;
             let pages = workspace.build(&parted.chunks[chunk], &parted.scratch, context)?;
             voxelizer.as_mut().map_or(Ok(()), |v| voxelize(v, chunk, workspace.triangles()))?;
             Ok(pages)
         }
     };
-    InOrder { pool, worker_count, item_count, interrupt }.run(begin, put)
+    InOrder { pool, worker_count, item_count, interrupt }.run(begin, |index, pages| put(first + index, pages))
 }
 
 /// Makes voxel records of a chunk.

@@ -12,18 +12,23 @@
 //! ```
 //!
 //! Invariants: 1. memory is leased before it is taken, whatever the input's size; 2. the same input and options
-//! give the same bytes at any thread count and any limit; 3. scratch is an unlinked file and the output a
-//! temporary one until it is whole: nothing is left behind.
+//! give the same bytes at any thread count and any limit, however often the build was killed and gone on with; 3. the
+//! output is a temporary file until it is whole; 4. nothing is left behind, but for a build that can be resumed what it
+//! goes on from (`journal`).
 
 mod cells;
 mod chunk;
 mod clusters;
 mod emit;
 mod in_order;
+mod journal;
 mod lattice;
+pub mod left_over;
 mod pages;
 mod partition;
+mod progress_record;
 mod publish;
+mod record;
 mod sah;
 mod scratch;
 mod surface;
@@ -39,12 +44,17 @@ use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
 use crate::octree::{Refinement, Voxelizer};
 use crate::progress::{Interrupt, Progress, Report};
+use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
+use journal::Journal;
+use partition::Partition;
+use progress_record::Read;
+use publish::Draft;
 use rayon::ThreadPool;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// How the lattice step is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +111,17 @@ pub struct BuildOptions {
     pub existing: Existing,
     /// Stops the build when raised.
     pub interrupt: Interrupt,
+    /// How a build that is killed or interrupted goes on when it is started again; `None`: it leaves nothing.
+    pub resume: Option<Resume>,
+}
+
+/// What a build does so that it can go on after it was killed.
+#[derive(Clone, Debug)]
+pub struct Resume {
+    /// What tells the input apart from others, by name: paths, lengths, times. A build goes on with the same ones only.
+    pub input: Vec<(String, String)>,
+    /// About how much work a kill may cost, once the input has been read.
+    pub every: Duration,
 }
 
 /// Memory and disk that a build is going to take, known before anything is written.
@@ -143,6 +164,8 @@ pub struct BuildReport {
     pub output_bytes: u64,
     /// Most scratch bytes alive at once.
     pub scratch_peak_bytes: u64,
+    /// Triangles that a build before this had done.
+    pub resumed_triangle_count: u64,
     /// Leaves of the resident octree along an axis; 0 without one.
     pub upper_resolution: u32,
     /// Leaves of the resident octree.
@@ -188,7 +211,8 @@ pub struct PhaseMs {
 /// # Errors
 /// Those of the source; [`Code::Usage`] when the output exists or the precision cannot be had;
 /// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
-/// [`Code::Interrupted`]. Nothing is left behind then.
+/// [`Code::Interrupted`]. Nothing is left behind then, but after an interrupt what [`BuildOptions::resume`] goes on
+/// from.
 ///
 /// # Panics
 /// On a thread of the options' pool.
@@ -210,34 +234,116 @@ pub fn build(
     let tell = |phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
     };
-    let mut out = BuildReport::default();
-
-    // Scan: bounds and edges.
-    let mut clock = Instant::now();
-    let scan = lattice::scan(source, options, &tell, &mut out.phase_ms.generate)?;
-    let grid = lattice::choose(&scan, options.precision, &source.name())?;
-    let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_millis() as u64;
-    out.phase_ms.scan = lap();
-    on_plan(&plan(&scan, options, &scratch_folder)?);
-
-    // Partition: snapped triangles in cells.
-    let parted = partition::partition(source, &scan, grid, options, &scratch_folder, &tell)?;
-    out.phase_ms.generate += parted.wait_ms;
-    out.phase_ms.partition = lap();
-
-    // Clusters and pages, chunk by chunk, in order.
-    let draft = publish::Draft::create(output, &folder)?;
-    let voxels = voxels::begin(&parted, options.voxels, &scratch_folder)?;
-    let work = emit::Work { parted: &parted, scan: &scan, voxels, materials: source.materials() };
-    let block = emit::emit(work, options, draft.file(), &tell, &mut out)?;
-    out.phase_ms.clusters = lap() - out.phase_ms.voxels;
-
-    // Publish.
-    draft.publish(output, &block, options, &tell)?;
-    out.phase_ms.publish = lap();
+    if options.resume.is_none() {
+        left_over::clean(output)?;
+    }
+    let mut journal = Journal::begin(output, &scratch_folder, options)?;
+    let site = Site { output, folder: &folder, scratch_folder: &scratch_folder, options, tell: &tell };
+    let built = site.build(source, journal.as_mut(), on_plan);
+    let mut out = built.map_err(|error| match journal.as_mut().filter(|journal| journal.has_record) {
+        Some(journal) if error.code() == Code::Interrupted => kept(error, output, journal.keep()),
+        _ => error,
+    })?;
     out.phase_ms.total = start.elapsed().as_millis() as u64;
-    out.source = source.stats();
     Ok(out)
+}
+
+/// What is built where.
+struct Site<'a> {
+    output: &'a Path,
+    folder: &'a Path,
+    scratch_folder: &'a Path,
+    options: &'a BuildOptions,
+    tell: lattice::Tell<'a>,
+}
+
+impl Site<'_> {
+    fn build(
+        &self,
+        source: &mut dyn TriangleSource,
+        mut journal: Option<&mut Journal>,
+        on_plan: &(dyn Fn(&Plan) + Sync),
+    ) -> Result<BuildReport> {
+        let (options, tell) = (self.options, self.tell);
+        let mut out = BuildReport::default();
+        let mut clock = Instant::now();
+        let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_millis() as u64;
+
+        // What a build before this has done.
+        let (mut done, mut read) = (None, None);
+        if let Some(journal) = &mut journal {
+            done = journal.read_done(&options.budget)?;
+            read = journal.read_chunks(done.as_ref(), &options.budget)?;
+            done = done.filter(|_| read.is_some());
+            if done.is_none() {
+                journal.forget(read.is_none())?;
+            }
+        }
+
+        let read = match read {
+            Some(read) => {
+                on_plan(&plan(read.parted.input_triangle_count, options, self.scratch_folder)?);
+                read
+            }
+            None => {
+                // Scan: bounds and edges.
+                let scan = lattice::scan(source, options, tell, &mut out.phase_ms.generate)?;
+                let grid = lattice::choose(&scan, options.precision, &source.name())?;
+                out.phase_ms.scan = lap();
+                on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
+
+                // Partition: snapped triangles in cells.
+                let place = self.scratch(journal.as_deref(), "cells", false);
+                let parted = partition::partition(source, &scan, grid, options, place, tell)?;
+                out.phase_ms.generate += parted.wait_ms;
+                let materials_json =
+                    serde_json::to_vec(source.materials()).expect("materials are plain data");
+                let read = Read { parted, materials_json, source: source.stats() };
+                if let Some(journal) = journal.as_mut().filter(|journal| journal.is_due()) {
+                    journal.write_chunks(&read, &options.budget)?;
+                }
+                out.phase_ms.partition = lap();
+                read
+            }
+        };
+
+        // Clusters and pages, chunk by chunk, in order.
+        let is_left = done.is_some();
+        let draft =
+            Draft::create(self.output, self.folder, self.scratch(journal.as_deref(), "part", is_left))?;
+        let place = self.scratch(journal.as_deref(), "voxels", is_left);
+        let Partition { octree, lattice_bounds, .. } = read.parted;
+        let voxels = voxels::begin(octree, lattice_bounds, place, self.scratch_folder)?;
+        let work = emit::Work { read: &read, voxels, journal, done };
+        let block = emit::emit(work, options, draft.file(), tell, &mut out)?;
+        out.phase_ms.clusters = lap() - out.phase_ms.voxels;
+
+        // Publish.
+        draft.publish(self.output, &block, options, tell)?;
+        out.phase_ms.publish = lap();
+        out.source = read.source;
+        Ok(out)
+    }
+
+    /// Where the file of an ending is.
+    fn scratch(&self, journal: Option<&Journal>, ending: &str, is_left: bool) -> Place {
+        match journal {
+            None => Place::Unnamed(self.scratch_folder.to_path_buf()),
+            Some(journal) if is_left => Place::Left(journal.path(ending)),
+            Some(journal) => Place::New(journal.path(ending)),
+        }
+    }
+}
+
+/// The error of an interrupt after which so many bytes are kept to go on from.
+fn kept(error: Error, output: &Path, bytes: u64) -> Error {
+    error
+        .at(output)
+        .numbers(format!(
+            "{} MiB are kept beside the output, or in the folder of scratch",
+            bytes.div_ceil(1 << 20)
+        ))
+        .next("run the same command again to go on, or remove them with trex build --clean")
 }
 
 /// What a source may lease while it is read: materials, the directory of 64 million vertices.
@@ -252,19 +358,18 @@ pub fn smallest_bytes() -> u64 {
 const PLAN_SCRATCH_BYTES: u64 = 24;
 const PLAN_OUTPUT_BYTES: u64 = 5;
 
-fn plan(scan: &Scan, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
-    let free = rustix::fs::statvfs(scratch_folder)
+fn plan(triangle_count: u64, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
+    let free = rustix::io::retry_on_intr(|| rustix::fs::statvfs(scratch_folder))
         .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
     let plan = Plan {
-        triangle_count: scan.triangle_count,
+        triangle_count,
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
             + partition::phase_bytes(options.budget.free_bytes())
                 .max(emit::needed_bytes(options) * emit::worker_count(options) as u64),
         limit_bytes: options.budget.limit_bytes(),
-        scratch_bytes: scan.triangle_count * PLAN_SCRATCH_BYTES,
-        output_bytes: scan.triangle_count * PLAN_OUTPUT_BYTES
-            + voxels::plan_bytes(options.voxels, scan.triangle_count),
+        scratch_bytes: triangle_count * PLAN_SCRATCH_BYTES,
+        output_bytes: triangle_count * PLAN_OUTPUT_BYTES + voxels::plan_bytes(options.voxels, triangle_count),
         free_bytes: free.f_bavail * free.f_frsize,
     };
     Ok(plan)

@@ -13,12 +13,13 @@ use super::cells::{By, Cells, Chunk, Sorted};
 use super::lattice::{Grid, Scan, Tell};
 use super::scratch::{LatticeTriangle, Scratch};
 use super::surface::Surface;
-use super::{BuildOptions, Rejected, no_triangles};
+use super::{BuildOptions, Rejected, no_triangles, voxels};
 use crate::cluster::LatticeBox;
 use crate::error::{Code, Error, Result};
 use crate::layout::{MATERIALS, TRIANGLES};
+use crate::octree::Refinement;
+use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
-use std::path::Path;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 use xxhash_rust::xxh3::Xxh3;
@@ -48,8 +49,10 @@ pub(super) struct Partition {
     pub(super) error_bound: f64,
     /// Box of the triangles on the lattice: least corner, greatest corner.
     pub(super) lattice_bounds: [[i64; 3]; 2],
-    /// How much of them there is.
-    pub(super) surface: Surface,
+    /// At most the median edge length, model units.
+    pub(super) median_edge: f64,
+    /// Leaves of the resident octree along an axis, and how much finer the finest are; `None` for no octree.
+    pub(super) octree: Option<(u32, Refinement)>,
     pub(super) content_hash: u64,
     pub(super) wait_ms: u64,
 }
@@ -60,7 +63,7 @@ pub(super) fn partition(
     scan: &Scan,
     grid: Grid,
     options: &BuildOptions,
-    scratch_folder: &Path,
+    place: Place,
     tell: Tell<'_>,
 ) -> Result<Partition> {
     let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
@@ -73,14 +76,24 @@ pub(super) fn partition(
         bits: grid.bits,
         buffered_most: buffer_bytes / TRIANGLE_BYTES,
     };
-    let mut cells = Cells::new(Scratch::create(scratch_folder)?, sorted);
+    let mut cells = Cells::new(Scratch::create(place)?, sorted);
     let mut snapper = Snapper::new(grid, Surface::new(scan, &grid), name.clone());
     let tell_count = |count| tell("partition", "triangles", count, scan.triangle_count);
     let waited = sort(source, &mut snapper, &mut cells, options, &tell_count)?;
 
     let (scratch, chunks) = cells.into_chunks(options)?;
-    let parted = Partition {
-        triangle_count: chunks.iter().map(|c| c.triangle_count).sum(),
+    let lattice_bounds = [snapper.bounds.lo, snapper.bounds.hi];
+    let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
+    if triangle_count == 0 {
+        let rejected = Rejected {
+            read: snapper.input_triangle_count,
+            degenerate: snapper.rejected_degenerate,
+            non_finite: snapper.rejected_non_finite,
+        };
+        return Err(no_triangles(&name, rejected));
+    }
+    Ok(Partition {
+        triangle_count,
         scratch,
         chunks,
         grid,
@@ -88,22 +101,12 @@ pub(super) fn partition(
         rejected_degenerate: snapper.rejected_degenerate,
         rejected_non_finite: snapper.rejected_non_finite,
         error_bound: if snapper.exact { 0.0 } else { grid.lattice.step() / 2.0 },
-        lattice_bounds: [snapper.bounds.lo, snapper.bounds.hi],
-        surface: snapper.surface,
+        lattice_bounds,
+        median_edge: scan.median_edge,
+        octree: voxels::resolution(options.voxels, &snapper.surface, lattice_bounds, triangle_count),
         content_hash: snapper.hasher.digest(),
         wait_ms: waited.as_millis() as u64,
-    };
-    if parted.triangle_count == 0 {
-        return Err(no_triangles(
-            &name,
-            Rejected {
-                read: parted.input_triangle_count,
-                degenerate: parted.rejected_degenerate,
-                non_finite: parted.rejected_non_finite,
-            },
-        ));
-    }
-    Ok(parted)
+    })
 }
 
 /// Reads the source on a thread of its own, and sorts what comes into cells; gives the time that it was waited for.

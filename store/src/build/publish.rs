@@ -12,9 +12,11 @@ use super::scratch::drop_cache;
 use super::{BuildOptions, Existing};
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
-use crate::output::draft;
+use crate::output::{draft, draft_at};
+use crate::scratch::Place;
 use crate::verify;
 use rustix::fs::fdatasync;
+use rustix::io::retry_on_intr;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::os::unix::fs::FileExt;
@@ -37,11 +39,18 @@ pub(super) struct DraftFile<'a> {
 }
 
 impl Draft {
-    pub(super) fn create(output: &Path, folder: &Path) -> Result<Draft> {
-        let file = draft(output).map_err(|e| Error::writing("create a file", folder, &e))?;
+    /// A new one, or the one that a build before this has left.
+    pub(super) fn create(output: &Path, folder: &Path, place: Place) -> Result<Draft> {
+        let file = match place {
+            Place::Unnamed(_) => draft(output),
+            Place::New(path) => draft_at(output, &path, true),
+            Place::Left(path) => draft_at(output, &path, false),
+        };
+        let file = file.map_err(|e| Error::writing("create a file", folder, &e))?;
         Ok(Draft { file, folder: folder.to_path_buf() })
     }
 
+    /// To append to it. What is in it is written over.
     pub(super) fn file(&self) -> DraftFile<'_> {
         DraftFile { draft: self, end: 0, flushed: 0 }
     }
@@ -97,11 +106,25 @@ impl DraftFile<'_> {
         file.write_all_at(bytes, offset).map_err(|e| self.failed(&e))?;
         self.end += bytes.len() as u64;
         if self.end - self.flushed >= FLUSH_BYTES {
-            fdatasync(file).map_err(|e| self.failed(&e.into()))?;
-            drop_cache(file, self.flushed, self.end - self.flushed);
-            self.flushed = self.end;
+            self.sync()?;
         }
         Ok(offset)
+    }
+
+    /// Waits until all that was written is on the disk.
+    pub(super) fn sync(&mut self) -> Result<()> {
+        let file = self.draft.file.as_file();
+        retry_on_intr(|| fdatasync(file)).map_err(|e| self.failed(&e.into()))?;
+        drop_cache(file, self.flushed, self.end - self.flushed);
+        self.flushed = self.end;
+        Ok(())
+    }
+
+    /// Goes on behind the first `bytes`; what comes after them is cut off.
+    pub(super) fn go_on_at(&mut self, bytes: u64) -> Result<()> {
+        self.draft.file.as_file().set_len(bytes).map_err(|e| self.failed(&e))?;
+        (self.end, self.flushed) = (bytes, bytes);
+        Ok(())
     }
 
     /// Writes the head, last.

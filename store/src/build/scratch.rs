@@ -12,10 +12,12 @@
 //! blocks at once (ext4 `discard`) then takes longer to drop the file than the build took to make it.
 
 use crate::error::Result;
-use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
+use crate::scratch::{Place, SEAL_BYTES, ScratchFile, seal};
 use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
+use rustix::io::retry_on_intr;
+use serde::{Deserialize, Serialize};
 use std::fs::File;
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 /// A triangle on the lattice.
@@ -26,7 +28,7 @@ pub(super) struct LatticeTriangle {
 }
 
 /// Where a run lies.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct Run {
     pub(super) offset: u64,
     pub(super) bytes: u32,
@@ -52,9 +54,20 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    pub(super) fn create(folder: &Path) -> Result<Scratch> {
-        let file = ScratchFile::create(folder)?;
-        Ok(Scratch { file, end: 0, flushed: 0, live: Mutex::default() })
+    /// A new one.
+    pub(super) fn create(place: Place) -> Result<Scratch> {
+        Ok(Scratch { file: ScratchFile::at(place)?, end: 0, flushed: 0, live: Mutex::default() })
+    }
+
+    /// The one that a build before this has left, of `end` bytes, from which so many triangles of these runs are still
+    /// to be read.
+    pub(super) fn left(path: PathBuf, end: u64, unread: impl Iterator<Item = (Run, u32)>) -> Result<Scratch> {
+        let file = ScratchFile::at(Place::Left(path))?;
+        let mut live = vec![0; (end / SEGMENT_BYTES) as usize + 1];
+        for (run, triangle_count) in unread {
+            live[(run.offset / SEGMENT_BYTES) as usize] += u64::from(triangle_count);
+        }
+        Ok(Scratch { file, end, flushed: end, live: Mutex::new(live) })
     }
 
     /// Bytes written.
@@ -84,7 +97,8 @@ impl Scratch {
     /// Writes back what is dirty and drops it from the page cache.
     pub(super) fn flush(&mut self) -> Result<()> {
         let file = self.file.file();
-        fdatasync(file).map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
+        retry_on_intr(|| fdatasync(file))
+            .map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
         drop_cache(file, self.flushed, self.end - self.flushed);
         self.flushed = self.end;
         Ok(())

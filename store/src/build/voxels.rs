@@ -5,9 +5,8 @@
 //! and hashed piece by piece.
 
 use super::Voxels;
-use super::partition::Partition;
 use super::publish::DraftFile;
-use super::surface::RESOLUTIONS;
+use super::surface::{RESOLUTIONS, Surface};
 use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
@@ -15,6 +14,7 @@ use crate::octree::{
     Finished, FirstPage, LowerBuilder, RUN_BYTES, Refinement, RunsSize, STREAM_BYTES, VoxelGrid, VoxelRuns,
     family_bytes, leaf_bytes, merge,
 };
+use crate::scratch::Place;
 use std::path::{Path, PathBuf};
 
 /// Bytes of a leaf on disk, bytes of a triangle there: measured, rounded.
@@ -39,19 +39,36 @@ pub(super) struct VoxelWork {
     folder: PathBuf,
 }
 
-/// The octree that the options ask for, and a scratch file for its records; `None` for none.
-pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result<Option<VoxelWork>> {
-    let [lo, hi] = parted.lattice_bounds;
-    let (resolution, refinement) = match voxels {
-        Voxels::None => return Ok(None),
-        Voxels::Resolution(resolution) => (resolution, Refinement::None),
-        Voxels::Refined { upper, refinement } => (upper, refinement),
-        Voxels::Within { upper_bytes } => (choose(parted, upper_bytes), Refinement::None),
-    };
+/// Leaves of the octree that is asked for, and how much finer the finest are; `None` for none.
+pub(super) fn resolution(
+    voxels: Voxels,
+    surface: &Surface,
+    lattice_bounds: [[i64; 3]; 2],
+    triangle_count: u64,
+) -> Option<(u32, Refinement)> {
+    match voxels {
+        Voxels::None => None,
+        Voxels::Resolution(resolution) => Some((resolution, Refinement::None)),
+        Voxels::Refined { upper, refinement } => Some((upper, refinement)),
+        Voxels::Within { upper_bytes } => {
+            let mesh_bytes = DISK_BYTES_PER_TRIANGLE * triangle_count as f64;
+            Some((choose(surface, lattice_bounds, mesh_bytes, upper_bytes), Refinement::None))
+        }
+    }
+}
+
+/// The octree of [`resolution`], and the scratch file `place` for its records; others go to `folder`. `None` for none.
+pub(super) fn begin(
+    octree: Option<(u32, Refinement)>,
+    [lo, hi]: [[i64; 3]; 2],
+    place: Place,
+    folder: &Path,
+) -> Result<Option<VoxelWork>> {
+    let Some((resolution, refinement)) = octree else { return Ok(None) };
     Ok(Some(VoxelWork {
         grid: VoxelGrid::from_bounds(lo, hi, resolution, refinement),
         refinement,
-        runs: VoxelRuns::create(folder)?,
+        runs: VoxelRuns::at(place)?,
         folder: folder.to_path_buf(),
     }))
 }
@@ -60,12 +77,10 @@ pub(super) fn begin(parted: &Partition, voxels: Voxels, folder: &Path) -> Result
 /// for what is small: 256 up to [`CHEAP_BYTES`], since a picture needs that much whatever the model has. Units below it
 /// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when
 /// measured (ao).
-fn choose(parted: &Partition, upper_bytes: u64) -> u32 {
-    let [lo, hi] = parted.lattice_bounds;
-    let mesh_bytes = DISK_BYTES_PER_TRIANGLE * parted.triangle_count as f64;
+fn choose(surface: &Surface, [lo, hi]: [[i64; 3]; 2], mesh_bytes: f64, upper_bytes: u64) -> u32 {
     let fits = |which: &usize| {
         let leaf_steps = VoxelGrid::from_bounds(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
-        let leaves = parted.surface.leaf_count(*which, leaf_steps);
+        let leaves = surface.leaf_count(*which, leaf_steps);
         let resident = leaves * leaf_bytes() as f64;
         let is_due = leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;
         let is_cheap = RESOLUTIONS[*which] == 256 && resident <= CHEAP_BYTES;

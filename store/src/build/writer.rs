@@ -5,8 +5,7 @@
 
 use super::BuildReport;
 use super::clusters::Tree;
-use super::lattice::Scan;
-use super::pages::{ChunkPages, ChunkRoot, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
+use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
 use super::partition::Partition;
 use super::publish::DraftFile;
 use super::sah::{Prim, Rule, Splitter};
@@ -22,16 +21,17 @@ use xxhash_rust::xxh3::xxh3_64;
 pub(super) struct Writer<'a> {
     file_id: u64,
     node_shift: u32,
-    block: Superblock,
+    pub(super) block: Superblock,
     context: PackContext<'a>,
-    pages: Vec<PageEntry>,
-    /// The page that the ends of the last chunks share, and the first of `roots` in it.
+    pub(super) pages: Vec<PageEntry>,
+    /// The page that the ends of the last chunks share, the first of `roots` in it, and whose ends these are.
     open: OpenPage,
     open_root: usize,
+    pub(super) open_chunks: Vec<usize>,
     /// Roots of pages, with their boxes.
     roots: Vec<(LatticeBox, TopRef)>,
-    emitters: Vec<u8>,
-    emitter_count: u64,
+    pub(super) emitters: Vec<u8>,
+    pub(super) emitter_count: u64,
 }
 
 impl<'a> Writer<'a> {
@@ -44,6 +44,7 @@ impl<'a> Writer<'a> {
             pages: Vec::new(),
             open: OpenPage::default(),
             open_root: 0,
+            open_chunks: Vec::new(),
             roots: Vec::new(),
             emitters: Vec::new(),
             emitter_count: 0,
@@ -65,27 +66,55 @@ impl<'a> Writer<'a> {
         &mut self.block.sections[SectionKind::ALL.len()..]
     }
 
-    /// Writes the pages of a chunk, and begins or fills the one that chunks share.
-    pub(super) fn add_chunk(&mut self, chunk: ChunkPages, file: &mut DraftFile<'_>) -> Result<()> {
+    /// Roots of the pages that are written, with their boxes.
+    pub(super) fn closed_roots(&self) -> &[(LatticeBox, TopRef)] {
+        &self.roots[..self.open_root]
+    }
+
+    /// Takes the roots of all pages that are written.
+    pub(super) fn restore_roots(&mut self, roots: Vec<(LatticeBox, TopRef)>) {
+        (self.open_root, self.roots) = (roots.len(), roots);
+    }
+
+    /// Writes the pages of chunk `number`, and begins or fills the one that chunks share.
+    pub(super) fn add_chunk(
+        &mut self,
+        number: usize,
+        mut chunk: ChunkPages,
+        file: &mut DraftFile<'_>,
+    ) -> Result<()> {
         let (first_page, open_page) = (self.pages.len() as u32, chunk.pages.len() as u32);
-        for page in chunk.pages {
+        for page in std::mem::take(&mut chunk.pages) {
             self.add_page(page, file)?;
         }
-        let (mut closed, opened): (Vec<_>, Vec<_>) =
-            chunk.roots.into_iter().partition(|root| root.page < open_page);
-        closed.iter_mut().for_each(|root| root.page += first_page);
-        let entered = |root: &ChunkRoot| (root.bounds, TopRef::Page { page: root.page, slot: root.slot });
         // Those of the open page stand last.
-        let open_at = self.open_root;
-        self.roots.splice(open_at..open_at, closed.iter().map(entered));
-        self.open_root += closed.len();
+        let closed = chunk.roots.iter().filter(|root| root.page < open_page);
+        let entered =
+            closed.map(|root| (root.bounds, TopRef::Page { page: first_page + root.page, slot: root.slot }));
+        let (before, at) = (self.roots.len(), self.open_root);
+        self.roots.splice(at..at, entered);
+        self.open_root += self.roots.len() - before;
         if !self.open.takes(&chunk.open) {
             self.close(file)?;
         }
-        let first_slot = self.open.append(chunk.open);
-        let opened = opened.into_iter().map(|root| ChunkRoot { slot: first_slot + root.slot, ..root });
-        self.roots.extend(opened.map(|root| entered(&root)));
+        self.take_end(number, open_page, chunk);
         Ok(())
+    }
+
+    /// Takes the end of a chunk, which it calls page `open_page`, into the page that chunks share.
+    fn take_end(&mut self, number: usize, open_page: u32, chunk: ChunkPages) {
+        let first_slot = self.open.append(chunk.open);
+        let opened = chunk.roots.iter().filter(|root| root.page == open_page);
+        // The page is told when it is closed.
+        let entered =
+            opened.map(|root| (root.bounds, TopRef::Page { page: 0, slot: first_slot + root.slot }));
+        self.roots.extend(entered);
+        self.open_chunks.push(number);
+    }
+
+    /// Takes the end of a chunk again that was added before the build was killed, and whose page was open then.
+    pub(super) fn reopen(&mut self, number: usize, chunk: ChunkPages) {
+        self.take_end(number, chunk.pages.len() as u32, chunk);
     }
 
     /// Ends the open page, if anything is in it.
@@ -101,6 +130,7 @@ impl<'a> Writer<'a> {
             }
         }
         self.open_root = self.roots.len();
+        self.open_chunks.clear();
         Ok(())
     }
 
@@ -263,7 +293,7 @@ pub(super) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_
 }
 
 /// The superblock of a file in which nothing is yet.
-pub(super) fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
+pub(super) fn superblock_of(parted: &Partition) -> Superblock {
     Superblock {
         file_bytes: 0,
         file_id: 0,
@@ -273,7 +303,7 @@ pub(super) fn superblock_of(parted: &Partition, scan: &Scan) -> Superblock {
         error_bound: parted.error_bound,
         bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
         lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
-        median_edge: scan.median_edge,
+        median_edge: parted.median_edge,
         input_triangle_count: parted.input_triangle_count,
         triangle_count: 0,
         vertex_count: 0,

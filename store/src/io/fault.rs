@@ -25,6 +25,8 @@ pub struct FaultPlan {
     pub delay: Duration,
     /// A part of the file that cannot be read at all.
     pub broken: Option<Range<u64>>,
+    /// Reads by their number, the first that completes is 0, that fail with this errno.
+    pub failing: Option<(Range<u64>, i32)>,
     /// The backend itself panics at the first read that completes after so many.
     pub panic_after: Option<u64>,
 }
@@ -50,6 +52,12 @@ impl Fault {
     fn disturb(&mut self, done: &mut RawDone) {
         let read = &mut done.read;
         let Ok(got) = done.result else { return };
+        if let Some((numbers, errno)) = &self.plan.failing
+            && numbers.contains(&(self.completed - 1))
+        {
+            done.result = Err(std::io::Error::from_raw_os_error(*errno));
+            return;
+        }
         if self
             .plan
             .broken

@@ -30,6 +30,7 @@ pub use failover::Failover;
 pub use fault::{Fault, FaultPlan};
 pub use memory::Memory;
 pub use mmap::Mmap;
+pub(crate) use open::drop_cached;
 pub use open::{DEPTH_MAX, DirectChoice, IoChoice, IoDescription, IoOptions, Source, open};
 pub use pread::Pread;
 pub use reader::{Arrival, FAILURES_MAX, INTERRUPTIONS_MAX, Reader, ReaderStats, staging_bytes_for};

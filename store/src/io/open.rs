@@ -204,10 +204,10 @@ fn open_direct(path: &Path) -> std::io::Result<File> {
 }
 
 /// Drops what a buffered read left in the page cache: whole cache pages around the bytes read.
-pub(super) fn drop_cached(file: &File, offset: u64, bytes: usize) {
+pub(crate) fn drop_cached(file: &File, offset: u64, bytes: u64) {
     let align = ALIGN_BYTES as u64;
     let start = offset / align * align;
-    let length = (offset + bytes as u64).next_multiple_of(align) - start;
+    let length = offset.saturating_add(bytes).next_multiple_of(align) - start;
     let length = std::num::NonZeroU64::new(length);
     let _ = rustix::fs::fadvise(file, start, length, rustix::fs::Advice::DontNeed);
 }

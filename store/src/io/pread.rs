@@ -86,9 +86,9 @@ impl Shared {
 
     fn read(&self, read: &mut RawRead) -> std::io::Result<usize> {
         let (offset, bytes) = (read.offset, read.bytes);
-        let got = rustix::io::pread(&self.source.file, read.target(), offset)?;
+        let got = rustix::io::retry_on_intr(|| rustix::io::pread(&self.source.file, read.target(), offset))?;
         if !self.source.direct {
-            drop_cached(&self.source.file, offset, bytes);
+            drop_cached(&self.source.file, offset, bytes as u64);
         }
         Ok(got)
     }

@@ -155,6 +155,28 @@ fn a_file_that_ends_early_is_damaged() {
     }
 }
 
+/// A file that shrank under a mapping ended the process with SIGBUS.
+#[test]
+fn a_file_that_shrinks_while_it_is_read_is_damaged() {
+    for io in [IoChoice::Auto, IoChoice::Pread, IoChoice::Mmap] {
+        let content = content();
+        let file = file_of(&content);
+        let options = IoOptions { io, direct: DirectChoice::Off, depth: 4, pread_threads: 2 };
+        let mut reader = Reader::new(open(file.path(), &options).unwrap(), file.path());
+        let at = |offset, stored_bytes| Extent { offset, stored_bytes };
+        let before = [at(0, 100), at(1_000_000, 60_000)];
+        check_same(&read_all_of(&mut reader, &before), &before, &content);
+        file.as_file().set_len(1_000_100).unwrap();
+        let lost = [at(1_000_000, 101), at(1_000_050, 60_000), at(1_000_100, 1), at(2_900_000, 4096)];
+        for (result, extent) in read_all_of(&mut reader, &lost).into_iter().zip(lost) {
+            let error = result.unwrap_err();
+            assert_eq!(error.code(), Code::Damaged, "{io:?} {extent:?}: {error}");
+        }
+        let left = [at(999_000, 1100), at(0, 66_000)];
+        check_same(&read_all_of(&mut reader, &left), &left, &content);
+    }
+}
+
 #[test]
 fn faults_are_ridden_out() {
     let content: Arc<[u8]> = content().into();

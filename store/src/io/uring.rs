@@ -148,7 +148,7 @@ impl Uring {
                 errno => Err(Error::from_raw_os_error(-errno)),
             };
             if !self.source.direct && !self.uncached {
-                drop_cached(&self.source.file, read.offset, read.bytes);
+                drop_cached(&self.source.file, read.offset, read.bytes as u64);
             }
             done.push(RawDone { read, result });
         }

@@ -6,7 +6,8 @@ use super::fields::{Cursor, Fields};
 use super::{FRAME_BYTES, PAGE_ENTRY_BYTES, STORED_BYTES};
 
 /// Kinds of pages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
 #[repr(u8)]
 pub enum PageKind {
     /// Clusters and the tree above them.

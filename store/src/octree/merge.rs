@@ -10,10 +10,9 @@
 
 use super::record::Record;
 use crate::error::Result;
-use crate::scratch::{SEAL_BYTES, ScratchFile, seal};
+use crate::scratch::{Place, SEAL_BYTES, ScratchFile, seal};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::path::Path;
 use std::sync::Mutex;
 
 /// Records of a block.
@@ -57,9 +56,46 @@ struct Run {
 }
 
 impl VoxelRuns {
-    /// Makes the scratch file in `folder`.
-    pub(crate) fn create(folder: &Path) -> Result<VoxelRuns> {
-        Ok(VoxelRuns { file: ScratchFile::create(folder)?, written: Mutex::default() })
+    /// No runs yet, in the scratch file of a place.
+    pub(crate) fn at(place: Place) -> Result<VoxelRuns> {
+        Ok(VoxelRuns { file: ScratchFile::at(place)?, written: Mutex::default() })
+    }
+
+    /// Bytes of the words of [`VoxelRuns::synced`], at most.
+    pub(crate) fn word_bytes(&self) -> u64 {
+        let written = self.written.lock().expect("no panic while held");
+        let words: usize = written.runs.iter().map(|run| 3 + run.blocks.len()).sum();
+        8 * (1 + words as u64)
+    }
+
+    /// Waits until all runs are on the disk, and tells in words where those of the first `chunk_count` chunks are. The
+    /// words are for [`VoxelRuns::restore`].
+    pub(crate) fn synced(&self, chunk_count: u32) -> Result<Vec<u64>> {
+        self.file.sync()?;
+        let written = self.written.lock().expect("no panic while held");
+        let mut words = vec![written.end];
+        for run in written.runs.iter().filter(|run| run.order.chunk < chunk_count) {
+            let order = u64::from(run.order.chunk) << 32 | u64::from(run.order.number);
+            words.extend([order, run.offset, run.record_count as u64]);
+            words.extend(run.blocks.iter().map(|&bytes| u64::from(bytes)));
+        }
+        Ok(words)
+    }
+
+    /// Takes the runs that `words` tell of; `None` where they tell nonsense.
+    pub(crate) fn restore(&mut self, words: &[u64]) -> Option<()> {
+        let (&end, mut words) = words.split_first()?;
+        let mut runs = Vec::new();
+        while let Some((&[order, offset, record_count], rest)) = words.split_first_chunk() {
+            let record_count = usize::try_from(record_count).ok()?;
+            let (blocks, rest) = rest.split_at_checked(record_count.div_ceil(BLOCK))?;
+            let blocks = blocks.iter().map(|&bytes| u32::try_from(bytes).ok()).collect::<Option<_>>()?;
+            let order = RunOrder { chunk: (order >> 32) as u32, number: order as u32 };
+            runs.push(Run { order, offset, blocks, record_count });
+            words = rest;
+        }
+        *self.written.get_mut().expect("no panic while held") = Written { end, runs };
+        words.is_empty().then_some(())
     }
 
     /// What has been written.

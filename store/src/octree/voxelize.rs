@@ -263,7 +263,7 @@ mod tests {
     }
 
     fn records(grid: VoxelGrid, triangles: &[[[i64; 3]; 3]]) -> Vec<Record> {
-        let runs = VoxelRuns::create(&std::env::temp_dir()).unwrap();
+        let runs = VoxelRuns::at(crate::scratch::Place::Unnamed(std::env::temp_dir())).unwrap();
         let mut voxelizer = Voxelizer::new(grid, &runs);
         triangles.iter().for_each(|q| voxelizer.add(*q, 0));
         voxelizer.finish().unwrap();

@@ -15,6 +15,7 @@
 //! 3. A page in READING stands in exactly one slot, or in `split`: single flight.
 //! 4. A panic of one of these threads ends the pool: whoever waits is told (`failure.rs`), nobody idles.
 //! 5. A failed read of several pages is repeated page by page: one bad sector costs one page.
+//! 6. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
 #![allow(unsafe_code)]
 
 use super::jobs::{PARTS_MAX, Part, Slot};
@@ -22,7 +23,7 @@ use super::requests::Requests;
 use super::shared::Shared;
 use super::signal::lock;
 use super::stats::count;
-use crate::error::Result;
+use crate::error::{Code, Result};
 use crate::io::{Arrival, Extent, Reader, Wait};
 use std::sync::atomic::{Ordering, fence};
 use std::time::Duration;
@@ -234,9 +235,10 @@ impl Shared {
     /// A decode thread: works until the pool stops.
     pub(super) fn decode(&self) {
         let mut scratch = Vec::new();
-        while let Some(slot) = self.jobs.pop() {
-            for &part in &slot.parts {
-                let result = self.install(&slot, part, &mut scratch);
+        while let Some(mut slot) = self.jobs.pop() {
+            for index in 0..slot.parts.len() {
+                let part = slot.parts[index];
+                let result = self.install(&mut slot, part, &mut scratch);
                 self.end(part, result);
             }
             lock(&self.idle).push(slot);
@@ -244,14 +246,23 @@ impl Shared {
         }
     }
 
-    fn install(&self, slot: &Slot, part: Part, scratch: &mut Vec<u8>) -> Result<()> {
+    /// Checks and decodes a page of `slot`; one that is damaged is read again first, in its place.
+    fn install(&self, slot: &mut Slot, part: Part, scratch: &mut Vec<u8>) -> Result<()> {
         let extent = self.store.extent(part.page);
-        let staging = slot.staging.as_ref().expect("a slot that arrived without staging");
         let at = slot.start + (extent.offset - slot.offset) as usize;
-        let stored = &staging[at..at + extent.stored_bytes as usize];
+        let staging = slot.staging.as_mut().expect("a slot that arrived without staging");
+        let stored = &mut staging[at..at + extent.stored_bytes as usize];
         // SAFETY: the page is READING, and stands in this slot alone (invariant 3), which this thread owns.
         let frame = unsafe { self.arena.frame_mut(part.frame) };
-        self.store.install(part.page, stored, frame, scratch)
+        let first = self.store.install(part.page, stored, frame, scratch);
+        if !first.as_ref().is_err_and(|error| error.code() == Code::Damaged) {
+            return first;
+        }
+        count(&self.counters.reads_again);
+        match self.store.read_again(part.page, stored) {
+            Ok(true) => self.store.install(part.page, stored, frame, scratch),
+            _ => first,
+        }
     }
 }
 

@@ -22,7 +22,7 @@ pub struct PoolStats {
     pub bytes_read: u64,
     /// Reads sent to the backend, each of one page or of several that lie together.
     pub reads: u64,
-    /// Reads that had to be repeated or continued.
+    /// Reads that had to be repeated or continued, those of pages that did not match their hash among them.
     pub read_retries: u64,
     /// Pages read.
     pub pages_read: u64,
@@ -60,6 +60,8 @@ pub(super) struct Counters {
     pub(super) bytes_read: AtomicU64,
     pub(super) reads: AtomicU64,
     pub(super) read_retries: AtomicU64,
+    /// Pages that were read again since they did not match their hash.
+    pub(super) reads_again: AtomicU64,
     pub(super) pages_read: AtomicU64,
     pub(super) refaults: AtomicU64,
     pub(super) saturated: AtomicU64,
@@ -93,7 +95,7 @@ impl Counters {
             misses: sum(|stripe| &stripe.misses),
             bytes_read: now(&self.bytes_read),
             reads: now(&self.reads),
-            read_retries: now(&self.read_retries),
+            read_retries: now(&self.read_retries) + now(&self.reads_again),
             pages_read: now(&self.pages_read),
             refaults: now(&self.refaults),
             saturated: now(&self.saturated),

@@ -30,6 +30,15 @@ pub trait PageStore: Send + Sync {
     /// When `stored` is damaged; the page counts as damaged from then on.
     fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()>;
 
+    /// Reads the stored bytes of `page` into `stored` once more, by another way than the pool's: what it read was
+    /// damaged, and may have been so on its way only. False where there is no other way.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn read_again(&self, _page: u32, _stored: &mut [u8]) -> Result<bool> {
+        Ok(false)
+    }
+
     /// Bytes of a frame, the same for all pages. A multiple of 4096.
     fn frame_bytes(&self) -> usize;
 }

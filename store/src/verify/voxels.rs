@@ -8,7 +8,7 @@
 //! Invariants: 1. each page of units is read once more, as long as words ascend along the curve, as `build` writes
 //! them; 2. a damaged page is named with the box of the linking nodes that lead to it.
 
-use super::{Damage, Verdict};
+use super::{Damage, Pace, Verdict};
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
 use crate::file::PageFile;
@@ -17,18 +17,25 @@ use crate::layout::{FRAME_BYTES, Section, SectionKind};
 use crate::octree::{NODE_SIDE, Refinement, UnitNode, UnitRef, UnitsView, UpperOctree};
 
 /// Checks all that stands in sections 5 and 6 and in pages of units.
-pub(super) fn check(file: &PageFile, budget: &Budget, verdict: &mut Verdict) -> Result<()> {
+pub(super) fn check(
+    file: &PageFile,
+    budget: &Budget,
+    pace: &mut Pace<'_>,
+    verdict: &mut Verdict,
+) -> Result<()> {
     let section = |kind| file.superblock().find_section(kind).unwrap_or_default();
     let (upper, _lease) = match file.upper(budget) {
         Ok(None) => return Ok(()),
         Ok(Some(upper)) => upper,
         Err(error) => return verdict.add_section(&error, section(SectionKind::Upper)),
     };
+    pace.read(section(SectionKind::Upper).bytes)?;
     let (links, _lease) = match file.lower(&upper, budget) {
         Ok(None) => return Ok(()),
         Ok(Some(links)) => links,
         Err(error) => return verdict.add_section(&error, section(SectionKind::Lower)),
     };
+    pace.read(section(SectionKind::Lower).bytes)?;
     let work_bytes = links.count() * (size_of::<(UnitRef, u32)>() + size_of::<[u32; 3]>());
     let _lease = budget.lease("the check of units", (work_bytes + 6 * FRAME_BYTES) as u64)?;
     let places = last_places(&upper);
@@ -36,7 +43,7 @@ pub(super) fn check(file: &PageFile, budget: &Budget, verdict: &mut Verdict) -> 
         (0..links.count()).map(|number| (links.unit(number), number as u32)).collect();
     order.sort_unstable();
     let (refinement, outer, inner) = (links.refinement(), Frame::new(), Frame::new());
-    let mut check = UnitCheck { file, verdict, refinement, outer, inner, leaf_count: 0 };
+    let mut check = UnitCheck { file, verdict, pace, refinement, outer, inner, leaf_count: 0 };
     for (unit, number) in order {
         let bounds = bounds_of(file, &upper, places[number as usize]);
         let node = &upper.last_nodes()[number as usize];
@@ -54,10 +61,24 @@ pub(super) fn check(file: &PageFile, budget: &Budget, verdict: &mut Verdict) -> 
 }
 
 /// Checks the hashes of sections 5 and 6.
-pub(super) fn check_bytes(file: &PageFile, verdict: &mut Verdict) -> Result<()> {
+pub(super) fn check_bytes(file: &PageFile, pace: &mut Pace<'_>, verdict: &mut Verdict) -> Result<()> {
     for kind in [SectionKind::Upper, SectionKind::Lower] {
         let Some(section) = file.superblock().find_section(kind) else { continue };
-        if let Err(error) = file.check_section(section, kind) {
+        if let Err(error) = file.check_section(section, kind, &mut |bytes| pace.read(bytes)) {
+            verdict.add_section(&error, section)?;
+        }
+    }
+    Ok(())
+}
+
+/// Checks what the heads of sections 5 and 6 say of themselves.
+pub(super) fn check_heads(file: &PageFile, verdict: &mut Verdict) -> Result<()> {
+    let sizes = [
+        (SectionKind::Upper, file.upper_size().map(drop)),
+        (SectionKind::Lower, file.lower_size().map(drop)),
+    ];
+    for (kind, size) in sizes {
+        if let (Err(error), Some(section)) = (size, file.superblock().find_section(kind)) {
             verdict.add_section(&error, section)?;
         }
     }
@@ -94,8 +115,7 @@ impl Verdict {
         if error.code() != Code::Damaged {
             return Err(error.clone());
         }
-        let (what, bounds) = (error.what().to_owned(), None);
-        self.add(Damage { what, page: None, offset: section.offset, bytes: section.bytes, bounds });
+        self.add(Damage::of_bytes(error.what(), section.offset, section.bytes));
         Ok(())
     }
 }
@@ -112,9 +132,7 @@ impl Verdict {
     fn add_units(&mut self, file: &PageFile, page: u32, bounds: &Aabb) {
         if !self.damage.iter().any(|damage| damage.page == Some(page)) {
             let entry = &file.pages()[page as usize];
-            let (offset, bytes) = (entry.offset, u64::from(entry.stored_bytes));
-            let what = "a unit is not what the leaves above it say".to_owned();
-            self.add(Damage { what, page: Some(page), offset, bytes, bounds: None });
+            self.add(Damage::of_page("a unit is not what the leaves above it say", page, entry));
         }
         self.widen(page, bounds);
     }
@@ -128,9 +146,10 @@ struct Frame {
     buffers: [Vec<u8>; 2],
 }
 
-struct UnitCheck<'a> {
+struct UnitCheck<'a, 'p> {
     file: &'a PageFile,
     verdict: &'a mut Verdict,
+    pace: &'a mut Pace<'p>,
     refinement: Refinement,
     /// The page of the unit at hand, and of the one that nests in it.
     outer: Frame,
@@ -139,7 +158,7 @@ struct UnitCheck<'a> {
     leaf_count: u64,
 }
 
-impl UnitCheck<'_> {
+impl UnitCheck<'_, '_> {
     /// A unit whose linking node has so many leaves with these bitmaps.
     fn unit(
         &mut self,
@@ -147,7 +166,7 @@ impl UnitCheck<'_> {
         (leaf_count, bitmap): (u32, &dyn Fn(u32) -> u64),
         bounds: &Aabb,
     ) -> Result<()> {
-        if !self.outer.read(self.file, unit.page())? {
+        if !self.outer.read(self.file, unit.page(), self.pace)? {
             self.verdict.widen(unit.page(), bounds);
             return Ok(());
         }
@@ -159,7 +178,7 @@ impl UnitCheck<'_> {
             self.leaf_count += u64::from(node.leaf_count());
             match node.link {
                 Some(inner) if self.refinement == Refinement::By16 => {
-                    if !self.inner.read(self.file, inner.page())? {
+                    if !self.inner.read(self.file, inner.page(), self.pace)? {
                         self.verdict.widen(inner.page(), bounds);
                         continue;
                     }
@@ -201,8 +220,9 @@ impl Frame {
     }
 
     /// Reads a page unless it is there already; false for one that is damaged, which has been told.
-    fn read(&mut self, file: &PageFile, page: u32) -> Result<bool> {
+    fn read(&mut self, file: &PageFile, page: u32, pace: &mut Pace<'_>) -> Result<bool> {
         if self.page != Some(page) {
+            pace.read_again(u64::from(file.pages()[page as usize].stored_bytes))?;
             self.is_whole = match file.read_page(page, &mut self.bytes, &mut self.buffers) {
                 Ok(()) => true,
                 Err(error) if error.code() == Code::Damaged => false,

@@ -64,6 +64,7 @@ fn heap() -> (Vec<NaiveTriangle>, Model, PageFile) {
         temp_dir: None,
         existing: Default::default(),
         interrupt: Default::default(),
+        resume: None,
     };
     build(&mut *source, &output, &options, &|_| {}, &|_| {}).unwrap();
     let file = PageFile::open(&output, &Budget::unlimited()).unwrap();

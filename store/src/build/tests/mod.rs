@@ -1,5 +1,6 @@
 //! The build against a plain snap of the same triangles: nothing lost, nothing changed, nothing order-dependent.
 
+mod resume;
 mod scratch;
 
 use super::*;
@@ -59,6 +60,7 @@ fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
         budget: Budget::new(limit_bytes),
         temp_dir: None,
         existing: Existing::Keep,
+        resume: None,
         interrupt: Interrupt::default(),
     }
 }
@@ -184,16 +186,17 @@ fn every_flipped_byte_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged.trex");
     let step = (bytes.len() / 400).max(1);
+    let hashes = crate::verify::Options::default();
     for at in (0..bytes.len()).step_by(step).chain([bytes.len() - 1]) {
         let mut damaged = bytes.clone();
         damaged[at] ^= 0x10;
         std::fs::write(&path, &damaged).unwrap();
-        let verdict = crate::verify::check(&path, &Budget::unlimited(), &|_, _| Ok(())).unwrap();
+        let verdict = crate::verify::check(&path, &hashes, &Budget::unlimited(), &|_, _| Ok(())).unwrap();
         assert!(verdict.damage_count > 0, "byte {at} of {} is not covered", bytes.len());
     }
     for cut in [0, 1, 1023, 1024, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..cut]).unwrap();
-        let answer = crate::verify::check(&path, &Budget::unlimited(), &|_, _| Ok(()));
+        let answer = crate::verify::check(&path, &hashes, &Budget::unlimited(), &|_, _| Ok(()));
         assert!(answer.is_err() || answer.unwrap().damage_count > 0, "cut at {cut}");
     }
 }

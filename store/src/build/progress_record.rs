@@ -1,0 +1,271 @@
+//! How far a build has come, as records of its journal, and the way back from them.
+//!
+//! ```text
+//! chunks   what partition found | materials
+//! done     chunks in the output, counts | page table, roots of pages, emitters, places of voxel records
+//! ```
+//!
+//! The page that the ends of the last chunks share is not written yet: of these chunks the ends are made again.
+//!
+//! Invariants: 1. what is restored is what was there when the record was written, so the bytes that follow are those of
+//! a build that was never killed; 2. a record whose files are gone or too short counts as absent.
+
+use super::cells::Chunk;
+use super::journal::Journal;
+use super::lattice::Grid;
+use super::partition::Partition;
+use super::publish::DraftFile;
+use super::record;
+use super::scratch::Scratch;
+use super::voxels::VoxelWork;
+use super::writer::Writer;
+use crate::budget::Budget;
+use crate::cluster::{LatticeBox, TopRef};
+use crate::error::Result;
+use crate::geom::Lattice;
+use crate::layout::{PAGE_ENTRY_BYTES, PageEntry};
+use crate::octree::Refinement;
+use crate::source::SourceStats;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::path::Path;
+use std::time::Instant;
+
+/// Most bytes of a piece of a chunk in a record.
+const PIECE_BYTES: u64 = 128;
+/// Words of a root: its box and its reference.
+const ROOT_WORDS: usize = 7;
+
+/// What stands in `chunks`. Numbers that are not whole stand by their bits.
+#[derive(Serialize, Deserialize)]
+struct ChunksHead<'a> {
+    scratch_bytes: u64,
+    chunks: Cow<'a, [Chunk]>,
+    origin: [u64; 3],
+    exponent: i32,
+    bits: u32,
+    input_triangle_count: u64,
+    triangle_count: u64,
+    rejected_degenerate: u64,
+    rejected_non_finite: u64,
+    error_bound: u64,
+    median_edge: u64,
+    lattice_bounds: [[i64; 3]; 2],
+    /// Leaves of the resident octree, and how much finer the finest are.
+    octree: Option<(u32, u32)>,
+    content_hash: u64,
+    source: SourceStats,
+}
+
+/// What stands in `done`.
+#[derive(Serialize, Deserialize)]
+struct DoneHead {
+    chunk_count: usize,
+    open_chunks: Vec<usize>,
+    draft_bytes: u64,
+    emitter_count: u64,
+    /// Triangles, vertices, clusters, wide clusters, resident bytes, bytes of page trees.
+    counts: [u64; 6],
+}
+
+/// What came of reading an input.
+pub(super) struct Read {
+    pub(super) parted: Partition,
+    pub(super) materials_json: Vec<u8>,
+    pub(super) source: SourceStats,
+}
+
+/// Chunks that stand in the output.
+pub(super) struct Done {
+    head: DoneHead,
+    pages: Vec<PageEntry>,
+    roots: Vec<(LatticeBox, TopRef)>,
+    emitters: Vec<u8>,
+    voxel_words: Vec<u64>,
+}
+
+impl Journal {
+    /// Records what came of reading the input. Does nothing where there is no memory for that.
+    pub(super) fn write_chunks(&mut self, read: &Read, budget: &Budget) -> Result<()> {
+        let (begin, parted) = (Instant::now(), &read.parted);
+        let piece_count = parted.chunks.iter().map(|chunk| chunk.pieces.len() as u64 + 1).sum::<u64>();
+        let Ok(_lease) = budget.lease("the journal", piece_count * PIECE_BYTES) else { return Ok(()) };
+        let head = ChunksHead {
+            scratch_bytes: parted.scratch.bytes(),
+            chunks: Cow::Borrowed(&parted.chunks),
+            origin: parted.grid.lattice.origin.map(f64::to_bits),
+            exponent: parted.grid.lattice.exponent,
+            bits: parted.grid.bits,
+            input_triangle_count: parted.input_triangle_count,
+            triangle_count: parted.triangle_count,
+            rejected_degenerate: parted.rejected_degenerate,
+            rejected_non_finite: parted.rejected_non_finite,
+            error_bound: parted.error_bound.to_bits(),
+            median_edge: parted.median_edge.to_bits(),
+            lattice_bounds: parted.lattice_bounds,
+            octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
+            content_hash: parted.content_hash,
+            source: read.source.clone(),
+        };
+        record::write(&self.path("chunks"), self.folder(), &head, &[&read.materials_json])?;
+        self.written(begin);
+        Ok(())
+    }
+
+    /// What a build before this has read; `None` when it did not come so far.
+    pub(super) fn read_chunks(&mut self, done: Option<&Done>, budget: &Budget) -> Result<Option<Read>> {
+        let Some(record) = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)? else {
+            return Ok(None);
+        };
+        let (head, cells) = (record.head, self.path("cells"));
+        let octree = match head.octree {
+            None => None,
+            Some((resolution, factor)) => match Refinement::from_factor(factor) {
+                Some(refinement) => Some((resolution, refinement)),
+                None => return Ok(None),
+            },
+        };
+        let consumed = done.map_or(0, Done::consumed).min(head.chunks.len());
+        let Ok([materials_json]) = <[Vec<u8>; 1]>::try_from(record.blobs) else { return Ok(None) };
+        if !is_as_long(&cells, head.scratch_bytes) {
+            return Ok(None);
+        }
+        let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
+        let unread = head.chunks[consumed..].iter().flat_map(|chunk| &chunk.pieces);
+        let parted = Partition {
+            scratch: Scratch::left(cells, head.scratch_bytes, unread.map(|piece| (piece.run, piece.take)))?,
+            chunks: head.chunks.into_owned(),
+            grid: Grid { lattice, bits: head.bits },
+            input_triangle_count: head.input_triangle_count,
+            triangle_count: head.triangle_count,
+            rejected_degenerate: head.rejected_degenerate,
+            rejected_non_finite: head.rejected_non_finite,
+            error_bound: f64::from_bits(head.error_bound),
+            lattice_bounds: head.lattice_bounds,
+            median_edge: f64::from_bits(head.median_edge),
+            octree,
+            content_hash: head.content_hash,
+            wait_ms: 0,
+        };
+        self.has_record = true;
+        Ok(Some(Read { parted, materials_json, source: head.source }))
+    }
+
+    /// Records that the first `chunk_count` chunks are done, once they are on the disk; false where there is no memory
+    /// for that.
+    pub(super) fn write_done(
+        &mut self,
+        chunk_count: usize,
+        writer: &Writer<'_>,
+        file: &mut DraftFile<'_>,
+        (voxels, budget): (Option<&VoxelWork>, &Budget),
+    ) -> Result<bool> {
+        let (begin, block) = (Instant::now(), &writer.block);
+        let run_bytes = voxels.map_or(0, |work| work.runs.word_bytes());
+        let table_bytes =
+            writer.pages.len() * PAGE_ENTRY_BYTES + writer.closed_roots().len() * ROOT_WORDS * 8;
+        let Ok(_lease) = budget.lease("the journal", run_bytes + table_bytes as u64) else {
+            return Ok(false);
+        };
+        file.sync()?;
+        let voxel_words = voxels.map_or(Ok(Vec::new()), |work| work.runs.synced(chunk_count as u32))?;
+        let head = DoneHead {
+            chunk_count,
+            open_chunks: writer.open_chunks.clone(),
+            draft_bytes: file.bytes(),
+            emitter_count: writer.emitter_count,
+            counts: [
+                block.triangle_count,
+                block.vertex_count,
+                block.cluster_count,
+                block.wide_cluster_count,
+                block.resident_bytes,
+                block.page_tree_bytes,
+            ],
+        };
+        let mut table = Vec::with_capacity(writer.pages.len() * PAGE_ENTRY_BYTES);
+        writer.pages.iter().for_each(|entry| entry.write(&mut table));
+        let mut roots = Vec::with_capacity(writer.closed_roots().len() * ROOT_WORDS);
+        for (bounds, root) in writer.closed_roots() {
+            roots.extend(bounds.lo.iter().chain(&bounds.hi).map(|&q| q as u64));
+            roots.push(u64::from(root.to_word()));
+        }
+        let [roots, words] = [&roots, &voxel_words].map(|words| bytemuck::cast_slice(words));
+        let blobs = [table.as_slice(), roots, &writer.emitters, words];
+        record::write(&self.path("done"), self.folder(), &head, &blobs)?;
+        self.written(begin);
+        Ok(true)
+    }
+
+    /// The chunks that a build before this has brought to the output; `None` for none.
+    pub(super) fn read_done(&self, budget: &Budget) -> Result<Option<Done>> {
+        let Some(record) = record::read::<DoneHead>(&self.path("done"), budget)? else { return Ok(None) };
+        let Some(done) = Done::parse(record) else { return Ok(None) };
+        let voxels_end = done.voxel_words.first().copied().unwrap_or(0);
+        let is_there = is_as_long(&self.path("part"), done.head.draft_bytes)
+            && (voxels_end == 0 || is_as_long(&self.path("voxels"), voxels_end));
+        Ok(Some(done).filter(|_| is_there))
+    }
+}
+
+fn is_as_long(path: &Path, bytes: u64) -> bool {
+    path.metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
+}
+
+impl Done {
+    fn parse(record: record::Record<DoneHead>) -> Option<Done> {
+        let [table, roots, emitters, words] = <[Vec<u8>; 4]>::try_from(record.blobs).ok()?;
+        let pages = table.as_chunks().0.iter().map(PageEntry::parse).collect::<Option<Vec<_>>>()?;
+        let roots: Vec<u64> = bytemuck::allocation::pod_collect_to_vec(&roots);
+        let root = |words: &[u64; ROOT_WORDS]| {
+            let q = |at: usize| [words[at] as i64, words[at + 1] as i64, words[at + 2] as i64];
+            (LatticeBox { lo: q(0), hi: q(3) }, TopRef::from_word(words[6] as u32))
+        };
+        let done = Done {
+            head: record.head,
+            pages,
+            roots: roots.as_chunks().0.iter().map(root).collect(),
+            emitters,
+            voxel_words: bytemuck::allocation::pod_collect_to_vec(&words),
+        };
+        let is_written =
+            |root: &TopRef| matches!(root, TopRef::Page { page, .. } if (*page as usize) < done.pages.len());
+        done.roots.iter().all(|(_, root)| is_written(root)).then_some(done)
+    }
+
+    /// Chunks that are in the output.
+    pub(super) fn chunk_count(&self) -> usize {
+        self.head.chunk_count
+    }
+
+    /// Chunks of which nothing has to be read again.
+    fn consumed(&self) -> usize {
+        self.head.open_chunks.first().copied().unwrap_or(self.head.chunk_count)
+    }
+
+    /// Puts writer, output and voxel records where they were; gives the chunks whose ends are to be made again.
+    pub(super) fn restore(
+        self,
+        writer: &mut Writer<'_>,
+        file: &mut DraftFile<'_>,
+        voxels: Option<&mut VoxelWork>,
+    ) -> Result<Vec<usize>> {
+        if let Some(work) = voxels {
+            work.runs.restore(&self.voxel_words).expect("words of ours, under a hash");
+        }
+        let block = &mut writer.block;
+        [
+            block.triangle_count,
+            block.vertex_count,
+            block.cluster_count,
+            block.wide_cluster_count,
+            block.resident_bytes,
+            block.page_tree_bytes,
+        ] = self.head.counts;
+        writer.pages = self.pages;
+        writer.restore_roots(self.roots);
+        (writer.emitters, writer.emitter_count) = (self.emitters, self.head.emitter_count);
+        file.go_on_at(self.head.draft_bytes)?;
+        Ok(self.head.open_chunks)
+    }
+}

@@ -1,0 +1,227 @@
+//! Builds that are stopped again and again and gone on with: the same bytes as one that was let alone, whatever was
+//! left of them; and who may go on with what.
+
+use super::*;
+use crate::octree::Refinement;
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A build in a folder of its own.
+struct Stage {
+    folder: tempfile::TempDir,
+    mesh: Mesh,
+    options: BuildOptions,
+    whole: Vec<u8>,
+}
+
+impl Stage {
+    /// A sheet of `2 n^2` triangles and some more, in several chunks with pages that they share, and lamps.
+    fn new(n: usize, voxels: Voxels) -> Stage {
+        let mut mesh = mesh(n, 9_000, 7);
+        let plain = BuildOptions { voxels, ..options(2, 1 << 30) };
+        let (whole, report) = build_bytes(&mut mesh, &plain);
+        assert!(report.page_count > 10 && report.emitter_count > 0, "{report:?}");
+        let input = vec![("input".to_owned(), "a mesh".to_owned())];
+        let resume = Some(Resume { input, every: Duration::ZERO });
+        let options = BuildOptions { resume, ..plain };
+        Stage { folder: tempfile::tempdir().unwrap(), mesh, options, whole }
+    }
+
+    fn output(&self) -> PathBuf {
+        self.folder.path().join("out.trex")
+    }
+
+    /// Builds until so many reports have come since the input was read; a build that comes to its end gives its report.
+    fn build_for(&mut self, reports: usize) -> Result<BuildReport> {
+        self.mesh.rewind().unwrap();
+        self.options.interrupt = Interrupt::default();
+        let (seen, interrupt) = (AtomicUsize::new(0), self.options.interrupt.clone());
+        let report = |progress: Progress| {
+            let is_read = !["scan", "partition"].contains(&progress.phase);
+            if is_read && seen.fetch_add(1, Ordering::Relaxed) + 1 >= reports {
+                interrupt.raise();
+            }
+        };
+        build(&mut self.mesh, &self.folder.path().join("out.trex"), &self.options, &|_| {}, &report)
+    }
+
+    /// Stops a build once chunks are done.
+    fn stop_among_chunks(&mut self) {
+        for reports in 1.. {
+            let error = self.build_for(reports).unwrap_err();
+            assert_eq!(error.code(), Code::Interrupted);
+            if self.left("done").exists() {
+                return;
+            }
+        }
+    }
+
+    /// The left file of an ending.
+    fn left(&self, ending: &str) -> PathBuf {
+        let names = self.names();
+        let name = names.iter().find(|name| name.ends_with(&format!(".{ending}")));
+        self.folder.path().join(name.map_or("none", String::as_str))
+    }
+
+    fn names(&self) -> BTreeSet<String> {
+        let entries = std::fs::read_dir(self.folder.path()).unwrap();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    /// Goes on to the end, whose bytes must be those of a build that was let alone, with nothing beside them.
+    #[track_caller]
+    fn finish(&mut self) -> BuildReport {
+        let report = self.build_for(usize::MAX).unwrap();
+        assert!(std::fs::read(self.output()).unwrap() == self.whole, "other bytes");
+        assert_eq!(self.names(), BTreeSet::from(["out.trex".to_owned()]));
+        std::fs::remove_file(self.output()).unwrap();
+        report
+    }
+}
+
+#[test]
+fn however_often_it_is_stopped_the_bytes_are_the_same() {
+    let refined = Voxels::Refined { upper: 64, refinement: Refinement::By4 };
+    for voxels in [Voxels::None, Voxels::Resolution(256), refined] {
+        let mut stage = Stage::new(400, voxels);
+        // Stopped at each report in turn, most of which are of chunks; each build goes on from the one before it.
+        let (mut stops, mut resumed) = (0, BTreeSet::new());
+        let report = loop {
+            match stage.build_for(1 + stops) {
+                Ok(report) => break report,
+                Err(error) => assert_eq!(error.code(), Code::Interrupted, "{error}"),
+            }
+            stops += 1;
+            resumed.insert(stage.left("done").exists());
+            assert!(stops < 1000, "no end");
+        };
+        assert!(stops > 2 && resumed.contains(&true), "{voxels:?}: {stops} stops");
+        assert!(report.resumed_triangle_count > 0);
+        assert!(std::fs::read(stage.output()).unwrap() == stage.whole, "{voxels:?}: other bytes");
+        assert_eq!(stage.names(), BTreeSet::from(["out.trex".to_owned()]));
+    }
+}
+
+/// What is left may be gone in part, cut off, or changed: then less is gone on with, or there is an error, and the
+/// build after that one begins anew. The bytes are never others.
+#[test]
+fn what_is_left_may_be_damaged() {
+    let mut stage = Stage::new(280, Voxels::Resolution(64));
+    stage.stop_among_chunks();
+    let left: Vec<(PathBuf, Vec<u8>)> = stage
+        .names()
+        .iter()
+        .map(|name| stage.folder.path().join(name))
+        .map(|path| (path.clone(), std::fs::read(path).unwrap()))
+        .collect();
+    let again = || left.iter().for_each(|(path, bytes)| std::fs::write(path, bytes).unwrap());
+    assert!(stage.finish().resumed_triangle_count > 0);
+    for ending in ["part", "cells", "voxels", "chunks", "done"] {
+        again();
+        std::fs::remove_file(stage.left(ending)).unwrap();
+        assert_eq!(stage.finish().resumed_triangle_count, 0, "{ending} was gone");
+        again();
+        std::fs::File::options().write(true).open(stage.left(ending)).unwrap().set_len(1000).unwrap();
+        assert_eq!(stage.finish().resumed_triangle_count, 0, "{ending} was cut off");
+        for part in [0.0, 0.6] {
+            again();
+            let mut bytes = std::fs::read(stage.left(ending)).unwrap();
+            let at = (part * bytes.len() as f64) as usize;
+            bytes[at] ^= 8;
+            std::fs::write(stage.left(ending), bytes).unwrap();
+            match stage.build_for(usize::MAX) {
+                // What was changed is not needed, or was found and made again.
+                Ok(_) => assert!(std::fs::read(stage.output()).unwrap() == stage.whole, "{ending} at {part}"),
+                Err(error) => assert_eq!(error.code(), Code::Io, "{ending} at {part}: {error}"),
+            }
+            let _ = std::fs::remove_file(stage.output());
+            assert_eq!(stage.names(), BTreeSet::new(), "{ending} at {part}");
+        }
+    }
+    // Nothing is left of the last one.
+    assert_eq!(stage.finish().resumed_triangle_count, 0);
+}
+
+#[test]
+fn a_build_goes_on_with_the_same_input_and_options_alone() {
+    let mut stage = Stage::new(280, Voxels::Resolution(64));
+    stage.stop_among_chunks();
+    let (names, resume) = (stage.names(), stage.options.resume.clone());
+    let refused = |stage: &mut Stage, words: &[&str]| {
+        let error = stage.build_for(usize::MAX).unwrap_err();
+        assert_eq!(error.code(), Code::Usage, "{error}");
+        assert!(words.iter().all(|word| error.numbers_text().contains(word)), "{error}");
+        assert_eq!(error.numbers_text().matches(" then, ").count(), 1, "{error}");
+        assert!(error.next_step().contains("--clean"), "{error}");
+        assert_eq!(stage.names(), names, "a refused build removed something");
+    };
+    stage.options.voxels = Voxels::None;
+    refused(&mut stage, &["voxels", "Resolution(64) then", "None now"]);
+    stage.options.voxels = Voxels::Resolution(64);
+    stage.options.precision = Precision::GridBits(20);
+    refused(&mut stage, &["precision", "Default then", "GridBits(20) now"]);
+    stage.options.precision = Precision::Default;
+    stage.options.resume.as_mut().unwrap().input[0].1 = "a longer mesh".into();
+    refused(&mut stage, &["input", "a mesh then", "a longer mesh now"]);
+    stage.options.resume = resume;
+    // Threads and limits change no byte.
+    let BuildOptions { pool, budget, .. } = options(1, 200 << 20);
+    (stage.options.pool, stage.options.budget) = (pool, budget);
+    assert!(stage.finish().resumed_triangle_count > 0);
+}
+
+#[test]
+fn two_builders_of_one_output_are_kept_apart() {
+    let mut stage = Stage::new(280, Voxels::None);
+    stage.stop_among_chunks();
+    let busy = AtomicUsize::new(0);
+    let (other, output) = (stage.options.clone(), stage.output());
+    let mut twin = mesh(10, 0, 1);
+    let twin = std::sync::Mutex::new(&mut twin);
+    let report = |progress: Progress| {
+        if progress.phase != "clusters" {
+            return;
+        }
+        for resume in [other.resume.clone(), None] {
+            let options = BuildOptions { resume, ..other.clone() };
+            let error = build(*twin.lock().unwrap(), &output, &options, &|_| {}, &|_| {}).unwrap_err();
+            assert!(error.code() == Code::Usage && error.what().contains("at work"), "{error}");
+        }
+        assert_eq!(left_over::clean(&output).unwrap_err().code(), Code::Usage);
+        let found = left_over::find(output.parent().unwrap()).unwrap();
+        assert!(found.len() == 1 && found[0].is_running, "{found:?}");
+        busy.fetch_add(1, Ordering::Relaxed);
+    };
+    stage.mesh.rewind().unwrap();
+    stage.options.interrupt = Interrupt::default();
+    build(&mut stage.mesh, &output, &stage.options, &|_| {}, &report).unwrap();
+    assert!(busy.into_inner() > 0 && std::fs::read(&output).unwrap() == stage.whole);
+}
+
+#[test]
+fn what_is_left_is_found_and_removed() {
+    let mut stage = Stage::new(280, Voxels::Resolution(64));
+    let scratch = tempfile::tempdir().unwrap();
+    stage.options.temp_dir = Some(scratch.path().to_path_buf());
+    let in_scratch = || std::fs::read_dir(scratch.path()).unwrap().count();
+    let places = [stage.output(), stage.folder.path().to_path_buf()];
+    for place in &places {
+        assert!(left_over::find(place).unwrap().is_empty() && left_over::clean(place).unwrap().is_empty());
+        stage.stop_among_chunks();
+        std::fs::write(stage.folder.path().join("mine.journal"), "{}").unwrap();
+        let found = left_over::find(place).unwrap();
+        assert_eq!((found.len(), in_scratch()), (1, 2), "{found:?}");
+        let there = stage.names().len() - 1 + in_scratch();
+        assert_eq!((found[0].output.as_path(), found[0].file_count), (places[0].as_path(), there));
+        assert!(found[0].bytes > 100_000 && !found[0].is_running, "{found:?}");
+        assert_eq!(left_over::clean(place).unwrap(), found);
+        assert_eq!((stage.names(), in_scratch()), (BTreeSet::from(["mine.journal".to_owned()]), 0));
+        std::fs::remove_file(stage.folder.path().join("mine.journal")).unwrap();
+    }
+    // A build that leaves nothing removes what others have left, and is no worse for it.
+    stage.stop_among_chunks();
+    stage.options.resume = None;
+    assert_eq!(stage.build_for(3).unwrap_err().code(), Code::Interrupted);
+    assert_eq!((stage.names(), in_scratch()), (BTreeSet::new(), 0));
+    assert_eq!(stage.finish().resumed_triangle_count, 0);
+}

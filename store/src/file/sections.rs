@@ -1,0 +1,108 @@
+//! What stands before the tables are known: the superblock, and sections as bytes.
+//!
+//! Invariants: 1. lengths are those of a superblock that was parsed, which fit the file; 2. nothing is opened but
+//! regular files.
+
+use super::twice;
+use crate::error::{Code, Error, Result};
+use crate::layout::*;
+use crate::octree::{LowerLinks, LowerSize, UpperOctree, UpperSize};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+/// See [`PageFile::upper_size`].
+pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<UpperSize>> {
+    let kind = SectionKind::Upper;
+    let Some(section) = block.find_section(kind) else { return Ok(None) };
+    let mut head = [0; UpperOctree::HEAD_BYTES];
+    let length = (section.bytes as usize).min(head.len());
+    file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
+    let material_count = block.section(SectionKind::Materials).count;
+    UpperOctree::peek(&head[..length], section.bytes, material_count as usize)
+        .filter(|size| size.leaf_count == section.count)
+        .map(Some)
+        .ok_or_else(|| out_of_range(section, kind, path))
+}
+
+/// See [`PageFile::lower_size`].
+pub(crate) fn lower_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<LowerSize>> {
+    let kind = SectionKind::Lower;
+    let Some(section) = block.find_section(kind) else { return Ok(None) };
+    let mut head = [0; LowerLinks::HEAD_BYTES];
+    let length = (section.bytes as usize).min(head.len());
+    file.read_exact_at(&mut head[..length], section.offset).map_err(|e| Error::io("read", path, &e))?;
+    LowerLinks::peek(&head[..length], section.count, section.bytes)
+        .map(Some)
+        .ok_or_else(|| out_of_range(section, kind, path))
+}
+
+/// The bytes of a section of the file with this id, which match its hash.
+pub(super) fn checked_section(
+    file: &File,
+    section: Section,
+    (kind, file_id): (SectionKind, u64),
+    path: &Path,
+) -> Result<Vec<u8>> {
+    twice(file, (section.offset, section.bytes), || {
+        let mut bytes = vec![0; section.bytes as usize];
+        file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
+        if section_hash(&bytes, file_id, section.kind) != section.hash {
+            return Err(damaged_section(section, kind, path, "does not match its hash"));
+        }
+        Ok(bytes)
+    })
+}
+
+/// Opens a regular file for reading.
+///
+/// # Errors
+/// [`Code::InputUnreadable`] for a folder, a pipe, a socket or a device, and for what cannot be opened.
+pub fn open_regular(path: &Path) -> Result<File> {
+    let failed = |error| Error::io("open", path, &error);
+    // Asked before the open: opening a pipe would wait for a writer.
+    if !std::fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(Error::new(Code::InputUnreadable, "this is no regular file")
+            .at(path)
+            .next("name a file: nothing is read from folders, pipes, sockets or devices"));
+    }
+    File::open(path).map_err(failed)
+}
+
+/// The head, or the tail where the head is damaged.
+pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
+    let length = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
+    if length < 2 * SUPERBLOCK_BYTES as u64 {
+        return Err(Error::new(Code::InputFormat, "this is no trex file: it is too short")
+            .at(path)
+            .numbers(format!("{length} bytes, at least {}", 2 * SUPERBLOCK_BYTES))
+            .next("make one with `trex build`"));
+    }
+    let mut bytes = [0; SUPERBLOCK_BYTES];
+    file.read_exact_at(&mut bytes, 0).map_err(|e| Error::io("read", path, &e))?;
+    let block = Superblock::parse(&bytes, path).or_else(|head_error| {
+        if head_error.code() == Code::Version {
+            return Err(head_error);
+        }
+        file.read_exact_at(&mut bytes, length - SUPERBLOCK_BYTES as u64).map_err(|_| head_error.clone())?;
+        Superblock::parse(&bytes, path).map_err(|_| head_error)
+    })?;
+    if block.file_bytes != length {
+        return Err(Error::new(Code::Damaged, "the file has another length than it was published with")
+            .at(path)
+            .numbers(format!("{length} bytes, expected {}", block.file_bytes))
+            .next("copy the file again, or build it again"));
+    }
+    Ok(block)
+}
+
+pub(super) fn out_of_range(section: Section, kind: SectionKind, path: &Path) -> Error {
+    damaged_section(section, kind, path, "holds a number out of its range")
+}
+
+pub(super) fn damaged_section(section: Section, kind: SectionKind, path: &Path, what: &str) -> Error {
+    Error::new(Code::Damaged, format!("the section `{}` {what}", kind.name()))
+        .at_byte(path, section.offset)
+        .numbers(format!("{} bytes, {} entries", section.bytes, section.count))
+        .next("run `trex verify` to see what else is damaged, and build the file again")
+}
