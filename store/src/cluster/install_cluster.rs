@@ -286,7 +286,7 @@ impl ClusterInstaller {
             leaf.corners = std::array::from_fn(|corner| {
                 let eight = &corners[corner][first..first + LEAF_TRIANGLES];
                 let word = u64::from_le_bytes(eight.try_into().expect("eight bytes"));
-                word & there | (word & 0xff) * (BYTES_OF_ONE & !there)
+                (word & there) | ((word & 0xff) * (BYTES_OF_ONE & !there))
             });
             let (least, most) = cells::range(leaf.corners);
             (leaf.least, leaf.shape) = (least, LeafShape::new(size, most - least));

@@ -427,7 +427,7 @@ impl Kernel for Avx2 {
             let (least, stride) = (u64::from(*leaf) * BYTES_OF_ONE, shape.corner_bytes());
             // Of triangles that are not there all corners are the least: nothing is met.
             let there = u64::MAX >> (64 - 8 * shape.triangle_count());
-            let spread = ((1 << shape.width()) - 1) * BYTES_OF_ONE & there;
+            let spread = (((1 << shape.width()) - 1) * BYTES_OF_ONE) & there;
             let above = |corner: usize| leaf.add(1 + corner * stride).cast::<u64>().read_unaligned();
             let a = self.corner(&vertices, _pdep_u64(above(0), spread) + least);
             let b = self.corner(&vertices, _pdep_u64(above(1), spread) + least);

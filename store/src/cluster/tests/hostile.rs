@@ -102,9 +102,9 @@ fn clusters_that_lie_are_refused() {
     }
     // A leaf of two and one of one, and one of three, for two triangles; one for each.
     let leaves = "the leaves of a cluster are not what its counts say";
-    refused(&lie(&HEAD, &[(4, (0b000_001_0001_1, 11))], &[]), leaves);
-    refused(&lie(&HEAD, &[(4, (0b010_0000_1, 8))], &[]), leaves);
-    install_twice(&lie(&HEAD, &[(4, (0b000_000_0001_1, 11))], &[])).unwrap();
+    refused(&lie(&HEAD, &[(4, (1 | (1 << 1) | (1 << 5), 11))], &[]), leaves);
+    refused(&lie(&HEAD, &[(4, (1 | (2 << 5), 8))], &[]), leaves);
+    install_twice(&lie(&HEAD, &[(4, (1 | (1 << 1), 11))], &[])).unwrap();
     let left_over = "the bits of a cluster are more or fewer than its counts say";
     // A plain vertex where there is no room for one.
     refused(&lie(&HEAD, &[(19, (3, 2))], &[]), left_over);
