@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Invariants: 1. counted, not estimated: vertices of a half or of a pair are numbered anew, in the order of first
-//! use; a head has room for the boxes of all leaves that a full cluster has; 2. nodes count as what a full one takes
+//! use, and their leaves are plain; 2. nodes count as what a full one takes
 //! for each of its children; 3. what is common to all forms is left out: tables, unused ends of frames.
 
 use crate::model::{Model, Surroundings};
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use trex_render::AllResident;
 use trex_store::PageFile;
 use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterMesh, FrameView, LEAF_PLANES, Node};
-use trex_store::layout::{FRAME_BYTES, NODE_WIDTH, Packing, PageKind};
+use trex_store::layout::{FRAME_BYTES, LEAF_TRIANGLES, NODE_WIDTH, Packing, PageKind};
 
 /// Bytes of a cluster's head without its leaf boxes, with its place in a node and one material.
 const HEAD_BYTES: usize = CLUSTER_HEAD_BYTES + Node::BYTES / NODE_WIDTH + 2;
@@ -86,8 +86,8 @@ pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> 
             "page {page} holds wide clusters: count another model"
         );
         cluster_count += clusters.len();
-        let mut count = |name, vertex_name, meshes: &[ClusterMesh], (full, leaf), indices| {
-            let bytes: usize = meshes.iter().map(|mesh| frame_bytes(mesh, (full, leaf), indices)).sum();
+        let mut count = |name, vertex_name, meshes: &[ClusterMesh], leaf, indices| {
+            let bytes: usize = meshes.iter().map(|mesh| frame_bytes(mesh, leaf, indices)).sum();
             *resident.entry(name).or_insert(0) += bytes;
             if let Some(name) = vertex_name {
                 *vertices.entry(name).or_insert(0) +=
@@ -96,11 +96,11 @@ pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> 
         };
         let halves: Vec<_> = clusters.iter().flat_map(halves).collect();
         let pairs: Vec<_> = clusters.chunks(2).flat_map(pair).collect();
-        count("cluster_128_leaf_8", Some("cluster_128"), &clusters, (128, 8), Indices::AsNeeded);
-        count("cluster_128_leaf_8_corners_21_bits", None, &clusters, (128, 8), Indices::Fixed);
-        count("cluster_128_leaf_4", None, &clusters, (128, 4), Indices::AsNeeded);
-        count("cluster_64_leaf_8", Some("cluster_64"), &halves, (64, 8), Indices::AsNeeded);
-        count("cluster_256_leaf_8", Some("cluster_256"), &pairs, (256, 8), Indices::AsNeeded);
+        count("cluster_128_leaf_8", Some("cluster_128"), &clusters, 8, Indices::AsNeeded);
+        count("cluster_128_leaf_8_corners_21_bits", None, &clusters, 8, Indices::Fixed);
+        count("cluster_128_leaf_4", None, &clusters, 4, Indices::AsNeeded);
+        count("cluster_64_leaf_8", Some("cluster_64"), &halves, 8, Indices::AsNeeded);
+        count("cluster_256_leaf_8", Some("cluster_256"), &pairs, 8, Indices::AsNeeded);
     }
     let mesh = || file.pages().iter().filter(|entry| entry.kind == PageKind::Mesh);
     let per = |bytes: u64| bytes as f64 / triangle_count as f64;
@@ -122,19 +122,23 @@ pub fn run(model: &Model, around: &Surroundings) -> anyhow::Result<SizeFigures> 
     })
 }
 
-/// Bytes of a cluster in memory, of a form with up to `full` triangles a cluster and `leaf` a leaf.
-fn frame_bytes(mesh: &ClusterMesh, (full, leaf): (usize, usize), indices: Indices) -> usize {
-    let leaves = mesh.triangles.chunks(leaf).map(|triangles| {
+/// Bytes of a cluster in memory, of a form with up to `leaf` triangles a leaf: with its own leaves where they are such.
+fn frame_bytes(mesh: &ClusterMesh, leaf: usize, indices: Indices) -> usize {
+    let has_such = leaf == LEAF_TRIANGLES && !mesh.leaf_sizes.is_empty();
+    let leaves: Vec<_> =
+        if has_such { mesh.leaves().collect() } else { mesh.triangles.chunks(leaf).collect() };
+    let leaves = leaves.into_iter().map(|triangles| {
         let corners = triangles.as_flattened().iter();
         let span = corners.clone().max().expect("a leaf is not empty") - corners.min().expect("as well");
-        let width = match indices {
-            Indices::AsNeeded => (8 - span.leading_zeros() as usize).max(1),
-            Indices::Fixed => 7,
-        };
-        usize::from(indices == Indices::AsNeeded) + (3 * leaf * width).div_ceil(8)
+        let width = (8 - span.leading_zeros() as usize).max(1);
+        BOX_BYTES
+            + match indices {
+                Indices::AsNeeded => 1 + 3 * (triangles.len() * width).div_ceil(8),
+                Indices::Fixed => (3 * triangles.len() * 7).div_ceil(8),
+            }
     });
     let bits = mesh.widths().bits.iter().map(|&bits| usize::from(bits)).sum::<usize>();
-    HEAD_BYTES + full / leaf * BOX_BYTES + leaves.sum::<usize>() + (bits * mesh.vertices.len()).div_ceil(8)
+    HEAD_BYTES + leaves.sum::<usize>() + (bits * mesh.vertices.len()).div_ceil(8)
 }
 
 /// A cluster as two of up to 64 triangles.
@@ -179,8 +183,10 @@ mod tests {
         ClusterMesh {
             vertices: (0..triangle_count as i64 + 2).map(|i| [from + i, 0, 0]).collect(),
             triangles: (0..triangle_count as u8).map(|i| [i, i + 1, i + 2]).collect(),
+            leaf_sizes: (0..triangle_count.div_ceil(8))
+                .map(|i| (triangle_count - 8 * i).min(8) as u8)
+                .collect(),
             materials: vec![0; triangle_count],
-            ..ClusterMesh::default()
         }
     }
 
@@ -202,7 +208,7 @@ mod tests {
         for triangle_count in [1, 50, 126] {
             let mesh = strip(triangle_count, 0);
             let in_node = Node::BYTES / NODE_WIDTH;
-            assert_eq!(frame_bytes(&mesh, (128, 8), Indices::AsNeeded), mesh.frame_bytes() + in_node);
+            assert_eq!(frame_bytes(&mesh, 8, Indices::AsNeeded), mesh.frame_bytes() + in_node);
         }
     }
 }

@@ -134,6 +134,11 @@ impl Notice {
         }
     }
 
+    /// The same, of a code by which the page knows what has ended.
+    pub(crate) fn of(self, code: &str) -> Notice {
+        Notice { code: code.into(), ..self }
+    }
+
     /// A message that cannot be read.
     pub(crate) fn wrong(why: &str) -> Notice {
         Notice {

@@ -66,7 +66,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 self.served.screenshots += 1;
                 self.shared.send_file(shot.client, file);
             }
-            Err(error) => self.shared.tell(shot.client, || text_of(&Notice::error(&error))),
+            Err(error) => self.shared.tell(shot.client, || text_of(&Notice::error(&error).of("screenshot"))),
         }
         Ok(())
     }

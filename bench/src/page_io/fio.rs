@@ -1,18 +1,21 @@
 //! The same extents, read by fio: a script of reads that it replays as fast as it can.
 
-use super::Pages;
 use anyhow::{Context, ensure};
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use trex_store::io::ALIGN_BYTES;
+use trex_store::io::{ALIGN_BYTES, Extent};
 
 /// The extents of a round, read by fio. Gives its run time and processor time.
-pub(super) fn read(pages: &Pages<'_>, depth: usize, folder: &Path) -> anyhow::Result<(Duration, Duration)> {
-    let path = std::path::absolute(pages.file.path())?;
+pub(super) fn read(
+    (file, extents): (&Path, &[Extent]),
+    depth: usize,
+    folder: &Path,
+) -> anyhow::Result<(Duration, Duration)> {
+    let path = std::path::absolute(file)?;
     let name = path.to_str().context("fio takes names in UTF-8 only")?;
     let mut log = format!("fio version 2 iolog\n{name} add\n{name} open\n");
-    for extent in &pages.extents {
+    for extent in extents {
         let align = ALIGN_BYTES as u64;
         let first = extent.offset / align * align;
         log += &format!("{name} read {first} {}\n", extent.end().next_multiple_of(align) - first);
@@ -33,8 +36,8 @@ pub(super) fn read(pages: &Pages<'_>, depth: usize, folder: &Path) -> anyhow::Re
         serde_json::from_str(&text[text.find('{').unwrap_or(0)..]).context("what fio says")?;
     let job = &document["jobs"][0];
     let number = |value: &serde_json::Value| value.as_f64().context("a number that fio should tell");
-    ensure!(number(&job["read"]["total_ios"])? as usize == pages.extents.len(), "fio has not read all");
-    let seconds = pages.extents.len() as f64 / number(&job["read"]["iops"])?;
+    ensure!(number(&job["read"]["total_ios"])? as usize == extents.len(), "fio has not read all");
+    let seconds = extents.len() as f64 / number(&job["read"]["iops"])?;
     let busy = (number(&job["usr_cpu"])? + number(&job["sys_cpu"])?) / 100.0;
     Ok((Duration::from_secs_f64(seconds), Duration::from_secs_f64(seconds * busy)))
 }

@@ -10,7 +10,10 @@
 //! Invariants: 1. a round reads the same pages in the same order in every way; 2. before each the system is asked to
 //! drop the file from its cache; 3. ways take turns; figures are medians over rounds.
 
+mod figures;
 mod fio;
+
+pub use figures::{LatencyFigures, PageIoFigures, Stage, WayFigures};
 
 use crate::median::median;
 use crate::model::{Model, Surroundings};
@@ -20,8 +23,6 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rustix::fs::{Advice, fadvise};
 use rustix::time::{ClockId, clock_gettime};
-use serde::Serialize;
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -46,76 +47,6 @@ pub struct PageIoOptions {
     pub seed: u64,
     /// Read the same extents with fio, too, which must be installed.
     pub fio: bool,
-}
-
-/// Figures of a run.
-#[derive(Clone, Debug, Serialize)]
-pub struct PageIoFigures {
-    /// The model.
-    pub scene: String,
-    /// Seed of the order.
-    pub seed: u64,
-    /// Length of the file.
-    pub file_bytes: u64,
-    /// Pages of a round.
-    pub page_count: usize,
-    /// Bytes of a page on disk, mean.
-    pub bytes_per_page: f64,
-    /// Triangles of a page, mean.
-    pub triangles_per_page: f64,
-    /// Threads that decode.
-    pub thread_count: usize,
-    /// Measured rounds.
-    pub round_count: usize,
-    /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `ready` or `fio`, and the depth.
-    pub ways: BTreeMap<String, WayFigures>,
-}
-
-/// How far pages come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Stage {
-    /// Their bytes are there.
-    Raw,
-    /// And their hash is right.
-    Hashed,
-    /// And they stand in frames of a pool.
-    Ready,
-}
-
-/// Figures of a way.
-#[derive(Clone, Debug, Serialize)]
-pub struct WayFigures {
-    /// `uring`, `pread`, `mmap`, or `fio`.
-    pub backend: String,
-    /// Past the page cache.
-    pub direct: bool,
-    /// How far pages come.
-    pub stage: Stage,
-    /// Reads in flight, at most.
-    pub depth: usize,
-    /// Pages per second of wall time, median.
-    pub pages_per_s: f64,
-    /// Bytes on disk per second.
-    pub bytes_per_s: f64,
-    /// Triangles per second.
-    pub triangles_per_s: f64,
-    /// Processor time of a page, microseconds, all threads together, median.
-    pub cpu_us_per_page: f64,
-    /// From the request to the answer, microseconds, all rounds; `None` where it was not measured.
-    pub latency_us: Option<LatencyFigures>,
-    /// Pages per second over fio's at the same depth, median of the rounds' own ratios.
-    pub of_fio: Option<f64>,
-}
-
-/// Percentiles.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[allow(missing_docs)] // Named as fio does.
-pub struct LatencyFigures {
-    pub p50: u64,
-    pub p99: u64,
-    pub p999: u64,
-    pub max: u64,
 }
 
 /// A way to read, and what its rounds gave.
@@ -264,7 +195,7 @@ impl Way {
     fn round(&mut self, pages: &Pages<'_>, around: &Surroundings) -> anyhow::Result<(Duration, Duration)> {
         pages.forget()?;
         match self.kind {
-            Kind::Fio => fio::read(pages, self.depth, &around.folder),
+            Kind::Fio => fio::read((pages.file.path(), &pages.extents), self.depth, &around.folder),
             Kind::Ours(Stage::Ready, io, direct) => self.ready(pages, (io, direct), around),
             Kind::Ours(stage, io, direct) => self.read(pages, (io, direct), stage, around),
         }

@@ -159,14 +159,17 @@ struct GivenRender {
     resolution: Option<IgnoredAny>,
 }
 
+/// The line of `text` that an error is about.
+pub(super) fn line_of(error: &toml::de::Error, text: &str) -> Option<u64> {
+    let before = &text.as_bytes()[..error.span()?.start.min(text.len())];
+    Some(1 + before.iter().filter(|&&byte| byte == b'\n').count() as u64)
+}
+
 fn toml_error(error: &toml::de::Error, text: &str, path: &Path) -> Error {
     let message = error.message().trim().to_string();
     let made = Error::new(Code::SceneFormat, "this is no scene").numbers(message);
-    let made = match error.span() {
-        Some(span) => {
-            let before = &text.as_bytes()[..span.start.min(text.len())];
-            made.at_line(path, 1 + before.iter().filter(|&&byte| byte == b'\n').count() as u64)
-        }
+    let made = match line_of(error, text) {
+        Some(line) => made.at_line(path, line),
         None => made.at(path),
     };
     made.next("docs/scene.md lists every key with its range")

@@ -1,6 +1,7 @@
 //! Views: a list of viewpoints as a TOML text, `[[view]]` with `position`, `target` and, if one likes, `up`.
 
 use super::camera::Camera;
+use super::text::line_of;
 use serde::Deserialize;
 use trex_store::{Code, Error, Result};
 
@@ -29,7 +30,10 @@ pub fn parse_views(text: &str, camera: &Camera) -> Result<Vec<Camera>> {
             .numbers(numbers)
             .next("write a [[view]] with position = [x, y, z] and target = [x, y, z] for each")
     };
-    let text: ViewsText = toml::from_str(text).map_err(|error| bad(error.to_string()))?;
+    let text: ViewsText = toml::from_str(text).map_err(|error| {
+        let error_line = line_of(&error, text).map_or(String::new(), |line| format!("line {line}: "));
+        bad(error_line + error.message().trim())
+    })?;
     if text.view.is_empty() {
         return Err(bad("there is no [[view]]".into()));
     }

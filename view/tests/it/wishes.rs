@@ -134,7 +134,7 @@ fn a_screenshot_is_the_picture_of_the_command_line() {
         }
     }
     page.say(&json!({"type": "screenshot", "id": 5, "format": "png", "size": [60_000, 60_000], "spp": 1}));
-    assert_eq!(page.text("notice")["code"], "memory-limit");
+    assert_eq!(page.text("notice")["code"], "screenshot");
     page.say(&camera(9, 1.5));
     page.frame_until(|frame| frame.kind == 2 && frame.seq == 9);
     assert_eq!(server.end().screenshots, 2);

@@ -14,6 +14,7 @@
 
 mod ours;
 mod reference;
+mod tree;
 
 use super::mesh::decode;
 use super::sets::{BenchRay, Query, RaySet};
@@ -21,6 +22,7 @@ use glam::DVec3;
 use ours::Ours;
 use reference::Reference;
 use serde::Serialize;
+use tree::{Box3, Level, Part, Tree, area, common};
 use trex_render::AllResident;
 use trex_store::PageFile;
 
@@ -68,58 +70,6 @@ pub struct SetVisits {
     pub leaf: f64,
     /// All of it.
     pub total: f64,
-}
-
-type Box3 = [[f32; 3]; 2];
-
-const NOTHING: Box3 = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-
-fn join(a: Box3, b: Box3) -> Box3 {
-    [std::array::from_fn(|i| a[0][i].min(b[0][i])), std::array::from_fn(|i| a[1][i].max(b[1][i]))]
-}
-
-fn area(b: Box3) -> f64 {
-    let [x, y, z] = std::array::from_fn(|a| f64::from(b[1][a] - b[0][a]).max(0.0));
-    x * y + y * z + z * x
-}
-
-/// Area of the intersection of two boxes.
-fn common(a: Box3, b: Box3) -> f64 {
-    let lo: [f32; 3] = std::array::from_fn(|i| a[0][i].max(b[0][i]));
-    let hi: [f32; 3] = std::array::from_fn(|i| a[1][i].min(b[1][i]));
-    if (0..3).any(|i| lo[i] > hi[i]) { 0.0 } else { area([lo, hi]) }
-}
-
-/// What is opened.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Level {
-    Top,
-    Node,
-    Cluster,
-    Leaf,
-}
-
-/// A box and what is in it: children from `first` on, or, of a leaf, triangles.
-#[derive(Clone, Copy)]
-struct Part {
-    bounds: Box3,
-    level: Level,
-    first: u32,
-    count: u32,
-}
-
-/// A tree of boxes; part 0 is the root. Children stand together.
-struct Tree {
-    parts: Vec<Part>,
-    triangles: Vec<[[f32; 3]; 3]>,
-}
-
-fn corners_of(triangle: [[i64; 3]; 3]) -> [[f32; 3]; 3] {
-    triangle.map(|corner| corner.map(|q| q as f32))
-}
-
-fn box_of(triangle: &[[f32; 3]; 3]) -> Box3 {
-    triangle.iter().fold(NOTHING, |all, &corner| join(all, [corner, corner]))
 }
 
 /// The visits of one ray.

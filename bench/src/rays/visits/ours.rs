@@ -1,6 +1,6 @@
 //! Our tree as rays meet it: the boxes of top nodes, page nodes, clusters and leaves, read from tables and frames.
 
-use super::{Box3, Level, NOTHING, Part, Tree, corners_of};
+use super::tree::{Box3, Level, NOTHING, Part, Tree, corners_of};
 use trex_render::AllResident;
 use trex_store::PageFile;
 use trex_store::cluster::{FrameRef, FrameView, Node, TopRef};

@@ -3,7 +3,7 @@
 //!
 //! Plain and slow on purpose: it shares no code with the build that it judges.
 
-use super::{Box3, Level, NOTHING, Part, Tree, area, box_of, join};
+use super::tree::{Box3, Level, NOTHING, Part, Tree, area, box_of, join};
 use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH};
 
 /// Bins, an axis.
