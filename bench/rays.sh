@@ -2,9 +2,10 @@
 # Rays and pages on four kinds of model, beside Embree and fio: what docs/performance.md shows of them, kept as records.
 # Half an hour of a quiet machine with Debian's libembree-dev and fio; models that are missing are built first.
 #
-#   bench/rays.sh WORK_FOLDER
+#   bench/rays.sh WORK_FOLDER [SIZE]        SIZE: triangles of each model, 20M unless told
 set -euo pipefail
-work=$(realpath "${1:?usage: bench/rays.sh WORK_FOLDER}")
+work=$(realpath "${1:?usage: bench/rays.sh WORK_FOLDER [SIZE]}")
+size=${2:-20M}
 cd "$(dirname "$0")/.."
 root=$PWD
 source bench/record.sh
@@ -14,18 +15,19 @@ cd "$work"
 models=$root/../shared/models
 
 # G-rays in as many voxels as the scene has triangles.
+voxels=$([ "${size%M}" -ge 20 ] && echo 1024 || echo 512)
 build() {
     local name=$1
     shift
-    [ -e "$name" ] || "$trex" build "$@" -o "$name" --memory-limit 2GiB --progress none
+    [ -e "$name" ] || "$trex" build "$@" -o "$name" --voxels "$voxels" --memory-limit 2GiB --progress none
 }
-build isosurface-20m.trex gen:isosurface:20M --voxels 1024
-build pipes-20m.trex gen:pipes:20M --voxels 512
-build scan-20m.trex gen:scan:20M --voxels 1024
-if [ -d "$models" ] && [ ! -e kicad-grid-20m.trex ]; then
+for kind in isosurface pipes scan; do
+    build $kind-${size,,}.trex gen:$kind:$size
+done
+if [ -d "$models" ] && [ ! -e kicad-grid-${size,,}.trex ]; then
     cp "$models/cad/kicad_1m.mtl" .
-    awk -v copies=20 -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
-    build kicad-grid-20m.trex kicad-grid.obj --voxels 1024
+    awk -v copies=${size%M} -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
+    build kicad-grid-${size,,}.trex kicad-grid.obj
     rm kicad-grid.obj
 fi
 
@@ -38,8 +40,8 @@ measured() {
     "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex-bench $*" document.json
 }
 for model in isosurface pipes scan kicad-grid; do
-    [ -e $model-20m.trex ] || continue
-    measured rays-$model-20m rays $model-20m.trex --peer embree --stats
-    measured io-$model-20m io $model-20m.trex --peer fio --depth 32
+    [ -e $model-${size,,}.trex ] || continue
+    measured rays-$model-${size,,} rays $model-${size,,}.trex --peer embree --stats
+    measured io-$model-${size,,} io $model-${size,,}.trex --peer fio --depth 32
 done
 "$root/target/release/trex-bench" --root "$root" docs
