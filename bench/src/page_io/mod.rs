@@ -33,6 +33,8 @@ use trex_store::io::{
 use trex_store::layout::{FRAME_BYTES, PageKind, STORED_BYTES, page_hash};
 use trex_store::pool::{PagePool, PoolOptions};
 
+/// Longest latency that is told apart, microseconds.
+const LATENCY_MOST_US: u64 = 3_600_000_000;
 /// Pages of a round, at most.
 const PAGES_MOST: usize = 1 << 14;
 
@@ -171,7 +173,7 @@ impl Way {
             depth,
             rates: Vec::new(),
             cpu_us: Vec::new(),
-            latencies: Histogram::new(3).expect("three digits"),
+            latencies: Histogram::new_with_max(LATENCY_MOST_US, 3).expect("three digits"),
             backend: ("fio".to_owned(), true),
         };
         kinds.into_iter().map(way).collect()
@@ -319,6 +321,9 @@ mod tests {
         for way in figures.ways.values() {
             assert!(way.pages_per_s > 0.0 && way.of_fio.is_none(), "{way:?}");
             assert_eq!(way.latency_us.is_none(), way.stage == Stage::Ready);
+            // Where reads wait for each other, half of them wait as long as a page takes, at least.
+            let waits = way.latency_us.map_or(f64::INFINITY, |latency| latency.max as f64);
+            assert!(waits >= 1e6 / way.pages_per_s / way.depth as f64, "{way:?}");
         }
         // A page with another byte is found by all that hash.
         let file = PageFile::open(&model.path, &around.budget).unwrap();
