@@ -11,7 +11,7 @@
 use super::coarse::Coarse;
 use super::film::LayerPixel;
 use super::saliency;
-use super::tile::{tile, tile_count};
+use super::tile::tile_count;
 use glam::Vec3;
 use rayon::ThreadPool;
 use trex_store::{Budget, Lease, Result};
@@ -100,16 +100,17 @@ impl Display {
         self.standings[index as usize].worth
     }
 
-    /// Shows of tile `index` from now on, as of `state`, what is `shown` of it, pixel by pixel as in `Tile::pixel`:
-    /// the display's own picture with that of so many `samples`.
-    pub(crate) fn keep(&mut self, index: u32, state: u32, (samples, shown): (u32, &[[f32; 3]])) {
+    /// Shows `radiances` from pixel (x, y) on: what is on show there, the display's own picture with that of samples.
+    pub(crate) fn keep(&mut self, [x, y]: [u32; 2], radiances: &[[f32; 3]]) {
+        let first = y as usize * self.resolution[0] as usize + x as usize;
+        self.radiance[first..][..radiances.len()].copy_from_slice(radiances);
+    }
+
+    /// What tile `index` shows counts from now on as of `state`, and for so many `samples` more.
+    pub(crate) fn stand(&mut self, index: u32, state: u32, samples: u32) {
         let standing = &mut self.standings[index as usize];
         let worth = (standing.worth + samples as f32).min(BEFORE_WORTH_MOST);
         *standing = Standing { state, worth };
-        let tile = tile(self.resolution, index);
-        for (pixel, &shown) in (0..).map(|i| tile.pixel(i)).zip(shown) {
-            self.radiance[(pixel[1] * self.resolution[0] + pixel[0]) as usize] = shown;
-        }
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.

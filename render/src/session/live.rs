@@ -34,7 +34,7 @@ use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
 use crate::image::saliency::Reduced;
-use crate::image::tile::{TILE_SIDE_PIXELS, TileOrder};
+use crate::image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder};
 use crate::scene::settings::Method;
 use crate::schedule::Pass;
 use crate::trace::PagedTracer;
@@ -299,20 +299,23 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Begins to take samples in other light than that of a moment ago: what is shown stays, and counts for some
     /// samples beside those to come.
     pub(super) fn begin_light(&mut self) {
-        let mut shown = [[0.0; 3]; (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize];
+        let state = self.film.state() + 1;
         for index in 0..self.tiles.count() {
             let of = self.live.display.tile_state(index);
             if of < Some(self.live.event_state) {
                 continue;
             }
             let samples = if self.film.tile_state(index) == of { self.film.tile_samples(index) } else { 0 };
-            let tile = self.tiles.tile(index);
-            let pixels = if samples > 0 { tile.pixel_count() } else { 0 };
-            for (i, shown) in shown.iter_mut().enumerate().take(pixels as usize) {
-                *shown = self.shown(tile.pixel(i as u32));
+            if samples > 0 {
+                let Tile { first: [x, y], size: [width, height], .. } = self.tiles.tile(index);
+                for y in y..y + height {
+                    let mut row = [[0.0; 3]; TILE_SIDE_PIXELS as usize];
+                    let row = &mut row[..width as usize];
+                    self.show([x, y], row);
+                    self.live.display.keep([x, y], row);
+                }
             }
-            let kept = (samples, &shown[..pixels as usize]);
-            self.live.display.keep(index, self.session.film.state() + 1, kept);
+            self.live.display.stand(index, state, samples);
         }
         self.begin_samples();
     }

@@ -67,7 +67,7 @@ pub(super) fn emit(
     };
 
     // Tables, then the sections of the octree.
-    writer.write_tables(&mut file, materials_json, materials.len())?;
+    writer.write_tables(&mut file, (materials_json, materials.len()), &options.budget)?;
     if let Some(merged) = merged {
         out.scratch_peak_bytes = out.scratch_peak_bytes.max(merged.scratch_bytes);
         out.lower_leaf_count = merged.lower_leaf_count();

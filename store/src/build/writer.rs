@@ -10,12 +10,22 @@ use super::partition::Partition;
 use super::publish::DraftFile;
 use super::sah::{Prim, Rule, Splitter};
 use super::voxels::VoxelWork;
+use crate::budget::Budget;
 use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::Result;
 use crate::geom::Aabb;
 use crate::layout::*;
 use crate::octree::Refinement;
 use xxhash_rust::xxh3::xxh3_64;
+
+/// Bytes that the top tree takes while it is made, a root of a page: the root, primitive and rank, two binary nodes (in
+/// vectors that grow by doubling), its place in a wide node and in the node that is written.
+const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, TopRef)>()
+    + size_of::<Prim>()
+    + size_of::<u64>()
+    + 4 * size_of::<(LatticeBox, Tree)>()
+    + 2 * size_of::<(LatticeBox, WideRef)>()
+    + 2 * Node::BYTES / 4;
 
 /// Collects what the tables need while pages go out.
 pub(super) struct Writer<'a> {
@@ -187,10 +197,11 @@ impl<'a> Writer<'a> {
     pub(super) fn write_tables(
         &mut self,
         file: &mut DraftFile<'_>,
-        materials_json: &[u8],
-        material_count: usize,
+        (materials_json, material_count): (&[u8], usize),
+        budget: &Budget,
     ) -> Result<()> {
         let bounds = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
+        let _lease = budget.lease("the top tree", (self.roots.len() * TOP_BYTES) as u64)?;
         let (nodes, root) = self.top_tree();
         self.block.root = root.to_word();
         self.block.lattice_bounds = [bounds.lo, bounds.hi];

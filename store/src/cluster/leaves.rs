@@ -9,6 +9,7 @@ use crate::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES};
 /// Bits of a count of leaves, and of a count of triangles of one, less one.
 pub(super) const LEAF_COUNT_BITS: u32 = 4;
 pub(super) const LEAF_SIZE_BITS: u32 = 3;
+
 /// The sizes of the leaves, where they are not the plain ones.
 pub(super) fn encode_sizes(cluster: &ClusterMesh, out: &mut BitWriter) {
     let sizes = &cluster.leaf_sizes;
