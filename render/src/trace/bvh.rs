@@ -11,7 +11,8 @@
 //!
 //! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent
 //! rays no faster: they wait for instructions, not for memory); children put without a branch on their number (single
-//! primary rays 16 % slower); huge pages under the frames (no faster).
+//! primary rays 16 % slower); huge pages under the frames (no faster); children in any order where any hit will do (no
+//! faster: what sorting takes, the nearest give back).
 //!
 //! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others
 //! may move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`); 4. of
@@ -19,27 +20,37 @@
 //! kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
 use super::Ray;
-use super::kernel::{Kernel, Lanes};
-use super::lattice_ray::{LatticeFrame, LatticeRay};
+use super::kernel::{Kernel, TrianglesMet};
+use super::lattice_ray::{LatticeFrame, Refined, Span};
 use super::pages::{Page, Pages};
+use super::stack::{Entry, Pending, Stack};
 use trex_store::PageFile;
 use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterView, FrameRef, FrameView, LEAF_PLANES, TopRef};
-use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH, TREE_DEPTH};
+use trex_store::layout::NODE_WIDTH;
 
 /// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
-/// A node replaces itself by up to eight entries, at every level of the top tree and of a page; then 16 leaves. A
-/// power of two, so that places need no check.
-pub(super) const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER_LEAVES).next_power_of_two();
-
 /// Cache lines that are fetched ahead of a cluster's leaves: mostly most of its indices and vertices.
 const BODY_LINES: usize = 9;
 
-/// The goal of the traversal of one ray.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Goal {
-    Closest,
-    Any,
+/// The goal of the traversal of rays.
+pub(super) trait Goal {
+    /// True where any hit is enough: then it is not told where it is.
+    const IS_ANY: bool;
+}
+
+/// The closest hit.
+pub(super) struct Closest;
+
+/// Any hit.
+pub(super) struct Any;
+
+impl Goal for Closest {
+    const IS_ANY: bool = false;
+}
+
+impl Goal for Any {
+    const IS_ANY: bool = true;
 }
 
 /// Pages that a ray met and that were not there: id and where the box begins.
@@ -58,7 +69,6 @@ impl Missing {
     }
 
     /// Empties the list for the next ray.
-    #[cfg(target_arch = "x86_64")]
     pub(super) fn clear(&mut self) {
         (self.count, self.nearest) = (0, f64::INFINITY);
     }
@@ -96,45 +106,44 @@ pub(super) struct Best {
 
 impl Best {
     /// No hit yet.
-    pub(super) fn new(ray: &LatticeRay) -> Best {
-        Best { t: t_above(ray.t_max), found: None }
+    pub(super) fn new(span: &Span) -> Best {
+        Best { t: t_above(span.t_max), found: None }
     }
 }
 
 /// A ray that came to the model's box, and what it found.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ended {
-    pub(super) ray: LatticeRay,
+    pub(super) span: Span,
     pub(super) found: Option<Found>,
 }
 
 /// Traces one ray; `None` where it misses the model's box. `missing` is filled; a hit in front of all missing boxes is
 /// exact.
 #[inline(always)]
-pub(super) fn trace_ray<K: Kernel, P: Pages>(
+pub(super) fn trace_ray<K: Kernel, P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    (ray, goal): (&Ray, Goal),
+    ray: &Ray,
     missing: &mut Missing,
 ) -> Option<Ended> {
-    let ray = scene.frame.enter(ray)?;
-    let kernel = K::new(&scene.frame, &ray);
+    let (span, kernel) = K::enter(&scene.frame, ray)?;
     let mut pending = Pending { entries: &mut stack.entries, len: 0 };
-    let mut best = Best::new(&ray);
+    let mut best = Best::new(&span);
     let root = Entry::new(0.0, scene.file.superblock().root);
-    walk(scene, pages, &kernel, (&ray, goal), root, &mut pending, &mut best, missing);
-    Some(Ended { ray, found: best.found })
+    walk::<K, P, G>(scene, pages, &kernel, &span, root, &mut pending, &mut best, missing);
+    Some(Ended { span, found: best.found })
 }
 
 /// Traverses what is under an entry of the top tree.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // Of one ray, all of it in registers.
-pub(super) fn walk<K: Kernel, P: Pages>(
+pub(super) fn walk<K: Kernel, P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     kernel: &K,
-    (ray, goal): (&LatticeRay, Goal),
+    span: &Span,
     from: Entry,
     pending: &mut Pending<'_>,
     best: &mut Best,
@@ -154,10 +163,10 @@ pub(super) fn walk<K: Kernel, P: Pages>(
                     let first_triangle = scene.file.pages()[page as usize].first_triangle;
                     let frame = FrameView::new(frame);
                     let page = OpenPage { frame, page, first_triangle };
-                    let visit = PageVisit { page, ray, goal };
+                    let visit = PageVisit { page, span };
                     let root = Entry::new(at.t(), frame.root(slot as usize).0);
-                    visit.under(kernel, root, pending, best);
-                    if goal == Goal::Any && best.found.is_some() {
+                    visit.under::<K, G>(kernel, root, pending, best);
+                    if G::IS_ANY && best.found.is_some() {
                         pending.len = 0;
                     }
                 }
@@ -177,13 +186,17 @@ pub(super) fn t_above(t: f64) -> f32 {
 /// A hit of a kernel, refined.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
-    /// Lattice t, refined.
-    pub(super) t: f64,
+    pub(super) refined: Refined,
     pub(super) page: u32,
     /// Store id of the triangle.
     pub(super) triangle: u32,
-    pub(super) corners: [[i64; 3]; 3],
     pub(super) material: u16,
+}
+
+impl Found {
+    /// A hit of which nothing is asked.
+    const UNTOLD: Found =
+        Found { refined: Refined { t: 0.0, normal: [0.0; 3], size: 0.0 }, page: 0, triangle: 0, material: 0 };
 }
 
 /// A page that is there.
@@ -199,14 +212,13 @@ pub(super) struct OpenPage<'a> {
 /// A page while a ray is in it.
 pub(super) struct PageVisit<'a> {
     pub(super) page: OpenPage<'a>,
-    pub(super) ray: &'a LatticeRay,
-    pub(super) goal: Goal,
+    pub(super) span: &'a Span,
 }
 
 impl PageVisit<'_> {
     /// Traverses what is under an entry of the page.
     #[inline(always)]
-    pub(super) fn under<K: Kernel>(
+    pub(super) fn under<K: Kernel, G: Goal>(
         &self,
         kernel: &K,
         from: Entry,
@@ -224,8 +236,8 @@ impl PageVisit<'_> {
                 next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
                 continue;
             }
-            self.cluster(kernel, self.page.frame.cluster(at), pending, best);
-            if self.goal == Goal::Any && best.found.is_some() {
+            self.cluster::<K, G>(kernel, self.page.frame.cluster(at), pending, best);
+            if G::IS_ANY && best.found.is_some() {
                 pending.len = floor;
                 return;
             }
@@ -234,7 +246,7 @@ impl PageVisit<'_> {
 
     /// Tests the leaves of a cluster, nearest first.
     #[inline(always)]
-    fn cluster<K: Kernel>(
+    fn cluster<K: Kernel, G: Goal>(
         &self,
         kernel: &K,
         cluster: ClusterView<'_>,
@@ -251,128 +263,30 @@ impl PageVisit<'_> {
         while let Some(at) = next.or_else(|| pending.pop_above(floor, best.t)) {
             next = None;
             let leaf = at.word() as usize;
-            let mut mask = kernel.triangles(&cluster, leaf, best.t);
+            let t_sure = if G::IS_ANY { self.span.t_sure } else { 0.0 };
+            let TrianglesMet { met: mut mask, sure } = kernel.triangles(&cluster, leaf, (best.t, t_sure));
+            if G::IS_ANY && sure != 0 {
+                best.found = Some(Found::UNTOLD);
+                return;
+            }
             while mask != 0 {
                 let place = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                let corners = cluster.triangle(leaf, place);
-                let Some(t) = self.ray.reach(corners) else { continue };
+                let refined = kernel.refine(&cluster, leaf, place);
+                if !self.span.holds(refined.t) {
+                    continue;
+                }
+                if G::IS_ANY {
+                    best.found = Some(Found::UNTOLD);
+                    return;
+                }
                 let index = cluster.leaf_first(leaf) + place;
                 let triangle = self.page.first_triangle + (cluster.first_triangle() + index) as u32;
-                if best.found.is_none_or(|found| (t, triangle) < (found.t, found.triangle)) {
-                    best.t = t_above(t);
+                if best.found.is_none_or(|f| (refined.t, triangle) < (f.refined.t, f.triangle)) {
+                    best.t = t_above(refined.t);
                     let (page, material) = (self.page.page, cluster.material(index));
-                    best.found = Some(Found { t, page, triangle, corners, material });
-                    if self.goal == Goal::Any {
-                        return;
-                    }
+                    best.found = Some(Found { refined, page, triangle, material });
                 }
-            }
-        }
-    }
-}
-
-/// An entry of the stack: where to go on, and the t where its box begins, in one number that is ordered by t.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Entry(u64);
-
-impl Entry {
-    /// `t >= 0`: the bits of such numbers are ordered as they are.
-    #[inline(always)]
-    pub(super) fn new(t: f32, word: u32) -> Entry {
-        Entry(u64::from(t.to_bits()) << 32 | u64::from(word))
-    }
-
-    #[inline(always)]
-    fn t(self) -> f32 {
-        f32::from_bits((self.0 >> 32) as u32)
-    }
-
-    #[inline(always)]
-    fn word(self) -> u32 {
-        self.0 as u32
-    }
-}
-
-impl<const N: usize> Lanes<N> {
-    #[inline(always)]
-    fn entry(&self, lane: usize, word: u32) -> Entry {
-        Entry::new(self.t[lane % N], word)
-    }
-}
-
-/// Room for the entries of one ray at a time.
-pub(super) struct Stack {
-    pub(super) entries: Box<[Entry; STACK]>,
-}
-
-impl Stack {
-    /// An empty stack.
-    pub(super) fn new() -> Stack {
-        Stack { entries: Box::new([Entry(0); STACK]) }
-    }
-}
-
-/// The stack of what is left to visit; the nearest of a node on top. One for top tree, page and cluster together:
-/// each level works above the `floor` where it began.
-pub(super) struct Pending<'a> {
-    pub(super) entries: &'a mut [Entry; STACK],
-    pub(super) len: usize,
-}
-
-impl Pending<'_> {
-    /// The topmost entry that begins before `t_max`.
-    #[inline(always)]
-    fn pop_above(&mut self, floor: usize, t_max: f32) -> Option<Entry> {
-        let last = Entry::new(t_max, u32::MAX);
-        while self.len > floor {
-            self.len -= 1;
-            let entry = self.entries[self.len % STACK];
-            if entry <= last {
-                return Some(entry);
-            }
-        }
-        None
-    }
-
-    #[inline(always)]
-    fn put(&mut self, entry: Entry) {
-        debug_assert!(self.len < STACK, "depth was checked when the tables were read");
-        self.entries[self.len % STACK] = entry;
-        self.len += 1;
-    }
-
-    /// Gives the nearest of the lanes that are set and puts the others, farthest first.
-    #[inline(always)]
-    fn push(&mut self, mut mask: u32, entry: impl Fn(usize) -> Entry) -> Option<Entry> {
-        let count = mask.count_ones();
-        let mut take = || {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask.wrapping_sub(1);
-            entry(lane)
-        };
-        match count {
-            0 => None,
-            1 => Some(take()),
-            2 => {
-                let (a, b) = (take(), take());
-                self.put(a.max(b));
-                Some(a.min(b))
-            }
-            count => {
-                let first = self.len;
-                for _ in 0..count {
-                    let new = take();
-                    let mut at = self.len;
-                    self.put(new);
-                    while at > first && self.entries[(at - 1) % STACK] < new {
-                        self.entries[at % STACK] = self.entries[(at - 1) % STACK];
-                        at -= 1;
-                    }
-                    self.entries[at % STACK] = new;
-                }
-                self.len -= 1;
-                Some(self.entries[self.len % STACK])
             }
         }
     }

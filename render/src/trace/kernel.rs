@@ -12,9 +12,11 @@
 //! fused: a shared edge gives exactly opposite values to its two triangles, and a sign that is not zero is right; 3.
 //! zero counts as inside on both sides; where all three are zero, they are made again from what the products lost, so
 //! that a needle is only a line when it is one; 4. boxes are tested with outward slack; 5. a kernel says which
-//! triangles a ray meets, not where: along a needle its weights can be off by any share.
+//! triangles a ray meets, not where, before they are refined: along a needle its weights can be off by any share; that a
+//! triangle is met at all in the ray's range is sure where the volume's error is next to nothing.
 
-use super::lattice_ray::{LatticeFrame, LatticeRay};
+use super::Ray;
+use super::lattice_ray::{LatticeFrame, Refined, Span};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
@@ -25,10 +27,18 @@ pub(super) struct Lanes<const N: usize> {
     pub(super) t: [f32; N],
 }
 
+/// Triangles of a leaf that a ray meets, a bit each.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TrianglesMet {
+    pub(super) met: u32,
+    /// Those of them that need not be refined to say so.
+    pub(super) sure: u32,
+}
+
 /// Arithmetic for one ray. What it is told and what it tells of t are f32, rounded to the safe side.
 pub(super) trait Kernel: Sized {
-    /// Sets a ray up.
-    fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Self;
+    /// Moves a ray to the lattice and sets it up: see [`LatticeFrame::enter`].
+    fn enter(frame: &LatticeFrame, ray: &Ray) -> Option<(Span, Self)>;
 
     /// Children of a node whose box meets the ray before `t_max`.
     fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH>;
@@ -40,6 +50,10 @@ pub(super) trait Kernel: Sized {
     #[inline(always)]
     fn prefetch(_bytes: &[u8], _at: usize, _lines: usize) {}
 
-    /// Triangles of a leaf that the ray's line meets and that reach into `0 <= t <= t_max`, a bit each.
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32;
+    /// Triangles of a leaf that the ray's line meets and that reach into `0 <= t <= t_max`; and those of them that it
+    /// surely meets in `0 <= t <= t_sure`.
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t: (f32, f32)) -> TrianglesMet;
+
+    /// One of these, in f64: the same bits from every kernel.
+    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> Refined;
 }

@@ -13,20 +13,22 @@
 
 use super::Ray;
 use glam::DVec3;
+use std::ops::Range;
 use trex_store::PageFile;
+use trex_store::geom::Lattice;
 
 /// The part of a model that rays need: the lattice and the box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LatticeFrame {
     /// Model position of lattice point 0.
-    origin: DVec3,
+    pub(super) origin: DVec3,
     step: f64,
     /// Inverse of `step`, a power of two: exact.
-    inverse_step: f64,
+    pub(super) inverse_step: f64,
     /// Lattice steps from 0 to the end of the lattice.
     side: f64,
-    lo: DVec3,
-    hi: DVec3,
+    pub(super) lo: DVec3,
+    pub(super) hi: DVec3,
     /// Lattice shift of node origins.
     pub(super) node_shift: u32,
     /// Distance that box planes move outward, lattice steps, so that rounding in the node test loses no hit.
@@ -43,9 +45,9 @@ const MARGIN: f64 = 2.0;
 const FAR: f64 = 1.0 / (1u64 << 50) as f64;
 
 /// A component below this moves the ray by nothing on its way through any lattice, and its inverse may be infinite.
-const STILL: f64 = 1e-250;
+pub(super) const STILL: f64 = 1e-250;
 
-/// A ray in lattice units.
+/// A ray in lattice units, from its entry on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LatticeRay {
     /// Integer part of the entry.
@@ -54,43 +56,66 @@ pub(super) struct LatticeRay {
     pub(super) fraction: [f64; 3],
     /// Longest component 1 or -1.
     pub(super) direction: [f64; 3],
-    /// Inverse of each component of the direction.
-    pub(super) inverse: [f64; 3],
     pub(super) shear: Shear,
-    /// End, from the entry, in these units: where the ray leaves the box or ends, and a margin for the rounding of
-    /// the kernels' t.
+}
+
+/// Which part of a ray counts: t from its entry on, in lattice units; and what that is on the ray itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Span {
+    /// Where the ray leaves the box or ends, and a margin for the rounding of the kernels' t.
     pub(super) t_max: f64,
-    /// End of the ray itself, from the entry; what was refined is compared with this.
-    t_end: f64,
+    /// End of the ray itself; what was refined is compared with this.
+    pub(super) t_end: f64,
+    /// The same, rounded down, for kernels.
+    pub(super) t_sure: f32,
     /// Model t = (t + t_entry) * t_scale.
-    t_entry: f64,
-    t_scale: f64,
+    pub(super) t_entry: f64,
+    pub(super) t_scale: f64,
+}
+
+/// A triangle that a ray meets, as f64 tells it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Refined {
+    /// Lattice t of the entry's ray.
+    pub(super) t: f64,
+    /// The triangle's normal, as long as twice its area.
+    pub(super) normal: [f64; 3],
+    /// Greatest component of the two edges at its first corner, lattice steps.
+    pub(super) size: f64,
 }
 
 impl LatticeFrame {
     /// The frame of a page file.
     pub(super) fn new(file: &PageFile) -> LatticeFrame {
         let block = file.superblock();
-        let [lo, hi] = block.lattice_bounds;
+        LatticeFrame::around(&block.lattice, block.lattice_bounds, block.lattice_bits, block.node_shift)
+    }
+
+    /// The frame of a box of a lattice that has so many bits.
+    fn around(lattice: &Lattice, [lo, hi]: [[i64; 3]; 2], bits: u32, node_shift: u32) -> LatticeFrame {
         // Below 24 bits the node test runs in f32 and its error is below 6 x 2^-24 of the lattice's side, above
         // in f64 with 6 x 2^-53; doubled.
-        let side = (1u64 << block.lattice_bits) as f64;
-        let ulp = if block.lattice_bits <= trex_store::layout::NARROW_BITS {
-            2f64.powi(-24)
-        } else {
-            2f64.powi(-53)
-        };
+        let side = (1u64 << bits) as f64;
+        let is_narrow = bits <= trex_store::layout::NARROW_BITS;
+        let ulp = if is_narrow { 2f64.powi(-24) } else { 2f64.powi(-53) };
         LatticeFrame {
-            origin: block.lattice.origin.into(),
-            step: block.lattice.step(),
-            inverse_step: 1.0 / block.lattice.step(),
+            origin: lattice.origin.into(),
+            step: lattice.step(),
+            inverse_step: 1.0 / lattice.step(),
             side,
             lo: lo.map(|q| q as f64).into(),
             hi: hi.map(|q| q as f64).into(),
-            node_shift: block.node_shift,
+            node_shift,
             slack: 12.0 * ulp * side,
             blur: 4.0 * ulp * side,
         }
+    }
+
+    /// The frame of a lattice of so many bits, sides of 16, around a box.
+    #[cfg(test)]
+    pub(super) fn of_box(lo: [i64; 3], hi: [i64; 3], bits: u32) -> LatticeFrame {
+        let lattice = Lattice { origin: [0.0; 3], exponent: 4 - bits as i32 };
+        LatticeFrame::around(&lattice, [lo, hi], bits, 0)
     }
 
     /// Length of a lattice step, model units.
@@ -98,22 +123,27 @@ impl LatticeFrame {
         self.step
     }
 
-    /// Moves a ray to the lattice; `None` when it misses the model's box, or comes from so far that its rounding is
-    /// larger than the model.
+    /// How far the entry of a ray stays away from the box, lattice steps; `far` is the largest coordinate of its
+    /// origin. `None` where that is more than the model.
     #[inline(always)]
-    pub(super) fn enter(&self, ray: &Ray) -> Option<LatticeRay> {
+    pub(super) fn margin(&self, far: f64) -> Option<f64> {
+        let margin = MARGIN.max(far * FAR);
+        (margin <= self.side.max(MARGIN)).then_some(margin)
+    }
+
+    /// Moves a ray to the lattice, and gives the inverse of each component of its direction; `None` when it misses the
+    /// model's box, or comes from so far that its rounding is larger than the model.
+    #[inline(always)]
+    pub(super) fn enter(&self, ray: &Ray) -> Option<(Span, LatticeRay, [f64; 3])> {
         let direction = DVec3::from(ray.direction);
         let longest = direction.abs().max_element();
         let from = (DVec3::from(ray.origin) - self.origin) * self.inverse_step;
-        if !(longest > 0.0 && longest.is_finite() && from.is_finite()) {
+        if !(longest > 0.0 && direction.is_finite() && from.is_finite()) {
             return None;
         }
+        let inverse = longest / direction;
         let direction = direction / longest;
-        let inverse = direction.recip();
-        let margin = MARGIN.max(from.abs().max_element() * FAR);
-        if margin > self.side.max(MARGIN) {
-            return None;
-        }
+        let margin = self.margin(from.abs().max_element())?;
         let t_end = ray.t_max * self.inverse_step * longest;
         let (mut t_in, mut t_out) = (0.0f64, t_end);
         for axis in 0..3 {
@@ -134,39 +164,64 @@ impl LatticeFrame {
         }
         let entry = from + t_in * direction;
         let (cell, direction) = (entry.floor(), direction.to_array());
-        Some(LatticeRay {
+        let ray = LatticeRay {
             cell: cell.to_array().map(|v| v as i64),
             fraction: (entry - cell).to_array(),
             direction,
-            inverse: inverse.to_array(),
             shear: Shear::new(direction),
-            t_max: (t_out - t_in).max(0.0) + MARGIN,
-            t_end: t_end - t_in,
-            t_entry: t_in,
+        };
+        Some((self.span(t_in..t_out, t_end, longest), ray, inverse.to_array()))
+    }
+
+    /// What counts of a ray that goes through the box at `inside` and ends at `t_end`; the longest component of its
+    /// direction is `longest`.
+    #[inline(always)]
+    pub(super) fn span(&self, inside: Range<f64>, t_end: f64, longest: f64) -> Span {
+        Span {
+            t_max: (inside.end - inside.start).max(0.0) + MARGIN,
+            t_end: t_end - inside.start,
+            t_sure: ((t_end - inside.start) as f32).next_down(),
+            t_entry: inside.start,
             t_scale: self.step / longest,
-        })
+        }
     }
 }
 
-impl LatticeRay {
+impl Span {
     /// Model t of a lattice t.
     pub(super) fn model_t(&self, t: f64) -> f64 {
         (t + self.t_entry) * self.t_scale
     }
 
+    /// True when a t that was refined lies on the ray: neither behind its start nor behind its end.
+    #[inline(always)]
+    pub(super) fn holds(&self, t: f64) -> bool {
+        (0.0..=self.t_end).contains(&t)
+    }
+}
+
+impl LatticeRay {
     /// A lattice vertex as seen from the entry; exact but for the fraction.
     fn seen_from_entry(&self, q: [i64; 3]) -> DVec3 {
         let from_cell: [f64; 3] = std::array::from_fn(|a| (q[a] - self.cell[a]) as f64);
         DVec3::from(from_cell) - DVec3::from(self.fraction)
     }
 
-    /// t of the entry's ray on a triangle that a kernel has reported, in f64. Where the ray passes beside it (the
-    /// kernel's rounding, at an edge): at the point of its edges that is nearest to the ray.
-    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> f64 {
+    /// A triangle that a kernel has reported, in f64. Where the ray passes beside it (the kernel's rounding, at an
+    /// edge): at the point of its edges that is nearest to the ray.
+    #[inline(never)]
+    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> Refined {
+        let n = normal(q);
+        let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
+        let size = edges.fold(0.0f64, |most, x| most.max(x.abs() as f64));
+        Refined { t: self.t_on(q, n), normal: n.to_array(), size }
+    }
+
+    /// t on a triangle whose normal is `n`.
+    fn t_on(&self, q: [[i64; 3]; 3], n: DVec3) -> f64 {
         let seen = q.map(|q| self.seen_from_entry(q));
         let [a, b, c] = seen.map(|p| self.shear.apply(p));
         let [u, v, w] = [(c, b), (a, c), (b, a)].map(|(f, g)| f.truncate().perp_dot(g.truncate()));
-        let n = normal(q);
         let across = n.dot(self.direction.into());
         if across != 0.0 && ([u, v, w].iter().all(|&x| x >= 0.0) || [u, v, w].iter().all(|&x| x <= 0.0)) {
             // From the plane: weights of a needle's corners would be off by any share.
@@ -179,17 +234,10 @@ impl LatticeRay {
             .fold((f64::INFINITY, 0.0), |best, next| if next.0 < best.0 { next } else { best })
             .1
     }
-
-    /// The refined hit of a kernel's triangle, where it lies on the ray: neither behind its start nor behind its end.
-    /// Not inlined: the kernels need the registers.
-    #[inline(never)]
-    pub(super) fn reach(&self, q: [[i64; 3]; 3]) -> Option<f64> {
-        Some(self.refine(q)).filter(|t| (0.0..=self.t_end).contains(t))
-    }
 }
 
 /// The normal of a lattice triangle, as long as twice its area: exact but for one rounding, however thin it is.
-pub(super) fn normal(q: [[i64; 3]; 3]) -> DVec3 {
+fn normal(q: [[i64; 3]; 3]) -> DVec3 {
     let edge = |i: usize| -> [i64; 3] { std::array::from_fn(|a| q[i][a] - q[0][a]) };
     let (e, f) = (edge(1), edge(2));
     let axes = [(1, 2), (2, 0), (0, 1)];

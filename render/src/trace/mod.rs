@@ -13,6 +13,7 @@ mod retry;
 mod scalar;
 #[cfg(target_arch = "x86_64")]
 mod simd;
+mod stack;
 mod unit_pages;
 
 pub use arithmetic::Arithmetic;

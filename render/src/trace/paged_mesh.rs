@@ -1,4 +1,4 @@
-//! `PagedMesh`: the tracer of page files. Chooses the kernel, refines the hit, keeps the list of missing pages.
+//! `PagedMesh`: the tracer of page files. Chooses the kernel, makes the answer, keeps the list of missing pages.
 //!
 //! Error of a hit, in lattice steps: corners as seen from the entry are exact but for the fraction; the refined t is
 //! f64, and it alone decides whether a ray meets the triangle that it left. What is left is the model's own coordinate
@@ -8,12 +8,13 @@
 //! with the number of rays that it blocked.
 
 use super::arithmetic::Arithmetic;
-use super::bvh::{Ended, Found, Goal, Missing, Scene, Stack, trace_ray};
-use super::lattice_ray::{LatticeFrame, LatticeRay, normal};
+use super::bvh::{Any, Closest, Ended, Found, Goal, Missing, Scene, trace_ray};
+use super::lattice_ray::{LatticeFrame, Refined, Span};
 use super::pages::{Page, Pages};
 use super::scalar::Scalar;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
+use super::stack::Stack;
 use super::{Answer, Hit, Ray, Tracer};
 use glam::DVec3;
 use trex_store::PageFile;
@@ -24,9 +25,10 @@ pub struct PagedMesh<'a, P> {
     pages: P,
     arithmetic: Arithmetic,
     stack: Stack,
-    /// Made when it is first asked for.
     #[cfg(target_arch = "x86_64")]
-    packet: Option<Box<PacketRoom>>,
+    packet: Box<PacketRoom>,
+    /// Of the last ray.
+    missing: Missing,
     wanted: Wanted,
 }
 
@@ -62,6 +64,7 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
             stack: Stack::new(),
             #[cfg(target_arch = "x86_64")]
             packet: Default::default(),
+            missing: Missing::none(),
             wanted: Wanted { pages: Vec::new(), rays: vec![0; file.pages().len()] },
         }
     }
@@ -94,49 +97,52 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
         ((3 * size_of::<u32>() + size_of::<(u32, u32)>()) * page_count) as u64
     }
 
-    fn run(&mut self, ray: &Ray, goal: Goal, missing: &mut Missing) -> Option<Ended> {
-        let (scene, pages, stack) = (&self.scene, &mut self.pages, &mut self.stack);
+    fn run<G: Goal>(&mut self, ray: &Ray) -> Option<Ended> {
+        let PagedMesh { scene, pages, stack, missing, .. } = self;
+        missing.clear();
         match self.arithmetic {
             #[cfg(target_arch = "x86_64")]
-            Arithmetic::Avx2 => super::simd::trace(scene, pages, stack, (ray, goal), missing),
-            Arithmetic::Scalar => trace_ray::<Scalar<f32>, P>(scene, pages, stack, (ray, goal), missing),
-            Arithmetic::Deep => trace_ray::<Scalar<f64>, P>(scene, pages, stack, (ray, goal), missing),
+            Arithmetic::Avx2 => super::simd::trace::<P, G>(scene, pages, stack, ray, missing),
+            Arithmetic::Scalar => trace_ray::<Scalar<f32>, P, G>(scene, pages, stack, ray, missing),
+            Arithmetic::Deep => trace_ray::<Scalar<f64>, P, G>(scene, pages, stack, ray, missing),
         }
     }
 
     /// Traces rays in packets; `outside` is the answer of those that miss the model's box.
     #[cfg(target_arch = "x86_64")]
-    fn packets<A: Copy>(
+    fn packets<A: Copy, G: Goal>(
         &mut self,
-        (rays, goal): (&[Ray], Goal),
+        rays: &[Ray],
         (outside, answers): (A, &mut Vec<A>),
-        answer: impl Fn(&mut Self, &Ray, &Ended, &Missing) -> A,
+        answer: impl Fn(&mut Wanted, &Ray, &Ended, &Missing) -> A,
     ) {
-        let mut packet = self.packet.take().unwrap_or_default();
+        let PagedMesh { scene, pages, stack, packet, wanted, .. } = self;
         for rays in rays.chunks(PACKET_RAYS) {
-            super::simd::packet(&self.scene, &mut self.pages, &mut self.stack, (rays, goal), &mut packet);
+            super::simd::packet::<P, G>(scene, pages, stack, rays, packet);
             let first = answers.len();
             answers.resize(first + rays.len(), outside);
             for ((ended, missing), &place) in packet.ended.iter().zip(&packet.missing).zip(&packet.places) {
-                answers[first + place] = answer(self, &rays[place], ended, missing);
+                answers[first + place] = answer(wanted, &rays[place], ended, missing);
             }
         }
-        self.packet = Some(packet);
     }
+}
 
+impl Wanted {
     /// The answer of a ray that asked for the closest hit.
     fn closest(
         &mut self,
+        frame: &LatticeFrame,
         ray: &Ray,
-        Ended { ray: local, found }: &Ended,
+        Ended { span, found }: &Ended,
         missing: &Missing,
     ) -> Answer<Option<Hit>> {
-        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.t);
+        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.refined.t);
         if missing.count > 0 && missing.nearest <= hit_t {
             self.note(missing, hit_t);
             return Answer::Blocked;
         }
-        let hit = found.as_ref().map(|found| self.hit(ray, local, found));
+        let hit = found.as_ref().map(|found| hit(frame, ray, span, found));
         Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
     }
 
@@ -154,32 +160,10 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
 
     fn note(&mut self, missing: &Missing, before: f64) {
         for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
-            self.wanted.add(page);
+            self.add(page);
         }
     }
 
-    fn hit(&self, ray: &Ray, local: &LatticeRay, found: &Found) -> Hit {
-        let frame = &self.scene.frame;
-        let q = found.corners;
-        let t = local.model_t(found.t);
-        let n = normal(q);
-        let length = n.length();
-        let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
-        let size = edges.fold(1.0f64, |m, x| m.max(x.abs() as f64));
-        let (origin, way) = (DVec3::from(ray.origin), t * DVec3::from(ray.direction));
-        let reach = (origin.abs() + way.abs()).max_element();
-        Hit {
-            t,
-            triangle: found.triangle,
-            page: found.page,
-            material: u32::from(found.material),
-            normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
-            error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
-        }
-    }
-}
-
-impl Wanted {
     /// One ray more that a page blocks.
     fn add(&mut self, page: u32) {
         let rays = &mut self.rays[page as usize];
@@ -187,6 +171,23 @@ impl Wanted {
             self.pages.push(page);
         }
         *rays = rays.saturating_add(1);
+    }
+}
+
+fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
+    let Refined { t, normal, size } = found.refined;
+    let t = span.model_t(t);
+    let n = DVec3::from(normal);
+    let length = n.length();
+    let (origin, way) = (DVec3::from(ray.origin), t * DVec3::from(ray.direction));
+    let reach = (origin.abs() + way.abs()).max_element();
+    Hit {
+        t,
+        triangle: found.triangle,
+        page: found.page,
+        material: u32::from(found.material),
+        normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
+        error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
     }
 }
 
@@ -213,17 +214,15 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
     }
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
-        let mut missing = Missing::none();
-        match self.run(ray, Goal::Closest, &mut missing) {
-            Some(ended) => self.closest(ray, &ended, &missing),
+        match self.run::<Closest>(ray) {
+            Some(ended) => self.wanted.closest(&self.scene.frame, ray, &ended, &self.missing),
             None => Answer::Exact(None),
         }
     }
 
     fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
-        let mut missing = Missing::none();
-        match self.run(ray, Goal::Any, &mut missing) {
-            Some(ended) => self.any(&ended, &missing),
+        match self.run::<Any>(ray) {
+            Some(ended) => self.wanted.any(&ended, &self.missing),
             None => Answer::Exact(false),
         }
     }
@@ -232,8 +231,9 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(None);
-            return self.packets((rays, Goal::Closest), (outside, answers), |mesh, ray, ended, missing| {
-                mesh.closest(ray, ended, missing)
+            let frame = self.scene.frame;
+            return self.packets::<_, Closest>(rays, (outside, answers), |wanted, ray, ended, missing| {
+                wanted.closest(&frame, ray, ended, missing)
             });
         }
         answers.extend(rays.iter().map(|ray| self.intersect(ray)));
@@ -243,8 +243,8 @@ impl<P: Pages> Tracer for PagedMesh<'_, P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(false);
-            return self.packets((rays, Goal::Any), (outside, answers), |mesh, _, ended, missing| {
-                mesh.any(ended, missing)
+            return self.packets::<_, Any>(rays, (outside, answers), |wanted, _, ended, missing| {
+                wanted.any(ended, missing)
             });
         }
         answers.extend(rays.iter().map(|ray| self.occluded(ray)));

@@ -1,8 +1,9 @@
 //! The plain kernels: one lane after the other, in f32 or f64. In f32 every operation is the one that `avx2.rs`
 //! does, in the same order, so that both give the same bits.
 
-use super::kernel::{Kernel, Lanes};
-use super::lattice_ray::{LatticeFrame, LatticeRay};
+use super::Ray;
+use super::kernel::{Kernel, Lanes, TrianglesMet};
+use super::lattice_ray::{LatticeFrame, LatticeRay, Refined, Span};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH};
 
@@ -70,10 +71,9 @@ real!(f64, 1e-250, |value: f64| (value as f32).next_down().max(0.0));
 /// A ray set up for the plain kernel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scalar<T> {
-    pub(super) cell: [i64; 3],
+    pub(super) ray: LatticeRay,
     pub(super) fraction: [T; 3],
     pub(super) slabs: Slabs<T>,
-    pub(super) k: [usize; 3],
     pub(super) s: [T; 3],
     pub(super) node_shift: u32,
     pub(super) blur: T,
@@ -100,11 +100,10 @@ struct Boxes<'a, Q> {
 }
 
 impl<T: Real> Slabs<T> {
-    #[inline(always)]
-    fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Slabs<T> {
+    fn new(frame: &LatticeFrame, ray: &LatticeRay, inverse: [f64; 3]) -> Slabs<T> {
         let inverse = std::array::from_fn(|a| {
             let d = ray.direction[a];
-            T::from_f64(if d.abs() < T::TINY { (1.0 / T::TINY).copysign(d) } else { ray.inverse[a] })
+            T::from_f64(if d.abs() < T::TINY { (1.0 / T::TINY).copysign(d) } else { inverse[a] })
         });
         let negative = ray.direction.map(f64::is_sign_negative);
         let start = |slack: f64| {
@@ -145,21 +144,21 @@ impl<T: Real> Slabs<T> {
 }
 
 impl<T: Real> Kernel for Scalar<T> {
-    #[inline(always)]
-    fn new(frame: &LatticeFrame, ray: &LatticeRay) -> Scalar<T> {
-        Scalar {
-            cell: ray.cell,
+    fn enter(frame: &LatticeFrame, ray: &Ray) -> Option<(Span, Scalar<T>)> {
+        let (span, ray, inverse) = frame.enter(ray)?;
+        let kernel = Scalar {
+            ray,
             fraction: ray.fraction.map(T::from_f64),
-            slabs: Slabs::new(frame, ray),
-            k: ray.shear.k,
+            slabs: Slabs::new(frame, &ray, inverse),
             s: ray.shear.s.map(T::from_f64),
             node_shift: frame.node_shift,
             blur: T::from_f64(frame.blur),
-        }
+        };
+        Some((span, kernel))
     }
 
     fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH> {
-        let base = std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.cell[a]);
+        let base = std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.ray.cell[a]);
         let scale = node.exponent.map(|e| 1 << (u32::from(e) + self.node_shift));
         let count = usize::from(node.child_count).min(NODE_WIDTH);
         let planes = [node.lo.each_ref().map(|row| &row[..]), node.hi.each_ref().map(|row| &row[..])];
@@ -169,23 +168,25 @@ impl<T: Real> Kernel for Scalar<T> {
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES> {
         let (base, [x, y, z, upper @ ..]) = (cluster.base(), cluster.leaf_planes());
         let scale = cluster.leaf_shift().map(|shift| 1 << shift);
-        let lo = std::array::from_fn(|a| base[a] - self.cell[a]);
+        let lo = std::array::from_fn(|a| base[a] - self.ray.cell[a]);
         // Upper planes are cells: no vertex lies beyond the last step of one.
         let hi = std::array::from_fn(|a| lo[a] + scale[a] - 1);
         let boxes = Boxes { planes: [[x, y, z], upper], lo, hi, scale };
         self.slabs.meet(&boxes, cluster.leaf_count(), t_max)
     }
 
-    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t_max: f32) -> u32 {
-        let t_max = T::from_f64(t_max.into());
+    fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, (t_max, t_sure): (f32, f32)) -> TrianglesMet {
+        let [t_max, t_sure] = [t_max, t_sure].map(|t| T::from_f64(t.into()));
         let corners = cluster.leaf_corners(leaf);
-        let mut mask = 0;
+        let mut all = TrianglesMet { met: 0, sure: 0 };
         for i in 0..LEAF_TRIANGLES {
             let [a, b, c] = std::array::from_fn(|corner| {
                 let q = cluster.vertex(usize::from(corners[corner][i]));
-                let p: [T; 3] = std::array::from_fn(|x| T::from_i64(q[x] - self.cell[x]) - self.fraction[x]);
-                let z = p[self.k[2]];
-                let shear = |x: usize| (T::ZERO - self.s[x]).fused(z, p[self.k[x]]);
+                let p: [T; 3] =
+                    std::array::from_fn(|x| T::from_i64(q[x] - self.ray.cell[x]) - self.fraction[x]);
+                let k = self.ray.shear.k;
+                let z = p[k[2]];
+                let shear = |x: usize| (T::ZERO - self.s[x]).fused(z, p[k[x]]);
                 [shear(0), shear(1), self.s[2] * z]
             });
             let zero = T::ZERO;
@@ -196,23 +197,56 @@ impl<T: Real> Kernel for Scalar<T> {
             let inside = uvw.iter().all(|&x| x >= zero) || uvw.iter().all(|&x| x <= zero);
             let flat = uvw.iter().all(|&x| x == zero);
             let (near, far) = (a[2].least(b[2]).least(c[2]), a[2].most(b[2]).most(c[2]));
-            let met = inside && !flat && far >= zero && near <= t_max;
-            mask |= u32::from(met && !self.is_surely_off([a, b, c], uvw, t_max)) << i;
+            if !(inside && !flat && far >= zero && near <= t_max) {
+                continue;
+            }
+            let volume = Volume::new([a, b, c], uvw, self.blur);
+            all.met |= u32::from(!volume.is_surely_off(t_max)) << i;
+            all.sure |= u32::from(!volume.is_surely_off(t_max) && volume.is_surely_before(t_sure)) << i;
         }
-        mask
+        all
+    }
+
+    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> Refined {
+        self.ray.refine(cluster.triangle(leaf, place))
     }
 }
 
-impl<T: Real> Scalar<T> {
-    /// True when `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
-    fn is_surely_off(&self, [a, b, c]: [[T; 3]; 3], [u, v, w]: [T; 3], t_max: T) -> bool {
+/// Where a ray meets the plane of a triangle: t is the volume over the area.
+struct Volume<T> {
+    /// Twice the area across the ray.
+    area: T,
+    /// t times that.
+    volume: T,
+    /// The error of the volume, at most.
+    error: T,
+    /// The area times half of what t may be off.
+    blurred: T,
+}
+
+impl<T: Real> Volume<T> {
+    fn new([a, b, c]: [[T; 3]; 3], [u, v, w]: [T; 3], blur: T) -> Volume<T> {
         let zero = T::ZERO;
         let (sum, volume) = (u + v + w, u * a[2] + v * b[2] + w * c[2]);
-        let (sum, volume) = if sum < zero { (zero - sum, zero - volume) } else { (sum, volume) };
+        let (area, volume) = if sum < zero { (zero - sum, zero - volume) } else { (sum, volume) };
         let size = [a, b, c].as_flattened().iter().fold(zero, |most, &x| most.most(x).most(zero - x));
-        let error = T::from_f64(T::VOLUME) * size * size * size;
-        let least = if error <= self.blur * sum { zero } else { error };
-        volume < zero - least || volume - t_max * sum > least
+        Volume { area, volume, error: T::from_f64(T::VOLUME) * size * size * size, blurred: blur * area }
+    }
+
+    /// True when t is not off by more than it may be.
+    fn is_sharp(&self) -> bool {
+        self.error <= self.blurred
+    }
+
+    /// True when `0 <= t <= t_max` fails by more than t is wrong by, or by anything where that is next to nothing.
+    fn is_surely_off(&self, t_max: T) -> bool {
+        let least = if self.is_sharp() { T::ZERO } else { self.error };
+        self.volume < T::ZERO - least || self.volume - t_max * self.area > least
+    }
+
+    /// True when `0 <= t <= t_max` holds by more than t is wrong by.
+    fn is_surely_before(&self, t_max: T) -> bool {
+        self.is_sharp() && self.volume >= self.blurred && t_max * self.area - self.volume >= self.blurred
     }
 }
 

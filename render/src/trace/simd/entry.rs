@@ -6,8 +6,9 @@
 use super::avx2::Avx2;
 use super::packet::{PacketRoom, trace_packet};
 use crate::trace::Ray;
-use crate::trace::bvh::{Ended, Goal, Missing, Scene, Stack, trace_ray};
+use crate::trace::bvh::{Ended, Goal, Missing, Scene, trace_ray};
 use crate::trace::pages::Pages;
+use crate::trace::stack::Stack;
 
 /// True where the machine has what the kernel uses.
 pub(in crate::trace) fn is_available() -> bool {
@@ -15,48 +16,48 @@ pub(in crate::trace) fn is_available() -> bool {
 }
 
 /// [`trace_ray`] with this kernel.
-pub(in crate::trace) fn trace<P: Pages>(
+pub(in crate::trace) fn trace<P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    ray: (&Ray, Goal),
+    ray: &Ray,
     missing: &mut Missing,
 ) -> Option<Ended> {
     // SAFETY: `PagedMesh` chooses this arithmetic only where `is_available`.
-    unsafe { trace_with_features(scene, pages, stack, ray, missing) }
+    unsafe { trace_with_features::<P, G>(scene, pages, stack, ray, missing) }
 }
 
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn trace_with_features<P: Pages>(
+fn trace_with_features<P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    ray: (&Ray, Goal),
+    ray: &Ray,
     missing: &mut Missing,
 ) -> Option<Ended> {
-    trace_ray::<Avx2, P>(scene, pages, stack, ray, missing)
+    trace_ray::<Avx2, P, G>(scene, pages, stack, ray, missing)
 }
 
 /// [`trace_packet`] with this kernel.
-pub(in crate::trace) fn packet<P: Pages>(
+pub(in crate::trace) fn packet<P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    rays: (&[Ray], Goal),
+    rays: &[Ray],
     room: &mut PacketRoom,
 ) {
     // SAFETY: `PagedMesh` chooses this arithmetic only where `is_available`.
-    unsafe { packet_with_features(scene, pages, stack, rays, room) }
+    unsafe { packet_with_features::<P, G>(scene, pages, stack, rays, room) }
 }
 
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn packet_with_features<P: Pages>(
+fn packet_with_features<P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    rays: (&[Ray], Goal),
+    rays: &[Ray],
     room: &mut PacketRoom,
 ) {
     // SAFETY: the features are there.
-    unsafe { trace_packet(scene, pages, stack, rays, room) }
+    unsafe { trace_packet::<P, G>(scene, pages, stack, rays, room) }
 }

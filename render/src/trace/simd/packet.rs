@@ -14,12 +14,11 @@
 
 use super::avx2::Avx2;
 use crate::trace::Ray;
-use crate::trace::bvh::{
-    Best, Ended, Entry, Goal, Missing, OpenPage, PageVisit, Pending, STACK, Scene, Stack, t_above, walk,
-};
+use crate::trace::bvh::{Best, Ended, Goal, Missing, OpenPage, PageVisit, Scene, t_above, walk};
 use crate::trace::kernel::Kernel;
 use crate::trace::pages::{Page, Pages};
-use crate::trace::scalar::{Real, Scalar};
+use crate::trace::scalar::Real;
+use crate::trace::stack::{Entry, Pending, STACK, Stack};
 use std::arch::x86_64::*;
 use trex_store::cluster::{FrameRef, FrameView, Node, TopRef};
 use trex_store::layout::NODE_WIDTH;
@@ -44,6 +43,7 @@ struct Waiting {
 /// Room for a packet; and what came of the last one, for the rays that reached the model's box, in their order.
 pub(in crate::trace) struct PacketRoom {
     waiting: Box<[Waiting; STACK]>,
+    kernels: Vec<Avx2>,
     /// Rays and what they found.
     pub(in crate::trace) ended: Vec<Ended>,
     /// Index of each among the rays that were asked.
@@ -55,6 +55,7 @@ impl Default for PacketRoom {
     fn default() -> PacketRoom {
         PacketRoom {
             waiting: Box::new([Waiting { t: [0.0; PACKET_RAYS], word: 0, rays: 0 }; STACK]),
+            kernels: Vec::with_capacity(PACKET_RAYS),
             ended: Vec::with_capacity(PACKET_RAYS),
             places: Vec::with_capacity(PACKET_RAYS),
             missing: std::array::from_fn(|_| Missing::none()),
@@ -75,10 +76,8 @@ struct Boxes {
 /// The packet under way.
 struct Packet<'a> {
     boxes: Boxes,
-    plain: [Scalar<f32>; PACKET_RAYS],
-    /// Kernels of the rays that have gone on by themselves.
-    kernels: [Option<Avx2>; PACKET_RAYS],
-    goal: Goal,
+    /// As many as there are rays.
+    kernels: &'a [Avx2],
     /// The t of the best hit of each; below all where one is enough and found.
     t_max: Row,
     ended: &'a mut [Ended],
@@ -92,42 +91,37 @@ struct Packet<'a> {
 /// # Safety
 /// The caller runs with AVX2 and FMA.
 #[inline(always)]
-pub(in crate::trace) unsafe fn trace_packet<P: Pages>(
+pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
     scene: &Scene<'_>,
     pages: &mut P,
     stack: &mut Stack,
-    (rays, goal): (&[Ray], Goal),
+    rays: &[Ray],
     room: &mut PacketRoom,
 ) {
-    let PacketRoom { waiting, ended, places, missing } = room;
+    let PacketRoom { waiting, kernels, ended, places, missing } = room;
     ended.clear();
     places.clear();
-    for (place, ray) in rays.iter().enumerate() {
-        if let Some(ray) = scene.frame.enter(ray) {
-            ended.push(Ended { ray, found: None });
+    kernels.clear();
+    for (place, ray) in rays.iter().take(PACKET_RAYS).enumerate() {
+        if let Some((span, kernel)) = Avx2::enter(&scene.frame, ray) {
+            ended.push(Ended { span, found: None });
             places.push(place);
+            kernels.push(kernel);
         }
     }
-    let count = ended.len().min(PACKET_RAYS);
-    if count == 0 {
-        return;
-    }
-    let mut plain = [Scalar::new(&scene.frame, &ended[0].ray); PACKET_RAYS];
-    let (mut together, mut t_max) = (1, [0.0; PACKET_RAYS]);
-    t_max[0] = t_above(ended[0].ray.t_max);
-    for i in 1..count {
-        plain[i] = Scalar::new(&scene.frame, &ended[i].ray);
-        together |= u32::from(plain[i].slabs.negative == plain[0].slabs.negative) << i;
-        t_max[i] = t_above(ended[i].ray.t_max);
+    let Some(first) = kernels.first() else { return };
+    let count = kernels.len();
+    let (mut together, mut t_max) = (0, [0.0; PACKET_RAYS]);
+    for (i, kernel) in kernels.iter().enumerate() {
+        together |= u32::from(kernel.goes_with(first)) << i;
+        t_max[i] = t_above(ended[i].span.t_max);
     }
     missing[..count].iter_mut().for_each(Missing::clear);
     let mut pending = Pending { entries: &mut stack.entries, len: 0 };
     let mut packet = Packet {
         // SAFETY: by the contract.
-        boxes: unsafe { Boxes::new(&plain) },
-        plain,
-        kernels: [const { None }; PACKET_RAYS],
-        goal,
+        boxes: unsafe { Boxes::new(kernels) },
+        kernels,
         t_max,
         ended,
         missing,
@@ -138,7 +132,7 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages>(
     packet.put(Waiting { t: [0.0; PACKET_RAYS], word: root, rays: together });
     while let Some(at) = packet.pop_above(0) {
         if at.rays.count_ones() <= SPLIT {
-            packet.alone(scene, pages, &mut pending, at);
+            packet.alone::<P, G>(scene, pages, &mut pending, at);
             continue;
         }
         match TopRef::from_word(at.word) {
@@ -147,7 +141,7 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages>(
                 Page::Ready(frame) => {
                     let first_triangle = scene.file.pages()[page as usize].first_triangle;
                     let page = OpenPage { frame: FrameView::new(frame), page, first_triangle };
-                    packet.page(&page, slot, scene, &mut pending, at);
+                    packet.page::<G>(&page, slot, scene, &mut pending, at);
                 }
                 Page::Missing => {
                     for ray in bits(at.rays) {
@@ -160,28 +154,39 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages>(
     }
     let others = ((1 << count) - 1) & !together;
     if others != 0 {
-        packet.alone(scene, pages, &mut pending, Waiting { t: [0.0; PACKET_RAYS], word: root, rays: others });
+        packet.alone::<P, G>(
+            scene,
+            pages,
+            &mut pending,
+            Waiting { t: [0.0; PACKET_RAYS], word: root, rays: others },
+        );
     }
 }
 
 impl Packet<'_> {
     /// Rays that go on by themselves.
     #[inline(always)]
-    fn alone<P: Pages>(&mut self, scene: &Scene<'_>, pages: &mut P, pending: &mut Pending<'_>, at: Waiting) {
+    fn alone<P: Pages, G: Goal>(
+        &mut self,
+        scene: &Scene<'_>,
+        pages: &mut P,
+        pending: &mut Pending<'_>,
+        at: Waiting,
+    ) {
         for i in bits(at.rays) {
-            let kernel = self.kernels[i].get_or_insert_with(|| Avx2::from_scalar(&self.plain[i]));
-            let Ended { ray, found } = &mut self.ended[i];
+            let kernel = &self.kernels[i];
+            let Ended { span, found } = &mut self.ended[i];
             let mut best = Best { t: self.t_max[i], found: *found };
             let from = Entry::new(at.t[i], at.word);
-            walk(scene, pages, kernel, (ray, self.goal), from, pending, &mut best, &mut self.missing[i]);
+            walk::<_, P, G>(scene, pages, kernel, span, from, pending, &mut best, &mut self.missing[i]);
             *found = best.found;
-            self.settle(i, best.t);
+            self.settle::<G>(i, best.t);
         }
     }
 
     /// Traverses a page under the root in `slot`.
     #[inline(always)]
-    fn page(
+    fn page<G: Goal>(
         &mut self,
         page: &OpenPage<'_>,
         slot: u32,
@@ -198,21 +203,21 @@ impl Packet<'_> {
                 continue;
             }
             for i in bits(at.rays) {
-                let kernel = self.kernels[i].get_or_insert_with(|| Avx2::from_scalar(&self.plain[i]));
-                let Ended { ray, found } = &mut self.ended[i];
+                let kernel = &self.kernels[i];
+                let Ended { span, found } = &mut self.ended[i];
                 let mut best = Best { t: self.t_max[i], found: *found };
-                let visit = PageVisit { page: *page, ray, goal: self.goal };
-                visit.under(kernel, Entry::new(at.t[i], at.word), pending, &mut best);
+                let visit = PageVisit { page: *page, span };
+                visit.under::<_, G>(kernel, Entry::new(at.t[i], at.word), pending, &mut best);
                 *found = best.found;
-                self.settle(i, best.t);
+                self.settle::<G>(i, best.t);
             }
         }
     }
 
     /// Takes over how far ray `i` still looks.
     #[inline(always)]
-    fn settle(&mut self, i: usize, t: f32) {
-        let is_done = self.goal == Goal::Any && self.ended[i].found.is_some();
+    fn settle<G: Goal>(&mut self, i: usize, t: f32) {
+        let is_done = G::IS_ANY && self.ended[i].found.is_some();
         self.t_max[i] = if is_done { -1.0 } else { t };
     }
 
@@ -275,38 +280,24 @@ impl Packet<'_> {
 }
 
 impl Boxes {
+    /// Of one to eight rays; lanes behind the last mean nothing.
+    ///
     /// # Safety
     /// The caller runs with AVX2.
     #[inline(always)]
-    unsafe fn new(rays: &[Scalar<f32>; PACKET_RAYS]) -> Boxes {
-        let mut cell = [[0i32; PACKET_RAYS]; 3];
-        let (mut inverse, mut near, mut far) =
-            ([[0.0; PACKET_RAYS]; 3], [[0.0; PACKET_RAYS]; 3], [[0.0; PACKET_RAYS]; 3]);
-        for (i, ray) in rays.iter().enumerate() {
-            for a in 0..3 {
-                cell[a][i] = ray.cell[a] as i32;
-                inverse[a][i] = ray.slabs.inverse[a];
-                near[a][i] = ray.slabs.start_near[a];
-                far[a][i] = ray.slabs.start_far[a];
-            }
-        }
-        // SAFETY: rows of eight numbers; the caller runs with AVX2.
+    unsafe fn new(rays: &[Avx2]) -> Boxes {
+        // SAFETY: registers only; the caller runs with AVX2.
         unsafe {
-            let zero = _mm256_setzero_ps();
-            let mut boxes = Boxes {
-                cell: [_mm256_setzero_si256(); 3],
-                inverse: [zero; 3],
-                start_near: [zero; 3],
-                start_far: [zero; 3],
-                negative: rays[0].slabs.negative,
+            let rows = |part: fn(&Avx2) -> __m128| {
+                columns(std::array::from_fn(|i| part(&rays[i.min(rays.len() - 1)])))
             };
-            for a in 0..3 {
-                boxes.cell[a] = _mm256_loadu_si256(cell[a].as_ptr().cast());
-                boxes.inverse[a] = _mm256_loadu_ps(inverse[a].as_ptr());
-                boxes.start_near[a] = _mm256_loadu_ps(near[a].as_ptr());
-                boxes.start_far[a] = _mm256_loadu_ps(far[a].as_ptr());
+            Boxes {
+                cell: rows(|ray| _mm_castsi128_ps(ray.cell)).map(|row| _mm256_castps_si256(row)),
+                inverse: rows(|ray| ray.inverse),
+                start_near: rows(|ray| ray.start_near),
+                start_far: rows(|ray| ray.start_far),
+                negative: rays[0].negative_axes(),
             }
-            boxes
         }
     }
 
@@ -363,6 +354,26 @@ impl Boxes {
             }
         }
         met
+    }
+}
+
+/// The first, second and third numbers of eight vectors.
+///
+/// # Safety
+/// The caller runs with AVX.
+#[inline(always)]
+unsafe fn columns(rows: [__m128; PACKET_RAYS]) -> [__m256; 3] {
+    // SAFETY: registers only.
+    unsafe {
+        let pair = |i: usize| _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(rows[i]), rows[i + 4]);
+        let [a, b, c, d] = [pair(0), pair(1), pair(2), pair(3)];
+        let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+        let (ab_high, cd_high) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+        [
+            _mm256_shuffle_ps::<0b01_00_01_00>(ab, cd),
+            _mm256_shuffle_ps::<0b11_10_11_10>(ab, cd),
+            _mm256_shuffle_ps::<0b01_00_01_00>(ab_high, cd_high),
+        ]
     }
 }
 
