@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Frames with a deadline on 100 million triangles in 128 MiB: what docs/performance.md shows of them, kept as records.
-# Half an hour of a quiet machine that may make memory control groups (v1); models that are missing are built first.
+# An hour of a quiet machine that may make memory control groups (v1); models that are missing are built first.
 #
 #   bench/frames.sh WORK_FOLDER
 set -euo pipefail
@@ -35,7 +35,7 @@ if [ -d "$models" ]; then
 fi
 
 views="--views pipes-100m-views.toml"
-for scenario in flip:200 inside:200 teleport:100 light-edit:40; do
+for scenario in flip:200 inside:200 teleport:200 light-edit:200; do
     stress stress-isosurface-"${scenario%:*}" 128 isosurface-100m.trex --scenario "${scenario%:*}" --switches "${scenario#*:}"
 done
 for scenario in flip:200 inside:200; do
@@ -43,7 +43,7 @@ for scenario in flip:200 inside:200; do
     [ ! -e kicad-grid.trex ] ||
         stress stress-kicad-grid-"${scenario%:*}" 128 kicad-grid.trex --scenario "${scenario%:*}" --switches "${scenario#*:}"
 done
-for scenario in flip:40 teleport:40 light-edit:16; do
+for scenario in flip:200 inside:200 teleport:200 light-edit:200; do
     stress stress-pipes-"${scenario%:*}" 128 pipes-100m.trex --scenario "${scenario%:*}" $views --switches "${scenario#*:}"
 done
 stress stress-isosurface-flip-exact 128 isosurface-100m.trex --scenario flip --lod-error 0 --switches 20

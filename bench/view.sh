@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# The figures of `trex view` on an idle machine: one line of JSON each, with the model and the figure's name. How far
-# the pictures of a drag are from those views' references is not among them yet.
+# The figures of `trex view` on an idle machine: one line of JSON each, with the model and the figure's name.
 # Pages without a browser come from view/examples/figures; a real one, where there is chromium, from
 # tests/it/browser/drag.rs. SMALL and LARGE are page files; FAR one that is far larger than its limit.
 #
@@ -44,6 +43,21 @@ figure() {
     tell "$1" "$2" "$("$target/release/examples/figures" "$address" "${@:3}")"
 }
 
+# pictures MODEL LIMIT: relMSE of what a drag shows, beside the same views once settled; the median, and each.
+pictures() {
+    local folder each=() shown
+    folder=$(mktemp -d)
+    "$target/release/examples/figures" "$address" pictures "$folder" >/dev/null
+    for shown in "$folder"/shown-*.png; do
+        each+=("$("$target/release/trex" image diff --json "$shown" "${shown/shown/settled}" |
+            grep -o '"relmse": *[0-9.e+-]*' | head -n 1 | grep -o '[0-9.e+-]*$')")
+    done
+    mapfile -t each < <(printf '%s\n' "${each[@]}" | sort -g)
+    tell "$1" "$2" "$(printf '{"figure":"drag-relmse","value":{"median":%s,"each":[%s]}}' \
+        "${each[${#each[@]} / 2]}" "$(IFS=, && echo "${each[*]}")")"
+    rm -r "$folder"
+}
+
 # browser MODEL LIMIT [LINE]: a drag in a real browser, over a slow line of "ms there and back,Mbit/s" if one is given.
 browser() {
     local line name=browser${3:+-over-$3}
@@ -59,6 +73,7 @@ for model in "$small" "$large"; do
     figure "$model" $limit first "$since"
     figure "$model" $limit drag 4
     figure "$model" $limit drag 0
+    pictures "$model" $limit
     figure "$model" $limit converge "$viewer"
     figure "$model" $limit edits
     # Its lights are others now.

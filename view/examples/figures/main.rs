@@ -2,6 +2,7 @@
 //!
 //! ```sh
 //! cargo run --release -p trex-view --example figures -- URL drag SCALE [EVENTS]   # event to frame; 0: as fits
+//! ... URL pictures FOLDER         # pictures of a drag, shown-N.png, and of the same views once settled, settled-N.png
 //! ... URL first SINCE_NS          # from a moment (date +%s%N) to the first pixels
 //! ... URL converge PID            # bytes from an event to 16 samples; bytes and processor share of PID once settled
 //! ... URL edits                   # an edit of lights, of a material, to the first changed pixels
@@ -12,12 +13,16 @@
 #![allow(clippy::print_stdout)]
 
 mod page;
+mod picture;
 mod process;
 mod soak;
 
 use page::{Failure, Log, Page, SIZE, percentiles};
+use picture::Canvas;
 use process::Process;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Events a second of a drag.
@@ -28,6 +33,9 @@ const TURN: f64 = 0.01;
 const SETTLE: Duration = Duration::from_secs(300);
 /// Time over which a settled viewer is watched.
 const STILL: Duration = Duration::from_secs(20);
+/// Events of the drag of which pictures are kept, and every how many.
+const SEEN_EVENTS: u32 = 192;
+const SEEN_EVERY: u32 = 16;
 /// Edits of each kind.
 const EDITS: u32 = 20;
 /// Between two edits: the picture has become complete, not settled.
@@ -41,6 +49,7 @@ fn main() -> Result<(), Failure> {
     let number = |at: usize, or: u64| rest.get(at).map_or(Ok(or), |word| word.parse());
     let figure = match what.as_str() {
         "drag" => drag(url, number(0, 0)?, number(1, 200)? as u32)?,
+        "pictures" => pictures(url, Path::new(rest.first().map_or(".", String::as_str)))?,
         "first" => first(url, number(0, 0)?)?,
         "converge" => converge(url, &Process(number(0, 0)?))?,
         "edits" => edits(url)?,
@@ -71,6 +80,35 @@ fn drag(url: &str, scale: u64, events: u32) -> Result<Value, Failure> {
         "bytes_per_s": *bytes as f64 / seconds,
         "frames_by_scale": scales,
     }))
+}
+
+/// Keeps what is shown during a drag, and what the same views are once they have settled.
+fn pictures(url: &str, folder: &Path) -> Result<Value, Failure> {
+    let mut page = Page::open(url, SIZE)?;
+    page.canvas = Some(Canvas::default());
+    page.say(&json!({"type": "moving", "scale": 0}))?;
+    page.settle(SETTLE)?;
+    let begin = Instant::now();
+    let (mut angles, mut seen) = (BTreeMap::new(), vec![]);
+    for event in 1..=SEEN_EVENTS {
+        let angle = f64::from(event) * TURN;
+        angles.insert(page.turn(angle)?, angle);
+        page.listen(begin + Duration::from_secs_f64(f64::from(event) / PER_S))?;
+        let angle = page.canvas.as_ref().and_then(|canvas| angles.get(&canvas.seq));
+        if let (0, Some(angle)) = (event % SEEN_EVERY, angle) {
+            seen.push((*angle, page.canvas.clone()));
+        }
+    }
+    for (index, (angle, shown)) in seen.iter().enumerate() {
+        page.turn(*angle)?;
+        page.say(&json!({"type": "rest"}))?;
+        page.settle(SETTLE)?;
+        for (name, canvas) in [("shown", shown), ("settled", &page.canvas)] {
+            let path = folder.join(format!("{name}-{index:02}.png"));
+            canvas.as_ref().ok_or("no picture is shown")?.write(&path)?;
+        }
+    }
+    Ok(json!({ "pictures": seen.len() }))
 }
 
 /// From `since_ns` after 1970 to the first pixels, ms.

@@ -1,5 +1,6 @@
 //! A page without a browser: says hello, acknowledges, notes what comes and when.
 
+use crate::picture::Canvas;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -19,6 +20,8 @@ pub(crate) struct Page {
     socket: WebSocket<TcpStream>,
     pub(crate) welcome: Value,
     pub(crate) log: Log,
+    /// What is shown, where it is asked for.
+    pub(crate) canvas: Option<Canvas>,
     seq: u32,
 }
 
@@ -53,7 +56,7 @@ impl Page {
         let welcome = serde_json::from_str(socket.read()?.to_text()?)?;
         // The server's picture may show events of another page, which had smaller numbers.
         let since = SystemTime::now().duration_since(UNIX_EPOCH)?.as_millis() / 10;
-        Ok(Page { socket, welcome, log: Log::default(), seq: (since % (1 << 31)) as u32 })
+        Ok(Page { socket, welcome, log: Log::default(), canvas: None, seq: (since % (1 << 31)) as u32 })
     }
 
     pub(crate) fn say(&mut self, message: &Value) -> Result<(), Failure> {
@@ -72,8 +75,8 @@ impl Page {
         self.say(message)
     }
 
-    /// Sends the camera of the welcome, turned about the vertical through its target.
-    pub(crate) fn turn(&mut self, angle: f64) -> Result<(), Failure> {
+    /// Sends the camera of the welcome, turned about the vertical through its target. Gives the event's number.
+    pub(crate) fn turn(&mut self, angle: f64) -> Result<u32, Failure> {
         let seq = self.next_seq();
         let camera = &self.welcome["camera"];
         let number = |key: &str, axis: usize| camera[key][axis].as_f64().unwrap_or_default();
@@ -83,7 +86,8 @@ impl Page {
         let z = number("target", 2) + dx * sin + dz * cos;
         let message = json!({"type": "camera", "seq": seq, "position": [x, number("position", 1), z],
             "target": camera["target"], "up": camera["up"], "fov_y": camera["fov_y"]});
-        self.event(seq, &message)
+        self.event(seq, &message)?;
+        Ok(seq)
     }
 
     /// Takes what comes, up to a time.
@@ -112,6 +116,7 @@ impl Page {
             match self.socket.read() {
                 Ok(Message::Binary(bytes)) => {
                     let frame = self.log.learn(&bytes);
+                    self.canvas.as_mut().map_or(Ok(()), |canvas| canvas.draw(&bytes))?;
                     self.say(&json!({"type": "ack", "frame": frame}))?;
                 }
                 Ok(message) => self.log.bytes += message.len(),
