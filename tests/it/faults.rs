@@ -69,7 +69,8 @@ fn a_ring_that_fails_costs_a_line() {
 fn a_loader_that_panics_ends_the_command() {
     let Some(inside) = model() else { return };
     // Each reading thread makes more calls than the one that opens the file.
-    let render = format!("{RENDER} --io pread --integrator path").replace("64MiB", "38MiB");
+    let render = format!("{RENDER} --io pread --integrator path");
+    let render = render.replace("64MiB", "38MiB").replace("--spp 1", "--spp 16");
     for more in ["", " --time-limit 30"] {
         let start = Instant::now();
         let ended = run_with(inside.path(), "pread64:retval=1000000000:when=16+", &format!("{render}{more}"));

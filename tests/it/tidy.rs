@@ -21,7 +21,7 @@ const MAY_NAME: [(&str, &[&str]); 7] = [
 const OUR_CRATES: [&str; 7] =
     ["trex-store", "datasets-gen", "trex-render", "trex-view", "trex-image", "trex-bench", "trex"];
 /// Files that may hold `unsafe`: what they do cannot be said otherwise. Each opens with why it is sound.
-const UNSAFE_FILES: [&str; 16] = [
+const UNSAFE_FILES: [&str; 19] = [
     // Memory that the kernel writes to, and mappings.
     "store/src/io/mmap.rs",
     "store/src/io/region.rs",
@@ -36,6 +36,9 @@ const UNSAFE_FILES: [&str; 16] = [
     "store/src/cluster/cells.rs",
     "store/src/cluster/fields.rs",
     "render/src/trace/simd/avx2.rs",
+    "render/src/trace/simd/avx2/enter.rs",
+    "render/src/trace/simd/avx2/refine.rs",
+    "render/src/trace/simd/avx2/tests.rs",
     "render/src/trace/simd/entry.rs",
     "render/src/trace/simd/packet.rs",
     "render/src/voxel/simd/avx2.rs",

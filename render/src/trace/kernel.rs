@@ -12,8 +12,8 @@
 //! fused: a shared edge gives exactly opposite values to its two triangles, and a sign that is not zero is right; 3.
 //! zero counts as inside on both sides; where all three are zero, they are made again from what the products lost, so
 //! that a needle is only a line when it is one; 4. boxes are tested with outward slack; 5. a kernel says which
-//! triangles a ray meets, not where, before they are refined: along a needle its weights can be off by any share; that a
-//! triangle is met at all in the ray's range is sure where the volume's error is next to nothing.
+//! triangles a ray meets, not where, before they are refined: along a needle its weights can be off by any share; that
+//! a triangle is met at all in the ray's range is sure where the volume's error is next to nothing.
 
 use super::Ray;
 use super::lattice_ray::{LatticeFrame, Refined, Span};

@@ -1,9 +1,9 @@
 //! The AVX2 kernel: eight boxes or triangles at a time, f32.
 //!
 //! A leaf's corners are three words of eight narrow indices: one `pdep` spreads a word to eight bytes. A packed
-//! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Where eight vertices in a row hold all corners
-//! of a leaf (58 % of the leaves that rays test on a CAD set, 2 to 13 % elsewhere), they are read once. Vertices of wide
-//! clusters are fetched one by one and tested like the others.
+//! vertex is one unaligned 64-bit load: two gathers of four fetch eight. Where eight vertices in a row hold all
+//! corners of a leaf (58 % of the leaves that rays test on a CAD set, 2 to 13 % elsewhere), they are read once.
+//! Vertices of wide clusters are fetched one by one and tested like the others.
 //!
 //! Invariants: 1. the same operations in the same order as `scalar.rs`: the same bits; 2. loads stay inside of the
 //! frame: indices were checked by `install`, and eight bytes stand behind the last vertex.
@@ -439,7 +439,7 @@ impl Kernel for Avx2 {
             if _mm_testz_si128(all, _mm_set1_epi8(!7)) != 0 {
                 // Eight vertices hold all corners: each is read once.
                 let eight = _mm_setr_epi8(0, 1, 2, 3, 4, 5, 6, 7, 0, 0, 0, 0, 0, 0, 0, 0);
-                let last = _mm_set1_epi8(cluster.vertex_count() as i8 - 1);
+                let last = _mm_set1_epi8((cluster.vertex_count() - 1) as i8);
                 let eight = self.corner(&vertices, _mm_min_epu8(_mm_add_epi8(eight, least), last));
                 for (corner, above) in corners.iter_mut().zip(above) {
                     let lanes = _mm256_cvtepu8_epi32(above);
