@@ -216,10 +216,11 @@ impl fmt::Display for Built {
         if report.triangle_count < report.input_triangle_count {
             writeln!(
                 f,
-                "rejected {} of {}: {} degenerate on the lattice, {} not finite",
+                "rejected {} of {}: {} without area, {} smaller than the lattice tells, {} not finite",
                 report.input_triangle_count - report.triangle_count,
                 report.input_triangle_count,
-                report.rejected_degenerate,
+                report.rejected_degenerate - report.rejected_collapsed,
+                report.rejected_collapsed,
                 report.rejected_non_finite
             )?;
         }

@@ -154,6 +154,7 @@ struct Asvo {
 #[derive(Serialize)]
 struct Rejected {
     degenerate: u64,
+    collapsed: u64,
     non_finite: u64,
 }
 
@@ -256,6 +257,7 @@ impl Stored {
             bounds: block.bounds,
             rejected: Rejected {
                 degenerate: block.rejected_degenerate,
+                collapsed: block.rejected_collapsed,
                 non_finite: block.rejected_non_finite,
             },
             smallest_limit_bytes,
@@ -279,9 +281,11 @@ impl fmt::Display for Stored {
         )?;
         writeln!(
             f,
-            "input {} triangles, {} degenerate, {} not finite; {} materials, {} emitters",
+            "input {} triangles, {} without area, {} smaller than the lattice tells, {} not finite; {} materials, {} \
+             emitters",
             size::count(self.input_triangle_count),
-            self.rejected.degenerate,
+            self.rejected.degenerate - self.rejected.collapsed,
+            self.rejected.collapsed,
             self.rejected.non_finite,
             self.material_count,
             self.emitter_count

@@ -68,12 +68,13 @@ fn with_memory(keys: &[(&'static str, Kind)]) -> Vec<(&'static str, Kind)> {
     keys.iter().copied().chain(MEMORY).collect()
 }
 
-const BUILD: [(&str, Kind); 28] = [
+const BUILD: [(&str, Kind); 29] = [
     ("scene", Text),
     ("result_hash", Text),
     ("input_triangle_count", Count),
     ("triangle_count", Count),
     ("rejected_degenerate", Count),
+    ("rejected_collapsed", Count),
     ("rejected_non_finite", Count),
     ("cluster_count", Count),
     ("wide_cluster_count", Count),
@@ -99,7 +100,7 @@ const BUILD: [(&str, Kind); 28] = [
     ("cluster_fill", Number),
 ];
 
-const INFO: [(&str, Kind); 32] = [
+const INFO: [(&str, Kind); 33] = [
     ("scene", Text),
     ("file_id", Text),
     ("input_triangle_count", Count),
@@ -125,6 +126,7 @@ const INFO: [(&str, Kind); 32] = [
     ("bounds.lo", Vec3),
     ("bounds.hi", Vec3),
     ("rejected.degenerate", Count),
+    ("rejected.collapsed", Count),
     ("rejected.non_finite", Count),
     ("smallest_limit_bytes", Count),
     ("shares.reserve_bytes", Count),

@@ -57,7 +57,8 @@ pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     assert_eq!(head, &bytes[bytes.len() - 1024..]);
     assert_eq!(number_at(head, 1016, 8), xxh3_64(&head[..1016]));
     assert_eq!(number_at(head, 32, 8), bytes.len() as u64);
-    assert!(head[656..1016].iter().all(|&b| b == 0));
+    assert!(number_at(head, 656, 8) <= number_at(head, 240, 8));
+    assert!(head[664..1016].iter().all(|&b| b == 0));
     let file_id = number_at(head, 40, 8);
     let mut end = 1024;
     // Item count, offset, bytes.

@@ -3,6 +3,7 @@
 
 use crate::command::{TREX, cannot_run, document_in, folder, listing, ran, run_in, trex_in};
 use crate::fixtures::built_in;
+use serde_json::Value;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -111,6 +112,23 @@ fn truncated_files_say_where_they_end() {
         ("no-records.stl", stl[..84].to_vec(), "input-truncated", "?"),
         ("in-a-facet.stl", STL_TEXT.as_bytes()[..60].to_vec(), "input-truncated", "?"),
     ]);
+}
+
+#[test]
+fn what_the_lattice_cannot_tell_is_told_apart_from_what_has_no_area() {
+    let inside = folder();
+    // One that stays; one that is a line; one of 1e-5, in steps of some 1e-3.
+    let corners = "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 50 50 50\nv 50.00001 50 50\nv 50 50.00001 50\n";
+    let text = format!("{corners}f 1 2 3\nf 1 2 2\nf 4 5 6\n");
+    std::fs::write(inside.path().join("small.obj"), text).unwrap();
+    let counts = |line: &str, keys: [&str; 2]| {
+        let document = document_in(inside.path(), line);
+        keys.map(|key| document.pointer(key).and_then(Value::as_u64).expect("a count"))
+    };
+    let keys = ["/rejected_degenerate", "/rejected_collapsed"];
+    assert_eq!(counts("build small.obj -o small.trex", keys), [2, 1]);
+    assert_eq!(counts("info small.trex", ["/rejected/degenerate", "/rejected/collapsed"]), [2, 1]);
+    assert_eq!(counts("build small.obj -o small.trex --overwrite --error 1e-7", keys), [1, 0]);
 }
 
 #[test]

@@ -335,13 +335,14 @@ fn slots_that_are_not_used_hold_nothing() {
 #[test]
 fn superblocks_whose_counts_disagree() {
     let forger = Forger::new();
-    let lies: [&dyn Fn(&mut Superblock); 8] = [
+    let lies: [&dyn Fn(&mut Superblock); 9] = [
         &|block| block.input_triangle_count += 1,
         &|block| block.rejected_degenerate = u64::MAX,
         &|block| {
             block.rejected_degenerate = u64::MAX;
             block.rejected_non_finite = 1 + block.input_triangle_count - block.triangle_count;
         },
+        &|block| block.rejected_collapsed = 1 + block.rejected_degenerate,
         &|block| block.vertex_count = u64::MAX,
         &|block| block.cluster_count = u64::MAX,
         &|block| block.wide_cluster_count = u64::MAX,

@@ -81,7 +81,10 @@ pub(super) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Gr
     if extent.is_nan() || extent <= 0.0 {
         // What is finite lies in one point.
         let Scan { triangle_count: read, non_finite_count: non_finite, .. } = *scan;
-        return Err(no_triangles(name, Rejected { read, non_finite, degenerate: read - non_finite }));
+        return Err(no_triangles(
+            name,
+            Rejected { read, non_finite, degenerate: read - non_finite, collapsed: 0 },
+        ));
     }
     let magnitude = scan.bounds.lo.iter().chain(&scan.bounds.hi).fold(0.0f64, |m, v| m.max(v.abs()));
     if !(1e-200..1e200).contains(&extent) {

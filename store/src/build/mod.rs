@@ -26,6 +26,7 @@ mod lattice;
 pub mod left_over;
 mod pages;
 mod partition;
+mod plan;
 mod progress_record;
 mod publish;
 mod record;
@@ -39,6 +40,7 @@ mod writer;
 
 pub use crate::output::Existing;
 pub use lattice::Scan;
+pub use plan::Plan;
 
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
@@ -48,6 +50,7 @@ use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
 use journal::Journal;
 use partition::Partition;
+use plan::plan;
 use progress_record::Read;
 use publish::Draft;
 use rayon::ThreadPool;
@@ -124,23 +127,6 @@ pub struct Resume {
     pub every: Duration,
 }
 
-/// Memory and disk that a build is going to take, known before anything is written.
-#[derive(Clone, Debug, Serialize)]
-pub struct Plan {
-    /// Triangles to come.
-    pub triangle_count: u64,
-    /// Most memory that the build leases.
-    pub memory_bytes: u64,
-    /// The limit it runs under.
-    pub limit_bytes: u64,
-    /// Scratch, estimated.
-    pub scratch_bytes: u64,
-    /// Output, estimated.
-    pub output_bytes: u64,
-    /// Free space where the scratch goes.
-    pub free_bytes: u64,
-}
-
 /// Counts, sizes and times of a build that is done.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct BuildReport {
@@ -150,6 +136,8 @@ pub struct BuildReport {
     pub triangle_count: u64,
     /// Left out: two equal corners after the snap.
     pub rejected_degenerate: u64,
+    /// Those of them that had area in the input: smaller than the lattice can tell.
+    pub rejected_collapsed: u64,
     /// Left out: not finite.
     pub rejected_non_finite: u64,
     /// Clusters, wide ones included.
@@ -354,44 +342,29 @@ pub fn smallest_bytes() -> u64 {
     partition::SMALLEST_BYTES.max(chunk::worker_bytes() + Voxelizer::BYTES) + SOURCE_BYTES
 }
 
-/// Scratch and output per triangle, voxels apart, for the plan: measured on iso-surfaces and CAD models, rounded up.
-const PLAN_SCRATCH_BYTES: u64 = 24;
-const PLAN_OUTPUT_BYTES: u64 = 5;
-
-fn plan(triangle_count: u64, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
-    let free = rustix::io::retry_on_intr(|| rustix::fs::statvfs(scratch_folder))
-        .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
-    let plan = Plan {
-        triangle_count,
-        memory_bytes: crate::RESERVE_BYTES
-            + options.budget.used_bytes()
-            + partition::phase_bytes(options.budget.free_bytes())
-                .max(emit::needed_bytes(options) * emit::worker_count(options) as u64),
-        limit_bytes: options.budget.limit_bytes(),
-        scratch_bytes: triangle_count * PLAN_SCRATCH_BYTES,
-        output_bytes: triangle_count * PLAN_OUTPUT_BYTES + voxels::plan_bytes(options.voxels, triangle_count),
-        free_bytes: free.f_bavail * free.f_frsize,
-    };
-    Ok(plan)
-}
-
 /// What became of the triangles of an input of which none is left.
 #[derive(Clone, Copy)]
 struct Rejected {
     read: u64,
     degenerate: u64,
+    /// Those of them that had area.
+    collapsed: u64,
     non_finite: u64,
 }
 
-fn no_triangles(name: &str, Rejected { read, degenerate, non_finite }: Rejected) -> Error {
+fn no_triangles(name: &str, Rejected { read, degenerate, collapsed, non_finite }: Rejected) -> Error {
     let what = match read {
         0 => "there are no triangles in the input",
         _ => "the input holds no triangle that can be drawn",
+    };
+    let next = match collapsed {
+        0 => "check the input in the program that wrote it",
+        _ => "ask for a finer lattice with --error: some triangles are smaller than its step",
     };
     Error::new(Code::InputEmpty, what)
         .at_place(name)
         .numbers(format!(
             "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite numbers"
         ))
-        .next("check the input in the program that wrote it")
+        .next(next)
 }

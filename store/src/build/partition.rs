@@ -45,6 +45,7 @@ pub(super) struct Partition {
     pub(super) input_triangle_count: u64,
     pub(super) triangle_count: u64,
     pub(super) rejected_degenerate: u64,
+    pub(super) rejected_collapsed: u64,
     pub(super) rejected_non_finite: u64,
     pub(super) error_bound: f64,
     /// Box of the triangles on the lattice: least corner, greatest corner.
@@ -88,6 +89,7 @@ pub(super) fn partition(
         let rejected = Rejected {
             read: snapper.input_triangle_count,
             degenerate: snapper.rejected_degenerate,
+            collapsed: snapper.rejected_collapsed,
             non_finite: snapper.rejected_non_finite,
         };
         return Err(no_triangles(&name, rejected));
@@ -99,6 +101,7 @@ pub(super) fn partition(
         grid,
         input_triangle_count: snapper.input_triangle_count,
         rejected_degenerate: snapper.rejected_degenerate,
+        rejected_collapsed: snapper.rejected_collapsed,
         rejected_non_finite: snapper.rejected_non_finite,
         error_bound: if snapper.exact { 0.0 } else { grid.lattice.step() / 2.0 },
         lattice_bounds,
@@ -181,6 +184,8 @@ struct Snapper {
     hasher: Xxh3,
     input_triangle_count: u64,
     rejected_degenerate: u64,
+    /// Those of them that had area.
+    rejected_collapsed: u64,
     rejected_non_finite: u64,
     exact: bool,
     bounds: LatticeBox,
@@ -195,6 +200,7 @@ impl Snapper {
             hasher: Xxh3::new(),
             input_triangle_count: 0,
             rejected_degenerate: 0,
+            rejected_collapsed: 0,
             rejected_non_finite: 0,
             exact: true,
             bounds: LatticeBox::EMPTY,
@@ -225,6 +231,7 @@ impl Snapper {
             self.exact &= !self.exact || (0..3).all(|c| lattice.position(q[c]) == corners[c]);
             if q[0] == q[1] || q[1] == q[2] || q[2] == q[0] {
                 self.rejected_degenerate += 1;
+                self.rejected_collapsed += u64::from(has_area(corners));
                 continue;
             }
             let Ok(material) = u16::try_from(material) else {
@@ -242,5 +249,31 @@ impl Snapper {
             .at_place(&self.name)
             .numbers(format!("at most {most}"))
             .next("cut the input in parts and build each")
+    }
+}
+
+/// True when a triangle has area, by more than the rounding of its coordinates' differences and products.
+fn has_area([a, b, c]: &[[f64; 3]; 3]) -> bool {
+    let edge = |to: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|axis| to[axis] - a[axis]) };
+    let (e, f) = (edge(b), edge(c));
+    [(0, 1), (1, 2), (2, 0)].into_iter().any(|(x, y)| {
+        let (p, q) = (e[x] * f[y], e[y] * f[x]);
+        (p - q).abs() > 4.0 * f64::EPSILON * (p.abs() + q.abs())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_spans_a_plane_has_area() {
+        let a = [0.1, 0.2, 0.3];
+        let along = |t: f64| a.map(|x| x + t);
+        assert!(!has_area(&[a, a, [5.0, 1.0, 2.0]]));
+        assert!(!has_area(&[a, [5.0, 1.0, 2.0], a]));
+        assert!(!has_area(&[a, along(1.0), along(3.0)]));
+        assert!(has_area(&[a, along(1.0), [1.1, 1.2, 1.3 + 1e-9]]));
+        assert!(has_area(&[[0.0; 3], [1e-30, 0.0, 0.0], [0.0, 1e-30, 0.0]]));
     }
 }

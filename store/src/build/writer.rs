@@ -236,6 +236,7 @@ impl<'a> Writer<'a> {
         out.input_triangle_count = block.input_triangle_count;
         out.triangle_count = block.triangle_count;
         out.rejected_degenerate = block.rejected_degenerate;
+        out.rejected_collapsed = block.rejected_collapsed;
         out.rejected_non_finite = block.rejected_non_finite;
         out.cluster_count = block.cluster_count;
         out.wide_cluster_count = block.wide_cluster_count;
@@ -321,6 +322,7 @@ pub(super) fn superblock_of(parted: &Partition) -> Superblock {
         cluster_count: 0,
         wide_cluster_count: 0,
         rejected_degenerate: parted.rejected_degenerate,
+        rejected_collapsed: parted.rejected_collapsed,
         rejected_non_finite: parted.rejected_non_finite,
         resident_bytes: 0,
         page_tree_bytes: 0,

@@ -59,6 +59,8 @@ pub struct Superblock {
     pub wide_cluster_count: u64,
     /// Triangles left out: two equal corners after the snap.
     pub rejected_degenerate: u64,
+    /// Those of them that had area in the input: smaller than the lattice can tell.
+    pub rejected_collapsed: u64,
     /// Triangles left out: a coordinate is no finite number.
     pub rejected_non_finite: u64,
     /// Frame bytes in use, summed over the pages of the mesh.
@@ -111,6 +113,7 @@ impl Superblock {
             w.u64(section.bytes);
             w.u64(section.hash);
         }
+        w.u64(self.rejected_collapsed);
         let mut bytes = [0; SUPERBLOCK_BYTES];
         assert!(w.0.len() <= SUPERBLOCK_BYTES - 8, "the superblock outgrew its bytes");
         bytes[..w.0.len()].copy_from_slice(&w.0);
@@ -169,6 +172,7 @@ impl Superblock {
             wide_cluster_count: 0,
             rejected_degenerate: 0,
             rejected_non_finite: 0,
+            rejected_collapsed: 0,
             resident_bytes: 0,
             page_tree_bytes: 0,
             sections: [Section::default(); SECTIONS],
@@ -187,10 +191,8 @@ impl Superblock {
         ] {
             *field = r.u64();
         }
-        for section in &mut block.sections {
-            *section =
-                Section { kind: r.u32(), count: r.u32(), offset: r.u64(), bytes: r.u64(), hash: r.u64() };
-        }
+        block.sections.fill_with(|| read_section(&mut r));
+        block.rejected_collapsed = r.u64();
         if bytes[r.at..SUPERBLOCK_BYTES - 8].iter().any(|&byte| byte != 0) {
             let numbers = format!("bytes {} to {} must be zero", r.at, SUPERBLOCK_BYTES - 8);
             return Err(damaged("the superblock goes on behind its end", path).numbers(numbers));
@@ -223,6 +225,7 @@ impl Superblock {
         let frame_bytes_most = u64::from(PAGES) * FRAME_BYTES as u64;
         self.triangle_count <= TRIANGLES
             && rejected.and_then(|n| n.checked_add(self.triangle_count)) == Some(self.input_triangle_count)
+            && self.rejected_collapsed <= self.rejected_degenerate
             && self.vertex_count <= 3 * self.triangle_count
             && self.cluster_count <= self.triangle_count
             && self.wide_cluster_count <= self.cluster_count
@@ -272,6 +275,10 @@ impl Superblock {
         }
         Ok(())
     }
+}
+
+fn read_section(r: &mut Cursor<'_>) -> Section {
+    Section { kind: r.u32(), count: r.u32(), offset: r.u64(), bytes: r.u64(), hash: r.u64() }
 }
 
 fn damaged(what: &str, path: &Path) -> Error {
