@@ -1,14 +1,18 @@
 //! A plot of figures as SVG: a line per pattern, or one for each figure that tells y at several x; x on a log scale, y
-//! from zero.
+//! from zero, or on a log scale where it goes over [`DECADES`].
 //!
 //! Invariant: the bytes depend on the points alone (no fonts are measured, no clock is read).
 
 use super::figure::{Figure, title};
 use anyhow::anyhow;
+use plotters::coord::combinators::LogCoord;
+use plotters::coord::ranged1d::ValueFormatter;
 use plotters::prelude::*;
 
 /// Size of a plot, pixels.
 const SIZE: (u32, u32) = (720, 420);
+/// From greatest over least on, y is on a log scale: on a plain one the least would lie on the axis.
+const DECADES: f64 = 100.0;
 /// Colours of the lines, told apart also by people who see no red or no green (Okabe and Ito, 2008).
 const COLORS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
@@ -68,14 +72,31 @@ fn draw(
     let x_high = points().map(|p| p.0).fold(0.0, f64::max);
     // Nothing but zeros still gets an axis.
     let y_high = points().map(|p| p.1).fold(f64::MIN_POSITIVE, f64::max);
+    let y_low = points().map(|p| p.1).fold(f64::INFINITY, f64::min);
 
     let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     area.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&area)
-        .margin(12)
-        .x_label_area_size(44)
-        .y_label_area_size(84)
-        .build_cartesian_2d((0.8 * x_low..1.25 * x_high).log_scale(), 0.0..1.1 * y_high)?;
+    let x_range = (0.8 * x_low..1.25 * x_high).log_scale();
+    let mut builder = ChartBuilder::on(&area);
+    builder.margin(12).x_label_area_size(44).y_label_area_size(84);
+    if y_low > 0.0 && y_high > DECADES * y_low {
+        let y_range = (0.5 * y_low..2.0 * y_high).log_scale();
+        draw_lines(builder.build_cartesian_2d(x_range, y_range)?, lines, x_key, y_key)?;
+    } else {
+        draw_lines(builder.build_cartesian_2d(x_range, 0.0..1.1 * y_high)?, lines, x_key, y_key)?;
+    }
+    area.present()?;
+    Ok(())
+}
+
+type Chart<'a, Y> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<LogCoord<f64>, Y>>;
+
+fn draw_lines<'a, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
+    mut chart: Chart<'a, Y>,
+    lines: &[Line],
+    x_key: &str,
+    y_key: &str,
+) -> Result<(), Box<dyn std::error::Error>> {
     chart
         .configure_mesh()
         .light_line_style(WHITE)
@@ -92,7 +113,6 @@ fn draw(
         chart.draw_series(line.points.iter().map(|point| Circle::new(*point, 4, color.filled())))?;
     }
     chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK).draw()?;
-    area.present()?;
     Ok(())
 }
 
@@ -130,5 +150,24 @@ mod tests {
         let svg = render(&lines, "triangle_count", "holes").unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
         assert_eq!(svg, render(&lines, "triangle_count", "holes").unwrap());
+    }
+
+    #[test]
+    fn what_is_a_thousandth_of_the_rest_is_told_apart() {
+        let heights = |points: [f64; 3]| {
+            let points = points.into_iter().map(|y| (1.0, y)).collect();
+            let svg = render(&[Line { label: "a".into(), points }], "triangle_count", "error").unwrap();
+            let circles = svg.lines().filter(|line| line.contains("<circle"));
+            circles
+                .map(|line| {
+                    let tail = line.split("cy=\"").nth(1).unwrap();
+                    tail.split('"').next().unwrap().parse::<i32>().unwrap()
+                })
+                .collect::<Vec<_>>()
+        };
+        let [low, middle, high] = heights([0.01, 0.1, 10.0])[..] else { panic!("three points") };
+        assert!(low - middle > 40 && middle - high > 80, "{low} {middle} {high}");
+        let [low, middle, high] = heights([1.0, 2.0, 3.0])[..] else { panic!("three points") };
+        assert!(((low - middle) - (middle - high)).abs() <= 1, "{low} {middle} {high}");
     }
 }
