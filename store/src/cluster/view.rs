@@ -265,14 +265,20 @@ impl<'a> ClusterView<'a> {
         if self.is_wide() {
             return self.wide_vertex(index);
         }
-        let at = index * self.vertex_bits() as usize;
-        let mut word = word_at(self.bytes, self.vertices_offset() + at / 8) >> (at % 8);
+        let mut word = self.packed_vertex(index);
         let (mut vertex, widths) = (self.base(), self.widths());
         for a in 0..3 {
             vertex[a] += (word & !(u64::MAX << widths[a])) as i64;
             word >>= widths[a];
         }
         vertex
+    }
+
+    /// A vertex of a compact cluster above the base, x in the lowest bits; higher ones mean nothing.
+    #[inline(always)]
+    pub fn packed_vertex(&self, index: usize) -> u64 {
+        let at = index * self.vertex_bits() as usize;
+        word_at(self.bytes, self.vertices_offset() + at / 8) >> (at % 8)
     }
 
     #[inline(never)]
@@ -293,18 +299,24 @@ impl<'a> ClusterView<'a> {
         u32::from(self.head.vertex_bits)
     }
 
+    /// The vertices of triangle `place` of a leaf, by index.
+    #[inline(always)]
+    pub fn triangle_vertices(&self, leaf: usize, place: usize) -> [usize; 3] {
+        let LeafIndices { at, shape } = self.leaf_indices(leaf);
+        let (least, width) = (self.bytes[at], shape.width());
+        let mut vertices = [0; 3];
+        for (i, vertex) in vertices.iter_mut().enumerate() {
+            let word = word_at(self.bytes, at + 1 + i * shape.corner_bytes());
+            let above = word >> (place * width as usize) & !(u64::MAX << width);
+            *vertex = usize::from(least) + above as usize;
+        }
+        vertices
+    }
+
     /// The three corners of triangle `place` of a leaf, lattice.
     #[inline]
     pub fn triangle(&self, leaf: usize, place: usize) -> [[i64; 3]; 3] {
-        let LeafIndices { at, shape } = self.leaf_indices(leaf);
-        let (least, width) = (self.bytes[at], shape.width());
-        let mut corners = [[0; 3]; 3];
-        for (i, corner) in corners.iter_mut().enumerate() {
-            let word = word_at(self.bytes, at + 1 + i * shape.corner_bytes());
-            let above = word >> (place * width as usize) & !(u64::MAX << width);
-            *corner = self.vertex(usize::from(least) + above as usize);
-        }
-        corners
+        self.triangle_vertices(leaf, place).map(|vertex| self.vertex(vertex))
     }
 
     /// Material of triangle `index`.

@@ -8,7 +8,7 @@
 use super::{Avx2, base};
 use crate::trace::lattice_ray::{LatticeRay, Refined, Shear};
 use std::arch::x86_64::*;
-use trex_store::cluster::{ClusterView, LeafIndices};
+use trex_store::cluster::ClusterView;
 
 /// The entry's fraction and the direction of a ray.
 #[derive(Clone, Copy, Debug)]
@@ -37,9 +37,7 @@ impl Avx2 {
     #[target_feature(enable = "avx2")]
     #[inline]
     fn corners(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> [__m256d; 3] {
-        let (head, bytes) = (cluster.head(), cluster.bytes());
-        let LeafIndices { at, shape } = cluster.leaf_indices(leaf);
-        let (least, width) = (usize::from(bytes[at]), shape.width() as usize);
+        let head = cluster.head();
         let widths = u32::from_le_bytes([head.widths[0], head.widths[1], head.widths[2], 0]) as i32;
         let widths = _mm_cvtsi32_si128(widths);
         let one = _mm256_set1_epi64x(1);
@@ -50,15 +48,14 @@ impl Avx2 {
         let base = _mm256_cvtepi32_pd(_mm_sub_epi32(base(head), self.cell));
         // The bits of 2^52: a number of up to 52 bits is the last ones of its sum with that.
         let shifted = _mm256_set1_pd((1u64 << 52) as f64);
-        std::array::from_fn(|corner| {
-            let word = word_at(bytes, at + 1 + corner * shape.corner_bytes());
-            let index = least + (word >> (place * width) & !(u64::MAX << width)) as usize;
-            let bit = index * cluster.vertex_bits() as usize;
-            let word = word_at(bytes, cluster.vertices_offset() + bit / 8) >> (bit % 8);
-            let q = _mm256_and_si256(_mm256_srlv_epi64(_mm256_set1_epi64x(word as i64), before), masks);
+        let mut corners = [_mm256_setzero_pd(); 3];
+        for (corner, vertex) in corners.iter_mut().zip(cluster.triangle_vertices(leaf, place)) {
+            let word = _mm256_set1_epi64x(cluster.packed_vertex(vertex) as i64);
+            let q = _mm256_and_si256(_mm256_srlv_epi64(word, before), masks);
             let q = _mm256_or_si256(q, _mm256_castpd_si256(shifted));
-            _mm256_add_pd(_mm256_sub_pd(_mm256_castsi256_pd(q), shifted), base)
-        })
+            *corner = _mm256_add_pd(_mm256_sub_pd(_mm256_castsi256_pd(q), shifted), base);
+        }
+        corners
     }
 
     /// `None` where the ray passes beside the triangle.
@@ -145,10 +142,4 @@ fn dot(p: __m256d, q: __m256d) -> f64 {
     let low = _mm256_castpd256_pd128(products);
     let sum = _mm_add_sd(low, _mm_unpackhi_pd(low, low));
     _mm_cvtsd_f64(_mm_add_sd(sum, _mm256_extractf128_pd::<1>(products)))
-}
-
-/// Eight bytes from `at` on: the frame is longer than that behind the last vertex.
-#[inline(always)]
-fn word_at(bytes: &[u8], at: usize) -> u64 {
-    u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"))
 }
