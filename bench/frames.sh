@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Frames with a deadline on 100 million triangles in 128 MiB: what docs/performance.md shows of them, kept as records.
-# An hour of a quiet machine that may make memory control groups (v1); models that are missing are built first.
+# An hour and a half of a quiet machine that may make memory control groups (v1); models that are missing are built first.
 #
 #   bench/frames.sh WORK_FOLDER
 set -euo pipefail
@@ -35,20 +35,16 @@ if [ -d "$models" ]; then
 fi
 
 views="--views pipes-100m-views.toml"
-for scenario in flip:200 inside:200 teleport:200 light-edit:200; do
-    stress stress-isosurface-"${scenario%:*}" 128 isosurface-100m.trex --scenario "${scenario%:*}" --switches "${scenario#*:}"
-done
-for scenario in flip:200 inside:200; do
-    stress stress-scan-"${scenario%:*}" 128 scan-100m.trex --scenario "${scenario%:*}" --switches "${scenario#*:}"
+for scenario in flip inside teleport light-edit; do
+    stress stress-isosurface-$scenario 128 isosurface-100m.trex --scenario $scenario --switches 200
+    stress stress-scan-$scenario 128 scan-100m.trex --scenario $scenario --switches 200
     [ ! -e kicad-grid.trex ] ||
-        stress stress-kicad-grid-"${scenario%:*}" 128 kicad-grid.trex --scenario "${scenario%:*}" --switches "${scenario#*:}"
+        stress stress-kicad-grid-$scenario 128 kicad-grid.trex --scenario $scenario --switches 200
+    stress stress-pipes-$scenario 128 pipes-100m.trex --scenario $scenario $views --switches 200
 done
-for scenario in flip:200 inside:200 teleport:200 light-edit:200; do
-    stress stress-pipes-"${scenario%:*}" 128 pipes-100m.trex --scenario "${scenario%:*}" $views --switches "${scenario#*:}"
-done
-stress stress-isosurface-flip-exact 128 isosurface-100m.trex --scenario flip --lod-error 0 --switches 20
-stress stress-isosurface-inside-exact 128 isosurface-100m.trex --scenario inside --lod-error 0 --switches 20
-stress stress-pipes-flip-exact 128 pipes-100m.trex --scenario flip $views --lod-error 0 --switches 8
+stress stress-isosurface-flip-exact 128 isosurface-100m.trex --scenario flip --lod-error 0 --switches 200
+stress stress-isosurface-inside-exact 128 isosurface-100m.trex --scenario inside --lod-error 0 --switches 200
+stress stress-pipes-flip-exact 128 pipes-100m.trex --scenario flip $views --lod-error 0 --switches 200
 
 # All that a view needs in memory: what is left is rays.
 for model in isosurface-100m pipes-100m kicad-grid sponza; do
@@ -69,9 +65,9 @@ for mib in 96 128 192 256 512; do
 done
 
 # How wrong pictures are while they are made.
-stress error-isosurface-flip 128 isosurface-100m.trex --scenario flip --switches 12 --reference-spp 64
-stress error-isosurface-inside 128 isosurface-100m.trex --scenario inside --switches 12 --reference-spp 64
-stress error-isosurface-light-edit 128 isosurface-100m.trex --scenario light-edit --switches 8 --reference-spp 64
-stress error-pipes-flip 128 pipes-100m.trex --scenario flip $views --switches 4 --reference-spp 64
+stress error-isosurface-flip 128 isosurface-100m.trex --scenario flip --switches 12 --reference-spp 256
+stress error-isosurface-inside 128 isosurface-100m.trex --scenario inside --switches 12 --reference-spp 256
+stress error-isosurface-light-edit 128 isosurface-100m.trex --scenario light-edit --switches 8 --reference-spp 256
+stress error-pipes-flip 128 pipes-100m.trex --scenario flip $views --switches 4 --reference-spp 256
 
 "$root/target/release/trex-bench" --root "$root" docs
