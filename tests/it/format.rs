@@ -195,117 +195,84 @@ fn read_cluster(
     let (corners, guides) = read_topology(&mut bits, count);
     assert_eq!(guides.len(), vertex_count);
     let tags: Vec<u64> = (0..vertex_count).map(|_| if wide { 3 } else { bits.take(2) }).collect();
-    let mut above: Vec<[u64; 3]> = Vec::new();
+    // A vertex as packed; of a wide cluster, too, in as many bits as it takes.
+    let place = |a: usize| 1u128 << widths[..a].iter().sum::<u64>();
+    let modulus = place(3);
+    let mut above: Vec<u128> = Vec::new();
     for (tag, guide) in tags.into_iter().zip(guides) {
-        let vertex = std::array::from_fn(|a| {
-            let Some(&class) = classes.get(tag as usize) else { return bits.take(widths[a]) };
-            let value_bits = class.min(widths[a]);
-            let half = if value_bits == 0 { 0 } else { 1 << (value_bits - 1) };
-            let prediction = guide.map_or(0, |[from, to, opposite]: [usize; 3]| {
-                above[from][a].wrapping_add(above[to][a]).wrapping_sub(above[opposite][a])
-            });
-            bits.take(value_bits).wrapping_sub(half).wrapping_add(prediction) & ((1 << widths[a]) - 1)
-        });
-        above.push(vertex);
+        let class = classes.get(tag as usize);
+        let mut vertex = match guide {
+            Some([from, to, opposite]) if class.is_some() => {
+                above[from] + above[to] + modulus - above[opposite]
+            }
+            _ => 0,
+        };
+        for a in 0..3 {
+            let value_bits = class.map_or(widths[a], |class| *class.min(&widths[a]));
+            let half = if class.is_none() || value_bits == 0 { 0 } else { 1 << (value_bits - 1) };
+            vertex += u128::from(bits.take(value_bits)) * place(a) + modulus - half * place(a);
+        }
+        above.push(vertex % modulus);
     }
     r.at += bits.at.div_ceil(8);
     assert_eq!(bits.take((8 - bits.at as u64 % 8) % 8), 0, "no zeros behind a cluster");
-    let place = |v: usize| std::array::from_fn(|a| base[a] + above[v][a]);
-    (0..count).map(|t| (corners[t].map(place), palette[indices[t] as usize])).collect()
-}
-
-/// The table of the page, row by row, and the free symbol.
-#[rustfmt::skip]
-const LENGTHS: [u32; 41] = [
-    2, 5, 4, 5,
-    2, 4, 6, 5,
-    6, 9, 7, 7,
-    6, 7, 9, 7,
-    7, 9, 7, 9,
-    7, 7, 9, 9,
-    7, 9, 8, 9,
-    8, 8, 9, 9,
-    6, 7, 7, 8,
-    6, 6, 9, 9,
-    4,
-];
-
-/// The next symbol: words are tried bit by bit.
-fn read_symbol(bits: &mut Bits<'_>) -> usize {
-    let mut words = Vec::new();
-    let (mut next, mut last) = (0u64, 0);
-    let mut order: Vec<usize> = (0..LENGTHS.len()).collect();
-    order.sort_by_key(|&symbol| LENGTHS[symbol]);
-    for symbol in order {
-        next <<= LENGTHS[symbol] - last;
-        last = LENGTHS[symbol];
-        words.push((last, next, symbol));
-        next += 1;
-    }
-    let (mut word, mut length) = (0, 0);
-    loop {
-        word = word << 1 | bits.bit();
-        length += 1;
-        if let Some(found) = words.iter().find(|w| (w.0, w.1) == (length, word)) {
-            return found.2;
-        }
-    }
+    let corner =
+        |v: usize| std::array::from_fn(|a| base[a] + (above[v] / place(a) % (1 << widths[a])) as u64);
+    (0..count).map(|t| (corners[t].map(corner), palette[indices[t] as usize])).collect()
 }
 
 type Topology = (Vec<[usize; 3]>, Vec<Option<[usize; 3]>>);
 
+/// Bits that a number needs.
+fn bits_of(number: usize) -> u64 {
+    u64::from(usize::BITS - number.leading_zeros())
+}
+
 /// Corners of the triangles, and per vertex what it is predicted from.
 fn read_topology(bits: &mut Bits<'_>, count: usize) -> Topology {
-    let (mut corners, mut guides) = (Vec::new(), Vec::<Option<[usize; 3]>>::new());
-    let mut gates: Vec<[usize; 3]> = Vec::new();
-    let (mut behind, mut before) = ([0; 128], [0; 128]);
-    for _ in 0..count {
-        let symbol = read_symbol(bits);
-        if symbol == 40 {
-            let known = [1; 3].map(|width| bits.take(width) == 1);
-            let mut triangle = [0; 3];
-            let numbers = known.map(|known| known.then(|| bits.take(7) as usize));
-            for corner in 0..3 {
-                triangle[corner] = numbers[corner].unwrap_or_else(|| {
-                    let near =
-                        if corner > 0 { Some(triangle[corner - 1]) } else { guides.len().checked_sub(1) };
-                    guides.push(near.map(|v| [v; 3]));
-                    guides.len() - 1
-                });
-            }
-            let [a, b, c] = triangle;
-            for (from, to) in [(b, a), (a, c), (c, b)] {
-                (behind[from], before[to]) = (to, from);
-            }
-            gates.extend([[b, a, c], [b, a, c], [a, c, b], [c, b, a]]);
-            corners.push(triangle);
-            continue;
-        }
-        let ago = match symbol / 4 {
-            8 => 8 + bits.take(3) as usize,
-            9 => bits.take(9) as usize,
-            near => near,
+    let (mut corners, mut guides) = (Vec::<[usize; 3]>::new(), Vec::<Option<[usize; 3]>>::new());
+    // The edge of a turn: from, to, and the corner opposite.
+    let edge = |[a, b, x]: [usize; 3], turn: u64| if turn == 0 { [x, b, a] } else { [a, x, b] };
+    while corners.len() < count {
+        let (t, length) = (corners.len(), bits.take(3) as usize + 1);
+        let turns: Vec<u64> = (1..length).map(|_| bits.bit()).collect();
+        let new: Vec<bool> = (0..length).map(|_| bits.bit() == 1).collect();
+        let gate = bits.take(bits_of(2 * t)) as usize;
+        let mut hangs_on = if gate < 2 * t {
+            Some(edge(corners[t - 1 - gate / 2], gate as u64 % 2))
+        } else {
+            assert_eq!(gate, 2 * t);
+            None
         };
-        let gate @ [from, to, _] = gates[gates.len() - 1 - ago];
-        let x = match symbol % 4 {
-            0 => {
-                guides.push(Some(gate));
-                guides.len() - 1
+        let [a, b] = match hangs_on {
+            Some([from, to, _]) => [from, to],
+            None => {
+                let a = bits.take(bits_of(guides.len())) as usize;
+                if a == guides.len() {
+                    guides.push(a.checked_sub(1).map(|before| [before; 3]));
+                }
+                let b = bits.take(bits_of(guides.len())) as usize;
+                if b == guides.len() {
+                    guides.push(Some([a; 3]));
+                }
+                [a, b]
             }
-            1 => behind[to],
-            2 => before[from],
-            _ => bits.take(7) as usize,
         };
-        if symbol % 4 != 1 {
-            behind[x] = to;
+        let after = guides.len() + new.iter().filter(|&&new| new).count();
+        let mut first = Some([a, b]);
+        for (i, new) in new.into_iter().enumerate() {
+            if i > 0 {
+                hangs_on = Some(edge(corners[t + i - 1], turns[i - 1]));
+            }
+            let [a, b] = first.take().unwrap_or_else(|| hangs_on.map(|[from, to, _]| [from, to]).unwrap());
+            let x = if new { guides.len() } else { bits.take(bits_of(after - 1)) as usize };
+            if new {
+                guides.push(Some(hangs_on.unwrap_or([b; 3])));
+            }
+            corners.push([a, b, x]);
         }
-        if symbol % 4 != 2 {
-            before[x] = from;
-        }
-        (behind[from], before[to]) = (x, x);
-        gates.extend([[x, to, from], [from, x, to]]);
-        corners.push([from, to, x]);
     }
+    assert_eq!(corners.len(), count, "triangles of the strips");
     (corners, guides)
 }
 

@@ -1,9 +1,8 @@
-//! Boxes of vertices in 256ths of their cluster's: what leaf boxes are made of, 24 corners a leaf; and the range of
-//! these corners' indices.
+//! Boxes of vertices in 256ths of their cluster's: what leaf boxes are made of; and the range of a leaf's indices.
 //!
 //! ```text
-//! byte   0 1 2     3 4 5                    6 to 15
-//!        x y z     255 - x, 255 - y, 255 - z    0
+//! byte   0 1 2     3 4 5                    6, 7
+//!        x y z     255 - x, 255 - y, 255 - z    mean nothing
 //! ```
 //!
 //! So the box of two is the least of both, byte by byte: one instruction on a register of SSE2, which every x86-64
@@ -15,18 +14,41 @@
 
 #![allow(unsafe_code)]
 
+use super::packing::Packing;
+
+/// A cell by vertex, a word each, and one word more: a register is read from any of them on.
+pub(super) type Cells = [u64; 257];
+
+/// The word of a cell: x in the lowest byte of `places`, y, z.
+#[inline(always)]
+pub(super) fn word(places: u64) -> u64 {
+    places | (places ^ 0xff_ffff) << 24
+}
+
+/// The cells of packed vertices: the upper eight bits of each axis, or what there is; `shift` leads to them.
+#[inline(always)]
+pub(super) fn fill(packing: &Packing, shift: [u8; 3], vertices: &[u64], cells: &mut Cells) {
+    let at: [u32; 3] = std::array::from_fn(|a| packing.shift[a] + u32::from(shift[a]));
+    let masks = packing.bits.map(|bits| (1u64 << bits.min(8)) - 1);
+    for (cell, v) in cells.iter_mut().zip(vertices) {
+        *cell = word((v >> at[0] & masks[0]) | (v >> at[1] & masks[1]) << 8 | (v >> at[2] & masks[2]) << 16);
+    }
+}
+
 /// A box in 256ths.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(super) struct Cell(u128);
 
 impl Cell {
     /// Nothing; the identity of `min`.
     pub(super) const MOST: Cell = Cell(u128::MAX);
 
-    /// The cell of a point: x in the lowest byte, y, z.
+    /// That of a vertex.
     #[inline(always)]
-    pub(super) fn new(places: u64) -> Cell {
-        Cell(u128::from(places | (places ^ 0xff_ffff) << 24))
+    pub(super) fn of(cells: &Cells, vertex: u8) -> Cell {
+        let both: [u64; 2] =
+            cells[usize::from(vertex)..usize::from(vertex) + 2].try_into().expect("two words");
+        Cell(bytemuck::cast(both))
     }
 
     /// The box of both.
@@ -48,14 +70,11 @@ impl Cell {
         Cell(u128::from_le_bytes(std::array::from_fn(|i| a[i].min(b[i]))))
     }
 
-    /// Where it begins.
-    pub(super) fn lo(self, axis: usize) -> u8 {
-        self.0.to_le_bytes()[axis]
-    }
-
-    /// The last 256th in it.
-    pub(super) fn hi(self, axis: usize) -> u8 {
-        !self.0.to_le_bytes()[3 + axis]
+    /// Where it begins on each axis, and its last 256ths.
+    #[inline(always)]
+    pub(super) fn planes(self) -> [u8; 6] {
+        let bytes = (self.0 as u64 ^ 0xffff_ff00_0000).to_le_bytes();
+        std::array::from_fn(|plane| bytes[plane])
     }
 }
 
@@ -102,12 +121,14 @@ mod tests {
 
         #[test]
         fn the_least_of_two_cells_is_the_box_of_both(a in 0u64..1 << 24, b in 0u64..1 << 24) {
-            let (one, two) = (Cell::new(a), Cell::new(b));
+            let mut cells = [0; 257];
+            (cells[7], cells[255]) = (word(a), word(b));
+            let (one, two) = (Cell::of(&cells, 7), Cell::of(&cells, 255));
             let both = Cell::MOST.min(one).min(two);
-            prop_assert_eq!(both.0, one.min_in_bytes(two).0);
+            prop_assert_eq!(both.0 as u64, one.min_in_bytes(two).0 as u64);
             for axis in 0..3 {
                 let [a, b] = [a, b].map(|places| (places >> (8 * axis)) as u8);
-                prop_assert_eq!((both.lo(axis), both.hi(axis)), (a.min(b), a.max(b)));
+                prop_assert_eq!((both.planes()[axis], both.planes()[3 + axis]), (a.min(b), a.max(b)));
             }
         }
     }

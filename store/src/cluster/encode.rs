@@ -21,7 +21,7 @@
 
 use super::bits::{BitWriter, bits_of};
 use super::leaves::{self, LEAF_COUNT_BITS, LEAF_SIZE_BITS};
-use super::topology::{self, Walk};
+use super::strips;
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, Guided, TAG_BITS};
 use super::{ClusterMesh, FRAME_TAIL_BYTES, Node, palette_index_bits, vertex_bytes};
 use crate::geom::Lattice;
@@ -96,7 +96,7 @@ impl PageContent {
         self.encode_tree(&mut out);
         let tree = 8 * (out.bytes.len() - DISK_HEADER_BYTES) as u64;
         let spent = DiskBits { tree, heads: 8 * DISK_HEADER_BYTES as u64, ..DiskBits::default() };
-        let mut encoder = ClusterEncoder { head, walk: Walk::new(), out, spent };
+        let mut encoder = ClusterEncoder { head, out, spent };
         self.clusters.iter().for_each(|cluster| encoder.encode(cluster));
         let bytes = encoder.out.finish();
         assert!(bytes.len() <= FRAME_BYTES, "the disk form is longer than a frame");
@@ -184,7 +184,6 @@ impl Head {
 /// Writes clusters, one behind the other.
 struct ClusterEncoder {
     head: Head,
-    walk: Walk,
     out: BitWriter,
     spent: DiskBits,
 }
@@ -197,11 +196,10 @@ impl ClusterEncoder {
         let before = self.out.bit_count();
         // The topology goes behind the widths of the classes, which follow from the guides that it makes.
         let mut topology_out = BitWriter::default();
-        self.walk.restart();
-        topology::encode(&cluster.triangles, &mut self.walk, &mut topology_out);
-        assert_eq!(self.walk.counts.vertices, vertex_count, "a vertex that no triangle uses");
+        let (guides, used) = strips::encode(&cluster.triangles, &mut topology_out);
+        assert_eq!(used, vertex_count, "a vertex that no triangle uses");
         let (widths, palette) = (cluster.widths(), cluster.palette());
-        let guided = Guided { cluster, widths: &widths, guides: self.walk.guides() };
+        let guided = Guided { cluster, widths: &widths, guides: &guides };
         let out = &mut self.out;
         out.put(triangle_count as u64 - 1, COUNT_BITS);
         out.put(vertex_count as u64 - 1, COUNT_BITS);

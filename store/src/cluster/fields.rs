@@ -1,12 +1,11 @@
-//! Up to three bit fields of a word, moved together and apart: BMI2's `pdep` and `pext`, and the same in shifts.
+//! Bit fields of a word, moved together and apart: BMI2's `pdep` and `pext`, and the same in shifts.
 //!
 //! ```text
-//! packed = | z | y | x |     spread ->     fields = |  z  | y   |  x |     gather ->     packed
+//! packed = | z | y | x |     spread ->     fields = |  z  | y   |  x |
 //! ```
 //!
-//! With eight fields, the bytes of a word are narrowed (`pext` again). Install is bound by instructions: 196 a
-//! triangle with spread and gather in BMI2, 224 in shifts (`gen:isosurface:5M`, before leaves had widths of their
-//! own), and 0.82 of the time. Whoever has [`Work`] to do asks a [`Machine`], which hands it the ones that it has.
+//! With eight fields, the bytes of a word, they make and read the lanes of a strip of triangles, whose corners one
+//! byte shuffle puts in order. Whoever has [`Work`] to do asks a [`Machine`], which hands it the ones that it has.
 //! (AMD before Zen 3 has both in microcode: slower there, and right.)
 //!
 //! Why unsafe: intrinsics, and a call into a function that is compiled for them. `Bmi2` is the proof that they are
@@ -49,10 +48,17 @@ impl Fields {
 pub(super) trait Mover: Copy {
     /// From packed to their places.
     fn spread(self, packed: u64, fields: &Fields) -> u64;
-    /// From their places to packed.
-    fn gather(self, word: u64, fields: &Fields) -> u64;
     /// Eight bytes below 2^width in 8 * width bits; `width` is 1 to 8.
     fn narrow(self, bytes: u64, width: u32) -> u64;
+    /// A byte for each bit: 1 where it is set.
+    fn ones(self, bits: u8) -> u64;
+    /// Numbers of `width` bits, 0 to 8, one behind the other, to the bytes that are 1 in `lanes`; others are 0.
+    fn deposit(self, packed: u64, lanes: u64, width: u32) -> u64;
+    /// The bytes of a word that are 1 in `lanes`, one behind the other.
+    fn extract(self, word: u64, lanes: u64) -> u64;
+    /// From the third corners `x` of a strip, its gate (from, to, opposite; a byte each from the lowest on) and its
+    /// turns: the first two corners of each triangle, and the corner opposite of the edge on which it hangs.
+    fn follow(self, x: u64, gate: u32, turns: usize) -> [u64; 3];
 }
 
 /// Something to do with fields. `run` must be `#[inline(always)]`, as all that it calls in a loop.
@@ -106,12 +112,6 @@ impl Mover for Portable {
     }
 
     #[inline(always)]
-    fn gather(self, word: u64, fields: &Fields) -> u64 {
-        let Fields { masks, up, .. } = fields;
-        (word & masks[0]) >> up[0] | (word & masks[1]) >> up[1] | (word & masks[2]) >> up[2]
-    }
-
-    #[inline(always)]
     fn narrow(self, bytes: u64, width: u32) -> u64 {
         // By halves.
         let gap = 8 - width;
@@ -119,12 +119,69 @@ impl Mover for Portable {
         let n = n & 0x0000_ffff_0000_ffff | (n & 0xffff_0000_ffff_0000) >> (2 * gap);
         n & 0xffff_ffff | (n & 0xffff_ffff_0000_0000) >> (4 * gap)
     }
+
+    #[inline(always)]
+    fn ones(self, bits: u8) -> u64 {
+        (0..8).map(|i| u64::from(bits >> i & 1) << (8 * i)).sum()
+    }
+
+    #[inline(always)]
+    fn deposit(self, mut packed: u64, lanes: u64, width: u32) -> u64 {
+        let mut word = 0;
+        for i in (0..64).step_by(8).filter(|i| lanes >> i & 1 == 1) {
+            word |= (packed & ((1 << width) - 1)) << i;
+            packed >>= width;
+        }
+        word
+    }
+
+    #[inline(always)]
+    fn extract(self, word: u64, lanes: u64) -> u64 {
+        let mut packed = 0;
+        for i in (0..64).step_by(8).rev().filter(|i| lanes >> i & 1 == 1) {
+            packed = packed << 8 | (word >> i & 0xff);
+        }
+        packed
+    }
+
+    #[inline(always)]
+    fn follow(self, x: u64, gate: u32, turns: usize) -> [u64; 3] {
+        let [mut a, mut b, mut opposite] =
+            [gate, gate >> 8, gate >> 16].map(|corner| u64::from(corner & 0xff));
+        let mut all = [0; 3];
+        for i in 0..8 {
+            for (word, corner) in all.iter_mut().zip([a, b, opposite]) {
+                *word |= corner << (8 * i);
+            }
+            let x = x >> (8 * i) & 0xff;
+            [a, b, opposite] = if turns >> i & 1 == 0 { [x, b, a] } else { [a, x, b] };
+        }
+        all
+    }
 }
+
+/// By the turns of a strip: where in a register of its third corners (bytes 0 to 7) and its gate (8 to 10) the first
+/// two corners of each triangle are, and, in the lower half of the second register, the opposite ones.
+#[cfg(target_arch = "x86_64")]
+static TURNS: [[[u8; 16]; 2]; 128] = {
+    let mut all = [[[0; 16]; 2]; 128];
+    let mut turns = 0;
+    while turns < all.len() {
+        let ([mut a, mut b, mut opposite], mut i) = ([8, 9, 10], 0);
+        while i < 8 {
+            (all[turns][0][i], all[turns][0][8 + i], all[turns][1][i]) = (a, b, opposite);
+            [a, b, opposite] = if turns >> i & 1 == 0 { [i as u8, b, a] } else { [a, i as u8, b] };
+            i += 1;
+        }
+        turns += 1;
+    }
+    all
+};
 
 #[cfg(target_arch = "x86_64")]
 mod bmi2 {
-    use super::{BYTES_OF_ONE, Fields, Mover, Work};
-    use std::arch::x86_64::{_pdep_u64, _pext_u64};
+    use super::{BYTES_OF_ONE, Fields, Mover, TURNS, Work};
+    use std::arch::x86_64::*;
 
     /// Proof that the machine has what `run_with_features` is compiled for.
     #[derive(Clone, Copy)]
@@ -134,6 +191,8 @@ mod bmi2 {
         pub(super) fn find() -> Option<Bmi2> {
             let has_all = is_x86_feature_detected!("bmi1")
                 && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
+                && is_x86_feature_detected!("popcnt")
                 && is_x86_feature_detected!("avx2");
             has_all.then_some(Bmi2(()))
         }
@@ -145,7 +204,7 @@ mod bmi2 {
         }
     }
 
-    #[target_feature(enable = "bmi1,bmi2,avx2")]
+    #[target_feature(enable = "bmi1,bmi2,lzcnt,popcnt,avx2")]
     fn run_with_features<W: Work>(bmi2: Bmi2, work: W) -> W::Output {
         work.run(bmi2)
     }
@@ -158,15 +217,39 @@ mod bmi2 {
         }
 
         #[inline(always)]
-        fn gather(self, word: u64, fields: &Fields) -> u64 {
-            // SAFETY: as above.
-            unsafe { _pext_u64(word, fields.mask) }
-        }
-
-        #[inline(always)]
         fn narrow(self, bytes: u64, width: u32) -> u64 {
             // SAFETY: as above.
             unsafe { _pext_u64(bytes, (u64::MAX >> (64 - width)) * BYTES_OF_ONE) }
+        }
+
+        #[inline(always)]
+        fn ones(self, bits: u8) -> u64 {
+            // SAFETY: as above.
+            unsafe { _pdep_u64(u64::from(bits), BYTES_OF_ONE) }
+        }
+
+        #[inline(always)]
+        fn deposit(self, packed: u64, lanes: u64, width: u32) -> u64 {
+            // SAFETY: as above.
+            unsafe { _pdep_u64(packed, lanes * ((1 << width) - 1)) }
+        }
+
+        #[inline(always)]
+        fn extract(self, word: u64, lanes: u64) -> u64 {
+            // SAFETY: as above.
+            unsafe { _pext_u64(word, lanes * 0xff) }
+        }
+
+        #[inline(always)]
+        fn follow(self, x: u64, gate: u32, turns: usize) -> [u64; 3] {
+            let [ab, opposite] = TURNS[turns % TURNS.len()].map(bytemuck::cast::<[u8; 16], __m128i>);
+            // SAFETY: as above.
+            unsafe {
+                let from = _mm_set_epi64x(i64::from(gate), x as i64);
+                let (ab, opposite) = (_mm_shuffle_epi8(from, ab), _mm_shuffle_epi8(from, opposite));
+                let a = _mm_cvtsi128_si64(ab) as u64;
+                [a, _mm_extract_epi64::<1>(ab) as u64, _mm_cvtsi128_si64(opposite) as u64]
+            }
         }
     }
 }
@@ -176,12 +259,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    struct Both(u64, Fields);
+    struct Spread(u64, Fields);
 
-    impl Work for Both {
-        type Output = (u64, u64);
-        fn run<M: Mover>(self, mover: M) -> (u64, u64) {
-            (mover.spread(self.0, &self.1), mover.gather(self.0, &self.1))
+    impl Work for Spread {
+        type Output = u64;
+        fn run<M: Mover>(self, mover: M) -> u64 {
+            mover.spread(self.0, &self.1)
         }
     }
 
@@ -194,7 +277,33 @@ mod tests {
         }
     }
 
+    struct Lanes(u64, u8, u32);
+
+    impl Work for Lanes {
+        type Output = [u64; 6];
+        fn run<M: Mover>(self, mover: M) -> [u64; 6] {
+            let Lanes(word, bits, width) = self;
+            let lanes = mover.ones(bits);
+            let [a, b, opposite] = mover.follow(word, width * 0x01_0307, usize::from(bits) % 128);
+            [lanes, mover.deposit(word, lanes, width), mover.extract(word, lanes), a, b, opposite]
+        }
+    }
+
     proptest! {
+        #[test]
+        fn both_movers_have_the_same_lanes(word in any::<u64>(), bits in any::<u8>(), width in 0u32..=8) {
+            let found = Machine::best().run(Lanes(word, bits, width));
+            prop_assert_eq!(found, Machine::Portable.run(Lanes(word, bits, width)));
+            let [lanes, deposited, extracted, ..] = found;
+            let places = (0..8).filter(|i| bits >> i & 1 == 1);
+            prop_assert_eq!(lanes, places.clone().map(|i| 1u64 << (8 * i)).sum::<u64>());
+            for (nth, place) in places.enumerate() {
+                let name = word >> (nth as u32 * width) & ((1 << width) - 1);
+                prop_assert_eq!(deposited >> (8 * place) & 0xff, name);
+                prop_assert_eq!(extracted >> (8 * nth) & 0xff, word >> (8 * place) & 0xff);
+            }
+        }
+
         #[test]
         fn both_movers_narrow_bytes_to_their_bits(word in any::<u64>(), width in 1u32..=8) {
             let bytes = word & (u64::from(u8::MAX >> (8 - width)) * BYTES_OF_ONE);
@@ -213,11 +322,13 @@ mod tests {
         ) {
             let at = [gaps[0], gaps[0] + bits[0] + gaps[1], gaps[0] + bits[0] + gaps[1] + bits[1] + gaps[2]];
             let fields = Fields::new(bits, at);
-            let portable = Both(word, fields).run(Portable);
-            prop_assert_eq!(portable, Machine::best().run(Both(word, fields)));
-            let all = bits.iter().sum::<u32>();
-            let packed = word & ((1 << all) - 1);
-            prop_assert_eq!(Portable.gather(Portable.spread(packed, &fields), &fields), packed);
+            let portable = Spread(word, fields).run(Portable);
+            prop_assert_eq!(portable, Machine::best().run(Spread(word, fields)));
+            let expected = (0..3).map(|a| {
+                let field = word >> bits[..a].iter().sum::<u32>() & ((1 << bits[a]) - 1);
+                field << at[a]
+            });
+            prop_assert_eq!(portable, expected.sum::<u64>());
         }
     }
 }

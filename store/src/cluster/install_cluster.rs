@@ -3,7 +3,7 @@
 //! known where all else goes.
 //!
 //! ```text
-//! topology::decode -> corners, guides -> vertices::decode -> packed vertices, and per vertex its *cell*:
+//! strips::decode -> corners, guides -> vertices::decode -> packed vertices, and per vertex its *cell*:
 //! x, y, z above the base in 8 bits each; the cells of a leaf joined are its box
 //! ```
 //!
@@ -11,16 +11,17 @@
 //! frame or in the installer before.
 
 use super::bits::BitReader;
-use super::cells::{self, Cell};
+use super::cells::{self, Cells};
 use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
-use super::fields::{BYTES_OF_ONE, Fields, Machine, Mover, Work};
-use super::lanes::Lanes;
+use super::fields::{Machine, Mover, Work};
+use super::install_leaves::{Boxes, Indices, Leaf, Leaves};
 use super::leaves;
-use super::topology::{self, Walk};
+use super::packing::Packing;
+use super::strips::{self, Topology};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
 use super::view::ClusterHead;
 use super::*;
-use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, LEAF_TRIANGLES};
+use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES};
 
 // What a header holds in 16 bits: triangles before a cluster, and offsets in it. The indices of a triangle take 3 bits
 // at least.
@@ -34,10 +35,10 @@ pub(super) struct ClusterInstaller {
     head: Head,
     lattice_bits: u32,
     first_triangle: usize,
-    walk: Walk,
+    topology: Topology,
     placed: [u64; 256],
     /// By vertex.
-    cells: [Cell; 256],
+    cells: Cells,
     /// Those of the cluster under way.
     leaves: [Leaf; CLUSTER_LEAVES],
 }
@@ -107,15 +108,6 @@ impl Plan {
     }
 }
 
-/// A leaf on its way to the frame.
-#[derive(Clone, Copy, Default)]
-struct Leaf {
-    /// Corners of its triangles, a byte each; behind the last triangle those of the first.
-    corners: [u64; 3],
-    least: u8,
-    shape: LeafShape,
-}
-
 impl ClusterInstaller {
     pub(super) fn new(machine: Machine, head: Head, lattice_bits: u32) -> ClusterInstaller {
         ClusterInstaller {
@@ -123,9 +115,9 @@ impl ClusterInstaller {
             head,
             lattice_bits,
             first_triangle: 0,
-            walk: Walk::new(),
+            topology: Topology::EMPTY,
             placed: [0; 256],
-            cells: [Cell::default(); 256],
+            cells: [0; 257],
             leaves: [Leaf::default(); CLUSTER_LEAVES],
         }
     }
@@ -146,12 +138,11 @@ impl ClusterInstaller {
         let plan = Plan::read(&mut input, &self.head, self.lattice_bits)?;
         let mut materials = input;
         input.skip(plan.material_bits(&self.head));
-        self.walk.restart();
         let counts = (plan.triangle_count, plan.vertex_count);
         let machine = self.machine;
-        machine.run(Topology { input: &mut input, counts, walk: &mut self.walk })?;
-        self.measure_leaves(&plan);
-        let leaves = &self.leaves[..plan.leaf_count];
+        machine.run(Strips { input: &mut input, counts, topology: &mut self.topology })?;
+        let leaves = &mut self.leaves[..plan.leaf_count];
+        machine.run(Leaves { corners: &self.topology.corners, sizes: &plan.leaf_sizes, leaves });
         let places = Places::new(&plan, leaves);
         let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
             return Err("a page does not fit its frame");
@@ -171,7 +162,8 @@ impl ClusterInstaller {
             return Err("a vertex lies behind the lattice");
         }
         self.write_head(&plan, &places, frame);
-        self.write_boxes(&plan, &mut frame[CLUSTER_HEAD_BYTES..]);
+        let leaves = &self.leaves[..plan.leaf_count];
+        machine.run(Boxes { leaves, starts: self.topology.starts, cells: &self.cells, frame });
         self.first_triangle += plan.triangle_count;
         *packed = &packed[input.byte_count()..];
         Ok((places.end, bounds))
@@ -229,20 +221,15 @@ impl ClusterInstaller {
         plan: &Plan,
         frame: &mut [u8],
     ) -> LatticeBox {
-        let lanes = Lanes::new(&plan.widths);
-        let packed = lanes.fields();
-        // The upper eight bits of each lane, and a byte for each.
-        let cell_bits = lanes.bits.map(|b| b.min(8));
-        let cell_at = std::array::from_fn(|a| lanes.shift(a) + u32::from(plan.shift[a]));
-        let (in_lanes, in_bytes) = (Fields::new(cell_bits, cell_at), Fields::new(cell_bits, [0, 8, 16]));
+        let packing = Packing::new(&plan.widths);
+        let guides = &self.topology.guides;
+        let coded = Coded { packing, classes: plan.classes, count: plan.vertex_count, guides };
+        coded.decode(mover, input, &mut self.placed);
+        let vertices = &self.placed[..plan.vertex_count];
+        cells::fill(&packing, plan.shift, vertices, &mut self.cells);
         let (mut at, mut pending, mut pending_bits) = (0, 0u64, 0);
-        let cells = &mut self.cells;
-        let guides = self.walk.guides();
-        let coded = Coded { lanes, classes: plan.classes, count: plan.vertex_count, guides };
-        coded.decode(mover, input, &mut self.placed, |i, v| {
-            let cell = mover.spread(mover.gather(v, &in_lanes), &in_bytes);
-            cells[i % 256] = Cell::new(cell);
-            pending |= mover.gather(v, &packed) << pending_bits;
+        for &v in vertices {
+            pending |= v << pending_bits;
             frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
             pending_bits += plan.vertex_bits;
             // In two steps, since all eight bytes may be full.
@@ -250,11 +237,11 @@ impl ClusterInstaller {
             pending = pending >> (4 * full) >> (4 * full);
             at += full as usize;
             pending_bits %= 8;
-        });
+        }
         frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
         frame[at + 8..].fill(0);
         let base = plan.widths.base;
-        let greatest = lanes.greatest(&self.placed[..plan.vertex_count]);
+        let greatest = packing.greatest(&self.placed[..plan.vertex_count]);
         LatticeBox { lo: base, hi: std::array::from_fn(|a| base[a] + greatest[a] as i64) }
     }
 
@@ -271,41 +258,10 @@ impl ClusterInstaller {
                 bounds.hi[axis] = bounds.hi[axis].max(q);
                 places |= vertex[axis] >> plan.shift[axis] << (8 * axis);
             }
-            *cell = Cell::new(places);
+            *cell = cells::word(places);
         }
         tail.fill(0);
         bounds
-    }
-
-    /// The leaves of the corners: what their indices take.
-    fn measure_leaves(&mut self, plan: &Plan) {
-        let corners = self.walk.corners_mut();
-        let mut first = 0;
-        for (leaf, &size) in self.leaves.iter_mut().zip(&plan.leaf_sizes[..plan.leaf_count]) {
-            let (size, there) = (usize::from(size), u64::MAX >> (64 - 8 * u32::from(size)));
-            leaf.corners = std::array::from_fn(|corner| {
-                let eight = &corners[corner][first..first + LEAF_TRIANGLES];
-                let word = u64::from_le_bytes(eight.try_into().expect("eight bytes"));
-                (word & there) | ((word & 0xff) * (BYTES_OF_ONE & !there))
-            });
-            let (least, most) = cells::range(leaf.corners);
-            (leaf.least, leaf.shape) = (least, LeafShape::new(size, most - least));
-            first += size;
-        }
-    }
-
-    /// Leaf boxes, from the cells, and shapes, to where they stand in the frame.
-    fn write_boxes(&self, plan: &Plan, frame: &mut [u8]) {
-        let (cells, count) = (&self.cells, plan.leaf_count);
-        for (i, leaf) in self.leaves[..count].iter().enumerate() {
-            let join = |all: Cell, vertex: &u8| all.min(cells[usize::from(*vertex)]);
-            let corners = leaf.corners.map(u64::to_le_bytes);
-            let least = corners.iter().fold(Cell::MOST, |all, corner| corner.iter().fold(all, join));
-            for axis in 0..3 {
-                (frame[axis * count + i], frame[(3 + axis) * count + i]) = (least.lo(axis), least.hi(axis));
-            }
-            frame[LEAF_PLANES * count + i] = leaf.shape.0;
-        }
     }
 }
 
@@ -318,46 +274,20 @@ impl Places {
     }
 }
 
-/// The loop over triangles. Each loop is work of its own, so that it has the registers for itself.
-struct Topology<'a, 'b> {
+/// The loop over strips. Each loop is work of its own, so that it has the registers for itself.
+struct Strips<'a, 'b> {
     input: &'a mut BitReader<'b>,
     /// Triangles and vertices.
     counts: (usize, usize),
-    walk: &'a mut Walk,
+    topology: &'a mut Topology,
 }
 
-impl Work for Topology<'_, '_> {
+impl Work for Strips<'_, '_> {
     type Output = Result<(), &'static str>;
 
     #[inline(always)]
-    fn run<M: Mover>(self, _: M) -> Self::Output {
-        topology::decode(self.input, self.counts, self.walk)
-    }
-}
-
-/// The indices of all leaves. They run into what is written behind them, by less than the tail.
-struct Indices<'a> {
-    leaves: &'a [Leaf],
-    frame: &'a mut [u8],
-}
-
-impl Work for Indices<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<M: Mover>(self, mover: M) {
-        let mut at = CLUSTER_HEAD_BYTES + LEAF_HEAD_BYTES * self.leaves.len();
-        for leaf in self.leaves {
-            let (least, shape) = (leaf.least, leaf.shape);
-            let there = u64::MAX >> (64 - 8 * shape.triangle_count());
-            self.frame[at] = least;
-            at += 1;
-            for &corners in &leaf.corners {
-                let above = (corners - u64::from(least) * BYTES_OF_ONE) & there;
-                self.frame[at..at + 8].copy_from_slice(&mover.narrow(above, shape.width()).to_le_bytes());
-                at += shape.corner_bytes();
-            }
-        }
+    fn run<M: Mover>(self, mover: M) -> Self::Output {
+        strips::decode(mover, self.input, self.counts, self.topology)
     }
 }
 

@@ -10,18 +10,18 @@
 
 mod bits;
 mod cells;
-mod code;
 mod encode;
 mod fields;
 mod install;
 mod install_cluster;
-mod lanes;
+mod install_leaves;
 mod leaves;
 mod node;
 mod order;
+mod packing;
+mod strips;
 #[cfg(test)]
 mod tests;
-mod topology;
 mod vertices;
 mod view;
 

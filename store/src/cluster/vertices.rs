@@ -6,9 +6,10 @@
 //! tag 3    : per axis the axis' width: the vertex above the base, as in the frame
 //! ```
 //!
-//! All of it modulo 2^(axis width), so no value leads out of the cluster's box, whatever the file says. Tags stand
-//! apart so that a value with the widest axes still fits one 57-bit load. Bits a vertex, `gen:isosurface:20M` /
-//! `gen:scan:20M` / the Stanford dragon / `gen:pipes:20M` / a circuit board, of 31.6 / 27.7 / 36.4 / 29.9 / 30.4 plain:
+//! Differences are those of packed vertices, see `packing.rs`, and told by their digits; so no value leads out of the
+//! axis widths, whatever the file says. Tags stand apart so that a value with the widest axes still fits one 57-bit
+//! load. Bits a vertex, `gen:isosurface:20M` / `gen:scan:20M` / the Stanford dragon / `gen:pipes:20M` / a circuit
+//! board, of 31.6 / 27.7 / 36.4 / 29.9 / 30.4 plain:
 //!
 //! | three classes, one width each (this) | 26.0 | 9.6 | 30.9 | 15.4 | 22.3 |
 //! | one class | 27.4 | 11.7 | 31.9 | 18.7 | 24.2 |
@@ -23,8 +24,8 @@
 
 use super::bits::{BitReader, BitWriter};
 use super::fields::{Fields, Mover};
-use super::lanes::Lanes;
-use super::topology::Gate;
+use super::packing::Packing;
+use super::strips::Guides;
 use super::{ClusterMesh, Widths};
 use crate::layout::{AXIS_BITS, CLUSTER_VERTICES};
 
@@ -48,28 +49,26 @@ struct Class {
     bits: u32,
     /// Where its axes go.
     fields: Fields,
-    /// What is kept of the prediction: all values, or nothing.
+    /// What is kept of the prediction: all of it, or nothing.
     keep: u64,
-    /// Added in the end: minus half of the range, in each lane.
-    bias: u64,
+    /// Half of the range of each axis, to be taken away in the end.
+    halves: u64,
 }
 
 impl Class {
     /// The class of one width for all axes.
-    fn difference(width: u32, lanes: &Lanes) -> Class {
-        let bits = lanes.bits.map(|b| b.min(width));
-        let half = bits.map(|b| if b == 0 { 0 } else { 1u64 << (b - 1) });
-        Class { keep: lanes.mask(), bias: lanes.sub(0, lanes.put(half)), ..Class::new(bits, lanes) }
+    fn difference(width: u32, packing: &Packing) -> Class {
+        let bits = packing.bits.map(|b| b.min(width));
+        Class { keep: u64::MAX, halves: packing.halves(bits), ..Class::new(bits, packing) }
     }
 
-    /// No prediction, no bias.
-    fn plain(lanes: &Lanes) -> Class {
-        Class::new(lanes.bits, lanes)
+    /// No prediction, no halves.
+    fn plain(packing: &Packing) -> Class {
+        Class::new(packing.bits, packing)
     }
 
-    fn new(bits: [u32; 3], lanes: &Lanes) -> Class {
-        let fields = Fields::new(bits, [0, 1, 2].map(|axis| lanes.shift(axis)));
-        Class { bits: bits.iter().sum(), fields, keep: 0, bias: 0 }
+    fn new(bits: [u32; 3], packing: &Packing) -> Class {
+        Class { bits: bits.iter().sum(), fields: packing.fields(bits), keep: 0, halves: 0 }
     }
 }
 
@@ -77,25 +76,25 @@ impl Class {
 pub(super) struct Guided<'a> {
     pub(super) cluster: &'a ClusterMesh,
     pub(super) widths: &'a Widths,
-    pub(super) guides: &'a [Gate; 256],
+    pub(super) guides: &'a Guides,
 }
 
 impl Guided<'_> {
     /// Chooses the class widths: all that fewer than three classes could do is tried, too.
     pub(super) fn class_widths(&self) -> ClassWidths {
-        let lanes = Lanes::new(self.widths);
+        let packing = Packing::new(self.widths);
         // How many differences need at most so many bits.
         let mut fitting = [0u32; AXIS_BITS as usize + 1];
         self.differences(|_, _, needs| fitting[needs as usize] += 1);
         for width in 1..fitting.len() {
             fitting[width] += fitting[width - 1];
         }
-        let bits = |width: usize| lanes.bits.iter().map(|&b| b.min(width as u32)).sum::<u32>();
+        let bits = |width: usize| packing.bits.iter().map(|&b| b.min(width as u32)).sum::<u32>();
         let costs: [u32; AXIS_BITS as usize + 1] = std::array::from_fn(bits);
-        let plain: u32 = lanes.bits.iter().sum();
+        let plain: u32 = packing.bits.iter().sum();
         let mut best = (u32::MAX, [0; CLASSES]);
         // No class needs to be wider than the widest axis.
-        let widest = lanes.bits.iter().fold(0, |all, &b| all.max(b as usize));
+        let widest = packing.bits.iter().fold(0, |all, &b| all.max(b as usize));
         for c in 0..=widest {
             let above = (fitting[widest] - fitting[c]) * plain;
             for b in 0..=c {
@@ -113,17 +112,16 @@ impl Guided<'_> {
 
     /// Writes the vertices.
     pub(super) fn encode(&self, classes: ClassWidths, out: &mut BitWriter) {
-        let lanes = Lanes::new(self.widths);
-        let biases = classes.map(|width| Class::difference(width, &lanes).bias);
+        let packing = Packing::new(self.widths);
         let mut values = Vec::with_capacity(self.cluster.vertices.len());
-        self.differences(|vertex, difference, needs| {
+        self.differences(|vertex, digits, needs| {
             let fits = classes.iter().position(|&width| needs <= width);
             let value = match fits {
                 Some(tag) => {
-                    let bits = lanes.bits.map(|b| b.min(classes[tag]));
-                    (bits, lanes.get(lanes.sub(difference, biases[tag])))
+                    let bits = packing.bits.map(|b| b.min(classes[tag]));
+                    (bits, std::array::from_fn(|a| (digits[a] + (1 << bits[a]) / 2) as u64))
                 }
-                None => (lanes.bits, lanes.get(vertex)),
+                None => (packing.bits, packing.get(vertex)),
             };
             out.put(fits.unwrap_or(CLASSES) as u64, TAG_BITS);
             values.push(value);
@@ -133,31 +131,25 @@ impl Guided<'_> {
         }
     }
 
-    /// Calls `visit` with each vertex in lanes, its difference from the prediction, and the width that this needs.
-    fn differences(&self, mut visit: impl FnMut(u64, u64, u32)) {
-        let lanes = Lanes::new(self.widths);
+    /// Calls `visit` with each vertex, packed, the digits of its difference from the prediction, and the width that
+    /// these need.
+    fn differences(&self, mut visit: impl FnMut(u64, [i64; 3], u32)) {
+        let packing = Packing::new(self.widths);
         let mut placed = [0u64; CLUSTER_VERTICES];
         for (i, vertex) in self.cluster.vertices.iter().enumerate() {
-            placed[i] = lanes.put(std::array::from_fn(|a| (vertex[a] - self.widths.base[a]) as u64));
-            let prediction = predict(&lanes, &placed, self.guides[i], i);
-            let difference = lanes.sub(placed[i], prediction);
-            let needs =
-                lanes.get(difference).into_iter().zip(lanes.bits).map(|(d, bits)| signed_bits(d, bits));
-            visit(placed[i], difference, needs.max().expect("three axes"));
+            placed[i] = packing.put(std::array::from_fn(|a| (vertex[a] - self.widths.base[a]) as u64));
+            let [a, b, c] = [0, 1, 2].map(|corner| placed[usize::from(self.guides[corner][i])]);
+            // Of the first one, zero: its guide names itself.
+            let prediction = if i == 0 { 0 } else { Packing::predict(a, b, c) };
+            let digits = packing.digits(placed[i].wrapping_sub(prediction) & packing.mask);
+            visit(placed[i], digits, digits.map(signed_bits).into_iter().max().expect("three axes"));
         }
     }
 }
 
-/// The prediction of vertex `i`: of the first one, zero.
-fn predict(lanes: &Lanes, placed: &[u64], guide: Gate, i: usize) -> u64 {
-    let [a, b, c] = [guide.from(), guide.to(), guide.opposite()].map(usize::from);
-    if i == 0 { 0 } else { lanes.predict(placed[a], placed[b], placed[c]) }
-}
-
-/// Bits of a two's complement number of at most `bits` bits.
-fn signed_bits(value: u64, bits: u32) -> u32 {
-    let away = if bits > 0 && value >> (bits - 1) == 1 { ((1 << bits) - 1) ^ value } else { value };
-    if value == 0 { 0 } else { 65 - away.leading_zeros() }.min(bits)
+/// Bits of a number in two's complement: 0 for 0.
+fn signed_bits(value: i64) -> u32 {
+    if value == 0 { 0 } else { 65 - (value ^ (value >> 63)).leading_zeros() }
 }
 
 /// Writes the vertices of a wide cluster.
@@ -171,29 +163,24 @@ pub(super) fn encode_wide(cluster: &ClusterMesh, widths: &Widths, out: &mut BitW
 
 /// A compact cluster to be read: what its head says of its vertices, and what they are predicted from.
 pub(super) struct Coded<'a> {
-    pub(super) lanes: Lanes,
+    pub(super) packing: Packing,
     pub(super) classes: ClassWidths,
     pub(super) count: usize,
-    pub(super) guides: &'a [Gate; 256],
+    pub(super) guides: &'a Guides,
 }
 
 impl Coded<'_> {
-    /// Reads the vertices and hands each, in lanes, to `take`. `placed` is work memory.
+    /// Reads the vertices, packed, to the front of `placed`.
     #[inline(always)]
-    pub(super) fn decode<M: Mover>(
-        &self,
-        mover: M,
-        input: &mut BitReader<'_>,
-        placed: &mut [u64; 256],
-        mut take: impl FnMut(usize, u64),
-    ) {
-        let (lanes, count) = (&self.lanes, self.count);
-        let mut classes = [Class::plain(lanes); CLASSES + 1];
+    pub(super) fn decode<M: Mover>(&self, mover: M, input: &mut BitReader<'_>, placed: &mut [u64; 256]) {
+        let (packing, count) = (&self.packing, self.count);
+        let mut classes = [Class::plain(packing); CLASSES + 1];
         for (class, width) in classes.iter_mut().zip(self.classes) {
-            *class = Class::difference(width, lanes);
+            *class = Class::difference(width, packing);
         }
-        let mut tags_input = *input;
-        input.skip(TAG_BITS as usize * count);
+        // In registers, since nothing else knows it.
+        let (mut tags_input, mut reader) = (*input, *input);
+        reader.skip(TAG_BITS as usize * count);
         // The first one's guide names itself, and those of garbage name anyone.
         placed[..CLUSTER_VERTICES].fill(0);
         for first in (0..count).step_by(TAGS_A_LOAD) {
@@ -202,16 +189,13 @@ impl Coded<'_> {
             for i in first..count.min(first + TAGS_A_LOAD) {
                 let class = &classes[tags as usize % (CLASSES + 1)];
                 tags >>= TAG_BITS;
-                let value = lanes.add(mover.spread(input.peek(), &class.fields), class.bias);
-                input.skip(class.bits as usize);
-                let guide = self.guides[i % 256];
-                let [a, b, c] = [guide.from(), guide.to(), guide.opposite()].map(usize::from);
-                let prediction = lanes.predict_within(class.keep, placed[a], placed[b], placed[c]);
-                let vertex = lanes.add(value, prediction);
-                placed[i % 256] = vertex;
-                take(i, vertex);
+                let value = mover.spread(reader.peek(), &class.fields).wrapping_sub(class.halves);
+                reader.skip(class.bits as usize);
+                let [a, b, c] = [0, 1, 2].map(|corner| placed[usize::from(self.guides[corner][i % 256])]);
+                placed[i % 256] = (Packing::predict(a, b, c) & class.keep).wrapping_add(value) & packing.mask;
             }
         }
+        *input = reader;
     }
 }
 
@@ -226,10 +210,8 @@ mod tests {
 
     #[test]
     fn signed_bits_are_those_of_twos_complement() {
-        for (value, bits, needs) in
-            [(0, 0, 0), (0, 8, 0), (1, 8, 2), (255, 8, 1), (254, 8, 2), (127, 8, 8), (128, 8, 8), (1, 1, 1)]
-        {
-            assert_eq!(signed_bits(value, bits), needs, "{value} in {bits}");
+        for (value, needs) in [(0, 0), (-1, 1), (1, 2), (-2, 2), (127, 8), (-128, 8), (128, 9)] {
+            assert_eq!(signed_bits(value), needs, "{value}");
         }
     }
 }

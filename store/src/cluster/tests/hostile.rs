@@ -6,7 +6,7 @@ use super::*;
 const HEAD: [u8; 25] = [1, 0, 0, 0, 1, 0, 0, 0, 3, 100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
 
 /// The quad of `the_bytes_of_a_tiny_page_are_these`, field by field: value and bits.
-const QUAD: [(u64, u32); 32] = [
+const QUAD: [(u64, u32); 33] = [
     // Triangles and vertices, less one; wide; palette; leaves differ; axis widths; class widths.
     (1, 7),
     (3, 7),
@@ -25,10 +25,11 @@ const QUAD: [(u64, u32); 32] = [
     (5, 3),
     (1, 2),
     (0, 2),
-    // A free triangle with no known corner; one on the newest gate, with a new corner.
-    (0b0101, 4),
-    (0, 3),
-    (0b00, 2),
+    // A strip of two: triangles - 1, a turn, both new; it is free, a new in no bits and b in one.
+    (1, 3),
+    (0, 1),
+    (0b11, 2),
+    (1, 1),
     // Tags; values.
     (0, 2),
     (3, 2),
@@ -69,9 +70,19 @@ fn refused(packed: &[u8], why: &str) {
     assert_eq!(install_twice(packed).expect_err(why), why);
 }
 
+/// The quad as two strips of one triangle, of which these are the fields of the second.
+fn two_strips(second: &[(u64, u32)]) -> [(usize, (u64, u32)); 4] {
+    let (bits, width) =
+        second.iter().fold((0, 0), |(bits, at), (value, width)| (bits | value << at, at + width));
+    // The first: one triangle, new, free, from a new vertex to a new one.
+    [(16, (0b11000, 5)), (17, (bits, width)), (18, (0, 0)), (19, (0, 0))]
+}
+
 #[test]
 fn the_quad_that_is_lied_about_is_sound() {
     install_twice(&lie(&HEAD, &[], &[])).unwrap();
+    // The second on the newest gate but one: from a to c.
+    install_twice(&lie(&HEAD, &two_strips(&[(0, 3), (1, 1), (1, 2)]), &[])).unwrap();
 }
 
 #[test]
@@ -92,11 +103,11 @@ fn clusters_that_lie_are_refused() {
         // One vertex less than the triangles need, and one more.
         &[(1, (2, 7))][..],
         &[(1, (4, 7))],
-        // On a gate where there is none: the first triangle; the fifth gate of four.
-        &[(16, (0b00, 2))],
-        &[(18, (0b011111_u64, 6))],
-        // The first corner of a free triangle is vertex 4 of 4.
-        &[(17, (0b001 | 4 << 3, 10))],
+        // A strip of three triangles; a strip of one, and a second one that lies.
+        &[(16, (2, 3))],
+        &two_strips(&[(0, 3), (1, 1), (3, 2)]), // On gate 3 of 2.
+        &two_strips(&[(0, 3), (1, 1), (2, 2), (3, 2), (5, 3)]), // Free, from vertex 3 to vertex 5 of 4.
+        &[&[(1, (2, 7))], &two_strips(&[(0, 3), (0, 1), (0, 2), (3, 2)])[..]].concat(), // Vertex 3 of 3 by name.
     ] {
         refused(&lie(&HEAD, fields, &[]), triangles);
     }
@@ -107,9 +118,9 @@ fn clusters_that_lie_are_refused() {
     install_twice(&lie(&HEAD, &[(4, (1 | (1 << 1), 11))], &[])).unwrap();
     let left_over = "the bits of a cluster are more or fewer than its counts say";
     // A plain vertex where there is no room for one.
-    refused(&lie(&HEAD, &[(19, (3, 2))], &[]), left_over);
+    refused(&lie(&HEAD, &[(20, (3, 2))], &[]), left_over);
     // The last vertex plain, and then a bit that is set.
-    let plain = |last| lie(&HEAD, &[(22, (3, 2)), (29, (9, 4)), (30, (7, 3)), (31, last)], &[]);
+    let plain = |last| lie(&HEAD, &[(23, (3, 2)), (30, (9, 4)), (31, (7, 3)), (32, last)], &[]);
     install_twice(&plain((0b1, 1))).unwrap();
     refused(&plain((0b11, 2)), left_over);
 }
@@ -160,8 +171,8 @@ fn vertices_behind_the_lattice_are_refused() {
     // The quad is one step high in z. Compact, then wide, where a vertex takes eight bits without tags.
     let wide: Vec<_> = [(2, (1, 1))]
         .into_iter()
-        .chain((8..11).chain(19..32).map(|i| (i, (0, 0))))
-        .chain([(23, (8, 8)), (24, (0, 8)), (25, (0, 8)), (26, (0x80, 8))])
+        .chain((8..11).chain(20..33).map(|i| (i, (0, 0))))
+        .chain([(24, (8, 8)), (25, (0, 8)), (26, (0, 8)), (27, (0x80, 8))])
         .collect();
     let at = |z: u64| {
         let z = z.to_le_bytes();

@@ -161,7 +161,7 @@ fn sheets_survive_in_a_few_bits_a_triangle() {
     check(sheets);
     let ordered = Orderer::default().ordered(&sheet(8, 8, 100)).mesh;
     let (_, spent) = page(vec![ordered]).encode();
-    assert!(spent.topology <= 128 * 4 && spent.vertices <= 81 * 20, "{spent:?}");
+    assert!(spent.topology <= 128 * 6 && spent.vertices <= 81 * 20, "{spent:?}");
 }
 
 #[test]
@@ -288,7 +288,7 @@ fn palettes_of_all_lengths_survive() {
     }
 }
 
-/// A quad that was packed with pencil and paper from `docs/format.md`: the bytes of version 2 stay what they are.
+/// A quad that was packed with pencil and paper from `docs/format.md`: the bytes of version 3 stay what they are.
 #[test]
 fn the_bytes_of_a_tiny_page_are_these() {
     let [a, b, c, d] = [[100, 200, 300], [108, 200, 300], [100, 206, 300], [109, 207, 301]];
@@ -301,10 +301,10 @@ fn the_bytes_of_a_tiny_page_are_these() {
             3, // One cluster, no node, one root; no offsets; materials of three bits.
             100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, // The anchor.
             0, // The root is a cluster.
-            0x81, 0x81, 0x88, 0x21, 0x00, 0x40, 0x04, 0xd4, 0x28, 0xc0, 0x8b, 0x00, 0xf6, 0x00,
+            0x81, 0x81, 0x88, 0x21, 0x00, 0x40, 0x04, 0xd4, 0x88, 0xf3, 0x22, 0x80, 0x3d,
         ]
     );
-    assert_eq!(spent, DiskBits { tree: 8, heads: 24 * 8 + 67, topology: 9, vertices: 36 });
+    assert_eq!(spent, DiskBits { tree: 8, heads: 24 * 8 + 67, topology: 7, vertices: 30 });
     check(page.clusters);
 }
 
