@@ -9,14 +9,13 @@ use crate::size;
 use crate::values::Input;
 use serde::Serialize;
 use std::fmt;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use trex_store::build::left_over::{self, LeftOver};
 use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Error, Result, TriangleSource};
+use trex_store::{Error, Result, TriangleSource, stamp};
 
 /// Longest time between two records of a journal, seconds: a day.
 const JOURNAL_EVERY_MOST_S: f64 = 86_400.0;
@@ -56,10 +55,8 @@ fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
         let value = match input {
             Input::Generated(name) => name.clone(),
             Input::File(path) => {
-                let failed = |error| Error::io("open the input", path, &error);
-                let found = path.metadata().map_err(failed)?;
-                let (full, bytes) = (path.canonicalize().map_err(failed)?, found.len());
-                format!("{full:?}, {bytes} bytes, changed at {}.{:09} s", found.mtime(), found.mtime_nsec())
+                let full = path.canonicalize().map_err(|error| Error::io("open the input", path, &error))?;
+                format!("{full:?}, {}", stamp(&full))
             }
         };
         Ok((format!("input {}", number + 1), value))

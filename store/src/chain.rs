@@ -90,6 +90,7 @@ impl TriangleSource for Chain {
             all.vertex_cache_misses += stats.vertex_cache_misses;
             all.transparent_material_count += stats.transparent_material_count;
             all.warnings.extend(stats.warnings);
+            all.named_files.extend(stats.named_files);
         }
         all
     }

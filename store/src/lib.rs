@@ -38,4 +38,4 @@ pub use file::{Emitter, PageFile, open_regular};
 pub use geom::{Aabb, Lattice};
 pub use material::Material;
 pub use progress::{Interrupt, Progress, Report};
-pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource, stamp};

@@ -22,6 +22,7 @@ use super::{BuildOptions, Error, Result, Resume};
 use crate::error::Code;
 use crate::layout::VERSION;
 use crate::output::folder_of;
+use crate::source::{SourceStats, stamp};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::{Errno, retry_on_intr};
 use serde::{Deserialize, Serialize};
@@ -195,14 +196,7 @@ impl Journal {
         match found {
             Some(found) if found == now => {}
             Some(found) => {
-                journal.is_kept = true;
-                return Err(Error::new(
-                    Code::Usage,
-                    "an unfinished build of this output is of something else",
-                )
-                .at(output)
-                .numbers(found.differences(&now))
-                .next("build with the same input and options, or remove it with trex build --clean"));
+                return Err(journal.refuse(output, found.differences(&now)));
             }
             None => {
                 journal.names.clear();
@@ -214,6 +208,31 @@ impl Journal {
             }
         }
         Ok(Some(journal))
+    }
+
+    /// That a build is not the one that left what is here, which stays.
+    fn refuse(&mut self, output: &Path, differences: String) -> Error {
+        self.is_kept = true;
+        Error::new(Code::Usage, "an unfinished build of this output is of something else")
+            .at(output)
+            .numbers(differences)
+            .next("build with the same input and options, or remove it with trex build --clean")
+    }
+
+    /// Whether the files that the input names are what they were when it was read.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] where one is not.
+    pub(super) fn compare_named(&mut self, read: &SourceStats, output: &Path) -> Result<()> {
+        let changed = read.named_files.iter().filter_map(|(path, then)| {
+            let path = Path::new(OsStr::from_bytes(path));
+            let now = stamp(path);
+            (now != *then).then(|| format!("{path:?}: {then} then, {now} now"))
+        });
+        match changed.collect::<Vec<String>>() {
+            changed if changed.is_empty() => Ok(()),
+            changed => Err(self.refuse(output, changed.join("; "))),
+        }
     }
 
     /// Removes records that there is nothing to go on from by, before their files are written anew: those of chunks,

@@ -262,6 +262,7 @@ impl Site<'_> {
         if let Some(journal) = &mut journal {
             done = journal.read_done(&options.budget)?;
             read = journal.read_chunks(done.as_ref(), &options.budget)?;
+            read.as_ref().map_or(Ok(()), |read| journal.compare_named(&read.source, self.output))?;
             done = done.filter(|_| read.is_some());
             if done.is_none() {
                 journal.forget(read.is_none())?;

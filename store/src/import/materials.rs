@@ -11,9 +11,11 @@ use super::ImportOptions;
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::material::Material;
-use std::collections::{HashMap, HashSet};
+use crate::source::stamp;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 
 /// Most bytes of an MTL file: 10,000 materials take about 2 MB.
@@ -38,7 +40,8 @@ pub(super) struct MaterialTable {
     index_of_name: HashMap<String, u32>,
     /// Names used by faces and not defined so far.
     undefined: HashSet<u32>,
-    libraries: HashSet<PathBuf>,
+    /// Each with its stamp before it was read.
+    libraries: BTreeMap<PathBuf, String>,
     transparent_count: u64,
     lease: Lease,
 }
@@ -50,7 +53,7 @@ impl MaterialTable {
             entries: vec![Material::default()],
             index_of_name: HashMap::new(),
             undefined: HashSet::new(),
-            libraries: HashSet::new(),
+            libraries: BTreeMap::new(),
             transparent_count: 0,
             lease: options.budget.lease("materials", MATERIAL_BYTES)?,
         })
@@ -59,6 +62,13 @@ impl MaterialTable {
     /// All materials so far.
     pub(super) fn entries(&self) -> &[Material] {
         &self.entries
+    }
+
+    /// MTL files that were looked for, by full path, each with its stamp.
+    pub(super) fn libraries(&self) -> Vec<(Vec<u8>, String)> {
+        let full = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
+        let libraries = self.libraries.iter();
+        libraries.map(|(path, stamp)| (full(path).into_os_string().into_vec(), stamp.clone())).collect()
     }
 
     /// Materials with `d` < 1.
@@ -101,7 +111,8 @@ impl MaterialTable {
                 warnings.push(format!("more than {MAX_LIBRARIES} MTL files: the rest is not read"));
                 break;
             }
-            if self.libraries.insert(path.clone()) {
+            if !self.libraries.contains_key(&path) {
+                self.libraries.insert(path.clone(), stamp(&path));
                 warnings.extend(self.load_library(&path, options)?);
             }
         }

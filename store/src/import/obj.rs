@@ -195,6 +195,7 @@ impl TriangleSource for ObjSource {
             vertex_lookups,
             vertex_cache_misses,
             transparent_material_count: self.materials.transparent_count(),
+            named_files: self.materials.libraries(),
             ..self.stats.clone()
         }
     }

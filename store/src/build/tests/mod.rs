@@ -9,12 +9,15 @@ use crate::layout::FRAME_BYTES;
 use crate::{Lattice, Material, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::ThreadPoolBuilder;
+use std::os::unix::ffi::OsStrExt;
 
 /// Triangles in memory.
 struct Mesh {
     triangles: Vec<([[f64; 3]; 3], u32)>,
     materials: Vec<Material>,
     at: usize,
+    /// Files that it names.
+    named: Vec<PathBuf>,
 }
 
 impl Mesh {
@@ -22,7 +25,7 @@ impl Mesh {
         let count = triangles.iter().map(|t| t.1).max().unwrap_or(0) + 1;
         let material =
             |i| Material { name: format!("m{i}"), ke: [f32::from(i == 3); 3], ..Material::default() };
-        Mesh { triangles, materials: (0..count).map(material).collect(), at: 0 }
+        Mesh { triangles, materials: (0..count).map(material).collect(), at: 0, named: Vec::new() }
     }
 }
 
@@ -48,7 +51,8 @@ impl TriangleSource for Mesh {
         &self.materials
     }
     fn stats(&self) -> SourceStats {
-        SourceStats::default()
+        let named = self.named.iter().map(|path| (path.as_os_str().as_bytes().to_vec(), crate::stamp(path)));
+        SourceStats { named_files: named.collect(), ..SourceStats::default() }
     }
 }
 

@@ -145,6 +145,10 @@ fn what_is_left_may_be_damaged() {
 #[test]
 fn a_build_goes_on_with_the_same_input_and_options_alone() {
     let mut stage = Stage::new(280, Voxels::Resolution(64));
+    let colours = tempfile::tempdir().unwrap();
+    let colours = [colours.path().join("first.mtl"), colours.path().join("second.mtl")];
+    std::fs::write(&colours[0], "newmtl a").unwrap();
+    stage.mesh.named = colours.to_vec();
     stage.stop_among_chunks();
     let (names, resume) = (stage.names(), stage.options.resume.clone());
     let refused = |stage: &mut Stage, words: &[&str]| {
@@ -164,6 +168,15 @@ fn a_build_goes_on_with_the_same_input_and_options_alone() {
     stage.options.resume.as_mut().unwrap().input[0].1 = "a longer mesh".into();
     refused(&mut stage, &["input", "a mesh then", "a longer mesh now"]);
     stage.options.resume = resume;
+    // What the input names counts, too: a file that was missing, and one that is not what it was.
+    std::fs::write(&colours[1], "newmtl b").unwrap();
+    refused(&mut stage, &["second.mtl", "not there then", "8 bytes"]);
+    std::fs::remove_file(&colours[1]).unwrap();
+    let changed = colours[0].metadata().unwrap().modified().unwrap();
+    std::fs::write(&colours[0], "newmtl a, and more").unwrap();
+    refused(&mut stage, &["first.mtl", "8 bytes", "18 bytes"]);
+    std::fs::write(&colours[0], "newmtl a").unwrap();
+    std::fs::File::options().write(true).open(&colours[0]).unwrap().set_modified(changed).unwrap();
     // Threads and limits change no byte.
     let BuildOptions { pool, budget, .. } = options(1, 200 << 20);
     (stage.options.pool, stage.options.budget) = (pool, budget);
