@@ -77,6 +77,42 @@ fn every_flip_of_a_superblock_is_found() {
 }
 
 #[test]
+fn every_file_that_ends_at_a_border_is_told() {
+    let inside = folder();
+    let path = model(inside.path());
+    let whole = File::options().read(true).write(true).open(&path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let length = bytes.len() as u64;
+    let borders: std::collections::BTreeSet<u64> = {
+        let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
+        let pages = file.pages().iter().map(|entry| (entry.offset, u64::from(entry.stored_bytes)));
+        let sections = file.superblock().sections.iter().map(|section| (section.offset, section.bytes));
+        let superblocks = [0, length - SUPERBLOCK_BYTES as u64].map(|at| (at, SUPERBLOCK_BYTES as u64));
+        let parts = pages.chain(sections).chain(superblocks);
+        let ends = parts.flat_map(|(at, bytes)| [at, at + bytes]);
+        ends.flat_map(|end| [end.saturating_sub(1), end, end + 1]).filter(|&end| end < length).collect()
+    };
+    let found = |level| {
+        let options = Options { level, bytes_per_s: None };
+        let verdict = check(&path, &options, &Budget::unlimited(), &|_, _| Ok(()));
+        verdict.map(|verdict| verdict.damage_count).map_err(|error| error.code())
+    };
+    for &end in &borders {
+        whole.set_len(end).unwrap();
+        for level in [Level::Quick, Level::Hashes] {
+            let is_told = match found(level) {
+                Ok(damage_count) => damage_count > 0,
+                Err(code) => [Code::Damaged, Code::InputFormat].contains(&code),
+            };
+            assert!(is_told, "{level:?} of the first {end} of {length} bytes");
+        }
+        whole.write_all_at(&bytes[end as usize..], end).unwrap();
+    }
+    assert_eq!(found(Level::Hashes), Ok(0));
+    said(&format!("{} files that end at a border, all told", borders.len()));
+}
+
+#[test]
 fn every_damage_of_a_page_is_found() {
     let inside = folder();
     let path = model(inside.path());
