@@ -54,6 +54,7 @@ pub(crate) struct Model<'a> {
 pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     let head = &bytes[..1024];
     assert_eq!(&head[..8], b"TREX\r\n\x1a\n");
+    assert_eq!(number_at(head, 8, 4), 3);
     assert_eq!(head, &bytes[bytes.len() - 1024..]);
     assert_eq!(number_at(head, 1016, 8), xxh3_64(&head[..1016]));
     assert_eq!(number_at(head, 32, 8), bytes.len() as u64);
@@ -244,7 +245,7 @@ fn read_topology(bits: &mut Bits<'_>, count: usize) -> Topology {
             assert_eq!(gate, 2 * t);
             None
         };
-        let [a, b] = match hangs_on {
+        let [mut a, mut b] = match hangs_on {
             Some([from, to, _]) => [from, to],
             None => {
                 let a = bits.take(bits_of(guides.len())) as usize;
@@ -259,12 +260,11 @@ fn read_topology(bits: &mut Bits<'_>, count: usize) -> Topology {
             }
         };
         let after = guides.len() + new.iter().filter(|&&new| new).count();
-        let mut first = Some([a, b]);
         for (i, new) in new.into_iter().enumerate() {
             if i > 0 {
-                hangs_on = Some(edge(corners[t + i - 1], turns[i - 1]));
+                let next = edge(corners[t + i - 1], turns[i - 1]);
+                (a, b, hangs_on) = (next[0], next[1], Some(next));
             }
-            let [a, b] = first.take().unwrap_or_else(|| hangs_on.map(|[from, to, _]| [from, to]).unwrap());
             let x = if new { guides.len() } else { bits.take(bits_of(after - 1)) as usize };
             if new {
                 guides.push(Some(hangs_on.unwrap_or([b; 3])));

@@ -97,6 +97,7 @@ impl<'a> BitReader<'a> {
 }
 
 /// Bits that a number needs: 0 for 0.
+#[inline(always)]
 pub(super) fn bits_of(value: u64) -> u8 {
     (64 - value.leading_zeros()) as u8
 }

@@ -1,4 +1,5 @@
-//! Bit fields of a word, moved together and apart: BMI2's `pdep` and `pext`, and the same in shifts.
+//! Bit fields of a word, moved together and apart, and the corners of strips: BMI2's `pdep` and `pext` and a byte
+//! shuffle, and the same in shifts.
 //!
 //! ```text
 //! packed = | z | y | x |     spread ->     fields = |  z  | y   |  x |
@@ -19,7 +20,7 @@
 pub(super) const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
 
 /// Places of three fields in a word.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(super) struct Fields {
     /// Bits of each field, in place.
     masks: [u64; 3],
@@ -44,7 +45,7 @@ impl Fields {
     }
 }
 
-/// Moves fields.
+/// Moves fields, and bytes of strips.
 pub(super) trait Mover: Copy {
     /// From packed to their places.
     fn spread(self, packed: u64, fields: &Fields) -> u64;
@@ -74,7 +75,7 @@ pub(super) trait Work {
 pub(super) enum Machine {
     /// Shifts, which every machine has.
     Portable,
-    /// `pdep` and `pext`.
+    /// `pdep` and `pext`, and all of AVX2, so SSSE3's `pshufb`, too.
     #[cfg(target_arch = "x86_64")]
     Bmi2(bmi2::Bmi2),
 }
@@ -243,7 +244,7 @@ mod bmi2 {
         #[inline(always)]
         fn follow(self, x: u64, gate: u32, turns: usize) -> [u64; 3] {
             let [ab, opposite] = TURNS[turns % TURNS.len()].map(bytemuck::cast::<[u8; 16], __m128i>);
-            // SAFETY: as above.
+            // SAFETY: as above; what AVX2 has includes SSSE3 and SSE4.1.
             unsafe {
                 let from = _mm_set_epi64x(i64::from(gate), x as i64);
                 let (ab, opposite) = (_mm_shuffle_epi8(from, ab), _mm_shuffle_epi8(from, opposite));

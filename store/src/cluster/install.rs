@@ -13,10 +13,10 @@
 //! ```
 //!
 //! Why a shape for each leaf: splits are free to end a leaf where an object ends, and 44 % of the leaves of
-//! `gen:isosurface:20M` have their corners within 16 numbers, 29 % within 32, since vertices are numbered in the order
-//! of first use. Lost: strips, 11 bytes where a leaf is one in the order in which it is told (52 / 71 / 56 % of
-//! iso-surface / scan / pipes) and 22 elsewhere: as many bytes a leaf of
-//! those that are full, and each has to be unrolled by every ray.
+//! `gen:isosurface:20M` had their corners within 16 numbers, 29 % within 32, since vertices are numbered in the order
+//! of first use. Lost: strips in frames, too, 11 bytes where a leaf is one (52 / 71 / 56 % of iso-surface / scan /
+//! pipes in the order of version 2) and 22 elsewhere: as many bytes a leaf of those that are full, and each has to be
+//! unrolled by every ray.
 //!
 //! Invariants: 1. no byte of the input is believed: counts and indices are compared with their bounds, and a
 //! frame that was installed can be traced without checks; 2. boxes are made from the vertices, never read: those of

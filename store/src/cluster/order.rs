@@ -3,24 +3,23 @@
 //!
 //! ```text
 //! while leaves are left: the leaf with the cheapest first triangle
-//!     while it has triangles: of all paths over edges that its triangles share, which begin where triangles that are
-//!     told left an edge open, the one whose start and what it leaves, each part by itself, are the cheapest
+//!     while it has triangles: of all paths over edges that its triangles share, and that begin on an edge which a told
+//!     triangle opened, the one whose start and what it leaves, each part by itself, are the cheapest
 //! vertices are numbered as they are met
 //! ```
 //!
 //! Any path over shared edges is a strip. Lost: the cheapest triangle, one by one.
 //!
-//! Invariants: 1. each leaf keeps its triangles; 2. orientation is kept; 3. the
-//! result depends on the cluster alone.
+//! Invariants: 1. each leaf keeps its triangles; 2. orientation is kept; 3. the result depends on the cluster alone.
 
-use super::strips::{self, gate_bits, name_bits, turn};
+use super::strips::{self, turn};
 use super::{ClusterMesh, encode};
 use crate::layout::{CLUSTER_VERTICES, LEAF_TRIANGLES};
 
+/// What a start of a strip takes, bits, about: a gate.
+const START_BITS: u32 = 10;
 /// What a new vertex that no gate predicts costs more, bits: about an edge length an axis.
 const LOST_PREDICTION_BITS: u32 = 5;
-/// Bits of the start of a strip but for its gate, and one that says whether its first triangle has a new corner.
-const START_BITS: u32 = 4;
 /// Triangles that the search for a path may visit.
 const VISITS_MOST: u32 = 200;
 /// No number yet.
@@ -50,7 +49,7 @@ impl Ordered {
 }
 
 /// A triangle of a leaf, told from one of its edges on: corner `edge` is its first.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy)]
 struct Turned {
     triangle: u8,
     edge: u8,
@@ -119,7 +118,7 @@ impl Leaf {
 enum Start {
     /// It goes on.
     Turn,
-    /// On an edge that is open.
+    /// On an edge that any told triangle opened.
     Gate,
     /// By naming an edge.
     Free,
@@ -135,8 +134,6 @@ struct Path {
 /// The search for the cheapest path.
 struct Search<'a> {
     leaf: &'a Leaf,
-    /// What another start takes, bits.
-    start_bits: u32,
     best: Option<(u32, Path)>,
     /// Triangles that the search may still visit.
     visits_left: u32,
@@ -161,7 +158,7 @@ impl Search<'_> {
             path.count -= 1;
         }
         if is_end || self.visits_left == 0 {
-            let all = bits + self.leaf.part_count(left) * self.start_bits;
+            let all = bits + self.leaf.part_count(left) * START_BITS;
             if self.best.is_none_or(|(least, best)| (all, best.count) < (least, path.count)) {
                 self.best = Some((all, *path));
             }
@@ -229,9 +226,7 @@ impl Orderer {
     fn cheapest_path(&self, old: &ClusterMesh, leaf: &Leaf, told: &Told<'_>) -> Path {
         let least = leaf.ways().map(|way| self.start(leaf.corners(old, way), told)).min();
         let most = least.expect("a leaf is not empty").max(Start::Gate);
-        let gate = START_BITS + gate_bits(told.new.triangles.len());
-        let name = name_bits(told.new.vertices.len().max(1));
-        let mut search = Search { leaf, start_bits: gate, best: None, visits_left: VISITS_MOST };
+        let mut search = Search { leaf, best: None, visits_left: VISITS_MOST };
         for way in leaf.ways() {
             let corners = leaf.corners(old, way);
             let start = self.start(corners, told);
@@ -240,11 +235,10 @@ impl Orderer {
             }
             let bits = match start {
                 Start::Turn => 0,
-                Start::Gate => gate,
+                Start::Gate => START_BITS,
                 Start::Free => {
-                    let new =
-                        corners[..2].iter().filter(|&&v| self.number[usize::from(v)] == NONE).count() as u32;
-                    gate + 2 * name + new * LOST_PREDICTION_BITS
+                    let new = corners[..2].iter().filter(|&&v| self.number[usize::from(v)] == NONE).count();
+                    START_BITS + new as u32 * LOST_PREDICTION_BITS
                 }
             };
             let mut path = Path { ways: [way; LEAF_TRIANGLES], count: 1 };

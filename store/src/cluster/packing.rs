@@ -49,8 +49,8 @@ impl Packing {
         a.wrapping_add(b).wrapping_sub(c)
     }
 
-    /// The digits of a difference, from the lowest on, each the least of its residues that are near zero; of an axis
-    /// of w bits -2^(w - 1) to 2^(w - 1) - 1, of one without bits 0.
+    /// The digits of a difference. Each is what is left of it modulo 2^w, taken from -2^(w - 1) to 2^(w - 1) - 1, or 0
+    /// of an axis without bits; it is taken away, and the rest divided by 2^w.
     pub(super) fn digits(&self, difference: u64) -> [i64; 3] {
         let mut left = difference;
         self.bits.map(|bits| {

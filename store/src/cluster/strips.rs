@@ -8,7 +8,7 @@
 //!     opposite
 //!
 //! strip = triangles - 1, 3 | turns, 1 each but the first | new, 1 each | gate | a, b of a free one | names of known x
-//! gate  = pushes ago: 2 * triangles between + turn, in as many bits as their count t before needs; 2 t: free
+//! gate  = 2 * triangles between + turn, in as many bits as the count t of triangles before needs; 2 t: free
 //! ```
 //!
 //! Why strips: eight corners x come from two words without a loop (`pdep` puts names in their bytes, a product counts
@@ -53,23 +53,24 @@ impl Topology {
         guides: [[0; 256 + STRIP_TRIANGLES]; 3],
         starts: 0,
     };
+}
 
-    /// The first two corners of a free strip behind `vertex_count` vertices; gives how many there are then.
-    fn guide_free(&mut self, mut vertex_count: usize, ab: [u8; 2]) -> usize {
-        let mut near = vertex_count.saturating_sub(1) as u8;
-        for v in ab {
-            if usize::from(v) == vertex_count {
-                self.guides.iter_mut().for_each(|guide| guide[vertex_count] = near);
-                vertex_count += 1;
-            }
-            near = v;
+/// Guides of the first two corners of a free strip behind `vertex_count` vertices; gives how many there are then.
+fn guide_free(guides: &mut Guides, mut vertex_count: usize, ab: [u8; 2]) -> usize {
+    let mut near = vertex_count.saturating_sub(1) as u8;
+    for v in ab {
+        if usize::from(v) == vertex_count {
+            guides.iter_mut().for_each(|guide| guide[vertex_count] = near);
+            vertex_count += 1;
         }
-        vertex_count
+        near = v;
     }
+    vertex_count
 }
 
 /// Bits of a gate behind `triangle_count` triangles: 0 to twice as many.
-pub(super) fn gate_bits(triangle_count: usize) -> u32 {
+#[inline(always)]
+fn gate_bits(triangle_count: usize) -> u32 {
     u32::from(bits_of(2 * triangle_count as u64))
 }
 
@@ -79,7 +80,8 @@ fn edge_bits(vertex_count: usize) -> u32 {
 }
 
 /// Bits of a name, behind whose strip there are so many vertices.
-pub(super) fn name_bits(vertex_count: usize) -> u32 {
+#[inline(always)]
+fn name_bits(vertex_count: usize) -> u32 {
     u32::from(bits_of(vertex_count as u64 - 1))
 }
 
@@ -97,7 +99,7 @@ struct Strip {
     first: usize,
     count: usize,
     turns: u64,
-    /// Pushes ago; none: free.
+    /// Its number; none: free.
     gate: Option<usize>,
     /// Vertices before it.
     before: usize,
@@ -106,7 +108,7 @@ struct Strip {
 }
 
 impl Strip {
-    /// The longest strip from `first` on, which is not behind the last triangle, on the newest gate there is.
+    /// The longest strip from `first` on, which is not behind the last triangle, on the gate with the least number.
     fn longest(triangles: &[[u8; 3]], first: usize, before: usize) -> Strip {
         let rest = &triangles[first..];
         let pairs = rest.windows(2).take(STRIP_TRIANGLES - 1);
@@ -134,7 +136,7 @@ impl Strip {
     }
 
     /// Writes the strip and its guides; gives how many vertices there are behind it.
-    fn write(&self, triangles: &[[u8; 3]], out: &mut BitWriter, guides: &mut Topology) -> usize {
+    fn write(&self, triangles: &[[u8; 3]], out: &mut BitWriter, guides: &mut Guides) -> usize {
         let strip = &triangles[self.first..self.first + self.count];
         let count = self.count as u32;
         out.put(u64::from(count) - 1, STRIP_LENGTH_BITS);
@@ -148,7 +150,7 @@ impl Strip {
                 out.put(u64::from(v), edge_bits(next));
                 next += usize::from(usize::from(v) == next);
             }
-            next = guides.guide_free(self.before, ab);
+            guide_free(guides, self.before, ab);
         }
         let after = next + self.new.count_ones() as usize;
         let mut opposite = match self.gate {
@@ -160,7 +162,7 @@ impl Strip {
                 opposite = strip[i - 1][(self.turns >> (i - 1) & 1) as usize];
             }
             if self.new >> i & 1 == 1 {
-                for (guide, v) in guides.guides.iter_mut().zip([a, b, opposite]) {
+                for (guide, v) in guides.iter_mut().zip([a, b, opposite]) {
                     guide[next] = v;
                 }
                 next += 1;
@@ -174,14 +176,14 @@ impl Strip {
 
 /// Writes the triangles; gives what vertices are predicted from, and their count.
 pub(super) fn encode(triangles: &[[u8; 3]], out: &mut BitWriter) -> (Guides, usize) {
-    let mut topology = Topology::EMPTY;
+    let mut guides = Topology::EMPTY.guides;
     let (mut first, mut vertex_count) = (0, 0);
     while first < triangles.len() {
         let strip = Strip::longest(triangles, first, vertex_count);
-        vertex_count = strip.write(triangles, out, &mut topology);
+        vertex_count = strip.write(triangles, out, &mut guides);
         first += strip.count;
     }
-    (topology.guides, vertex_count)
+    (guides, vertex_count)
 }
 
 /// Bits that the triangles take.
@@ -269,7 +271,7 @@ fn free(
         return Err(UNSOUND);
     }
     let (a, b) = (a as u8, b as u8);
-    let after = topology.guide_free(before, [a, b]);
+    let after = guide_free(&mut topology.guides, before, [a, b]);
     // A new third corner is predicted as its neighbour b: a + b - a.
     Ok((u32::from(a) | u32::from(b) << 8 | u32::from(a) << 16, after))
 }

@@ -9,7 +9,7 @@
 //! Differences are those of packed vertices, see `packing.rs`, and told by their digits; so no value leads out of the
 //! axis widths, whatever the file says. Tags stand apart so that a value with the widest axes still fits one 57-bit
 //! load. Bits a vertex, `gen:isosurface:20M` / `gen:scan:20M` / the Stanford dragon / `gen:pipes:20M` / a circuit
-//! board, of 31.6 / 27.7 / 36.4 / 29.9 / 30.4 plain:
+//! board, of 31.6 / 27.7 / 36.4 / 29.9 / 30.4 plain, in the order of version 2:
 //!
 //! | three classes, one width each (this) | 26.0 | 9.6 | 30.9 | 15.4 | 22.3 |
 //! | one class | 27.4 | 11.7 | 31.9 | 18.7 | 24.2 |
@@ -43,7 +43,7 @@ const _: () = assert!(TAGS_A_LOAD * TAG_BITS as usize <= 57);
 pub(super) type ClassWidths = [u32; CLASSES];
 
 /// How the value behind a tag is read, and what is done with it.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Class {
     /// Bits of the whole value.
     bits: u32,

@@ -6,14 +6,12 @@
 //! Invariants: 1. a frame in here was filled by `install`, which checked every count and index; 2. vertices read
 //! from different clusters agree (lattice integers).
 
+use super::fields::BYTES_OF_ONE;
 use super::{
     CLUSTER_HEAD_BYTES, ClusterMesh, LEAF_PLANES, LeafShape, Node, WIDE_VERTEX_BYTES, bits,
     palette_index_bits,
 };
 use crate::layout::LEAF_TRIANGLES;
-
-/// Eight bytes, each 1.
-const EACH_BYTE: u64 = 0x0101_0101_0101_0101;
 
 /// Where the indices of a leaf stand in its cluster, bytes from the cluster's start, and how they lie there.
 #[derive(Clone, Copy, Debug)]
@@ -222,7 +220,7 @@ impl<'a> ClusterView<'a> {
     /// Sum over the leaves before `leaf` of what `part` keeps of eight shapes, numbers below 8.
     #[inline(always)]
     fn sum_before(&self, leaf: usize, part: impl Fn(u64) -> u64) -> usize {
-        let sum = |shapes: u64| (part(shapes).wrapping_mul(EACH_BYTE) >> 56) as usize;
+        let sum = |shapes: u64| (part(shapes).wrapping_mul(BYTES_OF_ONE) >> 56) as usize;
         let before = |count: usize| !(u64::MAX << (8 * count));
         if leaf < 8 {
             return sum(self.shapes(0) & before(leaf));
@@ -233,7 +231,7 @@ impl<'a> ClusterView<'a> {
     /// Where the indices of a leaf stand.
     #[inline(always)]
     pub fn leaf_indices(&self, leaf: usize) -> LeafIndices {
-        let before = self.sum_before(leaf, |shapes| shapes >> 3 & (7 * EACH_BYTE));
+        let before = self.sum_before(leaf, |shapes| shapes >> 3 & (7 * BYTES_OF_ONE));
         let shapes_at = CLUSTER_HEAD_BYTES + LEAF_PLANES * self.leaf_count();
         let at = shapes_at + self.leaf_count() + leaf + 3 * before;
         LeafIndices { at, shape: LeafShape(self.bytes[shapes_at + leaf]) }
@@ -242,7 +240,7 @@ impl<'a> ClusterView<'a> {
     /// Index of the first triangle of a leaf.
     #[inline(always)]
     pub fn leaf_first(&self, leaf: usize) -> usize {
-        leaf + self.sum_before(leaf, |shapes| shapes & (7 * EACH_BYTE))
+        leaf + self.sum_before(leaf, |shapes| shapes & (7 * BYTES_OF_ONE))
     }
 
     /// The corners of a leaf's triangles, `[corner][triangle]`, as vertex indices; the least one behind the last

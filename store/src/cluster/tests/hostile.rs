@@ -81,7 +81,7 @@ fn two_strips(second: &[(u64, u32)]) -> [(usize, (u64, u32)); 4] {
 #[test]
 fn the_quad_that_is_lied_about_is_sound() {
     install_twice(&lie(&HEAD, &[], &[])).unwrap();
-    // The second on the newest gate but one: from a to c.
+    // The second on gate 1: from a to c.
     install_twice(&lie(&HEAD, &two_strips(&[(0, 3), (1, 1), (1, 2)]), &[])).unwrap();
 }
 

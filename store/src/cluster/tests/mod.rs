@@ -325,4 +325,29 @@ proptest! {
         check(seeds.iter().map(|&(seed, points, bits)| tangle(points, bits, seed)).collect());
         check(seeds.iter().map(|&(seed, points, bits)| with_leaves(tangle(points, bits, seed), seed)).collect());
     }
+
+    /// Bits of a cluster turn, and it is installed behind another one than before: that does not show in it.
+    #[test]
+    fn a_cluster_shows_nothing_of_those_before_it(
+        scale in 3i64..90_000,
+        turned in prop::collection::vec(0usize..400, 1..4),
+    ) {
+        let first = sheet(8, 8, 100);
+        let corners = first.triangles.iter().map(|t| t.map(|v| first.vertices[usize::from(v)]));
+        // The same triangles the other way round: the same box, so that heads agree.
+        let other: Vec<_> = corners.rev().map(|[a, b, c]| [c, a, b]).collect();
+        let other = cluster(&other, &first.materials);
+        let lasts = [first, other].map(|first| {
+            let (mut packed, _) = page(vec![first, sheet(5, 9, scale)]).encode();
+            let end = 8 * packed.len() - 1;
+            turned.iter().map(|back| end - back).for_each(|at| packed[at / 8] ^= 1 << (at % 8));
+            let frame = install_twice(&packed)?;
+            let mut last = Vec::new();
+            FrameView::new(&frame).for_each_cluster(|cluster| {
+                last = cluster.bytes()[..cluster.frame_bytes()].to_vec();
+            });
+            Ok::<_, &str>(last)
+        });
+        prop_assert_eq!(&lasts[0], &lasts[1]);
+    }
 }
