@@ -8,7 +8,8 @@
 //! vertices are numbered as they are met
 //! ```
 //!
-//! Any path over shared edges is a strip. Lost: the cheapest triangle, one by one.
+//! Any path over shared edges is a strip. Lost: the cheapest triangle, one by one (files of the iso-surface, the plant,
+//! the scan and a circuit board 1.6, 3.4, 2.4 and 4.2 % longer, `trex build --no-asvo`).
 //!
 //! Invariants: 1. each leaf keeps its triangles; 2. orientation is kept; 3. the result depends on the cluster alone.
 
