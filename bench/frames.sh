@@ -59,7 +59,7 @@ for size in 1m 10m 100m; do
     stress size-isosurface-$size 128 isosurface-$size.trex --scenario inside --switches 40
     stress size-pipes-$size 128 pipes-$size.trex --scenario inside --switches 20
 done
-for mib in 96 128 192 256 512; do
+for mib in 104 128 192 256 512; do
     stress limit-isosurface-$mib $mib isosurface-100m.trex --scenario inside --switches 40
     stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $views --switches 10
 done
