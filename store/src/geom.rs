@@ -74,10 +74,11 @@ impl Lattice {
         exp2i(self.exponent)
     }
 
-    /// The nearest lattice point (ties to even). `point` must be finite and inside the model's bounds.
+    /// The nearest lattice point (ties to even). A point that is not finite, or too far away for a lattice, comes out
+    /// beyond 2^[`Lattice::MAX_BITS`], or below 0.
     pub fn snap(&self, point: [f64; 3]) -> [i64; 3] {
         let per_step = exp2i(-self.exponent);
-        std::array::from_fn(|a| ((point[a] - self.origin[a]) * per_step).round_ties_even() as i64)
+        std::array::from_fn(|a| nearest_integer((point[a] - self.origin[a]) * per_step))
     }
 
     /// Model-space position of a lattice point.
@@ -85,6 +86,14 @@ impl Lattice {
         let step = self.step();
         std::array::from_fn(|a| self.origin[a] + q[a] as f64 * step)
     }
+}
+
+/// The nearest integer (ties to even) of a number below 2^51 either way; what is not gives one that is not, either. By
+/// arithmetic alone: many processors that this is compiled for have no instruction that rounds.
+fn nearest_integer(number: f64) -> i64 {
+    // Between 2^52 and 2^53 numbers are integers, and their bits count up by one.
+    const ORIGIN: f64 = (3u64 << 51) as f64;
+    (number + ORIGIN).to_bits().wrapping_sub(ORIGIN.to_bits()) as i64
 }
 
 /// `2^exponent`, exact over the normal range of f64.
@@ -152,6 +161,24 @@ mod tests {
                 let (a, b) = (pair[0].unwrap(), pair[1].unwrap());
                 assert_eq!((0..3).map(|i| a[i].abs_diff(b[i])).sum::<u32>(), 1, "{a:?} {b:?}");
             }
+        }
+    }
+
+    #[test]
+    fn numbers_go_to_the_nearest_integer_or_far_away() {
+        let most = exp2i(51);
+        for whole in [0.0, 1.0, 2.0, 77.0, 1e9, exp2i(40) - 1.0, exp2i(50), most - 2.0] {
+            for part in [0.0, 1e-9, 0.25, 0.499, 0.5, 0.501, 0.999] {
+                for number in [whole + part, -whole - part] {
+                    assert_eq!(nearest_integer(number), number.round_ties_even() as i64, "{number}");
+                }
+            }
+        }
+        for far in [most, 1e17, 1e300, f64::MAX, f64::INFINITY] {
+            assert!(nearest_integer(far) >= 1 << 50 && nearest_integer(-far) < 0, "{far}");
+        }
+        for none in [f64::NAN, -f64::NAN] {
+            assert!(!(0..1 << Lattice::MAX_BITS).contains(&nearest_integer(none)));
         }
     }
 

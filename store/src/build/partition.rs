@@ -215,14 +215,14 @@ impl Snapper {
         if self.input_triangle_count > TRIANGLES {
             return Err(self.too_many("triangles", TRIANGLES));
         }
-        let (lattice, limit) = (self.grid.lattice, 1i64 << self.grid.bits);
+        let Grid { lattice, bits } = self.grid;
         for (corners, &material) in batch.corners.iter().zip(&batch.material) {
-            if !corners.as_flattened().iter().all(|v| v.is_finite()) {
-                self.rejected_non_finite += 1;
-                continue;
-            }
             let q = corners.map(|corner| lattice.snap(corner));
-            if q.as_flattened().iter().any(|v| !(0..limit).contains(v)) {
+            if q.as_flattened().iter().fold(0, |all, v| all | v) as u64 >> bits != 0 {
+                if !corners.as_flattened().iter().all(|v| v.is_finite()) {
+                    self.rejected_non_finite += 1;
+                    continue;
+                }
                 return Err(Error::new(Code::InputFormat, "the input changed while it was read")
                     .at_place(&self.name)
                     .numbers(format!("a vertex at {corners:?} lies outside of the bounds of the first pass"))

@@ -27,8 +27,9 @@ pub(super) struct Surface([Counter; RESOLUTIONS.len()]);
 
 /// At one resolution.
 struct Counter {
-    /// Lattice steps along a leaf, about: the bounds may be a hint.
+    /// Lattice steps along a leaf, about: the bounds may be a hint. And leaves along a step.
     leaf_steps: f64,
+    per_step: f64,
     /// Shadows of triangles without points, and of those with, squares of the lattice step.
     large: f64,
     small: f64,
@@ -39,26 +40,27 @@ impl Surface {
     /// None yet.
     pub(super) fn new(scan: &Scan, grid: &Grid) -> Surface {
         let [lo, hi] = [scan.bounds.lo, scan.bounds.hi].map(|corner| grid.lattice.snap(corner));
-        Surface(RESOLUTIONS.map(|resolution| Counter {
-            leaf_steps: VoxelGrid::from_bounds(lo, hi, resolution, Refinement::None).leaf_steps() as f64,
-            large: 0.0,
-            small: 0.0,
-            sketch: Sketch::default(),
+        Surface(RESOLUTIONS.map(|resolution| {
+            let leaf_steps = VoxelGrid::from_bounds(lo, hi, resolution, Refinement::None).leaf_steps() as f64;
+            let per_step = 1.0 / leaf_steps;
+            Counter { leaf_steps, per_step, large: 0.0, small: 0.0, sketch: Sketch::default() }
         }))
     }
 
     pub(super) fn add(&mut self, q: &[[i64; 3]; 3]) {
         let shadows = shadows(q);
+        let corner = q[0].map(|v| v as f64);
         for counter in &mut self.0 {
-            let leaves = shadows / (counter.leaf_steps * counter.leaf_steps);
+            let per_step = counter.per_step;
+            let leaves = shadows * (per_step * per_step);
             if leaves > LEAVES_MOST {
                 counter.large += shadows;
                 continue;
             }
             counter.small += shadows;
-            for index in 0..=(POINTS_PER_LEAF * leaves) as u32 {
-                let point = point(q, index);
-                counter.sketch.add(point.map(|x| (x / counter.leaf_steps) as u64));
+            counter.sketch.add(corner.map(|x| (x * per_step) as i64));
+            for index in 1..=(POINTS_PER_LEAF * leaves) as u32 {
+                counter.sketch.add(point(q, index).map(|x| (x * per_step) as i64));
             }
         }
     }
@@ -98,18 +100,25 @@ const REGISTER_BITS: u32 = 12;
 struct Sketch {
     /// By the first bits of the hash: the most zeros that came behind them, plus one.
     registers: Vec<u8>,
+    /// The place that came last: neighbours often share one.
+    last: u64,
 }
 
 impl Default for Sketch {
     fn default() -> Sketch {
-        Sketch { registers: vec![0; 1 << REGISTER_BITS] }
+        Sketch { registers: vec![0; 1 << REGISTER_BITS], last: u64::MAX }
     }
 }
 
 impl Sketch {
-    fn add(&mut self, [x, y, z]: [u64; 3]) {
+    fn add(&mut self, [x, y, z]: [i64; 3]) {
+        let place = (x << 42 ^ y << 21 ^ z) as u64;
+        if self.last == place {
+            return;
+        }
+        self.last = place;
         // The finisher of SplitMix64.
-        let mut hash = x << 42 ^ y << 21 ^ z;
+        let mut hash = place;
         hash = (hash ^ hash >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         hash = (hash ^ hash >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
         hash ^= hash >> 31;
@@ -138,7 +147,7 @@ mod tests {
         for side in [2u64, 9, 40, 150] {
             let (mut sketch, mut seen) = (Sketch::default(), HashSet::new());
             for i in 0..3 * side.pow(3) {
-                let place = [i * i % side, i / 3 % side, i / 7 % (2 * side)];
+                let place = [i * i % side, i / 3 % side, i / 7 % (2 * side)].map(|v| v as i64);
                 sketch.add(place);
                 seen.insert(place);
             }
