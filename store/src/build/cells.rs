@@ -4,7 +4,7 @@
 //! triangles never exceed what `Sorted` allows.
 
 use super::BuildOptions;
-use super::scratch::{LatticeTriangle, Run, Scratch, encode};
+use super::scratch::{Encoder, LatticeTriangle, Run, Scratch};
 use crate::error::Result;
 use crate::geom::hilbert_key;
 use serde::{Deserialize, Serialize};
@@ -78,12 +78,21 @@ pub(super) struct Cells {
     /// Of the last triangle, and the index of its cell.
     last: (Place, usize),
     buffered: u64,
+    encoder: Encoder,
 }
 
 impl Cells {
     pub(super) fn new(scratch: Scratch, sorted: Sorted) -> Cells {
         let nowhere = (Place { level: u32::MAX, at: [0; 3] }, 0);
-        Cells { scratch, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
+        Cells {
+            scratch,
+            sorted,
+            cells: Vec::new(),
+            by_place: HashMap::new(),
+            last: nowhere,
+            buffered: 0,
+            encoder: Encoder::default(),
+        }
     }
 
     pub(super) fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
@@ -124,7 +133,8 @@ impl Cells {
         if cell.buffer.is_empty() {
             return Ok(());
         }
-        cell.runs.push(self.scratch.append(encode(&cell.buffer), cell.buffer.len())?);
+        let run = self.encoder.encode(&cell.buffer);
+        cell.runs.push(self.scratch.append(run, cell.buffer.len())?);
         self.buffered -= cell.buffer.len() as u64;
         // The memory goes back: many cells are left behind by the stream and never filled again.
         cell.buffer = Vec::new();

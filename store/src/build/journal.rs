@@ -36,7 +36,7 @@ use std::time::{Duration, Instant};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Says that a file is a journal, and of which form.
-const FORMAT: &str = "trex-journal/1";
+const FORMAT: &str = "trex-journal/2";
 /// Characters of an output's name that its journal's has, too: names end at 255 bytes.
 const NAME_CHARS: usize = 40;
 /// Longest journal: names and numbers of inputs.

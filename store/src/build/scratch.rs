@@ -1,9 +1,9 @@
 //! The scratch file: runs of snapped triangles, LZ4 blocks appended once and read once.
 //!
 //! ```text
-//! run = seal (`crate::scratch`), least corner 3 x 8 bytes,
-//!       LZ4( 47 byte planes: corner 0 minus the run's least corner, corners 1 and 2 minus corner 0 (zigzag),
-//!            5 bytes a coordinate; material, 2 bytes )
+//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 10 widths, LZ4(columns)
+//! columns = corner 0 minus the least corner; corners 1 and 2 minus corner 0 (zigzag); material
+//! column  = as many byte planes as its width says: what its greatest value takes
 //! ```
 //!
 //! Invariants: 1. a run is named by its offset; it comes back as it was, or as an error; 2. what was written leaves
@@ -41,8 +41,12 @@ const FLUSH_BYTES: u64 = 16 << 20;
 const COORDINATE_MASK: i64 = (1 << crate::geom::Lattice::MAX_BITS) - 1;
 /// Unit of giving space back; no run crosses the end of one.
 const SEGMENT_BYTES: u64 = 32 << 20;
-/// Byte planes of a run.
-const PLANES: usize = 9 * 5 + 2;
+/// Columns of a run: nine coordinates and the material.
+const COLUMNS: usize = 10;
+/// Most bytes of a value.
+const WIDTH_MOST: usize = 5;
+/// Bytes between the seal and the columns.
+const HEAD_BYTES: usize = 3 * 8 + COLUMNS;
 
 /// The file. Writing needs `&mut`, reading does not.
 pub(super) struct Scratch {
@@ -75,7 +79,7 @@ impl Scratch {
         self.end
     }
 
-    /// Appends a run made by [`encode`].
+    /// Appends a run made by [`Encoder`].
     pub(super) fn append(&mut self, mut encoded: Vec<u8>, triangle_count: usize) -> Result<Run> {
         if self.end / SEGMENT_BYTES != (self.end + encoded.len() as u64) / SEGMENT_BYTES {
             self.end = self.end.next_multiple_of(SEGMENT_BYTES);
@@ -130,64 +134,97 @@ pub(super) fn drop_cache(file: &File, offset: u64, bytes: u64) {
     let _ = fadvise(file, offset, std::num::NonZeroU64::new(bytes), Advice::DontNeed);
 }
 
-/// The bytes of a run, with room for its seal.
-pub(super) fn encode(triangles: &[LatticeTriangle]) -> Vec<u8> {
-    let n = triangles.len();
-    let mut base = [i64::MAX; 3];
-    for t in triangles {
-        for axis in 0..3 {
-            base[axis] = base[axis].min(t.q[0][axis]);
-        }
-    }
-    let mut planes = vec![0u8; n * PLANES];
-    for corner in 0..3 {
-        for axis in 0..3 {
-            let column = &mut planes[(corner * 3 + axis) * 5 * n..][..5 * n];
-            for (i, t) in triangles.iter().enumerate() {
-                let value = match corner {
-                    0 => (t.q[0][axis] - base[axis]) as u64,
-                    _ => zigzag(t.q[corner][axis] - t.q[0][axis]),
-                };
-                for plane in 0..5 {
-                    column[plane * n + i] = (value >> (8 * plane)) as u8;
-                }
-            }
-        }
-    }
-    for (i, t) in triangles.iter().enumerate() {
-        planes[45 * n + i] = t.material as u8;
-        planes[46 * n + i] = (t.material >> 8) as u8;
-    }
-    let mut out = vec![0; SEAL_BYTES];
-    out.extend(base.iter().flat_map(|b| b.to_le_bytes()));
-    out.extend(lz4_flex::block::compress(&planes));
-    out
+/// Makes runs, in memory that is used again.
+#[derive(Default)]
+pub(super) struct Encoder {
+    values: Vec<u64>,
+    planes: Vec<u8>,
 }
 
+impl Encoder {
+    /// The bytes of a run, with room for its seal.
+    pub(super) fn encode(&mut self, triangles: &[LatticeTriangle]) -> Vec<u8> {
+        let least = |axis: usize| triangles.iter().map(|t| t.q[0][axis]).min().unwrap_or(0);
+        let base = [0, 1, 2].map(least);
+        self.planes.clear();
+        let widths: [u8; COLUMNS] = std::array::from_fn(|column| {
+            let (corner, axis) = (column / 3, column % 3);
+            self.values.clear();
+            match corner {
+                0 => self.values.extend(triangles.iter().map(|t| (t.q[0][axis] - base[axis]) as u64)),
+                1 | 2 => {
+                    self.values.extend(triangles.iter().map(|t| zigzag(t.q[corner][axis] - t.q[0][axis])));
+                }
+                _ => self.values.extend(triangles.iter().map(|t| u64::from(t.material))),
+            }
+            let all = self.values.iter().fold(0, |all, value| all | value);
+            let width = (u64::BITS - all.leading_zeros()).div_ceil(8);
+            for plane in 0..width {
+                self.planes.extend(self.values.iter().map(|value| (value >> (8 * plane)) as u8));
+            }
+            width as u8
+        });
+        let room = lz4_flex::block::get_maximum_output_size(self.planes.len());
+        let mut out = Vec::with_capacity(SEAL_BYTES + HEAD_BYTES + room);
+        out.resize(SEAL_BYTES, 0);
+        out.extend(base.iter().flat_map(|b| b.to_le_bytes()));
+        out.extend(widths);
+        let head = out.len();
+        out.resize(head + room, 0);
+        let packed = lz4_flex::block::compress_into(&self.planes, &mut out[head..]);
+        out.truncate(head + packed.expect("there is room for what cannot be compressed"));
+        out
+    }
+}
+
+/// Appends the triangles of a run, of which `bytes` are what follows the seal; `None` when that is no run of so many.
 fn decode(bytes: &[u8], n: usize, out: &mut Vec<LatticeTriangle>) -> Option<()> {
-    let (head, packed) = bytes.split_at_checked(24)?;
+    let (head, packed) = bytes.split_at_checked(HEAD_BYTES)?;
+    let (base, widths) = head.split_at(24);
     let base: [i64; 3] =
-        std::array::from_fn(|a| i64::from_le_bytes(head[8 * a..8 * a + 8].try_into().expect("8")));
-    let planes = lz4_flex::block::decompress(packed, n * PLANES).ok()?;
-    if planes.len() != n * PLANES {
+        std::array::from_fn(|a| i64::from_le_bytes(base[8 * a..8 * a + 8].try_into().expect("8")));
+    if widths.iter().any(|&width| usize::from(width) > WIDTH_MOST) {
         return None;
     }
+    let bytes = n * widths.iter().map(|&width| usize::from(width)).sum::<usize>();
+    let planes = lz4_flex::block::decompress(packed, bytes).ok().filter(|planes| planes.len() == bytes)?;
     let from = out.len();
     out.resize(from + n, LatticeTriangle::default());
-    for (i, t) in out[from..].iter_mut().enumerate() {
-        for corner in 0..3 {
-            for axis in 0..3 {
-                let column = &planes[(corner * 3 + axis) * 5 * n..];
-                let value = (0..5).fold(0u64, |v, plane| v | u64::from(column[plane * n + i]) << (8 * plane));
-                t.q[corner][axis] = match corner {
-                    0 => base[axis] + value as i64,
-                    _ => (t.q[0][axis] + unzigzag(value)) & COORDINATE_MASK,
-                };
-            }
+    let (out, mut planes) = (&mut out[from..], planes.as_slice());
+    for (column, &width) in widths.iter().enumerate() {
+        let (these, rest) = planes.split_at(n * usize::from(width));
+        planes = rest;
+        match width {
+            0 => set_column::<0>(these, column, base, out),
+            1 => set_column::<1>(these, column, base, out),
+            2 => set_column::<2>(these, column, base, out),
+            3 => set_column::<3>(these, column, base, out),
+            4 => set_column::<4>(these, column, base, out),
+            _ => set_column::<WIDTH_MOST>(these, column, base, out),
         }
-        t.material = u16::from(planes[45 * n + i]) | u16::from(planes[46 * n + i]) << 8;
     }
     Some(())
+}
+
+/// Sets a column of triangles, whose corner 0 is set before the others.
+fn set_column<const WIDTH: usize>(
+    planes: &[u8],
+    column: usize,
+    base: [i64; 3],
+    triangles: &mut [LatticeTriangle],
+) {
+    let n = triangles.len();
+    let planes: [&[u8]; WIDTH] = std::array::from_fn(|plane| &planes[plane * n..][..n]);
+    let value =
+        |i: usize| (0..WIDTH).fold(0u64, |all, plane| all | u64::from(planes[plane][i]) << (8 * plane));
+    let (corner, axis) = (column / 3, column % 3);
+    for (i, t) in triangles.iter_mut().enumerate() {
+        match corner {
+            0 => t.q[0][axis] = base[axis] + value(i) as i64,
+            1 | 2 => t.q[corner][axis] = (t.q[0][axis] + unzigzag(value(i))) & COORDINATE_MASK,
+            _ => t.material = value(i) as u16,
+        }
+    }
 }
 
 /// Differences of 40-bit coordinates, modulo 2^40, small ones of either sign first: 40 bits hold them all.
@@ -209,17 +246,19 @@ mod tests {
         #[test]
         fn runs_survive(
             corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>()), 1..300),
+            cut in 0u32..32,
             shift in 0u32..8,
         ) {
             let triangles: Vec<_> = corners
                 .iter()
                 .map(|(q, material)| LatticeTriangle {
-                    q: q.map(|c| c.map(|v| i64::from(v) << shift)),
+                    q: q.map(|c| c.map(|v| i64::from(v >> cut) << shift)),
                     material: *material,
                 })
                 .collect();
             let mut back = Vec::new();
-            decode(&encode(&triangles)[SEAL_BYTES..], triangles.len(), &mut back).unwrap();
+            let run = Encoder::default().encode(&triangles);
+            decode(&run[SEAL_BYTES..], triangles.len(), &mut back).unwrap();
             prop_assert_eq!(back, triangles);
         }
     }
