@@ -73,6 +73,70 @@ impl<T: Wide> Triangle<T> {
             && self.edges_reach(lo, side)
     }
 
+    /// Which boxes of a grid the triangle touches: bit `x + 4 y + 16 z` for the one of `side` from `origin` + `side`
+    /// times (x, y, z). Only those of `range` are asked, first and last along each axis, at most 3: those that its box
+    /// touches.
+    pub(super) fn touched(&self, origin: [i64; 3], side: i64, range: [[usize; 2]; 3]) -> u64 {
+        let (zero, wide) = (T::from(0), T::from(side));
+        // Of a linear function, what each of four steps along an axis adds.
+        let along = |axis: usize, factor: T, from: i64| {
+            let (at, step) = (factor * T::from(origin[axis] - from), factor * wide);
+            [at, at + step, at + step + step, at + step + step + step]
+        };
+        // Where all of the triangle is between two neighbouring planes of the grid.
+        let is_slab: [bool; 3] = std::array::from_fn(|a| {
+            let lo = origin[a] + range[a][0] as i64 * side;
+            range[a][0] == range[a][1] && lo <= self.lo[a] && self.hi[a] <= lo + side
+        });
+        // In each projection, the squares within reach of the inner side of all edges: bit `inner + 4 outer`.
+        let squares = |which: usize, is_turned: bool| {
+            let [a, b, _] = AXES[which];
+            if is_slab[a] || is_slab[b] {
+                // A row of squares, of which it reaches both ends, and is nowhere else.
+                return u64::MAX;
+            }
+            let lines = [0, 1, 2].map(|i| {
+                let [na, nb] = self.edge[which][i];
+                let reach =
+                    if na > zero { na * wide } else { zero } + if nb > zero { nb * wide } else { zero };
+                let [a, b] = [along(a, na, self.corner[i][a]), along(b, nb, self.corner[i][b])];
+                let [inner, outer] = if is_turned { [b, a] } else { [a, b] };
+                (inner, outer.map(|at| at + reach))
+            });
+            let mut squares = 0u64;
+            let [first, last] = range[if is_turned { a } else { b }];
+            for outer in first..=last {
+                for inner in 0..4 {
+                    let is_inside = |i: usize| u64::from(lines[i].0[inner] + lines[i].1[outer] >= zero);
+                    squares |= (is_inside(0) & is_inside(1) & is_inside(2)) << (inner + 4 * outer);
+                }
+            }
+            squares
+        };
+        let (xy, yz, xz) = (squares(0, false), squares(1, false), squares(2, true));
+        let plane: [[T; 4]; 3] = std::array::from_fn(|a| along(a, self.normal[a], self.corner[0][a]));
+        let [down, up] = [false, true].map(|is_up| {
+            self.normal.iter().fold(zero, |sum, &n| if (n > zero) == is_up { sum + n * wide } else { sum })
+        });
+        let columns = (2u64 << range[0][1]) - (1 << range[0][0]);
+        let mut bitmap = 0;
+        for z in range[2][0]..=range[2][1] {
+            for y in range[1][0]..=range[1][1] {
+                let row = xy >> (4 * y) & xz >> (4 * z) & columns;
+                if row == 0 || yz >> (y + 4 * z) & 1 == 0 {
+                    continue;
+                }
+                let beside = plane[1][y] + plane[2][z];
+                let (down, up) = (beside + down, beside + up);
+                let is_cut =
+                    |x: usize| u64::from(plane[0][x] + down <= zero) & u64::from(plane[0][x] + up >= zero);
+                let cut = is_cut(0) | is_cut(1) << 1 | is_cut(2) << 2 | is_cut(3) << 3;
+                bitmap |= (row & cut) << (4 * y + 16 * z);
+            }
+        }
+        bitmap
+    }
+
     fn plane_cuts(&self, lo: [i64; 3], side: i64) -> bool {
         let (zero, side) = (T::from(0), T::from(side));
         let (mut least, mut most) = (zero, zero);
@@ -156,6 +220,34 @@ mod tests {
             let expected = clipped(corner, lo, side);
             prop_assert_eq!(Triangle::<i64>::new(corner).touches(lo, side), expected);
             prop_assert_eq!(Triangle::<i128>::new(corner).touches(lo, side), expected);
+        }
+
+        /// Against the boxes one by one.
+        #[test]
+        fn boxes_of_a_grid_are_asked_together(
+            corner in corners(-9..10),
+            origin in proptest::array::uniform3(-9i64..6),
+            side in 1i64..6,
+        ) {
+            let narrow = Triangle::<i64>::new(corner);
+            let mut expected = 0u64;
+            for (i, place) in (0..64).map(|i| (i, [i & 3, i >> 2 & 3, i >> 4])) {
+                let lo = std::array::from_fn(|a| origin[a] + place[a] * side);
+                expected |= u64::from(narrow.touches(lo, side)) << i;
+            }
+            let range: [[i64; 2]; 3] = std::array::from_fn(|a| {
+                let values = corner.map(|c| c[a] - origin[a]);
+                // The one before, where it ends at the triangle's box.
+                let first = (values.into_iter().min().unwrap() + side - 1).div_euclid(side) - 1;
+                [first, values.into_iter().max().unwrap().div_euclid(side)]
+            });
+            if range.iter().all(|&[first, last]| first <= 3 && last >= 0) {
+                let range = range.map(|ends| ends.map(|v| v.clamp(0, 3) as usize));
+                prop_assert_eq!(narrow.touched(origin, side, range), expected);
+                prop_assert_eq!(Triangle::<i128>::new(corner).touched(origin, side, range), expected);
+            } else {
+                prop_assert_eq!(expected, 0);
+            }
         }
 
         #[test]

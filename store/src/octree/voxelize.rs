@@ -23,9 +23,14 @@ const PILE: usize = 1 << 17;
 /// Leaves along an axis of a triangle's box up to which they are asked one after the other.
 const FEW: i64 = 4;
 
+/// Subvoxels along an axis of a leaf.
+const LEAF: i64 = LEAF_SIDE as i64;
+
 /// Makes records of triangles.
 pub(crate) struct Voxelizer<'a> {
     grid: VoxelGrid,
+    /// Half-steps to subvoxels.
+    subvoxels: Divisor,
     runs: &'a VoxelRuns,
     /// Of the next run.
     order: RunOrder,
@@ -38,6 +43,9 @@ pub(crate) struct Voxelizer<'a> {
 struct Job {
     /// Corners in half-steps from the cube's corner.
     corner: [[i64; 3]; 3],
+    /// The subvoxels at both ends of its box.
+    first: [i64; 3],
+    last: [i64; 3],
     unit_normal: [f64; 3],
     material: u16,
 }
@@ -45,7 +53,8 @@ struct Job {
 impl<'a> Voxelizer<'a> {
     /// Runs go to `runs`.
     pub(crate) fn new(grid: VoxelGrid, runs: &'a VoxelRuns) -> Voxelizer<'a> {
-        Voxelizer { grid, runs, order: RunOrder::default(), pile: Vec::new(), outcome: Ok(()) }
+        let subvoxels = Divisor::new(2 * grid.subvoxel_steps);
+        Voxelizer { grid, subvoxels, runs, order: RunOrder::default(), pile: Vec::new(), outcome: Ok(()) }
     }
 
     /// Most bytes that a voxelizer holds: the pile, and what sorting and packing take.
@@ -69,25 +78,25 @@ impl<'a> Voxelizer<'a> {
     /// Adds a triangle on the lattice.
     pub(crate) fn add(&mut self, q: [[i64; 3]; 3], material: u16) {
         let corner = q.map(|q| std::array::from_fn(|a| 2 * (q[a] - self.grid.lo[a]) + 1));
-        let job = Job { corner, unit_normal: unit_normal(&corner), material };
         let lo: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).min().expect("three"));
         let hi: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).max().expect("three"));
-        let leaf = 2 * self.grid.leaf_steps();
-        let (first, last) = (lo.map(|v| v / leaf), hi.map(|v| v / leaf));
-        let reach = (0..3).map(|a| hi[a] - lo[a]).max().expect("three") + leaf;
-        if (0..3).all(|a| last[a] - first[a] < FEW) {
+        let (first, last) = (lo.map(|v| self.subvoxels.of(v)), hi.map(|v| self.subvoxels.of(v)));
+        let job = Job { corner, first, last, unit_normal: unit_normal(&corner), material };
+        let reach = (0..3).map(|a| hi[a] - lo[a]).max().expect("three") + 2 * self.grid.leaf_steps();
+        if (0..3).all(|a| last[a] / LEAF - first[a] / LEAF < FEW) {
             if reach < NARROW_REACH {
-                self.few(&job, &Triangle::<i64>::new(corner), first, last);
+                self.few(&job, &Triangle::<i64>::new(corner));
             } else {
-                self.few(&job, &Triangle::<i128>::new(corner), first, last);
+                self.few(&job, &Triangle::<i128>::new(corner));
             }
         } else {
             self.descend(&job, &Triangle::<i128>::new(corner), [0; 3], self.grid.depth());
         }
     }
 
-    /// All leaves from `first` to `last`.
-    fn few<T: Wide>(&mut self, job: &Job, triangle: &Triangle<T>, first: [i64; 3], last: [i64; 3]) {
+    /// All leaves of the triangle's box.
+    fn few<T: Wide>(&mut self, job: &Job, triangle: &Triangle<T>) {
+        let (first, last) = (job.first.map(|v| v / LEAF), job.last.map(|v| v / LEAF));
         let is_inside = first == last;
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {
@@ -117,9 +126,9 @@ impl<'a> Voxelizer<'a> {
 
     fn leaf<T: Wide>(&mut self, job: &Job, triangle: &Triangle<T>, at: [i64; 3], is_inside: bool) {
         let subvoxel = 2 * self.grid.subvoxel_steps;
-        let leaf = subvoxel * i64::from(LEAF_SIDE);
+        let leaf = subvoxel * LEAF;
         let origin = at.map(|v| v * leaf);
-        let bitmap = subvoxels(triangle, &job.corner, origin, subvoxel);
+        let bitmap = subvoxels(triangle, job, at, subvoxel);
         if bitmap == 0 {
             return;
         }
@@ -159,26 +168,43 @@ impl<'a> Voxelizer<'a> {
     }
 }
 
-/// The subvoxels of the leaf at `origin` that a triangle touches.
-fn subvoxels<T: Wide>(triangle: &Triangle<T>, corner: &[[i64; 3]; 3], origin: [i64; 3], side: i64) -> u64 {
-    let last = i64::from(LEAF_SIDE) - 1;
-    let range: [(i64, i64); 3] = std::array::from_fn(|a| {
-        let of = |v: i64| ((v - origin[a]).div_euclid(side)).clamp(0, last);
-        let (lo, hi) = corner.iter().fold((i64::MAX, i64::MIN), |(lo, hi), c| (lo.min(c[a]), hi.max(c[a])));
-        (of(lo), of(hi))
-    });
-    let mut bitmap = 0;
-    for z in range[2].0..=range[2].1 {
-        for y in range[1].0..=range[1].1 {
-            for x in range[0].0..=range[0].1 {
-                let step = [x, y, z];
-                if triangle.touches(std::array::from_fn(|a| origin[a] + step[a] * side), side) {
-                    bitmap |= 1 << (x + 4 * y + 16 * z);
-                }
-            }
-        }
+/// Whole quotients by a number that is the same for many.
+struct Divisor {
+    by: i64,
+    inverse: f64,
+}
+
+impl Divisor {
+    fn new(by: i64) -> Divisor {
+        Divisor { by, inverse: 1.0 / by as f64 }
     }
-    bitmap
+
+    /// `value / by`, rounded down; `value` is from 0 to 2^52.
+    fn of(&self, value: i64) -> i64 {
+        // One too many or one too few at most: the product is wrong by three roundings of what is below 2^52.
+        let near = (value as f64 * self.inverse) as i64;
+        let rest = value - near * self.by;
+        near + i64::from(rest >= self.by) - i64::from(rest < 0)
+    }
+}
+
+/// The subvoxels of the leaf `at` that a triangle touches.
+fn subvoxels<T: Wide>(triangle: &Triangle<T>, job: &Job, at: [i64; 3], side: i64) -> u64 {
+    let origin = at.map(|v| v * LEAF);
+    let range: [[usize; 2]; 3] = std::array::from_fn(|a| {
+        [job.first[a], job.last[a]].map(|v| (v - origin[a]).clamp(0, LEAF - 1) as usize)
+    });
+    let mut wide = (0..3).filter(|&a| job.first[a] < job.last[a]);
+    let (axis, is_row) = (wide.next().unwrap_or(0), wide.next().is_none());
+    if is_row {
+        // The triangle reaches both ends, and is nowhere else.
+        let mut place = range.map(|[first, _]| first);
+        return (range[axis][0]..=range[axis][1]).fold(0, |bitmap, v| {
+            place[axis] = v;
+            bitmap | 1 << (place[0] + 4 * place[1] + 16 * place[2])
+        });
+    }
+    triangle.touched(origin.map(|v| v * side), side, range)
 }
 
 fn cross_sum(corner: &[[i64; 3]; 3]) -> [f64; 3] {
@@ -208,7 +234,8 @@ const CORNERS: usize = 9;
 
 /// Area of the part of a triangle inside a box: cut by the six planes (Sutherland and Hodgman), in f64.
 fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
-    let (mut polygon, mut left) = ([[0f64; 3]; CORNERS], [[0f64; 3]; CORNERS]);
+    let rooms = &mut [[[0f64; 3]; CORNERS]; 2];
+    let [mut polygon, mut left] = rooms.each_mut();
     let mut count = 3;
     for (p, c) in polygon.iter_mut().zip(corner) {
         *p = std::array::from_fn(|a| (c[a] - lo[a]) as f64);
@@ -220,10 +247,14 @@ fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
             if !cuts {
                 continue;
             }
+            let mut inside = [0.0; CORNERS];
+            for (d, p) in inside.iter_mut().zip(&polygon[..count]) {
+                *d = sign * (p[a] - bound);
+            }
             let mut kept = 0;
             for i in 0..count {
-                let (p, next) = (polygon[i], polygon[if i + 1 < count { i + 1 } else { 0 }]);
-                let (d, e) = (sign * (p[a] - bound), sign * (next[a] - bound));
+                let after = if i + 1 < count { i + 1 } else { 0 };
+                let (p, next, d, e) = (polygon[i], polygon[after], inside[i], inside[after]);
                 if d >= 0.0 && kept < CORNERS {
                     left[kept] = p;
                     kept += 1;
@@ -234,7 +265,7 @@ fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
                     kept += 1;
                 }
             }
-            polygon[..kept].copy_from_slice(&left[..kept]);
+            std::mem::swap(&mut polygon, &mut left);
             count = kept;
         }
     }
@@ -324,6 +355,19 @@ mod tests {
             let found: f64 = all.iter().map(|r| f64::from(r.area)).sum();
             prop_assert!((found - expected).abs() <= 1e-4 * expected + 1e-6, "{} for {}", found, expected);
             prop_assert!(all.windows(2).all(|pair| pair[0].key() < pair[1].key()));
+        }
+    }
+
+    #[test]
+    fn quotients_are_rounded_down() {
+        for by in [2, 6, 14, 1 << 20, (1 << 40) - 2, 3 << 37] {
+            let divisor = Divisor::new(by);
+            for quotient in [0, 1, 2, 1023, (1 << 41) / by, (1 << 52) / by] {
+                for value in [quotient * by - 1, quotient * by, quotient * by + 1, quotient * by + by - 1] {
+                    let value = value.clamp(0, 1 << 52);
+                    assert_eq!(divisor.of(value), value / by, "{value} / {by}");
+                }
+            }
         }
     }
 
