@@ -3,11 +3,11 @@
 //! Invariant: work memory is bounded by [`worker_bytes`].
 
 use super::cells::{CHUNK_TRIANGLES, Chunk};
-use super::clusters::Clusters;
+use super::clusters::{Clusterer, Clusters};
 use super::pages::{self, ChunkPages, PackContext};
-use super::sah::{Prim, Splitter};
+use super::sah::Prim;
 use super::scratch::{LatticeTriangle, Scratch};
-use crate::cluster::{LatticeBox, Orderer};
+use crate::cluster::LatticeBox;
 use crate::error::Result;
 
 /// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (about
@@ -23,8 +23,7 @@ pub(super) struct Workspace {
     run: Vec<LatticeTriangle>,
     triangles: Vec<LatticeTriangle>,
     prims: Vec<Prim>,
-    splitter: Splitter,
-    orderer: Orderer,
+    clusterer: Clusterer,
 }
 
 impl Workspace {
@@ -59,13 +58,6 @@ impl Workspace {
             t.q.iter().for_each(|&q| exact.add(q));
             Prim::new(&exact, all.lo, index as u32)
         }));
-        let mut out = Clusters::default();
-        out.grow(&mut self.splitter, &mut self.prims, &self.triangles, 0);
-        for cluster in &mut out.clusters {
-            let ordered = self.orderer.ordered(cluster);
-            out.page_bytes.push(ordered.page_bytes());
-            *cluster = ordered.mesh;
-        }
-        out
+        self.clusterer.clusters(&mut self.prims, &self.triangles)
     }
 }

@@ -1,10 +1,10 @@
-//! `Clusters`: the triangles of a chunk in clusters, and the binary SAH tree above these.
+//! `Clusterer`: the triangles of a chunk in clusters, and the binary SAH tree above these.
 //!
 //! Invariants: 1. every triangle ends in exactly one cluster; 2. boxes in the tree are exact unions of lattice boxes.
 
 use super::sah::{Prim, Rule, Splitter};
 use super::scratch::LatticeTriangle;
-use crate::cluster::{ClusterMesh, LatticeBox};
+use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
@@ -14,47 +14,60 @@ pub(super) enum Tree {
     Split(u32, u32),
 }
 
-/// Clusters and the tree above them; the last node is the root.
+/// Clusters, in coding order, and the tree above them; the last node is the root.
 #[derive(Default)]
 pub(super) struct Clusters {
     pub(super) clusters: Vec<ClusterMesh>,
     /// By cluster: bytes to set aside for it in a page.
     pub(super) page_bytes: Vec<usize>,
     pub(super) tree: Vec<(LatticeBox, Tree)>,
-    /// Work memory.
-    leaf_sizes: Vec<u8>,
 }
 
-impl Clusters {
+/// Memory to make clusters with, reused from chunk to chunk.
+#[derive(Default)]
+pub(super) struct Clusterer {
+    splitter: Splitter,
+    orderer: Orderer,
+    /// The cluster under way.
+    mesh: ClusterMesh,
+}
+
+impl Clusterer {
+    /// The clusters of triangles, whose primitives are reordered.
+    pub(super) fn clusters(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> Clusters {
+        let mut out = Clusters::default();
+        self.grow(prims, triangles, 0, &mut out);
+        out
+    }
+
     /// Adds the subtree over `prims`, which hangs under `depth` splits; gives its node.
-    pub(super) fn grow(
+    fn grow(
         &mut self,
-        splitter: &mut Splitter,
         prims: &mut [Prim],
         triangles: &[LatticeTriangle],
         depth: usize,
+        out: &mut Clusters,
     ) -> u32 {
         let rule = Rule { leaf: LEAF_TRIANGLES, quantum: LEAF_TRIANGLES, depth };
         if prims.len() <= CLUSTER_TRIANGLES {
-            self.leaf_sizes.clear();
-            order_leaves(splitter, prims, rule, &mut self.leaf_sizes);
-            if self.leaf_sizes.len() <= CLUSTER_LEAVES
-                && let Some(mut cluster) = cluster_of(prims, triangles)
-            {
-                cluster.leaf_sizes.clone_from(&self.leaf_sizes);
-                self.tree.push((cluster.bounds(), Tree::Cluster(self.clusters.len() as u32)));
-                self.clusters.push(cluster);
-                return self.tree.len() as u32 - 1;
+            self.mesh.leaf_sizes.clear();
+            order_leaves(&mut self.splitter, prims, rule, &mut self.mesh.leaf_sizes);
+            if self.mesh.leaf_sizes.len() <= CLUSTER_LEAVES && weld(prims, triangles, &mut self.mesh) {
+                let ordered = self.orderer.ordered(&self.mesh);
+                out.tree.push((ordered.mesh.bounds(), Tree::Cluster(out.clusters.len() as u32)));
+                out.page_bytes.push(ordered.page_bytes());
+                out.clusters.push(ordered.mesh);
+                return out.tree.len() as u32 - 1;
             }
         }
         let quantum = if prims.len() > CLUSTER_TRIANGLES { CLUSTER_TRIANGLES } else { LEAF_TRIANGLES };
-        let cut = splitter.split(prims, Rule { quantum, ..rule });
+        let cut = self.splitter.split(prims, Rule { quantum, ..rule });
         let (left, right) = prims.split_at_mut(cut);
-        let left = self.grow(splitter, left, triangles, depth + 1);
-        let right = self.grow(splitter, right, triangles, depth + 1);
-        let bounds = self.tree[left as usize].0.join(&self.tree[right as usize].0);
-        self.tree.push((bounds, Tree::Split(left, right)));
-        self.tree.len() as u32 - 1
+        let left = self.grow(left, triangles, depth + 1, out);
+        let right = self.grow(right, triangles, depth + 1, out);
+        let bounds = out.tree[left as usize].0.join(&out.tree[right as usize].0);
+        out.tree.push((bounds, Tree::Split(left, right)));
+        out.tree.len() as u32 - 1
     }
 }
 
@@ -71,14 +84,16 @@ fn order_leaves(splitter: &mut Splitter, prims: &mut [Prim], rule: Rule, sizes: 
     order_leaves(splitter, right, rule, sizes);
 }
 
-/// Welds the primitives' corners; `None` when they are more than a cluster can hold. Vertices stand in the
+/// Welds the primitives' corners into `cluster`; false when they are more than it can hold. Vertices stand in the
 /// order of first use.
-fn cluster_of(prims: &[Prim], triangles: &[LatticeTriangle]) -> Option<ClusterMesh> {
+fn weld(prims: &[Prim], triangles: &[LatticeTriangle], cluster: &mut ClusterMesh) -> bool {
     const SLOTS: usize = 4 * CLUSTER_TRIANGLES;
     const FREE: u8 = 255;
     const { assert!(CLUSTER_VERTICES <= FREE as usize && SLOTS > CLUSTER_VERTICES) }
     let mut slots = [FREE; SLOTS];
-    let mut cluster = ClusterMesh::default();
+    cluster.vertices.clear();
+    cluster.triangles.clear();
+    cluster.materials.clear();
     for prim in prims {
         let triangle = &triangles[prim.index as usize];
         let mut corners = [0; 3];
@@ -86,7 +101,7 @@ fn cluster_of(prims: &[Prim], triangles: &[LatticeTriangle]) -> Option<ClusterMe
             let mut slot = hash(q) % SLOTS;
             corners[corner] = loop {
                 match slots[slot] {
-                    FREE if cluster.vertices.len() == CLUSTER_VERTICES => return None,
+                    FREE if cluster.vertices.len() == CLUSTER_VERTICES => return false,
                     FREE => {
                         slots[slot] = cluster.vertices.len() as u8;
                         cluster.vertices.push(*q);
@@ -100,7 +115,7 @@ fn cluster_of(prims: &[Prim], triangles: &[LatticeTriangle]) -> Option<ClusterMe
         cluster.triangles.push(corners);
         cluster.materials.push(triangle.material);
     }
-    Some(cluster)
+    true
 }
 
 fn hash(q: &[i64; 3]) -> usize {

@@ -57,7 +57,7 @@ const QUANTUM_COST: f32 = 1.03;
 /// How a range is to be split.
 #[derive(Clone, Copy)]
 pub(super) struct Rule {
-    /// Primitives that cost as one: those of a leaf.
+    /// Primitives that cost as one: those of a leaf; a power of two.
     pub(super) leaf: usize,
     /// The left side is better a multiple of this.
     pub(super) quantum: usize,
@@ -84,7 +84,7 @@ impl Splitter {
     /// Reorders `prims` and cuts them in two: gives the count of the left side. At least two primitives.
     pub(super) fn split(&mut self, prims: &mut [Prim], rule: Rule) -> usize {
         let n = prims.len();
-        assert!(n >= 2);
+        assert!(n >= 2 && rule.leaf.is_power_of_two());
         let best = best_cut(prims, rule);
         let mut cut = best.as_ref().map_or(n / 2, |best| best.left);
         if rule.depth >= FREE_DEPTH {
@@ -170,7 +170,7 @@ fn best_cut(prims: &[Prim], rule: Rule) -> Option<Cut> {
     }
     let mut best: Option<(usize, Boundary, [Boundary; BINS])> = None;
     for axis in (0..3).filter(|&axis| scale[axis] > 0.0) {
-        let boundaries = boundaries(&bins[axis], rule.leaf);
+        let boundaries = boundaries(&bins[axis], rule.leaf.ilog2());
         for &boundary in &boundaries[1..] {
             if boundary.left > 0
                 && boundary.left < prims.len()
@@ -196,18 +196,18 @@ struct Boundary {
 }
 
 /// The cuts before each bin; before the first there is none.
-fn boundaries(bins: &[Bin; BINS], leaf: usize) -> [Boundary; BINS] {
+fn boundaries(bins: &[Bin; BINS], leaf_bits: u32) -> [Boundary; BINS] {
     let mut all = [Boundary { left: 0, cost: f32::INFINITY }; BINS];
     let mut right = Bin::EMPTY;
     for i in (1..BINS).rev() {
         right.join(&bins[i]);
-        all[i].cost = right.cost(leaf);
+        all[i].cost = right.cost(leaf_bits);
     }
     let mut left = Bin::EMPTY;
     for i in 1..BINS {
         left.join(&bins[i - 1]);
         all[i].left = left.count;
-        all[i].cost += left.cost(leaf);
+        all[i].cost += left.cost(leaf_bits);
     }
     all
 }
@@ -249,13 +249,13 @@ impl Bin {
         self.count += other.count;
     }
 
-    /// Half of the area of the box, times the leaves that it takes.
-    fn cost(&self, leaf: usize) -> f32 {
+    /// Half of the area of the box, times the leaves of 2^`leaf_bits` that it takes.
+    fn cost(&self, leaf_bits: u32) -> f32 {
         if self.count == 0 {
             return 0.0;
         }
         let [x, y, z, _]: Four = std::array::from_fn(|a| self.hi[a] - self.lo[a]);
-        (x * y + y * z + z * x) * self.count.div_ceil(leaf) as f32
+        (x * y + y * z + z * x) * ((self.count + (1 << leaf_bits) - 1) >> leaf_bits) as f32
     }
 }
 

@@ -10,6 +10,7 @@
 
 mod bits;
 mod cells;
+mod edges;
 mod encode;
 mod fields;
 mod install;

@@ -13,9 +13,10 @@
 //!
 //! Invariants: 1. each leaf keeps its triangles; 2. orientation is kept; 3. the result depends on the cluster alone.
 
+use super::edges::Edges;
 use super::strips::{self, turn};
 use super::{ClusterMesh, encode};
-use crate::layout::{CLUSTER_VERTICES, LEAF_TRIANGLES};
+use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// What a start of a strip takes, bits, about: a gate.
 const START_BITS: u32 = 10;
@@ -23,15 +24,23 @@ const START_BITS: u32 = 10;
 const LOST_PREDICTION_BITS: u32 = 5;
 /// Triangles that the search for a path may visit.
 const VISITS_MOST: u32 = 200;
-/// No number yet.
+/// No number yet; no way across an edge.
 const NONE: u8 = u8::MAX;
+/// Ways to tell the triangles of a leaf: from one edge on each. Way `3 t + e` has corner `e` of triangle `t` first.
+const WAYS: usize = 3 * LEAF_TRIANGLES;
 
 /// Memory to choose orders with, reused from cluster to cluster.
 pub(crate) struct Orderer {
-    /// True where a triangle opened the edge from a to b, `[a][b]`, in new numbers.
-    opened: Vec<[bool; CLUSTER_VERTICES]>,
+    edges: Edges,
+    leaves: Vec<Leaf>,
+    /// By triangle of the old cluster: its leaf.
+    leaf_of: [u8; CLUSTER_TRIANGLES],
     /// New number by old one.
     number: [u8; CLUSTER_VERTICES],
+    /// Ways of the old cluster that begin on an edge which the last triangle opened.
+    turns: Vec<usize>,
+    /// Triangles of the strip under way.
+    run: usize,
 }
 
 /// A cluster in coding order.
@@ -49,45 +58,46 @@ impl Ordered {
     }
 }
 
-/// A triangle of a leaf, told from one of its edges on: corner `edge` is its first.
-#[derive(Clone, Copy)]
-struct Turned {
-    triangle: u8,
-    edge: u8,
-}
-
-/// A leaf that is not told yet.
+/// A leaf on its way.
 struct Leaf {
     /// Its first triangle in the old cluster, and how many it has.
     first: usize,
     count: usize,
-    /// Who shares an edge with whom: `[triangle][edge]`, the other one from this edge on.
-    across: [[Option<Turned>; 3]; LEAF_TRIANGLES],
+    /// Way by way: the two that a strip may go on with; [`NONE`] where no triangle of the leaf is across.
+    next: [[u8; 2]; WAYS],
+    /// By triangle: those that share an edge with it.
+    near: [u8; LEAF_TRIANGLES],
     /// Bit i: triangle i is not told yet.
     left: u8,
+    /// Ways that begin on an edge which a told triangle opened.
+    gates: u32,
 }
 
 impl Leaf {
-    fn new(old: &ClusterMesh, first: usize, count: usize) -> Leaf {
-        let edge = |t: usize, e: usize| (old.triangles[first + t][e], old.triangles[first + t][(e + 1) % 3]);
-        let mut across = [[None; 3]; LEAF_TRIANGLES];
-        for (i, j) in (0..count).flat_map(|i| (0..i).map(move |j| (i, j))) {
-            for (e, f) in (0..3).flat_map(|e| (0..3).map(move |f| (e, f))) {
-                let (a, b) = edge(i, e);
-                if edge(j, f) == (b, a) && across[i][e].is_none() && across[j][f].is_none() {
-                    across[i][e] = Some(Turned { triangle: j as u8, edge: f as u8 });
-                    across[j][f] = Some(Turned { triangle: i as u8, edge: e as u8 });
-                }
+    fn new(old: &ClusterMesh, edges: &Edges, first: usize, count: usize) -> Leaf {
+        let mut across = [NONE; WAYS];
+        for way in 0..3 * count {
+            // Where several share an edge, each goes with the first that is free.
+            let before = 3 * first..3 * (first + way / 3);
+            let [a, b, _] = turned(old, 3 * first + way);
+            let free = |other: &usize| before.contains(other) && across[other - 3 * first] == NONE;
+            if let Some(other) = edges.ways(b, a).filter(free).min() {
+                let other = other - 3 * first;
+                (across[way], across[other]) = (other as u8, way as u8);
             }
         }
-        Leaf { first, count, across, left: u8::MAX >> (LEAF_TRIANGLES - count) }
+        let edge = |way: usize, turn: usize| across[way - way % 3 + (way + turn) % 3];
+        let mut near = [0; LEAF_TRIANGLES];
+        for (way, &other) in across.iter().enumerate().filter(|&(_, &other)| other != NONE) {
+            near[way / 3] |= 1 << (other / 3);
+        }
+        let next = std::array::from_fn(|way| [edge(way, 1), edge(way, 2)]);
+        Leaf { first, count, next, near, left: u8::MAX >> (LEAF_TRIANGLES - count), gates: 0 }
     }
 
     /// All ways to tell a triangle that is not told yet.
-    fn ways(&self) -> impl Iterator<Item = Turned> {
-        let left = self.left;
-        let there = (0..LEAF_TRIANGLES as u8).filter(move |i| left >> i & 1 == 1);
-        there.flat_map(|triangle| (0..3).map(move |edge| Turned { triangle, edge }))
+    fn ways(&self) -> u32 {
+        (0..self.count).filter(|t| self.left >> t & 1 == 1).fold(0, |ways, t| ways | 0b111 << (3 * t))
     }
 
     /// In how many parts these triangles fall, where edges hold them together.
@@ -97,8 +107,7 @@ impl Leaf {
             let mut front = triangles & triangles.wrapping_neg();
             triangles &= !front;
             while front != 0 {
-                let across = self.across[front.trailing_zeros() as usize].iter().flatten();
-                let near = across.fold(0, |near, other| near | 1 << other.triangle) & triangles;
+                let near = self.near[front.trailing_zeros() as usize] & triangles;
                 front = front & (front - 1) | near;
                 triangles &= !near;
             }
@@ -106,12 +115,12 @@ impl Leaf {
         }
         count
     }
+}
 
-    /// The triangles of `old` as told.
-    fn corners(&self, old: &ClusterMesh, way: Turned) -> [u8; 3] {
-        let triangle = old.triangles[self.first + usize::from(way.triangle)];
-        [0, 1, 2].map(|c| triangle[(usize::from(way.edge) + c) % 3])
-    }
+/// The corners of a triangle of `old`, by a way of the cluster: from the edge on that it begins with.
+fn turned(old: &ClusterMesh, way: usize) -> [u8; 3] {
+    let [a, b, c] = old.triangles[way / 3];
+    [[a, b, c], [b, c, a], [c, a, b]][way % 3]
 }
 
 /// How the next strip, or the one under way, gets to a triangle, the cheapest way first.
@@ -128,7 +137,7 @@ enum Start {
 /// A path through a leaf.
 #[derive(Clone, Copy)]
 struct Path {
-    ways: [Turned; LEAF_TRIANGLES],
+    ways: [u8; LEAF_TRIANGLES],
     count: usize,
 }
 
@@ -143,11 +152,11 @@ struct Search<'a> {
 impl Search<'_> {
     /// Goes on from the end of `path`, of which the start takes `bits`; `left` are the triangles that it leaves.
     fn go_on(&mut self, bits: u32, path: &mut Path, left: u8) {
-        let end = path.ways[path.count - 1];
         let mut is_end = true;
-        for edge in [1, 2] {
-            let next = self.leaf.across[usize::from(end.triangle)][usize::from(end.edge + edge) % 3];
-            let Some(next) = next.filter(|next| left >> next.triangle & 1 == 1) else { continue };
+        for next in self.leaf.next[usize::from(path.ways[path.count - 1])] {
+            if next == NONE || left >> (next / 3) & 1 == 0 {
+                continue;
+            }
             is_end = false;
             if self.visits_left == 0 {
                 break;
@@ -155,7 +164,7 @@ impl Search<'_> {
             self.visits_left -= 1;
             path.ways[path.count] = next;
             path.count += 1;
-            self.go_on(bits, path, left & !(1 << next.triangle));
+            self.go_on(bits, path, left & !(1 << (next / 3)));
             path.count -= 1;
         }
         if is_end || self.visits_left == 0 {
@@ -167,18 +176,15 @@ impl Search<'_> {
     }
 }
 
-/// What the triangles told so far leave to the next one.
-struct Told<'a> {
-    new: &'a ClusterMesh,
-    /// Triangles of the strip under way.
-    run: usize,
-}
-
 impl Default for Orderer {
     fn default() -> Orderer {
         Orderer {
-            opened: vec![[false; CLUSTER_VERTICES]; CLUSTER_VERTICES],
+            edges: Edges::default(),
+            leaves: Vec::new(),
+            leaf_of: [0; CLUSTER_TRIANGLES],
             number: [NONE; CLUSTER_VERTICES],
+            turns: Vec::new(),
+            run: 0,
         }
     }
 }
@@ -186,27 +192,19 @@ impl Default for Orderer {
 impl Orderer {
     /// The same cluster in coding order.
     pub(crate) fn ordered(&mut self, old: &ClusterMesh) -> Ordered {
-        self.opened.iter_mut().for_each(|row| row.fill(false));
-        self.number.fill(NONE);
-        let mut new = ClusterMesh::default();
-        new.triangles.reserve(old.triangles.len());
-        let mut first = 0;
-        let mut leaves: Vec<Leaf> = Vec::with_capacity(old.leaf_sizes.len());
-        for &size in &old.leaf_sizes {
-            leaves.push(Leaf::new(old, first, usize::from(size)));
-            first += usize::from(size);
-        }
-        let mut run = 0;
-        while !leaves.is_empty() {
-            let told = Told { new: &new, run };
-            let mut leaf = leaves.swap_remove(self.next_leaf(old, &leaves, &told));
-            new.leaf_sizes.push(leaf.count as u8);
-            while leaf.left != 0 {
-                let path = self.cheapest_path(old, &leaf, &Told { new: &new, run });
+        self.begin(old);
+        let mut new = ClusterMesh {
+            vertices: Vec::with_capacity(old.vertices.len()),
+            triangles: Vec::with_capacity(old.triangles.len()),
+            leaf_sizes: Vec::with_capacity(old.leaf_sizes.len()),
+            materials: Vec::with_capacity(old.materials.len()),
+        };
+        while let Some(leaf) = self.next_leaf() {
+            new.leaf_sizes.push(self.leaves[leaf].count as u8);
+            while self.leaves[leaf].left != 0 {
+                let path = self.cheapest_path(old, leaf);
                 for &way in &path.ways[..path.count] {
-                    leaf.left &= !(1 << way.triangle);
-                    let goes_on = self.tell(old, &leaf, way, &mut new);
-                    run = if goes_on && run < strips::STRIP_TRIANGLES { run + 1 } else { 1 };
+                    self.tell(old, leaf, usize::from(way), &mut new);
                 }
             }
         }
@@ -214,54 +212,73 @@ impl Orderer {
         Ordered { mesh: new, topology_bits }
     }
 
-    /// The leaf to go on with: index into `leaves`. Where all are full but one, that one comes last: the plain sizes.
-    fn next_leaf(&self, old: &ClusterMesh, leaves: &[Leaf], told: &Told<'_>) -> usize {
-        let is_full = |leaf: &Leaf| leaf.count == LEAF_TRIANGLES;
-        let is_plain = leaves.iter().filter(|leaf| !is_full(leaf)).count() == 1;
-        let candidates = leaves.iter().enumerate().filter(|(_, leaf)| !is_plain || is_full(leaf));
-        let best = |leaf: &Leaf| leaf.ways().map(|way| self.start(leaf.corners(old, way), told)).min();
-        candidates.min_by_key(|(_, leaf)| (best(leaf), leaf.first)).map_or(0, |(at, _)| at)
+    /// Nothing is told yet.
+    fn begin(&mut self, old: &ClusterMesh) {
+        self.number.fill(NONE);
+        self.turns.clear();
+        self.run = 0;
+        self.edges.fill(&old.triangles);
+        self.leaves.clear();
+        let mut first = 0;
+        for &size in &old.leaf_sizes {
+            let count = usize::from(size);
+            self.leaf_of[first..first + count].fill(self.leaves.len() as u8);
+            self.leaves.push(Leaf::new(old, &self.edges, first, count));
+            first += count;
+        }
     }
 
-    /// The path to tell next.
-    fn cheapest_path(&self, old: &ClusterMesh, leaf: &Leaf, told: &Told<'_>) -> Path {
-        let least = leaf.ways().map(|way| self.start(leaf.corners(old, way), told)).min();
-        let most = least.expect("a leaf is not empty").max(Start::Gate);
-        let mut search = Search { leaf, best: None, visits_left: VISITS_MOST };
-        for way in leaf.ways() {
-            let corners = leaf.corners(old, way);
-            let start = self.start(corners, told);
-            if start > most {
-                continue;
+    /// The leaf to go on with. Where all are full but one, that one comes last: the plain sizes.
+    fn next_leaf(&self) -> Option<usize> {
+        let is_full = |leaf: &Leaf| leaf.count == LEAF_TRIANGLES;
+        let left = || self.leaves.iter().enumerate().filter(|(_, leaf)| leaf.left != 0);
+        let is_plain = left().filter(|(_, leaf)| !is_full(leaf)).count() == 1;
+        let best = |at: usize, leaf: &Leaf| match leaf.gates {
+            0 => Start::Free,
+            _ if self.can_turn() && self.turns.iter().any(|way| usize::from(self.leaf_of[way / 3]) == at) => {
+                Start::Turn
             }
-            let bits = match start {
-                Start::Turn => 0,
-                Start::Gate => START_BITS,
-                Start::Free => {
-                    let new = corners[..2].iter().filter(|&&v| self.number[usize::from(v)] == NONE).count();
-                    START_BITS + new as u32 * LOST_PREDICTION_BITS
-                }
+            _ => Start::Gate,
+        };
+        let candidates = left().filter(|(_, leaf)| !is_plain || is_full(leaf));
+        let first = candidates.min_by_key(|&(at, leaf)| (best(at, leaf), at));
+        first.or_else(|| left().next()).map(|(at, _)| at)
+    }
+
+    /// Whether the strip under way may go on.
+    fn can_turn(&self) -> bool {
+        self.run < strips::STRIP_TRIANGLES
+    }
+
+    /// The path through a leaf to tell next.
+    fn cheapest_path(&self, old: &ClusterMesh, leaf: usize) -> Path {
+        let leaf = &self.leaves[leaf];
+        let gates = leaf.gates & leaf.ways();
+        let mut starts = if gates != 0 { gates } else { leaf.ways() };
+        let mut search = Search { leaf, best: None, visits_left: VISITS_MOST };
+        while starts != 0 {
+            let way = starts.trailing_zeros() as usize;
+            starts &= starts - 1;
+            let bits = if gates == 0 {
+                let [a, b, _] = turned(old, 3 * leaf.first + way);
+                let new = [a, b].iter().filter(|&&v| self.number[usize::from(v)] == NONE).count();
+                START_BITS + new as u32 * LOST_PREDICTION_BITS
+            } else if self.can_turn() && self.turns.contains(&(3 * leaf.first + way)) {
+                0
+            } else {
+                START_BITS
             };
-            let mut path = Path { ways: [way; LEAF_TRIANGLES], count: 1 };
-            search.go_on(bits, &mut path, leaf.left & !(1 << way.triangle));
+            let mut path = Path { ways: [way as u8; LEAF_TRIANGLES], count: 1 };
+            search.go_on(bits, &mut path, leaf.left & !(1 << (way / 3)));
         }
         search.best.expect("each start ends a path").1
     }
 
-    /// How a triangle of the old cluster could be told next, as it stands.
-    fn start(&self, old: [u8; 3], told: &Told<'_>) -> Start {
-        let [a, b, x] = old.map(|v| self.number[usize::from(v)]);
-        if a == NONE || b == NONE || !self.opened[usize::from(a)][usize::from(b)] {
-            return Start::Free;
-        }
-        let goes_on = told.run < strips::STRIP_TRIANGLES
-            && told.new.triangles.last().is_some_and(|&last| turn(last, [a, b, x]).is_some());
-        if goes_on { Start::Turn } else { Start::Gate }
-    }
-
-    /// Appends a triangle of a leaf of the old cluster to the new one; says whether it hangs on the one before it.
-    fn tell(&mut self, old: &ClusterMesh, leaf: &Leaf, way: Turned, new: &mut ClusterMesh) -> bool {
-        let triangle @ [a, b, x] = leaf.corners(old, way).map(|v| {
+    /// Appends a triangle of a leaf of the old cluster to the new one.
+    fn tell(&mut self, old: &ClusterMesh, leaf: usize, way: usize, new: &mut ClusterMesh) {
+        let first = self.leaves[leaf].first;
+        let corners @ [a, b, x] = turned(old, 3 * first + way);
+        let triangle = corners.map(|v| {
             let number = &mut self.number[usize::from(v)];
             if *number == NONE {
                 *number = new.vertices.len() as u8;
@@ -270,11 +287,20 @@ impl Orderer {
             *number
         });
         let goes_on = new.triangles.last().is_some_and(|&last| turn(last, triangle).is_some());
+        self.run = if goes_on && self.can_turn() { self.run + 1 } else { 1 };
+        self.leaves[leaf].left &= !(1 << (way / 3));
+        self.turns.clear();
         for (from, to) in [(x, b), (a, x)] {
-            self.opened[usize::from(from)][usize::from(to)] = true;
+            for way in self.edges.ways(from, to) {
+                let leaf = &mut self.leaves[usize::from(self.leaf_of[way / 3])];
+                let local = way - 3 * leaf.first;
+                leaf.gates |= 1 << local;
+                if leaf.left >> (local / 3) & 1 == 1 {
+                    self.turns.push(way);
+                }
+            }
         }
         new.triangles.push(triangle);
-        new.materials.push(old.materials[leaf.first + usize::from(way.triangle)]);
-        goes_on
+        new.materials.push(old.materials[first + way / 3]);
     }
 }
