@@ -119,6 +119,10 @@ impl Work<'_> {
                 size::bytes(plan.output_bytes),
                 size::bytes(plan.free_bytes),
             ));
+            if plan.memory_bytes > plan.limit_bytes {
+                ctx.console
+                    .note("plan: the limit may not be enough for the tables; --memory-limit sets another");
+            }
             if plan.scratch_bytes + plan.output_bytes > plan.free_bytes {
                 ctx.console.note("plan: the free space may not be enough; --temp-dir names another folder");
             }

@@ -68,7 +68,7 @@ fn with_memory(keys: &[(&'static str, Kind)]) -> Vec<(&'static str, Kind)> {
     keys.iter().copied().chain(MEMORY).collect()
 }
 
-const BUILD: [(&str, Kind); 29] = [
+const BUILD: [(&str, Kind); 35] = [
     ("scene", Text),
     ("result_hash", Text),
     ("input_triangle_count", Count),
@@ -94,6 +94,12 @@ const BUILD: [(&str, Kind); 29] = [
     ("phase_ms.clusters", Count),
     ("phase_ms.publish", Count),
     ("phase_ms.total", Count),
+    ("phase_cpu_ms.scan", Count),
+    ("phase_cpu_ms.partition", Count),
+    ("phase_cpu_ms.clusters", Count),
+    ("phase_cpu_ms.voxels", Count),
+    ("phase_cpu_ms.publish", Count),
+    ("phase_cpu_ms.total", Count),
     ("scratch_peak_bytes", Count),
     ("resumed_triangle_count", Count),
     ("output_bytes", Count),

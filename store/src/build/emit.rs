@@ -9,17 +9,17 @@ use super::journal::Journal;
 use super::lattice::Tell;
 use super::pages::{ChunkPages, PackContext};
 use super::partition::Partition;
+use super::phases::Clock;
 use super::progress_record::{Done, Read};
 use super::publish::DraftFile;
 use super::scratch::LatticeTriangle;
 use super::voxels::VoxelWork;
-use super::writer::{Writer, file_id, superblock_of};
+use super::writer::{Writer, file_id, superblock_of, tables_bytes};
 use super::{BuildOptions, BuildReport, Voxels};
 use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::material::Material;
 use crate::octree::{FirstPage, Voxelizer};
-use std::time::Instant;
 
 /// What is written.
 pub(super) struct Work<'a> {
@@ -45,7 +45,7 @@ pub(super) fn emit(
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
     let context = PackContext { emissive: &emissive };
     let file_id = file_id(parted, voxels.as_ref(), materials_json);
-    let mut writer = Writer::new(file_id, superblock_of(parted), context);
+    let mut writer = Writer::new(file_id, superblock_of(parted), context, &options.budget)?;
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
     let work = ChunkWork { read, journal, done, context, options, tell };
@@ -54,7 +54,7 @@ pub(super) fn emit(
     out.scratch_peak_bytes = parted.scratch.bytes();
 
     // Records merged into the octree; pages of units.
-    let start = Instant::now();
+    let mut clock = Clock::start();
     let merged = match voxels {
         None => None,
         Some(work) => {
@@ -73,7 +73,7 @@ pub(super) fn emit(
         out.lower_leaf_count = merged.lower_leaf_count();
         out.upper_leaf_count = merged.write(&mut file, file_id, writer.voxel_sections())?;
     }
-    out.phase_ms.voxels = start.elapsed().as_millis() as u64;
+    (out.phase_ms.voxels, out.phase_cpu_ms.voxels) = clock.lap();
 
     // Both superblocks.
     writer.seal(&mut file, out)
@@ -150,13 +150,10 @@ pub(super) fn needed_bytes(options: &BuildOptions) -> u64 {
     worker_bytes() + if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES }
 }
 
-/// As many workers as there is room for: the result does not depend on it.
-pub(super) fn worker_count(options: &BuildOptions) -> usize {
-    options
-        .pool
-        .current_num_threads()
-        .min((options.budget.free_bytes() / needed_bytes(options)) as usize)
-        .max(1)
+/// As many workers as there is room for, beside the tables of so many triangles: the result does not depend on it.
+pub(super) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize {
+    let free_bytes = options.budget.free_bytes().saturating_sub(tables_bytes(triangle_count));
+    options.pool.current_num_threads().min((free_bytes / needed_bytes(options)) as usize).max(1)
 }
 
 /// Makes the ends of chunks again, which share a page that was not written.
@@ -172,7 +169,7 @@ fn reopen(
     for &chunk in open {
         options.interrupt.check()?;
         let pages = workspace.build(&parted.chunks[chunk], &parted.scratch, context)?;
-        writer.reopen(chunk, pages);
+        writer.reopen(chunk, pages)?;
     }
     Ok(())
 }
@@ -186,7 +183,7 @@ fn build_chunks(
     options: &BuildOptions,
     mut put: impl FnMut(usize, ChunkPages) -> Result<()>,
 ) -> Result<()> {
-    let worker_count = worker_count(options).min(parted.chunks.len()).max(1);
+    let worker_count = worker_count(parted.triangle_count, options).min(parted.chunks.len()).max(1);
     let bytes = needed_bytes(options) * worker_count as u64;
     let _lease = options.budget.lease("the cluster builders", bytes)?;
     let (pool, item_count, interrupt) = (&options.pool, parted.chunks.len() - first, &options.interrupt);

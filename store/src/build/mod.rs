@@ -26,6 +26,7 @@ mod lattice;
 pub mod left_over;
 mod pages;
 mod partition;
+mod phases;
 mod plan;
 mod progress_record;
 mod publish;
@@ -40,6 +41,7 @@ mod writer;
 
 pub use crate::output::Existing;
 pub use lattice::Scan;
+pub use phases::{PhaseCpuMs, PhaseMs};
 pub use plan::Plan;
 
 use crate::budget::Budget;
@@ -50,6 +52,7 @@ use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
 use journal::Journal;
 use partition::Partition;
+use phases::Clock;
 use plan::plan;
 use progress_record::Read;
 use publish::Draft;
@@ -57,7 +60,7 @@ use rayon::ThreadPool;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How the lattice step is chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,6 +169,8 @@ pub struct BuildReport {
     pub file_id: String,
     /// Milliseconds per phase.
     pub phase_ms: PhaseMs,
+    /// Processor milliseconds of the process per phase.
+    pub phase_cpu_ms: PhaseCpuMs,
     /// Mean share of cluster slots in use, 0 to 1.
     pub cluster_fill: f64,
     /// Per-axis error bound, model units.
@@ -173,25 +178,6 @@ pub struct BuildReport {
     /// Counters of the source on its last pass.
     #[serde(skip)]
     pub source: SourceStats,
-}
-
-/// Wall time of each phase, milliseconds. `generate` is the time that partition waited for its source.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct PhaseMs {
-    /// Waiting for the source, within `scan` and `partition`.
-    pub generate: u64,
-    /// First pass over a file.
-    pub scan: u64,
-    /// Snap and sort into cells.
-    pub partition: u64,
-    /// Clusters, pages, voxel records, emit.
-    pub clusters: u64,
-    /// Merge of voxel records.
-    pub voxels: u64,
-    /// fsync, read back, rename.
-    pub publish: u64,
-    /// All of it.
-    pub total: u64,
 }
 
 /// Builds `output` from `source`. `on_plan` is called once, before anything is written.
@@ -211,7 +197,7 @@ pub fn build(
     on_plan: &(dyn Fn(&Plan) + Sync),
     report: Report<'_>,
 ) -> Result<BuildReport> {
-    let start = Instant::now();
+    let mut clock = Clock::start();
     let folder = options.existing.check(output)?.to_path_buf();
     let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
     if !scratch_folder.is_dir() {
@@ -232,7 +218,7 @@ pub fn build(
         Some(journal) if error.code() == Code::Interrupted => kept(error, output, journal.keep()),
         _ => error,
     })?;
-    out.phase_ms.total = start.elapsed().as_millis() as u64;
+    (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)
 }
 
@@ -254,8 +240,7 @@ impl Site<'_> {
     ) -> Result<BuildReport> {
         let (options, tell) = (self.options, self.tell);
         let mut out = BuildReport::default();
-        let mut clock = Instant::now();
-        let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_millis() as u64;
+        let mut clock = Clock::start();
 
         // What a build before this has done.
         let (mut done, mut read) = (None, None);
@@ -278,7 +263,7 @@ impl Site<'_> {
                 // Scan: bounds and edges.
                 let scan = lattice::scan(source, options, tell, &mut out.phase_ms.generate)?;
                 let grid = lattice::choose(&scan, options.precision, &source.name())?;
-                out.phase_ms.scan = lap();
+                (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
                 on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
 
                 // Partition: snapped triangles in cells.
@@ -291,7 +276,7 @@ impl Site<'_> {
                 if let Some(journal) = journal.as_mut().filter(|journal| journal.is_due()) {
                     journal.write_chunks(&read, &options.budget)?;
                 }
-                out.phase_ms.partition = lap();
+                (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
                 read
             }
         };
@@ -305,11 +290,13 @@ impl Site<'_> {
         let voxels = voxels::begin(octree, lattice_bounds, place, self.scratch_folder)?;
         let work = emit::Work { read: &read, voxels, journal, done };
         let block = emit::emit(work, options, draft.file(), tell, &mut out)?;
-        out.phase_ms.clusters = lap() - out.phase_ms.voxels;
+        let (wall, cpu) = clock.lap();
+        out.phase_ms.clusters = wall.saturating_sub(out.phase_ms.voxels);
+        out.phase_cpu_ms.clusters = cpu.saturating_sub(out.phase_cpu_ms.voxels);
 
         // Publish.
         draft.publish(self.output, &block, options, tell)?;
-        out.phase_ms.publish = lap();
+        (out.phase_ms.publish, out.phase_cpu_ms.publish) = clock.lap();
         out.source = read.source;
         Ok(out)
     }
@@ -338,9 +325,11 @@ fn kept(error: Error, output: &Path, bytes: u64) -> Error {
 /// What a source may lease while it is read: materials, the directory of 64 million vertices.
 const SOURCE_BYTES: u64 = 1 << 20;
 
-/// Least bytes that a build leases beside what its source has leased when it is opened, whatever the model's size.
+/// Least bytes that a build leases beside what its source has leased when it is opened: a small model. [`Plan`] tells
+/// what the tables of others take.
 pub fn smallest_bytes() -> u64 {
-    partition::SMALLEST_BYTES.max(chunk::worker_bytes() + Voxelizer::BYTES) + SOURCE_BYTES
+    let builder = chunk::worker_bytes() + Voxelizer::BYTES + writer::TABLES_LEAST;
+    partition::SMALLEST_BYTES.max(builder) + SOURCE_BYTES
 }
 
 /// What became of the triangles of an input of which none is left.

@@ -1,6 +1,6 @@
 //! The plan of a build: what it is going to take, known before anything is written.
 
-use super::{BuildOptions, emit, partition, voxels};
+use super::{BuildOptions, emit, partition, voxels, writer};
 use crate::error::{Error, Result};
 use serde::Serialize;
 use std::path::Path;
@@ -30,12 +30,14 @@ const PLAN_OUTPUT_BYTES: u64 = 5;
 pub(super) fn plan(triangle_count: u64, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
     let free = rustix::io::retry_on_intr(|| rustix::fs::statvfs(scratch_folder))
         .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
+    let builders = emit::needed_bytes(options) * emit::worker_count(triangle_count, options) as u64;
     let plan = Plan {
         triangle_count,
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
             + partition::phase_bytes(options.budget.free_bytes())
-                .max(emit::needed_bytes(options) * emit::worker_count(options) as u64),
+                .max(builders + writer::tables_bytes(triangle_count))
+                .max(writer::top_tree_bytes(triangle_count)),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: triangle_count * PLAN_SCRATCH_BYTES,
         output_bytes: triangle_count * PLAN_OUTPUT_BYTES + voxels::plan_bytes(options.voxels, triangle_count),

@@ -265,9 +265,8 @@ impl Done {
             block.resident_bytes,
             block.page_tree_bytes,
         ] = self.head.counts;
-        writer.pages = self.pages;
-        writer.restore_roots(self.roots);
-        (writer.emitters, writer.emitter_count) = (self.emitters, self.head.emitter_count);
+        writer.restore(self.pages, self.roots, self.emitters)?;
+        writer.emitter_count = self.head.emitter_count;
         file.go_on_at(self.head.draft_bytes)?;
         Ok(self.head.open_chunks)
     }

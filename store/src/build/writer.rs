@@ -10,7 +10,7 @@ use super::partition::Partition;
 use super::publish::DraftFile;
 use super::sah::{Prim, Rule, Splitter};
 use super::voxels::VoxelWork;
-use crate::budget::Budget;
+use crate::budget::{Budget, Lease};
 use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::Result;
 use crate::geom::Aabb;
@@ -18,14 +18,29 @@ use crate::layout::*;
 use crate::octree::Refinement;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Bytes that the top tree takes while it is made, a root of a page: the root, primitive and rank, two binary nodes (in
-/// vectors that grow by doubling), its place in a wide node and in the node that is written.
-const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, TopRef)>()
-    + size_of::<Prim>()
-    + size_of::<u64>()
-    + 4 * size_of::<(LatticeBox, Tree)>()
+/// Bytes of a root of a page while it waits for the top tree, in a vector that grows by doubling.
+const ROOT_BYTES: usize = 2 * size_of::<(LatticeBox, TopRef)>();
+/// Bytes that the top tree takes while it is made, a root of a page: two binary nodes; and primitive and rank, or, once
+/// these are gone, its place in a wide node and in the node that is written. A node with fewer than eight children has
+/// none but roots below it, so there are at most 4/7 as many nodes.
+const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, Tree)>()
     + 2 * size_of::<(LatticeBox, WideRef)>()
-    + 2 * Node::BYTES / 4;
+    + (4 * Node::BYTES).div_ceil(7);
+const _: () = assert!(size_of::<Prim>() + size_of::<u64>() <= 2 * size_of::<(LatticeBox, WideRef)>());
+/// Bytes of the tables of a small model.
+pub(super) const TABLES_LEAST: u64 = 1 << 18;
+/// Triangles a root of a page, for the plan: 570 to 740 in files of 1M to 100M triangles, rounded down.
+const TRIANGLES_PER_ROOT: u64 = 512;
+
+/// Bytes that the tables of so many triangles take while chunks are built: a list that grows is there twice.
+pub(super) fn tables_bytes(triangle_count: u64) -> u64 {
+    TABLES_LEAST + triangle_count.div_ceil(TRIANGLES_PER_ROOT) * (ROOT_BYTES + ROOT_BYTES / 2) as u64
+}
+
+/// Bytes that the tables and the top tree of so many triangles take while it is made.
+pub(super) fn top_tree_bytes(triangle_count: u64) -> u64 {
+    TABLES_LEAST + triangle_count.div_ceil(TRIANGLES_PER_ROOT) * (ROOT_BYTES + TOP_BYTES) as u64
+}
 
 /// Collects what the tables need while pages go out.
 pub(super) struct Writer<'a> {
@@ -42,11 +57,18 @@ pub(super) struct Writer<'a> {
     roots: Vec<(LatticeBox, TopRef)>,
     pub(super) emitters: Vec<u8>,
     pub(super) emitter_count: u64,
+    /// Of the lists above.
+    lease: Lease,
 }
 
 impl<'a> Writer<'a> {
-    pub(super) fn new(file_id: u64, block: Superblock, context: PackContext<'a>) -> Writer<'a> {
-        Writer {
+    pub(super) fn new(
+        file_id: u64,
+        block: Superblock,
+        context: PackContext<'a>,
+        budget: &Budget,
+    ) -> Result<Writer<'a>> {
+        Ok(Writer {
             file_id,
             node_shift: block.node_shift,
             block,
@@ -58,7 +80,8 @@ impl<'a> Writer<'a> {
             roots: Vec::new(),
             emitters: Vec::new(),
             emitter_count: 0,
-        }
+            lease: budget.lease(TABLES, 0)?,
+        })
     }
 
     /// Triangles in pages so far.
@@ -81,9 +104,19 @@ impl<'a> Writer<'a> {
         &self.roots[..self.open_root]
     }
 
-    /// Takes the roots of all pages that are written.
-    pub(super) fn restore_roots(&mut self, roots: Vec<(LatticeBox, TopRef)>) {
-        (self.open_root, self.roots) = (roots.len(), roots);
+    /// Takes what stands of pages that a build before this has written: the page table, roots, emitters.
+    pub(super) fn restore(
+        &mut self,
+        pages: Vec<PageEntry>,
+        roots: Vec<(LatticeBox, TopRef)>,
+        emitters: Vec<u8>,
+    ) -> Result<()> {
+        let [page, root] = [size_of::<PageEntry>(), size_of::<(LatticeBox, TopRef)>()];
+        let bytes = pages.capacity() * page + roots.capacity() * root + emitters.capacity();
+        self.lease.grow(TABLES, bytes as u64)?;
+        self.open_root = roots.len();
+        (self.pages, self.roots, self.emitters) = (pages, roots, emitters);
+        Ok(())
     }
 
     /// Writes the pages of chunk `number`, and begins or fills the one that chunks share.
@@ -94,6 +127,7 @@ impl<'a> Writer<'a> {
         file: &mut DraftFile<'_>,
     ) -> Result<()> {
         let (first_page, open_page) = (self.pages.len() as u32, chunk.pages.len() as u32);
+        make_room(&mut self.roots, chunk.roots.len(), &mut self.lease)?;
         for page in std::mem::take(&mut chunk.pages) {
             self.add_page(page, file)?;
         }
@@ -123,8 +157,10 @@ impl<'a> Writer<'a> {
     }
 
     /// Takes the end of a chunk again that was added before the build was killed, and whose page was open then.
-    pub(super) fn reopen(&mut self, number: usize, chunk: ChunkPages) {
+    pub(super) fn reopen(&mut self, number: usize, chunk: ChunkPages) -> Result<()> {
+        make_room(&mut self.roots, chunk.roots.len(), &mut self.lease)?;
         self.take_end(number, chunk.pages.len() as u32, chunk);
+        Ok(())
     }
 
     /// Ends the open page, if anything is in it.
@@ -149,6 +185,8 @@ impl<'a> Writer<'a> {
             return Err(too_many_pages());
         }
         let (id, first_triangle) = (self.pages.len() as u32, self.block.triangle_count as u32);
+        make_room(&mut self.pages, 1, &mut self.lease)?;
+        make_room(&mut self.emitters, page.emitters.len() * EMITTER_BYTES, &mut self.lease)?;
         let offset = file.append(&page.stored)?;
         self.pages.push(PageEntry {
             offset,
@@ -180,6 +218,7 @@ impl<'a> Writer<'a> {
     pub(super) fn add_units(&mut self, raw: Vec<u8>, file: &mut DraftFile<'_>) -> Result<()> {
         let (id, unpacked_bytes) = (self.pages.len() as u32, raw.len() as u32);
         let (stored, packing) = packed(raw);
+        make_room(&mut self.pages, 1, &mut self.lease)?;
         self.pages.push(PageEntry {
             offset: file.append(&stored)?,
             hash: page_hash(&stored, self.file_id, id),
@@ -256,8 +295,9 @@ impl<'a> Writer<'a> {
         let all = roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
         let mut prims: Vec<_> =
             roots.iter().enumerate().map(|(i, (b, _))| Prim::new(b, all.lo, i as u32)).collect();
-        let mut tree = Vec::new();
+        let mut tree = Vec::with_capacity(2 * roots.len());
         grow(&mut Splitter::default(), (&mut prims, 0), roots, &mut tree);
+        drop(prims);
         let wide = Wide::new(&tree);
         let word = |r: WideRef| match r {
             WideRef::Leaf(i) => roots[i as usize].1,
@@ -269,6 +309,21 @@ impl<'a> Writer<'a> {
         };
         (wide.nodes.iter().map(node).collect(), word(wide.root))
     }
+}
+
+/// What the lists are called in messages.
+const TABLES: &str = "the tables of the file";
+
+/// Makes room for so many items: what a list takes is leased before it grows.
+pub(super) fn make_room<T>(list: &mut Vec<T>, more: usize, lease: &mut Lease) -> Result<()> {
+    let (length, before) = (list.len(), list.capacity());
+    if before - length < more {
+        let after = (length + more).max(2 * before);
+        lease.grow(TABLES, (after * size_of::<T>()) as u64)?;
+        list.reserve_exact(after - length);
+        lease.shrink_to(lease.bytes() - (before * size_of::<T>()) as u64);
+    }
+    Ok(())
 }
 
 /// The binary tree over roots.

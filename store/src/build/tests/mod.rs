@@ -3,6 +3,7 @@
 mod resume;
 mod scratch;
 
+use super::writer::make_room;
 use super::*;
 use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;
@@ -262,4 +263,23 @@ fn nothing_is_left_behind_when_a_build_is_interrupted_or_refused() {
     let error = build(&mut mesh(5, 0, 1), &path, &options, &|_| {}, &|_| {}).unwrap_err();
     assert_eq!(error.code(), Code::Usage);
     assert_eq!(std::fs::read(&path).unwrap(), b"mine");
+}
+
+/// What lists take is leased before they grow, old and new together while they move.
+#[test]
+fn tables_grow_within_the_limit_or_not_at_all() {
+    let budget = Budget::new(crate::RESERVE_BYTES + 100);
+    let mut lease = budget.lease("tables", 0).unwrap();
+    let mut list: Vec<[u8; 8]> = Vec::new();
+    for length in 1..=4 {
+        make_room(&mut list, 1, &mut lease).unwrap();
+        list.push([0; 8]);
+        assert!(lease.bytes() >= 8 * length && lease.bytes() == 8 * list.capacity() as u64);
+    }
+    // From 4 to 8 items: 96 bytes for a moment.
+    make_room(&mut list, 1, &mut lease).unwrap();
+    assert_eq!((list.capacity(), lease.bytes(), budget.peak_bytes()), (8, 64, 96));
+    list.resize(8, [0; 8]);
+    assert_eq!(make_room(&mut list, 1, &mut lease).unwrap_err().code(), Code::MemoryLimit);
+    assert_eq!((list.capacity(), budget.used_bytes()), (8, 64));
 }
