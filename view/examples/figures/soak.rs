@@ -1,4 +1,5 @@
-//! Eight pages for minutes: one drags and rests, six watch, and one leaves and comes back all the time.
+//! Eight pages for minutes: one drags and rests, six watch, and one leaves and comes back all the time. That is as many as
+//! a server takes: where it has not noticed yet that one left, the next is refused, and comes again later.
 
 use crate::page::{Failure, Page, SIZE};
 use crate::process::{Held, Process};
@@ -11,6 +12,8 @@ const TURN: Duration = Duration::from_secs(2);
 const DRAGS: u32 = 20;
 /// The page that comes and goes stays for so long.
 const STAYS: Duration = Duration::from_millis(40);
+/// What a server answers that has as many pages as it takes.
+const FULL: &str = "503";
 /// Share of the samples at the beginning that are left out: pages of the model come in.
 const WARM: f64 = 0.3;
 
@@ -18,7 +21,7 @@ const WARM: f64 = 0.3;
 pub(crate) fn soak(url: &str, process: &Process, time: Duration) -> Result<Value, Failure> {
     let mut driver = Page::open(url, SIZE)?;
     let mut watchers = (0..WATCHERS).map(|_| Page::open(url, SIZE)).collect::<Result<Vec<_>, _>>()?;
-    let (begin, mut reconnects, mut samples) = (Instant::now(), 0u64, vec![]);
+    let (begin, mut reconnects, mut refused, mut samples) = (Instant::now(), 0u64, 0u64, vec![]);
     let first = process.held()?;
     let mut events = 0u32;
     while begin.elapsed() < time {
@@ -27,8 +30,14 @@ pub(crate) fn soak(url: &str, process: &Process, time: Duration) -> Result<Value
             events += 1;
             driver.turn(f64::from(events) * 0.01)?;
             driver.listen(Instant::now() + Duration::from_millis(10))?;
-            Page::open(url, SIZE)?.listen(Instant::now() + STAYS)?;
-            reconnects += 1;
+            match Page::open(url, SIZE) {
+                Ok(mut page) => {
+                    page.listen(Instant::now() + STAYS)?;
+                    reconnects += 1;
+                }
+                Err(error) if error.to_string().contains(FULL) => refused += 1,
+                Err(error) => return Err(error),
+            }
             for watcher in &mut watchers {
                 watcher.listen(Instant::now() + Duration::from_millis(1))?;
             }
@@ -46,6 +55,7 @@ pub(crate) fn soak(url: &str, process: &Process, time: Duration) -> Result<Value
     Ok(json!({
         "minutes": time.as_secs_f64() / 60.0,
         "reconnects": reconnects,
+        "refused": refused,
         "pages": WATCHERS + 2,
         "resident_bytes": [first.resident_bytes, last.resident_bytes],
         "resident_slope_bytes_per_min": slope(warm.iter().map(|(at, held)| (*at, held.resident_bytes as f64))),
