@@ -8,7 +8,10 @@ use std::path::Path;
 use std::process::Command;
 use trex_store::PageFile;
 use trex_store::cluster::{Node, TopRef};
-use trex_store::layout::{SUPERBLOCK_BYTES, Section, SectionKind, Superblock, section_hash};
+use trex_store::layout::{
+    PAGE_ENTRY_BYTES, Packing, PageEntry, SUPERBLOCK_BYTES, Section, SectionKind, Superblock, page_hash,
+    section_hash,
+};
 
 /// A model of many materials and emitters, and its bytes.
 struct Forger {
@@ -302,6 +305,47 @@ fn octrees_that_claim_to_be_huge() {
     });
     forger.octree_refused("what would fit zeros");
     forger.octree_takes_no_room("what would fit zeros");
+}
+
+/// Every block of the octree in turn, unpacking to 64 MiB.
+#[test]
+fn octrees_that_are_bombs() {
+    let forger = Forger::new();
+    let section = forger.block.find_section(SectionKind::Upper).unwrap();
+    let whole = &forger.bytes[section.offset as usize..][..section.bytes as usize];
+    let packed = miniz_oxide::deflate::compress_to_vec(&vec![0; 64 << 20], 6);
+    let bomb = [&(packed.len() as u32).to_le_bytes(), packed.as_slice()].concat();
+    let (mut at, mut block_count) = (52, 0);
+    while at < whole.len() {
+        let length = u32::from_le_bytes(*whole[at..].first_chunk().unwrap()) as usize;
+        let bytes = [&whole[..at], &bomb, &whole[at + 4 + length..]].concat();
+        forger.seal_octree_bytes(&bytes, u64::from(section.count));
+        let lie = format!("the block at byte {at} is a bomb");
+        forger.octree_refused(&lie);
+        forger.octree_takes_no_room(&lie);
+        (at, block_count) = (at + 4 + length, block_count + 1);
+    }
+    assert!(block_count >= 5, "{block_count} blocks: not even one a stream");
+}
+
+/// A page that unpacks to 255 times its bytes, and says that it does to a frame's.
+#[test]
+fn pages_that_are_bombs() {
+    let mut forger = Forger::new();
+    let table = forger.block.section(SectionKind::PageTable).offset as usize;
+    let entry = PageEntry::parse(forger.bytes[table..].first_chunk().unwrap()).unwrap();
+    // A zero, a match that goes on for as long as there are bytes, and five literals.
+    let mut bomb = vec![0xff; entry.stored_bytes as usize];
+    bomb[..4].copy_from_slice(&[0x1f, 0, 1, 0]);
+    bomb[entry.stored_bytes as usize - 7..].copy_from_slice(&[0, 0x50, 0, 0, 0, 0, 0]);
+    assert!(lz4_flex::block::decompress(&bomb, 16 << 20).unwrap().len() > 250 * (bomb.len() - 20));
+    forger.bytes[entry.offset as usize..][..bomb.len()].copy_from_slice(&bomb);
+    forger.seal(SectionKind::PageTable, |table, block| {
+        let (hash, mut bytes) = (page_hash(&bomb, block.file_id, 0), Vec::new());
+        PageEntry { hash, unpacked_bytes: 65536, packing: Packing::Lz4, ..entry }.write(&mut bytes);
+        table[..PAGE_ENTRY_BYTES].copy_from_slice(&bytes);
+    });
+    forger.drawn_without_bad_pages();
 }
 
 /// A slot that is not used had no rules: its length was added to what the tables take, until the sum came round to a
