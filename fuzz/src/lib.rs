@@ -9,17 +9,18 @@ mod sealed;
 pub use sealed::{sealed, with_units};
 
 use std::path::Path;
+use trex_render::{Camera, Model, Scene, parse_views};
 use trex_store::cluster::{self, FrameView};
 use trex_store::import::{self, ImportOptions};
 use trex_store::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, Superblock};
-use trex_store::{Budget, Code, Error, PageFile, RESERVE_BYTES, Result, TriangleBatch};
+use trex_store::{Aabb, Budget, Code, Error, Material, PageFile, RESERVE_BYTES, Result, TriangleBatch};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// A target: what `seeds/NAME` and `cargo fuzz run NAME` call it, and its body.
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 7] = [
+pub const TARGETS: [Target; 10] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
@@ -27,6 +28,9 @@ pub const TARGETS: [Target; 7] = [
     ("ply", ply),
     ("obj", obj),
     ("stl", stl),
+    ("mtl", mtl),
+    ("scene", scene),
+    ("views", views),
 ];
 
 /// The memory that reading gets.
@@ -127,6 +131,7 @@ fn check(error: &Error) {
         Code::Damaged,
         Code::Version,
         Code::MemoryLimit,
+        Code::SceneFormat,
     ];
     assert!(codes.contains(&error.code()), "{error}");
     let parts = [error.what(), error.place(), error.next_step()];
@@ -148,11 +153,48 @@ pub fn stl(bytes: &[u8]) {
     import("fuzzed.stl", bytes);
 }
 
-fn import(name: &str, bytes: &[u8]) {
+/// The materials of an OBJ file.
+pub fn mtl(bytes: &[u8]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join(name);
+    std::fs::write(folder.path().join("fuzzed.mtl"), bytes).expect("room for a small file");
+    let mesh = "mtllib fuzzed.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 3 2\n";
+    import_in(folder.path(), "mesh.obj", mesh.as_bytes());
+}
+
+/// A scene, and the view of a model that it makes.
+pub fn scene(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let mut model = Model {
+        bounds: Aabb { lo: [0.0; 3], hi: [1.0, 2.0, 3.0] },
+        materials: vec![Material { name: "floor".into(), ..Material::default() }],
+        emitters: Vec::new(),
+        voxels: None,
+    };
+    let viewed = Scene::parse(text, Path::new("fuzzed.toml")).and_then(|scene| scene.view(&mut model));
+    if let Err(error) = viewed {
+        check(&error);
+    }
+}
+
+/// A list of viewpoints.
+pub fn views(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let camera = Camera::framing(&Aabb { lo: [0.0; 3], hi: [1.0; 3] }, [64, 64], None, None);
+    match parse_views(text, &camera) {
+        Ok(list) => assert!(!list.is_empty()),
+        // Who reads the file knows its place.
+        Err(error) => check(&error.at_place("fuzzed.toml")),
+    }
+}
+
+fn import(name: &str, bytes: &[u8]) {
+    import_in(tempfile::tempdir().expect("a temporary folder").path(), name, bytes);
+}
+
+fn import_in(folder: &Path, name: &str, bytes: &[u8]) {
+    let path = folder.join(name);
     std::fs::write(&path, bytes).expect("room for a small file");
-    let options = ImportOptions::new(Budget::new(BUDGET_BYTES), folder.path());
+    let options = ImportOptions::new(Budget::new(BUDGET_BYTES), folder);
     let read = || -> Result<()> {
         let mut source = import::open(&path, &options)?;
         let mut batch = TriangleBatch::default();

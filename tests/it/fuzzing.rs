@@ -122,6 +122,21 @@ fn stl() {
 }
 
 #[test]
+fn mtl() {
+    check("mtl");
+}
+
+#[test]
+fn scenes() {
+    check("scene");
+}
+
+#[test]
+fn views() {
+    check("views");
+}
+
+#[test]
 fn seeds_are_sound_and_few() {
     let mut sum = 0;
     for (target, _) in targets::TARGETS {
@@ -219,9 +234,25 @@ fn fuzz_seeds() {
         }
         put("ply", &format!("{name}.ply"), &bytes);
     }
+    put_texts(&put);
     let facet =
         "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     put("stl", "text.stl", format!("solid a\n{facet}{facet}endsolid a\n").as_bytes());
     let records: Vec<u8> = (0..100u8).map(|i| i.wrapping_mul(37) & 0x3f).collect();
     put("stl", "records.stl", &[&[b'x'; 80][..], &2u32.to_le_bytes(), &records].concat());
+}
+
+/// Seeds of materials, scenes and views.
+fn put_texts(put: &dyn Fn(&str, &str, &[u8])) {
+    let materials = "newmtl a b\nKd 0.5 0.25 0\nKs 0.1 0.1 0.1\nNs 30\nd 0.5\nmap_Kd wood.png\n# c\n\
+                     newmtl a\nKe 4 5 6\nillum 5\nTr 0.25\nnewmtl b\nKd spectral x.rfl\n";
+    put("mtl", "odd.mtl", materials.as_bytes());
+    let all = "model = \"a.trex\"\n[camera]\nposition = [1, 2, 3.5]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\nfov_x = 44.0\n\
+               [[light]]\ntype = \"rect\"\ncorner = [-4.0, 4.0, -2]\nedge_u = [2, 0, 0]\nedge_v = [0, 0, 2]\n\
+               radiance = [2, 1.9, 1e1]\n[material.floor]\nkd = [0.5, 0.5, 0]\nmirror = true\n\
+               [render]\nresolution = [512, 256]\nspp = 64\nintegrator = \"photon\"\n";
+    put("scene", "all.toml", all.as_bytes());
+    let views = "[[view]]\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\n[[view]]\nposition = [1, 0, 0]\n\
+                 target = [0, 0, 0]\nup = [0, 0, 1]\n";
+    put("views", "two.toml", views.as_bytes());
 }
