@@ -1,5 +1,5 @@
-//! Eight pages for minutes: one drags and rests, six watch, and one leaves and comes back all the time. That is as many as
-//! a server takes: where it has not noticed yet that one left, the next is refused, and comes again later.
+//! Eight pages for minutes: one drags and rests, six watch, and one leaves and comes back all the time. That is as many
+//! as a server takes: where it has not noticed yet that one left, the next is refused, and comes again later.
 
 use crate::page::{Failure, Page, SIZE};
 use crate::process::{Held, Process};
