@@ -29,7 +29,7 @@ const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, Tree)>()
 const _: () = assert!(size_of::<Prim>() + size_of::<u64>() <= 2 * size_of::<(LatticeBox, WideRef)>());
 /// Bytes of the tables of a small model.
 pub(super) const TABLES_LEAST: u64 = 1 << 18;
-/// Triangles a root of a page, for the plan: 570 to 740 in files of 1M to 100M triangles, rounded down.
+/// Triangles a root of a page, for the plan: 530 to 735 in files of 1M to 100M triangles, rounded down.
 const TRIANGLES_PER_ROOT: u64 = 512;
 
 /// Bytes that the tables of so many triangles take while chunks are built: a list that grows is there twice.
