@@ -4,6 +4,8 @@
 # tests/it/browser/drag.rs. SMALL and LARGE are page files; FAR one that is far larger than its limit.
 #
 #   bench/view.sh SMALL.trex LARGE.trex FAR.trex [SOAK_MINUTES]
+#
+# With RECORD=1 each is a record, too: view-FIGURE-MODEL.
 set -euo pipefail
 usage='usage: bench/view.sh SMALL.trex LARGE.trex FAR.trex [SOAK_MINUTES]'
 small=$(realpath "${1:?$usage}") large=$(realpath "${2:?$usage}") far=$(realpath "${3:?$usage}") minutes=${4:-10}
@@ -11,6 +13,7 @@ cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-target}
 cargo build --release -q -p trex
 cargo build --release -q -p trex-view --example figures
+[[ ${RECORD:-} != 1 ]] || cargo build --release -q -p trex-bench
 said=$(mktemp)
 viewer=
 stop() {
@@ -33,14 +36,24 @@ start() {
     address=$(grep -m1 '^http://' "$said")
 }
 
-# tell MODEL LIMIT LINE: a line with where it comes from.
+# tell MODEL LIMIT NAME LINE: a line, {"figure":...,"value":...}, with where it comes from; a record, too, if asked for.
 tell() {
-    printf '{"model":"%s","limit":"%s",%s\n' "$(basename "$1" .trex)" "$2" "${3#\{}"
+    local file=${1##*/} name=${3//[,.]/-}
+    local model=${file%.trex}
+    printf '{"model":"%s","limit":"%s",%s\n' "$model" "$2" "${4#\{}"
+    [[ ${RECORD:-} == 1 ]] || return 0
+    printf '{"command":"bench/view.sh: %s, trex view %s --memory-limit %s","scene":"%s",%s\n' \
+        "$name" "$file" "$2" "$file" "${4#\{}" |
+        "$target/release/trex-bench" record --name "view-$name-$model" >&2
 }
 
 # figure MODEL LIMIT NAME...: a figure of the viewer that runs.
 figure() {
-    tell "$1" "$2" "$("$target/release/examples/figures" "$address" "${@:3}")"
+    local line name=$3
+    line=$("$target/release/examples/figures" "$address" "${@:3}")
+    # A number chooses among figures of a name; a process does not.
+    [[ $name != drag ]] || name=drag-$4
+    tell "$1" "$2" "$name" "$line"
 }
 
 # pictures MODEL LIMIT: relMSE of what a drag shows, beside the same views once settled; the median, and each.
@@ -53,7 +66,7 @@ pictures() {
             grep -o '"relmse": *[0-9.e+-]*' | head -n 1 | grep -o '[0-9.e+-]*$')")
     done
     mapfile -t each < <(printf '%s\n' "${each[@]}" | sort -g)
-    tell "$1" "$2" "$(printf '{"figure":"drag-relmse","value":{"median":%s,"each":[%s]}}' \
+    tell "$1" "$2" drag-relmse "$(printf '{"figure":"drag-relmse","value":{"median":%s,"each":[%s]}}' \
         "${each[${#each[@]} / 2]}" "$(IFS=, && echo "${each[*]}")")"
     rm -r "$folder"
 }
@@ -64,7 +77,7 @@ browser() {
     line=$(TREX_VIEW_ADDRESS=$address ${3:+env TREX_VIEW_LINE="$3"} \
         cargo test -q -p trex --test it -- --ignored --nocapture a_drag_is_measured 2>&1 | grep -o '{".*}') ||
         { printf 'NOT MEASURED: %s on %s\n' "$name" "$1" >&2 && return; }
-    tell "$1" "$2" "{\"figure\":\"$name\",\"value\":$line}"
+    tell "$1" "$2" "$name" "{\"figure\":\"$name\",\"value\":$line}"
 }
 
 for model in "$small" "$large"; do
