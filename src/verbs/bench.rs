@@ -154,6 +154,8 @@ impl fmt::Display for IoMeasured {
                 Stage::Raw => "raw",
                 Stage::Hashed => "hashed",
                 Stage::Ready => "ready to trace",
+                Stage::Waited => "waited for",
+                Stage::WaitedBusy => "waited for beside a full queue",
             };
             write!(
                 f,

@@ -22,13 +22,14 @@ pub struct PageIoFigures {
     pub thread_count: usize,
     /// Measured rounds.
     pub round_count: usize,
-    /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `ready` or `fio`, and the depth.
+    /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `ready`,
+    /// `waited`, `waited_busy` or `fio`, and the depth.
     pub ways: BTreeMap<String, WayFigures>,
 }
 
 /// How far pages come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// Their bytes are there.
     Raw,
@@ -36,6 +37,10 @@ pub enum Stage {
     Hashed,
     /// And they stand in frames of a pool.
     Ready,
+    /// One after the other: each is waited for.
+    Waited,
+    /// The same while others are asked for ahead, more than the pool queues.
+    WaitedBusy,
 }
 
 /// Figures of a way.

@@ -4,12 +4,14 @@
 //! raw     backend -> bytes                           what the disk and the system give
 //! hashed  backend -> bytes -> hash                   and are believed
 //! ready   pool, loader, decoders -> hash -> frame    and can be traced
+//! waited  ready, one after the other; busy: while more pages are asked for ahead than the pool queues
 //! fio     the same extents, in the same order        somebody else's reads, aligned to 4096 bytes
 //! ```
 //!
 //! Invariants: 1. a round reads the same pages in the same order in every way; 2. before each the system is asked to
 //! drop the file from its cache; 3. ways take turns; figures are medians over rounds.
 
+mod demand;
 mod figures;
 mod fio;
 
@@ -35,6 +37,8 @@ use trex_store::pool::{PagePool, PoolOptions};
 
 /// Longest latency that is told apart, microseconds.
 const LATENCY_MOST_US: u64 = 3_600_000_000;
+/// Pages over the frames that there are where some are waited for.
+const PAGES_A_FRAME: usize = 4;
 /// Pages of a round, at most.
 const PAGES_MOST: usize = 1 << 14;
 
@@ -89,11 +93,11 @@ pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> any
         for way in &mut ways {
             around.interrupt.check()?;
             let measured = way.round(&pages, around);
-            let (wall, cpu) =
+            let Round { pages, wall, cpu } =
                 measured.with_context(|| format!("{} at depth {}", way.backend.0, way.depth))?;
             if round > 0 {
-                way.rates.push(pages.order.len() as f64 / wall.as_secs_f64());
-                way.cpu_us.push(cpu.as_secs_f64() * 1e6 / pages.order.len() as f64);
+                way.rates.push(pages as f64 / wall.as_secs_f64());
+                way.cpu_us.push(cpu.as_secs_f64() * 1e6 / pages as f64);
             } else {
                 way.latencies.reset();
             }
@@ -151,10 +155,29 @@ impl<'a> Pages<'a> {
     }
 }
 
-/// Processor time of all threads of this process.
-fn process_time() -> Duration {
-    let now = clock_gettime(ClockId::ProcessCPUTime);
-    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+/// What a round read, and the time that it took: of the wall, and of the processors.
+struct Round {
+    pages: usize,
+    wall: Duration,
+    cpu: Duration,
+}
+
+/// Wall time, and processor time of all threads of this process.
+struct Clock(Instant, Duration);
+
+impl Clock {
+    fn start() -> Clock {
+        Clock(Instant::now(), Clock::process_time())
+    }
+
+    fn spent(&self) -> (Duration, Duration) {
+        (self.0.elapsed(), Clock::process_time() - self.1)
+    }
+
+    fn process_time() -> Duration {
+        let now = clock_gettime(ClockId::ProcessCPUTime);
+        Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+    }
 }
 
 impl Way {
@@ -168,6 +191,7 @@ impl Way {
         kinds.extend(reads.map(|(io, direct)| Kind::Ours(Stage::Raw, io, direct)));
         kinds.push(Kind::Ours(Stage::Hashed, IoChoice::Auto, Auto));
         kinds.push(Kind::Ours(Stage::Ready, IoChoice::Auto, Auto));
+        kinds.extend([Stage::Waited, Stage::WaitedBusy].map(|stage| Kind::Ours(stage, IoChoice::Auto, Auto)));
         let way = |kind| Way {
             kind,
             depth,
@@ -185,6 +209,8 @@ impl Way {
             Kind::Fio => "fio",
             Kind::Ours(Stage::Hashed, ..) => "hashed",
             Kind::Ours(Stage::Ready, ..) => "ready",
+            Kind::Ours(Stage::Waited, ..) => "waited",
+            Kind::Ours(Stage::WaitedBusy, ..) => "waited_busy",
             Kind::Ours(Stage::Raw, IoChoice::Mmap, _) => "mmap",
             Kind::Ours(Stage::Raw, IoChoice::Pread, _) => "pread",
             Kind::Ours(Stage::Raw, _, DirectChoice::Off) => "uring_cached",
@@ -193,14 +219,27 @@ impl Way {
         format!("{name}_{}", self.depth)
     }
 
-    /// Reads all pages once. Gives wall time and processor time.
-    fn round(&mut self, pages: &Pages<'_>, around: &Surroundings) -> anyhow::Result<(Duration, Duration)> {
+    /// Reads all pages once, or waits for some.
+    fn round(&mut self, pages: &Pages<'_>, around: &Surroundings) -> anyhow::Result<Round> {
         pages.forget()?;
-        match self.kind {
-            Kind::Fio => fio::read((pages.file.path(), &pages.extents), self.depth, &around.folder),
-            Kind::Ours(Stage::Ready, io, direct) => self.ready(pages, (io, direct), around),
-            Kind::Ours(stage, io, direct) => self.read(pages, (io, direct), stage, around),
-        }
+        let all = pages.order.len();
+        let (count, (wall, cpu)) = match self.kind {
+            Kind::Fio => (all, fio::read((pages.file.path(), &pages.extents), self.depth, &around.folder)?),
+            Kind::Ours(Stage::Ready, io, direct) => {
+                let pool = self.pool(pages, (io, direct), u64::MAX, around)?;
+                let clock = Clock::start();
+                pool.fetch_blocking(&pages.order)?;
+                (all, clock.spent())
+            }
+            Kind::Ours(stage @ (Stage::Waited | Stage::WaitedBusy), io, direct) => {
+                // Room for a part: what is asked for ahead never comes to an end.
+                let frames_bytes = (all * FRAME_BYTES / PAGES_A_FRAME) as u64;
+                let pool = self.pool(pages, (io, direct), frames_bytes, around)?;
+                demand::wait_for_some(&pool, pages, stage == Stage::WaitedBusy, &mut self.latencies)?
+            }
+            Kind::Ours(stage, io, direct) => (all, self.read(pages, (io, direct), stage, around)?),
+        };
+        Ok(Round { pages: count, wall, cpu })
     }
 
     fn options(&self, (io, direct): (IoChoice, DirectChoice)) -> IoOptions {
@@ -225,7 +264,7 @@ impl Way {
         }
         let mut begun = vec![Instant::now(); pages.order.len()];
         let (mut next, mut arrivals) = (0, Vec::new());
-        let (begin, cpu) = (Instant::now(), process_time());
+        let clock = Clock::start();
         while next < pages.order.len() || reader.in_flight() > 0 {
             while next < pages.order.len() && reader.room() > 0 {
                 let Some(slot) = slots.pop() else { break };
@@ -243,33 +282,33 @@ impl Way {
                 slots.push(arrival.staging);
             }
         }
-        let spent = (begin.elapsed(), process_time() - cpu);
+        let spent = clock.spent();
         let described = reader.describe();
         self.backend = (described.backend.clone(), described.direct);
         Ok(spent)
     }
 
-    /// Through a pool that has room for all, or for what the limit allows.
-    fn ready(
+    /// A pool that has room for all pages, or for so many bytes of them, or for what the limit allows.
+    fn pool(
         &mut self,
         pages: &Pages<'_>,
         choice: (IoChoice, DirectChoice),
+        frames_bytes: u64,
         around: &Surroundings,
-    ) -> anyhow::Result<(Duration, Duration)> {
+    ) -> anyhow::Result<PagePool> {
         let defaults = PoolOptions {
             io: self.options(choice),
             decode_threads: around.threads.min(trex_store::pool::DECODE_THREADS_MAX),
             ..PoolOptions::default()
         };
         let (overhead, smallest) = PagePool::smallest_bytes(&**pages.file, &defaults)?;
-        let wanted = (pages.file.pages().len() * FRAME_BYTES) as u64;
-        let room = around.budget.free_bytes().saturating_sub(overhead).max(smallest - overhead);
-        let pool_options = PoolOptions { frames_bytes: wanted.min(room), ..defaults };
+        let wanted = frames_bytes.min((pages.file.pages().len() * FRAME_BYTES) as u64);
+        let least = smallest - overhead;
+        let room = around.budget.free_bytes().saturating_sub(overhead).max(least);
+        let pool_options = PoolOptions { frames_bytes: wanted.clamp(least, room), ..defaults };
         let pool = PagePool::open(pages.file.clone(), pages.file.path(), &around.budget, &pool_options)?;
         self.backend = (pool.io().backend, pool.io().direct);
-        let (begin, cpu) = (Instant::now(), process_time());
-        pool.fetch_blocking(&pages.order)?;
-        Ok((begin.elapsed(), process_time() - cpu))
+        Ok(pool)
     }
 
     fn figures(&self, bytes: f64, triangles: f64, fio: &[(usize, Vec<f64>)]) -> WayFigures {
@@ -317,13 +356,13 @@ mod tests {
         let model = Model::open("gen:isosurface:60k", &around).unwrap();
         let options = PageIoOptions { depths: vec![1, 8], rounds: 2, seed: 1, fio: false };
         let figures = run(&model, &options, &around).unwrap();
-        assert_eq!(figures.ways.len(), 12);
-        for way in figures.ways.values() {
+        assert_eq!(figures.ways.len(), 16);
+        for (name, way) in &figures.ways {
+            assert_eq!(way.latency_us.is_none(), name.starts_with("ready"), "{name}");
             assert!(way.pages_per_s > 0.0 && way.of_fio.is_none(), "{way:?}");
-            assert_eq!(way.latency_us.is_none(), way.stage == Stage::Ready);
-            // Where reads wait for each other, half of them wait as long as a page takes, at least.
+            // The longest of all, told in whole microseconds, is no shorter than the mean.
             let waits = way.latency_us.map_or(f64::INFINITY, |latency| latency.max as f64);
-            assert!(waits >= 1e6 / way.pages_per_s / way.depth as f64, "{way:?}");
+            assert!(waits + 1.0 >= 1e6 / way.pages_per_s / way.depth as f64, "{way:?}");
         }
         // A page with another byte is found by all that hash.
         let file = PageFile::open(&model.path, &around.budget).unwrap();

@@ -21,6 +21,8 @@ pub struct FaultPlan {
     pub short_per_1024: u32,
     /// Reads in which one bit is wrong.
     pub flip_per_1024: u32,
+    /// Reads that come later than others that were asked for after them.
+    pub late_per_1024: u32,
     /// Every call of `complete` that waits takes this much longer.
     pub delay: Duration,
     /// A part of the file that cannot be read at all.
@@ -36,6 +38,8 @@ pub struct Fault {
     inner: Box<dyn Backend>,
     plan: FaultPlan,
     seen: HashMap<u64, u64>,
+    /// Reads that are held back.
+    late: Vec<RawDone>,
     /// Reads that completed.
     completed: u64,
     description: IoDescription,
@@ -46,7 +50,21 @@ impl Fault {
     pub fn new(inner: Box<dyn Backend>, plan: FaultPlan) -> Fault {
         let mut description = inner.describe().clone();
         description.backend = format!("fault+{}", description.backend);
-        Fault { inner, plan, seen: HashMap::new(), completed: 0, description }
+        Fault { inner, plan, seen: HashMap::new(), late: Vec::new(), completed: 0, description }
+    }
+
+    /// Holds back some of what came, and gives what was held back before in another order; where that is waited for and
+    /// nothing else comes, at once.
+    fn hold_back(&mut self, first: usize, wait: Wait, done: &mut Vec<RawDone>) {
+        let mut dice = Dice(self.plan.seed ^ mix(self.completed));
+        let mut all: Vec<RawDone> = self.late.drain(..).chain(done.drain(first..)).collect();
+        while !all.is_empty() {
+            let one = all.swap_remove(dice.below(all.len() as u64) as usize);
+            if dice.hits(self.plan.late_per_1024) { self.late.push(one) } else { done.push(one) }
+        }
+        if wait == Wait::One && done.len() == first {
+            done.append(&mut self.late);
+        }
     }
 
     fn disturb(&mut self, done: &mut RawDone) {
@@ -117,7 +135,7 @@ impl Backend for Fault {
     }
 
     fn in_flight(&self) -> usize {
-        self.inner.in_flight()
+        self.inner.in_flight() + self.late.len()
     }
 
     fn submit(&mut self, read: RawRead) {
@@ -134,6 +152,9 @@ impl Backend for Fault {
             self.completed += 1;
             assert!(self.plan.panic_after.is_none_or(|most| self.completed <= most), "a panic on demand");
             self.disturb(one);
+        }
+        if self.plan.late_per_1024 > 0 {
+            self.hold_back(first, wait, done);
         }
     }
 }

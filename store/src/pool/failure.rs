@@ -9,8 +9,8 @@
 //! so who wakes finds it; 3. asking for it is one load as long as there is none.
 
 use super::signal::lock_always;
+use super::sync::Mutex;
 use crate::error::Error;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Why the pool has ended, if it has.

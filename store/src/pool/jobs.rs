@@ -3,10 +3,11 @@
 //! Invariant: there are never more slots than were made at open, so the queue cannot overflow.
 
 use super::signal::lock_always;
+use super::sync::{Condvar, Mutex};
 use crate::error::Result;
 use crate::io::Staging;
 use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::PoisonError;
 
 /// Pages of one read. Bounds the time from its first page to its last.
 pub(super) const PARTS_MAX: usize = 32;
@@ -28,34 +29,52 @@ pub(super) struct Slot {
     /// Where it begins in `staging`, once it has arrived.
     pub(super) start: usize,
     pub(super) parts: Vec<Part>,
+    /// How many of them are done.
+    pub(super) done: usize,
+    /// Nobody waits for any of them.
+    pub(super) is_ahead: bool,
 }
 
 impl Slot {
     pub(super) fn new(id: u32, bytes: usize) -> Result<Slot> {
         let staging = Some(Staging::new(bytes)?);
-        Ok(Slot { id, staging, offset: 0, start: 0, parts: Vec::with_capacity(PARTS_MAX) })
+        let parts = Vec::with_capacity(PARTS_MAX);
+        Ok(Slot { id, staging, offset: 0, start: 0, parts, done: 0, is_ahead: false })
     }
 }
 
-/// Slots that have arrived and wait for a decoder.
-#[derive(Default)]
+/// Slots that have arrived and wait for a decoder. Those that somebody waits for come first; of the others at most so
+/// many are given out at a time: decoders that do not wait for a page to end, and processors for who waits.
 pub(super) struct JobQueue {
     state: Mutex<JobState>,
     ready: Condvar,
+    ahead_most: usize,
 }
 
 #[derive(Default)]
 struct JobState {
     slots: VecDeque<Slot>,
+    ahead: VecDeque<Slot>,
+    /// Slots of `ahead` that decoders have.
+    ahead_out: usize,
     sleepers: usize,
     stop: bool,
 }
 
 impl JobQueue {
+    /// For so many decoders.
+    pub(super) fn new(decoders: usize) -> JobQueue {
+        JobQueue { state: Mutex::default(), ready: Condvar::new(), ahead_most: (decoders / 2).max(1) }
+    }
+
     /// A slot that has arrived.
     pub(super) fn push(&self, slot: Slot) {
         let mut state = lock_always(&self.state);
-        state.slots.push_back(slot);
+        if slot.is_ahead {
+            state.ahead.push_back(slot)
+        } else {
+            state.slots.push_back(slot)
+        }
         if state.sleepers > 0 {
             self.ready.notify_one();
         }
@@ -71,10 +90,29 @@ impl JobQueue {
             if let Some(slot) = state.slots.pop_front() {
                 return Some(slot);
             }
+            if state.ahead_out < self.ahead_most
+                && let Some(slot) = state.ahead.pop_front()
+            {
+                state.ahead_out += 1;
+                return Some(slot);
+            }
             state.sleepers += 1;
             state = self.ready.wait(state).unwrap_or_else(PoisonError::into_inner);
             state.sleepers -= 1;
         }
+    }
+
+    /// Whether a decoder leaves a slot that nobody waits for: somebody waits for another.
+    pub(super) fn is_urgent(&self) -> bool {
+        !lock_always(&self.state).slots.is_empty()
+    }
+
+    /// A decoder has no more to do with a slot that nobody waits for; it comes back where it is not done. Who says so
+    /// asks for the next one.
+    pub(super) fn end_ahead(&self, unfinished: Option<Slot>) {
+        let mut state = lock_always(&self.state);
+        state.ahead_out -= 1;
+        state.ahead.extend(unfinished);
     }
 
     pub(super) fn stop(&self) {

@@ -14,8 +14,10 @@
 //!    than slots, so no queue can overflow and nothing is allocated per read.
 //! 3. A page in READING stands in exactly one slot, or in `split`: single flight.
 //! 4. A panic of one of these threads ends the pool: whoever waits is told (`failure.rs`), nobody idles.
-//! 5. A failed read of several pages is repeated page by page: one bad sector costs one page.
-//! 6. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
+//! 5. Of pages that nobody waits for at most [`AHEAD_MOST`] reads are under way or wait for a decoder, and a decoder
+//!    leaves them, page by page, for those that somebody waits for.
+//! 6. A failed read of several pages is repeated page by page: one bad sector costs one page.
+//! 7. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
 #![allow(unsafe_code)]
 
 use super::jobs::{PARTS_MAX, Part, Slot};
@@ -25,12 +27,16 @@ use super::signal::lock;
 use super::stats::count;
 use crate::error::{Code, Result};
 use crate::io::{Arrival, Extent, Reader, Wait};
-use std::sync::atomic::{Ordering, fence};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Bytes between two extents that are read and thrown away to save one read. At 16 KiB the transfer costs what the
 /// saved request does on a fast SSD (about 10 us).
 const GAP_MAX_BYTES: u64 = 16 << 10;
+
+/// Reads of pages that nobody waits for, from their begin to the end of their decoding. More would fill the queue of
+/// the disk, which a page that is waited for has to pass; decoders are busy with fewer.
+const AHEAD_MOST: usize = 4;
 
 /// Sleep of the loader when every frame is pinned, should the wake-up by `unpin` ever be late.
 const STARVED_SLEEP: Duration = Duration::from_millis(10);
@@ -93,7 +99,7 @@ impl<'a> Loader<'a> {
     fn pump(&mut self) {
         let shared = self.shared;
         let settle = || lock(&shared.clock).settle(&shared.words, &shared.arena).then_some(());
-        let in_debt = shared.try_twice(settle).is_none();
+        let in_debt = shared.starved.try_twice(settle).is_none();
         let mut saturated = false;
         while self.reader.room() > 0 {
             let Some(mut slot) = lock(&shared.idle).pop() else { break };
@@ -111,7 +117,7 @@ impl<'a> Loader<'a> {
         }
         shared.saturated.store(saturated, Ordering::Relaxed);
         self.starved = saturated || in_debt;
-        shared.starved.store(self.starved, Ordering::SeqCst);
+        shared.starved.set(self.starved);
     }
 
     fn submit(&mut self, mut slot: Slot, extent: Extent) {
@@ -126,15 +132,23 @@ impl<'a> Loader<'a> {
     fn fill(&mut self, slot: &mut Slot) -> Fill {
         let shared = self.shared;
         slot.parts.clear();
+        (slot.done, slot.is_ahead) = (0, false);
         if let Some(part) = self.split.pop() {
             slot.parts.push(part);
             return Fill::Ready(shared.store.extent(part.page));
         }
         let mut requests = lock(&shared.requests);
         let mut clock = lock(&shared.clock);
-        let Some(page) = requests.best() else { return Fill::Nothing };
+        let Some((page, weight)) = requests.best() else { return Fill::Nothing };
+        if weight == 0 && shared.ahead.load(Ordering::Acquire) >= AHEAD_MOST {
+            return Fill::Nothing;
+        }
         let mut take = |page| clock.take(page, &shared.words, &shared.arena);
-        let Some(frame) = shared.try_twice(|| take(page)) else { return Fill::Starved };
+        let Some(frame) = shared.starved.try_twice(|| take(page)) else { return Fill::Starved };
+        if weight == 0 {
+            slot.is_ahead = true;
+            shared.ahead.fetch_add(1, Ordering::AcqRel);
+        }
         let mut extent = shared.store.extent(page);
         shared.begin(&mut requests, slot, Part { page, frame });
 
@@ -167,7 +181,7 @@ impl<'a> Loader<'a> {
             Err(error) if slot.parts.len() == 1 => self.shared.end(slot.parts[0], Err(error)),
             Err(_) => self.split.extend_from_slice(&slot.parts),
         }
-        lock(&self.shared.idle).push(slot);
+        self.shared.put_back(slot);
     }
 
     fn publish_stats(&mut self) {
@@ -193,16 +207,6 @@ fn join(a: Extent, b: Extent, max_bytes: u64) -> Option<Extent> {
 }
 
 impl Shared {
-    /// Tries again after telling `unpin` to ring: who unpins from here on sees the flag, and who unpinned before is
-    /// seen by the second try. So no unpin is slept through.
-    fn try_twice<T>(&self, mut attempt: impl FnMut() -> Option<T>) -> Option<T> {
-        attempt().or_else(|| {
-            self.starved.store(true, Ordering::SeqCst);
-            fence(Ordering::SeqCst);
-            attempt()
-        })
-    }
-
     /// QUEUED to READING.
     fn begin(&self, requests: &mut Requests, slot: &mut Slot, part: Part) {
         requests.take(part.page, part.frame, &self.words);
@@ -236,14 +240,32 @@ impl Shared {
     pub(super) fn decode(&self) {
         let mut scratch = Vec::new();
         while let Some(mut slot) = self.jobs.pop() {
-            for index in 0..slot.parts.len() {
-                let part = slot.parts[index];
+            while slot.done < slot.parts.len() && !(slot.is_ahead && self.jobs.is_urgent()) {
+                let part = slot.parts[slot.done];
                 let result = self.install(&mut slot, part, &mut scratch);
                 self.end(part, result);
+                slot.done += 1;
             }
-            lock(&self.idle).push(slot);
-            self.bell.ring();
+            let is_ahead = slot.is_ahead;
+            let unfinished = if slot.done < slot.parts.len() {
+                Some(slot)
+            } else {
+                self.put_back(slot);
+                self.bell.ring();
+                None
+            };
+            if is_ahead {
+                self.jobs.end_ahead(unfinished);
+            }
         }
+    }
+
+    /// A slot is idle again.
+    fn put_back(&self, slot: Slot) {
+        if slot.is_ahead {
+            self.ahead.fetch_sub(1, Ordering::AcqRel);
+        }
+        lock(&self.idle).push(slot);
     }
 
     /// Checks and decodes a page of `slot`; one that is damaged is read again first, in its place.

@@ -27,6 +27,8 @@
 //!    those that came: the oldest blocked tile keeps its own until it has run, and the scheduler bounds active tiles
 //!    so that their pins leave at least one frame. Where all is pinned nevertheless, [`PagePool::is_saturated`] says
 //!    so, and the loader sleeps until an unpin.
+//!    What nobody waits for (weight 0) gets what is left: it loses its place in a full queue to what somebody waits
+//!    for, a few reads of it are under way, and half of the decoders at most are busy with it.
 //! 6. No idling on a dead pool: a panic of one of its threads ends it, and who waits for a page is told.
 //! 7. A damaged page is never the end: it is marked, its error is kept, `pin` of it is `None` for ever.
 
@@ -36,6 +38,8 @@ mod failure;
 mod frames;
 mod jobs;
 mod loader;
+#[cfg(all(test, loom))]
+mod loom_tests;
 mod options;
 mod page_pool;
 mod pin;

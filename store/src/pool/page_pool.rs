@@ -8,16 +8,17 @@ use super::loader::Loader;
 use super::options::{FRAMES_MIN, Plan, PoolOptions};
 use super::requests::Requests;
 use super::shared::Shared;
-use super::signal::{Bell, Progress, lock};
+use super::signal::{Bell, Progress, Starved, lock};
 use super::stats::{Counters, PoolStats};
+use super::sync::Mutex;
 use super::want::{PageStore, Want};
 use super::word::{PageState, Word};
 use crate::budget::{Budget, Lease, RESERVE_BYTES};
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, IoDescription, Reader};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -123,14 +124,15 @@ impl PagePool {
             requests: Mutex::new(Requests::new(options.queue_capacity)),
             clock: Mutex::new(clock),
             idle: Mutex::new(slots?),
-            jobs: JobQueue::default(),
+            jobs: JobQueue::new(options.decode_threads),
             bell: Bell::default(),
             progress: Progress::default(),
             damage: Mutex::new(Vec::new()),
             io: Mutex::new(reader.describe().clone()),
             failure: Failure::default(),
             counters: Counters::default(),
-            starved: AtomicBool::new(false),
+            ahead: AtomicUsize::new(0),
+            starved: Starved::new(),
             saturated: AtomicBool::new(false),
             stop: AtomicBool::new(false),
             store,

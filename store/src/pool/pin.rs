@@ -11,7 +11,6 @@ use super::page_pool::PagePool;
 use super::shared::Shared;
 use std::ops::Deref;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 /// A pinned page, as bytes of its frame. Unpins on drop.
 pub struct Pin<'pool> {
@@ -124,7 +123,7 @@ impl PagePool {
 
 impl Shared {
     fn unpin(&self, page: u32) {
-        if self.words[page as usize].unpin() && self.starved.load(Ordering::SeqCst) {
+        if self.words[page as usize].unpin() && self.starved.is_set() {
             self.bell.ring();
         }
     }

@@ -8,16 +8,16 @@
 //!
 //! Invariants
 //! 1. A page is in the table exactly while its word is QUEUED; both change under this struct's lock.
-//! 2. At most `capacity` pages are queued. What finds no room is refused and counted; its origin asks again with
-//!    the next round anyway.
-//! 3. `order` holds every page of the table, best last, or is marked dirty; it may hold pages that have left.
-//! 4. Nothing is allocated after `new`.
+//! 2. At most `capacity` pages are queued. What finds no room takes that of a weaker one, or is refused and counted;
+//!    its origin asks again with the next round anyway.
+//! 3. `order` holds every page of the table under its weight, and no other, best last.
+//! 4. What is allocated is bounded by `capacity`, and leased with it.
 
 use super::want::{ORIGINS_MAX, Want};
 use super::word::{PageState, Word};
 use std::cmp::Reverse;
-use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::collections::{BTreeSet, HashMap};
 
 struct Request {
     weight: u32,
@@ -34,8 +34,7 @@ type Key = (u32, Reverse<u32>);
 /// The table of wants.
 pub(super) struct Requests {
     table: HashMap<u32, Request>,
-    order: Vec<Key>,
-    dirty: bool,
+    order: BTreeSet<Key>,
     capacity: usize,
     counts: Counts,
 }
@@ -49,14 +48,13 @@ pub(super) struct Counts {
 }
 
 impl Requests {
-    /// Bytes of the tables for one queued page.
-    pub(super) const BYTES_PER_WANT: u64 = 76;
+    /// Bytes of the tables for one queued page; keys stand in a tree whose nodes may be half full.
+    pub(super) const BYTES_PER_WANT: u64 = 92;
 
     pub(super) fn new(capacity: usize) -> Requests {
         Requests {
             table: HashMap::with_capacity(capacity),
-            order: Vec::with_capacity(capacity),
-            dirty: false,
+            order: BTreeSet::new(),
             capacity,
             counts: Counts::default(),
         }
@@ -78,21 +76,20 @@ impl Requests {
             let wanted = request.held || request.now | request.before != 0;
             if !wanted {
                 words[page as usize].unqueue();
+                self.order.remove(&(request.weight, Reverse(page)));
             }
             wanted
         });
         self.counts.dropped += (before - self.table.len()) as u64;
-        self.dirty = true;
         !self.table.is_empty()
     }
 
     /// Wants `page` until it has been read, whatever the rounds say. False when there is no room.
     pub(super) fn hold(&mut self, page: u32, words: &[Word]) -> bool {
-        self.add(&Want { page, weight: 0 }, 0, words);
+        self.add(&Want { page, weight: 1 }, 0, words);
         match self.table.get_mut(&page) {
             Some(request) => {
                 request.held = true;
-                self.dirty = true;
                 true
             }
             None => words[page as usize].view().state != PageState::Absent,
@@ -105,7 +102,9 @@ impl Requests {
             PageState::Reading | PageState::Resident | PageState::Damaged => return,
             PageState::Absent if self.table.len() >= self.capacity => {
                 self.counts.refused += 1;
-                return;
+                if !self.displace(want.weight, words) {
+                    return;
+                }
             }
             PageState::Absent | PageState::Queued => {}
         }
@@ -115,34 +114,39 @@ impl Requests {
                 // The only origin may change its mind; several are merged to the strongest.
                 let alone =
                     (request.now | request.before) & !bit == 0 && request.now & bit == 0 && !request.held;
-                request.weight = if alone { want.weight } else { request.weight.max(want.weight) };
+                let weight = if alone { want.weight } else { request.weight.max(want.weight) };
+                if weight != request.weight {
+                    self.order.remove(&(request.weight, Reverse(want.page)));
+                    self.order.insert((weight, Reverse(want.page)));
+                    request.weight = weight;
+                }
                 request.now |= bit;
             }
             Entry::Vacant(entry) => {
                 let queued = word.enqueue();
                 assert!(queued.is_ok(), "a page that is not in the table is {queued:?}");
                 entry.insert(Request { weight: want.weight, now: bit, before: 0, held: false });
+                self.order.insert((want.weight, Reverse(want.page)));
                 self.counts.peak = self.counts.peak.max(self.table.len() as u64);
             }
         }
     }
 
-    /// The page to be read next.
-    pub(super) fn best(&mut self) -> Option<u32> {
-        if self.dirty {
-            self.order.clear();
-            let keys = self.table.iter();
-            self.order.extend(keys.map(|(&page, want)| (want.weight, Reverse(page))));
-            self.order.sort_unstable();
-            self.dirty = false;
+    /// Takes the room of the weakest page, if that is weaker than `weight`.
+    fn displace(&mut self, weight: u32, words: &[Word]) -> bool {
+        let weaker = self.order.iter().take_while(|(other, _)| *other < weight);
+        let key = weaker.copied().find(|(_, Reverse(page))| !self.table[page].held);
+        if let Some(key @ (_, Reverse(page))) = key {
+            self.order.remove(&key);
+            self.table.remove(&page);
+            words[page as usize].unqueue();
         }
-        while let Some(&(_, Reverse(page))) = self.order.last() {
-            if self.table.contains_key(&page) {
-                return Some(page);
-            }
-            self.order.pop();
-        }
-        None
+        key.is_some()
+    }
+
+    /// The page to be read next, and its weight.
+    pub(super) fn best(&self) -> Option<(u32, u32)> {
+        self.order.last().map(|&(weight, Reverse(page))| (page, weight))
     }
 
     /// True when `page` is queued.
@@ -152,7 +156,8 @@ impl Requests {
 
     /// Takes `page` out, to be read into `frame`.
     pub(super) fn take(&mut self, page: u32, frame: u32, words: &[Word]) {
-        self.table.remove(&page).expect("a page that is not queued");
+        let request = self.table.remove(&page).expect("a page that is not queued");
+        self.order.remove(&(request.weight, Reverse(page)));
         words[page as usize].begin_read(frame);
     }
 
@@ -185,7 +190,7 @@ mod tests {
 
     fn drain(requests: &mut Requests, words: &[Word]) -> Vec<u32> {
         let mut pages = Vec::new();
-        while let Some(page) = requests.best() {
+        while let Some((page, _)) = requests.best() {
             requests.take(page, 0, words);
             pages.push(page);
         }
@@ -232,6 +237,24 @@ mod tests {
         assert_eq!((requests.len(), requests.counts().refused), (10, 40));
         assert_eq!(requests.counts().peak, 10);
         assert_eq!(drain(&mut requests, &words), (0..10).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_full_table_keeps_the_strongest_and_what_is_held() {
+        let (mut requests, words) = (requests(), words());
+        assert!(requests.hold(40, &words));
+        let wants: Vec<Want> = (0..30).map(|page| want(page, page % 5)).collect();
+        requests.submit(0, &wants, &words);
+        // Whoever came first: six of weight 4, three of weight 3, and the one that is held.
+        let weights: Vec<u32> = requests.table.values().map(|request| request.weight).collect();
+        let count = |weight| weights.iter().filter(|other| **other == weight).count();
+        assert_eq!([4, 3, 1].map(count), [6, 3, 1]);
+        assert!(!requests.hold(41, &words), "there is no room but that of stronger ones");
+        let queued = |page: &usize| words[*page].view().state == PageState::Queued;
+        assert_eq!((0..100).filter(queued).count(), 10);
+        let found = drain(&mut requests, &words);
+        assert_eq!((&found[..6], found[9]), (&[4, 9, 14, 19, 24, 29][..], 40));
+        assert!(requests.order.is_empty() && (0..100).filter(queued).count() == 0);
     }
 
     #[test]

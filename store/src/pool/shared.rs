@@ -5,15 +5,16 @@ use super::failure::Failure;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::requests::Requests;
-use super::signal::{Bell, Progress};
+use super::signal::{Bell, Progress, Starved};
 use super::stats::Counters;
+use super::sync::Mutex;
 use super::want::PageStore;
 use super::word::Word;
 use crate::error::Error;
 use crate::io::IoDescription;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// What the pool's threads and its callers share.
 pub(super) struct Shared {
@@ -26,13 +27,15 @@ pub(super) struct Shared {
     pub(super) jobs: JobQueue,
     pub(super) bell: Bell,
     pub(super) progress: Progress,
+    /// Slots of pages that nobody waits for.
+    pub(super) ahead: AtomicUsize,
     pub(super) damage: Mutex<Vec<(u32, Error)>>,
     /// How the file is read now.
     pub(super) io: Mutex<IoDescription>,
     pub(super) failure: Failure,
     pub(super) counters: Counters,
     /// The loader waits for an unpin: demand finds every frame busy, or frames are owed. `unpin` rings then.
-    pub(super) starved: AtomicBool,
+    pub(super) starved: Starved,
     /// Demand finds every frame busy.
     pub(super) saturated: AtomicBool,
     pub(super) stop: AtomicBool,

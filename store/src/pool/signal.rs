@@ -2,7 +2,8 @@
 //!
 //! Invariants: 1. nobody pays a system call to wake a thread that is awake; 2. a ring before the sleep is not lost.
 
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use super::sync::{AtomicBool, Condvar, Mutex, MutexGuard, Ordering, fence};
+use std::sync::PoisonError;
 use std::time::{Duration, Instant};
 
 /// Locks; a thread that panicked while it held the lock is our bug.
@@ -52,6 +53,37 @@ impl Bell {
             break;
         }
         *state = BellState::default();
+    }
+}
+
+/// Whether the loader waits for an unpin: `unpin` rings the bell then.
+pub(super) struct Starved(AtomicBool);
+
+impl Starved {
+    pub(super) fn new() -> Starved {
+        Starved(AtomicBool::new(false))
+    }
+
+    pub(super) fn set(&self, is_starved: bool) {
+        self.0.store(is_starved, Ordering::SeqCst);
+    }
+
+    /// Asked after an unpin.
+    pub(super) fn is_set(&self) -> bool {
+        // loom takes no order of SeqCst accesses for granted, of fences alone. Elsewhere one would cost each unpin.
+        #[cfg(loom)]
+        fence(Ordering::SeqCst);
+        self.0.load(Ordering::SeqCst)
+    }
+
+    /// Tries again after telling `unpin` to ring: who unpins from here on sees the flag, and who unpinned before is
+    /// seen by the second try. So no unpin is slept through.
+    pub(super) fn try_twice<T>(&self, mut attempt: impl FnMut() -> Option<T>) -> Option<T> {
+        attempt().or_else(|| {
+            self.set(true);
+            fence(Ordering::SeqCst);
+            attempt()
+        })
     }
 }
 

@@ -11,7 +11,8 @@ pub const ORIGINS_MAX: usize = 64;
 pub struct Want {
     /// The page.
     pub page: u32,
-    /// How badly, greater first: blocked rays, saliency, projected error.
+    /// How badly, greater first: blocked rays, saliency, projected error. 0: ahead, nobody waits for it; such pages get
+    /// what others leave of reads and of decoders.
     pub weight: u32,
 }
 

@@ -38,7 +38,7 @@ pub(super) const FRAMES_MAX: usize = 1 << (GENERATION_SHIFT - FRAME_SHIFT);
 /// Best clock score: the hand passes three times before it takes the page.
 pub(super) const SCORE_MAX: u64 = 3;
 /// Score of a page that has come: somebody waits for it.
-const SCORE_FIRST: u64 = 2;
+pub(super) const SCORE_FIRST: u64 = 2;
 
 /// What a page is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -232,89 +232,3 @@ const _: () = assert!(GENERATION_SHIFT + 19 == 64 && FRAMES_MAX == 1 << 24 && PI
 
 #[cfg(all(test, not(loom)))]
 mod tests;
-
-/// `RUSTFLAGS="--cfg loom" cargo test -p trex-store --release loom`
-#[cfg(all(test, loom))]
-mod loom_tests {
-    use super::*;
-    use loom::cell::UnsafeCell;
-    use loom::sync::Arc;
-    use loom::thread;
-
-    /// Two pages that share one frame. loom's cell fails the test when a read and a write of it can overlap.
-    struct Shared {
-        words: [Word; 2],
-        frame: UnsafeCell<u64>,
-    }
-
-    fn use_page(shared: &Shared, page: usize) {
-        if shared.words[page].try_pin().is_some() {
-            // The frame holds this page's bytes for as long as it is pinned.
-            shared.frame.with(|bytes| assert_eq!(read(bytes), page as u64));
-            shared.words[page].unpin();
-        }
-    }
-
-    #[allow(unsafe_code)]
-    fn read(bytes: *const u64) -> u64 {
-        // SAFETY: loom checks that no write overlaps; the cell outlives the call.
-        unsafe { *bytes }
-    }
-
-    #[allow(unsafe_code)]
-    fn write(bytes: *mut u64, value: u64) {
-        // SAFETY: loom checks that nothing overlaps; the cell outlives the call.
-        unsafe { *bytes = value }
-    }
-
-    fn load(shared: &Shared, page: usize) {
-        shared.words[page].enqueue().unwrap();
-        shared.words[page].begin_read(0);
-        shared.frame.with_mut(|bytes| write(bytes, page as u64));
-        shared.words[page].install();
-    }
-
-    fn shared_with_page_0() -> Arc<Shared> {
-        let shared = Arc::new(Shared { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
-        load(&shared, 0);
-        for _ in 0..SCORE_FIRST {
-            assert_eq!(shared.words[0].cool(), Cooled::Warm);
-        }
-        shared
-    }
-
-    /// One thread pins page 0, one pins page 1, one evicts page 0 and installs page 1 into its frame.
-    #[test]
-    fn loom_pin_against_evict_against_install() {
-        loom::model(|| {
-            let shared = shared_with_page_0();
-            let readers: Vec<_> = [0, 1]
-                .map(|page| {
-                    let shared = Arc::clone(&shared);
-                    thread::spawn(move || use_page(&shared, page))
-                })
-                .into_iter()
-                .collect();
-            // Twice: a pin may have raised the score from 0 to 1.
-            let evicted = (0..2).any(|_| shared.words[0].cool() == Cooled::Evicted);
-            if evicted {
-                load(&shared, 1);
-            }
-            for reader in readers {
-                reader.join().unwrap();
-            }
-        });
-    }
-
-    /// Two hands, one page: only one of them gets the frame.
-    #[test]
-    fn loom_two_evictions_give_one_frame() {
-        loom::model(|| {
-            let shared = shared_with_page_0();
-            let other = Arc::clone(&shared);
-            let theirs = thread::spawn(move || other.words[0].cool() == Cooled::Evicted);
-            let ours = shared.words[0].cool() == Cooled::Evicted;
-            assert!(ours ^ theirs.join().unwrap());
-        });
-    }
-}

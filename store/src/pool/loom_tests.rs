@@ -1,0 +1,246 @@
+//! The pool under the model checker, every interleaving of up to so many preemptions (CONTRIBUTING.md):
+//!
+//! ```text
+//! word      a pin, an eviction and an install share a frame; two hands evict one page
+//! bell      a ring before the sleep is not lost; progress: an arrival neither
+//! queue     each slot comes to one decoder, and the end to all
+//! requests  two origins want a page that the loader takes: it is read once
+//! clock     frames are owed while a page is pinned: the unpin wakes the loader, which pays
+//! ```
+//!
+//! Unsafe code stands here because loom's cells hand out pointers, and frames are given back to the kernel.
+
+use super::clock::Clock;
+use super::frames::FrameArena;
+use super::jobs::{JobQueue, Slot};
+use super::requests::Requests;
+use super::signal::{Bell, Progress, Starved, lock};
+use super::sync::{AtomicBool, AtomicU64, Mutex, Ordering};
+use super::want::Want;
+use super::word::{Cooled, PageState, SCORE_FIRST, Word};
+use crate::budget::Budget;
+use crate::io::ALIGN_BYTES;
+use loom::cell::UnsafeCell;
+use loom::sync::Arc;
+use loom::thread;
+use std::time::Duration;
+
+/// Two pages that share one frame. loom's cell fails the test when a read and a write of it can overlap.
+struct Shared {
+    words: [Word; 2],
+    frame: UnsafeCell<u64>,
+}
+
+fn use_page(shared: &Shared, page: usize) {
+    if shared.words[page].try_pin().is_some() {
+        // The frame holds this page's bytes for as long as it is pinned.
+        shared.frame.with(|bytes| assert_eq!(read(bytes), page as u64));
+        shared.words[page].unpin();
+    }
+}
+
+#[allow(unsafe_code)]
+fn read(bytes: *const u64) -> u64 {
+    // SAFETY: loom checks that no write overlaps; the cell outlives the call.
+    unsafe { *bytes }
+}
+
+#[allow(unsafe_code)]
+fn write(bytes: *mut u64, value: u64) {
+    // SAFETY: loom checks that nothing overlaps; the cell outlives the call.
+    unsafe { *bytes = value }
+}
+
+fn load(shared: &Shared, page: usize) {
+    shared.words[page].enqueue().unwrap();
+    shared.words[page].begin_read(0);
+    shared.frame.with_mut(|bytes| write(bytes, page as u64));
+    shared.words[page].install();
+}
+
+fn shared_with_page_0() -> Arc<Shared> {
+    let shared = Arc::new(Shared { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
+    load(&shared, 0);
+    for _ in 0..SCORE_FIRST {
+        assert_eq!(shared.words[0].cool(), Cooled::Warm);
+    }
+    shared
+}
+
+/// One thread pins page 0, one pins page 1, one evicts page 0 and installs page 1 into its frame.
+#[test]
+fn loom_pin_against_evict_against_install() {
+    loom::model(|| {
+        let shared = shared_with_page_0();
+        let readers: Vec<_> = [0, 1]
+            .map(|page| {
+                let shared = Arc::clone(&shared);
+                thread::spawn(move || use_page(&shared, page))
+            })
+            .into_iter()
+            .collect();
+        // Twice: a pin may have raised the score from 0 to 1.
+        let evicted = (0..2).any(|_| shared.words[0].cool() == Cooled::Evicted);
+        if evicted {
+            load(&shared, 1);
+        }
+        for reader in readers {
+            reader.join().unwrap();
+        }
+    });
+}
+
+/// Two hands, one page: only one of them gets the frame.
+#[test]
+fn loom_two_evictions_give_one_frame() {
+    loom::model(|| {
+        let shared = shared_with_page_0();
+        let other = Arc::clone(&shared);
+        let theirs = thread::spawn(move || other.words[0].cool() == Cooled::Evicted);
+        let ours = shared.words[0].cool() == Cooled::Evicted;
+        assert!(ours ^ theirs.join().unwrap());
+    });
+}
+
+/// Rings, with what there is to see told before.
+#[test]
+fn loom_a_ring_is_not_slept_through() {
+    loom::model(|| {
+        let shared = Arc::new((AtomicBool::new(false), Bell::default()));
+        let other = Arc::clone(&shared);
+        let ringer = thread::spawn(move || {
+            other.0.store(true, Ordering::Relaxed);
+            other.1.ring();
+        });
+        while !shared.0.load(Ordering::Relaxed) {
+            shared.1.wait(None);
+        }
+        ringer.join().unwrap();
+    });
+}
+
+/// Two sleepers, one arrival.
+#[test]
+fn loom_an_arrival_wakes_all() {
+    loom::model(|| {
+        let shared = Arc::new((AtomicBool::new(false), Progress::default()));
+        let sleepers = [0, 1].map(|_| {
+            let shared = Arc::clone(&shared);
+            thread::spawn(move || {
+                loop {
+                    let epoch = shared.1.epoch();
+                    if shared.0.load(Ordering::Relaxed) {
+                        return;
+                    }
+                    shared.1.wait(epoch, Duration::from_secs(3600));
+                }
+            })
+        });
+        shared.0.store(true, Ordering::Relaxed);
+        shared.1.bump();
+        sleepers.into_iter().for_each(|sleeper| sleeper.join().unwrap());
+    });
+}
+
+/// Two decoders, of which one at a time may have a slot that nobody waits for; two of these, and one that somebody
+/// waits for; the end.
+#[test]
+fn loom_each_slot_comes_to_one_decoder() {
+    loom::model(|| {
+        let queue = Arc::new(JobQueue::new(2));
+        let taken = Arc::new(AtomicU64::new(0));
+        let decoders = [0, 1].map(|_| {
+            let (queue, taken) = (Arc::clone(&queue), Arc::clone(&taken));
+            thread::spawn(move || {
+                let mut ids = Vec::new();
+                while let Some(slot) = queue.pop() {
+                    ids.push(slot.id);
+                    if slot.is_ahead {
+                        queue.end_ahead(None);
+                    }
+                    if taken.fetch_add(1, Ordering::AcqRel) == 2 {
+                        queue.stop();
+                    }
+                }
+                ids
+            })
+        });
+        for id in 0..3 {
+            let slot = Slot::new(id, ALIGN_BYTES).unwrap();
+            queue.push(Slot { is_ahead: id < 2, ..slot });
+        }
+        let mut ids = decoders.map(|decoder| decoder.join().unwrap()).concat();
+        ids.sort_unstable();
+        assert_eq!(ids, [0, 1, 2]);
+    });
+}
+
+/// Two origins, one page, one loader.
+#[test]
+fn loom_a_page_that_two_want_is_read_once() {
+    loom::model(|| {
+        let shared = Arc::new((Mutex::new(Requests::new(4)), [Word::absent()]));
+        let origins = [0, 1].map(|origin| {
+            let shared = Arc::clone(&shared);
+            thread::spawn(move || {
+                lock(&shared.0).submit(origin, &[Want { page: 0, weight: 1 }], &shared.1);
+            })
+        });
+        let load = || {
+            let mut requests = lock(&shared.0);
+            let (page, _) = requests.best()?;
+            requests.take(page, 0, &shared.1);
+            drop(requests);
+            shared.1[0].install();
+            Some(())
+        };
+        let early = u32::from(load().is_some());
+        origins.into_iter().for_each(|origin| origin.join().unwrap());
+        let late = u32::from(load().is_some());
+        assert_eq!((early + late, shared.1[0].view().state), (1, PageState::Resident));
+    });
+}
+
+/// What owes a frame, and who holds it.
+struct Owing {
+    words: [Word; 2],
+    clock: Mutex<Clock>,
+    arena: FrameArena,
+    starved: Starved,
+    bell: Bell,
+}
+
+/// One page is pinned, and the limit shrinks: the loader sleeps, without a time to wake up, until the last unpin.
+#[test]
+fn loom_an_unpin_wakes_who_owes_frames() {
+    loom::model(|| {
+        let budget = Budget::new(u64::MAX);
+        let words = [Word::absent(), Word::absent()];
+        let arena = FrameArena::reserve(2, ALIGN_BYTES).unwrap();
+        let mut clock = Clock::new(2, budget.lease("frames", 0).unwrap());
+        clock.set_frames(2, &words, &arena).unwrap();
+        for (page, word) in words.iter().enumerate() {
+            word.enqueue().unwrap();
+            word.begin_read(clock.take(page as u32, &words, &arena).unwrap());
+            word.install();
+        }
+        words[0].try_pin().unwrap();
+        let clock = Mutex::new(clock);
+        let owing = Arc::new(Owing { words, clock, arena, starved: Starved::new(), bell: Bell::default() });
+        let other = Arc::clone(&owing);
+        let holder = thread::spawn(move || {
+            if other.words[0].unpin() && other.starved.is_set() {
+                other.bell.ring();
+            }
+        });
+        lock(&owing.clock).set_frames(0, &owing.words, &owing.arena).unwrap();
+        let settle = || lock(&owing.clock).settle(&owing.words, &owing.arena).then_some(());
+        while owing.starved.try_twice(settle).is_none() {
+            owing.bell.wait(None);
+        }
+        holder.join().unwrap();
+        let clock = lock(&owing.clock);
+        assert_eq!((clock.live(), clock.owed(), clock.evicted), (0, 0, 2));
+        assert!(owing.words.iter().all(|word| word.view().state == PageState::Absent));
+    });
+}
