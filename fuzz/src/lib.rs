@@ -4,6 +4,7 @@
 //!
 //! Hashes would stop every change at the gate, so page files are sealed again before they are read.
 
+pub mod left_over;
 mod sealed;
 
 pub use sealed::{sealed, with_units};
@@ -20,11 +21,13 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 12] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
     ("units", units),
+    ("journal", journal),
+    ("scratch", scratch),
     ("ply", ply),
     ("obj", obj),
     ("stl", stl),
@@ -34,7 +37,7 @@ pub const TARGETS: [Target; 10] = [
 ];
 
 /// The memory that reading gets.
-const BUDGET_BYTES: u64 = RESERVE_BYTES + (8 << 20);
+pub const BUDGET_BYTES: u64 = RESERVE_BYTES + (8 << 20);
 /// Most bits of a lattice coordinate.
 const LATTICE_BITS_MAX: u32 = 40;
 
@@ -136,6 +139,16 @@ fn check(error: &Error) {
     assert!(codes.contains(&error.code()), "{error}");
     let parts = [error.what(), error.place(), error.next_step()];
     assert!(parts.iter().all(|part| !part.is_empty()), "{error}");
+}
+
+/// The journal of a build that was stopped, and its records.
+pub fn journal(bytes: &[u8]) {
+    left_over::journal(bytes);
+}
+
+/// Blocks of the scratch files of a build that was stopped.
+pub fn scratch(bytes: &[u8]) {
+    left_over::scratch(bytes);
 }
 
 /// A PLY file.

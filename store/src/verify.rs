@@ -20,6 +20,7 @@ use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Result};
 use crate::file::{PageFile, lower_size, open_regular, read_superblock, table_bytes, upper_size};
 use crate::geom::Aabb;
+use crate::io::Staging;
 use crate::layout::{FRAME_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES};
 use pace::Pace;
 use std::num::NonZeroU64;
@@ -225,7 +226,7 @@ impl Check<'_> {
 
     fn check_pages(&mut self, file: &PageFile) -> Result<()> {
         let mut boxes = None;
-        let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
+        let (mut frame, mut buffers) = (Staging::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
         for (page, entry) in (0..).zip(file.pages()) {
             let result = match self.pages {
                 Pages::Decoded => file.read_page(page, &mut frame, &mut buffers),

@@ -16,6 +16,8 @@ mod targets;
 /// Changes of each seed, unless the variable says more.
 const CHANGES: u64 = 300;
 const CHANGES_VARIABLE: &str = "TREX_FUZZ_CHANGES";
+/// What a case is that builds, over one that reads.
+const BUILD_WEIGHT: u64 = 10;
 /// Most bytes of all seeds together.
 const SEED_BYTES: u64 = 100 << 10;
 
@@ -60,10 +62,14 @@ fn changed(seed: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Runs one input; what it panics with is told with the input.
+/// Runs one input; what it panics with is told with the input, and so is what takes more memory than it was given.
 fn run(target: targets::Target, name: &str, bytes: &[u8]) {
     let (target, body) = target;
-    if let Err(panic) = std::panic::catch_unwind(|| body(bytes)) {
+    let caught = std::panic::catch_unwind(|| {
+        let taken = allocation_counter::measure(|| body(bytes)).bytes_max;
+        assert!(taken <= targets::BUDGET_BYTES, "{taken} bytes were taken at once");
+    });
+    if let Err(panic) = caught {
         let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("crash-{target}"));
         fs::write(&path, bytes).unwrap();
         let text = panic.downcast_ref::<String>().map(String::as_str);
@@ -73,10 +79,16 @@ fn run(target: targets::Target, name: &str, bytes: &[u8]) {
 }
 
 fn check(name: &str) {
+    check_some(name, 1);
+}
+
+/// A target whose cases take as long as so many of others.
+fn check_some(name: &str, weight: u64) {
     let target = *targets::TARGETS.iter().find(|(known, _)| *known == name).unwrap();
     let seeds = seeds_of(name);
     assert!(!seeds.is_empty());
     let changes = std::env::var(CHANGES_VARIABLE).map_or(CHANGES, |count| count.parse().unwrap());
+    let changes = changes.div_ceil(weight);
     for (at, (seed, bytes)) in seeds.iter().enumerate() {
         run(target, seed, bytes);
         let mut random = Random::seeded(at as u64);
@@ -104,6 +116,16 @@ fn page_files() {
 #[test]
 fn units() {
     check("units");
+}
+
+#[test]
+fn journals() {
+    check_some("journal", BUILD_WEIGHT);
+}
+
+#[test]
+fn scratch_files() {
+    check_some("scratch", BUILD_WEIGHT);
 }
 
 #[test]
@@ -149,6 +171,8 @@ fn seeds_are_sound_and_few() {
     for (name, bytes) in seeds_of("page_file") {
         assert_eq!(targets::sealed(bytes.clone()), bytes, "{name} is another file once it is sealed");
     }
+    assert!(seeds_of("journal").iter().all(|(_, bytes)| targets::left_over::journal(bytes)));
+    assert!(seeds_of("scratch").iter().all(|(_, bytes)| targets::left_over::scratch(bytes)));
     let [(_, file), (_, content)] = [&seeds_of("page_file"), &seeds_of("units")]
         .map(|seeds| seeds.iter().find(|(name, _)| name.starts_with("units")).unwrap().clone());
     fs::write(&path, targets::with_units(&file, &content)).unwrap();
@@ -235,6 +259,7 @@ fn fuzz_seeds() {
         put("ply", &format!("{name}.ply"), &bytes);
     }
     put_texts(&put);
+    targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let facet =
         "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     put("stl", "text.stl", format!("solid a\n{facet}{facet}endsolid a\n").as_bytes());

@@ -4,7 +4,7 @@
 //! triangles never exceed what `Sorted` allows.
 
 use super::BuildOptions;
-use super::scratch::{Encoder, LatticeTriangle, Run, Scratch};
+use super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
 use crate::error::Result;
 use crate::geom::hilbert_key;
 use serde::{Deserialize, Serialize};
@@ -12,8 +12,6 @@ use std::collections::HashMap;
 
 /// Most triangles of a chunk: about 16 pages, and 25 MB of work memory a thread.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 17;
-/// Triangles of a full run.
-const RUN_TRIANGLES: usize = 4096;
 /// Levels that a second cut adds.
 const LEVELS_MORE: u32 = 3;
 /// Bits of a cell's Hilbert key per axis; cells cannot be cut finer.
@@ -32,6 +30,20 @@ pub(super) struct Piece {
 pub(super) struct Chunk {
     pub(super) pieces: Vec<Piece>,
     pub(super) triangle_count: u64,
+}
+
+impl Chunk {
+    /// Whether it can be one of a scratch file of so many bytes, for what a record says.
+    pub(super) fn is_sound(&self, scratch_bytes: u64) -> bool {
+        let is_sound = |piece: &Piece| {
+            let end = u64::from(piece.skip) + u64::from(piece.take);
+            piece.take > 0 && end <= u64::from(piece.run.triangle_count) && piece.run.is_sound(scratch_bytes)
+        };
+        let taken = self.pieces.iter().map(|piece| u64::from(piece.take)).sum::<u64>();
+        self.pieces.iter().all(is_sound)
+            && taken == self.triangle_count
+            && (1..=CHUNK_TRIANGLES).contains(&taken)
+    }
 }
 
 /// A cell: its place on the curve, its runs so far, and the buffered end.

@@ -16,6 +16,7 @@ use super::scratch::LatticeTriangle;
 use super::voxels::VoxelWork;
 use super::writer::{Writer, file_id, superblock_of, tables_bytes};
 use super::{BuildOptions, BuildReport, Voxels};
+use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::material::Material;
@@ -43,7 +44,8 @@ pub(super) fn emit(
     let Read { parted, materials_json, .. } = read;
     let materials: Vec<Material> = serde_json::from_slice(materials_json).expect("materials are plain data");
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
-    let context = PackContext { emissive: &emissive };
+    let [lo, hi] = parted.lattice_bounds;
+    let context = PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi } };
     let file_id = file_id(parted, voxels.as_ref(), materials_json);
     let mut writer = Writer::new(file_id, superblock_of(parted), context, &options.budget)?;
 

@@ -245,10 +245,8 @@ impl Site<'_> {
         // What a build before this has done.
         let (mut done, mut read) = (None, None);
         if let Some(journal) = &mut journal {
-            done = journal.read_done(&options.budget)?;
-            read = journal.read_chunks(done.as_ref(), &options.budget)?;
+            (read, done) = journal.left(&options.budget)?;
             read.as_ref().map_or(Ok(()), |read| journal.compare_named(&read.source, self.output))?;
-            done = done.filter(|_| read.is_some());
             if done.is_none() {
                 journal.forget(read.is_none())?;
             }

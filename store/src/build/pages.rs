@@ -45,6 +45,8 @@ pub(super) struct PageEmitter {
 pub(super) struct PackContext<'a> {
     /// Per material: does it emit?
     pub(super) emissive: &'a [bool],
+    /// Holds all of them.
+    pub(super) bounds: LatticeBox,
 }
 
 /// A page that may take more.

@@ -8,7 +8,8 @@
 //! The page that the ends of the last chunks share is not written yet: of these chunks the ends are made again.
 //!
 //! Invariants: 1. what is restored is what was there when the record was written, so the bytes that follow are those of
-//! a build that was never killed; 2. a record whose files are gone or too short counts as absent.
+//! a build that was never killed; 2. a record whose files are gone or too short, or whose numbers cannot be true
+//! together, counts as absent: its hash says that nothing turned on the way, not who wrote it.
 
 use super::cells::Chunk;
 use super::journal::Journal;
@@ -18,17 +19,20 @@ use super::publish::DraftFile;
 use super::record;
 use super::scratch::Scratch;
 use super::voxels::VoxelWork;
-use super::writer::Writer;
+use super::writer::{Writer, superblock_of};
 use crate::budget::Budget;
 use crate::cluster::{LatticeBox, TopRef};
 use crate::error::Result;
 use crate::geom::Lattice;
-use crate::layout::{PAGE_ENTRY_BYTES, PageEntry};
-use crate::octree::Refinement;
+use crate::layout::{
+    EMITTER_BYTES, MATERIALS, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock,
+};
+use crate::material::Material;
+use crate::octree::{Refinement, Written, is_upper};
 use crate::source::SourceStats;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Most bytes of a piece of a chunk in a record.
@@ -82,7 +86,8 @@ pub(super) struct Done {
     pages: Vec<PageEntry>,
     roots: Vec<(LatticeBox, TopRef)>,
     emitters: Vec<u8>,
-    voxel_words: Vec<u64>,
+    /// Voxel records, for a model that gets an octree.
+    voxels: Option<Written>,
 }
 
 impl Journal {
@@ -114,44 +119,19 @@ impl Journal {
         Ok(())
     }
 
-    /// What a build before this has read; `None` when it did not come so far.
-    pub(super) fn read_chunks(&mut self, done: Option<&Done>, budget: &Budget) -> Result<Option<Read>> {
-        let Some(record) = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)? else {
-            return Ok(None);
-        };
-        let (head, cells) = (record.head, self.path("cells"));
-        let octree = match head.octree {
-            None => None,
-            Some((resolution, factor)) => match Refinement::from_factor(factor) {
-                Some(refinement) => Some((resolution, refinement)),
-                None => return Ok(None),
-            },
-        };
-        let consumed = done.map_or(0, Done::consumed).min(head.chunks.len());
-        let Ok([materials_json]) = <[Vec<u8>; 1]>::try_from(record.blobs) else { return Ok(None) };
-        if !is_as_long(&cells, head.scratch_bytes) {
-            return Ok(None);
-        }
-        let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
-        let unread = head.chunks[consumed..].iter().flat_map(|chunk| &chunk.pieces);
-        let parted = Partition {
-            scratch: Scratch::left(cells, head.scratch_bytes, unread.map(|piece| (piece.run, piece.take)))?,
-            chunks: head.chunks.into_owned(),
-            grid: Grid { lattice, bits: head.bits },
-            input_triangle_count: head.input_triangle_count,
-            triangle_count: head.triangle_count,
-            rejected_degenerate: head.rejected_degenerate,
-            rejected_collapsed: head.rejected_collapsed,
-            rejected_non_finite: head.rejected_non_finite,
-            error_bound: f64::from_bits(head.error_bound),
-            lattice_bounds: head.lattice_bounds,
-            median_edge: f64::from_bits(head.median_edge),
-            octree,
-            content_hash: head.content_hash,
-            wait_ms: 0,
-        };
+    /// What a build before this has read, and the chunks that it brought to the output; `None` for what is not there.
+    pub(super) fn left(&mut self, budget: &Budget) -> Result<(Option<Read>, Option<Done>)> {
+        let cells = self.path("cells");
+        let record = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)?;
+        let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
+        let read = record.map_or(Ok(None), |record| Read::parse(record, cells))?;
+        let Some(mut read) = read else { return Ok((None, None)) };
+        let done = self.read_done(&read.parted, budget)?;
+        let Partition { scratch, chunks, .. } = &mut read.parted;
+        let unread = chunks[done.as_ref().map_or(0, Done::consumed)..].iter().flat_map(|chunk| &chunk.pieces);
+        scratch.set_unread(unread.map(|piece| (piece.run, piece.take)));
         self.has_record = true;
-        Ok(Some(Read { parted, materials_json, source: head.source }))
+        Ok((Some(read), done))
     }
 
     /// Records that the first `chunk_count` chunks are done, once they are on the disk; false where there is no memory
@@ -163,7 +143,7 @@ impl Journal {
         file: &mut DraftFile<'_>,
         (voxels, budget): (Option<&VoxelWork>, &Budget),
     ) -> Result<bool> {
-        let (begin, block) = (Instant::now(), &writer.block);
+        let begin = Instant::now();
         let run_bytes = voxels.map_or(0, |work| work.runs.word_bytes());
         let table_bytes =
             writer.pages.len() * PAGE_ENTRY_BYTES + writer.closed_roots().len() * ROOT_WORDS * 8;
@@ -177,14 +157,7 @@ impl Journal {
             open_chunks: writer.open_chunks.clone(),
             draft_bytes: file.bytes(),
             emitter_count: writer.emitter_count,
-            counts: [
-                block.triangle_count,
-                block.vertex_count,
-                block.cluster_count,
-                block.wide_cluster_count,
-                block.resident_bytes,
-                block.page_tree_bytes,
-            ],
+            counts: counts(&mut writer.block.clone()).map(|count| *count),
         };
         let mut table = Vec::with_capacity(writer.pages.len() * PAGE_ENTRY_BYTES);
         writer.pages.iter().for_each(|entry| entry.write(&mut table));
@@ -200,13 +173,13 @@ impl Journal {
         Ok(true)
     }
 
-    /// The chunks that a build before this has brought to the output; `None` for none.
-    pub(super) fn read_done(&self, budget: &Budget) -> Result<Option<Done>> {
-        let Some(record) = record::read::<DoneHead>(&self.path("done"), budget)? else { return Ok(None) };
-        let Some(done) = Done::parse(record) else { return Ok(None) };
-        let voxels_end = done.voxel_words.first().copied().unwrap_or(0);
+    /// The chunks of `parted` that a build before this has brought to the output; `None` for none.
+    fn read_done(&self, parted: &Partition, budget: &Budget) -> Result<Option<Done>> {
+        let record = record::read::<DoneHead>(&self.path("done"), budget)?;
+        let Some(done) = record.and_then(|record| Done::parse(record, parted)) else { return Ok(None) };
+        let voxel_bytes = done.voxels.as_ref().map_or(0, Written::bytes);
         let is_there = is_as_long(&self.path("part"), done.head.draft_bytes)
-            && (voxels_end == 0 || is_as_long(&self.path("voxels"), voxels_end));
+            && (done.voxels.is_none() || is_as_long(&self.path("voxels"), voxel_bytes));
         Ok(Some(done).filter(|_| is_there))
     }
 }
@@ -215,8 +188,72 @@ fn is_as_long(path: &Path, bytes: u64) -> bool {
     path.metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
 }
 
+/// The counts of what is in the output.
+fn counts(block: &mut Superblock) -> [&mut u64; 6] {
+    [
+        &mut block.triangle_count,
+        &mut block.vertex_count,
+        &mut block.cluster_count,
+        &mut block.wide_cluster_count,
+        &mut block.resident_bytes,
+        &mut block.page_tree_bytes,
+    ]
+}
+
+impl Read {
+    /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
+    fn parse(record: record::Record<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<Read>> {
+        let head = record.head;
+        let octree = head.octree.map(|(resolution, factor)| {
+            Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
+        });
+        let (Ok([materials_json]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None))
+        else {
+            return Ok(None);
+        };
+        let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
+        let parted = Partition {
+            scratch: Scratch::left(cells, head.scratch_bytes)?,
+            chunks: head.chunks.into_owned(),
+            grid: Grid { lattice, bits: head.bits },
+            input_triangle_count: head.input_triangle_count,
+            triangle_count: head.triangle_count,
+            rejected_degenerate: head.rejected_degenerate,
+            rejected_collapsed: head.rejected_collapsed,
+            rejected_non_finite: head.rejected_non_finite,
+            error_bound: f64::from_bits(head.error_bound),
+            lattice_bounds: head.lattice_bounds,
+            median_edge: f64::from_bits(head.median_edge),
+            octree: octree.flatten(),
+            content_hash: head.content_hash,
+            wait_ms: 0,
+        };
+        let read = Read { parted, materials_json, source: head.source };
+        Ok(read.is_sound().then_some(read))
+    }
+
+    fn is_sound(&self) -> bool {
+        let Read { parted, materials_json, .. } = self;
+        let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = parted;
+        let block = Superblock {
+            triangle_count: *triangle_count,
+            lattice_bounds: *lattice_bounds,
+            ..superblock_of(parted)
+        };
+        let is_on_lattice = |q: &i64| (0..1 << grid.bits).contains(q);
+        let materials = serde_json::from_slice::<Vec<Material>>(materials_json);
+        block.has_sound_numbers()
+            && lattice_bounds.as_flattened().iter().all(is_on_lattice)
+            && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis])
+            && chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
+            && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == *triangle_count
+            && materials.is_ok_and(|materials| (1..=MATERIALS).contains(&materials.len()))
+    }
+}
+
 impl Done {
-    fn parse(record: record::Record<DoneHead>) -> Option<Done> {
+    /// Of a record of a build that read `parted`; `None` where it cannot be one of ours.
+    fn parse(record: record::Record<DoneHead>, parted: &Partition) -> Option<Done> {
         let [table, roots, emitters, words] = <[Vec<u8>; 4]>::try_from(record.blobs).ok()?;
         let pages = table.as_chunks().0.iter().map(PageEntry::parse).collect::<Option<Vec<_>>>()?;
         let roots: Vec<u64> = bytemuck::allocation::pod_collect_to_vec(&roots);
@@ -224,16 +261,41 @@ impl Done {
             let q = |at: usize| [words[at] as i64, words[at + 1] as i64, words[at + 2] as i64];
             (LatticeBox { lo: q(0), hi: q(3) }, TopRef::from_word(words[6] as u32))
         };
-        let done = Done {
-            head: record.head,
-            pages,
-            roots: roots.as_chunks().0.iter().map(root).collect(),
-            emitters,
-            voxel_words: bytemuck::allocation::pod_collect_to_vec(&words),
+        let voxels = match parted.octree {
+            Some(_) => Some(Written::parse(&bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words))?),
+            None => None,
         };
-        let is_written =
-            |root: &TopRef| matches!(root, TopRef::Page { page, .. } if (*page as usize) < done.pages.len());
-        done.roots.iter().all(|(_, root)| is_written(root)).then_some(done)
+        let roots = roots.as_chunks().0.iter().map(root).collect();
+        let done = Done { head: record.head, pages, roots, emitters, voxels };
+        done.is_sound(parted).then_some(done)
+    }
+
+    fn is_sound(&self, parted: &Partition) -> bool {
+        let Done { head, pages, roots, emitters, .. } = self;
+        let [lo, hi] = parted.lattice_bounds;
+        let is_root = |(bounds, root): &(LatticeBox, TopRef)| {
+            let all = LatticeBox { lo, hi };
+            let is_box = (0..3).all(|axis| bounds.lo[axis] <= bounds.hi[axis]) && all.join(bounds) == all;
+            is_box && matches!(root, TopRef::Page { page, .. } if (*page as usize) < pages.len())
+        };
+        let mut block = superblock_of(parted);
+        counts(&mut block).into_iter().zip(head.counts).for_each(|(count, there)| *count = there);
+        // Pages follow each other, and so do their triangles.
+        let next = |(offset, triangle_count): (u64, u64), page: &PageEntry| {
+            let follows = page.offset == offset && u64::from(page.first_triangle) == triangle_count;
+            (page.kind == PageKind::Mesh && follows).then(|| {
+                (offset + u64::from(page.stored_bytes), triangle_count + u64::from(page.triangle_count))
+            })
+        };
+        head.chunk_count <= parted.chunks.len()
+            && head.open_chunks.is_sorted_by(|a, b| a < b)
+            && head.open_chunks.last().is_none_or(|&open| open < head.chunk_count)
+            && pages.iter().try_fold((SUPERBLOCK_BYTES as u64, 0), next)
+                == Some((head.draft_bytes, head.counts[0]))
+            && roots.iter().all(is_root)
+            && emitters.len() as u64 == head.emitter_count.saturating_mul(EMITTER_BYTES as u64)
+            && self.voxels.as_ref().is_none_or(|written| written.is_of(head.chunk_count))
+            && block.has_counts_below(parted.triangle_count)
     }
 
     /// Chunks that are in the output.
@@ -253,18 +315,10 @@ impl Done {
         file: &mut DraftFile<'_>,
         voxels: Option<&mut VoxelWork>,
     ) -> Result<Vec<usize>> {
-        if let Some(work) = voxels {
-            work.runs.restore(&self.voxel_words).expect("words of ours, under a hash");
+        if let Some((work, written)) = voxels.zip(self.voxels) {
+            work.runs.restore(written);
         }
-        let block = &mut writer.block;
-        [
-            block.triangle_count,
-            block.vertex_count,
-            block.cluster_count,
-            block.wide_cluster_count,
-            block.resident_bytes,
-            block.page_tree_bytes,
-        ] = self.head.counts;
+        counts(&mut writer.block).into_iter().zip(self.head.counts).for_each(|(count, there)| *count = there);
         writer.restore(self.pages, self.roots, self.emitters)?;
         writer.emitter_count = self.head.emitter_count;
         file.go_on_at(self.head.draft_bytes)?;

@@ -11,11 +11,13 @@
 //! back to the disk as a whole: giving back run by run fragments the file, and a file system that discards freed
 //! blocks at once (ext4 `discard`) then takes longer to drop the file than the build took to make it.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scratch::{Place, SEAL_BYTES, ScratchFile, seal};
+use lz4_flex::block::get_maximum_output_size;
 use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
 use rustix::io::retry_on_intr;
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
 use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -34,6 +36,20 @@ pub(super) struct Run {
     pub(super) bytes: u32,
     pub(super) triangle_count: u32,
 }
+
+impl Run {
+    /// Whether it can lie in a scratch file of so many bytes, for what a record says.
+    pub(super) fn is_sound(&self, scratch_bytes: u64) -> bool {
+        let head = SEAL_BYTES + HEAD_BYTES;
+        let most = head + get_maximum_output_size(RUN_TRIANGLES * COLUMNS * WIDTH_MOST);
+        (1..=RUN_TRIANGLES).contains(&(self.triangle_count as usize))
+            && (head..=most).contains(&(self.bytes as usize))
+            && self.offset.checked_add(u64::from(self.bytes)).is_some_and(|end| end <= scratch_bytes)
+    }
+}
+
+/// Triangles of a full run.
+pub(super) const RUN_TRIANGLES: usize = 4096;
 
 /// Dirty bytes after which they are written back and dropped from the page cache.
 const FLUSH_BYTES: u64 = 16 << 20;
@@ -54,7 +70,7 @@ pub(super) struct Scratch {
     end: u64,
     flushed: u64,
     /// Triangles not yet consumed, per segment.
-    live: Mutex<Vec<u64>>,
+    live: Mutex<HashMap<u64, u64>>,
 }
 
 impl Scratch {
@@ -63,15 +79,18 @@ impl Scratch {
         Ok(Scratch { file: ScratchFile::at(place)?, end: 0, flushed: 0, live: Mutex::default() })
     }
 
-    /// The one that a build before this has left, of `end` bytes, from which so many triangles of these runs are still
-    /// to be read.
-    pub(super) fn left(path: PathBuf, end: u64, unread: impl Iterator<Item = (Run, u32)>) -> Result<Scratch> {
+    /// The one that a build before this has left, of `end` bytes.
+    pub(super) fn left(path: PathBuf, end: u64) -> Result<Scratch> {
         let file = ScratchFile::at(Place::Left(path))?;
-        let mut live = vec![0; (end / SEGMENT_BYTES) as usize + 1];
+        Ok(Scratch { file, end, flushed: end, live: Mutex::default() })
+    }
+
+    /// Says how many triangles of the runs of one that was left are still to be read.
+    pub(super) fn set_unread(&mut self, unread: impl Iterator<Item = (Run, u32)>) {
+        let live = self.live.get_mut().expect("no panic while held");
         for (run, triangle_count) in unread {
-            live[(run.offset / SEGMENT_BYTES) as usize] += u64::from(triangle_count);
+            *live.entry(run.offset / SEGMENT_BYTES).or_default() += u64::from(triangle_count);
         }
-        Ok(Scratch { file, end, flushed: end, live: Mutex::new(live) })
     }
 
     /// Bytes written.
@@ -85,8 +104,7 @@ impl Scratch {
             self.end = self.end.next_multiple_of(SEGMENT_BYTES);
         }
         let live = self.live.get_mut().expect("no panic while held");
-        live.resize((self.end / SEGMENT_BYTES) as usize + 1, 0);
-        live[(self.end / SEGMENT_BYTES) as usize] += triangle_count as u64;
+        *live.entry(self.end / SEGMENT_BYTES).or_default() += triangle_count as u64;
         seal(&mut encoded, self.end);
         self.file.write(&encoded, self.end)?;
         let run =
@@ -112,7 +130,12 @@ impl Scratch {
     pub(super) fn read(&self, run: &Run, buffer: &mut Vec<u8>, out: &mut Vec<LatticeTriangle>) -> Result<()> {
         let content = self.file.read(run.offset, run.bytes as usize, run.offset, buffer)?;
         drop_cache(self.file.file(), run.offset, u64::from(run.bytes));
-        decode(content, run.triangle_count as usize, out).ok_or_else(|| self.file.damaged(run.offset))
+        decode(content, run.triangle_count as usize, out).ok_or_else(|| self.damaged(run.offset))
+    }
+
+    /// The error of a run that is not what was written.
+    pub(super) fn damaged(&self, offset: u64) -> Error {
+        self.file.damaged(offset)
     }
 
     /// Counts triangles of a run as consumed; gives a segment that holds no others back to the file system, where
@@ -120,7 +143,7 @@ impl Scratch {
     pub(super) fn consume(&self, run: &Run, triangle_count: u32) {
         let segment = run.offset / SEGMENT_BYTES;
         let mut live = self.live.lock().expect("no panic while held");
-        let left = &mut live[segment as usize];
+        let left = live.get_mut(&segment).expect("who reads a run has told of it");
         *left -= u64::from(triangle_count);
         if *left == 0 && self.end / SEGMENT_BYTES > segment {
             let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
@@ -164,7 +187,7 @@ impl Encoder {
             }
             width as u8
         });
-        let room = lz4_flex::block::get_maximum_output_size(self.planes.len());
+        let room = get_maximum_output_size(self.planes.len());
         let mut out = Vec::with_capacity(SEAL_BYTES + HEAD_BYTES + room);
         out.resize(SEAL_BYTES, 0);
         out.extend(base.iter().flat_map(|b| b.to_le_bytes()));

@@ -11,8 +11,8 @@ use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
 use crate::octree::{
-    Finished, FirstPage, LowerBuilder, RUN_BYTES, Refinement, RunsSize, STREAM_BYTES, VoxelGrid, VoxelRuns,
-    family_bytes, leaf_bytes, merge,
+    Finished, FirstPage, Known, LowerBuilder, RUN_BYTES, Refinement, RunsSize, STREAM_BYTES, VoxelGrid,
+    VoxelRuns, family_bytes, leaf_bytes, merge,
 };
 use crate::scratch::Place;
 use std::path::{Path, PathBuf};
@@ -135,7 +135,8 @@ impl VoxelWork {
         let mut lease = budget.lease(what, run_count * RUN_BYTES + STREAM_BYTES + family_bytes)?;
         let mut builder = LowerBuilder::new(self.grid, self.refinement, &self.folder)?;
         let (mut done, mut grown_bytes) = (0u64, 0);
-        merge(self.runs, |record| {
+        let known = Known::new(&self.grid.refined(self.refinement), pages.material_count);
+        merge(self.runs, &known, |record| {
             builder.push(record)?;
             done += 1;
             if done.is_multiple_of(TELL_RECORDS) {

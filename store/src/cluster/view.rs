@@ -79,7 +79,8 @@ pub struct FrameView<'a> {
 }
 
 impl<'a> FrameView<'a> {
-    /// A view of a frame that `install` filled.
+    /// A view of a frame that `install` filled, which begins at a multiple of 4 bytes, as every frame of a pool does.
+    /// Its methods panic on one that does not.
     pub fn new(bytes: &'a [u8]) -> FrameView<'a> {
         FrameView { bytes }
     }

@@ -222,10 +222,15 @@ impl Superblock {
     /// Whether the counts agree with each other; no sum of them can be too large then.
     fn has_counts(&self) -> bool {
         let rejected = self.rejected_degenerate.checked_add(self.rejected_non_finite);
-        let frame_bytes_most = u64::from(PAGES) * FRAME_BYTES as u64;
-        self.triangle_count <= TRIANGLES
-            && rejected.and_then(|n| n.checked_add(self.triangle_count)) == Some(self.input_triangle_count)
+        rejected.and_then(|n| n.checked_add(self.triangle_count)) == Some(self.input_triangle_count)
             && self.rejected_collapsed <= self.rejected_degenerate
+            && self.has_counts_below(TRIANGLES)
+    }
+
+    /// Whether the counts of what is stored can be true together, of at most so many triangles.
+    pub(crate) fn has_counts_below(&self, triangles_most: u64) -> bool {
+        let frame_bytes_most = u64::from(PAGES) * FRAME_BYTES as u64;
+        self.triangle_count <= triangles_most
             && self.vertex_count <= 3 * self.triangle_count
             && self.cluster_count <= self.triangle_count
             && self.wide_cluster_count <= self.cluster_count
@@ -233,15 +238,19 @@ impl Superblock {
             && self.page_tree_bytes <= frame_bytes_most
     }
 
-    fn check(&self, path: &Path) -> Result<()> {
+    /// Whether its lattice and its counts can be those of a model.
+    pub(crate) fn has_sound_numbers(&self) -> bool {
         let finite = self.lattice.origin.iter().chain(&self.bounds.lo).chain(&self.bounds.hi);
-        let sound = finite.chain([&self.error_bound, &self.median_edge]).all(|v| v.is_finite())
+        finite.chain([&self.error_bound, &self.median_edge]).all(|v| v.is_finite())
             && (-900..=900).contains(&self.lattice.exponent)
             && self.lattice_bits <= Lattice::MAX_BITS
             && self.node_shift == node_shift(self.lattice_bits)
             && self.lattice_bounds.as_flattened().iter().all(|&q| (0..=1 << Lattice::MAX_BITS).contains(&q))
-            && self.has_counts();
-        if !sound {
+            && self.has_counts()
+    }
+
+    fn check(&self, path: &Path) -> Result<()> {
+        if !self.has_sound_numbers() {
             return Err(damaged("a field of the superblock is out of its range", path).numbers(format!(
                 "{} of {} triangles, {} and {} rejected, {} vertices, {} clusters, {} lattice bits",
                 self.triangle_count,

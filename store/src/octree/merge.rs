@@ -9,14 +9,18 @@
 //! the order of runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
 
 use super::record::Record;
+use super::{VoxelGrid, leaf_key};
 use crate::error::Result;
 use crate::scratch::{Place, SEAL_BYTES, ScratchFile, seal};
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Mutex;
 
 /// Records of a block.
 const BLOCK: usize = 128;
+/// Most bytes of one.
+const BLOCK_BYTES_MOST: usize =
+    SEAL_BYTES + lz4_flex::block::get_maximum_output_size(BLOCK * size_of::<Record>());
 /// Bytes of memory per run while runs are merged.
 pub(crate) const RUN_BYTES: u64 = (BLOCK * size_of::<Record>() * 2) as u64;
 
@@ -32,10 +36,45 @@ pub(crate) struct RunsSize {
     pub(crate) run_count: u64,
 }
 
+/// Where runs stand.
 #[derive(Default)]
-struct Written {
+pub(crate) struct Written {
     end: u64,
     runs: Vec<Run>,
+}
+
+impl Written {
+    /// What the words of [`VoxelRuns::synced`] tell; `None` where they tell nonsense.
+    pub(crate) fn parse(words: &[u64]) -> Option<Written> {
+        let (&end, mut words) = words.split_first()?;
+        let mut runs = Vec::new();
+        while let Some((&[order, offset, record_count], rest)) = words.split_first_chunk() {
+            let record_count = usize::try_from(record_count).ok().filter(|&count| count > 0)?;
+            let (blocks, rest) = rest.split_at_checked(record_count.div_ceil(BLOCK))?;
+            let is_block = |bytes: &u64| (SEAL_BYTES as u64..=BLOCK_BYTES_MOST as u64).contains(bytes);
+            let blocks = blocks.iter().map(|bytes| is_block(bytes).then_some(*bytes as u32));
+            let blocks = blocks.collect::<Option<Vec<u32>>>()?;
+            let bytes = blocks.iter().map(|&bytes| u64::from(bytes)).sum();
+            offset.checked_add(bytes).filter(|&run_end| run_end <= end)?;
+            let order = RunOrder { chunk: (order >> 32) as u32, number: order as u32 };
+            runs.push(Run { order, offset, blocks, record_count });
+            words = rest;
+        }
+        words.is_empty().then_some(Written { end, runs })
+    }
+
+    /// Whether they are runs of the first `chunk_count` chunks, of each at least one.
+    pub(crate) fn is_of(&self, chunk_count: usize) -> bool {
+        let chunks: BTreeSet<u32> = self.runs.iter().map(|run| run.order.chunk).collect();
+        let orders: BTreeSet<RunOrder> = self.runs.iter().map(|run| run.order).collect();
+        let is_below = chunks.last().is_none_or(|&last| (last as usize) < chunk_count);
+        is_below && chunks.len() == chunk_count && orders.len() == self.runs.len()
+    }
+
+    /// Bytes of the scratch file.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.end
+    }
 }
 
 /// The place of a run in the order: by chunk, then by when it was full.
@@ -69,7 +108,7 @@ impl VoxelRuns {
     }
 
     /// Waits until all runs are on the disk, and tells in words where those of the first `chunk_count` chunks are. The
-    /// words are for [`VoxelRuns::restore`].
+    /// words are for [`Written::parse`].
     pub(crate) fn synced(&self, chunk_count: u32) -> Result<Vec<u64>> {
         self.file.sync()?;
         let written = self.written.lock().expect("no panic while held");
@@ -82,20 +121,9 @@ impl VoxelRuns {
         Ok(words)
     }
 
-    /// Takes the runs that `words` tell of; `None` where they tell nonsense.
-    pub(crate) fn restore(&mut self, words: &[u64]) -> Option<()> {
-        let (&end, mut words) = words.split_first()?;
-        let mut runs = Vec::new();
-        while let Some((&[order, offset, record_count], rest)) = words.split_first_chunk() {
-            let record_count = usize::try_from(record_count).ok()?;
-            let (blocks, rest) = rest.split_at_checked(record_count.div_ceil(BLOCK))?;
-            let blocks = blocks.iter().map(|&bytes| u32::try_from(bytes).ok()).collect::<Option<_>>()?;
-            let order = RunOrder { chunk: (order >> 32) as u32, number: order as u32 };
-            runs.push(Run { order, offset, blocks, record_count });
-            words = rest;
-        }
-        *self.written.get_mut().expect("no panic while held") = Written { end, runs };
-        words.is_empty().then_some(())
+    /// Takes the runs that a build before this has written.
+    pub(crate) fn restore(&mut self, left: Written) {
+        *self.written.get_mut().expect("no panic while held") = left;
     }
 
     /// What has been written.
@@ -143,11 +171,33 @@ struct Reader {
     next_block: usize,
     block: Vec<Record>,
     at: usize,
+    least: u64,
+}
+
+/// What records of a model can speak of: a left-over may have been sealed by somebody else.
+pub(crate) struct Known {
+    /// Bits that keys of leaves have.
+    keys: u64,
+    material_count: usize,
+}
+
+impl Known {
+    /// The leaves of a grid, for a model with so many materials.
+    pub(crate) fn new(grid: &VoxelGrid, material_count: usize) -> Known {
+        Known { keys: leaf_key([grid.resolution - 1; 3], grid.depth()), material_count }
+    }
+
+    fn has(&self, record: &Record) -> bool {
+        record.key() & !self.keys == 0
+            && usize::from(record.material()) < self.material_count
+            && record.bitmap != 0
+            && record.normal.iter().chain([&record.area]).all(|v| v.is_finite())
+    }
 }
 
 impl Reader {
-    /// The next record, if there is one.
-    fn next(&mut self, runs: &VoxelRuns) -> Result<Option<Record>> {
+    /// The next record, if there is one, which stands behind the one before it.
+    fn next(&mut self, runs: &VoxelRuns, known: &Known) -> Result<Option<Record>> {
         if self.at == self.block.len() {
             let Some(&bytes) = self.run.blocks.get(self.next_block) else { return Ok(None) };
             let count = (self.run.record_count - self.next_block * BLOCK).min(BLOCK);
@@ -163,28 +213,36 @@ impl Reader {
             self.run.offset += u64::from(bytes);
             (self.next_block, self.at) = (self.next_block + 1, 0);
         }
-        self.at += 1;
-        Ok(Some(self.block[self.at - 1]))
+        let record = self.block[self.at];
+        if record.order < self.least || !known.has(&record) {
+            return Err(runs.file.damaged(self.run.offset));
+        }
+        (self.at, self.least) = (self.at + 1, record.order);
+        Ok(Some(record))
     }
 }
 
 /// Calls `take` for each pair of leaf and material, in order, summed.
-pub(crate) fn merge(mut runs: VoxelRuns, mut take: impl FnMut(Record) -> Result<()>) -> Result<()> {
+pub(crate) fn merge(
+    mut runs: VoxelRuns,
+    known: &Known,
+    mut take: impl FnMut(Record) -> Result<()>,
+) -> Result<()> {
     let mut all = std::mem::take(&mut runs.written.get_mut().expect("no panic while held").runs);
     all.sort_unstable_by_key(|run| run.order);
-    let mut readers: Vec<Reader> =
-        all.into_iter().map(|run| Reader { run, next_block: 0, block: Vec::new(), at: 0 }).collect();
+    let reader = |run| Reader { run, next_block: 0, block: Vec::new(), at: 0, least: 0 };
+    let mut readers: Vec<Reader> = all.into_iter().map(reader).collect();
     let mut heads = Vec::with_capacity(readers.len());
     let mut heap = BinaryHeap::with_capacity(readers.len());
     for (index, reader) in readers.iter_mut().enumerate() {
-        let head = reader.next(&runs)?.expect("runs are not empty");
+        let head = reader.next(&runs, known)?.expect("runs are not empty");
         heap.push(Reverse((head.order, index)));
         heads.push(head);
     }
     let mut sum: Option<Record> = None;
     while let Some(Reverse((order, index))) = heap.pop() {
         let record = heads[index];
-        if let Some(head) = readers[index].next(&runs)? {
+        if let Some(head) = readers[index].next(&runs, known)? {
             heads[index] = head;
             heap.push(Reverse((head.order, index)));
         }

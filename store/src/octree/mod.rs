@@ -36,7 +36,7 @@ pub(crate) use emit::{STREAM_BYTES, UpperBuilder};
 pub use facets::Facets;
 pub(crate) use families::{Finished, FirstPage, LowerBuilder, family_bytes};
 pub use links::{LowerLinks, LowerSize, UnitRef};
-pub(crate) use merge::{RUN_BYTES, RunsSize, VoxelRuns, merge};
+pub(crate) use merge::{Known, RUN_BYTES, RunsSize, VoxelRuns, Written, merge};
 pub use node::OctreeNode;
 pub(crate) use payload::LeafNormal;
 pub use units::{UnitNode, UnitsView};

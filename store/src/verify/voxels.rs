@@ -13,6 +13,7 @@ use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
 use crate::file::PageFile;
 use crate::geom::Aabb;
+use crate::io::Staging;
 use crate::layout::{FRAME_BYTES, Section, SectionKind};
 use crate::octree::{NODE_SIDE, Refinement, UnitNode, UnitRef, UnitsView, UpperOctree};
 
@@ -42,7 +43,7 @@ pub(super) fn check(
     let mut order: Vec<(UnitRef, u32)> =
         (0..links.count()).map(|number| (links.unit(number), number as u32)).collect();
     order.sort_unstable();
-    let (refinement, outer, inner) = (links.refinement(), Frame::new(), Frame::new());
+    let (refinement, outer, inner) = (links.refinement(), Frame::new()?, Frame::new()?);
     let mut check = UnitCheck { file, verdict, pace, refinement, outer, inner, leaf_count: 0 };
     for (unit, number) in order {
         let bounds = bounds_of(file, &upper, places[number as usize]);
@@ -142,7 +143,7 @@ impl Verdict {
 struct Frame {
     page: Option<u32>,
     is_whole: bool,
-    bytes: Vec<u8>,
+    bytes: Staging,
     buffers: [Vec<u8>; 2],
 }
 
@@ -214,9 +215,9 @@ fn nested_leaves(
 }
 
 impl Frame {
-    fn new() -> Frame {
-        let buffers = [Vec::new(), Vec::new()];
-        Frame { page: None, is_whole: false, bytes: vec![0; FRAME_BYTES], buffers }
+    fn new() -> Result<Frame> {
+        let (bytes, buffers) = (Staging::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
+        Ok(Frame { page: None, is_whole: false, bytes, buffers })
     }
 
     /// Reads a page unless it is there already; false for one that is damaged, which has been told.

@@ -2,6 +2,7 @@
 
 mod resume;
 mod scratch;
+mod worker;
 
 use super::writer::make_room;
 use super::*;
