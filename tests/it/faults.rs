@@ -16,7 +16,7 @@ const RENDER: &str =
     "render m.trex -o out.png --overwrite --resolution 320x240 --spp 1 --memory-limit 64MiB --json";
 
 /// A folder; `None`, said aloud, where strace cannot be had.
-fn traced_folder() -> Option<tempfile::TempDir> {
+pub(crate) fn traced_folder() -> Option<tempfile::TempDir> {
     let traced = Command::new("strace").args(["-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
     if !traced.is_ok_and(|status| status.success()) {
         cannot_run("strace is not installed, or may not trace");
