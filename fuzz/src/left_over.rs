@@ -3,8 +3,11 @@
 //!
 //! ```text
 //! journal: number of a part (1 byte), the part    0 journal, 1 head of `chunks`, 2 materials, 3 head of `done`,
-//!                                                 4 page table, 5 roots, 6 emitters, 7 places of voxel records
-//! scratch: number of a file (1 byte), a block     0 first run of cells, 1 first block of voxel records
+//!                                                 4 page table, 5 roots, 6 emitters, 7 places of voxel records;
+//!                                                 of a build stopped while it read: 8 head of `sorted`, 9 sketches,
+//!                                                 10 cells, 11 runs
+//! scratch: number of a file (1 byte), a block     0 first run of cells, 1 first block of voxel records;
+//!                                                 2 first run of cells of the build stopped while it read
 //! ```
 
 use std::collections::BTreeMap;
@@ -103,13 +106,22 @@ fn build_in(folder: &Path, is_end: impl Fn(&Progress) -> bool + Sync) -> Result<
     };
     let built = build::build(&mut Sheet::new(), &folder.join(OUTPUT), &options, &|_| {}, &report);
     assert_eq!(budget.used_bytes(), 0, "memory that nobody gave back");
-    built.map(|report| report.resumed_triangle_count)
+    built.map(|report| report.resumed_triangle_count + report.resumed_sorted_count)
 }
 
-/// The files that a build leaves which is stopped at its end, by their endings.
-static LEFT: LazyLock<BTreeMap<String, (String, Vec<u8>)>> = LazyLock::new(|| {
+/// Files by their endings: name and bytes.
+type Files = BTreeMap<String, (String, Vec<u8>)>;
+
+/// The files that a build leaves which is stopped at its end.
+static LEFT: LazyLock<Files> = LazyLock::new(|| left_at(|progress| progress.phase == "check"));
+
+/// And one that is stopped while it reads.
+static READING: LazyLock<Files> =
+    LazyLock::new(|| left_at(|progress| progress.phase == "partition" && progress.done > 19_000));
+
+fn left_at(is_end: impl Fn(&Progress) -> bool + Sync) -> Files {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let stopped = build_in(folder.path(), |progress| progress.phase == "check");
+    let stopped = build_in(folder.path(), is_end);
     assert_eq!(stopped.expect_err("a build that was stopped").code(), Code::Interrupted);
     let entries = fs::read_dir(folder.path()).expect("the folder");
     let files = entries.map(|entry| {
@@ -119,7 +131,7 @@ static LEFT: LazyLock<BTreeMap<String, (String, Vec<u8>)>> = LazyLock::new(|| {
         (ending, (name, fs::read(&path).expect("a file")))
     });
     files.collect()
-});
+}
 
 fn left(ending: &str) -> Vec<u8> {
     LEFT[ending].1.clone()
@@ -149,8 +161,8 @@ fn record(parts: &[Vec<u8>]) -> Vec<u8> {
 }
 
 /// A record with another part.
-fn with_part(ending: &str, number: usize, part: &[u8]) -> Vec<u8> {
-    let mut parts = parts(&left(ending));
+fn with_part(files: &Files, ending: &str, number: usize, part: &[u8]) -> Vec<u8> {
+    let mut parts = parts(&files[ending].1);
     parts[number] = part.to_vec();
     record(&parts)
 }
@@ -158,26 +170,28 @@ fn with_part(ending: &str, number: usize, part: &[u8]) -> Vec<u8> {
 /// The journal of a build, and its records. True when a build goes on from them to its end.
 pub fn journal(bytes: &[u8]) -> bool {
     let Some((&number, part)) = bytes.split_first() else { return false };
-    let (ending, changed) = match number {
-        0 => ("journal", part.to_vec()),
-        1 | 2 => ("chunks", with_part("chunks", usize::from(number) - 1, part)),
-        3..=7 => ("done", with_part("done", usize::from(number) - 3, part)),
+    let (files, ending, first) = match number {
+        0 => return go_on(&LEFT, "journal", part),
+        1 | 2 => (&LEFT, "chunks", 1),
+        3..=7 => (&LEFT, "done", 3),
+        8..=11 => (&READING, "sorted", 8),
         _ => return false,
     };
-    go_on(ending, changed)
+    go_on(files, ending, &with_part(files, ending, usize::from(number - first), part))
 }
 
 /// Blocks of scratch files. True when a build goes on from them to its end.
 pub fn scratch(bytes: &[u8]) -> bool {
     let Some((&number, block)) = bytes.split_first() else { return false };
     let Some((ending, block_bytes, offset, name)) = block_of(number) else { return false };
-    let mut changed = left(ending);
+    let files = if number == 2 { &READING } else { &LEFT };
+    let mut changed = files[ending].1.clone();
     let (hash, content) = changed[offset..][..block_bytes].split_at_mut(WORD);
     content.fill(0);
     let taken = block.len().min(content.len());
     content[..taken].copy_from_slice(&block[..taken]);
     hash.copy_from_slice(&xxh3_64_with_seed(content, name).to_le_bytes());
-    go_on(ending, changed)
+    go_on(files, ending, &changed)
 }
 
 /// The first block of a scratch file: its ending, and the block's bytes, offset and name.
@@ -188,6 +202,11 @@ fn block_of(number: u8) -> Option<(&'static str, usize, usize, u64)> {
         let [bytes, offset] = ["bytes", "offset"].map(|name| run[name].as_u64().expect("a number"));
         return Some(("cells", bytes as usize, offset as usize, offset));
     }
+    if number == 2 {
+        let words = parts(&READING["sorted"].1)[3].clone();
+        let word = |at: usize| u64::from_le_bytes(*words[WORD * at..].first_chunk().expect("a word"));
+        return Some(("cells", (word(1) >> 32) as usize, word(0) as usize, word(0)));
+    }
     // Its words: the end of all, then of each run its place in the order, its offset, its records and its blocks.
     let words = parts(&left("done"))[4].clone();
     let word = |at: usize| u64::from_le_bytes(*words[WORD * at..].first_chunk().expect("a word"));
@@ -197,28 +216,29 @@ fn block_of(number: u8) -> Option<(&'static str, usize, usize, u64)> {
 
 /// The parts that [`journal`] and [`scratch`] change, as they are: what seeds are made of.
 pub fn sound() -> Vec<(&'static str, String, Vec<u8>)> {
-    let all = [vec![left("journal")], parts(&left("chunks")), parts(&left("done"))].concat();
+    let sorted = parts(&READING["sorted"].1);
+    let all = [vec![left("journal")], parts(&left("chunks")), parts(&left("done")), sorted].concat();
     let journals = all
         .into_iter()
         .enumerate()
         .map(|(number, part)| ("journal", format!("part-{number}"), [&[number as u8][..], &part].concat()));
-    let blocks = [0, 1].map(|number| {
+    let blocks = [(0, &LEFT), (1, &LEFT), (2, &READING)].map(|(number, files)| {
         let (ending, bytes, offset, _) = block_of(number).expect("a block");
-        let block = left(ending)[offset..][..bytes][WORD..].to_vec();
-        ("scratch", ending.to_owned(), [&[number][..], &block].concat())
+        let block = files[ending].1[offset..][..bytes][WORD..].to_vec();
+        ("scratch", format!("{ending}-{number}"), [&[number][..], &block].concat())
     });
     journals.chain(blocks).collect()
 }
 
 /// Goes on with what was left, one file of which is another.
-fn go_on(ending: &str, changed: Vec<u8>) -> bool {
+fn go_on(files: &Files, ending: &str, changed: &[u8]) -> bool {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    for (other, (name, bytes)) in LEFT.iter() {
-        let bytes = if other == ending { &changed } else { bytes };
+    for (other, (name, bytes)) in files {
+        let bytes = if other == ending { changed } else { bytes };
         fs::write(folder.path().join(name), bytes).expect("room for a small file");
     }
     // One that begins anew is a build as any.
-    match build_in(folder.path(), |progress| progress.phase == "partition") {
+    match build_in(folder.path(), |progress| progress.phase == "scan") {
         Ok(resumed) => {
             let output = folder.path().join(OUTPUT);
             PageFile::open(&output, &Budget::unlimited()).expect("what was published is a page file");

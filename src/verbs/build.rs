@@ -132,6 +132,10 @@ impl Work<'_> {
             let [done, all] = [report.resumed_triangle_count, report.triangle_count].map(size::count);
             ctx.console.note(&format!("resumed: {done} of {all} triangles were done by an earlier build"));
         }
+        if report.resumed_sorted_count > 0 {
+            let sorted = size::count(report.resumed_sorted_count);
+            ctx.console.note(&format!("resumed: {sorted} triangles were sorted by an earlier build"));
+        }
         report
             .source
             .warnings

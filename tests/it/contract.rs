@@ -68,7 +68,7 @@ fn with_memory(keys: &[(&'static str, Kind)]) -> Vec<(&'static str, Kind)> {
     keys.iter().copied().chain(MEMORY).collect()
 }
 
-const BUILD: [(&str, Kind); 35] = [
+const BUILD: [(&str, Kind); 36] = [
     ("scene", Text),
     ("result_hash", Text),
     ("input_triangle_count", Count),
@@ -102,6 +102,7 @@ const BUILD: [(&str, Kind); 35] = [
     ("phase_cpu_ms.total", Count),
     ("scratch_peak_bytes", Count),
     ("resumed_triangle_count", Count),
+    ("resumed_sorted_count", Count),
     ("output_bytes", Count),
     ("cluster_fill", Number),
 ];

@@ -54,7 +54,7 @@ fn after_any_loss_of_power_the_bytes_are_the_same() {
     assert!(old != whole && ops.iter().any(|op| matches!(op, Op::Rename(..))), "{} calls", ops.len());
 
     let mut random = Random::seeded(77);
-    let (mut count, mut resumed, mut new) = (0, 0, 0);
+    let (mut count, mut resumed, mut sorted, mut new) = (0, 0, 0, 0);
     let is_taken = |moment: &usize| is_full || moment.is_multiple_of(STEP) || moment + LAST > ops.len();
     for moment in (0..=ops.len()).filter(is_taken) {
         let mut disk = Disk::with(OUTPUT, before.clone());
@@ -71,14 +71,20 @@ fn after_any_loss_of_power_the_bytes_are_the_same() {
             let ran = run_in(inside.path(), &format!("{line} --json"));
             assert_eq!(ran.code, Some(0), "{place}: {}", ran.stderr);
             resumed += u32::from(ran.document()["resumed_triangle_count"] != 0);
+            sorted += u32::from(ran.document()["resumed_sorted_count"] != 0);
             assert!(hash_of(&output) == whole, "{place}: other bytes");
             let names: Vec<String> = listing(inside.path()).into_keys().collect();
             assert_eq!(names, [OUTPUT], "{place}");
             count += 1;
         }
     }
-    assert!(resumed > 0 && new > 0, "{resumed} gone on with, {new} published");
-    said(&format!("{count} losses of power, {resumed} gone on from, {new} after the new name was there"));
+    assert!(
+        resumed > 0 && sorted > 0 && new > 0,
+        "{resumed} gone on with, {sorted} in cells, {new} published"
+    );
+    said(&format!(
+        "{count} losses of power: chunks gone on from after {resumed}, cells after {sorted}; {new} after the new name"
+    ));
 }
 
 /// Makes a folder hold these files and no others.

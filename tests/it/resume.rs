@@ -34,7 +34,7 @@ fn killed_builds_go_on_to_the_same_bytes() {
     let inside = folder();
     document_in(inside.path(), "gen scan --triangles 300k -o scan.ply");
     let mut random = Random::seeded(31);
-    let (mut killed, mut among_chunks) = (0, 0);
+    let (mut killed, mut among_batches, mut among_chunks) = (0, 0, 0);
     let inputs = ["gen:pipes:600k --voxels 64/256", "scan.ply gen:soup:300k --voxels 256"];
     for (index, input) in inputs.into_iter().enumerate() {
         let whole = format!("whole{index}.trex");
@@ -55,6 +55,7 @@ fn killed_builds_go_on_to_the_same_bytes() {
                 killed += u32::from(!is_whole);
                 let is_left =
                     |ending: &str| listing_all(inside.path()).iter().any(|name| name.ends_with(ending));
+                among_batches += u32::from(!is_whole && is_left(".sorted"));
                 among_chunks += u32::from(!is_whole && is_left(".done"));
                 // The kill may come between the rename and the removal of what is left.
                 has_ended = is_whole || inside.path().join("out.trex").exists();
@@ -70,7 +71,9 @@ fn killed_builds_go_on_to_the_same_bytes() {
             assert_eq!(listing(inside.path()), before, "{input}");
         }
     }
-    said(&format!("{killed} builds killed, {among_chunks} of them with chunks to go on from"));
+    said(&format!(
+        "{killed} builds killed, {among_batches} of them with cells to go on from, {among_chunks} with chunks"
+    ));
     assert!(killed > 0, "no kill met a build at work");
 }
 

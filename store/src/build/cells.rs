@@ -4,6 +4,7 @@
 //! triangles never exceed what `Sorted` allows.
 
 use super::BuildOptions;
+use super::lattice::Grid;
 use super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
 use crate::error::Result;
 use crate::geom::hilbert_key;
@@ -12,6 +13,8 @@ use std::collections::HashMap;
 
 /// Most triangles of a chunk: about 16 pages, and 25 MB of work memory a thread.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 17;
+/// Finest level of a first pass: 64^3 cells.
+const LEVELS_FIRST: u32 = 6;
 /// Levels that a second cut adds.
 const LEVELS_MORE: u32 = 3;
 /// Bits of a cell's Hilbert key per axis; cells cannot be cut finer.
@@ -46,9 +49,9 @@ impl Chunk {
     }
 }
 
-/// A cell: its place on the curve, its runs so far, and the buffered end.
+/// A cell: its place, also on the curve, its runs so far, and the buffered end.
 struct Cell {
-    level: u32,
+    place: Place,
     key: u64,
     runs: Vec<Run>,
     buffer: Vec<LatticeTriangle>,
@@ -57,9 +60,16 @@ struct Cell {
 
 /// Which cell: its level, and where it is among the 2^level an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Place {
-    level: u32,
-    at: [u32; 3],
+pub(super) struct Place {
+    pub(super) level: u32,
+    pub(super) at: [u32; 3],
+}
+
+impl Place {
+    /// On the Hilbert curve of the finest level.
+    fn key(&self) -> u64 {
+        if self.level == 0 { 0 } else { hilbert_key(self.at, self.level) << (3 * (KEY_BITS - self.level)) }
+    }
 }
 
 /// What decides a triangle's cell.
@@ -79,6 +89,19 @@ pub(super) struct Sorted {
     pub(super) bits: u32,
     /// Most triangles in buffers.
     pub(super) buffered_most: u64,
+}
+
+impl Cell {
+    fn new(place: Place, runs: Vec<Run>) -> Cell {
+        let triangle_count = runs.iter().map(|run| u64::from(run.triangle_count)).sum();
+        Cell { place, key: place.key(), runs, buffer: Vec::new(), triangle_count }
+    }
+}
+
+/// Finest level of the first pass: cells of some 2^15 triangles on a surface.
+pub(super) fn first_levels(triangle_count: u64, grid: &Grid) -> u32 {
+    let across = (triangle_count as f64 / 131_072.0).sqrt();
+    (across.max(1.0).log2().ceil() as u32).min(LEVELS_FIRST).min(grid.bits)
 }
 
 /// All cells of one pass.
@@ -129,11 +152,9 @@ impl Cells {
         if self.last.0 == place {
             return self.last.1;
         }
-        let Place { level, at } = place;
         let cells = &mut self.cells;
         let index = *self.by_place.entry(place).or_insert_with(|| {
-            let key = if level == 0 { 0 } else { hilbert_key(at, level) << (3 * (KEY_BITS - level)) };
-            cells.push(Cell { level, key, runs: Vec::new(), buffer: Vec::new(), triangle_count: 0 });
+            cells.push(Cell::new(place, Vec::new()));
             cells.len() - 1
         });
         self.last = (place, index);
@@ -153,22 +174,40 @@ impl Cells {
         Ok(())
     }
 
+    /// Writes what is buffered, and waits until all runs are on the disk.
+    pub(super) fn sync(&mut self) -> Result<()> {
+        (0..self.cells.len()).try_for_each(|index| self.write_run(index))?;
+        self.scratch.flush()
+    }
+
+    /// The scratch file, and every cell's runs.
+    pub(super) fn runs(&mut self) -> (&mut Scratch, impl Iterator<Item = (Place, &[Run])> + Clone) {
+        (&mut self.scratch, self.cells.iter().map(|cell| (cell.place, cell.runs.as_slice())))
+    }
+
+    /// Goes on with the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
+    pub(super) fn restore(&mut self, runs: Vec<(Place, Vec<Run>)>) {
+        for (place, runs) in runs {
+            self.by_place.insert(place, self.cells.len());
+            self.scratch.set_unread(runs.iter().map(|run| (*run, run.triangle_count)));
+            self.cells.push(Cell::new(place, runs));
+        }
+    }
+
     /// Writes what is buffered, cuts cells that are too full, joins small ones.
     pub(super) fn into_chunks(mut self, options: &BuildOptions) -> Result<(Scratch, Vec<Chunk>)> {
-        for index in 0..self.cells.len() {
-            self.write_run(index)?;
-        }
+        (0..self.cells.len()).try_for_each(|index| self.write_run(index))?;
         let mut whole = std::mem::take(&mut self.cells);
         // Large triangles first, then along the curve; a place is one cell, so the order is total.
-        whole.sort_by_key(|cell| (cell.level, cell.key));
+        whole.sort_by_key(|cell| (cell.place.level, cell.key));
         let mut chunks = Joined::default();
         for cell in whole {
             options.interrupt.check()?;
             let finest = KEY_BITS.min(self.sorted.bits);
-            if cell.triangle_count <= CHUNK_TRIANGLES || cell.level >= finest {
+            if cell.triangle_count <= CHUNK_TRIANGLES || cell.place.level >= finest {
                 chunks.add(&cell);
             } else {
-                let levels = (cell.level + LEVELS_MORE).min(finest);
+                let levels = (cell.place.level + LEVELS_MORE).min(finest);
                 let (scratch, finer) = cut(&cell, self.scratch, levels, &self.sorted, options)?;
                 self.scratch = scratch;
                 chunks.close();
@@ -195,10 +234,19 @@ fn cut(
     for run in &cell.runs {
         triangles.clear();
         finer.scratch.read(run, &mut buffer, &mut triangles)?;
+        // A run that somebody else has sealed may hold what no lattice does.
+        if !triangles.iter().all(|triangle| is_on_lattice(&triangle.q, like.bits)) {
+            return Err(finer.scratch.damaged(run.offset));
+        }
         finer.scratch.consume(run, run.triangle_count);
         triangles.iter().try_for_each(|&triangle| finer.push(triangle))?;
     }
     finer.into_chunks(options)
+}
+
+/// Whether all coordinates have so many bits.
+pub(super) fn is_on_lattice<const N: usize>(q: &[[i64; 3]; N], bits: u32) -> bool {
+    q.as_flattened().iter().all(|q| (0..1 << bits).contains(q))
 }
 
 /// The cell of a triangle.

@@ -5,12 +5,13 @@
 //! .NAME.HASH.cells     triangles on the lattice, in runs          (in --temp-dir where one is given)
 //! .NAME.HASH.voxels    voxel records, in runs                     (as above)
 //! .NAME.HASH.part      the output, page by page
+//! .NAME.HASH.sorted    record: the first triangles of the input, in cells, replaced every few seconds
 //! .NAME.HASH.chunks    record: what partition found, which runs make which chunk
 //! .NAME.HASH.done      record: the chunks that are in .part and .voxels, replaced every few seconds
 //! ```
 //!
-//! A finished unit is the partition as a whole, then each chunk. Scan and partition read a stream that cannot be
-//! entered in its middle, so a kill before their end costs them.
+//! A finished unit is each batch of triangles that is in cells, then each chunk. A stream cannot be entered in its
+//! middle: what is in cells is read again, but neither scanned nor sorted (`sorted_record`).
 //!
 //! Invariants: 1. a record is written after all that it speaks of was synced; 2. a run of cells is given back after the
 //! record that does without it was; 3. input and options stand in the journal: a build goes on with the same ones or
@@ -36,7 +37,7 @@ use std::time::{Duration, Instant};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Says that a file is a journal, and of which form.
-const FORMAT: &str = "trex-journal/2";
+const FORMAT: &str = "trex-journal/3";
 /// Characters of an output's name that its journal's has, too: names end at 255 bytes.
 const NAME_CHARS: usize = 40;
 /// Longest journal: names and numbers of inputs.
@@ -50,7 +51,9 @@ const GLANCE: Duration = Duration::from_millis(50);
 const PAUSE: u32 = 20;
 const PAUSE_MOST: u32 = 3;
 /// Endings of the files of a build, the journal's last: while it is there, the others are found.
-const ENDINGS: [&str; 6] = ["part", "cells", "voxels", "chunks", "done", "journal"];
+const ENDINGS: [&str; 7] = ["part", "cells", "voxels", "sorted", "chunks", "done", "journal"];
+/// Endings of records, which have another name while they are written.
+const RECORDS: [&str; 3] = ["sorted", "chunks", "done"];
 
 /// Names of the files of one output's builds.
 #[derive(Clone)]
@@ -77,8 +80,8 @@ impl Names {
 
     /// All files that may be there.
     pub(super) fn all(&self) -> Vec<PathBuf> {
-        let named = ENDINGS.map(|ending| self.file(ending));
-        [unfinished(&named[3]), unfinished(&named[4])].into_iter().chain(named).collect()
+        let unfinished = RECORDS.map(|ending| unfinished(&self.file(ending)));
+        unfinished.into_iter().chain(ENDINGS.map(|ending| self.file(ending))).collect()
     }
 
     /// Removes what is there, but for the journal.
@@ -159,6 +162,7 @@ impl Header {
 
 /// The journal of a build under way.
 pub(super) struct Journal {
+    output: PathBuf,
     names: Names,
     /// Holds the lock.
     file: File,
@@ -192,11 +196,12 @@ impl Journal {
         let now = Header::new(output, resume, options);
         let found = Header::read(&file);
         let (every, due) = (resume.every, Instant::now() + resume.every);
-        let mut journal = Journal { names, file, every, due, has_record: false, is_kept: false };
+        let output = output.to_path_buf();
+        let mut journal = Journal { output, names, file, every, due, has_record: false, is_kept: false };
         match found {
             Some(found) if found == now => {}
             Some(found) => {
-                return Err(journal.refuse(output, found.differences(&now)));
+                return Err(journal.refuse(found.differences(&now)));
             }
             None => {
                 journal.names.clear();
@@ -211,10 +216,10 @@ impl Journal {
     }
 
     /// That a build is not the one that left what is here, which stays.
-    fn refuse(&mut self, output: &Path, differences: String) -> Error {
+    pub(super) fn refuse(&mut self, differences: String) -> Error {
         self.is_kept = true;
         Error::new(Code::Usage, "an unfinished build of this output is of something else")
-            .at(output)
+            .at(&self.output)
             .numbers(differences)
             .next("build with the same input and options, or remove it with trex build --clean")
     }
@@ -223,7 +228,7 @@ impl Journal {
     ///
     /// # Errors
     /// [`Code::Usage`] where one is not.
-    pub(super) fn compare_named(&mut self, read: &SourceStats, output: &Path) -> Result<()> {
+    pub(super) fn compare_named(&mut self, read: &SourceStats) -> Result<()> {
         let changed = read.named_files.iter().filter_map(|(path, then)| {
             let path = Path::new(OsStr::from_bytes(path));
             let now = stamp(path);
@@ -231,21 +236,19 @@ impl Journal {
         });
         match changed.collect::<Vec<String>>() {
             changed if changed.is_empty() => Ok(()),
-            changed => Err(self.refuse(output, changed.join("; "))),
+            changed => Err(self.refuse(changed.join("; "))),
         }
     }
 
-    /// Removes records that there is nothing to go on from by, before their files are written anew: those of chunks,
-    /// and where the input is read again all.
-    pub(super) fn forget(&mut self, is_all: bool) -> Result<()> {
-        let endings: &[&str] = if is_all { &["done", "chunks"] } else { &["done"] };
-        for path in endings.iter().map(|ending| self.path(ending)).filter(|path| path.exists()) {
-            std::fs::remove_file(&path).map_err(|e| Error::writing("remove a record", &path, &e))?;
-            let synced = File::open(self.folder()).and_then(|folder| folder.sync_all());
-            synced.map_err(|e| Error::writing("write the folder to the disk", self.folder(), &e))?;
+    /// Removes a record that there is nothing to go on from by, before the files that it speaks of are written anew.
+    pub(super) fn forget(&self, ending: &str) -> Result<()> {
+        let path = self.path(ending);
+        if !path.exists() {
+            return Ok(());
         }
-        self.has_record &= !is_all;
-        Ok(())
+        std::fs::remove_file(&path).map_err(|e| Error::writing("remove a record", &path, &e))?;
+        let synced = File::open(self.folder()).and_then(|folder| folder.sync_all());
+        synced.map_err(|e| Error::writing("write the folder to the disk", self.folder(), &e))
     }
 
     /// Path of the file of an ending.
@@ -266,6 +269,11 @@ impl Journal {
     /// A record that was begun at `begin` is written.
     pub(super) fn written(&mut self, begin: Instant) {
         self.has_record = true;
+        self.postpone(begin);
+    }
+
+    /// No record is due for a while, since that of a moment begun at `begin` is written or cannot be.
+    pub(super) fn postpone(&mut self, begin: Instant) {
         self.due = Instant::now() + self.every.max((begin.elapsed() * PAUSE).min(self.every * PAUSE_MOST));
     }
 

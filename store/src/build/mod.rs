@@ -33,6 +33,8 @@ mod publish;
 mod record;
 mod sah;
 mod scratch;
+mod snap;
+mod sorted_record;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -51,13 +53,14 @@ use crate::progress::{Interrupt, Progress, Report};
 use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
 use journal::Journal;
-use partition::Partition;
+use partition::{Partition, Start};
 use phases::Clock;
 use plan::plan;
 use progress_record::Read;
 use publish::Draft;
 use rayon::ThreadPool;
 use serde::Serialize;
+use sorted_record::Begun;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -157,6 +160,8 @@ pub struct BuildReport {
     pub scratch_peak_bytes: u64,
     /// Triangles that a build before this had done.
     pub resumed_triangle_count: u64,
+    /// Triangles that a build before this had sorted, and no more.
+    pub resumed_sorted_count: u64,
     /// Leaves of the resident octree along an axis; 0 without one.
     pub upper_resolution: u32,
     /// Leaves of the resident octree.
@@ -243,13 +248,18 @@ impl Site<'_> {
         let mut clock = Clock::start();
 
         // What a build before this has done.
-        let (mut done, mut read) = (None, None);
+        let (mut done, mut read, mut begun) = (None, None, None);
         if let Some(journal) = &mut journal {
             (read, done) = journal.left(&options.budget)?;
-            read.as_ref().map_or(Ok(()), |read| journal.compare_named(&read.source, self.output))?;
-            if done.is_none() {
-                journal.forget(read.is_none())?;
+            read.as_ref().map_or(Ok(()), |read| journal.compare_named(&read.source))?;
+            if read.is_none() {
+                begun = journal.left_sorted(options.precision, &options.budget)?;
             }
+            let is_left = [("done", done.is_some()), ("chunks", read.is_some()), ("sorted", begun.is_some())];
+            for (ending, _) in is_left.iter().filter(|(_, is_left)| !is_left) {
+                journal.forget(ending)?;
+            }
+            journal.has_record = read.is_some() || begun.is_some();
         }
 
         let read = match read {
@@ -257,27 +267,9 @@ impl Site<'_> {
                 on_plan(&plan(read.parted.input_triangle_count, options, self.scratch_folder)?);
                 read
             }
-            None => {
-                // Scan: bounds and edges.
-                let scan = lattice::scan(source, options, tell, &mut out.phase_ms.generate)?;
-                let grid = lattice::choose(&scan, options.precision, &source.name())?;
-                (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
-                on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
-
-                // Partition: snapped triangles in cells.
-                let place = self.scratch(journal.as_deref(), "cells", false);
-                let parted = partition::partition(source, &scan, grid, options, place, tell)?;
-                out.phase_ms.generate += parted.wait_ms;
-                let materials_json =
-                    serde_json::to_vec(source.materials()).expect("materials are plain data");
-                let read = Read { parted, materials_json, source: source.stats() };
-                if let Some(journal) = journal.as_mut().filter(|journal| journal.is_due()) {
-                    journal.write_chunks(&read, &options.budget)?;
-                }
-                (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
-                read
-            }
+            None => self.read(source, begun, journal.as_deref_mut(), on_plan, &mut out)?,
         };
+        clock.lap();
 
         // Clusters and pages, chunk by chunk, in order.
         let is_left = done.is_some();
@@ -297,6 +289,45 @@ impl Site<'_> {
         (out.phase_ms.publish, out.phase_cpu_ms.publish) = clock.lap();
         out.source = read.source;
         Ok(out)
+    }
+
+    /// Reads the input into chunks.
+    fn read(
+        &self,
+        source: &mut dyn TriangleSource,
+        begun: Option<Begun>,
+        mut journal: Option<&mut Journal>,
+        on_plan: &(dyn Fn(&Plan) + Sync),
+        out: &mut BuildReport,
+    ) -> Result<Read> {
+        let (options, tell) = (self.options, self.tell);
+        let mut clock = Clock::start();
+        // Scan: bounds and edges.
+        let (scan, grid) = match &begun {
+            Some(begun) => (begun.scan, begun.grid),
+            None => {
+                let scan = lattice::scan(source, options, tell, &mut out.phase_ms.generate)?;
+                (scan, lattice::choose(&scan, options.precision, &source.name())?)
+            }
+        };
+        (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
+        on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
+
+        // Partition: snapped triangles in cells.
+        out.resumed_sorted_count = begun.as_ref().map_or(0, |begun| begun.again.triangle_count);
+        let place = self.scratch(journal.as_deref(), "cells", false);
+        let start = Start { scan, grid, place, begun, journal: journal.as_deref_mut() };
+        let parted = partition::partition(source, start, options, tell)?;
+        out.phase_ms.generate += parted.wait_ms;
+        let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
+        let mut read = Read { parted, materials_json, source: source.stats() };
+        if let Some(journal) = journal.filter(|journal| journal.has_record || journal.is_due()) {
+            journal.has_record = journal.write_chunks(&read, &options.budget)?;
+            journal.forget("sorted")?;
+            read.parted.scratch.let_go();
+        }
+        (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
+        Ok(read)
     }
 
     /// Where the file of an ending is.

@@ -11,12 +11,12 @@
 //! a build that was never killed; 2. a record whose files are gone or too short, or whose numbers cannot be true
 //! together, counts as absent: its hash says that nothing turned on the way, not who wrote it.
 
-use super::cells::Chunk;
+use super::cells::{Chunk, is_on_lattice};
 use super::journal::Journal;
 use super::lattice::Grid;
 use super::partition::Partition;
 use super::publish::DraftFile;
-use super::record;
+use super::record::{self, is_as_long};
 use super::scratch::Scratch;
 use super::voxels::VoxelWork;
 use super::writer::{Writer, superblock_of};
@@ -32,7 +32,7 @@ use crate::octree::{Refinement, Written, is_upper};
 use crate::source::SourceStats;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Most bytes of a piece of a chunk in a record.
@@ -91,11 +91,11 @@ pub(super) struct Done {
 }
 
 impl Journal {
-    /// Records what came of reading the input. Does nothing where there is no memory for that.
-    pub(super) fn write_chunks(&mut self, read: &Read, budget: &Budget) -> Result<()> {
+    /// Records what came of reading the input; false where there is no memory for that.
+    pub(super) fn write_chunks(&mut self, read: &Read, budget: &Budget) -> Result<bool> {
         let (begin, parted) = (Instant::now(), &read.parted);
         let piece_count = parted.chunks.iter().map(|chunk| chunk.pieces.len() as u64 + 1).sum::<u64>();
-        let Ok(_lease) = budget.lease("the journal", piece_count * PIECE_BYTES) else { return Ok(()) };
+        let Ok(_lease) = budget.lease("the journal", piece_count * PIECE_BYTES) else { return Ok(false) };
         let head = ChunksHead {
             scratch_bytes: parted.scratch.bytes(),
             chunks: Cow::Borrowed(&parted.chunks),
@@ -116,11 +116,11 @@ impl Journal {
         };
         record::write(&self.path("chunks"), self.folder(), &head, &[&read.materials_json])?;
         self.written(begin);
-        Ok(())
+        Ok(true)
     }
 
     /// What a build before this has read, and the chunks that it brought to the output; `None` for what is not there.
-    pub(super) fn left(&mut self, budget: &Budget) -> Result<(Option<Read>, Option<Done>)> {
+    pub(super) fn left(&self, budget: &Budget) -> Result<(Option<Read>, Option<Done>)> {
         let cells = self.path("cells");
         let record = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)?;
         let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
@@ -130,7 +130,6 @@ impl Journal {
         let Partition { scratch, chunks, .. } = &mut read.parted;
         let unread = chunks[done.as_ref().map_or(0, Done::consumed)..].iter().flat_map(|chunk| &chunk.pieces);
         scratch.set_unread(unread.map(|piece| (piece.run, piece.take)));
-        self.has_record = true;
         Ok((Some(read), done))
     }
 
@@ -182,10 +181,6 @@ impl Journal {
             && (done.voxels.is_none() || is_as_long(&self.path("voxels"), voxel_bytes));
         Ok(Some(done).filter(|_| is_there))
     }
-}
-
-fn is_as_long(path: &Path, bytes: u64) -> bool {
-    path.metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
 }
 
 /// The counts of what is in the output.
@@ -240,10 +235,9 @@ impl Read {
             lattice_bounds: *lattice_bounds,
             ..superblock_of(parted)
         };
-        let is_on_lattice = |q: &i64| (0..1 << grid.bits).contains(q);
         let materials = serde_json::from_slice::<Vec<Material>>(materials_json);
         block.has_sound_numbers()
-            && lattice_bounds.as_flattened().iter().all(is_on_lattice)
+            && is_on_lattice(lattice_bounds, grid.bits)
             && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis])
             && chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
             && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == *triangle_count

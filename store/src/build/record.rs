@@ -37,6 +37,11 @@ pub(super) fn unfinished(path: &Path) -> PathBuf {
     name.into()
 }
 
+/// Whether a file is there, of so many bytes or more.
+pub(super) fn is_as_long(path: &Path, bytes: u64) -> bool {
+    path.metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
+}
+
 /// Writes the record `path`, whose folder is `folder`.
 pub(super) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[&[u8]]) -> Result<()> {
     let head = serde_json::to_vec(head).expect("heads are plain data");

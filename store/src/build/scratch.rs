@@ -71,18 +71,26 @@ pub(super) struct Scratch {
     flushed: u64,
     /// Triangles not yet consumed, per segment.
     live: Mutex<HashMap<u64, u64>>,
+    /// Segments stay that hold no others: a record speaks of their runs.
+    is_held: bool,
 }
 
 impl Scratch {
     /// A new one.
     pub(super) fn create(place: Place) -> Result<Scratch> {
-        Ok(Scratch { file: ScratchFile::at(place)?, end: 0, flushed: 0, live: Mutex::default() })
+        Ok(Scratch {
+            file: ScratchFile::at(place)?,
+            end: 0,
+            flushed: 0,
+            live: Mutex::default(),
+            is_held: false,
+        })
     }
 
     /// The one that a build before this has left, of `end` bytes.
     pub(super) fn left(path: PathBuf, end: u64) -> Result<Scratch> {
         let file = ScratchFile::at(Place::Left(path))?;
-        Ok(Scratch { file, end, flushed: end, live: Mutex::default() })
+        Ok(Scratch { file, end, flushed: end, live: Mutex::default(), is_held: false })
     }
 
     /// Says how many triangles of the runs of one that was left are still to be read.
@@ -145,7 +153,28 @@ impl Scratch {
         let mut live = self.live.lock().expect("no panic while held");
         let left = live.get_mut(&segment).expect("who reads a run has told of it");
         *left -= u64::from(triangle_count);
-        if *left == 0 && self.end / SEGMENT_BYTES > segment {
+        if *left == 0 && !self.is_held {
+            self.drop_segment(segment);
+        }
+    }
+
+    /// Gives no segment back from now on: there is a record that speaks of all runs.
+    pub(super) fn hold(&mut self) {
+        self.is_held = true;
+    }
+
+    /// That record is gone: gives back what could have been since.
+    pub(super) fn let_go(&mut self) {
+        self.is_held = false;
+        let live = self.live.get_mut().expect("no panic while held");
+        let empty: Vec<u64> =
+            live.iter().filter(|(_, left)| **left == 0).map(|(&segment, _)| segment).collect();
+        empty.into_iter().for_each(|segment| self.drop_segment(segment));
+    }
+
+    /// Gives a segment back, unless runs are still to come to it.
+    fn drop_segment(&self, segment: u64) {
+        if self.end / SEGMENT_BYTES > segment {
             let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
             let _ = fallocate(self.file.file(), flags, segment * SEGMENT_BYTES, SEGMENT_BYTES);
         }
@@ -264,6 +293,33 @@ fn unzigzag(value: u64) -> i64 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::os::unix::fs::MetadataExt;
+
+    #[test]
+    fn segments_stay_while_a_record_speaks_of_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
+        let blocks = |scratch: &Scratch| scratch.file.file().metadata().unwrap().blocks();
+        let corner = |i: i64| [i * 0x1234_5678 % 0xff_ffff_ffff, i * 0x7654_3211 % 0xff_ffff_ffff, i];
+        let triangles: Vec<_> = (0..RUN_TRIANGLES as i64)
+            .map(|i| LatticeTriangle { q: [corner(i), corner(i + 7), corner(2 * i)], material: 0 })
+            .collect();
+        let mut runs = Vec::new();
+        scratch.hold();
+        while scratch.bytes() < SEGMENT_BYTES {
+            let run = Encoder::default().encode(&triangles);
+            runs.push(scratch.append(run, triangles.len()).unwrap());
+        }
+        scratch.flush().unwrap();
+        let full = blocks(&scratch);
+        runs.iter().for_each(|run| scratch.consume(run, run.triangle_count));
+        assert_eq!(blocks(&scratch), full);
+        let mut back = Vec::new();
+        scratch.read(&runs[0], &mut Vec::new(), &mut back).unwrap();
+        assert_eq!(back, triangles);
+        scratch.let_go();
+        assert!(blocks(&scratch) < full / 2, "{} blocks of {full}", blocks(&scratch));
+    }
 
     proptest! {
         #[test]

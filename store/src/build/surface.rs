@@ -65,6 +65,31 @@ impl Surface {
         }
     }
 
+    /// Sums, as bits, and registers of the sketches, one resolution after the other: what [`Self::restore`] takes.
+    pub(super) fn parts(&self) -> ([[u64; 2]; RESOLUTIONS.len()], Vec<u8>) {
+        let sums = |counter: &Counter| [counter.large.to_bits(), counter.small.to_bits()];
+        let registers = self.0.iter().flat_map(|counter| &counter.sketch.registers);
+        ([0, 1, 2].map(|which| sums(&self.0[which])), registers.copied().collect())
+    }
+
+    /// Puts back what [`Self::parts`] gave; false for what it cannot have given.
+    pub(super) fn restore(&mut self, sums: [[u64; 2]; RESOLUTIONS.len()], registers: &[u8]) -> bool {
+        let is_sum = |&sum: &u64| f64::from_bits(sum).is_finite() && f64::from_bits(sum) >= 0.0;
+        let is_whole = registers.len() == RESOLUTIONS.len() << REGISTER_BITS;
+        if !is_whole
+            || !sums.as_flattened().iter().all(is_sum)
+            || registers.iter().any(|&r| r > REGISTER_MOST)
+        {
+            return false;
+        }
+        let each = registers.chunks_exact(1 << REGISTER_BITS).zip(sums);
+        for (counter, (registers, sums)) in self.0.iter_mut().zip(each) {
+            [counter.large, counter.small] = sums.map(f64::from_bits);
+            counter.sketch.registers.copy_from_slice(registers);
+        }
+        true
+    }
+
     /// The number of leaves at `RESOLUTIONS[which]`, about, where they have so many lattice steps.
     pub(super) fn leaf_count(&self, which: usize, leaf_steps: i64) -> f64 {
         let counter = &self.0[which];
@@ -93,8 +118,9 @@ fn shadows(q: &[[i64; 3]; 3]) -> f64 {
     0.5 * (twice(1, 2) + twice(2, 0) + twice(0, 1))
 }
 
-/// Bits of a register's number.
+/// Bits of a register's number, and its greatest value.
 const REGISTER_BITS: u32 = 12;
+const REGISTER_MOST: u8 = (u64::BITS - REGISTER_BITS + 1) as u8;
 
 /// Counts distinct places.
 struct Sketch {

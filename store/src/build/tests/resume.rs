@@ -17,7 +17,10 @@ struct Stage {
 impl Stage {
     /// A sheet of `2 n^2` triangles and some more, in several chunks with pages that they share, and lamps.
     fn new(n: usize, voxels: Voxels) -> Stage {
-        let mut mesh = mesh(n, 9_000, 7);
+        Stage::of(mesh(n, 9_000, 7), voxels)
+    }
+
+    fn of(mut mesh: Mesh, voxels: Voxels) -> Stage {
         let plain = BuildOptions { voxels, ..options(2, 1 << 30) };
         let (whole, report) = build_bytes(&mut mesh, &plain);
         assert!(report.page_count > 10 && report.emitter_count > 0, "{report:?}");
@@ -33,12 +36,16 @@ impl Stage {
 
     /// Builds until so many reports have come since the input was read; a build that comes to its end gives its report.
     fn build_for(&mut self, reports: usize) -> Result<BuildReport> {
+        self.build_until(reports, |phase| !["scan", "partition"].contains(&phase))
+    }
+
+    /// Builds until so many reports of certain phases have come.
+    fn build_until(&mut self, reports: usize, counts: impl Fn(&str) -> bool + Sync) -> Result<BuildReport> {
         self.mesh.rewind().unwrap();
         self.options.interrupt = Interrupt::default();
         let (seen, interrupt) = (AtomicUsize::new(0), self.options.interrupt.clone());
         let report = |progress: Progress| {
-            let is_read = !["scan", "partition"].contains(&progress.phase);
-            if is_read && seen.fetch_add(1, Ordering::Relaxed) + 1 >= reports {
+            if counts(progress.phase) && seen.fetch_add(1, Ordering::Relaxed) + 1 >= reports {
                 interrupt.raise();
             }
         };
@@ -100,6 +107,90 @@ fn however_often_it_is_stopped_the_bytes_are_the_same() {
         assert!(std::fs::read(stage.output()).unwrap() == stage.whole, "{voxels:?}: other bytes");
         assert_eq!(stage.names(), BTreeSet::from(["out.trex".to_owned()]));
     }
+}
+
+/// Stops a build after so many batches are in cells.
+fn stop_among_batches(stage: &mut Stage, batches: usize) {
+    let error = stage.build_until(batches + 1, |phase| phase == "partition").unwrap_err();
+    assert_eq!(error.code(), Code::Interrupted, "{error}");
+    assert!(stage.left("sorted").exists() && !stage.left("chunks").exists());
+    assert!(error.numbers_text().contains("kept"), "{error}");
+}
+
+/// A sheet in one corner of what it lies in: its cell holds more than a chunk, and is cut.
+fn crowded() -> Mesh {
+    let mut mesh = mesh(300, 2_000, 7);
+    let far = [[0.0, 1500.0, 0.0], [3.0, 1500.0, 0.0], [0.0, 1500.0, 3.0]];
+    mesh.triangles.insert(90_500, (far, 0));
+    mesh
+}
+
+#[test]
+fn what_is_in_cells_is_not_sorted_again() {
+    for mesh in [mesh(280, 9_000, 7), crowded()] {
+        let batches = mesh.triangles.len().div_ceil(1000);
+        let mut stage = Stage::of(mesh, Voxels::Within { upper_bytes: 1 << 20 });
+        // From nothing; after some; after some more of the same build; after the last.
+        for stops in [&[0][..], &[1, 2], &[40, 91, 92, 150], &[batches - 1, batches]] {
+            stops.iter().for_each(|&batches| stop_among_batches(&mut stage, batches));
+            let report = stage.finish();
+            let sorted = 1000 * *stops.last().unwrap() as u64;
+            let expected = sorted.min(stage.mesh.triangles.len() as u64);
+            // What an interrupt stops is the batch after the last that was recorded.
+            assert_eq!(report.resumed_sorted_count, expected, "{stops:?}");
+            assert_eq!(report.resumed_triangle_count, 0);
+        }
+        // Then among chunks.
+        stop_among_batches(&mut stage, 70);
+        stage.stop_among_chunks();
+        assert!(!stage.left("sorted").exists());
+        let report = stage.finish();
+        assert!(report.resumed_triangle_count > 0 && report.resumed_sorted_count == 0, "{report:?}");
+    }
+}
+
+#[test]
+fn cells_are_gone_on_with_where_they_are_whole_and_of_this_input() {
+    let mut stage = Stage::new(280, Voxels::None);
+    stop_among_batches(&mut stage, 100);
+    let left: Vec<(PathBuf, Vec<u8>)> = stage
+        .names()
+        .iter()
+        .map(|name| stage.folder.path().join(name))
+        .map(|path| (path.clone(), std::fs::read(&path).unwrap()))
+        .collect();
+    let again = || left.iter().for_each(|(path, bytes)| std::fs::write(path, bytes).unwrap());
+    for ending in ["cells", "sorted"] {
+        again();
+        std::fs::remove_file(stage.left(ending)).unwrap();
+        assert_eq!(stage.finish().resumed_sorted_count, 0, "{ending} was gone");
+        again();
+        std::fs::File::options().write(true).open(stage.left(ending)).unwrap().set_len(1000).unwrap();
+        assert_eq!(stage.finish().resumed_sorted_count, 0, "{ending} was cut off");
+    }
+    again();
+    let mut bytes = std::fs::read(stage.left("cells")).unwrap();
+    bytes[20_000] ^= 8;
+    std::fs::write(stage.left("cells"), bytes).unwrap();
+    assert_eq!(stage.build_for(usize::MAX).unwrap_err().code(), Code::Io);
+    assert_eq!(stage.names(), BTreeSet::new());
+
+    // Another triangle among those that were read, and then a stream that ends before them.
+    let changed = [(70_000, 5), (99_999, 6)];
+    for (index, x) in changed {
+        again();
+        let before = std::mem::replace(&mut stage.mesh.triangles[index].0[0][0], f64::from(x));
+        let error = stage.build_for(usize::MAX).unwrap_err();
+        assert_eq!(error.code(), Code::Usage, "{error}");
+        assert!(error.numbers_text().contains("the first 100000 triangles"), "{error}");
+        assert!(stage.left("sorted").exists() && error.next_step().contains("--clean"), "{error}");
+        stage.mesh.triangles[index].0[0][0] = before;
+    }
+    let all = stage.mesh.triangles.clone();
+    stage.mesh.triangles.truncate(99_000);
+    assert_eq!(stage.build_for(usize::MAX).unwrap_err().code(), Code::Usage);
+    stage.mesh.triangles = all;
+    assert_eq!(stage.finish().resumed_sorted_count, 100_000);
 }
 
 /// What is left may be gone in part, cut off, or changed: then less is gone on with, or there is an error, and the

@@ -1,0 +1,146 @@
+//! Snap: from model space to the lattice, with all that is counted on the way.
+//!
+//! Invariant: what is counted, and the hash of what was read, follow from the stream alone.
+
+use super::cells::Cells;
+use super::lattice::{Grid, Scan};
+use super::scratch::LatticeTriangle;
+use super::surface::Surface;
+use crate::cluster::LatticeBox;
+use crate::error::{Code, Error, Result};
+use crate::layout::{MATERIALS, TRIANGLES};
+use crate::source::TriangleBatch;
+use xxhash_rust::xxh3::Xxh3;
+
+/// The first triangles of a stream: how many, and their hash.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) struct Prefix {
+    pub(super) triangle_count: u64,
+    pub(super) hash: u64,
+}
+
+/// What is known of the triangles that were snapped.
+pub(super) struct Snapped {
+    pub(super) rejected_degenerate: u64,
+    /// Those of them that had area.
+    pub(super) rejected_collapsed: u64,
+    pub(super) rejected_non_finite: u64,
+    pub(super) exact: bool,
+    pub(super) bounds: LatticeBox,
+    pub(super) surface: Surface,
+}
+
+impl Snapped {
+    /// Of none.
+    pub(super) fn new(scan: &Scan, grid: &Grid) -> Snapped {
+        Snapped {
+            rejected_degenerate: 0,
+            rejected_collapsed: 0,
+            rejected_non_finite: 0,
+            exact: true,
+            bounds: LatticeBox::EMPTY,
+            surface: Surface::new(scan, grid),
+        }
+    }
+}
+
+/// From model space to the lattice.
+pub(super) struct Snapper {
+    grid: Grid,
+    name: String,
+    hasher: Xxh3,
+    /// Triangles that were read.
+    pub(super) read: u64,
+}
+
+impl Snapper {
+    /// Before the first triangle of the source of this name.
+    pub(super) fn new(grid: Grid, name: String) -> Snapper {
+        Snapper { grid, name, hasher: Xxh3::new(), read: 0 }
+    }
+
+    /// What was read so far.
+    pub(super) fn prefix(&self) -> Prefix {
+        Prefix { triangle_count: self.read, hash: self.hasher.digest() }
+    }
+
+    /// Counts and hashes what was read.
+    pub(super) fn take(&mut self, batch: &TriangleBatch) -> Result<()> {
+        self.hasher.update(bytemuck::cast_slice(&batch.corners));
+        self.hasher.update(bytemuck::cast_slice(&batch.material));
+        self.read += batch.len() as u64;
+        if self.read > TRIANGLES {
+            return Err(self.too_many("triangles", TRIANGLES));
+        }
+        Ok(())
+    }
+
+    /// Snaps it, and puts what can be drawn into cells.
+    pub(super) fn snap_all(
+        &self,
+        batch: &TriangleBatch,
+        snapped: &mut Snapped,
+        cells: &mut Cells,
+    ) -> Result<()> {
+        let Grid { lattice, bits } = self.grid;
+        for (corners, &material) in batch.corners.iter().zip(&batch.material) {
+            let q = corners.map(|corner| lattice.snap(corner));
+            if q.as_flattened().iter().fold(0, |all, v| all | v) as u64 >> bits != 0 {
+                if !corners.as_flattened().iter().all(|v| v.is_finite()) {
+                    snapped.rejected_non_finite += 1;
+                    continue;
+                }
+                return Err(Error::new(Code::InputFormat, "the input changed while it was read")
+                    .at_place(&self.name)
+                    .numbers(format!("a vertex at {corners:?} lies outside of the bounds of the first pass"))
+                    .next("build again when nothing writes to the input"));
+            }
+            snapped.exact &= !snapped.exact || (0..3).all(|c| lattice.position(q[c]) == corners[c]);
+            if q[0] == q[1] || q[1] == q[2] || q[2] == q[0] {
+                snapped.rejected_degenerate += 1;
+                snapped.rejected_collapsed += u64::from(has_area(corners));
+                continue;
+            }
+            let Ok(material) = u16::try_from(material) else {
+                return Err(self.too_many("materials", MATERIALS as u64));
+            };
+            q.iter().for_each(|&q| snapped.bounds.add(q));
+            snapped.surface.add(&q);
+            cells.push(LatticeTriangle { q, material })?;
+        }
+        Ok(())
+    }
+
+    fn too_many(&self, what: &str, most: u64) -> Error {
+        Error::new(Code::InputRange, format!("the input holds more {what} than a trex file can"))
+            .at_place(&self.name)
+            .numbers(format!("at most {most}"))
+            .next("cut the input in parts and build each")
+    }
+}
+
+/// True when a triangle has area, by more than the rounding of its coordinates' differences and products.
+fn has_area([a, b, c]: &[[f64; 3]; 3]) -> bool {
+    let edge = |to: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|axis| to[axis] - a[axis]) };
+    let (e, f) = (edge(b), edge(c));
+    [(0, 1), (1, 2), (2, 0)].into_iter().any(|(x, y)| {
+        let (p, q) = (e[x] * f[y], e[y] * f[x]);
+        (p - q).abs() > 4.0 * f64::EPSILON * (p.abs() + q.abs())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_spans_a_plane_has_area() {
+        let a = [0.1, 0.2, 0.3];
+        let along = |t: f64| a.map(|x| x + t);
+        assert!(!has_area(&[a, a, [5.0, 1.0, 2.0]]));
+        assert!(!has_area(&[a, [5.0, 1.0, 2.0], a]));
+        assert!(!has_area(&[a, along(1.0), along(3.0)]));
+        assert!(has_area(&[a, along(1.0), [1.1, 1.2, 1.3 + 1e-9]]));
+        assert!(has_area(&[[0.0; 3], [1e-30, 0.0, 0.0], [0.0, 1e-30, 0.0]]));
+    }
+}

@@ -1,0 +1,210 @@
+//! How far partition has come, as a record of its journal, and the way back from it.
+//!
+//! ```text
+//! sorted   scan, counts, bounds, hash of what was read | sketches of the surface | cells | runs
+//! cell     level, place x, y, z, runs of it             (8 bytes each)
+//! run      offset, bytes << 32 | triangles              (8 bytes each; cell after cell)
+//! ```
+//!
+//! A stream cannot be entered in its middle: what is in cells is read again, hashed and compared, but neither snapped
+//! nor sorted nor written.
+//!
+//! Invariants: 1. a cell holds the same triangles in the same order, however often its buffer was written before it was
+//! full, so the bytes that follow are those of a build that was never killed; 2. a record whose file is gone or too
+//! short, or whose numbers cannot be true together, counts as absent.
+
+use super::Precision;
+use super::cells::{Cells, Place, first_levels, is_on_lattice};
+use super::journal::Journal;
+use super::lattice::{Grid, Scan, choose};
+use super::record::{self, is_as_long};
+use super::scratch::{Run, Scratch};
+use super::snap::{Prefix, Snapped};
+use crate::budget::Budget;
+use crate::cluster::LatticeBox;
+use crate::error::Result;
+use crate::geom::Aabb;
+use crate::layout::TRIANGLES;
+use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Words of a cell and of a run.
+const CELL_WORDS: usize = 5;
+const RUN_WORDS: usize = 2;
+/// Bytes of the words, as often as they are held while a record is written or parsed.
+const COPIES: u64 = 2;
+
+/// What stands in `sorted`. Numbers that are not whole stand by their bits.
+#[derive(Serialize, Deserialize)]
+struct SortedHead {
+    /// The scan's: bounds, median edge, counts.
+    scanned_bounds: [[u64; 3]; 2],
+    median_edge: u64,
+    expected: [u64; 2],
+    /// Triangles read, and their hash.
+    triangle_count: u64,
+    hash: u64,
+    rejected_degenerate: u64,
+    rejected_collapsed: u64,
+    rejected_non_finite: u64,
+    is_exact: bool,
+    lattice_bounds: [[i64; 3]; 2],
+    surface: [[u64; 2]; 3],
+    scratch_bytes: u64,
+}
+
+/// A partition that was begun.
+pub(super) struct Begun {
+    pub(super) scan: Scan,
+    pub(super) grid: Grid,
+    /// What it had read.
+    pub(super) again: Prefix,
+    pub(super) snapped: Snapped,
+    pub(super) scratch: Scratch,
+    pub(super) runs: Vec<(Place, Vec<Run>)>,
+}
+
+impl Journal {
+    /// Records what was sorted, once it is on the disk. Does nothing where there is no memory for that.
+    pub(super) fn write_sorted(
+        &mut self,
+        (scan, prefix): (&Scan, Prefix),
+        snapped: &Snapped,
+        cells: &mut Cells,
+        budget: &Budget,
+    ) -> Result<()> {
+        let begin = Instant::now();
+        cells.sync()?;
+        let (scratch, runs) = cells.runs();
+        let run_count: usize = runs.clone().map(|(_, runs)| runs.len()).sum();
+        let words = CELL_WORDS * runs.clone().count() + RUN_WORDS * run_count;
+        let Ok(_lease) = budget.lease("the journal", COPIES * 8 * words as u64) else {
+            self.postpone(begin);
+            return Ok(());
+        };
+        let (surface, registers) = snapped.surface.parts();
+        let head = SortedHead {
+            scanned_bounds: [scan.bounds.lo, scan.bounds.hi].map(|corner| corner.map(f64::to_bits)),
+            median_edge: scan.median_edge.to_bits(),
+            expected: [scan.triangle_count, scan.non_finite_count],
+            triangle_count: prefix.triangle_count,
+            hash: prefix.hash,
+            rejected_degenerate: snapped.rejected_degenerate,
+            rejected_collapsed: snapped.rejected_collapsed,
+            rejected_non_finite: snapped.rejected_non_finite,
+            is_exact: snapped.exact,
+            lattice_bounds: [snapped.bounds.lo, snapped.bounds.hi],
+            surface,
+            scratch_bytes: scratch.bytes(),
+        };
+        let mut words = [Vec::new(), Vec::with_capacity(RUN_WORDS * run_count)];
+        for (Place { level, at: [x, y, z] }, runs) in runs {
+            words[0].extend([level, x, y, z, runs.len() as u32].map(u64::from));
+            let run = |run: &Run| [run.offset, u64::from(run.bytes) << 32 | u64::from(run.triangle_count)];
+            words[1].extend(runs.iter().flat_map(run));
+        }
+        let [cell_words, run_words] = [&words[0], &words[1]].map(|words| bytemuck::cast_slice(words));
+        record::write(&self.path("sorted"), self.folder(), &head, &[&registers, cell_words, run_words])?;
+        scratch.hold();
+        self.written(begin);
+        Ok(())
+    }
+
+    /// What a build before this has sorted, on the lattice of such a precision; `None` for nothing.
+    pub(super) fn left_sorted(&self, precision: Precision, budget: &Budget) -> Result<Option<Begun>> {
+        let cells = self.path("cells");
+        let record = record::read::<SortedHead>(&self.path("sorted"), budget)?;
+        let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
+        record.map_or(Ok(None), |record| Begun::parse(record, precision, cells))
+    }
+}
+
+impl Begun {
+    /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
+    fn parse(
+        record: record::Record<SortedHead>,
+        precision: Precision,
+        cells: PathBuf,
+    ) -> Result<Option<Begun>> {
+        let head = record.head;
+        let [lo, hi] = head.scanned_bounds.map(|corner| corner.map(f64::from_bits));
+        let [triangle_count, non_finite_count] = head.expected;
+        let median_edge = f64::from_bits(head.median_edge);
+        let scan = Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count, non_finite_count };
+        let is_scan = lo.iter().chain(&hi).chain([&median_edge]).all(|v| v.is_finite())
+            && (0..3).all(|axis| lo[axis] <= hi[axis])
+            && median_edge >= 0.0
+            && non_finite_count <= triangle_count
+            && triangle_count <= TRIANGLES;
+        let Some(grid) = is_scan.then(|| choose(&scan, precision, "").ok()).flatten() else {
+            return Ok(None);
+        };
+        let mut snapped = Snapped::new(&scan, &grid);
+        let Ok([registers, cell_words, run_words]) = <[Vec<u8>; 3]>::try_from(record.blobs) else {
+            return Ok(None);
+        };
+        let is_surface = snapped.surface.restore(head.surface, &registers);
+        (snapped.rejected_degenerate, snapped.rejected_collapsed) =
+            (head.rejected_degenerate, head.rejected_collapsed);
+        (snapped.rejected_non_finite, snapped.exact) = (head.rejected_non_finite, head.is_exact);
+        let [cell_words, run_words] =
+            [cell_words, run_words].map(|words| bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words));
+        let levels = first_levels(triangle_count, &grid);
+        let Some(runs) = runs(&cell_words, &run_words, levels, head.scratch_bytes) else { return Ok(None) };
+        let sorted: u64 =
+            runs.iter().flat_map(|(_, runs)| runs).map(|run| u64::from(run.triangle_count)).sum();
+        let counts = [sorted, head.rejected_degenerate, head.rejected_non_finite];
+        let read = counts.into_iter().try_fold(0u64, |sum, count| sum.checked_add(count));
+        let lattice_bounds = head.lattice_bounds;
+        let is_box = is_on_lattice(&lattice_bounds, grid.bits)
+            && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis]);
+        let is_sound = is_surface
+            && read == Some(head.triangle_count)
+            && head.triangle_count <= TRIANGLES
+            && head.rejected_collapsed <= head.rejected_degenerate
+            && (sorted == 0 || is_box);
+        if !is_sound {
+            return Ok(None);
+        }
+        if sorted > 0 {
+            snapped.bounds = LatticeBox { lo: lattice_bounds[0], hi: lattice_bounds[1] };
+        }
+        let mut scratch = Scratch::left(cells, head.scratch_bytes)?;
+        scratch.hold();
+        let again = Prefix { triangle_count: head.triangle_count, hash: head.hash };
+        Ok(Some(Begun { scan, grid, again, snapped, scratch, runs }))
+    }
+}
+
+/// The cells of a record, of which no two are the same, and their runs, all of which lie in the scratch file; `None`
+/// for words that say anything else.
+fn runs(
+    cell_words: &[u64],
+    run_words: &[u64],
+    levels: u32,
+    scratch_bytes: u64,
+) -> Option<Vec<(Place, Vec<Run>)>> {
+    let (cells, []) = cell_words.as_chunks::<CELL_WORDS>() else { return None };
+    let (mut rest, []) = run_words.as_chunks::<RUN_WORDS>() else { return None };
+    let (mut all, mut seen) = (Vec::with_capacity(cells.len()), HashSet::new());
+    for &[level, x, y, z, run_count] in cells {
+        let level = u32::try_from(level).ok().filter(|&level| level <= levels)?;
+        if [x, y, z].iter().any(|&at| at >> level != 0) {
+            return None;
+        }
+        let place = Place { level, at: [x, y, z].map(|at| at as u32) };
+        let (these, others) = rest.split_at_checked(usize::try_from(run_count).ok()?)?;
+        rest = others;
+        let run = |&[offset, word]: &[u64; RUN_WORDS]| {
+            let run = Run { offset, bytes: (word >> 32) as u32, triangle_count: word as u32 };
+            run.is_sound(scratch_bytes).then_some(run)
+        };
+        all.push((place, these.iter().map(run).collect::<Option<Vec<Run>>>()?));
+        if !seen.insert(place) {
+            return None;
+        }
+    }
+    rest.is_empty().then_some(all)
+}
