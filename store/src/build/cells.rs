@@ -5,7 +5,8 @@
 
 use super::BuildOptions;
 use super::lattice::Grid;
-use super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
+use super::run_writer::{RunWriter, Written};
+use super::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
 use crate::error::Result;
 use crate::geom::hilbert_key;
 use serde::{Deserialize, Serialize};
@@ -106,28 +107,20 @@ pub(super) fn first_levels(triangle_count: u64, grid: &Grid) -> u32 {
 
 /// All cells of one pass.
 pub(super) struct Cells {
-    scratch: Scratch,
+    writer: RunWriter,
     sorted: Sorted,
     cells: Vec<Cell>,
     by_place: HashMap<Place, usize>,
     /// Of the last triangle, and the index of its cell.
     last: (Place, usize),
+    /// Triangles in buffers, and on their way to scratch.
     buffered: u64,
-    encoder: Encoder,
 }
 
 impl Cells {
-    pub(super) fn new(scratch: Scratch, sorted: Sorted) -> Cells {
+    pub(super) fn new(writer: RunWriter, sorted: Sorted) -> Cells {
         let nowhere = (Place { level: u32::MAX, at: [0; 3] }, 0);
-        Cells {
-            scratch,
-            sorted,
-            cells: Vec::new(),
-            by_place: HashMap::new(),
-            last: nowhere,
-            buffered: 0,
-            encoder: Encoder::default(),
-        }
+        Cells { writer, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
     }
 
     pub(super) fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
@@ -140,9 +133,7 @@ impl Cells {
             self.write_run(index)?;
         }
         if self.buffered >= self.sorted.buffered_most {
-            for index in 0..self.cells.len() {
-                self.write_run(index)?;
-            }
+            self.write_all()?;
         }
         Ok(())
     }
@@ -166,37 +157,51 @@ impl Cells {
         if cell.buffer.is_empty() {
             return Ok(());
         }
-        let run = self.encoder.encode(&cell.buffer);
-        cell.runs.push(self.scratch.append(run, cell.buffer.len())?);
-        self.buffered -= cell.buffer.len() as u64;
-        // The memory goes back: many cells are left behind by the stream and never filled again.
-        cell.buffer = Vec::new();
+        // The memory goes with it: many cells are left behind by the stream and never filled again.
+        let buffer = std::mem::take(&mut cell.buffer);
+        if let Some(written) = self.writer.write(index, buffer)? {
+            self.add_run(written);
+        }
+        Ok(())
+    }
+
+    fn add_run(&mut self, Written { owner, run }: Written) {
+        self.cells[owner].runs.push(run);
+        self.buffered -= u64::from(run.triangle_count);
+    }
+
+    /// Writes what is buffered.
+    fn write_all(&mut self) -> Result<()> {
+        (0..self.cells.len()).try_for_each(|index| self.write_run(index))?;
+        while let Some(written) = self.writer.next()? {
+            self.add_run(written);
+        }
         Ok(())
     }
 
     /// Writes what is buffered, and waits until all runs are on the disk.
     pub(super) fn sync(&mut self) -> Result<()> {
-        (0..self.cells.len()).try_for_each(|index| self.write_run(index))?;
-        self.scratch.flush()
+        self.write_all()?;
+        self.writer.scratch().flush()
     }
 
     /// The scratch file, and every cell's runs.
-    pub(super) fn runs(&mut self) -> (&mut Scratch, impl Iterator<Item = (Place, &[Run])> + Clone) {
-        (&mut self.scratch, self.cells.iter().map(|cell| (cell.place, cell.runs.as_slice())))
+    pub(super) fn runs(&self) -> (&Scratch, impl Iterator<Item = (Place, &[Run])> + Clone) {
+        (self.writer.scratch(), self.cells.iter().map(|cell| (cell.place, cell.runs.as_slice())))
     }
 
     /// Goes on with the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
     pub(super) fn restore(&mut self, runs: Vec<(Place, Vec<Run>)>) {
         for (place, runs) in runs {
             self.by_place.insert(place, self.cells.len());
-            self.scratch.set_unread(runs.iter().map(|run| (*run, run.triangle_count)));
+            self.writer.scratch().set_unread(runs.iter().map(|run| (*run, run.triangle_count)));
             self.cells.push(Cell::new(place, runs));
         }
     }
 
     /// Writes what is buffered, cuts cells that are too full, joins small ones.
-    pub(super) fn into_chunks(mut self, options: &BuildOptions) -> Result<(Scratch, Vec<Chunk>)> {
-        (0..self.cells.len()).try_for_each(|index| self.write_run(index))?;
+    pub(super) fn into_chunks(mut self, options: &BuildOptions) -> Result<(RunWriter, Vec<Chunk>)> {
+        self.write_all()?;
         let mut whole = std::mem::take(&mut self.cells);
         // Large triangles first, then along the curve; a place is one cell, so the order is total.
         whole.sort_by_key(|cell| (cell.place.level, cell.key));
@@ -208,15 +213,15 @@ impl Cells {
                 chunks.add(&cell);
             } else {
                 let levels = (cell.place.level + LEVELS_MORE).min(finest);
-                let (scratch, finer) = cut(&cell, self.scratch, levels, &self.sorted, options)?;
-                self.scratch = scratch;
+                let (writer, finer) = cut(&cell, self.writer, levels, &self.sorted, options)?;
+                self.writer = writer;
                 chunks.close();
                 chunks.done.extend(finer);
             }
         }
         chunks.close();
-        self.scratch.flush()?;
-        Ok((self.scratch, chunks.done))
+        self.writer.scratch().flush()?;
+        Ok((self.writer, chunks.done))
     }
 }
 
@@ -224,21 +229,21 @@ impl Cells {
 /// triangles as large as itself.
 fn cut(
     cell: &Cell,
-    scratch: Scratch,
+    writer: RunWriter,
     levels: u32,
     like: &Sorted,
     options: &BuildOptions,
-) -> Result<(Scratch, Vec<Chunk>)> {
-    let mut finer = Cells::new(scratch, Sorted { levels, by: By::Place, ..*like });
+) -> Result<(RunWriter, Vec<Chunk>)> {
+    let mut finer = Cells::new(writer, Sorted { levels, by: By::Place, ..*like });
     let (mut buffer, mut triangles) = (Vec::new(), Vec::new());
     for run in &cell.runs {
         triangles.clear();
-        finer.scratch.read(run, &mut buffer, &mut triangles)?;
+        finer.writer.scratch().read(run, &mut buffer, &mut triangles)?;
         // A run that somebody else has sealed may hold what no lattice does.
         if !triangles.iter().all(|triangle| is_on_lattice(&triangle.q, like.bits)) {
-            return Err(finer.scratch.damaged(run.offset));
+            return Err(finer.writer.scratch().damaged(run.offset));
         }
-        finer.scratch.consume(run, run.triangle_count);
+        finer.writer.scratch().consume(run, run.triangle_count);
         triangles.iter().try_for_each(|&triangle| finer.push(triangle))?;
     }
     finer.into_chunks(options)

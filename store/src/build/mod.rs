@@ -31,6 +31,7 @@ mod plan;
 mod progress_record;
 mod publish;
 mod record;
+mod run_writer;
 mod sah;
 mod scratch;
 mod snap;
@@ -320,7 +321,7 @@ impl Site<'_> {
         let parted = partition::partition(source, start, options, tell)?;
         out.phase_ms.generate += parted.wait_ms;
         let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
-        let mut read = Read { parted, materials_json, source: source.stats() };
+        let read = Read { parted, materials_json, source: source.stats() };
         if let Some(journal) = journal.filter(|journal| journal.has_record || journal.is_due()) {
             journal.has_record = journal.write_chunks(&read, &options.budget)?;
             journal.forget("sorted")?;

@@ -12,6 +12,7 @@
 use super::cells::{By, Cells, Chunk, Sorted, first_levels};
 use super::journal::Journal;
 use super::lattice::{Grid, Scan, Tell};
+use super::run_writer::RunWriter;
 use super::scratch::{LatticeTriangle, Scratch};
 use super::snap::{Prefix, Snapped, Snapper};
 use super::sorted_record::Begun;
@@ -88,11 +89,11 @@ pub(super) fn partition(
     let mut snapper = Snapper::new(grid, name.clone());
     let mut sorter = match begun {
         None => {
-            let cells = Cells::new(Scratch::create(place)?, sorted);
+            let cells = Cells::new(RunWriter::start(Scratch::create(place)?)?, sorted);
             Sorter { scan, again: None, snapped: Snapped::new(&scan, &grid), cells, journal }
         }
         Some(Begun { again, snapped, scratch, runs, .. }) => {
-            let mut cells = Cells::new(scratch, sorted);
+            let mut cells = Cells::new(RunWriter::start(scratch)?, sorted);
             cells.restore(runs);
             let again = Some(again).filter(|prefix| prefix.triangle_count > 0);
             Sorter { scan, again, snapped, cells, journal }
@@ -102,7 +103,8 @@ pub(super) fn partition(
     let waited = sorter.run(source, &mut snapper, options, &tell_count)?;
 
     let Sorter { cells, snapped, .. } = sorter;
-    let (scratch, chunks) = cells.into_chunks(options)?;
+    let (writer, chunks) = cells.into_chunks(options)?;
+    let scratch = writer.finish();
     let lattice_bounds = [snapped.bounds.lo, snapped.bounds.hi];
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
     if triangle_count == 0 {

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::File;
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 
 /// A triangle on the lattice.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,13 +64,17 @@ const WIDTH_MOST: usize = 5;
 /// Bytes between the seal and the columns.
 const HEAD_BYTES: usize = 3 * 8 + COLUMNS;
 
-/// The file. Writing needs `&mut`, reading does not.
+/// The file. One thread appends; any read.
 pub(super) struct Scratch {
     file: ScratchFile,
+    state: Mutex<State>,
+}
+
+struct State {
     end: u64,
     flushed: u64,
     /// Triangles not yet consumed, per segment.
-    live: Mutex<HashMap<u64, u64>>,
+    live: HashMap<u64, u64>,
     /// Segments stay that hold no others: a record speaks of their runs.
     is_held: bool,
 }
@@ -78,59 +82,68 @@ pub(super) struct Scratch {
 impl Scratch {
     /// A new one.
     pub(super) fn create(place: Place) -> Result<Scratch> {
-        Ok(Scratch {
-            file: ScratchFile::at(place)?,
-            end: 0,
-            flushed: 0,
-            live: Mutex::default(),
-            is_held: false,
-        })
+        Ok(Scratch::from(ScratchFile::at(place)?, 0))
     }
 
     /// The one that a build before this has left, of `end` bytes.
     pub(super) fn left(path: PathBuf, end: u64) -> Result<Scratch> {
-        let file = ScratchFile::at(Place::Left(path))?;
-        Ok(Scratch { file, end, flushed: end, live: Mutex::default(), is_held: false })
+        Ok(Scratch::from(ScratchFile::at(Place::Left(path))?, end))
+    }
+
+    fn from(file: ScratchFile, end: u64) -> Scratch {
+        let state = State { end, flushed: end, live: HashMap::new(), is_held: false };
+        Scratch { file, state: Mutex::new(state) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("no panic while held")
     }
 
     /// Says how many triangles of the runs of one that was left are still to be read.
-    pub(super) fn set_unread(&mut self, unread: impl Iterator<Item = (Run, u32)>) {
-        let live = self.live.get_mut().expect("no panic while held");
+    pub(super) fn set_unread(&self, unread: impl Iterator<Item = (Run, u32)>) {
+        let mut state = self.state();
         for (run, triangle_count) in unread {
-            *live.entry(run.offset / SEGMENT_BYTES).or_default() += u64::from(triangle_count);
+            *state.live.entry(run.offset / SEGMENT_BYTES).or_default() += u64::from(triangle_count);
         }
     }
 
     /// Bytes written.
     pub(super) fn bytes(&self) -> u64 {
-        self.end
+        self.state().end
     }
 
     /// Appends a run made by [`Encoder`].
-    pub(super) fn append(&mut self, mut encoded: Vec<u8>, triangle_count: usize) -> Result<Run> {
-        if self.end / SEGMENT_BYTES != (self.end + encoded.len() as u64) / SEGMENT_BYTES {
-            self.end = self.end.next_multiple_of(SEGMENT_BYTES);
-        }
-        let live = self.live.get_mut().expect("no panic while held");
-        *live.entry(self.end / SEGMENT_BYTES).or_default() += triangle_count as u64;
-        seal(&mut encoded, self.end);
-        self.file.write(&encoded, self.end)?;
-        let run =
-            Run { offset: self.end, bytes: encoded.len() as u32, triangle_count: triangle_count as u32 };
-        self.end += encoded.len() as u64;
-        if self.end - self.flushed >= FLUSH_BYTES {
+    pub(super) fn append(&self, mut encoded: Vec<u8>, triangle_count: usize) -> Result<Run> {
+        let offset = {
+            let mut state = self.state();
+            if state.end / SEGMENT_BYTES != (state.end + encoded.len() as u64) / SEGMENT_BYTES {
+                state.end = state.end.next_multiple_of(SEGMENT_BYTES);
+            }
+            let offset = state.end;
+            *state.live.entry(offset / SEGMENT_BYTES).or_default() += triangle_count as u64;
+            state.end += encoded.len() as u64;
+            offset
+        };
+        seal(&mut encoded, offset);
+        self.file.write(&encoded, offset)?;
+        let is_full = {
+            let state = self.state();
+            state.end - state.flushed >= FLUSH_BYTES
+        };
+        if is_full {
             self.flush()?;
         }
-        Ok(run)
+        Ok(Run { offset, bytes: encoded.len() as u32, triangle_count: triangle_count as u32 })
     }
 
     /// Writes back what is dirty and drops it from the page cache.
-    pub(super) fn flush(&mut self) -> Result<()> {
+    pub(super) fn flush(&self) -> Result<()> {
         let file = self.file.file();
         retry_on_intr(|| fdatasync(file))
             .map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
-        drop_cache(file, self.flushed, self.end - self.flushed);
-        self.flushed = self.end;
+        let mut state = self.state();
+        drop_cache(file, state.flushed, state.end - state.flushed);
+        state.flushed = state.end;
         Ok(())
     }
 
@@ -150,34 +163,31 @@ impl Scratch {
     /// it can.
     pub(super) fn consume(&self, run: &Run, triangle_count: u32) {
         let segment = run.offset / SEGMENT_BYTES;
-        let mut live = self.live.lock().expect("no panic while held");
-        let left = live.get_mut(&segment).expect("who reads a run has told of it");
+        let mut state = self.state();
+        let left = state.live.get_mut(&segment).expect("who reads a run has told of it");
         *left -= u64::from(triangle_count);
-        if *left == 0 && !self.is_held {
+        if *left == 0 && !state.is_held && state.end / SEGMENT_BYTES > segment {
             self.drop_segment(segment);
         }
     }
 
     /// Gives no segment back from now on: there is a record that speaks of all runs.
-    pub(super) fn hold(&mut self) {
-        self.is_held = true;
+    pub(super) fn hold(&self) {
+        self.state().is_held = true;
     }
 
     /// That record is gone: gives back what could have been since.
-    pub(super) fn let_go(&mut self) {
-        self.is_held = false;
-        let live = self.live.get_mut().expect("no panic while held");
-        let empty: Vec<u64> =
-            live.iter().filter(|(_, left)| **left == 0).map(|(&segment, _)| segment).collect();
-        empty.into_iter().for_each(|segment| self.drop_segment(segment));
+    pub(super) fn let_go(&self) {
+        let mut state = self.state();
+        state.is_held = false;
+        let last = state.end / SEGMENT_BYTES;
+        let empty = state.live.iter().filter(|(segment, left)| **left == 0 && **segment < last);
+        empty.for_each(|(&segment, _)| self.drop_segment(segment));
     }
 
-    /// Gives a segment back, unless runs are still to come to it.
     fn drop_segment(&self, segment: u64) {
-        if self.end / SEGMENT_BYTES > segment {
-            let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
-            let _ = fallocate(self.file.file(), flags, segment * SEGMENT_BYTES, SEGMENT_BYTES);
-        }
+        let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+        let _ = fallocate(self.file.file(), flags, segment * SEGMENT_BYTES, SEGMENT_BYTES);
     }
 }
 
@@ -298,7 +308,7 @@ mod tests {
     #[test]
     fn segments_stay_while_a_record_speaks_of_them() {
         let folder = tempfile::tempdir().unwrap();
-        let mut scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
+        let scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
         let blocks = |scratch: &Scratch| scratch.file.file().metadata().unwrap().blocks();
         let corner = |i: i64| [i * 0x1234_5678 % 0xff_ffff_ffff, i * 0x7654_3211 % 0xff_ffff_ffff, i];
         let triangles: Vec<_> = (0..RUN_TRIANGLES as i64)

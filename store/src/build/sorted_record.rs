@@ -171,7 +171,7 @@ impl Begun {
         if sorted > 0 {
             snapped.bounds = LatticeBox { lo: lattice_bounds[0], hi: lattice_bounds[1] };
         }
-        let mut scratch = Scratch::left(cells, head.scratch_bytes)?;
+        let scratch = Scratch::left(cells, head.scratch_bytes)?;
         scratch.hold();
         let again = Prefix { triangle_count: head.triangle_count, hash: head.hash };
         Ok(Some(Begun { scan, grid, again, snapped, scratch, runs }))

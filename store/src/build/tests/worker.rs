@@ -13,7 +13,7 @@ const SIDE: i64 = 256;
 /// Bytes at most for a chunk of `triangles`, and pages of it.
 fn taken(triangles: &[LatticeTriangle], material_count: usize) -> (u64, usize) {
     let folder = tempfile::tempdir().unwrap();
-    let mut scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
+    let scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
     let (mut encoder, mut chunk) = (Encoder::default(), Chunk::default());
     for run in triangles.chunks(RUN_TRIANGLES) {
         let run = scratch.append(encoder.encode(run), run.len()).unwrap();

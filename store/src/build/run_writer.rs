@@ -1,0 +1,102 @@
+//! `RunWriter`: packs runs and writes them to scratch, on a thread of its own.
+//!
+//! Invariants: 1. runs come back in the order in which they were given; 2. no more than [`MOST`] are under way;
+//! 3. an error comes back in the place of its run.
+
+use super::scratch::{Encoder, LatticeTriangle, Run, Scratch};
+use crate::error::{Code, Error, Result};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+/// Most runs under way.
+const MOST: usize = 16;
+
+/// A run that is written, and whose it is.
+pub(super) struct Written {
+    pub(super) owner: usize,
+    pub(super) run: Run,
+}
+
+/// The thread's handle. Dropped, it waits for what is under way.
+pub(super) struct RunWriter {
+    scratch: Arc<Scratch>,
+    /// `None` once no more can come.
+    jobs: Option<SyncSender<(usize, Vec<LatticeTriangle>)>>,
+    done: Receiver<Result<Written>>,
+    under_way: usize,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl RunWriter {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// [`Code::Io`] where the system gives none.
+    pub(super) fn start(scratch: Scratch) -> Result<RunWriter> {
+        let (jobs, given) = sync_channel::<(usize, Vec<LatticeTriangle>)>(MOST);
+        let (tell, done) = sync_channel(MOST);
+        let scratch = Arc::new(scratch);
+        let file = Arc::clone(&scratch);
+        let write_all = move || {
+            let mut encoder = Encoder::default();
+            while let Ok((owner, triangles)) = given.recv() {
+                let run = file.append(encoder.encode(&triangles), triangles.len());
+                // The memory goes back before the run counts as written.
+                drop(triangles);
+                if tell.send(run.map(|run| Written { owner, run })).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread =
+            std::thread::Builder::new().name("trex-cells".into()).spawn(write_all).map_err(|error| {
+                Error::new(Code::Io, "the system refused a thread")
+                    .at_place("the writer of scratch")
+                    .numbers(error.to_string())
+                    .next("raise the limit of processes, or end some")
+            })?;
+        Ok(RunWriter { scratch, jobs: Some(jobs), done, under_way: 0, thread: Some(thread) })
+    }
+
+    /// The file.
+    pub(super) fn scratch(&self) -> &Scratch {
+        &self.scratch
+    }
+
+    /// Gives a run to the thread; waits for the first of those under way where they are [`MOST`], and gives it.
+    pub(super) fn write(&mut self, owner: usize, triangles: Vec<LatticeTriangle>) -> Result<Option<Written>> {
+        let written = if self.under_way == MOST { self.next()? } else { None };
+        let jobs = self.jobs.as_ref().expect("runs come before the end");
+        jobs.send((owner, triangles)).expect("the thread takes what comes until it is told the end");
+        self.under_way += 1;
+        Ok(written)
+    }
+
+    /// The first of those under way, once it is written; `None` where there are none.
+    pub(super) fn next(&mut self) -> Result<Option<Written>> {
+        if self.under_way == 0 {
+            return Ok(None);
+        }
+        self.under_way -= 1;
+        self.done.recv().expect("the thread answers all that it was given").map(Some)
+    }
+
+    /// Ends the thread, and gives the file back. What is under way must have been taken before.
+    pub(super) fn finish(self) -> Scratch {
+        assert_eq!(self.under_way, 0, "runs that nobody took");
+        let scratch = Arc::clone(&self.scratch);
+        drop(self);
+        Arc::into_inner(scratch).expect("the thread has ended")
+    }
+}
+
+impl Drop for RunWriter {
+    fn drop(&mut self) {
+        self.jobs = None;
+        // It ends: there is room for all answers. A panic of it is told where its answer is awaited.
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
