@@ -49,6 +49,7 @@ pub use photon::irradiance::PhotonMap;
 pub use scene::camera::{
     Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS, up_axis,
 };
+pub use scene::edit::{Quality, RenderEdit};
 pub use scene::parse_views;
 pub use scene::settings::{
     Filter, K_NEAREST_MAX, K_NEAREST_MIN, LOD_ERROR_MAX_PIXELS, Method, N_GATHER_MAX, N_SHADOW_MAX, Near,

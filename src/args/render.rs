@@ -5,7 +5,10 @@ use crate::values::{self, Milliseconds, Resolution, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_render::{FetchBlock, FrameOptions, Method, Near, Occluders, Saliency, Scene, TileOrder};
+use trex_render::{
+    FetchBlock, Filter, FrameOptions, Method, Near, Occluders, Quality, RenderEdit, Saliency, Scene,
+    TileOrder,
+};
 
 /// `trex render`
 #[derive(Debug, Args)]
@@ -26,9 +29,6 @@ pub struct RenderArgs {
     /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
     #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,
-    /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else off)
-    #[arg(long, value_enum, value_name = "WHETHER")]
-    pub filter: Option<Switch>,
     /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an
     /// array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml", conflicts_with = "t_max")]
@@ -67,7 +67,10 @@ Examples:
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Picture options (default: the scene's)")]
 pub struct PictureArgs {
-    /// How light is computed (else direct; stress: photon)
+    /// Many of these at once, a trade of time for accuracy; those given beside it go before it (else normal)
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub quality: Option<QualityArg>,
+    /// How light is computed (else photon; direct where the file has no voxels)
     #[arg(long, value_enum, value_name = "NAME")]
     pub integrator: Option<Integrator>,
     /// Size of the picture, pixels (else 1024x1024; stress: 512x512)
@@ -79,7 +82,7 @@ pub struct PictureArgs {
     /// Gather rays per hit, of photon and full-gi (else 2)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
     pub n_gather: Option<u32>,
-    /// Photons in all (else 2M)
+    /// Photons in all (else 1M; stress, view: 2M)
     #[arg(long, value_name = "N", value_parser = values::count)]
     pub photons: Option<u64>,
     /// Photons that tell the light of a place, of full-gi (else 50)
@@ -94,6 +97,9 @@ pub struct PictureArgs {
     /// Whether voxels are what their bitmaps say, or whole cubes (else on)
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub occluders: Option<Switch>,
+    /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else on)
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub filter: Option<Switch>,
     /// Where a leaf voxel covers at most this many pixels it stands for the mesh; 0 = the exact mesh everywhere (else
     /// 0; stress: 1)
     #[arg(long, value_name = "PX", value_parser = values::pixels)]
@@ -157,24 +163,36 @@ impl PictureArgs {
         if fov_x.is_some() || fov_y.is_some() {
             (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
         }
-        let render = &mut scene.render;
-        render.integrator = self.integrator.map_or(render.integrator, Integrator::method);
-        render.resolution = self.resolution.as_ref().map_or(render.resolution, |r| [r.width, r.height]);
-        render.n_shadow = self.n_shadow.unwrap_or(render.n_shadow);
-        render.n_gather = self.n_gather.unwrap_or(render.n_gather);
-        render.photons = self.photons.unwrap_or(render.photons);
-        render.k_nearest = self.k_nearest.unwrap_or(render.k_nearest);
-        render.bake |= self.bake;
-        render.near = self.near.map_or(render.near, |near| match near {
-            NearArg::Voxel => Near::Voxel,
-            NearArg::Exact => Near::Exact,
-        });
-        render.occluders = self.occluders.map_or(render.occluders, |occluders| match occluders {
-            Switch::On => Occluders::On,
-            Switch::Off => Occluders::Off,
-        });
-        render.lod_error = self.lod_error.unwrap_or(render.lod_error);
-        render.seed = self.seed.unwrap_or(render.seed);
+        let edit = self.edit();
+        scene.render = edit.apply(&scene.render);
+        scene.given.quality = edit.quality.or(scene.given.quality);
+        scene.given.integrator = edit.integrator.or(scene.given.integrator);
+    }
+
+    fn edit(&self) -> RenderEdit {
+        let is_on = |switch: Switch| switch == Switch::On;
+        RenderEdit {
+            quality: self.quality.map(QualityArg::quality),
+            integrator: self.integrator.map(Integrator::method),
+            resolution: self.resolution.as_ref().map(|r| [r.width, r.height]),
+            spp: None,
+            n_shadow: self.n_shadow,
+            n_gather: self.n_gather,
+            photons: self.photons,
+            k_nearest: self.k_nearest,
+            bake: self.bake.then_some(true),
+            near: self.near.map(|near| match near {
+                NearArg::Voxel => Near::Voxel,
+                NearArg::Exact => Near::Exact,
+            }),
+            occluders: self
+                .occluders
+                .map(|switch| if is_on(switch) { Occluders::On } else { Occluders::Off }),
+            lod_error: self.lod_error,
+            filter: self.filter.map(|switch| if is_on(switch) { Filter::On } else { Filter::Off }),
+            exposure: None,
+            seed: self.seed,
+        }
     }
 }
 
@@ -206,6 +224,16 @@ impl DeadlineArgs {
                 Some(TileOrderArg::Random) => TileOrder::Random,
                 None | Some(TileOrderArg::Saliency) => TileOrder::Saliency(saliency),
             },
+        }
+    }
+}
+
+impl QualityArg {
+    fn quality(self) -> Quality {
+        match self {
+            QualityArg::Draft => Quality::Draft,
+            QualityArg::Normal => Quality::Normal,
+            QualityArg::Reference => Quality::Reference,
         }
     }
 }
@@ -263,6 +291,17 @@ pub struct CameraArgs {
     /// Field of view from bottom to top, degrees
     #[arg(long, value_name = "DEG", value_parser = values::degrees)]
     pub fov_y: Option<f64>,
+}
+
+/// `--quality`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum QualityArg {
+    /// A look, in the shortest time that shows all light
+    Draft,
+    /// A picture to work with
+    Normal,
+    /// What others are measured by: path, for as long as it takes
+    Reference,
 }
 
 /// `--integrator`.

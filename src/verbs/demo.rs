@@ -4,7 +4,7 @@ use super::build::{Built, Work};
 use super::inputs;
 use super::render::Job;
 use super::rendered::Rendered;
-use super::stage::io_options;
+use super::stage::{io_options, layers_of};
 use crate::args::DemoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -12,7 +12,7 @@ use datasets_gen::{Spec, views};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
-use trex_render::{Layers, Method, Scene};
+use trex_render::Scene;
 use trex_store::build::{self, Existing, Precision, Voxels};
 use trex_store::{Code, Error};
 
@@ -56,7 +56,6 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene.camera.fov_x = Some(view.fov_x_deg);
     }
     scene.render.resolution = [args.resolution.width, args.resolution.height];
-    scene.render.integrator = Method::Photon;
     scene.render.spp = args.spp;
     scene.render.seed = args.seed;
     let job = Job {
@@ -65,7 +64,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         output: &args.output,
         camera_path: None,
         overwrite,
-        layers: Layers::default(),
+        layers: layers_of(&scene.render),
         io: io_options(&args.disk),
         time_limit: None,
         live: None,

@@ -7,8 +7,8 @@
 use super::picture_file::PictureFile;
 use super::rendered::{Image, Picture, Rendered};
 use super::show::Show;
-use super::stage::{Play, Stage, StageTracer, io_options, open_scene, read_views};
-use crate::args::{Layer, RenderArgs, Switch};
+use super::stage::{Play, Stage, StageTracer, io_options, layers_of, open_scene, read_views, suit_file};
+use crate::args::{Layer, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_bench::RayRates;
 use trex_render::{
-    Camera, Event, Filter, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RenderKeys,
-    RenderStats, Scene, Session,
+    Camera, Event, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RenderKeys, RenderStats, Scene,
+    Session,
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result};
@@ -37,12 +37,13 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
     }
     let (mut scene, path) = open_scene(&args.file)?;
     override_scene(&mut scene, args);
+    suit_file(&mut scene, &path, ctx)?;
     let layers = Layers {
         depth: args.layers.contains(&Layer::Depth),
         normal: args.layers.contains(&Layer::Normal),
         albedo: args.layers.contains(&Layer::Albedo),
         id: args.layers.contains(&Layer::Id),
-        filter: scene.render.filter == Filter::On,
+        ..layers_of(&scene.render)
     };
     let job = Job {
         scene: &scene,
@@ -66,10 +67,6 @@ fn override_scene(scene: &mut Scene, args: &RenderArgs) {
     args.picture.override_scene(scene);
     let render = &mut scene.render;
     render.spp = args.spp.unwrap_or(render.spp);
-    render.filter = args.filter.map_or(render.filter, |filter| match filter {
-        Switch::On => Filter::On,
-        Switch::Off => Filter::Off,
-    });
     render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
 }
 

@@ -8,11 +8,12 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trex_render::{
-    Camera, Emitter, FrameOptions, Layers, MemoryPlan, Model, PagedMesh, PictureNeeds, PooledPages,
-    RenderSettings, Scene, Session, SessionSetup, View, Voxels, model_bytes, parse_views, pooled_tracers,
+    Camera, Emitter, Filter, FrameOptions, Layers, MemoryPlan, Method, Model, PagedMesh, PictureNeeds,
+    PooledPages, RenderEdit, RenderKeys, RenderSettings, Scene, Session, SessionSetup, View, Voxels,
+    model_bytes, parse_views, pooled_tracers,
 };
 use trex_store::io::IoOptions;
-use trex_store::layout::PageKind;
+use trex_store::layout::{PageKind, SectionKind};
 use trex_store::pool::{PagePool, PageState, PoolOptions};
 use trex_store::{Budget, Code, Error, Lease, PageFile, Result, open_regular};
 
@@ -105,6 +106,43 @@ pub fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
     let scene = Scene::parse(&text, file)?;
     let model = file.parent().unwrap_or(Path::new("")).join(&scene.model);
     Ok((scene, model))
+}
+
+/// What is looked at while it changes begins without the filter and, without a scene, with the footprint rule: frames
+/// come sooner.
+pub fn begin_live(scene: &mut Scene) {
+    if scene.model.is_empty() {
+        scene.render.lod_error = 1.0;
+    }
+    if scene.given.filter.is_none() && scene.given.quality.is_none() {
+        scene.render.filter = Filter::Off;
+    }
+    // Photons go on coming while the picture is looked at.
+    if scene.given.photons.is_none() && scene.given.quality.is_none() {
+        scene.render.photons = RenderKeys::default().photons;
+    }
+}
+
+/// Smoothed light needs layers.
+pub fn layers_of(keys: &RenderKeys) -> Layers {
+    Layers { filter: keys.filter == Filter::On, ..Layers::default() }
+}
+
+/// What nobody has asked for gives way to what the file has: without voxels there is direct light.
+///
+/// # Errors
+/// Those of [`PageFile::superblock_of`].
+pub fn suit_file(scene: &mut Scene, file: &Path, ctx: &Context) -> Result<()> {
+    if scene.given.says_integrator() || !scene.render.integrator.needs_voxels() {
+        return Ok(());
+    }
+    if PageFile::superblock_of(file)?.find_section(SectionKind::Upper).is_none() {
+        let direct = RenderEdit { integrator: Some(Method::Direct), ..RenderEdit::default() };
+        scene.render = direct.apply(&scene.render);
+        ctx.console
+            .note("note: the file has no voxels, so that light is direct; --integrator path has all of it");
+    }
+    Ok(())
 }
 
 /// The libraries' form of `--io` and `--direct`.

@@ -1,7 +1,7 @@
 //! `trex stress`: views, lights and limits that change, and a verdict.
 
 use super::picture_file::PictureFile;
-use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, read_views};
+use super::stage::{Play, ResidentPages, Stage, begin_live, io_options, layers_of, open_scene, read_views};
 use crate::args::StressArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -15,7 +15,7 @@ use std::time::Duration;
 use trex_bench::stress::{
     self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions, Times,
 };
-use trex_render::{FetchBlock, Layers, Method, PagedTracer, Scene, Session};
+use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
 
@@ -27,10 +27,9 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let output = args.output.as_ref().map(|path| PictureFile::check(path, args.overwrite, Layers::default()));
     let output = output.transpose()?;
     let (mut scene, path) = open_scene(&args.file)?;
-    let is_page_file = scene.model.is_empty();
-    let render = &mut scene.render;
-    if is_page_file {
-        (render.integrator, render.resolution, render.lod_error) = (Method::Photon, [512, 512], 1.0);
+    begin_live(&mut scene);
+    if scene.model.is_empty() {
+        scene.render.resolution = [512, 512];
     }
     args.picture.override_scene(&mut scene);
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
@@ -42,7 +41,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let resolution = scene.render.resolution;
     let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
     let copies_bytes = if references.is_some() { Snapshots::bytes(resolution) } else { 0 };
-    let layers = Layers::default();
+    let layers = layers_of(&scene.render);
     let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
     let stage = Stage::open(&play, ctx)?;
     let mut session = stage.session(ctx)?;
@@ -131,7 +130,7 @@ fn references(
     spp: u32,
 ) -> anyhow::Result<References> {
     let mut exact = scene.clone();
-    exact.render.lod_error = 0.0;
+    (exact.render.lod_error, exact.render.filter) = (0.0, Filter::Off);
     let io = io_options(&args.disk);
     let layers = Layers::default();
     let play = Play { scene: &exact, file: path, layers, io: &io, live: None, copies_bytes: 0 };

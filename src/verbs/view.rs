@@ -4,7 +4,7 @@
 //! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
 //! ```
 
-use super::stage::{Play, Stage, io_options, open_scene};
+use super::stage::{Play, Stage, begin_live, io_options, layers_of, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -18,7 +18,7 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_render::{Filter, FrameOptions, Layers, MemoryPlan, Method, PictureNeeds, RenderSettings, Scene};
+use trex_render::{FrameOptions, MemoryPlan, PictureNeeds, RenderSettings, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
@@ -36,10 +36,8 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = args.picture.resolution.is_none() && !scene.says_resolution;
-    if scene.model.is_empty() {
-        (scene.render.integrator, scene.render.lod_error) = (Method::Photon, 1.0);
-    }
+    let follows_page = args.picture.resolution.is_none() && scene.given.resolution.is_none();
+    begin_live(&mut scene);
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
     }
@@ -53,7 +51,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
 
     let io = io_options(&args.disk);
     let stage = loop {
-        let layers = layers_of(&RenderSettings::new(scene.render)?);
+        let layers = layers_of(&scene.render);
         let copies_bytes = view_bytes(scene.render.resolution);
         let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
         match Stage::open(&play, ctx) {
@@ -120,11 +118,6 @@ fn check_resolution(scene: &Scene) -> Result<()> {
 fn halved(resolution: [u32; 2]) -> Option<[u32; 2]> {
     let halved = resolution.map(|side| side / 2);
     halved.iter().all(|&side| side >= SIDE_LEAST).then_some(halved)
-}
-
-/// Smoothed light needs layers.
-fn layers_of(settings: &RenderSettings) -> Layers {
-    Layers { filter: settings.filter == Filter::On, ..Layers::default() }
 }
 
 fn listen(args: &ViewArgs) -> Result<TcpListener> {

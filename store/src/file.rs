@@ -74,6 +74,14 @@ impl PageFile {
         Ok(PageFile { path, file, block, pages, root_counts, top, materials, emitters, _lease: lease })
     }
 
+    /// The superblock of a file that is not opened: nothing else of it is read.
+    ///
+    /// # Errors
+    /// Those of [`PageFile::open`] but of its tables.
+    pub fn superblock_of(path: &Path) -> Result<Superblock> {
+        read_superblock(&open_regular(path)?, path)
+    }
+
     /// The path it was opened by.
     pub fn path(&self) -> &Path {
         &self.path

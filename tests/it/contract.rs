@@ -257,7 +257,8 @@ fn documents_hold_what_scripts_rely_on() {
     check(&info, "trex.info/1", &INFO);
     let verified = document_in(inside, "verify plant.trex");
     check(&verified, "trex.verify/1", &with_memory(&VERIFY));
-    let rendered = document_in(inside, "render plant.trex -o plant.png --resolution 40x30 --spp 2");
+    let rendered =
+        document_in(inside, "render plant.trex -o plant.png --filter off --resolution 40x30 --spp 2");
     check(&rendered, "trex.render/1", &with_memory(&RENDER));
     let demo = document_in(inside, "demo --triangles 50k --resolution 16x16 --spp 1 -o demo.png");
     check(&demo, "trex.demo/1", &[("build.triangle_count", Count), ("render.image.mean", Vec3)]);

@@ -57,7 +57,7 @@ impl Victim {
     #[track_caller]
     fn refused(&self, code: &str) {
         let before = listing(self.folder());
-        for line in ["info bad.trex", "render bad.trex -o out.png --resolution 8x8"] {
+        for line in ["info bad.trex", "render bad.trex -o out.png --resolution 8x8 --integrator direct"] {
             run_in(self.folder(), &format!("{line} --json -q")).expect_error(3, code);
         }
         assert_eq!(listing(self.folder()), before);
@@ -125,12 +125,15 @@ fn a_flip_anywhere_is_found() {
 fn a_head_or_a_tail_alone_will_do() {
     let victim = Victim::build("gen:soup:20k --voxels 64");
     let length = victim.bytes.len() as u64;
-    let whole = document_in(victim.folder(), "render whole.trex -o whole.png --resolution 16x16 --spp 1");
+    let whole = document_in(
+        victim.folder(),
+        "render whole.trex -o whole.png --resolution 16x16 --spp 1 --integrator direct",
+    );
     for (what, at) in
         [("magic", 0), ("head", 500), ("tail", length - 500), ("the tail's magic", length - HEAD_BYTES)]
     {
         victim.flip(&[at]);
-        let line = "render bad.trex -o bad.png --resolution 16x16 --spp 1 --overwrite";
+        let line = "render bad.trex -o bad.png --resolution 16x16 --spp 1 --overwrite --integrator direct";
         let opened = document_in(victim.folder(), line);
         assert_eq!(opened["image"]["mean"], whole["image"]["mean"], "{what}");
         assert_eq!(opened["exact"], true, "{what}");
@@ -236,10 +239,10 @@ fn damaged_links_are_refused_by_those_who_read_them() {
         victim.flip(&[section.offset + at]);
         let damage = &victim.damage()["damage"][0];
         assert!(damage["what"].as_str().unwrap().contains("lower octrees"), "byte {at}: {damage}");
-        let line = "render bad.trex -o out.png --overwrite --resolution 8x8 --spp 1";
-        let ran = run_in(victim.folder(), &format!("{line} --integrator ao --json -q"));
+        let line = "render bad.trex -o out.png --overwrite --resolution 8x8 --spp 1 --integrator";
+        let ran = run_in(victim.folder(), &format!("{line} ao --json -q"));
         assert!(ran.expect_error(3, "damaged")["what"].as_str().unwrap().contains("lower octrees"));
-        assert_eq!(document_in(victim.folder(), line)["exact"], true, "byte {at}");
+        assert_eq!(document_in(victim.folder(), &format!("{line} direct"))["exact"], true, "byte {at}");
     }
 }
 
@@ -277,7 +280,8 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
     victim.flip(&[pages[page].offset + 100]);
     let line = |file: &str, output: &str| {
         format!(
-            "render {file} -o {output} --resolution {side}x{side} --spp 2 --camera-position {},{},{} \
+            "render {file} -o {output} --integrator direct --resolution {side}x{side} --spp 2 \
+             --camera-position {},{},{} \
              --camera-target {},{},{} --camera-up 0,1,0 --fov-x {degrees}",
             center[0],
             center[1],
@@ -328,7 +332,7 @@ fn even_a_file_with_no_whole_page_gives_a_picture() {
     let victim = Victim::build("gen:soup:20k --voxels 64");
     let offsets: Vec<u64> = victim.file.pages().iter().map(|page| page.offset).collect();
     victim.flip(&offsets);
-    let line = "render bad.trex -o bad.png --resolution 16x16 --spp 1";
+    let line = "render bad.trex -o bad.png --resolution 16x16 --spp 1 --integrator direct";
     let document = document_in(victim.folder(), &format!("{line} --allow-damage"));
     assert_eq!(document["exact"], false);
     assert!(!document["damaged_pages"].as_array().unwrap().is_empty());

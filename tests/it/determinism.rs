@@ -118,7 +118,7 @@ fn pictures_do_not_depend_on_threads_limits_or_backends() {
         ] {
             let rendered = document_in(
                 inside.path(),
-                &format!("render plant.trex -o {picture} {view} --overwrite {flags}"),
+                &format!("render plant.trex -o {picture} {view} --integrator direct --overwrite {flags}"),
             );
             let found = (hash_of(&inside.path().join(picture)), rendered["image"]["mean"].clone());
             assert_eq!(
@@ -127,7 +127,10 @@ fn pictures_do_not_depend_on_threads_limits_or_backends() {
                 "{picture} {flags}: other pixels"
             );
         }
-        document_in(inside.path(), &format!("render plant.trex -o {picture} {view} --overwrite --seed 2"));
+        document_in(
+            inside.path(),
+            &format!("render plant.trex -o {picture} {view} --integrator direct --overwrite --seed 2"),
+        );
         assert_ne!(
             hash_of(&inside.path().join(picture)),
             expected.unwrap().0,

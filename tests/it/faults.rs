@@ -12,8 +12,8 @@ use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Code, PageFile};
 
 /// Reads a few hundred pages.
-const RENDER: &str =
-    "render m.trex -o out.png --overwrite --resolution 320x240 --spp 1 --memory-limit 64MiB --json";
+const RENDER: &str = "render m.trex -o out.png --overwrite --resolution 320x240 --spp 1 --memory-limit 64MiB \
+                      --json --integrator direct";
 
 /// A folder; `None`, said aloud, where strace cannot be had.
 pub(crate) fn traced_folder() -> Option<tempfile::TempDir> {
@@ -46,7 +46,7 @@ fn run_with(inside: &Path, inject: &str, line: &str) -> Ran {
 #[test]
 fn a_ring_that_fails_costs_a_line() {
     let Some(inside) = model() else { return };
-    let whole = document_in(inside.path(), RENDER.trim_end_matches(" --json"));
+    let whole = document_in(inside.path(), &RENDER.replace(" --json", ""));
     let picture = hash_of(&inside.path().join("out.png"));
     if whole["io_backend"]["backend"] != "uring" {
         return cannot_run("this machine has no io_uring");
@@ -69,7 +69,7 @@ fn a_ring_that_fails_costs_a_line() {
 fn a_loader_that_panics_ends_the_command() {
     let Some(inside) = model() else { return };
     // Each reading thread makes more calls than the one that opens the file.
-    let render = format!("{RENDER} --io pread --integrator path");
+    let render = format!("{RENDER} --io pread").replace("integrator direct", "integrator path");
     let render = render.replace("64MiB", "38MiB").replace("--spp 1", "--spp 16");
     for more in ["", " --time-limit 30"] {
         let start = Instant::now();

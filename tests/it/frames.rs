@@ -9,8 +9,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{
     Camera, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Layers, Light, LiveSession,
-    MaterialEdit, Method, Model, PagedMesh, PooledPages, RenderSettings, Scene, Session, SessionSetup,
-    TileOrder, View, Voxels, pooled_tracers,
+    MaterialEdit, Method, Model, PagedMesh, PooledPages, RenderKeys, RenderSettings, Scene, Session,
+    SessionSetup, TileOrder, View, Voxels, pooled_tracers,
 };
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, PageFile};
@@ -46,8 +46,8 @@ impl Stage {
         let bounds = self.file.superblock().bounds;
         let mut model = Model { bounds, materials: self.file.materials().to_vec(), emitters: vec![], voxels };
         let mut scene = Scene::default();
-        (scene.render.integrator, scene.render.resolution, scene.render.photons) =
-            (method, RESOLUTION, 100_000);
+        let keys = RenderKeys::default();
+        scene.render = RenderKeys { integrator: method, resolution: RESOLUTION, photons: 100_000, ..keys };
         let View { camera, lights, .. } = scene.view(&mut model).unwrap();
         // Near enough for surfaces that are wider than the grid of a preview.
         let camera = Camera { fov: Fov::X(8.0), ..camera };

@@ -350,6 +350,6 @@ fn the_lattice_keeps_the_error_or_the_bits_asked_for() {
 fn a_model_of_needles_gives_a_picture() {
     let inside = folder();
     built_in(inside.path(), "gen:soup:20k --voxels 64", "soup.trex");
-    let line = "render soup.trex -o soup.png --resolution 512x512 --spp 2";
+    let line = "render soup.trex -o soup.png --integrator direct --resolution 512x512 --spp 2";
     assert_eq!(document_in(inside.path(), line)["exact"], true);
 }

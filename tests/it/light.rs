@@ -328,8 +328,8 @@ fn the_cornell_box_has_the_light_of_its_reference() {
         said(&format!("{options}: at most {most:.4} off"));
     };
     // Half of the bound at most, but for full-gi: seeds are fixed, so what is left is for other arithmetic.
-    check("--integrator photon --spp 4 --photons 500k", 0.10);
-    check("--integrator photon --spp 8 --photons 500k --near exact", 0.03);
-    check("--integrator photon --spp 8 --photons 500k --near exact --bake", 0.03);
-    check("--integrator full-gi --spp 8 --photons 300k", 0.03);
+    check("--integrator photon --spp 4 --photons 500k --filter off", 0.10);
+    check("--integrator photon --spp 8 --photons 500k --near exact --filter off", 0.03);
+    check("--integrator photon --spp 8 --photons 500k --near exact --bake --filter off", 0.03);
+    check("--integrator full-gi --spp 8 --photons 300k --filter off", 0.03);
 }

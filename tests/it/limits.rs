@@ -28,7 +28,8 @@ fn the_smallest_limit_that_is_named_works() {
     document_in(inside.path(), "gen scan --triangles 100k -o scan.stl");
     document_in(inside.path(), "build scan.stl -o scan.trex");
     for picture in ["large.exr", "large.png"] {
-        let line = format!("render scan.trex -o {picture} --resolution 1500x1100 --spp 1");
+        let line =
+            format!("render scan.trex -o {picture} --integrator direct --resolution 1500x1100 --spp 1");
         document_in(inside.path(), &line);
     }
     for line in [
@@ -37,9 +38,9 @@ fn the_smallest_limit_that_is_named_works() {
         "build scan.obj -o out.trex --overwrite --threads 2 --voxels 64",
         "build scan.stl -o out.trex --overwrite --threads 2 --voxels 64",
         "build scan.stl gen:soup:10k scan.obj --no-asvo -o out.trex --overwrite --threads 2",
-        "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 1",
-        "render scan.trex -o out.png --resolution 64x48 --spp 1 --overwrite --threads 3",
-        "render scan.trex -o out.exr --resolution 64x48 --spp 1 --layers depth,id --overwrite",
+        "render scan.trex -o out.png --integrator direct --resolution 64x48 --spp 1 --overwrite --threads 1",
+        "render scan.trex -o out.png --integrator direct --resolution 64x48 --spp 1 --overwrite --threads 3",
+        "render scan.trex -o out.exr --integrator direct --resolution 64x48 --spp 1 --layers depth,id --overwrite",
         "gen soup --triangles 10k -o out.ply --overwrite --threads 1",
         "gen soup --triangles 10k -o out.stl --overwrite --threads 2",
         "stress scan.trex --scenario squeeze --switches 4 --hold 10 --resolution 32x32 --photons 1k",
@@ -61,7 +62,8 @@ fn info_tells_the_smallest_limit_of_a_picture() {
     // The same limit that `render` names at the same size and thread count.
     let line = |limit: u64| {
         format!(
-            "render scan.trex -o out.png --resolution 1024x1024 --spp 1 --threads 2 --memory-limit {limit}B --json -q"
+            "render scan.trex -o out.png --integrator direct --resolution 1024x1024 --spp 1 --threads 2 \
+             --memory-limit {limit}B --json -q"
         )
     };
     let refused = run_in(inside.path(), &line(smallest - 1)).expect_error(4, "memory-limit");

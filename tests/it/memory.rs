@@ -96,7 +96,9 @@ fn a_picture_under_the_smallest_limit_has_the_same_bytes() {
     let inside = folder();
     document_in(inside.path(), "build gen:isosurface:1M -o iso.trex --voxels 64");
     let line = |output: &str, flags: &str| {
-        format!("render iso.trex -o {output} --resolution 512x512 --spp 1 --overwrite {flags}")
+        format!(
+            "render iso.trex -o {output} --integrator direct --resolution 512x512 --spp 1 --overwrite {flags}"
+        )
     };
     let roomy = document_in(inside.path(), &line("roomy.png", "--memory-limit 1GiB --threads 2"));
     assert_eq!(roomy["pool"]["evictions"], 0, "{}", roomy["pool"]);
@@ -126,6 +128,7 @@ fn a_picture_under_the_smallest_limit_has_the_same_bytes() {
 }
 
 fn has_uring(inside: &Path) -> bool {
-    let line = "render iso.trex -o probe.png --resolution 8x8 --spp 1 --overwrite --io uring -q";
+    let line =
+        "render iso.trex -o probe.png --integrator direct --resolution 8x8 --spp 1 --overwrite --io uring -q";
     crate::command::run_in(inside, line).code == Some(0)
 }

@@ -13,11 +13,11 @@ use std::time::{Duration, Instant};
 fn an_output_that_exists_is_kept_without_overwrite() {
     let inside = folder();
     document_in(inside.path(), "build gen:soup:10k --no-asvo -o model.trex");
-    document_in(inside.path(), "render model.trex --resolution 8x8 -o view.png");
+    document_in(inside.path(), "render model.trex --integrator direct --resolution 8x8 -o view.png");
     for (line, output) in [
         ("build gen:soup:20k --no-asvo -o kept.trex", "kept.trex"),
-        ("render model.trex --resolution 8x8 -o kept.png", "kept.png"),
-        ("render model.trex --resolution 8x8 -o kept.exr", "kept.exr"),
+        ("render model.trex --integrator direct --resolution 8x8 -o kept.png", "kept.png"),
+        ("render model.trex --integrator direct --resolution 8x8 -o kept.exr", "kept.exr"),
         ("gen soup --triangles 10k -o kept.ply", "kept.ply"),
         ("demo --triangles 10k --resolution 8x8 -o kept.png", "kept.png"),
         ("image diff view.png view.png -o kept.png", "kept.png"),
@@ -42,7 +42,10 @@ fn outputs_may_have_the_longest_names() {
     document_in(inside.path(), &format!("build gen:soup:10k --no-asvo -o {}", name(".trex")));
     document_in(inside.path(), &format!("gen soup --triangles 10k -o {}", name(".stl")));
     for picture in [name(".png"), name(".exr")] {
-        document_in(inside.path(), &format!("render {} --resolution 8x8 -o {picture}", name(".trex")));
+        document_in(
+            inside.path(),
+            &format!("render {} --resolution 8x8 --integrator direct -o {picture}", name(".trex")),
+        );
     }
     assert_eq!(listing(inside.path()).len(), 4);
 }
@@ -56,7 +59,7 @@ fn a_file_that_may_not_grow_is_a_disk_error() {
     for line in [
         "build gen:soup:100k --no-asvo -o out.trex",
         "gen soup --triangles 100k -o out.ply",
-        "render model.trex --resolution 400x400 -o out.exr",
+        "render model.trex --integrator direct --resolution 400x400 -o out.exr",
     ] {
         let mut limited = Command::new("sh");
         // Blocks of 512 bytes.
@@ -100,7 +103,7 @@ fn a_camera_path_gives_the_pictures_of_its_views() {
     };
     let path: String = views.iter().map(table).collect();
     std::fs::write(inside.path().join("path.toml"), &path).unwrap();
-    let picture = "render model.trex --resolution 40x24 --spp 2 --fov-x 70";
+    let picture = "render model.trex --integrator direct --resolution 40x24 --spp 2 --fov-x 70";
     let document = document_in(inside.path(), &format!("{picture} --camera-path path.toml -o turn.png"));
     for (number, (position, target)) in (1..).zip(views) {
         let alone = format!("{picture} --camera-position={position} --camera-target={target} -o alone.png");
@@ -167,7 +170,7 @@ fn a_full_disk_is_said_and_leaves_nothing() {
         "gen scan --triangles 1M -o small/out.ply",
         "gen scan --triangles 1M -o small/out.obj",
         "gen scan --triangles 1M -o small/out.stl",
-        "render model.trex --resolution 1024x1024 --spp 1 --layers depth,normal -o small/out.exr",
+        "render model.trex --integrator direct --resolution 1024x1024 --spp 1 --layers depth,normal -o small/out.exr",
         "image diff noise.exr black.exr --scale-max 1 -o small/out.png",
     ] {
         let document = run_in(inside.path(), &format!("{line} --json -q")).expect_error(5, "disk-full");
@@ -251,7 +254,11 @@ fn ctrl_c_leaves_nothing_behind() {
     interrupt(inside.path(), "build scan.ply scan.ply scan.ply scan.ply scan.ply -o out.trex", after(300));
     interrupt(inside.path(), "build gen:soup:1500k -o out.trex --threads 1 --no-resume", begun(".part"));
     interrupt(inside.path(), "gen isosurface --triangles 20M -o out.ply", after(700));
-    interrupt(inside.path(), "render model.trex -o out.png --resolution 2048x2048 --spp 4096", after(700));
+    interrupt(
+        inside.path(),
+        "render model.trex -o out.png --resolution 2048x2048 --integrator direct --spp 4096",
+        after(700),
+    );
 }
 
 /// Two builds of one output at once: one wins, the other is told; never a mixture.
@@ -286,7 +293,7 @@ fn nothing_but_a_file_is_replaced_and_no_input() {
     let at = |name: &str| inside.path().join(name);
     document_in(inside.path(), "gen soup --triangles 10k -o soup.ply");
     document_in(inside.path(), "build soup.ply -o soup.trex --no-asvo");
-    document_in(inside.path(), "render soup.trex -o soup.png --resolution 8x8 --spp 1");
+    document_in(inside.path(), "render soup.trex --integrator direct -o soup.png --resolution 8x8 --spp 1");
     for (link, target) in [("link.trex", "soup.trex"), ("link.png", "soup.png"), ("link.ply", "soup.ply")] {
         std::os::unix::fs::symlink(at(target), at(link)).unwrap();
     }
@@ -297,7 +304,7 @@ fn nothing_but_a_file_is_replaced_and_no_input() {
         "build soup.ply -o /dev/null",
         "build soup.ply -o link.trex",
         "gen soup --triangles 10k -o link.ply",
-        "render soup.trex -o link.png --resolution 8x8 --spp 1",
+        "render soup.trex --integrator direct -o link.png --resolution 8x8 --spp 1",
         "image diff soup.png soup.png -o soup.png",
     ] {
         run_in(inside.path(), &format!("{line} --overwrite --json -q")).expect_error(2, "usage");

@@ -45,7 +45,9 @@ fn each_model_builds_with_its_count_and_gives_a_picture() {
         assert_eq!(number("triangle_count") + rejected, count, "{name}");
         assert_eq!(number("rejected_non_finite"), 0, "{name}");
         assert!(rejected * 100 <= count * REJECTED_PERCENT, "{name}: {rejected} of {count} rejected");
-        let line = format!("render model.trex -o model.png --resolution 64x64 --spp 2 --overwrite {camera}");
+        let line = format!(
+            "render model.trex -o model.png --integrator direct --resolution 64x64 --spp 2 --overwrite {camera}"
+        );
         let rendered = document_in(inside.path(), &line);
         assert_eq!(rendered["exact"], true, "{name}");
         for channel in rendered["image"]["mean"].as_array().unwrap() {
@@ -134,7 +136,8 @@ fn each_nasty_file_builds_or_is_refused() {
         match expected {
             Ok(count) if ran.code == Some(0) => {
                 assert_eq!(ran.document()["input_triangle_count"], count, "{name}");
-                let line = "render out.trex -o out.png --resolution 16x16 --spp 1 --overwrite";
+                let line =
+                    "render out.trex -o out.png --integrator direct --resolution 16x16 --spp 1 --overwrite";
                 let rendered: Value = document_in(inside.path(), line);
                 assert_eq!(rendered["exact"], true, "{name}");
             }

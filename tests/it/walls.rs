@@ -21,7 +21,7 @@ const LINES: [&str; 8] = [
     "verify m.trex --deep",
     "build m.ply -o built.trex --voxels 64 --threads 2 --overwrite",
     "render m.trex -o out.png --resolution 320x240 --spp 1 --integrator photon --photons 10k --overwrite",
-    "render m.trex -o out.png --resolution 320x240 --spp 1 --overwrite --allow-damage",
+    "render m.trex -o out.png --integrator direct --resolution 320x240 --spp 1 --overwrite --allow-damage",
     "stress m.trex --scenario flip --switches 4 --hold 300 --resolution 320x240",
 ];
 

@@ -126,8 +126,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 })
             }
             Edit::Settings(edit) => {
-                let settings = edit.settings(&self.session().view().settings)?;
-                self.set_settings(settings)
+                let keys = edit.apply(&self.session().view().settings);
+                self.set_settings(RenderSettings::new(keys)?)
             }
         }
     }

@@ -12,12 +12,11 @@
 //! of the one who drives; 3. `has_event` is true exactly while there is something to take.
 
 use crate::message::{CameraText, Format, FromClient, Role};
-use crate::settings::SettingsEdit;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
-use trex_render::MaterialEdit;
+use trex_render::{MaterialEdit, RenderEdit};
 
 /// Most edits that wait.
 const EDITS_MAX: usize = 64;
@@ -36,7 +35,7 @@ pub(crate) type ClientId = u32;
 pub(crate) enum Edit {
     Lights(Vec<trex_render::Light>),
     Material(usize, MaterialEdit),
-    Settings(SettingsEdit),
+    Settings(RenderEdit),
     /// Pixels from one to the next while the picture moves.
     Moving(u32),
 }

@@ -3,9 +3,8 @@
 //! Invariants: 1. what comes in has no key that is unknown, and is checked by who gets it, not here; 2. names and units
 //! are those of scene files where there are such.
 
-use crate::settings::SettingsEdit;
-use serde::{Deserialize, Serialize};
-use trex_render::{Camera, Fov, Light, MaterialEdit};
+use serde::{Deserialize, Deserializer, Serialize};
+use trex_render::{Camera, Fov, Light, MaterialEdit, RenderEdit};
 use trex_store::{Error, Material};
 
 /// Longest message from a client, bytes.
@@ -28,7 +27,11 @@ pub(crate) enum FromClient {
     /// Changes to a material.
     Material { seq: u32, index: usize, edit: MaterialEdit },
     /// Changes to the numbers of the picture.
-    Settings { seq: u32, settings: SettingsEdit },
+    Settings {
+        seq: u32,
+        #[serde(deserialize_with = "without_size")]
+        settings: RenderEdit,
+    },
     /// Another size of the picture, pixels.
     Size { seq: u32, size: [u32; 2] },
     /// Another limit for the memory of pages.
@@ -41,6 +44,15 @@ pub(crate) enum FromClient {
     Screenshot { id: u32, format: Format, size: [u32; 2], spp: u32 },
     /// Asks to be the one who drives.
     Drive {},
+}
+
+/// Changes to numbers; the size has a message of its own, with bounds of its own.
+fn without_size<'de, D: Deserializer<'de>>(deserializer: D) -> Result<RenderEdit, D::Error> {
+    let edit = RenderEdit::deserialize(deserializer)?;
+    match edit.resolution {
+        None => Ok(edit),
+        Some(_) => Err(serde::de::Error::custom("the size is no setting")),
+    }
 }
 
 /// Format of a screenshot.

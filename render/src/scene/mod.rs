@@ -1,6 +1,7 @@
 //! The scene: its text, camera and settings, and the world that integrators read.
 
 pub(crate) mod camera;
+pub(crate) mod edit;
 pub(crate) mod settings;
 pub(crate) mod text;
 mod views;

@@ -4,7 +4,6 @@
 
 use super::camera::SIDE_MAX_PIXELS;
 use crate::voxel::Occluders;
-use serde::Deserialize;
 use std::ops::{Deref, RangeInclusive};
 use trex_store::{Code, Error, Result};
 
@@ -122,8 +121,7 @@ pub enum Filter {
 }
 
 /// The numbers of a picture as a scene file or flags give them, by the names of the scene's keys; unchecked.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderKeys {
     /// The way in which light is computed: the integrator.
     pub integrator: Method,

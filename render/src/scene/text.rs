@@ -4,17 +4,17 @@
 //! work; 3. parsing opens nothing: the model's path is a string for the command to resolve.
 
 use super::camera::{Camera, Fov};
+use super::edit::{Quality, RenderEdit};
 use super::settings::{RenderKeys, RenderSettings, out_of_range};
 use super::world::{MaterialEdit, Model, View};
 use crate::shading::light::Light;
 use serde::Deserialize;
-use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 use std::path::Path;
 use trex_store::{Code, Error, Result};
 
 /// A parsed and checked scene.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Path of the model, as written.
     pub model: String,
@@ -26,8 +26,22 @@ pub struct Scene {
     pub materials: BTreeMap<String, MaterialEdit>,
     /// Keys of the picture: integrator and numbers.
     pub render: RenderKeys,
-    /// True when `resolution` was given: its default is no wish.
-    pub says_resolution: bool,
+    /// Those of them that were given: a default is no wish.
+    pub given: RenderEdit,
+}
+
+/// A scene that says nothing: framed, in [`Quality::Normal`].
+impl Default for Scene {
+    fn default() -> Scene {
+        Scene {
+            model: String::new(),
+            camera: CameraKeys::default(),
+            lights: vec![],
+            materials: BTreeMap::new(),
+            render: Quality::Normal.apply(&RenderKeys::default()),
+            given: RenderEdit::default(),
+        }
+    }
 }
 
 /// Camera keys; what is `None` is framed from the model.
@@ -55,10 +69,9 @@ impl Scene {
     pub fn parse(text: &str, path: &Path) -> Result<Scene> {
         let no_scene = |error| toml_error(&error, text, path);
         let parsed: SceneText = toml::from_str(text).map_err(no_scene)?;
-        let SceneText { model, camera, light: lights, material, render } = parsed;
-        let given: Given = toml::from_str(text).map_err(no_scene)?;
-        let says_resolution = given.render.resolution.is_some();
-        let scene = Scene { model, camera, lights, materials: material, render, says_resolution };
+        let SceneText { model, camera, light: lights, material: materials, render: given } = parsed;
+        let render = given.apply(&Scene::default().render);
+        let scene = Scene { model, camera, lights, materials, render, given };
         scene.check(path)?;
         Ok(scene)
     }
@@ -144,19 +157,7 @@ struct SceneText {
     #[serde(default)]
     material: BTreeMap<String, MaterialEdit>,
     #[serde(default)]
-    render: RenderKeys,
-}
-
-/// Keys whose defaults are no wishes, as given.
-#[derive(Deserialize)]
-struct Given {
-    #[serde(default)]
-    render: GivenRender,
-}
-
-#[derive(Default, Deserialize)]
-struct GivenRender {
-    resolution: Option<IgnoredAny>,
+    render: RenderEdit,
 }
 
 /// The line of `text` that an error is about.
@@ -208,8 +209,8 @@ mod tests {
         let manual = include_str!("../../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    integrator resolution spp n_shadow n_gather photons near occluders k_nearest lod_error bake filter \
-                    exposure seed";
+                    quality integrator resolution spp n_shadow n_gather photons near occluders k_nearest \
+                    lod_error bake filter exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }
@@ -237,7 +238,7 @@ mod tests {
             ("render.resolution = [3, 4]", true),
         ] {
             let scene = parse(&format!("model = 'x'\n{text}")).unwrap();
-            assert_eq!(scene.says_resolution, expected, "{text}");
+            assert_eq!(scene.given.resolution.is_some(), expected, "{text}");
         }
     }
 

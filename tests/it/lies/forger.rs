@@ -114,7 +114,7 @@ impl Forger {
         run_in(self.inside.path(), "verify lie.trex --deep").expect(1);
         let drawn = document_in(
             self.inside.path(),
-            "render lie.trex -o out.png --resolution 64x64 --spp 1 --overwrite --allow-damage",
+            "render lie.trex -o out.png --integrator direct --resolution 64x64 --spp 1 --overwrite --allow-damage",
         );
         assert_eq!(drawn["exact"], false, "{drawn:#}");
         assert!(!drawn["damaged_pages"].as_array().unwrap().is_empty(), "{drawn:#}");
