@@ -13,13 +13,13 @@ mod stress;
 mod view;
 
 use crate::values::MemoryLimit;
-pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchVerb};
+pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchTradeoffArgs, BenchVerb};
 pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
-pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs, Switch};
+pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
 use std::ffi::OsString;
 use std::path::Path;
 pub use stress::StressArgs;
@@ -89,6 +89,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(_) }) => "bench-rays",
             Verb::Bench(BenchArgs { verb: BenchVerb::Io(_) }) => "bench-io",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
+            Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(_) }) => "bench-tradeoff",
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
         }
     }
@@ -107,6 +108,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Rays(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Io(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
+            Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(args) }) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
         }
     }

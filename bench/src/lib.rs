@@ -6,6 +6,7 @@
 //!   ^ page_io: pages at random, through each backend
 //!   ^ sizes: what clusters and pages would take in other forms
 //!   ^ stress: a session under views and limits that change
+//!   ^ tradeoff: pictures for each turn of each knob, their cost and their error
 //! ```
 //!
 //! Invariant: a figure in the documentation comes from a record, and a record says how to get it again.
@@ -17,10 +18,12 @@ pub mod median;
 pub mod model;
 pub mod page_io;
 mod peers;
+mod plot;
 mod rates;
 pub mod rays;
 pub mod record;
 pub mod sizes;
 pub mod stress;
+pub mod tradeoff;
 
 pub use rates::RayRates;

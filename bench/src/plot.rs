@@ -1,9 +1,8 @@
-//! A plot of figures as SVG: a line per pattern, or one for each figure that tells y at several x; x on a log scale, y
-//! from zero, or on a log scale where it goes over [`DECADES`].
+//! A plot as SVG: lines with a label each; x on a log scale, y from zero, or on a log scale where it goes over
+//! [`DECADES`].
 //!
 //! Invariant: the bytes depend on the points alone (no fonts are measured, no clock is read).
 
-use super::figure::{Figure, title};
 use anyhow::anyhow;
 use plotters::coord::combinators::LogCoord;
 use plotters::coord::ranged1d::ValueFormatter;
@@ -23,49 +22,33 @@ const COLORS: [RGBColor; 6] = [
     RGBColor(86, 180, 233),
 ];
 
-/// The points of one pattern, sorted by x.
-pub(super) struct Line {
+/// The points of one line, sorted by x.
+pub(crate) struct Line {
     label: String,
-    pub(super) points: Vec<(f64, f64)>,
+    pub(crate) points: Vec<(f64, f64)>,
 }
 
 impl Line {
-    /// The figures that have both keys, with x above zero.
-    pub(super) fn new(label: &str, figures: &[&Figure], x: &str, y: &str) -> Line {
-        let mut points: Vec<(f64, f64)> = figures
-            .iter()
-            .filter_map(|figure| figure.number(x).zip(figure.number(y)))
-            .filter(|(x, y)| *x > 0.0 && x.is_finite() && y.is_finite())
-            .collect();
+    /// Those of `points` (x, y) that can be drawn: finite, with x above zero.
+    pub(crate) fn new(label: &str, mut points: Vec<(f64, f64)>) -> Line {
+        points.retain(|(x, y)| *x > 0.0 && x.is_finite() && y.is_finite());
         points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        Line { label: label.trim_end_matches(['*', '-']).to_owned(), points }
-    }
-
-    /// What one figure tells as `STEM.X.TAIL`, by X, a number above zero.
-    pub(super) fn of_keys(figure: &Figure, stem: &str, tail: &str) -> Line {
-        let point = |key: &String| {
-            let x = key.strip_prefix(stem)?.strip_prefix('.')?.strip_suffix(tail)?.strip_suffix('.')?;
-            let x: f64 = x.parse().ok().filter(|x| *x > 0.0)?;
-            Some((x, figure.number(key)?))
-        };
-        let mut points: Vec<(f64, f64)> = figure.record.values.keys().filter_map(point).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Line { label: figure.record.name.clone(), points }
+        Line { label: label.to_owned(), points }
     }
 }
 
-/// The SVG text. `lines` is not empty, nor is any of them.
-pub(super) fn render(lines: &[Line], x_key: &str, y_key: &str) -> anyhow::Result<String> {
+/// The SVG text, by the titles of the axes. `lines` is not empty, nor is any of them.
+pub(crate) fn render(lines: &[Line], x_title: &str, y_title: &str) -> anyhow::Result<String> {
     let mut svg = String::new();
-    draw(&mut svg, lines, x_key, y_key).map_err(|error| anyhow!("{error}"))?;
+    draw(&mut svg, lines, x_title, y_title).map_err(|error| anyhow!("{error}"))?;
     Ok(if svg.ends_with('\n') { svg } else { svg + "\n" })
 }
 
 fn draw(
     svg: &mut String,
     lines: &[Line],
-    x_key: &str,
-    y_key: &str,
+    x_title: &str,
+    y_title: &str,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let points = || lines.iter().flat_map(|line| &line.points);
     let x_low = points().map(|p| p.0).fold(f64::INFINITY, f64::min);
@@ -81,9 +64,9 @@ fn draw(
     builder.margin(12).x_label_area_size(44).y_label_area_size(84);
     if y_low > 0.0 && y_high > DECADES * y_low {
         let y_range = (0.5 * y_low..2.0 * y_high).log_scale();
-        draw_lines(builder.build_cartesian_2d(x_range, y_range)?, lines, x_key, y_key)?;
+        draw_lines(builder.build_cartesian_2d(x_range, y_range)?, lines, x_title, y_title)?;
     } else {
-        draw_lines(builder.build_cartesian_2d(x_range, 0.0..1.1 * y_high)?, lines, x_key, y_key)?;
+        draw_lines(builder.build_cartesian_2d(x_range, 0.0..1.1 * y_high)?, lines, x_title, y_title)?;
     }
     area.present()?;
     Ok(())
@@ -94,14 +77,14 @@ type Chart<'a, Y> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<LogCoord<f64>, 
 fn draw_lines<'a, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     mut chart: Chart<'a, Y>,
     lines: &[Line],
-    x_key: &str,
-    y_key: &str,
+    x_title: &str,
+    y_title: &str,
 ) -> Result<(), Box<dyn std::error::Error>> {
     chart
         .configure_mesh()
         .light_line_style(WHITE)
-        .x_desc(title(x_key))
-        .y_desc(title(y_key))
+        .x_desc(x_title)
+        .y_desc(y_title)
         .x_label_formatter(&|value| short(*value))
         .y_label_formatter(&|value| short(*value))
         .draw()?;

@@ -19,7 +19,7 @@ const MAX_NAME: usize = 64;
 /// Keys of a verb's document that become fields of the record, not values.
 const ENVELOPE: [&str; 6] = ["schema", "command", "version", "scene", "seed", "result_hash"];
 /// Keys of a verb's document that are as long as the run was: its figures sum them up.
-const LOGS: [&str; 1] = ["per_switch"];
+const LOGS: [&str; 2] = ["per_switch", "points"];
 
 /// One run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

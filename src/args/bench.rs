@@ -2,7 +2,9 @@
 
 use super::{CommonArgs, DiskArgs, ScratchArgs};
 use crate::values::{self, Resolution};
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
+use std::path::PathBuf;
 
 /// `trex bench`
 #[derive(Debug, Args)]
@@ -21,6 +23,8 @@ pub enum BenchVerb {
     Io(BenchIoArgs),
     /// Triangles per second of a build, generation not counted
     Build(BenchBuildArgs),
+    /// Error of pictures against their time and memory, for each turn of each knob
+    Tradeoff(BenchTradeoffArgs),
 }
 
 /// `trex bench rays`
@@ -101,3 +105,42 @@ pub struct BenchBuildArgs {
     #[command(flatten)]
     pub common: CommonArgs,
 }
+
+/// `trex bench tradeoff`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_BENCH_TRADEOFF)]
+pub struct BenchTradeoffArgs {
+    /// A page file, a scene (.toml), or what is built first, in several ways: a mesh file or gen:pipes:5M
+    #[arg(value_name = "FILE")]
+    pub input: String,
+    /// The folder of what is measured and drawn; a run that was stopped goes on in it
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Knobs to turn, by commas [default: all]
+    #[arg(long, value_name = "KNOB", value_delimiter = ',',
+        value_parser = PossibleValuesParser::new(trex_bench::tradeoff::names()))]
+    pub knobs: Vec<String>,
+    /// Size of the pictures, pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::resolution)]
+    pub resolution: Resolution,
+    /// Samples a pixel of each of the two references, by path
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub reference_spp: u32,
+    /// Runs of each point; times are their medians
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub rounds: u16,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_BENCH_TRADEOFF: &str = "\
+Each point is a process of its own: its time goes from its start to the file of the picture. Errors are
+relMSE and PSNR, of the whole picture and of its hard parts: borders of shadows, places where surfaces
+meet, places whose light has mostly been reflected.
+
+FOLDER gets error-time.svg, error-memory.svg, and the reference pictures.
+
+Examples:
+  trex bench tradeoff ship.trex -o ship-tradeoff
+  trex bench tradeoff gen:pipes:5M -o plant --knobs quality,spp,photons,grid-bits --rounds 3
+  trex bench tradeoff room.toml -o room --reference-spp 4096 --json > room.json";

@@ -1,6 +1,7 @@
-//! `trex bench rays`, `io` and `build`: the workloads of `trex-bench` without its peers.
+//! `trex bench rays`, `io`, `build` and `tradeoff`: the workloads of `trex-bench` without its peers.
 
 use super::stage::io_options;
+use super::tradeoff;
 use crate::args::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchVerb};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -20,6 +21,7 @@ pub fn run(args: &BenchArgs, ctx: &Context) -> anyhow::Result<Exit> {
         BenchVerb::Rays(args) => run_rays(args, ctx),
         BenchVerb::Io(args) => run_io(args, ctx),
         BenchVerb::Build(args) => run_build(args, ctx),
+        BenchVerb::Tradeoff(args) => tradeoff::run(args, ctx),
     }
 }
 

@@ -16,6 +16,7 @@ mod rendered;
 mod show;
 mod stage;
 mod stress;
+mod tradeoff;
 mod verify;
 mod view;
 

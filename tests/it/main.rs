@@ -39,6 +39,7 @@ mod real_models;
 mod resume;
 mod support;
 mod tidy;
+mod tradeoff;
 mod verify;
 mod view;
 mod voxels;

@@ -3,6 +3,7 @@
 //! Invariant: numbers are medians over the runs; a value that is no number is that of the last run.
 
 use crate::median::median;
+use crate::plot::Line;
 use crate::record::Record;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -30,6 +31,23 @@ impl Figure {
             Some(value) => value.as_f64().map_or_else(|| value.to_string(), |number| with_unit(number, key)),
         }
     }
+}
+
+impl Figure {
+    /// What it tells as `STEM.X.TAIL`, by X, a number above zero.
+    pub(super) fn line(&self, stem: &str, tail: &str) -> Line {
+        let point = |key: &String| {
+            let x = key.strip_prefix(stem)?.strip_prefix('.')?.strip_suffix(tail)?.strip_suffix('.')?;
+            Some((x.parse().ok()?, self.number(key)?))
+        };
+        Line::new(&self.record.name, self.record.values.keys().filter_map(point).collect())
+    }
+}
+
+/// The line of those of `figures`, which are of one pattern, that have both keys.
+pub(super) fn line_of(pattern: &str, figures: &[&Figure], x: &str, y: &str) -> Line {
+    let point = |figure: &&Figure| figure.number(x).zip(figure.number(y));
+    Line::new(pattern.trim_end_matches(['*', '-']), figures.iter().filter_map(point).collect())
 }
 
 /// Groups records into figures: per name the latest group, sorted by name.

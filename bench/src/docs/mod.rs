@@ -17,9 +17,9 @@
 //! that cannot be understood is an error with path and line, never passed over.
 
 mod figure;
-mod plot;
 mod table;
 
+use crate::plot::{self, Line};
 use crate::record;
 use anyhow::{Context, bail, ensure};
 use figure::Figure;
@@ -137,13 +137,13 @@ impl Page<'_> {
         let words: Vec<&str> = marker.split_whitespace().collect();
         let [name, patterns, x, y] = words[..] else { bail!("accepted is plot:FILE PATTERN,.. x=KEY y=KEY") };
         let (x, y) = x.strip_prefix("x=").zip(y.strip_prefix("y=")).context("axes are x=KEY y=KEY")?;
-        let lines: Vec<plot::Line> = patterns
+        let lines: Vec<Line> = patterns
             .split(',')
             .flat_map(|pattern| {
                 let figures = select(self.figures, pattern);
                 match x.strip_suffix(".*") {
-                    Some(stem) => figures.iter().map(|figure| plot::Line::of_keys(figure, stem, y)).collect(),
-                    None => vec![plot::Line::new(pattern, &figures, x, y)],
+                    Some(stem) => figures.iter().map(|figure| figure.line(stem, y)).collect(),
+                    None => vec![figure::line_of(pattern, &figures, x, y)],
                 }
             })
             .filter(|line| !line.points.is_empty())
@@ -152,7 +152,8 @@ impl Page<'_> {
             return Ok(EMPTY.to_owned());
         }
         let x = x.trim_end_matches(".*");
-        let svg = plot::render(&lines, x, y).with_context(|| format!("plot {name}"))?;
+        let svg = plot::render(&lines, &figure::title(x), &figure::title(y))
+            .with_context(|| format!("plot {name}"))?;
         self.plots.insert(name.to_owned(), svg);
         Ok(format!("![{} over {}](plots/{name}.svg)\n", figure::title(y), figure::title(x)))
     }
@@ -234,7 +235,7 @@ mod tests {
             one.values.insert(format!("error_at_ms.{key}"), json!(value));
         }
         let figures = figure::group(vec![one.clone()]);
-        let line = plot::Line::of_keys(&figures[0], "error_at_ms", "median");
+        let line = figures[0].line("error_at_ms", "median");
         assert_eq!(line.points, [(33.0, 3.0), (100.0, 2.0)]);
         let root = checkout(page, &[one]);
         write(root.path()).unwrap();

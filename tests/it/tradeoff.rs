@@ -1,0 +1,88 @@
+//! `trex bench tradeoff` and the qualities that it measures.
+
+use crate::command::{document_in, folder, hash_of, run_in};
+use serde_json::Value;
+
+const LINE: &str = "bench tradeoff gen:isosurface:20k -o trade --resolution 24x24 --reference-spp 4 \
+                    --knobs quality,memory,grid-bits,no-asvo";
+
+fn points(document: &Value) -> &Vec<Value> {
+    document["points"].as_array().unwrap()
+}
+
+#[test]
+fn a_campaign_tells_what_pictures_cost_and_goes_on_where_it_was() {
+    let inside = folder();
+    let first = document_in(inside.path(), LINE);
+    assert_eq!(first["schema"], "trex.bench-tradeoff/1");
+    let found = |knob: &str| points(&first).iter().filter(|point| point["knob"] == knob).collect::<Vec<_>>();
+    assert_eq!(found("quality").len(), 3);
+    assert!(found("memory").len() > 1 && found("grid-bits").len() == 8 && found("no-asvo").len() == 1);
+    for point in points(&first) {
+        if point["refused"].is_null() {
+            let whole = &point["errors"]["whole"];
+            assert!(point["picture_ms"].as_f64().unwrap() > 0.0, "{point:#}");
+            assert!(point["file_bytes"].as_u64().unwrap() > 1000 && whole["share"] == 1.0, "{point:#}");
+            assert!(whole["relmse"].as_f64().unwrap() > 0.0, "{point:#}");
+        }
+    }
+    // More samples of the same light are less wrong, whatever the machine does meanwhile.
+    let relmse = |quality: &str| first["qualities"][quality]["relmse"].as_f64().unwrap();
+    assert!(relmse("reference") < relmse("normal"), "{:#}", first["qualities"]);
+    assert!(!first["front"].as_object().unwrap().is_empty());
+    for plot in ["error-time.svg", "error-memory.svg"] {
+        let svg = std::fs::read_to_string(inside.path().join("trade").join(plot)).unwrap();
+        assert!(svg.starts_with("<svg") && svg.contains("relMSE"), "{plot}");
+    }
+
+    // Nothing is measured twice: no two runs take the same time.
+    let again = document_in(inside.path(), LINE);
+    assert_eq!(points(&again), points(&first));
+    let log = inside.path().join("trade/points.jsonl");
+    let text = std::fs::read_to_string(&log).unwrap();
+    let kept: Vec<&str> = text.lines().take(text.lines().count() - 1).collect();
+    std::fs::write(&log, kept.join("\n") + "\n").unwrap();
+    let more = document_in(inside.path(), LINE);
+    let (last, others) = points(&more).split_last().unwrap();
+    assert_eq!(others, &points(&first)[..others.len()]);
+    assert_ne!(Some(last), points(&first).last());
+
+    run_in(inside.path(), &format!("{LINE} --rounds 2 --json")).expect_error(3, "input-mismatch");
+}
+
+#[test]
+fn a_picture_of_which_nothing_is_said_is_normal() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:20k -o iso.trex");
+    let picture = |flags: &str| {
+        document_in(
+            inside.path(),
+            &format!("render iso.trex -o p.exr --overwrite --resolution 32x32 {flags}"),
+        );
+        hash_of(&inside.path().join("p.exr"))
+    };
+    let normal = picture("");
+    assert_eq!(normal, picture("--quality normal"));
+    assert_eq!(
+        normal,
+        picture("--integrator photon --spp 16 --n-shadow 2 --n-gather 2 --photons 1048576 --filter on")
+    );
+    assert_ne!(normal, picture("--quality draft"));
+
+    std::fs::write(
+        inside.path().join("s.toml"),
+        "model = 'iso.trex'\n[render]\nresolution = [32, 32]\nquality = 'draft'\nspp = 2\n",
+    )
+    .unwrap();
+    let drawn = document_in(inside.path(), "render s.toml -o s.exr");
+    assert_eq!((&drawn["spp"], &drawn["lod_error_px"]), (&Value::from(2), &Value::from(1.0)));
+    assert_eq!(hash_of(&inside.path().join("s.exr")), picture("--quality draft --spp 2"));
+
+    // Without voxels there is direct light, and a word about it; what is asked for is not replaced.
+    document_in(inside.path(), "build gen:isosurface:20k -o bare.trex --no-asvo");
+    let line = "render bare.trex -o bare.png --overwrite --resolution 8x8";
+    let ran = run_in(inside.path(), &format!("{line} --json"));
+    assert_eq!(ran.document()["integrator"], "direct");
+    assert!(ran.stderr.contains("no voxels"), "{}", ran.stderr);
+    run_in(inside.path(), &format!("{line} --quality normal --json")).expect_error(3, "scene-format");
+}
