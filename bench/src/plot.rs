@@ -95,7 +95,15 @@ fn draw_lines<'a, Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
         chart.draw_series(line.points.iter().map(|point| Circle::new(*point, 4, color.filled())))?;
     }
-    chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK).draw()?;
+    // Where lines that fall, or rise, do not come.
+    let fall: f64 = lines.iter().map(|line| line.points[0].1 - line.points[line.points.len() - 1].1).sum();
+    let place = if fall > 0.0 { SeriesLabelPosition::UpperRight } else { SeriesLabelPosition::UpperLeft };
+    chart
+        .configure_series_labels()
+        .position(place)
+        .background_style(WHITE.mix(0.8))
+        .border_style(BLACK)
+        .draw()?;
     Ok(())
 }
 
@@ -106,7 +114,7 @@ fn short(value: f64) -> String {
             return format!("{}{name}", trimmed(value / unit));
         }
     }
-    trimmed(value)
+    if value != 0.0 && value.abs() < 0.01 { format!("{value:.0e}") } else { trimmed(value) }
 }
 
 /// Two decimals at most, no zeros at the end.
@@ -122,8 +130,8 @@ mod tests {
     #[test]
     fn ticks_are_short() {
         assert_eq!(
-            [short(1_500_000.0), short(20_000.0), short(0.25), short(0.0)],
-            ["1.5M", "20k", "0.25", "0"]
+            [short(1_500_000.0), short(20_000.0), short(0.25), short(0.0), short(0.001)],
+            ["1.5M", "20k", "0.25", "0", "1e-3"]
         );
     }
 
