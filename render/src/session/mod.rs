@@ -102,7 +102,7 @@ pub struct SessionSetup<T> {
 /// let bounds = Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] };
 /// let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
 ///
-/// let text = "model = 'one.ply'\n[render]\nresolution = [32, 32]";
+/// let text = "model = 'one.ply'\n[render]\nintegrator = 'direct'\nresolution = [32, 32]";
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;
 /// let view = scene.view(&mut model)?;
 /// let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
