@@ -2,6 +2,7 @@
 //!
 //! Invariant: numbers are medians over the runs; a value that is no number is that of the last run.
 
+use super::table::label;
 use crate::median::median;
 use crate::plot::Line;
 use crate::record::Record;
@@ -40,14 +41,19 @@ impl Figure {
             let x = key.strip_prefix(stem)?.strip_prefix('.')?.strip_suffix(tail)?.strip_suffix('.')?;
             Some((x.parse().ok()?, self.number(key)?))
         };
-        Line::new(&self.record.name, self.record.values.keys().filter_map(point).collect())
+        Line::new(&of_family(&self.record.name), self.record.values.keys().filter_map(point).collect())
     }
+}
+
+/// A name as people say it, less its first word, which all lines of a plot have.
+fn of_family(name: &str) -> String {
+    label(name.split_once('-').map_or(name, |(_, rest)| rest))
 }
 
 /// The line of those of `figures`, which are of one pattern, that have both keys.
 pub(super) fn line_of(pattern: &str, figures: &[&Figure], x: &str, y: &str) -> Line {
     let point = |figure: &&Figure| figure.number(x).zip(figure.number(y));
-    Line::new(pattern.trim_end_matches(['*', '-']), figures.iter().filter_map(point).collect())
+    Line::new(&of_family(pattern.trim_end_matches('*')), figures.iter().filter_map(point).collect())
 }
 
 /// Groups records into figures: per name the latest group, sorted by name.
@@ -100,7 +106,7 @@ impl Unit {
                 Some(Unit::Bytes)
             } else if ends("ms") {
                 Some(Unit::Milliseconds)
-            } else if ends("per_s") {
+            } else if ends("per_s") || ends("per_core_s") {
                 Some(Unit::PerSecond)
             } else if ends("count") {
                 Some(Unit::Count)
@@ -167,6 +173,7 @@ mod tests {
             (12.34, "phase_ms.scan", "12.3 ms"),
             (12_340.0, "time_ms", "12.3 s"),
             (1_234_567.0, "rays_per_s.primary", "1.23 M/s"),
+            (1_234_567.0, "primary.per_core_s", "1.23 M/s"),
             (5_000_000.0, "triangle_count", "5.00 M"),
             (999.0, "triangle_count", "999"),
             (4.021, "bytes_per_triangle.disk", "4.02"),

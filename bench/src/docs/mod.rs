@@ -3,7 +3,7 @@
 //! A page is written by hand; what stands between two markers is replaced:
 //!
 //! ```text
-//! <!-- record:PATTERN KEY KEY.. -->              a table: a row per record name, a column per key
+//! <!-- record:PATTERN KEY KEY="NAME".. -->       a table: a row per record name, a column per key
 //! <!-- end -->
 //! <!-- plot:FILE PATTERN,PATTERN x=KEY y=KEY --> a plot in docs/plots/FILE.svg: a line per pattern
 //! <!-- plot:FILE PATTERN x=STEM.* y=KEY -->      the same, of what each figure tells as STEM.X.KEY: a line per figure
@@ -26,6 +26,7 @@ use figure::Figure;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use table::Column;
 
 const TABLE: &str = "<!-- record:";
 const PLOT: &str = "<!-- plot:";
@@ -125,25 +126,31 @@ impl Page<'_> {
     }
 
     fn table(&self, marker: &str) -> anyhow::Result<String> {
-        let mut words = marker.split_whitespace();
+        let mut words = words(marker).into_iter();
         let pattern = words.next().context("the marker names no record")?;
-        let keys: Vec<&str> = words.collect();
-        ensure!(!keys.is_empty(), "the marker names no key");
+        let column =
+            |word| Column::parse(word).with_context(|| format!("{word}: accepted is KEY or KEY=\"NAME\""));
+        let columns = words.map(column).collect::<anyhow::Result<Vec<_>>>()?;
+        ensure!(!columns.is_empty(), "the marker names no key");
         let rows = select(self.figures, pattern);
-        Ok(if rows.is_empty() { EMPTY.to_owned() } else { table::render(&rows, &keys) })
+        let stem = pattern.strip_suffix('*').unwrap_or_default();
+        Ok(if rows.is_empty() { EMPTY.to_owned() } else { table::render(&rows, &columns, stem) })
     }
 
     fn plot(&mut self, marker: &str) -> anyhow::Result<String> {
-        let words: Vec<&str> = marker.split_whitespace().collect();
-        let [name, patterns, x, y] = words[..] else { bail!("accepted is plot:FILE PATTERN,.. x=KEY y=KEY") };
-        let (x, y) = x.strip_prefix("x=").zip(y.strip_prefix("y=")).context("axes are x=KEY y=KEY")?;
+        let [name, patterns, x, y] = words(marker)[..] else {
+            bail!("accepted is plot:FILE PATTERN,.. x=KEY y=KEY")
+        };
+        let axes = x.strip_prefix("x=").zip(y.strip_prefix("y="));
+        let axes = axes.and_then(|(x, y)| Column::parse(x).zip(Column::parse(y)));
+        let (x, y) = axes.context("axes are x=KEY y=KEY, each with =\"NAME\" or not")?;
         let lines: Vec<Line> = patterns
             .split(',')
             .flat_map(|pattern| {
                 let figures = select(self.figures, pattern);
-                match x.strip_suffix(".*") {
-                    Some(stem) => figures.iter().map(|figure| figure.line(stem, y)).collect(),
-                    None => vec![figure::line_of(pattern, &figures, x, y)],
+                match x.key.strip_suffix(".*") {
+                    Some(stem) => figures.iter().map(|figure| figure.line(stem, y.key)).collect(),
+                    None => vec![figure::line_of(pattern, &figures, x.key, y.key)],
                 }
             })
             .filter(|line| !line.points.is_empty())
@@ -151,12 +158,21 @@ impl Page<'_> {
         if lines.is_empty() {
             return Ok(EMPTY.to_owned());
         }
-        let x = x.trim_end_matches(".*");
-        let svg = plot::render(&lines, &figure::title(x), &figure::title(y))
-            .with_context(|| format!("plot {name}"))?;
+        let (x, y) = (x.title(), y.title());
+        let svg = plot::render(&lines, &x, &y).with_context(|| format!("plot {name}"))?;
         self.plots.insert(name.to_owned(), svg);
-        Ok(format!("![{} over {}](plots/{name}.svg)\n", figure::title(y), figure::title(x)))
+        Ok(format!("![{y} over {x}](plots/{name}.svg)\n"))
     }
+}
+
+/// What blanks part, those between quotes aside.
+fn words(marker: &str) -> Vec<&str> {
+    let mut is_quoted = false;
+    let is_gap = |letter: char| {
+        is_quoted ^= letter == '"';
+        letter.is_whitespace() && !is_quoted
+    };
+    marker.split(is_gap).filter(|word| !word.is_empty()).collect()
 }
 
 /// The figures whose name fits, in order of name.
@@ -207,7 +223,7 @@ mod tests {
         root
     }
 
-    const PAGE: &str = "# Speed\n\n<!-- record:build-* triangle_count triangles_per_s -->\nold\n<!-- end -->\n\
+    const PAGE: &str = "# Speed\n\n<!-- record:build-* triangle_count triangles_per_s=\"Speed of it\" -->\nold\n<!-- end -->\n\
         text\n<!-- plot:speed build-* x=triangle_count y=triangles_per_s -->\n<!-- end -->\nlast\n";
 
     #[test]
@@ -220,7 +236,9 @@ mod tests {
         let page = fs::read_to_string(root.path().join("docs/page.md")).unwrap();
         assert!(page.starts_with("# Speed\n") && page.ends_with("<!-- end -->\nlast\n"), "{page}");
         assert!(!page.contains("old"), "{page}");
-        assert!(page.contains("| `build-a` | 10.0 k | 2.00 M/s | 2 |"), "{page}");
+        assert!(page.contains("| | triangles | Speed of it | runs |\n"), "{page}");
+        assert!(page.contains("| a | 10.0 k | 2.00 M/s | 2 |\n"), "{page}");
+        assert!(page.contains("</summary>\n\n- `build-a`: `trex build"), "{page}");
         assert!(page.contains("Test CPU, 2 cores, 4.0 GiB, Linux 6"), "{page}");
         assert!(page.contains("](plots/speed.svg)"), "{page}");
         let svg = fs::read_to_string(root.path().join("docs/plots/speed.svg")).unwrap();
@@ -265,6 +283,7 @@ mod tests {
         for (page, why) in [
             ("\n<!-- record:a b -->\n", "line 2: <!-- end --> is missing"),
             ("<!-- record:a -->\n<!-- end -->\n", "names no key"),
+            ("<!-- record:a b=c -->\n<!-- end -->\n", "accepted is KEY"),
             ("<!-- record:a b\n<!-- end -->\n", "does not end in"),
             ("<!-- plot:a b x=c -->\n<!-- end -->\n", "accepted is"),
             ("<!-- plot:a b c d -->\n<!-- end -->\n", "axes are"),
