@@ -7,6 +7,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Duration;
 use trex_bench::model::Model;
 use trex_render::{AllResident, Camera, PagedMesh, Ray, Tracer};
@@ -20,9 +21,9 @@ const PICTURE_SIDE: u32 = 128;
 /// Passes over all tests.
 const SAMPLES: usize = 20;
 
-fn built() -> PageFile {
+fn built() -> Arc<PageFile> {
     let model = Model::for_bench(MODEL, Voxels::None, std::env::temp_dir());
-    PageFile::open(&model.path, &Budget::unlimited()).expect("a page file")
+    Arc::new(PageFile::open(&model.path, &Budget::unlimited()).expect("a page file"))
 }
 
 /// A ray through each pixel of a picture of the whole model, along rows.

@@ -8,6 +8,7 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 use trex_render::{AllResident, Camera, PagedMesh, Ray, Tracer};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::PageStore;
@@ -25,7 +26,7 @@ fn measured(work: &mut dyn FnMut() -> u64) -> u64 {
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [path, step] = arguments.as_slice() else { panic!("usage: counts FILE STEP") };
-    let file = PageFile::open(Path::new(path), &Budget::unlimited()).expect("a page file");
+    let file = Arc::new(PageFile::open(Path::new(path), &Budget::unlimited()).expect("a page file"));
     let pages = AllResident::load(&file);
     let camera = Camera::framing(&file.superblock().bounds, [SIDE; 2], None, None);
     let projection = camera.project([SIDE; 2]).expect("a picture");

@@ -16,7 +16,7 @@ fn main() -> Result<(), Error> {
     let found = tiny::model()?;
     let budget = Budget::new(512 << 20);
     let file = Arc::new(PageFile::open(&found.path, &budget)?);
-    let pool = PagePool::open(file.clone(), &found.path, &budget, &PoolOptions::default())?;
+    let pool = Arc::new(PagePool::open(file.clone(), &found.path, &budget, &PoolOptions::default())?);
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
     let voxels = Voxels::open(&file, &budget)?.map(Arc::new);
     let method = if voxels.is_some() { Method::Photon } else { Method::Direct };

@@ -15,7 +15,7 @@ fn main() -> Result<(), Error> {
     let model = tiny::model()?;
     let budget = Budget::new(256 << 20);
     let file = Arc::new(PageFile::open(&model.path, &budget)?);
-    let pool = PagePool::open(file.clone(), &model.path, &budget, &PoolOptions::default())?;
+    let pool = Arc::new(PagePool::open(file.clone(), &model.path, &budget, &PoolOptions::default())?);
     let mut tracer = pooled_tracers(&file, &pool, 1).remove(0);
 
     let camera = Camera::framing(&file.superblock().bounds, [512, 512], None, None);

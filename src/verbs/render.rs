@@ -248,7 +248,7 @@ impl Job<'_> {
     /// What is to be told.
     fn rendered(
         &self,
-        show: Show<StageTracer<'_>>,
+        show: Show<StageTracer>,
         shown: Shown,
         stage: &Stage,
         times: &Times,

@@ -29,7 +29,7 @@ pub struct ResidentPages {
 /// A file, its pool, and what the scene says of them.
 pub struct Stage {
     pub file: Arc<PageFile>,
-    pub pool: PagePool,
+    pub pool: Arc<PagePool>,
     pub shares: MemoryPlan,
     model: Model,
     view: View,
@@ -38,7 +38,7 @@ pub struct Stage {
 }
 
 /// What answers the rays of a stage.
-pub type StageTracer<'a> = PagedMesh<'a, PooledPages<'a>>;
+pub type StageTracer = PagedMesh<PooledPages>;
 
 /// What is to be shown, and how.
 #[derive(Clone, Copy)]
@@ -64,7 +64,7 @@ impl Stage {
         let shares = MemoryPlan::new(&file, &picture, ctx.budget.limit_bytes())?;
         let voxels = if picture.asks_voxels() { Voxels::open(&file, &ctx.budget)? } else { None };
         let pool_options = PoolOptions { io: play.io.clone(), ..shares.pool_options() };
-        let pool = PagePool::open(file.clone(), play.file, &ctx.budget, &pool_options)?;
+        let pool = Arc::new(PagePool::open(file.clone(), play.file, &ctx.budget, &pool_options)?);
         tracing::info!("{:?}; {}", pool.io(), size::memory_plan(&shares));
 
         let lease = ctx.budget.lease("materials and emitters", model_bytes(&file))?;
@@ -89,7 +89,7 @@ impl Stage {
     }
 
     /// A session on this stage.
-    pub fn session(&self, ctx: &Context) -> Result<Session<StageTracer<'_>>> {
+    pub fn session(&self, ctx: &Context) -> Result<Session<StageTracer>> {
         let tracers = pooled_tracers(&self.file, &self.pool, ctx.threads);
         let (model, view, layers) = (self.model.clone(), self.view.clone(), self.layers);
         let setup = SessionSetup { model, view, layers, tracers, pool: ctx.thread_pool()? };

@@ -80,7 +80,7 @@ impl Traced {
         all
     }
 
-    fn tracer(&self, arithmetic: Arithmetic) -> PagedMesh<'_, &AllResident> {
+    fn tracer(&self, arithmetic: Arithmetic) -> PagedMesh<&AllResident> {
         PagedMesh::with_arithmetic(&self.built.file, &self.pages, arithmetic)
     }
 

@@ -24,8 +24,9 @@ fn picture(spec: &str, voxels: build::Voxels, method: Method, frames_bytes: Opti
     let defaults = PoolOptions { staging_slots: 2, ..PoolOptions::default() };
     let (overhead, smallest) = PagePool::smallest_bytes(&*file, &defaults).unwrap();
     let frames_bytes = frames_bytes.unwrap_or(smallest - overhead);
-    let pool =
-        PagePool::open(file.clone(), path, &budget, &PoolOptions { frames_bytes, ..defaults }).unwrap();
+    let pool = Arc::new(
+        PagePool::open(file.clone(), path, &budget, &PoolOptions { frames_bytes, ..defaults }).unwrap(),
+    );
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
     let voxels = Voxels::open(&file, &budget).unwrap().map(Arc::new);
     let model = Model { bounds, materials, emitters: vec![], voxels };

@@ -19,12 +19,12 @@ const RESOLUTION: [u32; 2] = [128, 96];
 const TILES: u32 = 16 * 12;
 const BLOCK: u32 = 16;
 
-type Tracer<'a> = PagedMesh<'a, PooledPages<'a>>;
+type Tracer = PagedMesh<PooledPages>;
 
 /// A model whose pages are all on the disk at first.
 struct Stage {
     file: Arc<PageFile>,
-    pool: PagePool,
+    pool: Arc<PagePool>,
     _folder: tempfile::TempDir,
 }
 
@@ -36,11 +36,11 @@ impl Stage {
         let file = Arc::new(PageFile::open(&path, &Budget::unlimited()).unwrap());
         let pool =
             PagePool::open(file.clone(), &path, &Budget::unlimited(), &PoolOptions::default()).unwrap();
-        Stage { file, pool, _folder: inside }
+        Stage { file, pool: Arc::new(pool), _folder: inside }
     }
 
     /// A session with its photons, if it has any.
-    fn session(&self, method: Method) -> Session<Tracer<'_>> {
+    fn session(&self, method: Method) -> Session<Tracer> {
         let budget = Budget::unlimited();
         let voxels = Voxels::open(&self.file, &budget).unwrap().map(Arc::new);
         let bounds = self.file.superblock().bounds;
@@ -60,7 +60,7 @@ impl Stage {
         session
     }
 
-    fn live(&self, method: Method) -> LiveSession<Tracer<'_>> {
+    fn live(&self, method: Method) -> LiveSession<Tracer> {
         // Long enough for a frame to end by its work, whatever else the machine does.
         let options = FrameOptions {
             t_max: Duration::from_secs(60),
@@ -72,15 +72,15 @@ impl Stage {
     }
 }
 
-fn frame(session: &mut LiveSession<Tracer<'_>>) -> FrameReport {
+fn frame(session: &mut LiveSession<Tracer>) -> FrameReport {
     session.frame(1, &|| false)
 }
 
-fn frame_until(session: &mut LiveSession<Tracer<'_>>, progress: FrameProgress) -> FrameReport {
+fn frame_until(session: &mut LiveSession<Tracer>, progress: FrameProgress) -> FrameReport {
     (0..10_000).map(|_| frame(session)).find(|report| report.progress >= progress).expect("it gets there")
 }
 
-fn shown(session: &LiveSession<Tracer<'_>>) -> Vec<[f32; 3]> {
+fn shown(session: &LiveSession<Tracer>) -> Vec<[f32; 3]> {
     let [width, height] = RESOLUTION;
     (0..height).flat_map(|y| (0..width).map(move |x| session.shown([x, y]))).collect()
 }

@@ -14,7 +14,7 @@ use trex_store::{
 
 /// A built file.
 pub(crate) struct Built {
-    pub(crate) file: PageFile,
+    pub(crate) file: Arc<PageFile>,
     /// Removed with the last look at the file, where the file has a folder of its own.
     _folder: Option<tempfile::TempDir>,
 }
@@ -60,7 +60,7 @@ pub(crate) fn build_source(source: &mut dyn TriangleSource, options: &BuildOptio
 /// Builds any source; who asks takes care of the file.
 pub(crate) fn build_at(path: &Path, source: &mut dyn TriangleSource, options: &BuildOptions) -> Built {
     build(source, path, options, &|_| {}, &|_| {}).unwrap();
-    Built { file: PageFile::open(path, &Budget::unlimited()).unwrap(), _folder: None }
+    Built { file: Arc::new(PageFile::open(path, &Budget::unlimited()).unwrap()), _folder: None }
 }
 
 impl Built {

@@ -225,12 +225,12 @@ fn lanes_without_room_for_pages_answer_as_single_rays_do() {
 }
 
 /// Pages of a pool, and which of them were wanted.
-struct Wanting<'a> {
-    pages: PooledPages<'a>,
+struct Wanting {
+    pages: PooledPages,
     wanted: BTreeSet<u32>,
 }
 
-impl Pages for Wanting<'_> {
+impl Pages for Wanting {
     fn page(&mut self, page: u32) -> Page<'_> {
         let found = self.pages.page(page);
         if matches!(found, Page::Missing) {
@@ -264,7 +264,8 @@ fn batches_end_while_pages_come_and_go() {
         let defaults = PoolOptions { staging_slots: 2, ..PoolOptions::default() };
         let (overhead, smallest) = PagePool::smallest_bytes(&*file, &defaults).unwrap();
         let options = PoolOptions { frames_bytes: smallest - overhead + spare, ..defaults };
-        let pool = PagePool::open(file.clone(), file.path(), &Budget::unlimited(), &options).unwrap();
+        let pool =
+            Arc::new(PagePool::open(file.clone(), file.path(), &Budget::unlimited(), &options).unwrap());
         let mut pages = Wanting { pages: PooledPages::new(&pool, 0, 1), wanted: BTreeSet::new() };
         let mut waiting: Vec<usize> = (0..stage.rays.len()).collect();
         let mut rounds = 0;
@@ -292,7 +293,7 @@ fn batches_end_while_pages_come_and_go() {
 fn ask(
     stage: &Stage,
     scene: &LowerScene<'_>,
-    pages: &mut Wanting<'_>,
+    pages: &mut Wanting,
     waiting: &[usize],
     whole: &[Answer<Option<LowerHit>>],
 ) -> Vec<usize> {
@@ -307,7 +308,7 @@ fn ask(
     blocked.map(|(&at, _)| at).collect()
 }
 
-impl Wanting<'_> {
+impl Wanting {
     /// Waits until something has come of what is wanted.
     fn bring(&mut self, pool: &PagePool) {
         let wanted = std::mem::take(&mut self.wanted).into_iter().take(8);

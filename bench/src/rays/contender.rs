@@ -94,7 +94,7 @@ fn processor_time() -> Duration {
 /// Ours, all pages in memory.
 pub(super) struct Resident<'a> {
     pub(super) space: Space,
-    pub(super) workers: Vec<PagedMesh<'a, &'a AllResident>>,
+    pub(super) workers: Vec<PagedMesh<&'a AllResident>>,
 }
 
 /// The same, with rays handed over together, which it makes packets of.
@@ -105,7 +105,7 @@ pub(super) struct Packets<'a> {
 
 /// A chunk of rays, and answers.
 struct PacketWorker<'a> {
-    tracer: PagedMesh<'a, &'a AllResident>,
+    tracer: PagedMesh<&'a AllResident>,
     rays: Vec<Ray>,
     hits: Vec<Answer<Option<Hit>>>,
     occluded: Vec<Answer<bool>>,
@@ -114,7 +114,7 @@ struct PacketWorker<'a> {
 impl<'a> Packets<'a> {
     pub(super) fn new(
         space: Space,
-        tracers: impl Iterator<Item = PagedMesh<'a, &'a AllResident>>,
+        tracers: impl Iterator<Item = PagedMesh<&'a AllResident>>,
     ) -> Packets<'a> {
         let worker = |tracer| PacketWorker { tracer, rays: vec![], hits: vec![], occluded: vec![] };
         Packets { space, workers: tracers.map(worker).collect() }
@@ -177,12 +177,12 @@ impl Resident<'_> {
 }
 
 /// Ours, through the pool.
-pub(super) struct Pooled<'a> {
+pub(super) struct Pooled {
     pub(super) space: Space,
-    pub(super) workers: Vec<PagedMesh<'a, PooledPages<'a>>>,
+    pub(super) workers: Vec<PagedMesh<PooledPages>>,
 }
 
-impl Contender for Pooled<'_> {
+impl Contender for Pooled {
     fn label(&self) -> &str {
         "trex"
     }
@@ -214,7 +214,7 @@ impl Contender for Pooled<'_> {
     }
 }
 
-impl Pooled<'_> {
+impl Pooled {
     /// The closest hit.
     pub(super) fn hit(&mut self, ray: &BenchRay) -> Option<Hit> {
         let (tracer, ray) = (&mut self.workers[0], self.space.to_model(ray));

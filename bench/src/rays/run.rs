@@ -105,7 +105,11 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
 }
 
 /// A pool with all frames that the limit has room for.
-fn open_pool(file: &Arc<PageFile>, options: &RayOptions, around: &Surroundings) -> Result<(PagePool, Lease)> {
+fn open_pool(
+    file: &Arc<PageFile>,
+    options: &RayOptions,
+    around: &Surroundings,
+) -> Result<(Arc<PagePool>, Lease)> {
     let budget = &around.budget;
     let defaults = PoolOptions {
         io: options.io.clone(),
@@ -118,7 +122,7 @@ fn open_pool(file: &Arc<PageFile>, options: &RayOptions, around: &Surroundings) 
     let lease = budget.lease("the pins of the workers", pins)?;
     let frames_bytes = budget.free_bytes().saturating_sub(overhead).max(smallest - overhead);
     let pool_options = PoolOptions { frames_bytes, ..defaults };
-    Ok((PagePool::open(file.clone(), file.path(), budget, &pool_options)?, lease))
+    Ok((Arc::new(PagePool::open(file.clone(), file.path(), budget, &pool_options)?), lease))
 }
 
 fn make_sets(

@@ -24,6 +24,7 @@ use super::kernel::{Kernel, TrianglesMet};
 use super::lattice_ray::{LatticeFrame, Refined, Span};
 use super::pages::{Page, Pages};
 use super::stack::{Entry, Pending, Stack};
+use std::sync::Arc;
 use trex_store::PageFile;
 use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterView, FrameRef, FrameView, LEAF_PLANES, TopRef};
 use trex_store::layout::NODE_WIDTH;
@@ -90,9 +91,8 @@ impl Missing {
 }
 
 /// The scene that is traced: the tables of a file, and its lattice as rays see it.
-#[derive(Clone, Copy)]
-pub(super) struct Scene<'a> {
-    pub(super) file: &'a PageFile,
+pub(super) struct Scene {
+    pub(super) file: Arc<PageFile>,
     pub(super) frame: LatticeFrame,
 }
 
@@ -122,7 +122,7 @@ pub(super) struct Ended {
 /// exact.
 #[inline(always)]
 pub(super) fn trace_ray<K: Kernel, P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     stack: &mut Stack,
     ray: &Ray,
@@ -140,7 +140,7 @@ pub(super) fn trace_ray<K: Kernel, P: Pages, G: Goal>(
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // Of one ray, all of it in registers.
 pub(super) fn walk<K: Kernel, P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     kernel: &K,
     span: &Span,

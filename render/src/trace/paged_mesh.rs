@@ -17,11 +17,12 @@ use super::simd::{PACKET_RAYS, PacketRoom};
 use super::stack::Stack;
 use super::{Answer, Hit, Ray, Tracer};
 use glam::DVec3;
+use std::sync::Arc;
 use trex_store::PageFile;
 
 /// Traces rays against the clusters of a file, through whatever gives it pages.
-pub struct PagedMesh<'a, P> {
-    scene: Scene<'a>,
+pub struct PagedMesh<P> {
+    scene: Scene,
     pages: P,
     arithmetic: Arithmetic,
     stack: Stack,
@@ -44,9 +45,9 @@ const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
 /// Rounding of model coordinates: a few operations in f64.
 const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
 
-impl<'a, P: Pages> PagedMesh<'a, P> {
+impl<P: Pages> PagedMesh<P> {
     /// A tracer of `file` with the fastest arithmetic, through `pages`.
-    pub fn new(file: &'a PageFile, pages: P) -> PagedMesh<'a, P> {
+    pub fn new(file: &Arc<PageFile>, pages: P) -> PagedMesh<P> {
         PagedMesh::with_arithmetic(file, pages, Arithmetic::for_file(file))
     }
 
@@ -54,9 +55,9 @@ impl<'a, P: Pages> PagedMesh<'a, P> {
     ///
     /// # Panics
     /// For f32 on a lattice of more than 24 bits, and for AVX2 where the machine has none.
-    pub fn with_arithmetic(file: &'a PageFile, pages: P, arithmetic: Arithmetic) -> PagedMesh<'a, P> {
+    pub fn with_arithmetic(file: &Arc<PageFile>, pages: P, arithmetic: Arithmetic) -> PagedMesh<P> {
         arithmetic.check(file);
-        let scene = Scene { file, frame: LatticeFrame::new(file) };
+        let scene = Scene { file: file.clone(), frame: LatticeFrame::new(file) };
         PagedMesh {
             scene,
             pages,
@@ -191,7 +192,7 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
     }
 }
 
-impl<P: Pages> Tracer for PagedMesh<'_, P> {
+impl<P: Pages> Tracer for PagedMesh<P> {
     #[inline]
     fn unit_page(&mut self, page: u32) -> Page<'_> {
         let found = self.pages.page(page);

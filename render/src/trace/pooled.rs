@@ -13,6 +13,7 @@ use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
 use super::retry::WAIT;
 use std::cell::{Cell, OnceCell};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::PageFile;
 use trex_store::pool::{PagePool, PageState, PinToken, Want};
@@ -23,8 +24,8 @@ const WANTS_MAX: usize = 512;
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Pages of a pool, pinned by one worker.
-pub struct PooledPages<'a> {
-    pool: &'a PagePool,
+pub struct PooledPages {
+    pool: Arc<PagePool>,
     /// Per page: 1 + its place in `pins`, or 0.
     pinned: Vec<Cell<u16>>,
     /// The first `pin_count` are there. Cells, so that one more can be pinned while frames of others are borrowed.
@@ -42,15 +43,15 @@ pub struct PooledPages<'a> {
     is_patient: bool,
 }
 
-impl<'a> PooledPages<'a> {
+impl PooledPages {
     /// Pages for worker `origin` of so many, which may pin its share of the frames.
     ///
     /// # Panics
     /// When there is no worker.
-    pub fn new(pool: &'a PagePool, origin: usize, workers: usize) -> PooledPages<'a> {
+    pub fn new(pool: &Arc<PagePool>, origin: usize, workers: usize) -> PooledPages {
         let pins_max = pins_max(pool, workers);
         PooledPages {
-            pool,
+            pool: pool.clone(),
             pinned: vec![Cell::new(0); pool.page_count() as usize],
             pins: empty_pins(pool, pins_max),
             pin_count: Cell::new(0),
@@ -84,7 +85,7 @@ impl<'a> PooledPages<'a> {
         // Those that block the most rays first: the others are asked for again by the rays that still wait.
         blocked.sort_unstable_by_key(|&(page, rays)| (std::cmp::Reverse(rays), page));
         let blocked = &blocked[..blocked.len().min(WANTS_MAX / 2)];
-        let pool = self.pool;
+        let pool = &self.pool;
         self.wants.retain(|&(page, _)| is_awaited(pool, page));
         for &(page, rays) in blocked {
             match self.wants.iter_mut().find(|(wanted, _)| *wanted == page) {
@@ -103,7 +104,7 @@ impl<'a> PooledPages<'a> {
     /// Waits for one page, for [`PATIENCE`] at most.
     fn bring(&mut self, page: u32) {
         let until = Instant::now() + PATIENCE;
-        while is_awaited(self.pool, page) && Instant::now() < until {
+        while is_awaited(&self.pool, page) && Instant::now() < until {
             self.pool.submit(self.origin, &[Want { page, weight: 1 }]);
             self.epoch = self.pool.wait_for_progress(self.epoch, WAIT);
         }
@@ -134,7 +135,7 @@ fn is_awaited(pool: &PagePool, page: u32) -> bool {
     matches!(pool.state(page), PageState::Absent | PageState::Queued | PageState::Reading)
 }
 
-impl Pages for PooledPages<'_> {
+impl Pages for PooledPages {
     #[inline]
     fn page(&mut self, page: u32) -> Page<'_> {
         if self.pinned[page as usize].get() == 0 && self.pin_count.get() >= self.pins_max {
@@ -175,20 +176,20 @@ impl Pages for PooledPages<'_> {
     }
 }
 
-impl Drop for PooledPages<'_> {
+impl Drop for PooledPages {
     fn drop(&mut self) {
         self.unpin_all();
     }
 }
 
-impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
+impl PagedTracer for PagedMesh<PooledPages> {
     fn begin_tile(&mut self) {
         let pages = self.pages_mut();
         pages.unpin_all();
         // The limit may have changed.
-        pages.pins_max = pins_max(pages.pool, pages.workers);
+        pages.pins_max = pins_max(&pages.pool, pages.workers);
         if pages.pins.len() != pages.pins_max.min(pages.pool.page_count() as usize) {
-            pages.pins = empty_pins(pages.pool, pages.pins_max);
+            pages.pins = empty_pins(&pages.pool, pages.pins_max);
         }
     }
 
@@ -219,11 +220,11 @@ impl PagedTracer for PagedMesh<'_, PooledPages<'_>> {
 
 /// Tracers of `file` for `workers` threads over one pool. Each may pin its share of the frames; two are left for
 /// arrivals.
-pub fn pooled_tracers<'a>(
-    file: &'a PageFile,
-    pool: &'a PagePool,
+pub fn pooled_tracers(
+    file: &Arc<PageFile>,
+    pool: &Arc<PagePool>,
     workers: usize,
-) -> Vec<PagedMesh<'a, PooledPages<'a>>> {
+) -> Vec<PagedMesh<PooledPages>> {
     (0..workers).map(|worker| PagedMesh::new(file, PooledPages::new(pool, worker, workers))).collect()
 }
 

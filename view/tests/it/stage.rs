@@ -71,18 +71,18 @@ pub(crate) fn keys() -> RenderKeys {
     }
 }
 
-type Tracer<'a> = PagedMesh<'a, PooledPages<'a>>;
+type Tracer = PagedMesh<PooledPages>;
 
 /// Gives a session with `keys` to `then`.
 fn with_session<R>(
     keys: RenderKeys,
     budget: &Budget,
-    then: impl FnOnce(Session<Tracer<'_>>, &PagePool) -> R,
+    then: impl FnOnce(Session<Tracer>, &PagePool) -> R,
 ) -> R {
     let path = model();
     let file = Arc::new(PageFile::open(path, budget).unwrap());
     let options = PoolOptions { frames_bytes: 8 << 20, ..PoolOptions::default() };
-    let pool = PagePool::open(file.clone(), path, budget, &options).unwrap();
+    let pool = Arc::new(PagePool::open(file.clone(), path, budget, &options).unwrap());
     let voxels = Voxels::open(&file, budget).unwrap().map(Arc::new);
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
     let mut model = Model { bounds, materials, emitters: vec![], voxels };

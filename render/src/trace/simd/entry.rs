@@ -17,7 +17,7 @@ pub(in crate::trace) fn is_available() -> bool {
 
 /// [`trace_ray`] with this kernel.
 pub(in crate::trace) fn trace<P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     stack: &mut Stack,
     ray: &Ray,
@@ -29,7 +29,7 @@ pub(in crate::trace) fn trace<P: Pages, G: Goal>(
 
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn trace_with_features<P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     stack: &mut Stack,
     ray: &Ray,
@@ -40,7 +40,7 @@ fn trace_with_features<P: Pages, G: Goal>(
 
 /// [`trace_packet`] with this kernel.
 pub(in crate::trace) fn packet<P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     stack: &mut Stack,
     rays: &[Ray],
@@ -52,7 +52,7 @@ pub(in crate::trace) fn packet<P: Pages, G: Goal>(
 
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn packet_with_features<P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     stack: &mut Stack,
     rays: &[Ray],

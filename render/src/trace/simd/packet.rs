@@ -92,7 +92,7 @@ struct Packet<'a> {
 /// The caller runs with AVX2 and FMA.
 #[inline(always)]
 pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
-    scene: &Scene<'_>,
+    scene: &Scene,
     pages: &mut P,
     stack: &mut Stack,
     rays: &[Ray],
@@ -168,7 +168,7 @@ impl Packet<'_> {
     #[inline(always)]
     fn alone<P: Pages, G: Goal>(
         &mut self,
-        scene: &Scene<'_>,
+        scene: &Scene,
         pages: &mut P,
         pending: &mut Pending<'_>,
         at: Waiting,
@@ -190,7 +190,7 @@ impl Packet<'_> {
         &mut self,
         page: &OpenPage<'_>,
         slot: u32,
-        scene: &Scene<'_>,
+        scene: &Scene,
         pending: &mut Pending<'_>,
         at: Waiting,
     ) {
@@ -248,7 +248,7 @@ impl Packet<'_> {
 
     /// Puts the children of a node that some of `rays` meet, the nearest on top.
     #[inline(always)]
-    fn node(&mut self, node: &Node, scene: &Scene<'_>, rays: u32) {
+    fn node(&mut self, node: &Node, scene: &Scene, rays: u32) {
         let mut t = [[0.0; PACKET_RAYS]; NODE_WIDTH];
         // SAFETY: the caller runs with AVX2 and FMA.
         let met = unsafe { self.boxes.meet(node, scene.frame.node_shift, &self.t_max, &mut t) };
