@@ -64,8 +64,9 @@ pub use session::{
 pub use shading::{Emitter, Emitters, Light};
 pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
 pub use trace::{
-    AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
-    PooledPages, Ray, Tracer, pooled_tracers,
+    AllResident, Answer, Arithmetic, Hit, MeshTracer, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer,
+    Pages, PooledPages, Ray, Seat, Seats, Tracer, intersect_all, occluded_all, pooled_tracers,
+    seated_tracers,
 };
 pub use voxel::{
     LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels,

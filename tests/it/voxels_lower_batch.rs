@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{
     AllResident, Answer, LowerHit, LowerScene, MissingUnits, Occluders, PacketWidth, Page, Pages,
-    PooledPages, Ray, Voxels,
+    PooledPages, Ray, Seats, Voxels,
 };
 use trex_store::octree::Refinement;
 use trex_store::pool::{PagePool, PoolOptions, Want};
@@ -266,7 +266,10 @@ fn batches_end_while_pages_come_and_go() {
         let options = PoolOptions { frames_bytes: smallest - overhead + spare, ..defaults };
         let pool =
             Arc::new(PagePool::open(file.clone(), file.path(), &Budget::unlimited(), &options).unwrap());
-        let mut pages = Wanting { pages: PooledPages::new(&pool, 0, 1), wanted: BTreeSet::new() };
+        let mut pages = Wanting {
+            pages: PooledPages::new(&pool, Arc::new(Seats::default()).assign().unwrap()),
+            wanted: BTreeSet::new(),
+        };
         let mut waiting: Vec<usize> = (0..stage.rays.len()).collect();
         let mut rounds = 0;
         while !waiting.is_empty() {

@@ -1,5 +1,6 @@
 //! C-rays against exact geometry: what a ray is, what answers it, and who can answer.
 
+mod answer;
 mod arithmetic;
 mod bvh;
 mod kernel;
@@ -11,18 +12,21 @@ mod pages;
 mod pooled;
 mod retry;
 mod scalar;
+mod seats;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 mod stack;
 mod unit_pages;
 
+pub use answer::{intersect_all, occluded_all};
 pub use arithmetic::Arithmetic;
 pub use naive::{NaiveMesh, NaiveTriangle};
 pub use paged_mesh::PagedMesh;
 pub use paged_tracer::PagedTracer;
 pub use pages::{AllResident, Page, Pages};
-pub use pooled::{PooledPages, pooled_tracers};
+pub use pooled::{MeshTracer, PooledPages, pooled_tracers, seated_tracers};
 pub(crate) use retry::{Advance, Retry, WAIT};
+pub use seats::{Seat, Seats};
 pub(crate) use unit_pages::UnitPages;
 
 use glam::DVec3;

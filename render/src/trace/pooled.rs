@@ -12,11 +12,12 @@ use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
 use super::retry::WAIT;
+use super::seats::{Seat, Seats};
 use std::cell::{Cell, OnceCell};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use trex_store::PageFile;
 use trex_store::pool::{PagePool, PageState, PinToken, Want};
+use trex_store::{PageFile, Result};
 
 /// Most pages that one worker asks for at a time.
 const WANTS_MAX: usize = 512;
@@ -32,9 +33,7 @@ pub struct PooledPages {
     pins: Vec<OnceCell<PinToken>>,
     pin_count: Cell<usize>,
     pins_max: usize,
-    workers: usize,
-    /// The worker's number: the origin of its want-list.
-    origin: usize,
+    seat: Seat,
     wants: Vec<(u32, u32)>,
     /// Pages asked for since demand was forgotten, a bit each.
     used: Vec<Cell<u64>>,
@@ -44,20 +43,16 @@ pub struct PooledPages {
 }
 
 impl PooledPages {
-    /// Pages for worker `origin` of so many, which may pin its share of the frames.
-    ///
-    /// # Panics
-    /// When there is no worker.
-    pub fn new(pool: &Arc<PagePool>, origin: usize, workers: usize) -> PooledPages {
-        let pins_max = pins_max(pool, workers);
+    /// Pages for the worker at `seat`, which may pin its share of the frames.
+    pub fn new(pool: &Arc<PagePool>, seat: Seat) -> PooledPages {
+        let pins_max = pins_max(pool, &seat);
         PooledPages {
             pool: pool.clone(),
             pinned: vec![Cell::new(0); pool.page_count() as usize],
             pins: empty_pins(pool, pins_max),
             pin_count: Cell::new(0),
             pins_max,
-            workers,
-            origin,
+            seat,
             wants: Vec::new(),
             used: vec![Cell::new(0); (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
@@ -97,7 +92,7 @@ impl PooledPages {
             self.wants.drain(..self.wants.len() - WANTS_MAX);
         }
         let list: Vec<Want> = self.wants.iter().map(|&(page, weight)| Want { page, weight }).collect();
-        pool.submit(self.origin, &list);
+        pool.submit(self.seat.number(), &list);
         list.len()
     }
 
@@ -105,7 +100,7 @@ impl PooledPages {
     fn bring(&mut self, page: u32) {
         let until = Instant::now() + PATIENCE;
         while is_awaited(&self.pool, page) && Instant::now() < until {
-            self.pool.submit(self.origin, &[Want { page, weight: 1 }]);
+            self.pool.submit(self.seat.number(), &[Want { page, weight: 1 }]);
             self.epoch = self.pool.wait_for_progress(self.epoch, WAIT);
         }
     }
@@ -116,7 +111,7 @@ impl PooledPages {
         self.wants.clear();
         // What is not wanted for two rounds is dropped.
         for _ in 0..2 {
-            self.pool.submit(self.origin, &[]);
+            self.pool.submit(self.seat.number(), &[]);
         }
     }
 
@@ -186,8 +181,8 @@ impl PagedTracer for PagedMesh<PooledPages> {
     fn begin_tile(&mut self) {
         let pages = self.pages_mut();
         pages.unpin_all();
-        // The limit may have changed.
-        pages.pins_max = pins_max(&pages.pool, pages.workers);
+        // The limit may have changed, and the count of those who share it.
+        pages.pins_max = pins_max(&pages.pool, &pages.seat);
         if pages.pins.len() != pages.pins_max.min(pages.pool.page_count() as usize) {
             pages.pins = empty_pins(&pages.pool, pages.pins_max);
         }
@@ -218,18 +213,35 @@ impl PagedTracer for PagedMesh<PooledPages> {
     }
 }
 
-/// Tracers of `file` for `workers` threads over one pool. Each may pin its share of the frames; two are left for
-/// arrivals.
-pub fn pooled_tracers(
-    file: &Arc<PageFile>,
-    pool: &Arc<PagePool>,
-    workers: usize,
-) -> Vec<PagedMesh<PooledPages>> {
-    (0..workers).map(|worker| PagedMesh::new(file, PooledPages::new(pool, worker, workers))).collect()
+/// The tracer of a file's mesh through a pool.
+pub type MeshTracer = PagedMesh<PooledPages>;
+
+/// Tracers of `file` for `workers` threads over a pool that nobody else uses.
+///
+/// # Panics
+/// For more workers than a pool has origins.
+pub fn pooled_tracers(file: &Arc<PageFile>, pool: &Arc<PagePool>, workers: usize) -> Vec<MeshTracer> {
+    seated_tracers(file, pool, &Arc::default(), workers).expect("a pool has an origin for each worker")
 }
 
-fn pins_max(pool: &PagePool, workers: usize) -> usize {
-    (pool.frames().frames.saturating_sub(2) / workers).clamp(1, usize::from(u16::MAX) - 1)
+/// Tracers of `file` for `workers` threads over a pool that they share with those at other `seats`.
+///
+/// # Errors
+/// Those of [`Seats::assign`].
+pub fn seated_tracers(
+    file: &Arc<PageFile>,
+    pool: &Arc<PagePool>,
+    seats: &Arc<Seats>,
+    workers: usize,
+) -> Result<Vec<MeshTracer>> {
+    // All are seated before any looks at its share.
+    let seats: Result<Vec<Seat>> = (0..workers).map(|_| seats.assign()).collect();
+    Ok(seats?.into_iter().map(|seat| PagedMesh::new(file, PooledPages::new(pool, seat))).collect())
+}
+
+/// Two frames are left for arrivals.
+fn pins_max(pool: &PagePool, seat: &Seat) -> usize {
+    (pool.frames().frames.saturating_sub(2) / seat.workers()).clamp(1, usize::from(u16::MAX) - 1)
 }
 
 fn empty_pins(pool: &PagePool, pins_max: usize) -> Vec<OnceCell<PinToken>> {
