@@ -28,7 +28,7 @@ fn main() -> Result<(), Error> {
     let view = scene.view(&mut model)?;
     let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().expect("two threads"));
     let tracers = pooled_tracers(&file, &pool, 2);
-    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads };
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads.into() };
     let mut session = Session::new(setup, &budget)?;
     let photons = session.illuminate(&|| false, &mut |_, _| {})?;
     println!("{} photons, {} deposits", photons.photons, photons.deposits);

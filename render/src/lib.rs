@@ -8,7 +8,7 @@
 //! Floors: each folder imports those above it alone.
 //!
 //! ```text
-//! math sampler sampling stats
+//! math sampler sampling stats threads
 //! trace       C-rays on clusters
 //! voxel       G-rays on the voxel octree
 //! shading     BSDF, surfaces, light
@@ -36,6 +36,7 @@ mod shading;
 mod stats;
 #[cfg(test)]
 mod testing;
+mod threads;
 mod trace;
 mod voxel;
 
@@ -59,10 +60,11 @@ pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{
     BLOCK_TILES_MIN, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan,
-    Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp, model_bytes,
+    Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
 };
 pub use shading::{Emitter, Emitters, Light};
 pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
+pub use threads::WorkerThreads;
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, MeshTracer, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer,
     Pages, PooledPages, Ray, Seat, Seats, Tracer, intersect_all, occluded_all, pooled_tracers,

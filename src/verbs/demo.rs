@@ -4,7 +4,7 @@ use super::build::{Built, Work};
 use super::inputs;
 use super::render::Job;
 use super::rendered::Rendered;
-use super::stage::{io_options, layers_of};
+use super::stage::io_options;
 use crate::args::DemoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -12,7 +12,7 @@ use datasets_gen::{Spec, views};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
-use trex_render::Scene;
+use trex_render::{Layers, Scene};
 use trex_store::build::{self, Existing, Precision, Voxels};
 use trex_store::{Code, Error};
 
@@ -64,7 +64,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         output: &args.output,
         camera_path: None,
         overwrite,
-        layers: layers_of(&scene.render),
+        layers: Layers::default(),
         io: io_options(&args.disk),
         time_limit: None,
         live: None,

@@ -7,7 +7,7 @@
 use super::picture_file::PictureFile;
 use super::rendered::{Image, Picture, Rendered};
 use super::show::Show;
-use super::stage::{Play, Stage, StageTracer, io_options, layers_of, open_scene, read_views, suit_file};
+use super::stage::{Play, Stage, io_options, open_scene, read_views, suit_file};
 use crate::args::{Layer, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -16,9 +16,10 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_bench::RayRates;
+use trex_model::{Pace, SessionOptions};
 use trex_render::{
-    Camera, Event, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RenderKeys, RenderStats, Scene,
-    Session,
+    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
+    RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result};
@@ -43,7 +44,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         normal: args.layers.contains(&Layer::Normal),
         albedo: args.layers.contains(&Layer::Albedo),
         id: args.layers.contains(&Layer::Id),
-        ..layers_of(&scene.render)
+        ..Layers::default()
     };
     let job = Job {
         scene: &scene,
@@ -143,16 +144,10 @@ impl Job<'_> {
         if self.camera_path.is_none() {
             self.check(self.output)?;
         }
-        let play = Play {
-            scene: self.scene,
-            file: self.file,
-            layers: self.layers,
-            io: &self.io,
-            live: self.live,
-            copies_bytes: 0,
-        };
-        let stage = Stage::open(&play, ctx)?;
-        let mut session = stage.session(ctx)?;
+        let pace = if self.live.is_some() { Pace::InFrames } else { Pace::AtLeisure };
+        let options = SessionOptions { layers: self.layers, pace, ..SessionOptions::default() };
+        let play = Play { scene: self.scene, file: self.file, options, io: &self.io };
+        let (stage, mut session) = Stage::open(&play, ctx)?;
         let shots = self.shots(&session.view().camera)?;
 
         let photons_start = Instant::now();
@@ -248,7 +243,7 @@ impl Job<'_> {
     /// What is to be told.
     fn rendered(
         &self,
-        show: Show<StageTracer>,
+        show: Show<MeshTracer>,
         shown: Shown,
         stage: &Stage,
         times: &Times,
@@ -286,7 +281,7 @@ impl Job<'_> {
             waits: stats.total.waits,
             narrow_samples: stats.total.narrow_samples,
             pool: pool.stats(),
-            shares: stage.shares,
+            shares: stage.plan,
             memory: Memory::new(&ctx.budget),
             io_backend: pool.io(),
             device: "cpu",
@@ -318,7 +313,7 @@ fn tell_damage(stage: &Stage, ctx: &Context) {
         ctx.console.note(&format!("note: {notice}"));
     }
     for (page, error) in stage.pool.damage().iter().take(DAMAGE_TOLD) {
-        let drawn = if stage.file.has_units(*page) { "by coarser voxels" } else { "as empty" };
+        let drawn = if stage.model.file().has_units(*page) { "by coarser voxels" } else { "as empty" };
         ctx.console.note(&format!("damaged page {page}, drawn {drawn}: {} {}", error.what(), error.place()));
     }
 }

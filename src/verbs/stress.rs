@@ -1,7 +1,7 @@
 //! `trex stress`: views, lights and limits that change, and a verdict.
 
 use super::picture_file::PictureFile;
-use super::stage::{Play, ResidentPages, Stage, begin_live, io_options, layers_of, open_scene, read_views};
+use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, read_views};
 use crate::args::StressArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -15,6 +15,7 @@ use std::time::Duration;
 use trex_bench::stress::{
     self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions, Times,
 };
+use trex_model::{Pace, SessionOptions, set_live_defaults};
 use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
@@ -27,7 +28,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let output = args.output.as_ref().map(|path| PictureFile::check(path, args.overwrite, Layers::default()));
     let output = output.transpose()?;
     let (mut scene, path) = open_scene(&args.file)?;
-    begin_live(&mut scene);
+    set_live_defaults(&mut scene);
     if scene.model.is_empty() {
         scene.render.resolution = [512, 512];
     }
@@ -39,12 +40,11 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         None => None,
     };
     let resolution = scene.render.resolution;
-    let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
     let copies_bytes = if references.is_some() { Snapshots::bytes(resolution) } else { 0 };
-    let layers = layers_of(&scene.render);
-    let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
-    let stage = Stage::open(&play, ctx)?;
-    let mut session = stage.session(ctx)?;
+    let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
+    let play = Play { scene: &scene, file: &path, options, io: &io };
+    let (stage, mut session) = Stage::open(&play, ctx)?;
+    let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
     let stop = || ctx.interrupt.is_raised();
     session.illuminate(&stop, &mut |done, total| tell(ctx, "photons", [done, total], "photons"))?;
     ctx.interrupt.check()?;
@@ -73,8 +73,8 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene: path.display().to_string(),
         integrator: scene.render.integrator.as_str(),
         resolution,
-        triangle_count: stage.file.superblock().triangle_count,
-        file_bytes: stage.file.superblock().file_bytes,
+        triangle_count: stage.model.file().superblock().triangle_count,
+        file_bytes: stage.model.file().superblock().file_bytes,
         n_shadow: scene.render.n_shadow,
         n_gather: scene.render.n_gather,
         t_max_ms: frames.t_max.as_secs_f64() * 1e3,
@@ -132,10 +132,8 @@ fn references(
     let mut exact = scene.clone();
     (exact.render.lod_error, exact.render.filter) = (0.0, Filter::Off);
     let io = io_options(&args.disk);
-    let layers = Layers::default();
-    let play = Play { scene: &exact, file: path, layers, io: &io, live: None, copies_bytes: 0 };
-    let stage = Stage::open(&play, ctx)?;
-    let mut session = stage.session(ctx)?;
+    let play = Play { scene: &exact, file: path, options: SessionOptions::default(), io: &io };
+    let (stage, mut session) = Stage::open(&play, ctx)?;
     let options = stress_options(args, scene, &session)?;
     let states = stress::state_count(&session, &options);
     if states == 0 {

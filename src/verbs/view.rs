@@ -4,7 +4,7 @@
 //! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
 //! ```
 
-use super::stage::{Play, Stage, begin_live, io_options, layers_of, open_scene};
+use super::stage::{Play, Stage, io_options, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -18,7 +18,8 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_render::{FrameOptions, MemoryPlan, PictureNeeds, RenderSettings, Scene};
+use trex_model::{Pace, SessionOptions, set_live_defaults};
+use trex_render::{Filter, FrameOptions, Layers, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
@@ -37,7 +38,7 @@ const SIDE_LEAST: u32 = 80;
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
     let follows_page = args.picture.resolution.is_none() && scene.given.resolution.is_none();
-    begin_live(&mut scene);
+    set_live_defaults(&mut scene);
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
     }
@@ -50,29 +51,24 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let listener = listen(args)?;
 
     let io = io_options(&args.disk);
-    let stage = loop {
-        let layers = layers_of(&scene.render);
+    let (stage, session) = loop {
         let copies_bytes = view_bytes(scene.render.resolution);
-        let play = Play { scene: &scene, file: &path, layers, io: &io, live: Some(frames), copies_bytes };
-        match Stage::open(&play, ctx) {
+        let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
+        match Stage::open(&Play { scene: &scene, file: &path, options, io: &io }, ctx) {
             // A smaller picture is better than none.
             Err(error) if error.code() == Code::MemoryLimit && follows_page => {
                 scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
             }
-            stage => break stage?,
+            opened => break opened?,
         }
     };
-    let session = stage.session(ctx)?.go_live(frames)?;
+    let session = session.go_live(frames)?;
 
     let options = ServeOptions { token: Token::random()?, hosts: args.host.clone(), frames, follows_page };
     let address = listener.local_addr().map_err(|error| refused(args, &error))?;
     say_where(args, address, &options.token, ctx);
-    let frames = Frames {
-        stage: &stage,
-        ctx,
-        now: Cell::new(session.view().settings),
-        most_bytes: ctx.budget.limit_bytes(),
-    };
+    let on_show = Cell::new(session.view().settings);
+    let needs = |room: &Room| picture_needs(room, ctx.threads);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
     let around = Surroundings {
@@ -80,14 +76,20 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         input: &args.file.display().to_string(),
         model_path: &model_path.display().to_string(),
         model: model_figures(&stage, &path),
-        file_materials: stage.file.materials(),
+        file_materials: stage.model.file().materials(),
         views: if scene.model.is_empty() { vec![] } else { vec![session.view().camera] },
         camera: scene.camera,
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
-        set_limit: &|bytes| frames.set_limit(bytes),
-        make_room: &|rooms| frames.make_room(rooms),
+        set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&Room::of(on_show.get()))),
+        make_room: &|rooms| {
+            stage.model.make_room(&rooms.iter().map(needs).collect::<Vec<_>>())?;
+            if let [only] = rooms {
+                on_show.set(only.settings);
+            }
+            Ok(())
+        },
         stop: &|| ctx.interrupt.is_raised(),
     };
     let begin = std::time::Instant::now();
@@ -175,60 +177,19 @@ fn open_browser(url: &str, ctx: &Context) {
     }
 }
 
-/// The memory of frames of pages, while pictures and limits change.
-struct Frames<'a> {
-    stage: &'a Stage,
-    ctx: &'a Context,
-    now: Cell<RenderSettings>,
-    /// The limit that trex was started with.
-    most_bytes: u64,
-}
-
-impl Frames<'_> {
-    /// Bytes for frames beside a picture under a limit.
-    fn bytes(&self, room: &Room, limit_bytes: u64) -> Result<u64> {
-        let Room { settings, copies_bytes } = *room;
-        let (layers, workers) = (layers_of(&settings), self.ctx.threads);
-        let needs = PictureNeeds { settings, layers, workers, is_live: true, copies_bytes };
-        let plan = MemoryPlan::new(&self.stage.file, &needs, limit_bytes)?;
-        // The buffers between disk and frames stay as they were opened.
-        Ok((plan.frames_bytes + plan.staging_bytes).saturating_sub(self.stage.shares.staging_bytes))
-    }
-
-    fn make_room(&self, rooms: &[Room]) -> Result<()> {
-        let limit_bytes = self.ctx.budget.limit_bytes();
-        let all: Vec<u64> = rooms.iter().map(|room| self.bytes(room, limit_bytes)).collect::<Result<_>>()?;
-        self.stage.pool.set_limit(all.into_iter().min().expect("room is made for something"))?;
-        if let [only] = rooms {
-            self.now.set(only.settings);
-        }
-        Ok(())
-    }
-
-    /// A limit for the process below the one that it was started with, or that one again.
-    fn set_limit(&self, bytes: u64) -> Result<()> {
-        let (budget, most) = (&self.ctx.budget, self.most_bytes);
-        if bytes > most {
-            return Err(Error::new(Code::Usage, "the limit cannot pass the one that trex was started with")
-                .at_place("the memory limit")
-                .numbers(format!("{} asked, {} at most", size::bytes(bytes), size::bytes(most)))
-                .next("start it again with a greater --memory-limit"));
-        }
-        let frames_bytes = self.bytes(&Room::of(self.now.get()), bytes)?;
-        // Frames that go are leased until they have gone, those that come need the room first.
-        budget.set_limit(bytes.max(budget.limit_bytes()));
-        self.stage.pool.set_limit(frames_bytes)?;
-        budget.set_limit(bytes);
-        Ok(())
-    }
+/// What a picture in the viewer needs of memory.
+fn picture_needs(room: &Room, workers: usize) -> PictureNeeds {
+    let Room { settings, copies_bytes } = *room;
+    let layers = Layers { filter: settings.filter == Filter::On, ..Layers::default() };
+    PictureNeeds { settings, layers, workers, is_live: true, copies_bytes }
 }
 
 fn model_figures(stage: &Stage, path: &Path) -> ModelFigures {
     ModelFigures {
-        triangle_count: stage.file.superblock().triangle_count,
+        triangle_count: stage.model.file().superblock().triangle_count,
         file_bytes: std::fs::metadata(path).map_or(0, |metadata| metadata.len()),
-        page_count: stage.file.pages().len() as u64,
-        material_count: stage.file.materials().len() as u64,
+        page_count: stage.model.file().pages().len() as u64,
+        material_count: stage.model.file().materials().len() as u64,
     }
 }
 

@@ -39,7 +39,7 @@ fn picture(spec: &str, voxels: build::Voxels, method: Method, frames_bytes: Opti
         view: View { camera, lights: vec![], settings },
         layers: Layers::default(),
         tracers: pooled_tracers(&file, &pool, 2),
-        pool: threads,
+        pool: threads.into(),
     };
     let mut session = Session::new(setup, &budget).unwrap();
     let stats = session.render(1, &|| false, &mut |_, _| ControlFlow::Continue(()));

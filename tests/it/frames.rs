@@ -54,7 +54,7 @@ impl Stage {
         let view = View { camera, lights, settings: RenderSettings::new(scene.render).unwrap() };
         let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap());
         let tracers = pooled_tracers(&self.file, &self.pool, 2);
-        let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads };
+        let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads.into() };
         let mut session = Session::new(setup, &budget).unwrap();
         session.illuminate(&|| false, &mut |_, _| {}).unwrap();
         session

@@ -13,11 +13,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The floors of the renderer, in the order of ARCHITECTURE.md: each imports itself and those before it.
-const FLOORS: [&str; 14] = [
+const FLOORS: [&str; 15] = [
     "math",
     "sampler",
     "sampling",
     "stats",
+    "threads",
     "trace",
     "voxel",
     "g_stage",

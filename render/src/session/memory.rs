@@ -14,7 +14,7 @@ use crate::integrate::rays_asked;
 use crate::photon::irradiance::PhotonMap;
 use crate::photon::kd_tree::PhotonTree;
 use crate::photon::mesh::flight_bytes;
-use crate::scene::settings::{Method, RenderSettings};
+use crate::scene::settings::{Method, RenderKeys, RenderSettings};
 use crate::schedule::pass_bytes;
 use crate::shading::light::{Emitter, Emitters};
 use crate::trace::PooledPages;
@@ -113,6 +113,22 @@ impl MemoryPlan {
             .smallest_limit(smallest))
     }
 
+    /// The shares of a limit for rays of a caller on the mesh of `file`, by so many workers, beside `beside_bytes` that are
+    /// leased for other things.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    pub fn of_rays(
+        file: &PageFile,
+        workers: usize,
+        limit_bytes: u64,
+        beside_bytes: u64,
+    ) -> Result<MemoryPlan> {
+        let settings = RenderSettings::new(RenderKeys { resolution: [1, 1], ..RenderKeys::default() })?;
+        let rays = PictureNeeds { settings, copies_bytes: beside_bytes, ..PictureNeeds::plain(workers) };
+        MemoryPlan::new(file, &rays, limit_bytes)
+    }
+
     /// The smallest limit for a picture of `file`, bytes.
     ///
     /// # Errors
@@ -135,7 +151,8 @@ impl MemoryPlan {
         let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * workers as u64;
         Ok(MemoryPlan {
             reserve_bytes: RESERVE_BYTES,
-            tables_bytes: file.resident_table_bytes() + model_bytes(file),
+            tables_bytes: file.resident_table_bytes()
+                + model_bytes(file.materials().len(), file.emitters().len()),
             voxels_bytes: voxels_bytes(file, needs)?,
             photons_bytes: photons_bytes(needs),
             film_bytes: film_bytes(resolution, layers)
@@ -158,10 +175,9 @@ impl MemoryPlan {
     }
 }
 
-/// Bytes of the renderer's copies of materials and emitters of `file`: those of the caller, of the session and of an
-/// edit; and what lights are drawn from, twice while a state replaces the one before.
-pub fn model_bytes(file: &PageFile) -> u64 {
-    let (materials, emitters) = (file.materials().len(), file.emitters().len());
+/// Bytes of a session's copies of so many materials and emitters: of the model, of the world and of an edit; and what
+/// lights are drawn from, twice while a state replaces the one before.
+pub(super) fn model_bytes(materials: usize, emitters: usize) -> u64 {
     let copies = 3 * (materials * size_of::<trex_store::Material>() + emitters * size_of::<Emitter>());
     copies as u64 + 2 * Emitters::bytes(emitters)
 }

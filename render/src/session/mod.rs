@@ -27,7 +27,9 @@ mod resettle;
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
-pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
+pub use memory::{MemoryPlan, PictureNeeds};
+
+use memory::model_bytes;
 
 use crate::image::film::{Film, Layers};
 use crate::image::filter;
@@ -41,10 +43,10 @@ use crate::scene::world::{MaterialEdit, Model, View, World};
 use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers, pass_bytes};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
+use crate::threads::WorkerThreads;
 use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
-use std::sync::Arc;
 use trex_store::{Budget, Lease, Result};
 
 /// A change by the user.
@@ -86,14 +88,13 @@ pub struct SessionSetup<T> {
     /// Tracers, one for each worker.
     pub tracers: Vec<T>,
     /// The threads of the workers, at least one a tracer.
-    pub pool: Arc<ThreadPool>,
+    pub pool: WorkerThreads,
 }
 
 /// A model, a view of it, and the film that collects its samples. `T` answers rays, one per worker thread.
 ///
 /// ```
 /// use std::ops::ControlFlow;
-/// use std::sync::Arc;
 /// use trex_render::{Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
 /// use trex_store::{Aabb, Budget, Material};
 ///
@@ -105,7 +106,7 @@ pub struct SessionSetup<T> {
 /// let text = "model = 'one.ply'\n[render]\nintegrator = 'direct'\nresolution = [32, 32]";
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;
 /// let view = scene.view(&mut model)?;
-/// let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
+/// let pool = trex_render::WorkerThreads::start(1)?;
 /// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool };
 /// let mut session = Session::new(setup, &Budget::unlimited())?;
 /// let stats = session.render(scene.render.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
@@ -127,10 +128,12 @@ pub struct Session<T> {
     pub(super) photon_map: Option<PhotonMap>,
     /// Photons one by one; of `full-gi` alone, once they were sent.
     pub(super) photon_tree: Option<PhotonTree>,
-    pub(super) pool: Arc<ThreadPool>,
+    pub(super) pool: WorkerThreads,
     pub(super) budget: Budget,
     /// Room of the passes.
     lease: Lease,
+    /// Room of the materials and emitters.
+    _model_lease: Lease,
 }
 
 /// The effect of an event.
@@ -169,6 +172,8 @@ impl<T: PagedTracer + Send> Session<T> {
         let SessionSetup { model, view, layers, tracers, pool } = setup;
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
+        let model_bytes = model_bytes(model.materials.len(), model.emitters.len());
+        let model_lease = budget.lease("materials and emitters", model_bytes)?;
         let world = World::new(&model, &view)?;
         let resolution = view.settings.resolution;
         let lease = budget.lease(
@@ -185,7 +190,21 @@ impl<T: PagedTracer + Send> Session<T> {
         };
         let budget = budget.clone();
         let photon_tree = None;
-        Ok(Session { model, view, world, tracers, tiles, film, photon_map, photon_tree, pool, budget, lease })
+        let _model_lease = model_lease;
+        Ok(Session {
+            model,
+            view,
+            world,
+            tracers,
+            tiles,
+            film,
+            photon_map,
+            photon_tree,
+            pool,
+            budget,
+            lease,
+            _model_lease,
+        })
     }
 
     /// Changes camera, lights or a material.

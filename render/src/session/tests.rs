@@ -6,6 +6,7 @@ use crate::scene::settings::{Filter, RenderKeys};
 use crate::testing::{pool, view};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use crate::voxel::Voxels;
+use std::sync::Arc;
 use std::time::Duration;
 use trex_store::build::{self, BuildOptions, Existing, Precision};
 use trex_store::import::{ImportOptions, open};
@@ -88,7 +89,7 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
     let tracers = vec![Demanding { mesh, percent }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
-    let setup = SessionSetup { model, view, layers, tracers, pool: pool(1) };
+    let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into() };
     Session::new(setup, &budget).unwrap()
 }
 
@@ -101,7 +102,7 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, seed: 0, ..RenderKeys::default() };
     let view = view([0.0, 0.0, 3.0], 30.0, lights, keys);
     let setup =
-        SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh; 2], pool: pool(2) };
+        SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh; 2], pool: pool(2).into() };
     Session::new(setup, budget)
 }
 

@@ -11,7 +11,7 @@ pub struct Voxels {
     octree: UpperOctree,
     links: Option<(LowerLinks, Lease)>,
     lattice: Lattice,
-    _lease: Lease,
+    lease: Lease,
 }
 
 impl Voxels {
@@ -23,7 +23,12 @@ impl Voxels {
         let lattice = file.superblock().lattice;
         let Some((octree, lease)) = file.upper(budget)? else { return Ok(None) };
         let links = file.lower(&octree, budget)?;
-        Ok(Some(Voxels { octree, links, lattice, _lease: lease }))
+        Ok(Some(Voxels { octree, links, lattice, lease: lease }))
+    }
+
+    /// Bytes that are leased for it.
+    pub fn leased_bytes(&self) -> u64 {
+        self.lease.bytes() + self.links.as_ref().map_or(0, |(_, lease)| lease.bytes())
     }
 
     /// The resident octree, for rays.

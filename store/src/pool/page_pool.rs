@@ -81,7 +81,7 @@ pub struct PagePool {
     pub(super) shared: Arc<Shared>,
     budget: Budget,
     threads: Vec<JoinHandle<()>>,
-    _tables: Lease,
+    tables: Lease,
 }
 
 impl PagePool {
@@ -137,7 +137,7 @@ impl PagePool {
             stop: AtomicBool::new(false),
             store,
         });
-        let mut pool = PagePool { shared, budget: budget.clone(), threads: Vec::new(), _tables: tables };
+        let mut pool = PagePool { shared, budget: budget.clone(), threads: Vec::new(), tables };
         pool.set_limit(options.frames_bytes)?;
         pool.start(reader, options)?;
         Ok(pool)
@@ -275,6 +275,12 @@ impl PagePool {
     pub fn frames(&self) -> FrameCount {
         let clock = lock(&self.shared.clock);
         FrameCount { frames: clock.live(), owed: clock.owed() }
+    }
+
+    /// Bytes that it has leased: tables, staging and frames.
+    pub fn leased_bytes(&self) -> u64 {
+        let clock = lock(&self.shared.clock);
+        self.tables.bytes() + (clock.live() * self.shared.arena.frame_bytes()) as u64
     }
 
     /// Counters of the pool so far.

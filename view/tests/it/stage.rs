@@ -94,7 +94,7 @@ fn with_session<R>(
     let scene = Scene { render: keys, camera, ..Scene::default() };
     let view = scene.view(&mut model).unwrap();
     let tracers = pooled_tracers(&file, &pool, 2);
-    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads() };
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads().into() };
     then(Session::new(setup, budget).unwrap(), &pool)
 }
 

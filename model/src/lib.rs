@@ -1,0 +1,32 @@
+//! trex-model: a model opened: file, pool of pages, memory limit, threads and session, put together.
+//!
+//! Life of a model: [`Model::open`] checks the tables of a page file and leases their memory. The first thing that asks for
+//! pages, a session or rays, starts the pool, in the frames that the memory limit leaves beside it. What comes later makes
+//! room for itself among these frames. Everything is owned: a [`Model`] is a handle that can be cloned, sent and called
+//! from several threads, and a [`Session`] keeps what it needs of it alive.
+//!
+//! ```text
+//! Model::open -> intersect, occluded          rays of the caller, exact
+//!             -> render                       a picture
+//!             -> session -> apply, render     pictures at leisure
+//!             -> live    -> apply, frame      pictures in frames with a deadline
+//! ```
+//!
+//! Floors: each imports those before it alone: `options`, `info`, `scene_defaults`, `shared_pool`, `handle`, `rays`,
+//! `picture`.
+//!
+//! This crate knows no flags and no terminal: it never prints, exits or reads the environment.
+
+mod handle;
+mod info;
+mod options;
+mod picture;
+mod rays;
+mod scene_defaults;
+mod shared_pool;
+
+pub use handle::{LiveSession, Model, Session};
+pub use info::ModelInfo;
+pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
+pub use picture::Picture;
+pub use scene_defaults::{set_direct_without_voxels, set_live_defaults};

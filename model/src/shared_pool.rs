@@ -1,0 +1,101 @@
+//! `SharedPool`: the pool of pages of a model, started by the first that asks for pages, and its frames, which make room
+//! for what comes and take what is left.
+//!
+//! ```text
+//! limit = reserve + tables + octree + sessions, rays, all else that is leased + staging + frames
+//! ```
+//!
+//! Invariants: 1. a pool is started once; 2. frames are set under one lock, so two that make room at a time do not both
+//! take it.
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use trex_render::{MemoryPlan, MeshTracer, Seats, seated_tracers};
+use trex_store::io::IoOptions;
+use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::{Budget, Lease, PageFile, Result};
+
+/// The pool, once it is there.
+#[derive(Default)]
+pub(crate) struct SharedPool(Mutex<Option<Started>>);
+
+struct Started {
+    pool: Arc<PagePool>,
+    seats: Arc<Seats>,
+    /// Staging and pins of the plan that it was started by: they stay.
+    staging_bytes: u64,
+}
+
+/// A file, and how its pool is started.
+pub(crate) struct PoolSource<'a> {
+    pub(crate) file: &'a Arc<PageFile>,
+    pub(crate) path: &'a Path,
+    pub(crate) budget: &'a Budget,
+    pub(crate) io: &'a IoOptions,
+}
+
+impl SharedPool {
+    fn lock(&self) -> MutexGuard<'_, Option<Started>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The pool, if it was started.
+    pub(crate) fn get(&self) -> Option<Arc<PagePool>> {
+        self.lock().as_ref().map(|started| started.pool.clone())
+    }
+
+    /// Bytes that it has leased.
+    pub(crate) fn leased_bytes(&self) -> u64 {
+        self.lock().as_ref().map_or(0, |started| started.pool.leased_bytes())
+    }
+
+    /// Starts the pool with the frames of `plan`, or sets those that it has to it.
+    ///
+    /// # Errors
+    /// Those of [`PagePool::open`] and [`PagePool::set_limit`].
+    pub(crate) fn fit(&self, plan: &MemoryPlan, source: &PoolSource<'_>) -> Result<()> {
+        let mut started = self.lock();
+        if let Some(Started { pool, staging_bytes, .. }) = &*started {
+            // The buffers between disk and frames stay as they were opened.
+            let bytes = (plan.frames_bytes + plan.staging_bytes).saturating_sub(*staging_bytes);
+            return pool.set_limit(bytes).map(drop);
+        }
+        let PoolSource { file, path, budget, io } = *source;
+        let options = PoolOptions { io: io.clone(), ..plan.pool_options() };
+        let pool = PagePool::open(file.clone(), path, budget, &options)?;
+        *started =
+            Some(Started { pool: Arc::new(pool), seats: Arc::default(), staging_bytes: plan.staging_bytes });
+        Ok(())
+    }
+
+    /// Takes `bytes` for `what` from what is free, else from the frames.
+    ///
+    /// # Errors
+    /// Those of [`Budget::lease`]: the frames are as few as they can be, or pinned.
+    pub(crate) fn lease(&self, what: &str, bytes: u64, budget: &Budget) -> Result<Lease> {
+        let started = self.lock();
+        let Some(Started { pool, .. }) = &*started else { return budget.lease(what, bytes) };
+        let lacking = bytes.saturating_sub(budget.free_bytes());
+        if lacking > 0 {
+            let now = pool.frames().frames as u64;
+            let fewer = now.saturating_sub(lacking.div_ceil(FRAME_BYTES as u64));
+            // What cannot be had is refused by the lease below, with its figures.
+            let _ = pool.set_limit(fewer * FRAME_BYTES as u64);
+        }
+        budget.lease(what, bytes)
+    }
+
+    /// Tracers of `file` for so many workers.
+    ///
+    /// # Errors
+    /// Those of [`Seats::assign`].
+    ///
+    /// # Panics
+    /// When the pool was not started.
+    pub(crate) fn tracers(&self, file: &Arc<PageFile>, workers: usize) -> Result<Vec<MeshTracer>> {
+        let started = self.lock();
+        let Started { pool, seats, .. } = started.as_ref().expect("the pool was started");
+        seated_tracers(file, pool, seats, workers)
+    }
+}

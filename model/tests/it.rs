@@ -1,0 +1,229 @@
+//! A model as a library's user has it: opened, asked for rays and pictures from several threads, under a limit that is
+//! tight.
+
+#[path = "../examples/support/built.rs"]
+mod built;
+
+use std::ops::ControlFlow;
+use std::sync::OnceLock;
+use std::thread;
+use tempfile::TempDir;
+use trex_model::{DamagePolicy, Model, OpenOptions};
+use trex_render::{
+    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Method, PagedMesh, Ray, Scene,
+    Tracer,
+};
+use trex_store::{Budget, Code, Interrupt, PageFile, RESERVE_BYTES};
+
+struct Files {
+    folder: TempDir,
+    path: std::path::PathBuf,
+}
+
+/// A small iso-surface with voxels, built once.
+fn files() -> &'static Files {
+    static FILES: OnceLock<Files> = OnceLock::new();
+    FILES.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = built::build(folder.path());
+        Files { folder, path }
+    })
+}
+
+fn options(limit_mib: u64) -> OpenOptions {
+    OpenOptions {
+        threads: trex_model::ThreadSource::Start(2.try_into().unwrap()),
+        ..OpenOptions::with_limit(limit_mib << 20)
+    }
+}
+
+fn open(limit_mib: u64) -> Model {
+    Model::open(&files().path, &options(limit_mib)).unwrap()
+}
+
+/// Rays through the model in all directions, from around it.
+fn rays(count: usize) -> Vec<Ray> {
+    let file = PageFile::open(&files().path, &Budget::unlimited()).unwrap();
+    let (center, reach) = (file.superblock().bounds.center(), file.superblock().bounds.diagonal());
+    let ray = |i: usize| {
+        let turn = |step: f64| (i as f64 * step).fract() * 2.0 - 1.0;
+        let from = [turn(0.618_034), turn(0.754_878), turn(0.569_840)];
+        let to = [turn(0.819_173), turn(0.671_044), turn(0.549_700)];
+        let origin = std::array::from_fn(|axis| center[axis] + reach * from[axis]);
+        let target: [f64; 3] = std::array::from_fn(|axis| center[axis] + 0.4 * reach * to[axis]);
+        let t_max = if i.is_multiple_of(3) { f64::INFINITY } else { 0.9 };
+        Ray { origin, direction: std::array::from_fn(|axis| target[axis] - origin[axis]), t_max }
+    };
+    (0..count).map(ray).collect()
+}
+
+/// The answers of a tracer that has all pages, one ray at a time.
+fn expected(rays: &[Ray]) -> Vec<Option<Hit>> {
+    let file = std::sync::Arc::new(PageFile::open(&files().path, &Budget::unlimited()).unwrap());
+    let resident = AllResident::load(&file);
+    let mut tracer = PagedMesh::new(&file, &resident);
+    let answer = |ray| match tracer.intersect(ray) {
+        Answer::Exact(hit) => hit,
+        Answer::Blocked => panic!("all pages are there"),
+    };
+    rays.iter().map(answer).collect()
+}
+
+fn scene() -> Scene {
+    let mut scene = Scene::default();
+    (scene.render.resolution, scene.render.spp, scene.render.photons) = ([40, 30], 2, 20_000);
+    scene
+}
+
+fn png(model: &Model) -> Vec<u8> {
+    let mut png = vec![];
+    model.render(&scene(), &Interrupt::default(), &|_| {}).unwrap().write_png(&mut png).unwrap();
+    png
+}
+
+#[test]
+fn rays_of_several_threads_are_answered_exactly() {
+    let model = open(96);
+    let rays = rays(10_000);
+    let expected = expected(&rays);
+    assert!(expected.iter().flatten().count() > 1000 && expected.iter().any(Option::is_none));
+    thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                let interrupt = Interrupt::default();
+                assert!(model.intersect(&rays, &interrupt).unwrap() == expected);
+                let are_hit: Vec<bool> = expected.iter().map(Option::is_some).collect();
+                assert!(model.occluded(&rays, &interrupt).unwrap() == are_hit);
+                assert!(model.intersect(&rays[7..8], &interrupt).unwrap() == expected[7..8]);
+                assert!(model.intersect(&[], &interrupt).unwrap().is_empty());
+            });
+        }
+    });
+    let bytes = model.budget().used_bytes();
+    assert_eq!(model.intersect(&rays, &Interrupt::default()).unwrap().len(), rays.len());
+    assert_eq!(model.budget().used_bytes(), bytes, "a call keeps nothing");
+}
+
+#[test]
+fn what_is_no_ray_is_refused_and_an_interrupt_ends_a_call() {
+    let model = open(96);
+    let good = rays(1)[0];
+    for bad in [
+        Ray { origin: [f64::NAN, 0.0, 0.0], ..good },
+        Ray { direction: [0.0; 3], ..good },
+        Ray { direction: [f64::INFINITY, 0.0, 0.0], ..good },
+        Ray { t_max: f64::NAN, ..good },
+        Ray { t_max: -1.0, ..good },
+    ] {
+        let error = model.intersect(&[good, bad], &Interrupt::default()).unwrap_err();
+        assert_eq!((error.code(), error.place()), (Code::Usage, "ray 1 of 2"), "{bad:?}");
+    }
+    let interrupt = Interrupt::default();
+    interrupt.raise();
+    assert_eq!(model.intersect(&rays(5000), &interrupt).unwrap_err().code(), Code::Interrupted);
+    assert_eq!(model.render(&scene(), &interrupt, &|_| {}).err().unwrap().code(), Code::Interrupted);
+}
+
+/// A picture is that of a session alone, whatever else the model is asked for meanwhile.
+#[test]
+fn pictures_and_rays_at_a_time_do_not_change_each_other() {
+    let alone = png(&open(256));
+    let model = open(256);
+    let rays = rays(3000);
+    let expected = expected(&rays);
+    thread::scope(|scope| {
+        let pictures = [(); 2].map(|()| scope.spawn(|| png(&model)));
+        assert!(model.intersect(&rays, &Interrupt::default()).unwrap() == expected);
+        for picture in pictures {
+            assert!(picture.join().unwrap() == alone);
+        }
+    });
+    assert!(model.budget().peak_bytes() <= model.budget().ledger_bytes());
+}
+
+/// The pool has all that the session leaves; rays take what they need from its frames.
+#[test]
+fn rays_find_room_beside_a_session_under_its_smallest_limit() {
+    let tight = |mib| {
+        Model::open(&files().path, &options(mib))
+            .and_then(|model| model.session(&scene()).map(|s| (model, s)))
+    };
+    let smallest = tight(30).err().unwrap().smallest_limit_bytes().unwrap();
+    let mut options = options(0);
+    options.budget = Budget::new(smallest);
+    let model = Model::open(&files().path, &options).unwrap();
+    let mut session = model.session(&scene()).unwrap();
+    session.render(1, &|| false, &mut |_, _| ControlFlow::Continue(()));
+    let rays = rays(500);
+    assert!(model.intersect(&rays, &Interrupt::default()).unwrap() == expected(&rays));
+    assert!(model.budget().peak_bytes() <= smallest - RESERVE_BYTES);
+}
+
+#[test]
+fn a_live_session_has_the_defaults_of_what_is_looked_at_and_outlives_its_model() {
+    let model = open(256);
+    let mut asked = scene();
+    asked.given.photons = Some(20_000);
+    let mut live = model.live(&asked, FrameOptions::default()).unwrap();
+    drop(model);
+    let settings = live.view().settings;
+    assert_eq!((settings.lod_error, settings.filter, settings.photons), (1.0, Filter::Off, 20_000));
+    let frames = (0..10_000).find(|_| live.frame(1, &|| false).progress == FrameProgress::Done);
+    assert!(frames.is_some() && live.film().mean()[0] > 0.0);
+    let settings =
+        trex_render::RenderSettings::new(trex_render::RenderKeys { seed: 9, ..*settings }).unwrap();
+    live.apply(Event::Settings(settings)).unwrap();
+}
+
+#[test]
+fn a_file_without_voxels_is_shown_in_direct_light() {
+    let path = files().folder.path().join("plain.trex");
+    built::build_with(&path, trex_store::build::Voxels::None);
+    let model = Model::open(&path, &options(128)).unwrap();
+    assert_eq!(model.info().unwrap().voxel_resolution, None);
+    let session = model.session(&scene()).unwrap();
+    assert_eq!(session.view().settings.integrator, Method::Direct);
+    let mut photon = scene();
+    photon.given.integrator = Some(Method::Photon);
+    assert_eq!(model.session(&photon).err().unwrap().code(), Code::SceneFormat);
+    assert_eq!(model.live(&scene(), FrameOptions::default()).err().unwrap().code(), Code::SceneFormat);
+}
+
+#[test]
+fn a_limit_that_is_named_works() {
+    for live in [false, true] {
+        let mut limit = 25 << 20;
+        let mut refusals = 0;
+        loop {
+            let mut options = options(0);
+            options.budget = Budget::new(limit);
+            let opened = Model::open(&files().path, &options).and_then(|model| match live {
+                true => model.live(&scene(), FrameOptions::default()).map(drop),
+                false => model.render(&scene(), &Interrupt::default(), &|_| {}).map(drop),
+            });
+            let Err(error) = opened else { break };
+            assert_eq!(error.code(), Code::MemoryLimit);
+            (limit, refusals) = (error.smallest_limit_bytes().unwrap(), refusals + 1);
+        }
+        assert_eq!(refusals, 1, "live: {live}");
+    }
+}
+
+/// The answer is exact, or an error says that it may not be.
+#[test]
+fn damage_is_told_or_left_out_as_asked() {
+    let path = files().folder.path().join("damaged.trex");
+    let mut bytes = std::fs::read(&files().path).unwrap();
+    let file = PageFile::open(&files().path, &Budget::unlimited()).unwrap();
+    let rays = rays(3000);
+    let page = expected(&rays).iter().flatten().next().unwrap().page;
+    bytes[file.pages()[page as usize].offset as usize + 9] ^= 1;
+    std::fs::write(&path, bytes).unwrap();
+    let model = Model::open(&path, &options(96)).unwrap();
+    assert_eq!(model.intersect(&rays, &Interrupt::default()).unwrap_err().code(), Code::Damaged);
+    assert_eq!(model.damage()[0].0, page);
+    let left_out = OpenOptions { damage: DamagePolicy::LeaveOut, ..options(96) };
+    let model = Model::open(&path, &left_out).unwrap();
+    let hits = model.intersect(&rays, &Interrupt::default()).unwrap();
+    assert!(hits.iter().flatten().all(|hit| hit.page != page) && hits.iter().flatten().count() > 100);
+}
