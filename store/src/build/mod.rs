@@ -16,175 +16,44 @@
 //! output is a temporary file until it is whole; 4. nothing is left behind, but for a build that can be resumed what it
 //! goes on from (`journal`).
 
-mod cells;
-mod chunk;
 mod clusters;
+mod draft;
 mod emit;
-mod in_order;
 mod journal;
-mod lattice;
-pub mod left_over;
-mod pages;
+mod options;
 mod partition;
 mod phases;
 mod plan;
-mod progress_record;
-mod publish;
-mod record;
-mod run_writer;
-mod sah;
+mod report;
+mod scan;
 mod scratch;
-mod snap;
-mod sorted_record;
-mod surface;
 #[cfg(test)]
 mod tests;
-mod voxels;
-mod writer;
 
 pub use crate::output::Existing;
-pub use lattice::Scan;
+pub use journal::left_over;
+pub use options::{BuildOptions, Precision, Resume, Voxels};
 pub use phases::{PhaseCpuMs, PhaseMs};
 pub use plan::Plan;
+pub use report::BuildReport;
+pub use scan::Scan;
 
-use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
-use crate::octree::{Refinement, Voxelizer};
-use crate::progress::{Interrupt, Progress, Report};
+use crate::octree::Voxelizer;
+use crate::progress::{Progress, Report};
 use crate::scratch::Place;
-use crate::source::{SourceStats, TriangleSource};
+use crate::source::TriangleSource;
+use clusters::workspace::worker_bytes;
+use draft::Draft;
+use emit::{voxels, writer};
 use journal::Journal;
+use partition::outcome::Read;
+use partition::sort_checkpoint::Begun;
 use partition::{Partition, Start};
 use phases::Clock;
 use plan::plan;
-use progress_record::Read;
-use publish::Draft;
-use rayon::ThreadPool;
-use serde::Serialize;
-use sorted_record::Begun;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::Duration;
-
-/// How the lattice step is chosen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Precision {
-    /// Half a step is at most 1/128 of the median edge and 2^-17 of the extent.
-    Default,
-    /// The extent takes so many bits, 1 to 40.
-    GridBits(u32),
-    /// Half a step is at most this, model units.
-    Error(f64),
-}
-
-/// Which voxel octree goes into the file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Voxels {
-    /// None: no global illumination from this file.
-    None,
-    /// As fine as the model's own bytes and this much resident memory allow.
-    Within {
-        /// Most bytes of the resident octree, without light.
-        upper_bytes: u64,
-    },
-    /// So many leaves along the longest side: 64, 256, 512 or 1024.
-    Resolution(u32),
-    /// The same, with finer leaves below them that are read when they are asked for.
-    Refined {
-        /// Leaves of the resident octree along the longest side: 64, 256, 512 or 1024.
-        upper: u32,
-        /// How much finer the finest ones are.
-        refinement: Refinement,
-    },
-}
-
-impl Default for Voxels {
-    fn default() -> Voxels {
-        Voxels::Within { upper_bytes: 64 << 20 }
-    }
-}
-
-/// Options of a build. The bytes of the output depend on `precision` and `voxels` alone.
-#[derive(Clone, Debug)]
-pub struct BuildOptions {
-    /// The lattice.
-    pub precision: Precision,
-    /// The voxel octree.
-    pub voxels: Voxels,
-    /// The threads that chunks are built on. A build is called from another thread: it waits for these.
-    pub pool: Arc<ThreadPool>,
-    /// Where memory is leased from.
-    pub budget: Budget,
-    /// Folder of the scratch file; `None` = the output's folder.
-    pub temp_dir: Option<PathBuf>,
-    /// Whether an output that exists is kept or replaced.
-    pub existing: Existing,
-    /// Stops the build when raised.
-    pub interrupt: Interrupt,
-    /// How a build that is killed or interrupted goes on when it is started again; `None`: it leaves nothing.
-    pub resume: Option<Resume>,
-}
-
-/// What a build does so that it can go on after it was killed.
-#[derive(Clone, Debug)]
-pub struct Resume {
-    /// What tells the input apart from others, by name: paths, lengths, times. A build goes on with the same ones only.
-    pub input: Vec<(String, String)>,
-    /// About how much work a kill may cost, once the input has been read.
-    pub every: Duration,
-}
-
-/// Counts, sizes and times of a build that is done.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct BuildReport {
-    /// Triangles delivered by the source.
-    pub input_triangle_count: u64,
-    /// Triangles stored.
-    pub triangle_count: u64,
-    /// Left out: two equal corners after the snap.
-    pub rejected_degenerate: u64,
-    /// Those of them that had area in the input: smaller than the lattice can tell.
-    pub rejected_collapsed: u64,
-    /// Left out: not finite.
-    pub rejected_non_finite: u64,
-    /// Clusters, wide ones included.
-    pub cluster_count: u64,
-    /// Wide clusters.
-    pub wide_cluster_count: u64,
-    /// Pages.
-    pub page_count: u32,
-    /// Emissive triangles.
-    pub emitter_count: u64,
-    /// Length of the file.
-    pub output_bytes: u64,
-    /// Most scratch bytes alive at once.
-    pub scratch_peak_bytes: u64,
-    /// Triangles that a build before this had done.
-    pub resumed_triangle_count: u64,
-    /// Triangles that a build before this had sorted, and no more.
-    pub resumed_sorted_count: u64,
-    /// Leaves of the resident octree along an axis; 0 without one.
-    pub upper_resolution: u32,
-    /// Leaves of the resident octree.
-    pub upper_leaf_count: u64,
-    /// Finest leaves along an axis; 0 without voxels.
-    pub finest_resolution: u32,
-    /// Leaves below the resident ones, of all levels.
-    pub lower_leaf_count: u64,
-    /// File id.
-    pub file_id: String,
-    /// Milliseconds per phase.
-    pub phase_ms: PhaseMs,
-    /// Processor milliseconds of the process per phase.
-    pub phase_cpu_ms: PhaseCpuMs,
-    /// Mean share of cluster slots in use, 0 to 1.
-    pub cluster_fill: f64,
-    /// Per-axis error bound, model units.
-    pub error_bound: f64,
-    /// Counters of the source on its last pass.
-    #[serde(skip)]
-    pub source: SourceStats,
-}
+use scan::lattice;
+use std::path::Path;
 
 /// Builds `output` from `source`. `on_plan` is called once, before anything is written.
 ///
@@ -234,7 +103,7 @@ struct Site<'a> {
     folder: &'a Path,
     scratch_folder: &'a Path,
     options: &'a BuildOptions,
-    tell: lattice::Tell<'a>,
+    tell: report::Tell<'a>,
 }
 
 impl Site<'_> {
@@ -307,7 +176,7 @@ impl Site<'_> {
         let (scan, grid) = match &begun {
             Some(begun) => (begun.scan, begun.grid),
             None => {
-                let scan = lattice::scan(source, options, tell, &mut out.phase_ms.generate)?;
+                let scan = scan::scan(source, options, tell, &mut out.phase_ms.generate)?;
                 (scan, lattice::choose(&scan, options.precision, &source.name())?)
             }
         };
@@ -358,33 +227,6 @@ const SOURCE_BYTES: u64 = 1 << 20;
 /// Least bytes that a build leases beside what its source has leased when it is opened: a small model. [`Plan`] tells
 /// what the tables of others take.
 pub fn smallest_bytes() -> u64 {
-    let builder = chunk::worker_bytes() + Voxelizer::BYTES + writer::TABLES_LEAST;
+    let builder = worker_bytes() + Voxelizer::BYTES + writer::TABLES_LEAST;
     partition::SMALLEST_BYTES.max(builder) + SOURCE_BYTES
-}
-
-/// What became of the triangles of an input of which none is left.
-#[derive(Clone, Copy)]
-struct Rejected {
-    read: u64,
-    degenerate: u64,
-    /// Those of them that had area.
-    collapsed: u64,
-    non_finite: u64,
-}
-
-fn no_triangles(name: &str, Rejected { read, degenerate, collapsed, non_finite }: Rejected) -> Error {
-    let what = match read {
-        0 => "there are no triangles in the input",
-        _ => "the input holds no triangle that can be drawn",
-    };
-    let next = match collapsed {
-        0 => "check the input in the program that wrote it",
-        _ => "ask for a finer lattice with --error: some triangles are smaller than its step",
-    };
-    Error::new(Code::InputEmpty, what)
-        .at_place(name)
-        .numbers(format!(
-            "{read} triangles read, {degenerate} degenerate, {non_finite} with coordinates that are no finite numbers"
-        ))
-        .next(next)
 }

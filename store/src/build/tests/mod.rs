@@ -4,14 +4,20 @@ mod resume;
 mod scratch;
 mod worker;
 
-use super::writer::make_room;
+use super::emit::writer::make_room;
 use super::*;
+use crate::budget::Budget;
 use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;
+use crate::progress::Interrupt;
+use crate::source::SourceStats;
 use crate::{Lattice, Material, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::ThreadPoolBuilder;
 use std::os::unix::ffi::OsStrExt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
 
 /// Triangles in memory.
 struct Mesh {

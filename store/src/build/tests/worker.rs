@@ -1,8 +1,8 @@
 //! What a worker takes for a full chunk, by the allocator's count, against what is leased for it.
 
-use super::super::cells::{CHUNK_TRIANGLES, Chunk, Piece};
-use super::super::chunk::{Workspace, worker_bytes};
-use super::super::pages::PackContext;
+use super::super::clusters::pages::PackContext;
+use super::super::clusters::workspace::{Workspace, worker_bytes};
+use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
 use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch};
 use super::*;
 use crate::cluster::LatticeBox;

@@ -2,25 +2,40 @@
 //!
 //! A loose octree without pointers: a triangle goes to the finest level whose cells are at least as large as
 //! the triangle, and there to the cell of its centroid; so plates do not widen the boxes of bolts. Cells are
-//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](super::cells::CHUNK_TRIANGLES); a
+//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](cells::CHUNK_TRIANGLES); a
 //! cell with more is cut again, finer.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone: not from
 //! threads, limits or the lengths of runs; 2. buffered triangles never exceed the leased bytes; 3. a chunk holds
 //! at most `CHUNK_TRIANGLES`.
 
-use super::cells::{By, Cells, Chunk, Sorted, first_levels};
-use super::journal::Journal;
-use super::lattice::{Grid, Scan, Tell};
-use super::run_writer::RunWriter;
-use super::scratch::{LatticeTriangle, Scratch};
-use super::snap::{Prefix, Snapped, Snapper};
-use super::sorted_record::Begun;
-use super::{BuildOptions, Rejected, no_triangles, voxels};
+pub(super) mod cells;
+pub(super) mod chunk;
+pub(super) mod outcome;
+mod resolution;
+mod snap;
+pub(super) mod sort_checkpoint;
+mod surface;
+
+pub(super) use resolution::plan_bytes;
+
+use crate::build::journal::Journal;
+use crate::build::options::BuildOptions;
+use crate::build::report::Tell;
+use crate::build::scan::rejected::{Rejected, no_triangles};
+use crate::build::scan::{Grid, Scan};
+use crate::build::scratch::run_writer::RunWriter;
+use crate::build::scratch::{LatticeTriangle, Scratch};
 use crate::error::{Code, Error, Result};
+use crate::geom::Aabb;
+use crate::layout::{SECTIONS, Section, Superblock, node_shift};
 use crate::octree::Refinement;
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
+use cells::{By, Cells, Sorted, first_levels};
+use chunk::Chunk;
+use snap::{Prefix, Snapped, Snapper};
+use sort_checkpoint::Begun;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 
@@ -31,45 +46,45 @@ const BUFFER_BYTES_LEAST: u64 = 16 << 20;
 /// Batches on their way from the reader.
 const BATCHES: u64 = 4;
 /// Least that this phase leases.
-pub(super) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::BYTES;
+pub(crate) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::BYTES;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 
 /// The whole input in chunks, in scratch.
-pub(super) struct Partition {
-    pub(super) scratch: Scratch,
-    pub(super) chunks: Vec<Chunk>,
-    pub(super) grid: Grid,
-    pub(super) input_triangle_count: u64,
-    pub(super) triangle_count: u64,
-    pub(super) rejected_degenerate: u64,
-    pub(super) rejected_collapsed: u64,
-    pub(super) rejected_non_finite: u64,
-    pub(super) error_bound: f64,
+pub(crate) struct Partition {
+    pub(crate) scratch: Scratch,
+    pub(crate) chunks: Vec<Chunk>,
+    pub(crate) grid: Grid,
+    pub(crate) input_triangle_count: u64,
+    pub(crate) triangle_count: u64,
+    pub(crate) rejected_degenerate: u64,
+    pub(crate) rejected_collapsed: u64,
+    pub(crate) rejected_non_finite: u64,
+    pub(crate) error_bound: f64,
     /// Box of the triangles on the lattice: least corner, greatest corner.
-    pub(super) lattice_bounds: [[i64; 3]; 2],
+    pub(crate) lattice_bounds: [[i64; 3]; 2],
     /// At most the median edge length, model units.
-    pub(super) median_edge: f64,
+    pub(crate) median_edge: f64,
     /// Leaves of the resident octree along an axis, and how much finer the finest are; `None` for no octree.
-    pub(super) octree: Option<(u32, Refinement)>,
-    pub(super) content_hash: u64,
-    pub(super) wait_ms: u64,
+    pub(crate) octree: Option<(u32, Refinement)>,
+    pub(crate) content_hash: u64,
+    pub(crate) wait_ms: u64,
 }
 
 /// What the phase begins with.
-pub(super) struct Start<'a> {
-    pub(super) scan: Scan,
-    pub(super) grid: Grid,
+pub(crate) struct Start<'a> {
+    pub(crate) scan: Scan,
+    pub(crate) grid: Grid,
     /// Where triangles go, for one that begins anew.
-    pub(super) place: Place,
+    pub(crate) place: Place,
     /// What a build before this has sorted.
-    pub(super) begun: Option<Begun>,
+    pub(crate) begun: Option<Begun>,
     /// Where it is told how far the work is, so that it can go on.
-    pub(super) journal: Option<&'a mut Journal>,
+    pub(crate) journal: Option<&'a mut Journal>,
 }
 
 /// Runs the phase. The source is read once, on its own thread.
-pub(super) fn partition(
+pub(crate) fn partition(
     source: &mut dyn TriangleSource,
     start: Start<'_>,
     options: &BuildOptions,
@@ -128,7 +143,7 @@ pub(super) fn partition(
         error_bound: if snapped.exact { 0.0 } else { grid.lattice.step() / 2.0 },
         lattice_bounds,
         median_edge: scan.median_edge,
-        octree: voxels::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
+        octree: resolution::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
         content_hash: snapper.prefix().hash,
         wait_ms: waited.as_millis() as u64,
     })
@@ -232,7 +247,34 @@ fn buffer_bytes(free_bytes: u64) -> u64 {
 }
 
 /// Bytes that this phase leases when so many are free.
-pub(super) fn phase_bytes(free_bytes: u64) -> u64 {
+pub(crate) fn phase_bytes(free_bytes: u64) -> u64 {
     let batches = BATCHES * TriangleBatch::BYTES;
     batches + buffer_bytes(free_bytes.saturating_sub(batches))
+}
+
+/// The superblock of a file in which nothing is yet.
+pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
+    Superblock {
+        file_bytes: 0,
+        file_id: 0,
+        lattice: parted.grid.lattice,
+        lattice_bits: parted.grid.bits,
+        node_shift: node_shift(parted.grid.bits),
+        error_bound: parted.error_bound,
+        bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
+        lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
+        median_edge: parted.median_edge,
+        input_triangle_count: parted.input_triangle_count,
+        triangle_count: 0,
+        vertex_count: 0,
+        cluster_count: 0,
+        wide_cluster_count: 0,
+        rejected_degenerate: parted.rejected_degenerate,
+        rejected_collapsed: parted.rejected_collapsed,
+        rejected_non_finite: parted.rejected_non_finite,
+        resident_bytes: 0,
+        page_tree_bytes: 0,
+        root: 0,
+        sections: [Section::default(); SECTIONS],
+    }
 }

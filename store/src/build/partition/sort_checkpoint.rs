@@ -13,14 +13,15 @@
 //! full, so the bytes that follow are those of a build that was never killed; 2. a record whose file is gone or too
 //! short, or whose numbers cannot be true together, counts as absent.
 
-use super::Precision;
 use super::cells::{Cells, Place, first_levels, is_on_lattice};
-use super::journal::Journal;
-use super::lattice::{Grid, Scan, choose};
-use super::record::{self, is_as_long};
-use super::scratch::{Run, Scratch};
 use super::snap::{Prefix, Snapped};
 use crate::budget::Budget;
+use crate::build::journal::Journal;
+use crate::build::journal::record::{self, is_as_long};
+use crate::build::options::Precision;
+use crate::build::scan::lattice::choose;
+use crate::build::scan::{Grid, Scan};
+use crate::build::scratch::{Run, Scratch};
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::geom::Aabb;
@@ -56,19 +57,19 @@ struct SortedHead {
 }
 
 /// A partition that was begun.
-pub(super) struct Begun {
-    pub(super) scan: Scan,
-    pub(super) grid: Grid,
+pub(crate) struct Begun {
+    pub(crate) scan: Scan,
+    pub(crate) grid: Grid,
     /// What it had read.
-    pub(super) again: Prefix,
-    pub(super) snapped: Snapped,
-    pub(super) scratch: Scratch,
-    pub(super) runs: Vec<(Place, Vec<Run>)>,
+    pub(crate) again: Prefix,
+    pub(crate) snapped: Snapped,
+    pub(crate) scratch: Scratch,
+    pub(crate) runs: Vec<(Place, Vec<Run>)>,
 }
 
 impl Journal {
     /// Records what was sorted, once it is on the disk. Does nothing where there is no memory for that.
-    pub(super) fn write_sorted(
+    pub(crate) fn write_sorted(
         &mut self,
         (scan, prefix): (&Scan, Prefix),
         snapped: &Snapped,
@@ -113,7 +114,7 @@ impl Journal {
     }
 
     /// What a build before this has sorted, on the lattice of such a precision; `None` for nothing.
-    pub(super) fn left_sorted(&self, precision: Precision, budget: &Budget) -> Result<Option<Begun>> {
+    pub(crate) fn left_sorted(&self, precision: Precision, budget: &Budget) -> Result<Option<Begun>> {
         let cells = self.path("cells");
         let record = record::read::<SortedHead>(&self.path("sorted"), budget)?;
         let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));

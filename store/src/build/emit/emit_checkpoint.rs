@@ -1,7 +1,6 @@
-//! How far a build has come, as records of its journal, and the way back from them.
+//! The chunks that stand in the output, as a record of its journal, and the way back from it.
 //!
 //! ```text
-//! chunks   what partition found | materials
 //! done     chunks in the output, counts | page table, roots of pages, emitters, places of voxel records
 //! ```
 //!
@@ -11,56 +10,23 @@
 //! a build that was never killed; 2. a record whose files are gone or too short, or whose numbers cannot be true
 //! together, counts as absent: its hash says that nothing turned on the way, not who wrote it.
 
-use super::cells::{Chunk, is_on_lattice};
-use super::journal::Journal;
-use super::lattice::Grid;
-use super::partition::Partition;
-use super::publish::DraftFile;
-use super::record::{self, is_as_long};
-use super::scratch::Scratch;
 use super::voxels::VoxelWork;
-use super::writer::{Writer, superblock_of};
+use super::writer::Writer;
 use crate::budget::Budget;
+use crate::build::draft::DraftFile;
+use crate::build::journal::Journal;
+use crate::build::journal::record::{self, is_as_long};
+use crate::build::partition::outcome::{ChunksHead, Read};
+use crate::build::partition::{Partition, superblock_of};
 use crate::cluster::{LatticeBox, TopRef};
 use crate::error::Result;
-use crate::geom::Lattice;
-use crate::layout::{
-    EMITTER_BYTES, MATERIALS, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock,
-};
-use crate::material::Material;
-use crate::octree::{Refinement, Written, is_upper};
-use crate::source::SourceStats;
+use crate::layout::{EMITTER_BYTES, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock};
+use crate::octree::Written;
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
-use std::path::PathBuf;
 use std::time::Instant;
 
-/// Most bytes of a piece of a chunk in a record.
-const PIECE_BYTES: u64 = 128;
 /// Words of a root: its box and its reference.
 const ROOT_WORDS: usize = 7;
-
-/// What stands in `chunks`. Numbers that are not whole stand by their bits.
-#[derive(Serialize, Deserialize)]
-struct ChunksHead<'a> {
-    scratch_bytes: u64,
-    chunks: Cow<'a, [Chunk]>,
-    origin: [u64; 3],
-    exponent: i32,
-    bits: u32,
-    input_triangle_count: u64,
-    triangle_count: u64,
-    rejected_degenerate: u64,
-    rejected_collapsed: u64,
-    rejected_non_finite: u64,
-    error_bound: u64,
-    median_edge: u64,
-    lattice_bounds: [[i64; 3]; 2],
-    /// Leaves of the resident octree, and how much finer the finest are.
-    octree: Option<(u32, u32)>,
-    content_hash: u64,
-    source: SourceStats,
-}
 
 /// What stands in `done`.
 #[derive(Serialize, Deserialize)]
@@ -73,15 +39,8 @@ struct DoneHead {
     counts: [u64; 6],
 }
 
-/// What came of reading an input.
-pub(super) struct Read {
-    pub(super) parted: Partition,
-    pub(super) materials_json: Vec<u8>,
-    pub(super) source: SourceStats,
-}
-
 /// Chunks that stand in the output.
-pub(super) struct Done {
+pub(crate) struct Done {
     head: DoneHead,
     pages: Vec<PageEntry>,
     roots: Vec<(LatticeBox, TopRef)>,
@@ -91,36 +50,8 @@ pub(super) struct Done {
 }
 
 impl Journal {
-    /// Records what came of reading the input; false where there is no memory for that.
-    pub(super) fn write_chunks(&mut self, read: &Read, budget: &Budget) -> Result<bool> {
-        let (begin, parted) = (Instant::now(), &read.parted);
-        let piece_count = parted.chunks.iter().map(|chunk| chunk.pieces.len() as u64 + 1).sum::<u64>();
-        let Ok(_lease) = budget.lease("the journal", piece_count * PIECE_BYTES) else { return Ok(false) };
-        let head = ChunksHead {
-            scratch_bytes: parted.scratch.bytes(),
-            chunks: Cow::Borrowed(&parted.chunks),
-            origin: parted.grid.lattice.origin.map(f64::to_bits),
-            exponent: parted.grid.lattice.exponent,
-            bits: parted.grid.bits,
-            input_triangle_count: parted.input_triangle_count,
-            triangle_count: parted.triangle_count,
-            rejected_degenerate: parted.rejected_degenerate,
-            rejected_collapsed: parted.rejected_collapsed,
-            rejected_non_finite: parted.rejected_non_finite,
-            error_bound: parted.error_bound.to_bits(),
-            median_edge: parted.median_edge.to_bits(),
-            lattice_bounds: parted.lattice_bounds,
-            octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
-            content_hash: parted.content_hash,
-            source: read.source.clone(),
-        };
-        record::write(&self.path("chunks"), self.folder(), &head, &[&read.materials_json])?;
-        self.written(begin);
-        Ok(true)
-    }
-
     /// What a build before this has read, and the chunks that it brought to the output; `None` for what is not there.
-    pub(super) fn left(&self, budget: &Budget) -> Result<(Option<Read>, Option<Done>)> {
+    pub(crate) fn left(&self, budget: &Budget) -> Result<(Option<Read>, Option<Done>)> {
         let cells = self.path("cells");
         let record = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)?;
         let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
@@ -135,7 +66,7 @@ impl Journal {
 
     /// Records that the first `chunk_count` chunks are done, once they are on the disk; false where there is no memory
     /// for that.
-    pub(super) fn write_done(
+    pub(crate) fn write_done(
         &mut self,
         chunk_count: usize,
         writer: &Writer<'_>,
@@ -195,56 +126,6 @@ fn counts(block: &mut Superblock) -> [&mut u64; 6] {
     ]
 }
 
-impl Read {
-    /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
-    fn parse(record: record::Record<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<Read>> {
-        let head = record.head;
-        let octree = head.octree.map(|(resolution, factor)| {
-            Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
-        });
-        let (Ok([materials_json]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None))
-        else {
-            return Ok(None);
-        };
-        let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
-        let parted = Partition {
-            scratch: Scratch::left(cells, head.scratch_bytes)?,
-            chunks: head.chunks.into_owned(),
-            grid: Grid { lattice, bits: head.bits },
-            input_triangle_count: head.input_triangle_count,
-            triangle_count: head.triangle_count,
-            rejected_degenerate: head.rejected_degenerate,
-            rejected_collapsed: head.rejected_collapsed,
-            rejected_non_finite: head.rejected_non_finite,
-            error_bound: f64::from_bits(head.error_bound),
-            lattice_bounds: head.lattice_bounds,
-            median_edge: f64::from_bits(head.median_edge),
-            octree: octree.flatten(),
-            content_hash: head.content_hash,
-            wait_ms: 0,
-        };
-        let read = Read { parted, materials_json, source: head.source };
-        Ok(read.is_sound().then_some(read))
-    }
-
-    fn is_sound(&self) -> bool {
-        let Read { parted, materials_json, .. } = self;
-        let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = parted;
-        let block = Superblock {
-            triangle_count: *triangle_count,
-            lattice_bounds: *lattice_bounds,
-            ..superblock_of(parted)
-        };
-        let materials = serde_json::from_slice::<Vec<Material>>(materials_json);
-        block.has_sound_numbers()
-            && is_on_lattice(lattice_bounds, grid.bits)
-            && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis])
-            && chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
-            && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == *triangle_count
-            && materials.is_ok_and(|materials| (1..=MATERIALS).contains(&materials.len()))
-    }
-}
-
 impl Done {
     /// Of a record of a build that read `parted`; `None` where it cannot be one of ours.
     fn parse(record: record::Record<DoneHead>, parted: &Partition) -> Option<Done> {
@@ -293,7 +174,7 @@ impl Done {
     }
 
     /// Chunks that are in the output.
-    pub(super) fn chunk_count(&self) -> usize {
+    pub(crate) fn chunk_count(&self) -> usize {
         self.head.chunk_count
     }
 
@@ -303,7 +184,7 @@ impl Done {
     }
 
     /// Puts writer, output and voxel records where they were; gives the chunks whose ends are to be made again.
-    pub(super) fn restore(
+    pub(crate) fn restore(
         self,
         writer: &mut Writer<'_>,
         file: &mut DraftFile<'_>,

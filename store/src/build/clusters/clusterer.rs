@@ -3,29 +3,29 @@
 //! Invariants: 1. every triangle ends in exactly one cluster; 2. boxes in the tree are exact unions of lattice boxes.
 
 use super::sah::{Prim, Rule, Splitter};
-use super::scratch::LatticeTriangle;
+use crate::build::scratch::LatticeTriangle;
 use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Tree {
+pub(crate) enum Tree {
     Cluster(u32),
     Split(u32, u32),
 }
 
 /// Clusters, in coding order, and the tree above them; the last node is the root.
 #[derive(Default)]
-pub(super) struct Clusters {
-    pub(super) clusters: Vec<ClusterMesh>,
+pub(crate) struct Clusters {
+    pub(crate) clusters: Vec<ClusterMesh>,
     /// By cluster: bytes to set aside for it in a page.
-    pub(super) page_bytes: Vec<usize>,
-    pub(super) tree: Vec<(LatticeBox, Tree)>,
+    pub(crate) page_bytes: Vec<usize>,
+    pub(crate) tree: Vec<(LatticeBox, Tree)>,
 }
 
 /// Memory to make clusters with, reused from chunk to chunk.
 #[derive(Default)]
-pub(super) struct Clusterer {
+pub(crate) struct Clusterer {
     splitter: Splitter,
     orderer: Orderer,
     /// The cluster under way.
@@ -34,7 +34,7 @@ pub(super) struct Clusterer {
 
 impl Clusterer {
     /// The clusters of triangles, whose primitives are reordered.
-    pub(super) fn clusters(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> Clusters {
+    pub(crate) fn clusters(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> Clusters {
         let mut out = Clusters::default();
         self.grow(prims, triangles, 0, &mut out);
         out

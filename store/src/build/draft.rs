@@ -1,4 +1,4 @@
-//! Publish: a temporary file beside the output, written once, read back, renamed.
+//! `Draft`: a temporary file beside the output, written once, read back, renamed.
 //!
 //! ```text
 //! Existing::check -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
@@ -7,12 +7,12 @@
 //! Invariants: 1. the output's name holds either the old file or the whole new one; 2. a draft that is not
 //! published is removed; 3. what was written leaves the page cache soon.
 
-use super::lattice::Tell;
+use super::options::BuildOptions;
+use super::report::Tell;
 use super::scratch::drop_cache;
-use super::{BuildOptions, Existing};
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
-use crate::output::{draft, draft_at};
+use crate::output::{Existing, draft, draft_at};
 use crate::scratch::Place;
 use crate::verify;
 use rustix::fs::fdatasync;

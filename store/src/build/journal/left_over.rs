@@ -3,7 +3,8 @@
 //! Invariants: 1. nothing is found but by a journal that says what it is; 2. nothing of a build at work is removed;
 //! 3. a journal names no path but the folder of its scratch, in which its own names alone are looked for.
 
-use super::journal::{Header, Names, busy, bytes_of, lock};
+use super::files::{Names, busy, bytes_of, lock};
+use super::header::Header;
 use crate::error::{Error, Result};
 use crate::output::folder_of;
 use serde::Serialize;

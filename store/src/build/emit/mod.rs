@@ -3,37 +3,43 @@
 //! Invariants: 1. pages stand in chunk order whatever the number of workers; 2. every byte written is covered by a
 //! hash.
 
-use super::chunk::{Workspace, worker_bytes};
-use super::in_order::InOrder;
-use super::journal::Journal;
-use super::lattice::Tell;
-use super::pages::{ChunkPages, PackContext};
-use super::partition::Partition;
-use super::phases::Clock;
-use super::progress_record::{Done, Read};
-use super::publish::DraftFile;
-use super::scratch::LatticeTriangle;
-use super::voxels::VoxelWork;
-use super::writer::{Writer, file_id, superblock_of, tables_bytes};
-use super::{BuildOptions, BuildReport, Voxels};
+pub(super) mod emit_checkpoint;
+mod in_order;
+pub(super) mod voxels;
+pub(super) mod writer;
+
+use crate::build::clusters::pages::{ChunkPages, PackContext};
+use crate::build::clusters::workspace::{Workspace, worker_bytes};
+use crate::build::draft::DraftFile;
+use crate::build::journal::Journal;
+use crate::build::options::{BuildOptions, Voxels};
+use crate::build::partition::outcome::Read;
+use crate::build::partition::{Partition, superblock_of};
+use crate::build::phases::Clock;
+use crate::build::report::{BuildReport, Tell};
+use crate::build::scratch::LatticeTriangle;
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::material::Material;
 use crate::octree::{FirstPage, Voxelizer};
+use emit_checkpoint::Done;
+use in_order::InOrder;
+use voxels::VoxelWork;
+use writer::{Writer, file_id, tables_bytes};
 
 /// What is written.
-pub(super) struct Work<'a> {
-    pub(super) read: &'a Read,
+pub(crate) struct Work<'a> {
+    pub(crate) read: &'a Read,
     /// The octree that was asked for; its records come with the chunks.
-    pub(super) voxels: Option<VoxelWork>,
+    pub(crate) voxels: Option<VoxelWork>,
     /// Where it is told how far the work is, so that it can go on; and how far it was.
-    pub(super) journal: Option<&'a mut Journal>,
-    pub(super) done: Option<Done>,
+    pub(crate) journal: Option<&'a mut Journal>,
+    pub(crate) done: Option<Done>,
 }
 
 /// Writes everything between the two superblocks and the superblocks themselves.
-pub(super) fn emit(
+pub(crate) fn emit(
     work: Work<'_>,
     options: &BuildOptions,
     mut file: DraftFile<'_>,
@@ -148,12 +154,12 @@ impl ChunkWork<'_> {
 }
 
 /// What one worker needs.
-pub(super) fn needed_bytes(options: &BuildOptions) -> u64 {
+pub(crate) fn needed_bytes(options: &BuildOptions) -> u64 {
     worker_bytes() + if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES }
 }
 
 /// As many workers as there is room for, beside the tables of so many triangles: the result does not depend on it.
-pub(super) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize {
+pub(crate) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize {
     let free_bytes = options.budget.free_bytes().saturating_sub(tables_bytes(triangle_count));
     options.pool.current_num_threads().min((free_bytes / needed_bytes(options)) as usize).max(1)
 }
