@@ -55,6 +55,15 @@ const HOUSES: [House; 2] = [
 ];
 /// The crates whose files are looked at, by folder.
 const CRATES: [&str; 7] = ["store", "datasets-gen", "render", "view", "image", "bench", "."];
+/// Circles that stay: a type whose methods fill several files, which all need it.
+const ONE_TYPE: [&[&str]; 1] = [
+    // Eight lanes of registers, set up, entered and refined: what is inlined into the kernel stands in its drawer.
+    &[
+        "render/src/trace/simd/avx2.rs",
+        "render/src/trace/simd/avx2/enter.rs",
+        "render/src/trace/simd/avx2/refine.rs",
+    ],
+];
 /// Re-exports that lead to re-exports, at most.
 const SIGNPOSTS_MAX: usize = 8;
 
@@ -293,6 +302,9 @@ fn no_files_import_each_other_in_a_circle() {
         let files = Crate::read(folder);
         for circle in circles(&files.arrows()) {
             let names: Vec<_> = circle.iter().map(|module| files.files[module].path.as_str()).collect();
+            if ONE_TYPE.contains(&names.as_slice()) {
+                continue;
+            }
             found.push(format!("{} files in a circle: {}", names.len(), names.join(", ")));
         }
     }

@@ -9,7 +9,7 @@
 //! behind the end that the file has after the copy counts as read: the rest of its last page in memory reads as zeros.
 #![allow(unsafe_code)]
 
-use super::open::drop_cached;
+use super::page_cache::drop_cached;
 use super::{ALIGN_BYTES, Backend, IoDescription, RawDone, RawRead, Wait, check_read};
 use crate::error::{Code, Error, Result};
 use memmap2::{Advice, UncheckedAdvice};

@@ -9,6 +9,7 @@
 //! never replaced; 3. direct reading is proven by a read at open, not believed from a flag (tmpfs and some network
 //! file systems accept the flag and refuse the read).
 
+use super::source::Source;
 use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, Staging, Uring};
 use crate::error::{Code, Error, Result};
 use rustix::fs::OFlags;
@@ -98,25 +99,6 @@ impl Default for IoOptions {
     }
 }
 
-/// Which backend runs, and why: for `-v` and JSON.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct IoDescription {
-    /// `uring`, `pread`, `mmap`, `memory`; `fault+NAME` in tests.
-    pub backend: String,
-    /// True when reads go past the page cache.
-    pub direct: bool,
-    /// Why this one, in words.
-    pub reason: String,
-    /// One line for people, once something went wrong since the file was opened: what, and how reading went on.
-    pub notice: Option<String>,
-}
-
-impl IoDescription {
-    pub(super) fn new(backend: &str, direct: bool, reason: String) -> IoDescription {
-        IoDescription { backend: backend.into(), direct, reason, notice: None }
-    }
-}
-
 /// Opens `path` for reading in the way that `options` ask for.
 ///
 /// # Errors
@@ -157,20 +139,6 @@ fn refused(what: &str, path: &Path, numbers: &str) -> Error {
     Error::new(Code::Usage, what).at(path).numbers(numbers).next("use --io auto --direct auto")
 }
 
-/// An open file and whether its reads go past the page cache.
-#[derive(Clone)]
-pub struct Source {
-    pub(super) file: Arc<File>,
-    pub(super) direct: bool,
-}
-
-impl Source {
-    /// Alignment that reads of this source need.
-    pub(super) fn align_bytes(&self) -> usize {
-        if self.direct { ALIGN_BYTES } else { 1 }
-    }
-}
-
 pub(super) fn open_source(path: &Path, choice: DirectChoice) -> Result<(Source, String)> {
     let buffered = |reason: String| {
         let file = File::open(path).map_err(|error| Error::io("open", path, &error))?;
@@ -201,13 +169,4 @@ fn open_direct(path: &Path) -> std::io::Result<File> {
     let mut block = Staging::new(ALIGN_BYTES).map_err(std::io::Error::other)?;
     rustix::io::retry_on_intr(|| rustix::io::pread(&file, &mut block[..], 0))?;
     Ok(file)
-}
-
-/// Drops what a buffered read left in the page cache: whole cache pages around the bytes read.
-pub(crate) fn drop_cached(file: &File, offset: u64, bytes: u64) {
-    let align = ALIGN_BYTES as u64;
-    let start = offset / align * align;
-    let length = offset.saturating_add(bytes).next_multiple_of(align) - start;
-    let length = std::num::NonZeroU64::new(length);
-    let _ = rustix::fs::fadvise(file, start, length, rustix::fs::Advice::DontNeed);
 }

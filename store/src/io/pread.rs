@@ -5,7 +5,7 @@
 //! are in a thread's hands end, joins the threads, and only then frees buffers; 3. buffered reads are dropped from the
 //! page cache once copied.
 
-use super::open::drop_cached;
+use super::page_cache::drop_cached;
 use super::{Backend, IoDescription, RawDone, RawRead, Source, Wait, check_read};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
