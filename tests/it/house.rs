@@ -50,6 +50,7 @@ const HOUSES: [House; 2] = [
             "draft",
             "emit",
             "plan",
+            "checkpoint",
         ],
     },
 ];

@@ -120,8 +120,8 @@ impl DraftFile<'_> {
         Ok(())
     }
 
-    /// Goes on behind the first `bytes`; what comes after them is cut off.
-    pub(super) fn go_on_at(&mut self, bytes: u64) -> Result<()> {
+    /// Resumes behind the first `bytes`; what comes after them is cut off.
+    pub(super) fn resume_at(&mut self, bytes: u64) -> Result<()> {
         self.draft.file.as_file().set_len(bytes).map_err(|e| self.failed(&e))?;
         (self.end, self.flushed) = (bytes, bytes);
         Ok(())

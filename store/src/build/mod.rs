@@ -16,6 +16,7 @@
 //! output is a temporary file until it is whole; 4. nothing is left behind, but for a build that can be resumed what it
 //! goes on from (`journal`).
 
+mod checkpoint;
 mod clusters;
 mod draft;
 mod emit;
@@ -41,18 +42,17 @@ pub use scan::Scan;
 use crate::error::{Code, Error, Result};
 use crate::octree::Voxelizer;
 use crate::progress::{Progress, Report};
-use crate::scratch::Place;
 use crate::source::TriangleSource;
+use checkpoint::{Checkpoint, Places};
 use clusters::workspace::worker_bytes;
 use draft::Draft;
 use emit::{voxels, writer};
-use journal::Journal;
-use partition::outcome::Read;
-use partition::sort_checkpoint::Begun;
-use partition::{Partition, Start};
+use journal::{FileKind, Journal};
+use partition::outcome::PartitionOutcome;
+use partition::{Partition, PartitionWork, SortStart};
 use phases::Clock;
 use plan::plan;
-use scan::lattice;
+use scan::{Grid, lattice};
 use std::path::Path;
 
 /// Builds `output` from `source`. `on_plan` is called once, before anything is written.
@@ -87,9 +87,10 @@ pub fn build(
         left_over::clean(output)?;
     }
     let mut journal = Journal::begin(output, &scratch_folder, options)?;
-    let site = Site { output, folder: &folder, scratch_folder: &scratch_folder, options, tell: &tell };
-    let built = site.build(source, journal.as_mut(), on_plan);
-    let mut out = built.map_err(|error| match journal.as_mut().filter(|journal| journal.has_record) {
+    let site =
+        Site { output, folder: &folder, scratch_folder: &scratch_folder, options, tell: &tell, on_plan };
+    let built = site.build(source, journal.as_mut());
+    let mut out = built.map_err(|error| match journal.as_mut().filter(|journal| journal.has_records()) {
         Some(journal) if error.code() == Code::Interrupted => kept(error, output, journal.keep()),
         _ => error,
     })?;
@@ -104,6 +105,7 @@ struct Site<'a> {
     scratch_folder: &'a Path,
     options: &'a BuildOptions,
     tell: report::Tell<'a>,
+    on_plan: &'a (dyn Fn(&Plan) + Sync),
 }
 
 impl Site<'_> {
@@ -111,102 +113,93 @@ impl Site<'_> {
         &self,
         source: &mut dyn TriangleSource,
         mut journal: Option<&mut Journal>,
-        on_plan: &(dyn Fn(&Plan) + Sync),
     ) -> Result<BuildReport> {
-        let (options, tell) = (self.options, self.tell);
         let mut out = BuildReport::default();
-        let mut clock = Clock::start();
 
-        // What a build before this has done.
-        let (mut done, mut read, mut begun) = (None, None, None);
-        if let Some(journal) = &mut journal {
-            (read, done) = journal.left(&options.budget)?;
-            read.as_ref().map_or(Ok(()), |read| journal.compare_named(&read.source))?;
-            if read.is_none() {
-                begun = journal.left_sorted(options.precision, &options.budget)?;
-            }
-            let is_left = [("done", done.is_some()), ("chunks", read.is_some()), ("sorted", begun.is_some())];
-            for (ending, _) in is_left.iter().filter(|(_, is_left)| !is_left) {
-                journal.forget(ending)?;
-            }
-            journal.has_record = read.is_some() || begun.is_some();
-        }
+        // Where a build before this was stopped.
+        let checkpoint = Checkpoint::find(journal.as_deref_mut(), self.options)?;
+        let Places { cells: place, voxels, draft } =
+            checkpoint.places(journal.as_deref(), self.scratch_folder);
 
-        let read = match read {
-            Some(read) => {
-                on_plan(&plan(read.parted.input_triangle_count, options, self.scratch_folder)?);
-                read
+        // The input in chunks: scan, lattice, partition.
+        let (outcome, emitted) = match checkpoint {
+            Checkpoint::Fresh => {
+                let (scan, grid) = self.scan(source, &mut out)?;
+                let start = SortStart::New { scan, grid, place };
+                (self.partition(source, start, journal.as_deref_mut(), &mut out)?, None)
             }
-            None => self.read(source, begun, journal.as_deref_mut(), on_plan, &mut out)?,
+            Checkpoint::Sorted(sorted) => {
+                self.plan(sorted.scan.triangle_count)?;
+                let start = SortStart::Resumed(sorted);
+                (self.partition(source, start, journal.as_deref_mut(), &mut out)?, None)
+            }
+            Checkpoint::Partitioned(outcome) => {
+                self.plan(outcome.partition.input_triangle_count)?;
+                (*outcome, None)
+            }
+            Checkpoint::Emitting(outcome, emitted) => {
+                self.plan(outcome.partition.input_triangle_count)?;
+                (*outcome, Some(*emitted))
+            }
         };
-        clock.lap();
 
-        // Clusters and pages, chunk by chunk, in order.
-        let is_left = done.is_some();
-        let draft =
-            Draft::create(self.output, self.folder, self.scratch(journal.as_deref(), "part", is_left))?;
-        let place = self.scratch(journal.as_deref(), "voxels", is_left);
-        let Partition { octree, lattice_bounds, .. } = read.parted;
-        let voxels = voxels::begin(octree, lattice_bounds, place, self.scratch_folder)?;
-        let work = emit::Work { read: &read, voxels, journal, done };
-        let block = emit::emit(work, options, draft.file(), tell, &mut out)?;
+        // Clusters, voxels, pages: chunk by chunk, in order.
+        let mut clock = Clock::start();
+        let draft = Draft::create(self.output, self.folder, draft)?;
+        let Partition { octree, lattice_bounds, .. } = outcome.partition;
+        let voxels = voxels::begin(octree, lattice_bounds, voxels, self.scratch_folder)?;
+        let work = emit::EmitWork { outcome: &outcome, voxels, journal, checkpoint: emitted };
+        let block = emit::emit(work, self.options, draft.file(), self.tell, &mut out)?;
         let (wall, cpu) = clock.lap();
         out.phase_ms.clusters = wall.saturating_sub(out.phase_ms.voxels);
         out.phase_cpu_ms.clusters = cpu.saturating_sub(out.phase_cpu_ms.voxels);
 
         // Publish.
-        draft.publish(self.output, &block, options, tell)?;
+        draft.publish(self.output, &block, self.options, self.tell)?;
         (out.phase_ms.publish, out.phase_cpu_ms.publish) = clock.lap();
-        out.source = read.source;
+        out.source = outcome.source;
         Ok(out)
     }
 
-    /// Reads the input into chunks.
-    fn read(
-        &self,
-        source: &mut dyn TriangleSource,
-        begun: Option<Begun>,
-        mut journal: Option<&mut Journal>,
-        on_plan: &(dyn Fn(&Plan) + Sync),
-        out: &mut BuildReport,
-    ) -> Result<Read> {
-        let (options, tell) = (self.options, self.tell);
+    /// Bounds and edges of the input, and the lattice for them.
+    fn scan(&self, source: &mut dyn TriangleSource, out: &mut BuildReport) -> Result<(Scan, Grid)> {
         let mut clock = Clock::start();
-        // Scan: bounds and edges.
-        let (scan, grid) = match &begun {
-            Some(begun) => (begun.scan, begun.grid),
-            None => {
-                let scan = scan::scan(source, options, tell, &mut out.phase_ms.generate)?;
-                (scan, lattice::choose(&scan, options.precision, &source.name())?)
-            }
-        };
+        let scan = scan::scan(source, self.options, self.tell, &mut out.phase_ms.generate)?;
+        let grid = lattice::choose(&scan, self.options.precision, &source.name())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
-        on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
-
-        // Partition: snapped triangles in cells.
-        out.resumed_sorted_count = begun.as_ref().map_or(0, |begun| begun.again.triangle_count);
-        let place = self.scratch(journal.as_deref(), "cells", false);
-        let start = Start { scan, grid, place, begun, journal: journal.as_deref_mut() };
-        let parted = partition::partition(source, start, options, tell)?;
-        out.phase_ms.generate += parted.wait_ms;
-        let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
-        let read = Read { parted, materials_json, source: source.stats() };
-        if let Some(journal) = journal.filter(|journal| journal.has_record || journal.is_due()) {
-            journal.has_record = journal.write_chunks(&read, &options.budget)?;
-            journal.forget("sorted")?;
-            read.parted.scratch.let_go();
-        }
-        (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
-        Ok(read)
+        self.plan(scan.triangle_count)?;
+        Ok((scan, grid))
     }
 
-    /// Where the file of an ending is.
-    fn scratch(&self, journal: Option<&Journal>, ending: &str, is_left: bool) -> Place {
-        match journal {
-            None => Place::Unnamed(self.scratch_folder.to_path_buf()),
-            Some(journal) if is_left => Place::Left(journal.path(ending)),
-            Some(journal) => Place::New(journal.path(ending)),
+    /// Hands out the plan for so many triangles.
+    fn plan(&self, triangle_count: u64) -> Result<()> {
+        (self.on_plan)(&plan(triangle_count, self.options, self.scratch_folder)?);
+        Ok(())
+    }
+
+    /// Snapped triangles in cells, and these in chunks.
+    fn partition(
+        &self,
+        source: &mut dyn TriangleSource,
+        start: SortStart,
+        mut journal: Option<&mut Journal>,
+        out: &mut BuildReport,
+    ) -> Result<PartitionOutcome> {
+        let mut clock = Clock::start();
+        out.resumed_sorted_count = start.sorted_count();
+        let (options, tell) = (self.options, self.tell);
+        let work = PartitionWork { start, journal: journal.as_deref_mut(), options, tell };
+        let partition = partition::partition(source, work)?;
+        out.phase_ms.generate += partition.wait_ms;
+        let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
+        let outcome = PartitionOutcome { partition, materials_json, source: source.stats() };
+        if let Some(journal) = journal.filter(|journal| journal.has_records() || journal.is_due()) {
+            outcome.record(journal, &options.budget)?;
+            journal.remove_record(FileKind::Sorted)?;
+            outcome.partition.scratch.let_go();
         }
+        (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
+        Ok(outcome)
     }
 }
 

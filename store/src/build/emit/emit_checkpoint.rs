@@ -1,4 +1,4 @@
-//! The chunks that stand in the output, as a record of its journal, and the way back from it.
+//! `EmitCheckpoint`: the chunks that stand in the output, as a record of its journal, and the way back from it.
 //!
 //! ```text
 //! done     chunks in the output, counts | page table, roots of pages, emitters, places of voxel records
@@ -14,9 +14,8 @@ use super::voxels::VoxelWork;
 use super::writer::Writer;
 use crate::budget::Budget;
 use crate::build::draft::DraftFile;
-use crate::build::journal::Journal;
-use crate::build::journal::record::{self, is_as_long};
-use crate::build::partition::outcome::{ChunksHead, Read};
+use crate::build::journal::record::Record;
+use crate::build::journal::{FileKind, Journal};
 use crate::build::partition::{Partition, superblock_of};
 use crate::cluster::{LatticeBox, TopRef};
 use crate::error::Result;
@@ -30,7 +29,7 @@ const ROOT_WORDS: usize = 7;
 
 /// What stands in `done`.
 #[derive(Serialize, Deserialize)]
-struct DoneHead {
+struct EmitHead {
     chunk_count: usize,
     open_chunks: Vec<usize>,
     draft_bytes: u64,
@@ -40,8 +39,8 @@ struct DoneHead {
 }
 
 /// Chunks that stand in the output.
-pub(crate) struct Done {
-    head: DoneHead,
+pub(crate) struct EmitCheckpoint {
+    head: EmitHead,
     pages: Vec<PageEntry>,
     roots: Vec<(LatticeBox, TopRef)>,
     emitters: Vec<u8>,
@@ -49,25 +48,23 @@ pub(crate) struct Done {
     voxels: Option<Written>,
 }
 
-impl Journal {
-    /// What a build before this has read, and the chunks that it brought to the output; `None` for what is not there.
-    pub(crate) fn left(&self, budget: &Budget) -> Result<(Option<Read>, Option<Done>)> {
-        let cells = self.path("cells");
-        let record = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)?;
-        let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
-        let read = record.map_or(Ok(None), |record| Read::parse(record, cells))?;
-        let Some(mut read) = read else { return Ok((None, None)) };
-        let done = self.read_done(&read.parted, budget)?;
-        let Partition { scratch, chunks, .. } = &mut read.parted;
-        let unread = chunks[done.as_ref().map_or(0, Done::consumed)..].iter().flat_map(|chunk| &chunk.pieces);
-        scratch.set_unread(unread.map(|piece| (piece.run, piece.take)));
-        Ok((Some(read), done))
-    }
+/// The counts of what is in the output.
+fn counts(block: &mut Superblock) -> [&mut u64; 6] {
+    [
+        &mut block.triangle_count,
+        &mut block.vertex_count,
+        &mut block.cluster_count,
+        &mut block.wide_cluster_count,
+        &mut block.resident_bytes,
+        &mut block.page_tree_bytes,
+    ]
+}
 
-    /// Records that the first `chunk_count` chunks are done, once they are on the disk; false where there is no memory
-    /// for that.
-    pub(crate) fn write_done(
-        &mut self,
+impl EmitCheckpoint {
+    /// Records that the first `chunk_count` chunks are in the output, once they are on the disk; false where there is no
+    /// memory for that.
+    pub(crate) fn record(
+        journal: &mut Journal,
         chunk_count: usize,
         writer: &Writer<'_>,
         file: &mut DraftFile<'_>,
@@ -82,7 +79,7 @@ impl Journal {
         };
         file.sync()?;
         let voxel_words = voxels.map_or(Ok(Vec::new()), |work| work.runs.synced(chunk_count as u32))?;
-        let head = DoneHead {
+        let head = EmitHead {
             chunk_count,
             open_chunks: writer.open_chunks.clone(),
             draft_bytes: file.bytes(),
@@ -98,37 +95,30 @@ impl Journal {
         }
         let [roots, words] = [&roots, &voxel_words].map(|words| bytemuck::cast_slice(words));
         let blobs = [table.as_slice(), roots, &writer.emitters, words];
-        record::write(&self.path("done"), self.folder(), &head, &blobs)?;
-        self.written(begin);
+        journal.write_record((FileKind::Emitted, begin), &head, &blobs)?;
         Ok(true)
     }
 
     /// The chunks of `parted` that a build before this has brought to the output; `None` for none.
-    fn read_done(&self, parted: &Partition, budget: &Budget) -> Result<Option<Done>> {
-        let record = record::read::<DoneHead>(&self.path("done"), budget)?;
-        let Some(done) = record.and_then(|record| Done::parse(record, parted)) else { return Ok(None) };
-        let voxel_bytes = done.voxels.as_ref().map_or(0, Written::bytes);
-        let is_there = is_as_long(&self.path("part"), done.head.draft_bytes)
-            && (done.voxels.is_none() || is_as_long(&self.path("voxels"), voxel_bytes));
-        Ok(Some(done).filter(|_| is_there))
+    pub(crate) fn read(
+        journal: &Journal,
+        parted: &Partition,
+        budget: &Budget,
+    ) -> Result<Option<EmitCheckpoint>> {
+        let record = journal.read_record::<EmitHead>(FileKind::Emitted, budget)?;
+        let Some(checkpoint) = record.and_then(|record| EmitCheckpoint::parse(record, parted)) else {
+            return Ok(None);
+        };
+        let is_there = journal.holds(FileKind::Draft, checkpoint.head.draft_bytes)
+            && checkpoint
+                .voxels
+                .as_ref()
+                .is_none_or(|voxels| journal.holds(FileKind::Voxels, voxels.bytes()));
+        Ok(Some(checkpoint).filter(|_| is_there))
     }
-}
 
-/// The counts of what is in the output.
-fn counts(block: &mut Superblock) -> [&mut u64; 6] {
-    [
-        &mut block.triangle_count,
-        &mut block.vertex_count,
-        &mut block.cluster_count,
-        &mut block.wide_cluster_count,
-        &mut block.resident_bytes,
-        &mut block.page_tree_bytes,
-    ]
-}
-
-impl Done {
     /// Of a record of a build that read `parted`; `None` where it cannot be one of ours.
-    fn parse(record: record::Record<DoneHead>, parted: &Partition) -> Option<Done> {
+    fn parse(record: Record<EmitHead>, parted: &Partition) -> Option<EmitCheckpoint> {
         let [table, roots, emitters, words] = <[Vec<u8>; 4]>::try_from(record.blobs).ok()?;
         let pages = table.as_chunks().0.iter().map(PageEntry::parse).collect::<Option<Vec<_>>>()?;
         let roots: Vec<u64> = bytemuck::allocation::pod_collect_to_vec(&roots);
@@ -141,12 +131,12 @@ impl Done {
             None => None,
         };
         let roots = roots.as_chunks().0.iter().map(root).collect();
-        let done = Done { head: record.head, pages, roots, emitters, voxels };
-        done.is_sound(parted).then_some(done)
+        let checkpoint = EmitCheckpoint { head: record.head, pages, roots, emitters, voxels };
+        checkpoint.is_sound(parted).then_some(checkpoint)
     }
 
     fn is_sound(&self, parted: &Partition) -> bool {
-        let Done { head, pages, roots, emitters, .. } = self;
+        let EmitCheckpoint { head, pages, roots, emitters, .. } = self;
         let [lo, hi] = parted.lattice_bounds;
         let is_root = |(bounds, root): &(LatticeBox, TopRef)| {
             let all = LatticeBox { lo, hi };
@@ -179,7 +169,7 @@ impl Done {
     }
 
     /// Chunks of which nothing has to be read again.
-    fn consumed(&self) -> usize {
+    pub(crate) fn consumed(&self) -> usize {
         self.head.open_chunks.first().copied().unwrap_or(self.head.chunk_count)
     }
 
@@ -196,7 +186,7 @@ impl Done {
         counts(&mut writer.block).into_iter().zip(self.head.counts).for_each(|(count, there)| *count = there);
         writer.restore(self.pages, self.roots, self.emitters)?;
         writer.emitter_count = self.head.emitter_count;
-        file.go_on_at(self.head.draft_bytes)?;
+        file.resume_at(self.head.draft_bytes)?;
         Ok(self.head.open_chunks)
     }
 }

@@ -11,9 +11,9 @@ pub(super) mod writer;
 use crate::build::clusters::pages::{ChunkPages, PackContext};
 use crate::build::clusters::workspace::{Workspace, worker_bytes};
 use crate::build::draft::DraftFile;
-use crate::build::journal::Journal;
+use crate::build::journal::{FileKind, Journal};
 use crate::build::options::{BuildOptions, Voxels};
-use crate::build::partition::outcome::Read;
+use crate::build::partition::outcome::PartitionOutcome;
 use crate::build::partition::{Partition, superblock_of};
 use crate::build::phases::Clock;
 use crate::build::report::{BuildReport, Tell};
@@ -23,31 +23,32 @@ use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::material::Material;
 use crate::octree::{FirstPage, Voxelizer};
-use emit_checkpoint::Done;
+use emit_checkpoint::EmitCheckpoint;
 use in_order::InOrder;
 use voxels::VoxelWork;
 use writer::{Writer, file_id, tables_bytes};
 
 /// What is written.
-pub(crate) struct Work<'a> {
-    pub(crate) read: &'a Read,
+pub(crate) struct EmitWork<'a> {
+    pub(crate) outcome: &'a PartitionOutcome,
     /// The octree that was asked for; its records come with the chunks.
     pub(crate) voxels: Option<VoxelWork>,
-    /// Where it is told how far the work is, so that it can go on; and how far it was.
+    /// Where it is recorded how far the work is, so that it can resume.
     pub(crate) journal: Option<&'a mut Journal>,
-    pub(crate) done: Option<Done>,
+    /// What a build before this has emitted.
+    pub(crate) checkpoint: Option<EmitCheckpoint>,
 }
 
 /// Writes everything between the two superblocks and the superblocks themselves.
 pub(crate) fn emit(
-    work: Work<'_>,
+    work: EmitWork<'_>,
     options: &BuildOptions,
     mut file: DraftFile<'_>,
     tell: Tell<'_>,
     out: &mut BuildReport,
 ) -> Result<Superblock> {
-    let Work { read, mut voxels, journal, done } = work;
-    let Read { parted, materials_json, .. } = read;
+    let EmitWork { outcome, mut voxels, journal, checkpoint } = work;
+    let PartitionOutcome { partition: parted, materials_json, .. } = outcome;
     let materials: Vec<Material> = serde_json::from_slice(materials_json).expect("materials are plain data");
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
     let [lo, hi] = parted.lattice_bounds;
@@ -56,7 +57,7 @@ pub(crate) fn emit(
     let mut writer = Writer::new(file_id, superblock_of(parted), context, &options.budget)?;
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
-    let work = ChunkWork { read, journal, done, context, options, tell };
+    let work = ChunkWork { outcome, journal, checkpoint, context, options, tell };
     out.resumed_triangle_count = work.run(&mut writer, &mut file, &mut voxels)?;
     writer.close(&mut file)?;
     out.scratch_peak_bytes = parted.scratch.bytes();
@@ -89,9 +90,9 @@ pub(crate) fn emit(
 
 /// All chunks, of which a build before this may have done some.
 struct ChunkWork<'a> {
-    read: &'a Read,
+    outcome: &'a PartitionOutcome,
     journal: Option<&'a mut Journal>,
-    done: Option<Done>,
+    checkpoint: Option<EmitCheckpoint>,
     context: PackContext<'a>,
     options: &'a BuildOptions,
     tell: Tell<'a>,
@@ -105,15 +106,15 @@ impl ChunkWork<'_> {
         file: &mut DraftFile<'_>,
         voxels: &mut Option<VoxelWork>,
     ) -> Result<u64> {
-        let ChunkWork { read, mut journal, done, context, options, tell } = self;
-        let parted = &read.parted;
+        let ChunkWork { outcome, mut journal, checkpoint, context, options, tell } = self;
+        let parted = &outcome.partition;
         let mut given_back = 0;
-        let first = match done {
+        let first = match checkpoint {
             // The head's place; it is written last.
             None => file.append(&[0; SUPERBLOCK_BYTES]).map(|_| 0)?,
-            Some(done) => {
-                let first = done.chunk_count();
-                let open = done.restore(writer, file, voxels.as_mut())?;
+            Some(checkpoint) => {
+                let first = checkpoint.chunk_count();
+                let open = checkpoint.restore(writer, file, voxels.as_mut())?;
                 given_back = open.first().copied().unwrap_or(first);
                 reopen(writer, &open, parted, context, options)?;
                 first
@@ -127,12 +128,12 @@ impl ChunkWork<'_> {
             let last = match &mut journal {
                 None => chunk + 1,
                 Some(journal) if journal.is_due() => {
-                    if !journal.has_record {
-                        journal.write_chunks(read, &options.budget)?;
+                    if !journal.has_record(FileKind::Chunks) {
+                        outcome.record(journal, &options.budget)?;
                     }
                     let tables = (voxels, &options.budget);
-                    let is_written =
-                        journal.has_record && journal.write_done(chunk + 1, writer, file, tables)?;
+                    let is_written = journal.has_record(FileKind::Chunks)
+                        && EmitCheckpoint::record(journal, chunk + 1, writer, file, tables)?;
                     let open = writer.open_chunks.first().copied().unwrap_or(chunk + 1);
                     if is_written { open } else { given_back }
                 }
@@ -145,9 +146,10 @@ impl ChunkWork<'_> {
             tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
             Ok(())
         })?;
-        if let Some(journal) = journal.filter(|journal| journal.has_record) {
-            // The merge has no units of its own: a build that is killed in it goes on from here.
-            journal.write_done(parted.chunks.len(), writer, file, (voxels, &options.budget))?;
+        if let Some(journal) = journal.filter(|journal| journal.has_record(FileKind::Chunks)) {
+            // The merge has no units of its own: a build that is killed in it resumes from here.
+            let tables = (voxels, &options.budget);
+            EmitCheckpoint::record(journal, parted.chunks.len(), writer, file, tables)?;
         }
         Ok(parted.chunks[..first].iter().map(|chunk| chunk.triangle_count).sum())
     }

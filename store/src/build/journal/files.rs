@@ -17,51 +17,99 @@ use xxhash_rust::xxh3::xxh3_64;
 const NAME_CHARS: usize = 40;
 /// Tries to lock a journal that others remove meanwhile.
 const LOCK_TRIES: u32 = 16;
-/// Endings of the files of a build, the journal's last: while it is there, the others are found.
-const ENDINGS: [&str; 7] = ["part", "cells", "voxels", "sorted", "chunks", "done", "journal"];
-/// Endings of records, which have another name while they are written.
-const RECORDS: [&str; 3] = ["sorted", "chunks", "done"];
+/// A file of a build, by what it holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FileKind {
+    /// The output, page by page.
+    Draft,
+    /// Triangles on the lattice, in runs.
+    Cells,
+    /// Voxel records, in runs.
+    Voxels,
+    /// Record: the first triangles of the input, in cells.
+    Sorted,
+    /// Record: what partition found, which runs make which chunk.
+    Chunks,
+    /// Record: the chunks that are in the draft and in the voxel records.
+    Emitted,
+    /// Who builds what; removed last: while it is there, the others are found.
+    Journal,
+}
+
+impl FileKind {
+    /// All of them, the journal last.
+    const ALL: [FileKind; 7] = [
+        FileKind::Draft,
+        FileKind::Cells,
+        FileKind::Voxels,
+        FileKind::Sorted,
+        FileKind::Chunks,
+        FileKind::Emitted,
+        FileKind::Journal,
+    ];
+    /// Records, which have another name while they are written.
+    pub(crate) const RECORDS: [FileKind; 3] = [FileKind::Sorted, FileKind::Chunks, FileKind::Emitted];
+
+    /// The end of the file's name.
+    fn ending(self) -> &'static str {
+        match self {
+            FileKind::Draft => "part",
+            FileKind::Cells => "cells",
+            FileKind::Voxels => "voxels",
+            FileKind::Sorted => "sorted",
+            FileKind::Chunks => "chunks",
+            FileKind::Emitted => "done",
+            FileKind::Journal => "journal",
+        }
+    }
+}
 
 /// Names of the files of one output's builds.
 #[derive(Clone)]
-pub(crate) struct Names {
+pub(crate) struct JournalFiles {
     pub(super) folder: PathBuf,
     scratch_folder: PathBuf,
     stem: String,
 }
 
-impl Names {
-    pub(crate) fn new(output: &Path, scratch_folder: &Path) -> Names {
+impl JournalFiles {
+    pub(crate) fn new(output: &Path, scratch_folder: &Path) -> JournalFiles {
         let name = output.file_name().unwrap_or_default();
         let kept: String = name.to_string_lossy().chars().take(NAME_CHARS).collect();
         let stem = format!(".{kept}.{:016x}", xxh3_64(name.as_bytes()));
-        Names { folder: folder_of(output).to_path_buf(), scratch_folder: scratch_folder.to_path_buf(), stem }
+        JournalFiles {
+            folder: folder_of(output).to_path_buf(),
+            scratch_folder: scratch_folder.to_path_buf(),
+            stem,
+        }
     }
 
-    /// The file of an ending.
-    pub(crate) fn file(&self, ending: &str) -> PathBuf {
-        let is_scratch = ["cells", "voxels"].contains(&ending);
-        let folder = if is_scratch { &self.scratch_folder } else { &self.folder };
-        folder.join(format!("{}.{ending}", self.stem))
+    /// Path of the file of a kind.
+    pub(super) fn path(&self, kind: FileKind) -> PathBuf {
+        let folder = match kind {
+            FileKind::Cells | FileKind::Voxels => &self.scratch_folder,
+            _ => &self.folder,
+        };
+        folder.join(format!("{}.{}", self.stem, kind.ending()))
     }
 
     /// All files that may be there.
     pub(crate) fn all(&self) -> Vec<PathBuf> {
-        let unfinished = RECORDS.map(|ending| unfinished(&self.file(ending)));
-        unfinished.into_iter().chain(ENDINGS.map(|ending| self.file(ending))).collect()
+        let unfinished = FileKind::RECORDS.map(|kind| unfinished(&self.path(kind)));
+        unfinished.into_iter().chain(FileKind::ALL.map(|kind| self.path(kind))).collect()
     }
 
     /// Removes what is there, but for the journal.
     pub(super) fn clear(&self) {
-        self.all().iter().filter(|path| **path != self.file("journal")).for_each(|path| {
+        self.all().iter().filter(|path| **path != self.path(FileKind::Journal)).for_each(|path| {
             let _ = std::fs::remove_file(path);
         });
     }
 }
 
 /// Bytes that the files take on disk.
-pub(crate) fn bytes_of(names: &Names) -> u64 {
-    names.all().iter().filter_map(|path| path.metadata().ok()).map(|found| found.blocks() * 512).sum()
+pub(crate) fn bytes_of(files: &JournalFiles) -> u64 {
+    files.all().iter().filter_map(|path| path.metadata().ok()).map(|found| found.blocks() * 512).sum()
 }
 
 /// The journal `path`, made where there is none, and locked; `None` where somebody else holds the lock.

@@ -1,4 +1,4 @@
-//! `Header`: what a journal says of its build: the output, its folder of scratch, and all that its bytes depend on.
+//! `JournalHeader`: what a journal says of its build: the output, its folder of scratch, and all that its bytes depend on.
 
 use crate::build::options::{BuildOptions, Resume};
 use crate::layout::VERSION;
@@ -16,7 +16,7 @@ const JOURNAL_BYTES: u64 = 1 << 20;
 
 /// What a journal says.
 #[derive(Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Header {
+pub(crate) struct JournalHeader {
     format: String,
     /// Name of the output as the system writes it.
     pub(crate) output: Vec<u8>,
@@ -26,8 +26,8 @@ pub(crate) struct Header {
     facts: Vec<(String, String)>,
 }
 
-impl Header {
-    pub(super) fn new(output: &Path, resume: &Resume, options: &BuildOptions) -> Header {
+impl JournalHeader {
+    pub(super) fn new(output: &Path, resume: &Resume, options: &BuildOptions) -> JournalHeader {
         let given = options.temp_dir.as_deref();
         let scratch_folder = given.map(|given| given.canonicalize().unwrap_or_else(|_| given.to_path_buf()));
         let scratch_folder = scratch_folder.unwrap_or_default();
@@ -39,7 +39,7 @@ impl Header {
             option("folder of scratch", &scratch_folder),
         ];
         facts.extend(resume.input.iter().cloned());
-        Header {
+        JournalHeader {
             format: FORMAT.into(),
             output: output.file_name().unwrap_or_default().as_bytes().to_vec(),
             scratch_folder: scratch_folder.as_os_str().as_bytes().to_vec(),
@@ -48,10 +48,10 @@ impl Header {
     }
 
     /// Reads an open journal; `None` for anything else.
-    pub(crate) fn read(mut file: &File) -> Option<Header> {
+    pub(crate) fn read(mut file: &File) -> Option<JournalHeader> {
         let mut bytes = Vec::new();
         Read::by_ref(&mut file).take(JOURNAL_BYTES).read_to_end(&mut bytes).ok()?;
-        serde_json::from_slice(&bytes).ok().filter(|header: &Header| header.format == FORMAT)
+        serde_json::from_slice(&bytes).ok().filter(|header: &JournalHeader| header.format == FORMAT)
     }
 
     /// The folder of scratch, for an output in `folder`.
@@ -63,8 +63,8 @@ impl Header {
     }
 
     /// What stands here in another way than in `now`.
-    pub(super) fn differences(&self, now: &Header) -> String {
-        let value = |header: &Header, name: &str| {
+    pub(super) fn differences(&self, now: &JournalHeader) -> String {
+        let value = |header: &JournalHeader, name: &str| {
             let found = header.facts.iter().find(|fact| fact.0 == name);
             found.map_or("none".to_owned(), |fact| fact.1.clone())
         };

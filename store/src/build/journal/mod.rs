@@ -1,4 +1,4 @@
-//! `Journal`: what lets a build that was killed go on, beside the output.
+//! `Journal`: what lets a build that was killed resume, beside the output.
 //!
 //! ```text
 //! .NAME.HASH.journal   who builds what: its flock keeps two builders of one output apart
@@ -11,10 +11,11 @@
 //! ```
 //!
 //! A finished unit is each batch of triangles that is in cells, then each chunk. A stream cannot be entered in its
-//! middle: what is in cells is read again, but neither scanned nor sorted (`sorted_record`).
+//! middle: what is in cells is read again, but neither scanned nor sorted. Which records lead back to where is told in
+//! `checkpoint`.
 //!
 //! Invariants: 1. a record is written after all that it speaks of was synced; 2. a run of cells is given back after the
-//! record that does without it was; 3. input and options stand in the journal: a build goes on with the same ones or
+//! record that does without it was; 3. input and options stand in the journal: a build resumes with the same ones or
 //! not at all; 4. a builder that ends, but for an interrupt, removes all of them; 5. the lock is the kernel's: it ends
 //! with its process, however that ends.
 
@@ -23,11 +24,17 @@ mod header;
 pub mod left_over;
 pub(super) mod record;
 
+pub(super) use files::FileKind;
+
+use crate::budget::Budget;
 use crate::build::options::BuildOptions;
 use crate::error::{Code, Error, Result};
 use crate::source::{SourceStats, stamp};
-use files::{Names, busy, bytes_of, lock};
-use header::Header;
+use files::{JournalFiles, busy, bytes_of, lock};
+use header::JournalHeader;
+use record::Record;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::os::unix::ffi::OsStrExt;
@@ -41,21 +48,22 @@ const GLANCE: Duration = Duration::from_millis(50);
 /// time that was asked for, a slow disk costs more than that.
 const PAUSE: u32 = 20;
 const PAUSE_MOST: u32 = 3;
+
 /// The journal of a build under way.
 pub(crate) struct Journal {
     output: PathBuf,
-    names: Names,
+    files: JournalFiles,
     /// Holds the lock.
     file: File,
     every: Duration,
     due: Instant,
-    /// There is a record to go on from.
-    pub(crate) has_record: bool,
+    /// Records that are there.
+    records: Vec<FileKind>,
     is_kept: bool,
 }
 
 impl Journal {
-    /// Takes the lock of `output`; `None` for a build that leaves nothing.
+    /// Locks `output`; `None` for a build that leaves nothing.
     ///
     /// # Errors
     /// [`Code::Usage`] where another builder is at work on this output, or one was with other input or options.
@@ -65,8 +73,8 @@ impl Journal {
         options: &BuildOptions,
     ) -> Result<Option<Journal>> {
         let Some(resume) = &options.resume else { return Ok(None) };
-        let names = Names::new(output, scratch_folder);
-        let path = names.file("journal");
+        let files = JournalFiles::new(output, scratch_folder);
+        let path = files.path(FileKind::Journal);
         let mut locked = lock(&path)?;
         if locked.is_none() {
             // Who lists unfinished builds holds the lock for a moment.
@@ -74,18 +82,21 @@ impl Journal {
             locked = lock(&path)?;
         }
         let file = locked.ok_or_else(|| busy(output))?;
-        let now = Header::new(output, resume, options);
-        let found = Header::read(&file);
+        let now = JournalHeader::new(output, resume, options);
+        let found = JournalHeader::read(&file);
         let (every, due) = (resume.every, Instant::now() + resume.every);
         let output = output.to_path_buf();
-        let mut journal = Journal { output, names, file, every, due, has_record: false, is_kept: false };
+        let mut journal = Journal { output, files, file, every, due, records: Vec::new(), is_kept: false };
         match found {
-            Some(found) if found == now => {}
+            Some(found) if found == now => {
+                journal.records = FileKind::RECORDS.into();
+                journal.records.retain(|&record| journal.files.path(record).exists());
+            }
             Some(found) => {
                 return Err(journal.refuse(found.differences(&now)));
             }
             None => {
-                journal.names.clear();
+                journal.files.clear();
                 let failed = |e| Error::writing("write the journal", &path, &e);
                 let header = serde_json::to_vec(&now).expect("headers are plain data");
                 let file = &journal.file;
@@ -96,7 +107,7 @@ impl Journal {
         Ok(Some(journal))
     }
 
-    /// That a build is not the one that left what is here, which stays.
+    /// The error of a build that is not the one that left what is here, which stays.
     pub(crate) fn refuse(&mut self, differences: String) -> Error {
         self.is_kept = true;
         Error::new(Code::Usage, "an unfinished build of this output is of something else")
@@ -105,11 +116,11 @@ impl Journal {
             .next("build with the same input and options, or remove it with trex build --clean")
     }
 
-    /// Whether the files that the input names are what they were when it was read.
+    /// Checks that the files that the input names are what they were when it was read.
     ///
     /// # Errors
     /// [`Code::Usage`] where one is not.
-    pub(crate) fn compare_named(&mut self, read: &SourceStats) -> Result<()> {
+    pub(crate) fn check_named_files(&mut self, read: &SourceStats) -> Result<()> {
         let changed = read.named_files.iter().filter_map(|(path, then)| {
             let path = Path::new(OsStr::from_bytes(path));
             let now = stamp(path);
@@ -121,9 +132,10 @@ impl Journal {
         }
     }
 
-    /// Removes a record that there is nothing to go on from by, before the files that it speaks of are written anew.
-    pub(crate) fn forget(&self, ending: &str) -> Result<()> {
-        let path = self.path(ending);
+    /// Removes a record, if it is there, before the files that it speaks of are written anew.
+    pub(crate) fn remove_record(&mut self, record: FileKind) -> Result<()> {
+        self.records.retain(|&there| there != record);
+        let path = self.path(record);
         if !path.exists() {
             return Ok(());
         }
@@ -132,14 +144,24 @@ impl Journal {
         synced.map_err(|e| Error::writing("write the folder to the disk", self.folder(), &e))
     }
 
-    /// Path of the file of an ending.
-    pub(crate) fn path(&self, ending: &str) -> PathBuf {
-        self.names.file(ending)
+    /// Whether there is any record to resume from.
+    pub(crate) fn has_records(&self) -> bool {
+        !self.records.is_empty()
+    }
+
+    /// Whether there is this record.
+    pub(crate) fn has_record(&self, record: FileKind) -> bool {
+        self.records.contains(&record)
+    }
+
+    /// Path of the file of a kind.
+    pub(crate) fn path(&self, kind: FileKind) -> PathBuf {
+        self.files.path(kind)
     }
 
     /// The folder of the records.
     pub(crate) fn folder(&self) -> &Path {
-        &self.names.folder
+        &self.files.folder
     }
 
     /// Whether a record is due.
@@ -147,10 +169,33 @@ impl Journal {
         Instant::now() >= self.due
     }
 
-    /// A record that was begun at `begin` is written.
-    pub(crate) fn written(&mut self, begin: Instant) {
-        self.has_record = true;
+    /// Writes a record, of which the work was begun at `begin`.
+    pub(crate) fn write_record(
+        &mut self,
+        (record, begin): (FileKind, Instant),
+        head: &impl Serialize,
+        blobs: &[&[u8]],
+    ) -> Result<()> {
+        record::write(&self.path(record), self.folder(), head, blobs)?;
+        if !self.has_record(record) {
+            self.records.push(record);
+        }
         self.postpone(begin);
+        Ok(())
+    }
+
+    /// Reads a record; `None` where there is none that is whole.
+    pub(crate) fn read_record<T: DeserializeOwned>(
+        &self,
+        record: FileKind,
+        budget: &Budget,
+    ) -> Result<Option<Record<T>>> {
+        record::read(&self.path(record), budget)
+    }
+
+    /// Whether a file is there, of so many bytes or more.
+    pub(crate) fn holds(&self, kind: FileKind, bytes: u64) -> bool {
+        self.path(kind).metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
     }
 
     /// No record is due for a while, since that of a moment begun at `begin` is written or cannot be.
@@ -161,15 +206,15 @@ impl Journal {
     /// Leaves all files for the next build; gives their bytes on disk.
     pub(crate) fn keep(&mut self) -> u64 {
         self.is_kept = true;
-        bytes_of(&self.names)
+        bytes_of(&self.files)
     }
 }
 
 impl Drop for Journal {
     fn drop(&mut self) {
         if !self.is_kept {
-            self.names.clear();
-            let _ = std::fs::remove_file(self.names.file("journal"));
+            self.files.clear();
+            let _ = std::fs::remove_file(self.files.path(FileKind::Journal));
         }
     }
 }

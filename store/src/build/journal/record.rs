@@ -37,11 +37,6 @@ pub(crate) fn unfinished(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// Whether a file is there, of so many bytes or more.
-pub(crate) fn is_as_long(path: &Path, bytes: u64) -> bool {
-    path.metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
-}
-
 /// Writes the record `path`, whose folder is `folder`.
 pub(crate) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[&[u8]]) -> Result<()> {
     let head = serde_json::to_vec(head).expect("heads are plain data");

@@ -35,7 +35,7 @@ use crate::source::{TriangleBatch, TriangleSource};
 use cells::{By, Cells, Sorted, first_levels};
 use chunk::Chunk;
 use snap::{Prefix, Snapped, Snapper};
-use sort_checkpoint::Begun;
+use sort_checkpoint::SortCheckpoint;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 
@@ -71,49 +71,69 @@ pub(crate) struct Partition {
     pub(crate) wait_ms: u64,
 }
 
-/// What the phase begins with.
-pub(crate) struct Start<'a> {
-    pub(crate) scan: Scan,
-    pub(crate) grid: Grid,
-    /// Where triangles go, for one that begins anew.
-    pub(crate) place: Place,
-    /// What a build before this has sorted.
-    pub(crate) begun: Option<Begun>,
-    /// Where it is told how far the work is, so that it can go on.
+impl Partition {
+    /// Counts the triangles of chunks from `first` on as those that are still to be read from scratch.
+    pub(crate) fn set_unread(&self, first: usize) {
+        let pieces = self.chunks[first..].iter().flat_map(|chunk| &chunk.pieces);
+        self.scratch.set_unread(pieces.map(|piece| (piece.run, piece.take)));
+    }
+}
+
+/// Where sorting starts.
+pub(crate) enum SortStart {
+    /// At the first triangle, into a new scratch file.
+    New { scan: Scan, grid: Grid, place: Place },
+    /// Behind what a build before this has sorted.
+    Resumed(Box<SortCheckpoint>),
+}
+
+impl SortStart {
+    /// Triangles that are in cells already.
+    pub(crate) fn sorted_count(&self) -> u64 {
+        match self {
+            SortStart::New { .. } => 0,
+            SortStart::Resumed(checkpoint) => checkpoint.prefix.triangle_count,
+        }
+    }
+}
+
+/// What the phase works with.
+pub(crate) struct PartitionWork<'a> {
+    pub(crate) start: SortStart,
+    /// Where it is recorded how far the work is, so that it can resume.
     pub(crate) journal: Option<&'a mut Journal>,
+    pub(crate) options: &'a BuildOptions,
+    pub(crate) tell: Tell<'a>,
 }
 
 /// Runs the phase. The source is read once, on its own thread.
-pub(crate) fn partition(
-    source: &mut dyn TriangleSource,
-    start: Start<'_>,
-    options: &BuildOptions,
-    tell: Tell<'_>,
-) -> Result<Partition> {
-    let Start { scan, grid, place, begun, journal } = start;
+pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
+    let PartitionWork { start, journal, options, tell } = work;
     let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
     let buffer_bytes = buffer_bytes(options.budget.free_bytes());
     let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
     let name = source.name();
-    let sorted = Sorted {
+    let rule = |scan: &Scan, grid: &Grid| Sorted {
         by: By::SizeAndPlace,
-        levels: first_levels(scan.triangle_count, &grid),
+        levels: first_levels(scan.triangle_count, grid),
         bits: grid.bits,
         buffered_most: buffer_bytes / TRIANGLE_BYTES,
     };
-    let mut snapper = Snapper::new(grid, name.clone());
-    let mut sorter = match begun {
-        None => {
-            let cells = Cells::new(RunWriter::start(Scratch::create(place)?)?, sorted);
-            Sorter { scan, again: None, snapped: Snapped::new(&scan, &grid), cells, journal }
+    let (mut sorter, grid) = match start {
+        SortStart::New { scan, grid, place } => {
+            let cells = Cells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
+            (Sorter { scan, again: None, snapped: Snapped::new(&scan, &grid), cells, journal }, grid)
         }
-        Some(Begun { again, snapped, scratch, runs, .. }) => {
-            let mut cells = Cells::new(RunWriter::start(scratch)?, sorted);
+        SortStart::Resumed(checkpoint) => {
+            let SortCheckpoint { scan, grid, prefix, snapped, scratch, runs } = *checkpoint;
+            let mut cells = Cells::new(RunWriter::start(scratch)?, rule(&scan, &grid));
             cells.restore(runs);
-            let again = Some(again).filter(|prefix| prefix.triangle_count > 0);
-            Sorter { scan, again, snapped, cells, journal }
+            let again = Some(prefix).filter(|prefix| prefix.triangle_count > 0);
+            (Sorter { scan, again, snapped, cells, journal }, grid)
         }
     };
+    let scan = sorter.scan;
+    let mut snapper = Snapper::new(grid, name.clone());
     let tell_count = |count| tell("partition", "triangles", count, scan.triangle_count);
     let waited = sorter.run(source, &mut snapper, options, &tell_count)?;
 
@@ -220,7 +240,8 @@ impl Sorter<'_> {
         let Some(journal) = self.journal.as_deref_mut().filter(|journal| journal.is_due()) else {
             return Ok(());
         };
-        journal.write_sorted((&self.scan, snapper.prefix()), &self.snapped, &mut self.cells, &options.budget)
+        let read = (&self.scan, snapper.prefix());
+        SortCheckpoint::record(journal, read, &self.snapped, &mut self.cells, &options.budget)
     }
 
     /// Holds what was read so far against what a build before this had read.
@@ -237,7 +258,7 @@ impl Sorter<'_> {
 
     fn changed(&mut self, prefix: Prefix) -> Error {
         let told = format!("the first {} triangles are not those that were read then", prefix.triangle_count);
-        self.journal.as_mut().expect("what was begun is of a journal").refuse(told)
+        self.journal.as_mut().expect("a checkpoint is of a journal").refuse(told)
     }
 }
 

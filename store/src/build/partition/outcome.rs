@@ -1,4 +1,4 @@
-//! What partition came to, as a record of its journal, and the way back from it.
+//! `PartitionOutcome`: an input in chunks, as a record of its journal, and the way back from it.
 //!
 //! ```text
 //! chunks   what partition found | materials
@@ -11,8 +11,8 @@ use super::cells::is_on_lattice;
 use super::chunk::Chunk;
 use super::{Partition, superblock_of};
 use crate::budget::Budget;
-use crate::build::journal::Journal;
-use crate::build::journal::record;
+use crate::build::journal::record::Record;
+use crate::build::journal::{FileKind, Journal};
 use crate::build::scan::Grid;
 use crate::build::scratch::Scratch;
 use crate::error::Result;
@@ -31,7 +31,7 @@ const PIECE_BYTES: u64 = 128;
 
 /// What stands in `chunks`. Numbers that are not whole stand by their bits.
 #[derive(Serialize, Deserialize)]
-pub(crate) struct ChunksHead<'a> {
+struct ChunksHead<'a> {
     pub(crate) scratch_bytes: u64,
     chunks: Cow<'a, [Chunk]>,
     origin: [u64; 3],
@@ -51,19 +51,19 @@ pub(crate) struct ChunksHead<'a> {
     source: SourceStats,
 }
 
-/// What came of reading an input.
-pub(crate) struct Read {
-    pub(crate) parted: Partition,
+/// An input that was read to its end: its triangles in chunks, its materials, the counters of its source.
+pub(crate) struct PartitionOutcome {
+    pub(crate) partition: Partition,
     pub(crate) materials_json: Vec<u8>,
     pub(crate) source: SourceStats,
 }
 
-impl Journal {
-    /// Records what came of reading the input; false where there is no memory for that.
-    pub(crate) fn write_chunks(&mut self, read: &Read, budget: &Budget) -> Result<bool> {
-        let (begin, parted) = (Instant::now(), &read.parted);
+impl PartitionOutcome {
+    /// Records itself. Does nothing where there is no memory for that.
+    pub(crate) fn record(&self, journal: &mut Journal, budget: &Budget) -> Result<()> {
+        let (begin, parted) = (Instant::now(), &self.partition);
         let piece_count = parted.chunks.iter().map(|chunk| chunk.pieces.len() as u64 + 1).sum::<u64>();
-        let Ok(_lease) = budget.lease("the journal", piece_count * PIECE_BYTES) else { return Ok(false) };
+        let Ok(_lease) = budget.lease("the journal", piece_count * PIECE_BYTES) else { return Ok(()) };
         let head = ChunksHead {
             scratch_bytes: parted.scratch.bytes(),
             chunks: Cow::Borrowed(&parted.chunks),
@@ -80,17 +80,20 @@ impl Journal {
             lattice_bounds: parted.lattice_bounds,
             octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
             content_hash: parted.content_hash,
-            source: read.source.clone(),
+            source: self.source.clone(),
         };
-        record::write(&self.path("chunks"), self.folder(), &head, &[&read.materials_json])?;
-        self.written(begin);
-        Ok(true)
+        journal.write_record((FileKind::Chunks, begin), &head, &[&self.materials_json])
     }
-}
 
-impl Read {
+    /// What a build before this has read; `None` for nothing.
+    pub(crate) fn read(journal: &Journal, budget: &Budget) -> Result<Option<PartitionOutcome>> {
+        let record = journal.read_record::<ChunksHead<'_>>(FileKind::Chunks, budget)?;
+        let record = record.filter(|record| journal.holds(FileKind::Cells, record.head.scratch_bytes));
+        record.map_or(Ok(None), |record| PartitionOutcome::parse(record, journal.path(FileKind::Cells)))
+    }
+
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
-    pub(crate) fn parse(record: record::Record<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<Read>> {
+    fn parse(record: Record<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<PartitionOutcome>> {
         let head = record.head;
         let octree = head.octree.map(|(resolution, factor)| {
             Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
@@ -100,7 +103,7 @@ impl Read {
             return Ok(None);
         };
         let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
-        let parted = Partition {
+        let partition = Partition {
             scratch: Scratch::left(cells, head.scratch_bytes)?,
             chunks: head.chunks.into_owned(),
             grid: Grid { lattice, bits: head.bits },
@@ -116,17 +119,17 @@ impl Read {
             content_hash: head.content_hash,
             wait_ms: 0,
         };
-        let read = Read { parted, materials_json, source: head.source };
-        Ok(read.is_sound().then_some(read))
+        let outcome = PartitionOutcome { partition, materials_json, source: head.source };
+        Ok(outcome.is_sound().then_some(outcome))
     }
 
     fn is_sound(&self) -> bool {
-        let Read { parted, materials_json, .. } = self;
-        let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = parted;
+        let PartitionOutcome { partition, materials_json, .. } = self;
+        let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = partition;
         let block = Superblock {
             triangle_count: *triangle_count,
             lattice_bounds: *lattice_bounds,
-            ..superblock_of(parted)
+            ..superblock_of(partition)
         };
         let materials = serde_json::from_slice::<Vec<Material>>(materials_json);
         block.has_sound_numbers()

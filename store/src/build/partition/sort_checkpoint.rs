@@ -1,4 +1,4 @@
-//! How far partition has come, as a record of its journal, and the way back from it.
+//! `SortCheckpoint`: how far a partition has come, as a record of its journal, and the way back from it.
 //!
 //! ```text
 //! sorted   scan, counts, bounds, hash of what was read | sketches of the surface | cells | runs
@@ -16,8 +16,8 @@
 use super::cells::{Cells, Place, first_levels, is_on_lattice};
 use super::snap::{Prefix, Snapped};
 use crate::budget::Budget;
-use crate::build::journal::Journal;
-use crate::build::journal::record::{self, is_as_long};
+use crate::build::journal::record::Record;
+use crate::build::journal::{FileKind, Journal};
 use crate::build::options::Precision;
 use crate::build::scan::lattice::choose;
 use crate::build::scan::{Grid, Scan};
@@ -56,21 +56,21 @@ struct SortedHead {
     scratch_bytes: u64,
 }
 
-/// A partition that was begun.
-pub(crate) struct Begun {
+/// The first triangles of an input, in cells.
+pub(crate) struct SortCheckpoint {
     pub(crate) scan: Scan,
     pub(crate) grid: Grid,
-    /// What it had read.
-    pub(crate) again: Prefix,
+    /// What was read: it is read again, and compared.
+    pub(crate) prefix: Prefix,
     pub(crate) snapped: Snapped,
     pub(crate) scratch: Scratch,
     pub(crate) runs: Vec<(Place, Vec<Run>)>,
 }
 
-impl Journal {
+impl SortCheckpoint {
     /// Records what was sorted, once it is on the disk. Does nothing where there is no memory for that.
-    pub(crate) fn write_sorted(
-        &mut self,
+    pub(crate) fn record(
+        journal: &mut Journal,
         (scan, prefix): (&Scan, Prefix),
         snapped: &Snapped,
         cells: &mut Cells,
@@ -82,7 +82,7 @@ impl Journal {
         let run_count: usize = runs.clone().map(|(_, runs)| runs.len()).sum();
         let words = CELL_WORDS * runs.clone().count() + RUN_WORDS * run_count;
         let Ok(_lease) = budget.lease("the journal", COPIES * 8 * words as u64) else {
-            self.postpone(begin);
+            journal.postpone(begin);
             return Ok(());
         };
         let (surface, registers) = snapped.surface.parts();
@@ -107,28 +107,30 @@ impl Journal {
             words[1].extend(runs.iter().flat_map(run));
         }
         let [cell_words, run_words] = [&words[0], &words[1]].map(|words| bytemuck::cast_slice(words));
-        record::write(&self.path("sorted"), self.folder(), &head, &[&registers, cell_words, run_words])?;
+        journal.write_record((FileKind::Sorted, begin), &head, &[&registers, cell_words, run_words])?;
         scratch.hold();
-        self.written(begin);
         Ok(())
     }
 
     /// What a build before this has sorted, on the lattice of such a precision; `None` for nothing.
-    pub(crate) fn left_sorted(&self, precision: Precision, budget: &Budget) -> Result<Option<Begun>> {
-        let cells = self.path("cells");
-        let record = record::read::<SortedHead>(&self.path("sorted"), budget)?;
-        let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
-        record.map_or(Ok(None), |record| Begun::parse(record, precision, cells))
+    pub(crate) fn read(
+        journal: &Journal,
+        precision: Precision,
+        budget: &Budget,
+    ) -> Result<Option<SortCheckpoint>> {
+        let record = journal.read_record::<SortedHead>(FileKind::Sorted, budget)?;
+        let record = record.filter(|record| journal.holds(FileKind::Cells, record.head.scratch_bytes));
+        record.map_or(Ok(None), |record| {
+            SortCheckpoint::parse(record, precision, journal.path(FileKind::Cells))
+        })
     }
-}
 
-impl Begun {
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
     fn parse(
-        record: record::Record<SortedHead>,
+        record: Record<SortedHead>,
         precision: Precision,
         cells: PathBuf,
-    ) -> Result<Option<Begun>> {
+    ) -> Result<Option<SortCheckpoint>> {
         let head = record.head;
         let [lo, hi] = head.scanned_bounds.map(|corner| corner.map(f64::from_bits));
         let [triangle_count, non_finite_count] = head.expected;
@@ -174,8 +176,8 @@ impl Begun {
         }
         let scratch = Scratch::left(cells, head.scratch_bytes)?;
         scratch.hold();
-        let again = Prefix { triangle_count: head.triangle_count, hash: head.hash };
-        Ok(Some(Begun { scan, grid, again, snapped, scratch, runs }))
+        let prefix = Prefix { triangle_count: head.triangle_count, hash: head.hash };
+        Ok(Some(SortCheckpoint { scan, grid, prefix, snapped, scratch, runs }))
     }
 }
 

@@ -6,6 +6,7 @@ use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
 use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch};
 use super::*;
 use crate::cluster::LatticeBox;
+use crate::scratch::Place;
 
 /// Steps along a side of a sheet of a chunk's triangles: two triangles a square.
 const SIDE: i64 = 256;
