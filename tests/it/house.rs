@@ -1,5 +1,5 @@
-//! The house keeps its shape: no file imports in a circle, and each floor of a folder that has floors (the renderer, the
-//! build) imports the floors that are listed before it only.
+//! The house keeps its shape: no file imports in a circle, and each floor of the renderer and of the build imports
+//! the floors that are listed before it only.
 //!
 //! ```text
 //! file -> its `use` lines and inline paths -> the file that defines the name (through re-exports) -> arrows
@@ -325,7 +325,6 @@ fn arrows_up(house: &House, files: &Crate) -> Vec<String> {
     };
     let mut found = Vec::new();
     for (from, targets) in files.arrows().into_iter().filter(|(from, _)| is_inside(from)) {
-        // The list of what is public.
         let Some(here) = floor(from) else { continue };
         for to in targets.iter().filter(|to| is_inside(to)) {
             if floor(to).is_none_or(|there| there > here) {

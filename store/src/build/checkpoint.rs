@@ -1,8 +1,8 @@
 //! `Checkpoint`: where a build resumes, by the records of the builds before it.
 //!
 //! ```text
-//!          batches are in cells         all cells are chunks          chunks are in the output
-//!   Fresh ---------------------> Sorted --------------------> Partitioned ---------------------> Emitting --> published
+//!         batches are in cells       all cells are chunks          chunks are in the output
+//!   Fresh -------------------> Sorted ------------------> Partitioned -------------------> Emitting --> published
 //!
 //!                records                  known                        files reused           files made anew
 //! Fresh          none                     nothing                      none                   all
@@ -12,7 +12,7 @@
 //! ```
 //!
 //! A record is written when it is due, so a build may pass a checkpoint without one. Work between the record and the
-//! moment at which the build was killed is done again: triangles behind those that are in cells, and chunks behind those
+//! moment at which the build was killed is done again: triangles behind those that are in cells, chunks behind those
 //! that are in the output. Of chunks whose ends share a page that was not full, the ends are made again.
 //!
 //! Invariants: 1. a build resumes from the furthest checkpoint whose records are whole and can be true, and whose files

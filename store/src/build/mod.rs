@@ -40,6 +40,7 @@ pub use report::BuildReport;
 pub use scan::Scan;
 
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use crate::octree::Voxelizer;
 use crate::progress::{Progress, Report};
 use crate::source::TriangleSource;
@@ -78,7 +79,7 @@ pub fn build(
     if !scratch_folder.is_dir() {
         return Err(Error::new(Code::Usage, "the folder for scratch files does not exist")
             .at(&scratch_folder)
-            .next("make the folder, or name another with --temp-dir"));
+            .next(NextStep::MakeScratchFolder));
     }
     let tell = |phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
@@ -211,7 +212,7 @@ fn kept(error: Error, output: &Path, bytes: u64) -> Error {
             "{} MiB are kept beside the output, or in the folder of scratch",
             bytes.div_ceil(1 << 20)
         ))
-        .next("run the same command again to go on, or remove them with trex build --clean")
+        .next(NextStep::ResumeOrClean)
 }
 
 /// What a source may lease while it is read: materials, the directory of 64 million vertices.

@@ -12,6 +12,7 @@
 use super::source::Source;
 use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, Staging, Uring};
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use rustix::fs::OFlags;
 use serde::Serialize;
 use std::fs::File;
@@ -59,7 +60,7 @@ impl FromStr for IoChoice {
             "uring" => Ok(IoChoice::Uring),
             "pread" => Ok(IoChoice::Pread),
             "mmap" => Ok(IoChoice::Mmap),
-            _ => Err(unknown_choice("--io", text, "auto, uring, pread or mmap")),
+            _ => Err(unknown_choice("backend", text, "auto, uring, pread or mmap")),
         }
     }
 }
@@ -71,13 +72,13 @@ impl FromStr for DirectChoice {
             "auto" => Ok(DirectChoice::Auto),
             "on" => Ok(DirectChoice::On),
             "off" => Ok(DirectChoice::Off),
-            _ => Err(unknown_choice("--direct", text, "auto, on or off")),
+            _ => Err(unknown_choice("choice of direct reading", text, "auto, on or off")),
         }
     }
 }
 
-fn unknown_choice(option: &str, text: &str, known: &str) -> Error {
-    Error::new(Code::Usage, format!("{option} does not know {text:?}")).next(format!("use {known}"))
+fn unknown_choice(what: &str, text: &str, known: &str) -> Error {
+    Error::new(Code::Usage, format!("there is no {what} {text:?}")).next(format!("use {known}"))
 }
 
 /// How to read.
@@ -136,7 +137,7 @@ pub fn open(path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
 }
 
 fn refused(what: &str, path: &Path, numbers: &str) -> Error {
-    Error::new(Code::Usage, what).at(path).numbers(numbers).next("use --io auto --direct auto")
+    Error::new(Code::Usage, what).at(path).numbers(numbers).next(NextStep::AutomaticIo)
 }
 
 pub(super) fn open_source(path: &Path, choice: DirectChoice) -> Result<(Source, String)> {

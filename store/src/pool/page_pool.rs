@@ -16,6 +16,7 @@ use super::word::{PageState, Word};
 use crate::budget::{Budget, Lease, RESERVE_BYTES};
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, IoDescription, Reader};
+use crate::next_step::{NextStep, Setting};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -259,9 +260,9 @@ impl PagePool {
             let others = self.budget.used_bytes().saturating_sub(held) + RESERVE_BYTES;
             let smallest = others + FRAMES_MIN as u64 * frame_bytes;
             return Err(Error::new(Code::MemoryLimit, "too little memory for page frames")
-                .at_place("--memory-limit")
+                .at_setting(Setting::MemoryLimit)
                 .numbers(format!("{frames_bytes} bytes, {FRAMES_MIN} frames of {frame_bytes} needed"))
-                .next(format!("raise the limit to at least {}MiB", smallest.div_ceil(1 << 20)))
+                .next(NextStep::RaiseLimit { bytes: smallest })
                 .smallest_limit(smallest));
         }
         clock.set_frames(frames, &self.shared.words, &self.shared.arena)?;

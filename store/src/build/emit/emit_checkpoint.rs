@@ -61,8 +61,8 @@ fn counts(block: &mut Superblock) -> [&mut u64; 6] {
 }
 
 impl EmitCheckpoint {
-    /// Records that the first `chunk_count` chunks are in the output, once they are on the disk; false where there is no
-    /// memory for that.
+    /// Records that the first `chunk_count` chunks are in the output, once they are on the disk; false where there is
+    /// no memory for that.
     pub(crate) fn record(
         journal: &mut Journal,
         chunk_count: usize,

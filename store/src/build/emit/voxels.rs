@@ -27,7 +27,8 @@ pub(crate) struct VoxelWork {
     folder: PathBuf,
 }
 
-/// The octree that the partition chose, and the scratch file `place` for its records; others go to `folder`. `None` for none.
+/// The octree that the partition chose, and the scratch file `place` for its records; others go to `folder`. `None`
+/// where it chose none.
 pub(crate) fn begin(
     octree: Option<(u32, Refinement)>,
     [lo, hi]: [[i64; 3]; 2],

@@ -4,6 +4,7 @@
 
 use super::record::unfinished;
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use crate::output::folder_of;
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::{Errno, retry_on_intr};
@@ -127,7 +128,7 @@ pub(crate) fn lock(path: &Path) -> Result<Option<File>> {
                     let _ = std::fs::remove_file(path);
                 }
                 return Err(Error::writing("lock the journal", path, &error.into())
-                    .next("this file system may have no locks: add --no-resume"));
+                    .next(NextStep::BuildWithoutResume));
             }
         }
         // Who held the lock may have removed the file since it was opened.
@@ -143,5 +144,5 @@ pub(crate) fn lock(path: &Path) -> Result<Option<File>> {
 pub(crate) fn busy(output: &Path) -> Error {
     Error::new(Code::Usage, "another build of this output is at work")
         .at(output)
-        .next("wait for its end, or name another output with -o")
+        .next(NextStep::WaitOrNameOutput)
 }

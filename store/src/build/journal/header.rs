@@ -1,4 +1,4 @@
-//! `JournalHeader`: what a journal says of its build: the output, its folder of scratch, and all that its bytes depend on.
+//! `JournalHeader`: what a journal says of its build: output, folder of scratch, and all that the bytes depend on.
 
 use crate::build::options::{BuildOptions, Resume};
 use crate::layout::VERSION;

@@ -29,6 +29,7 @@ pub(super) use files::FileKind;
 use crate::budget::Budget;
 use crate::build::options::BuildOptions;
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use crate::source::{SourceStats, stamp};
 use files::{JournalFiles, busy, bytes_of, lock};
 use header::JournalHeader;
@@ -113,7 +114,7 @@ impl Journal {
         Error::new(Code::Usage, "an unfinished build of this output is of something else")
             .at(&self.output)
             .numbers(differences)
-            .next("build with the same input and options, or remove it with trex build --clean")
+            .next(NextStep::SameInputOrClean)
     }
 
     /// Checks that the files that the input names are what they were when it was read.

@@ -1,6 +1,7 @@
 //! What becomes of an input of which no triangle is left.
 
 use crate::error::{Code, Error};
+use crate::next_step::NextStep;
 
 /// What became of the triangles of an input of which none is left.
 #[derive(Clone, Copy)]
@@ -22,8 +23,8 @@ pub(crate) fn no_triangles(
         _ => "the input holds no triangle that can be drawn",
     };
     let next = match collapsed {
-        0 => "check the input in the program that wrote it",
-        _ => "ask for a finer lattice with --error: some triangles are smaller than its step",
+        0 => NextStep::from("check the input in the program that wrote it"),
+        _ => NextStep::FinerLattice,
     };
     Error::new(Code::InputEmpty, what)
         .at_place(name)
