@@ -42,7 +42,7 @@ pub(super) enum Checkpoint {
 }
 
 /// Where the files of a build are.
-pub(super) struct Places {
+pub(super) struct FilePlaces {
     pub(super) cells: Place,
     pub(super) voxels: Place,
     pub(super) draft: Place,
@@ -97,13 +97,13 @@ impl Checkpoint {
     }
 
     /// Where the files of the build are: named by its journal, or without a name in the folder of scratch.
-    pub(super) fn places(&self, journal: Option<&Journal>, scratch_folder: &Path) -> Places {
+    pub(super) fn places(&self, journal: Option<&Journal>, scratch_folder: &Path) -> FilePlaces {
         let place = |kind| match journal {
             None => Place::Unnamed(scratch_folder.to_path_buf()),
             Some(journal) if self.reused().contains(&kind) => Place::Left(journal.path(kind)),
             Some(journal) => Place::New(journal.path(kind)),
         };
-        Places {
+        FilePlaces {
             cells: place(FileKind::Cells),
             voxels: place(FileKind::Voxels),
             draft: place(FileKind::Draft),

@@ -8,7 +8,7 @@
 //! published is removed; 3. what was written leaves the page cache soon.
 
 use super::options::BuildOptions;
-use super::report::Tell;
+use super::report::PhaseReport;
 use super::scratch::drop_cache;
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
@@ -61,16 +61,16 @@ impl Draft {
         output: &Path,
         block: &Superblock,
         options: &BuildOptions,
-        tell: Tell<'_>,
+        report: PhaseReport<'_>,
     ) -> Result<()> {
         let file = self.file.as_file();
         file.sync_all().map_err(|e| Error::io("write to the disk", output, &e))?;
         drop_cache(file, 0, block.file_bytes);
-        let report = |done, total| {
-            tell("check", "bytes", done, total);
+        let read = |done, total| {
+            report("check", "bytes", done, total);
             options.interrupt.check()
         };
-        let found = verify::read_back(self.file.path(), &options.budget, &report)?;
+        let found = verify::read_back(self.file.path(), &options.budget, &read)?;
         if let Some(damage) = found.damage.first() {
             return Err(Error::new(Code::Io, "the disk gave back other bytes than were written")
                 .at(output)

@@ -44,14 +44,14 @@ use crate::next_step::NextStep;
 use crate::octree::Voxelizer;
 use crate::progress::{Progress, Report};
 use crate::source::TriangleSource;
-use checkpoint::{Checkpoint, Places};
+use checkpoint::{Checkpoint, FilePlaces};
 use clusters::workspace::worker_bytes;
 use draft::Draft;
 use emit::{voxels, writer};
 use journal::{FileKind, Journal};
 use partition::outcome::PartitionOutcome;
 use partition::{Partition, PartitionWork, SortStart};
-use phases::Clock;
+use phases::PhaseClock;
 use plan::plan;
 use scan::{Grid, lattice};
 use std::path::Path;
@@ -73,7 +73,7 @@ pub fn build(
     on_plan: &(dyn Fn(&Plan) + Sync),
     report: Report<'_>,
 ) -> Result<BuildReport> {
-    let mut clock = Clock::start();
+    let mut clock = PhaseClock::start();
     let folder = options.existing.check(output)?.to_path_buf();
     let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
     if !scratch_folder.is_dir() {
@@ -81,18 +81,24 @@ pub fn build(
             .at(&scratch_folder)
             .next(NextStep::MakeScratchFolder));
     }
-    let tell = |phase, unit, done, total| {
+    let report_phase = |phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
     };
     if options.resume.is_none() {
         left_over::clean(output)?;
     }
     let mut journal = Journal::begin(output, &scratch_folder, options)?;
-    let site =
-        Site { output, folder: &folder, scratch_folder: &scratch_folder, options, tell: &tell, on_plan };
+    let site = Site {
+        output,
+        folder: &folder,
+        scratch_folder: &scratch_folder,
+        options,
+        report: &report_phase,
+        on_plan,
+    };
     let built = site.build(source, journal.as_mut());
     let mut out = built.map_err(|error| match journal.as_mut().filter(|journal| journal.has_records()) {
-        Some(journal) if error.code() == Code::Interrupted => kept(error, output, journal.keep()),
+        Some(journal) if error.code() == Code::Interrupted => kept_error(error, output, journal.keep()),
         _ => error,
     })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
@@ -105,7 +111,7 @@ struct Site<'a> {
     folder: &'a Path,
     scratch_folder: &'a Path,
     options: &'a BuildOptions,
-    tell: report::Tell<'a>,
+    report: report::PhaseReport<'a>,
     on_plan: &'a (dyn Fn(&Plan) + Sync),
 }
 
@@ -119,7 +125,7 @@ impl Site<'_> {
 
         // Where a build before this was stopped.
         let checkpoint = Checkpoint::find(journal.as_deref_mut(), self.options)?;
-        let Places { cells: place, voxels, draft } =
+        let FilePlaces { cells: place, voxels, draft } =
             checkpoint.places(journal.as_deref(), self.scratch_folder);
 
         // The input in chunks: scan, lattice, partition.
@@ -145,18 +151,18 @@ impl Site<'_> {
         };
 
         // Clusters, voxels, pages: chunk by chunk, in order.
-        let mut clock = Clock::start();
+        let mut clock = PhaseClock::start();
         let draft = Draft::create(self.output, self.folder, draft)?;
         let Partition { octree, lattice_bounds, .. } = outcome.partition;
         let voxels = voxels::begin(octree, lattice_bounds, voxels, self.scratch_folder)?;
         let work = emit::EmitWork { outcome: &outcome, voxels, journal, checkpoint: emitted };
-        let block = emit::emit(work, self.options, draft.file(), self.tell, &mut out)?;
+        let block = emit::emit(work, self.options, draft.file(), self.report, &mut out)?;
         let (wall, cpu) = clock.lap();
         out.phase_ms.clusters = wall.saturating_sub(out.phase_ms.voxels);
         out.phase_cpu_ms.clusters = cpu.saturating_sub(out.phase_cpu_ms.voxels);
 
         // Publish.
-        draft.publish(self.output, &block, self.options, self.tell)?;
+        draft.publish(self.output, &block, self.options, self.report)?;
         (out.phase_ms.publish, out.phase_cpu_ms.publish) = clock.lap();
         out.source = outcome.source;
         Ok(out)
@@ -164,8 +170,8 @@ impl Site<'_> {
 
     /// Bounds and edges of the input, and the lattice for them.
     fn scan(&self, source: &mut dyn TriangleSource, out: &mut BuildReport) -> Result<(Scan, Grid)> {
-        let mut clock = Clock::start();
-        let scan = scan::scan(source, self.options, self.tell, &mut out.phase_ms.generate)?;
+        let mut clock = PhaseClock::start();
+        let scan = scan::scan(source, self.options, self.report, &mut out.phase_ms.generate)?;
         let grid = lattice::choose(&scan, self.options.precision, &source.name())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
         self.plan(scan.triangle_count)?;
@@ -186,10 +192,10 @@ impl Site<'_> {
         mut journal: Option<&mut Journal>,
         out: &mut BuildReport,
     ) -> Result<PartitionOutcome> {
-        let mut clock = Clock::start();
+        let mut clock = PhaseClock::start();
         out.resumed_sorted_count = start.sorted_count();
-        let (options, tell) = (self.options, self.tell);
-        let work = PartitionWork { start, journal: journal.as_deref_mut(), options, tell };
+        let (options, report) = (self.options, self.report);
+        let work = PartitionWork { start, journal: journal.as_deref_mut(), options, report };
         let partition = partition::partition(source, work)?;
         out.phase_ms.generate += partition.wait_ms;
         let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
@@ -197,7 +203,7 @@ impl Site<'_> {
         if let Some(journal) = journal.filter(|journal| journal.has_records() || journal.is_due()) {
             outcome.record(journal, &options.budget)?;
             journal.remove_record(FileKind::Sorted)?;
-            outcome.partition.scratch.let_go();
+            outcome.partition.scratch.release_segments();
         }
         (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
         Ok(outcome)
@@ -205,7 +211,7 @@ impl Site<'_> {
 }
 
 /// The error of an interrupt after which so many bytes are kept to go on from.
-fn kept(error: Error, output: &Path, bytes: u64) -> Error {
+fn kept_error(error: Error, output: &Path, bytes: u64) -> Error {
     error
         .at(output)
         .numbers(format!(

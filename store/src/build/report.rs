@@ -5,7 +5,7 @@ use crate::source::SourceStats;
 use serde::Serialize;
 
 /// Progress: phase, unit, done, total.
-pub(super) type Tell<'a> = &'a (dyn Fn(&'static str, &'static str, u64, u64) + Sync);
+pub(super) type PhaseReport<'a> = &'a (dyn Fn(&'static str, &'static str, u64, u64) + Sync);
 
 /// Counts, sizes and times of a build that is done.
 #[derive(Clone, Debug, Default, Serialize)]

@@ -4,7 +4,7 @@
 //! other, so that no sum of them is too large; 3. a slot of the sections that is not used is zero, and no kind stands
 //! twice.
 
-use super::fields::{Cursor, Fields};
+use super::fields::{Cursor, FieldWriter};
 use super::*;
 use crate::error::{Code, Error, Result};
 use crate::geom::{Aabb, Lattice};
@@ -77,7 +77,7 @@ pub struct Superblock {
 impl Superblock {
     /// The bytes as they stand on disk.
     pub fn to_bytes(&self) -> [u8; SUPERBLOCK_BYTES] {
-        let mut w = Fields(Vec::with_capacity(SUPERBLOCK_BYTES));
+        let mut w = FieldWriter(Vec::with_capacity(SUPERBLOCK_BYTES));
         w.0.extend_from_slice(&MAGIC);
         w.u32(VERSION);
         w.u32(FRAME_BYTES as u32);

@@ -5,10 +5,10 @@ use super::failure::Failure;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::loader::Loader;
-use super::options::{FRAMES_MIN, Plan, PoolOptions};
+use super::options::{FRAMES_MIN, PoolOptions, PoolPlan};
 use super::requests::Requests;
 use super::shared::Shared;
-use super::signal::{Bell, Progress, Starved, lock};
+use super::signal::{ArrivalCount, Bell, Starved, lock};
 use super::stats::{Counters, PoolStats};
 use super::sync::Mutex;
 use super::want::{PageStore, Want};
@@ -112,7 +112,7 @@ impl PagePool {
         budget: &Budget,
         options: &PoolOptions,
     ) -> Result<PagePool> {
-        let plan = Plan::new(&*store, options)?;
+        let plan = PoolPlan::new(&*store, options)?;
         let tables = budget.lease("tables and staging of the page pool", plan.overhead_bytes)?;
         let frames_lease = budget.lease("page frames", 0)?;
         let reader = Reader::new(backend, path);
@@ -127,7 +127,7 @@ impl PagePool {
             idle: Mutex::new(slots?),
             jobs: JobQueue::new(options.decode_threads),
             bell: Bell::default(),
-            progress: Progress::default(),
+            progress: ArrivalCount::default(),
             damage: Mutex::new(Vec::new()),
             io: Mutex::new(reader.describe().clone()),
             failure: Failure::default(),
@@ -150,7 +150,7 @@ impl PagePool {
     /// # Errors
     /// [`Code::Usage`] for options out of range.
     pub fn smallest_bytes(store: &dyn PageStore, options: &PoolOptions) -> Result<(u64, u64)> {
-        let plan = Plan::new(store, options)?;
+        let plan = PoolPlan::new(store, options)?;
         let frames_bytes = (FRAMES_MIN * store.frame_bytes()) as u64;
         Ok((plan.overhead_bytes, plan.overhead_bytes + frames_bytes))
     }

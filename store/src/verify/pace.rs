@@ -47,14 +47,14 @@ impl<'a> Pace<'a> {
         let due = Duration::try_from_secs_f64((self.done + self.again) as f64 / rate.get() as f64);
         let due = due.unwrap_or(Duration::MAX);
         while let Some(left) = due.checked_sub(self.begin.elapsed()).filter(|left| !left.is_zero()) {
-            self.tell()?;
+            self.report_progress()?;
             std::thread::sleep(left.min(PART));
         }
         Ok(())
     }
 
     /// Says how far it is.
-    pub(super) fn tell(&self) -> Result<()> {
+    pub(super) fn report_progress(&self) -> Result<()> {
         (self.report)(self.done.min(self.total), self.total)
     }
 

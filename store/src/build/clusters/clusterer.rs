@@ -9,7 +9,7 @@ use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TR
 
 /// A node of the binary tree over a chunk's clusters.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Tree {
+pub(crate) enum BinaryNode {
     Cluster(u32),
     Split(u32, u32),
 }
@@ -20,7 +20,7 @@ pub(crate) struct Clusters {
     pub(crate) clusters: Vec<ClusterMesh>,
     /// By cluster: bytes to set aside for it in a page.
     pub(crate) page_bytes: Vec<usize>,
-    pub(crate) tree: Vec<(LatticeBox, Tree)>,
+    pub(crate) tree: Vec<(LatticeBox, BinaryNode)>,
 }
 
 /// Memory to make clusters with, reused from chunk to chunk.
@@ -54,7 +54,7 @@ impl Clusterer {
             order_leaves(&mut self.splitter, prims, rule, &mut self.mesh.leaf_sizes);
             if self.mesh.leaf_sizes.len() <= CLUSTER_LEAVES && weld(prims, triangles, &mut self.mesh) {
                 let ordered = self.orderer.ordered(&self.mesh);
-                out.tree.push((ordered.mesh.bounds(), Tree::Cluster(out.clusters.len() as u32)));
+                out.tree.push((ordered.mesh.bounds(), BinaryNode::Cluster(out.clusters.len() as u32)));
                 out.page_bytes.push(ordered.page_bytes());
                 out.clusters.push(ordered.mesh);
                 return out.tree.len() as u32 - 1;
@@ -66,7 +66,7 @@ impl Clusterer {
         let left = self.grow(left, triangles, depth + 1, out);
         let right = self.grow(right, triangles, depth + 1, out);
         let bounds = out.tree[left as usize].0.join(&out.tree[right as usize].0);
-        out.tree.push((bounds, Tree::Split(left, right)));
+        out.tree.push((bounds, BinaryNode::Split(left, right)));
         out.tree.len() as u32 - 1
     }
 }

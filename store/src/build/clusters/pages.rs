@@ -13,7 +13,7 @@
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
 
-use super::clusterer::{Clusters, Tree};
+use super::clusterer::{BinaryNode, Clusters};
 use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 
@@ -132,7 +132,7 @@ const LZ4_GAIN_PERCENT: usize = 3;
 
 /// Cuts the tree into pages and encodes them.
 pub(crate) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
-    let wide = Wide::new(&clusters.tree);
+    let wide = WideTree::new(&clusters.tree);
     let sizes = clusters.page_bytes;
     let mut clusters: Vec<Option<ClusterMesh>> = clusters.clusters.into_iter().map(Some).collect();
     let mut packer = Packer {
@@ -155,36 +155,36 @@ pub(crate) enum WideRef {
 }
 
 /// The 8-wide tree over leaves 0, 1, ..; children stand before parents.
-pub(crate) struct Wide {
+pub(crate) struct WideTree {
     pub(crate) nodes: Vec<Vec<(LatticeBox, WideRef)>>,
     pub(crate) root: WideRef,
     root_bounds: LatticeBox,
 }
 
-impl Wide {
+impl WideTree {
     /// Collapses a binary tree: a node takes the largest of its subtrees apart until it has eight children.
-    pub(crate) fn new(tree: &[(LatticeBox, Tree)]) -> Wide {
+    pub(crate) fn new(tree: &[(LatticeBox, BinaryNode)]) -> WideTree {
         let (bounds, _) = tree[tree.len() - 1];
-        let mut wide = Wide { nodes: Vec::new(), root: WideRef::Leaf(0), root_bounds: bounds };
+        let mut wide = WideTree { nodes: Vec::new(), root: WideRef::Leaf(0), root_bounds: bounds };
         wide.root = wide.collapse(tree, tree.len() as u32 - 1);
         wide
     }
 
-    fn collapse(&mut self, tree: &[(LatticeBox, Tree)], at: u32) -> WideRef {
+    fn collapse(&mut self, tree: &[(LatticeBox, BinaryNode)], at: u32) -> WideRef {
         let (left, right) = match tree[at as usize].1 {
-            Tree::Cluster(index) => return WideRef::Leaf(index),
-            Tree::Split(left, right) => (left, right),
+            BinaryNode::Cluster(index) => return WideRef::Leaf(index),
+            BinaryNode::Split(left, right) => (left, right),
         };
         let mut open = vec![left, right];
         while open.len() < NODE_WIDTH {
             let largest = (0..open.len())
-                .filter(|&i| matches!(tree[open[i] as usize].1, Tree::Split(..)))
+                .filter(|&i| matches!(tree[open[i] as usize].1, BinaryNode::Split(..)))
                 .max_by(|&a, &b| {
                     let area = |i: usize| tree[open[i] as usize].0.half_area();
                     area(a).total_cmp(&area(b)).then(b.cmp(&a))
                 });
             let Some(i) = largest else { break };
-            let Tree::Split(left, right) = tree[open[i] as usize].1 else { unreachable!("filtered") };
+            let BinaryNode::Split(left, right) = tree[open[i] as usize].1 else { unreachable!("filtered") };
             open.splice(i..=i, [left, right]);
         }
         let children =
@@ -212,7 +212,7 @@ impl Wide {
 
 /// Fills one page after the other.
 struct Packer<'a> {
-    wide: &'a Wide,
+    wide: &'a WideTree,
     sizes: Vec<usize>,
     subtree_bytes: Vec<usize>,
     clusters: &'a mut [Option<ClusterMesh>],

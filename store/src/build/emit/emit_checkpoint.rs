@@ -11,16 +11,16 @@
 //! together, counts as absent: its hash says that nothing turned on the way, not who wrote it.
 
 use super::voxels::VoxelWork;
-use super::writer::Writer;
+use super::writer::PageWriter;
 use crate::budget::Budget;
 use crate::build::draft::DraftFile;
-use crate::build::journal::record::Record;
+use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
 use crate::build::partition::{Partition, superblock_of};
 use crate::cluster::{LatticeBox, TopRef};
 use crate::error::Result;
 use crate::layout::{EMITTER_BYTES, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock};
-use crate::octree::Written;
+use crate::octree::VoxelRunTable;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -45,7 +45,7 @@ pub(crate) struct EmitCheckpoint {
     roots: Vec<(LatticeBox, TopRef)>,
     emitters: Vec<u8>,
     /// Voxel records, for a model that gets an octree.
-    voxels: Option<Written>,
+    voxels: Option<VoxelRunTable>,
 }
 
 /// The counts of what is in the output.
@@ -66,7 +66,7 @@ impl EmitCheckpoint {
     pub(crate) fn record(
         journal: &mut Journal,
         chunk_count: usize,
-        writer: &Writer<'_>,
+        writer: &PageWriter<'_>,
         file: &mut DraftFile<'_>,
         (voxels, budget): (Option<&VoxelWork>, &Budget),
     ) -> Result<bool> {
@@ -118,7 +118,7 @@ impl EmitCheckpoint {
     }
 
     /// Of a record of a build that read `parted`; `None` where it cannot be one of ours.
-    fn parse(record: Record<EmitHead>, parted: &Partition) -> Option<EmitCheckpoint> {
+    fn parse(record: JournalRecord<EmitHead>, parted: &Partition) -> Option<EmitCheckpoint> {
         let [table, roots, emitters, words] = <[Vec<u8>; 4]>::try_from(record.blobs).ok()?;
         let pages = table.as_chunks().0.iter().map(PageEntry::parse).collect::<Option<Vec<_>>>()?;
         let roots: Vec<u64> = bytemuck::allocation::pod_collect_to_vec(&roots);
@@ -127,7 +127,9 @@ impl EmitCheckpoint {
             (LatticeBox { lo: q(0), hi: q(3) }, TopRef::from_word(words[6] as u32))
         };
         let voxels = match parted.octree {
-            Some(_) => Some(Written::parse(&bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words))?),
+            Some(_) => {
+                Some(VoxelRunTable::parse(&bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words))?)
+            }
             None => None,
         };
         let roots = roots.as_chunks().0.iter().map(root).collect();
@@ -176,7 +178,7 @@ impl EmitCheckpoint {
     /// Puts writer, output and voxel records where they were; gives the chunks whose ends are to be made again.
     pub(crate) fn restore(
         self,
-        writer: &mut Writer<'_>,
+        writer: &mut PageWriter<'_>,
         file: &mut DraftFile<'_>,
         voxels: Option<&mut VoxelWork>,
     ) -> Result<Vec<usize>> {

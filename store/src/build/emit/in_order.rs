@@ -111,7 +111,7 @@ impl InOrder<'_> {
             while let Some(item) = waiting.remove(&turn) {
                 take(turn, item)?;
                 turn += 1;
-                turns.go_on(turn);
+                turns.advance(turn);
             }
         }
     }
@@ -132,7 +132,7 @@ impl Turns {
     }
 
     /// The items before `turn` are taken.
-    fn go_on(&self, turn: usize) {
+    fn advance(&self, turn: usize) {
         *self.taken.lock().expect("no panic while held") = turn;
         self.moved.notify_all();
     }

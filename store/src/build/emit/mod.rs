@@ -15,8 +15,8 @@ use crate::build::journal::{FileKind, Journal};
 use crate::build::options::{BuildOptions, Voxels};
 use crate::build::partition::outcome::PartitionOutcome;
 use crate::build::partition::{Partition, superblock_of};
-use crate::build::phases::Clock;
-use crate::build::report::{BuildReport, Tell};
+use crate::build::phases::PhaseClock;
+use crate::build::report::{BuildReport, PhaseReport};
 use crate::build::scratch::LatticeTriangle;
 use crate::cluster::LatticeBox;
 use crate::error::Result;
@@ -26,7 +26,7 @@ use crate::octree::{FirstPage, Voxelizer};
 use emit_checkpoint::EmitCheckpoint;
 use in_order::InOrder;
 use voxels::VoxelWork;
-use writer::{Writer, file_id, tables_bytes};
+use writer::{PageWriter, file_id, tables_bytes};
 
 /// What is written.
 pub(crate) struct EmitWork<'a> {
@@ -44,7 +44,7 @@ pub(crate) fn emit(
     work: EmitWork<'_>,
     options: &BuildOptions,
     mut file: DraftFile<'_>,
-    tell: Tell<'_>,
+    report: PhaseReport<'_>,
     out: &mut BuildReport,
 ) -> Result<Superblock> {
     let EmitWork { outcome, mut voxels, journal, checkpoint } = work;
@@ -54,24 +54,24 @@ pub(crate) fn emit(
     let [lo, hi] = parted.lattice_bounds;
     let context = PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi } };
     let file_id = file_id(parted, voxels.as_ref(), materials_json);
-    let mut writer = Writer::new(file_id, superblock_of(parted), context, &options.budget)?;
+    let mut writer = PageWriter::new(file_id, superblock_of(parted), context, &options.budget)?;
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
-    let work = ChunkWork { outcome, journal, checkpoint, context, options, tell };
+    let work = ChunkWork { outcome, journal, checkpoint, context, options, report };
     out.resumed_triangle_count = work.run(&mut writer, &mut file, &mut voxels)?;
     writer.close(&mut file)?;
     out.scratch_peak_bytes = parted.scratch.bytes();
 
     // Records merged into the octree; pages of units.
-    let mut clock = Clock::start();
+    let mut clock = PhaseClock::start();
     let merged = match voxels {
         None => None,
         Some(work) => {
             (out.upper_resolution, out.finest_resolution) = (work.grid.resolution, work.finest().resolution);
-            let tell = |done| tell("voxels", "records", done, 0);
+            let report = |done| report("voxels", "records", done, 0);
             let pages = FirstPage { number: writer.page_count(), material_count: materials.len() };
             let put = &mut |raw| writer.add_units(raw, &mut file);
-            Some(work.merge(pages, put, &options.budget, &tell)?)
+            Some(work.merge(pages, put, &options.budget, &report)?)
         }
     };
 
@@ -95,18 +95,18 @@ struct ChunkWork<'a> {
     checkpoint: Option<EmitCheckpoint>,
     context: PackContext<'a>,
     options: &'a BuildOptions,
-    tell: Tell<'a>,
+    report: PhaseReport<'a>,
 }
 
 impl ChunkWork<'_> {
     /// Writes what is not done; gives the triangles of chunks that were.
     fn run(
         self,
-        writer: &mut Writer<'_>,
+        writer: &mut PageWriter<'_>,
         file: &mut DraftFile<'_>,
         voxels: &mut Option<VoxelWork>,
     ) -> Result<u64> {
-        let ChunkWork { outcome, mut journal, checkpoint, context, options, tell } = self;
+        let ChunkWork { outcome, mut journal, checkpoint, context, options, report } = self;
         let parted = &outcome.partition;
         let mut given_back = 0;
         let first = match checkpoint {
@@ -121,7 +121,7 @@ impl ChunkWork<'_> {
             }
         };
         let voxels = voxels.as_ref();
-        tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+        report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
         build_chunks(first, parted, voxels, context, options, |chunk, pages| {
             writer.add_chunk(chunk, pages, file)?;
             // Chunks that nobody will ask for again.
@@ -143,7 +143,7 @@ impl ChunkWork<'_> {
                 parted.scratch.consume(&piece.run, piece.take);
             }
             given_back = last;
-            tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+            report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
             Ok(())
         })?;
         if let Some(journal) = journal.filter(|journal| journal.has_record(FileKind::Chunks)) {
@@ -168,7 +168,7 @@ pub(crate) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize
 
 /// Makes the ends of chunks again, which share a page that was not written.
 fn reopen(
-    writer: &mut Writer<'_>,
+    writer: &mut PageWriter<'_>,
     open: &[usize],
     parted: &Partition,
     context: PackContext<'_>,

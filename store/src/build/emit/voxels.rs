@@ -8,8 +8,8 @@ use crate::build::draft::DraftFile;
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
 use crate::octree::{
-    Finished, FirstPage, Known, LowerBuilder, RUN_BYTES, Refinement, RunsSize, STREAM_BYTES, VoxelGrid,
-    VoxelRuns, family_bytes, merge,
+    FamilyOutcome, FirstPage, LowerBuilder, RUN_BYTES, RecordBounds, Refinement, RunsSize, STREAM_BYTES,
+    VoxelGrid, VoxelRuns, family_bytes, merge,
 };
 use crate::scratch::Place;
 use std::path::{Path, PathBuf};
@@ -45,8 +45,8 @@ pub(crate) fn begin(
 }
 
 /// Merged records whose pages are written, and what is left to be written.
-pub(crate) struct Merged {
-    finished: Finished,
+pub(crate) struct MergeOutcome {
+    finished: FamilyOutcome,
     /// Bytes of scratch.
     pub(crate) scratch_bytes: u64,
     _lease: Lease,
@@ -65,8 +65,8 @@ impl VoxelWork {
         pages: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
         budget: &Budget,
-        tell: &dyn Fn(u64),
-    ) -> Result<Merged> {
+        report: &dyn Fn(u64),
+    ) -> Result<MergeOutcome> {
         let RunsSize { bytes: runs_bytes, run_count } = self.runs.size();
         let what = "the merge of voxels";
         let family_bytes =
@@ -74,26 +74,26 @@ impl VoxelWork {
         let mut lease = budget.lease(what, run_count * RUN_BYTES + STREAM_BYTES + family_bytes)?;
         let mut builder = LowerBuilder::new(self.grid, self.refinement, &self.folder)?;
         let (mut done, mut grown_bytes) = (0u64, 0);
-        let known = Known::new(&self.grid.refined(self.refinement), pages.material_count);
+        let known = RecordBounds::new(&self.grid.refined(self.refinement), pages.material_count);
         merge(self.runs, &known, |record| {
             builder.push(record)?;
             done += 1;
             if done.is_multiple_of(TELL_RECORDS) {
-                tell(done);
+                report(done);
                 // Twice: once more when they are written.
                 lease.grow(what, 2 * (builder.grown_bytes() - grown_bytes))?;
                 grown_bytes = builder.grown_bytes();
             }
             Ok(())
         })?;
-        tell(done);
+        report(done);
         lease.grow(what, builder.finish_bytes())?;
         let scratch_bytes = runs_bytes + builder.scratch_bytes();
-        Ok(Merged { finished: builder.finish(pages, put)?, scratch_bytes, _lease: lease })
+        Ok(MergeOutcome { finished: builder.finish(pages, put)?, scratch_bytes, _lease: lease })
     }
 }
 
-impl Merged {
+impl MergeOutcome {
     /// Leaves of all units.
     pub(crate) fn lower_leaf_count(&self) -> u64 {
         self.finished.leaf_count

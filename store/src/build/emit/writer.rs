@@ -1,12 +1,14 @@
-//! `Writer`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
+//! `PageWriter`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
 //!
 //! Invariants: 1. a page that chunks share is written when it is full, and the roots in it are told then; 2. every byte
 //! is hashed before it is written.
 
 use super::voxels::VoxelWork;
 use crate::budget::{Budget, Lease};
-use crate::build::clusters::clusterer::Tree;
-use crate::build::clusters::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
+use crate::build::clusters::clusterer::BinaryNode;
+use crate::build::clusters::pages::{
+    ChunkPages, OpenPage, PackContext, PackedPage, WideRef, WideTree, packed,
+};
 use crate::build::clusters::sah::{Prim, Rule, Splitter};
 use crate::build::draft::DraftFile;
 use crate::build::partition::Partition;
@@ -23,7 +25,7 @@ const ROOT_BYTES: usize = 2 * size_of::<(LatticeBox, TopRef)>();
 /// Bytes that the top tree takes while it is made, a root of a page: two binary nodes; and primitive and rank, or, once
 /// these are gone, its place in a wide node and in the node that is written. A node with fewer than eight children has
 /// none but roots below it, so there are at most 4/7 as many nodes.
-const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, Tree)>()
+const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, BinaryNode)>()
     + 2 * size_of::<(LatticeBox, WideRef)>()
     + (4 * Node::BYTES).div_ceil(7);
 const _: () = assert!(size_of::<Prim>() + size_of::<u64>() <= 2 * size_of::<(LatticeBox, WideRef)>());
@@ -43,7 +45,7 @@ pub(crate) fn top_tree_bytes(triangle_count: u64) -> u64 {
 }
 
 /// Collects what the tables need while pages go out.
-pub(crate) struct Writer<'a> {
+pub(crate) struct PageWriter<'a> {
     file_id: u64,
     node_shift: u32,
     pub(crate) block: Superblock,
@@ -61,14 +63,14 @@ pub(crate) struct Writer<'a> {
     lease: Lease,
 }
 
-impl<'a> Writer<'a> {
+impl<'a> PageWriter<'a> {
     pub(crate) fn new(
         file_id: u64,
         block: Superblock,
         context: PackContext<'a>,
         budget: &Budget,
-    ) -> Result<Writer<'a>> {
-        Ok(Writer {
+    ) -> Result<PageWriter<'a>> {
+        Ok(PageWriter {
             file_id,
             node_shift: block.node_shift,
             block,
@@ -104,7 +106,7 @@ impl<'a> Writer<'a> {
         &self.roots[..self.open_root]
     }
 
-    /// Takes what stands of pages that a build before this has written: the page table, roots, emitters.
+    /// Restores what a build before this has written: the page table, roots, emitters.
     pub(crate) fn restore(
         &mut self,
         pages: Vec<PageEntry>,
@@ -141,12 +143,12 @@ impl<'a> Writer<'a> {
         if !self.open.takes(&chunk.open) {
             self.close(file)?;
         }
-        self.take_end(number, open_page, chunk);
+        self.append_end(number, open_page, chunk);
         Ok(())
     }
 
-    /// Takes the end of a chunk, which it calls page `open_page`, into the page that chunks share.
-    fn take_end(&mut self, number: usize, open_page: u32, chunk: ChunkPages) {
+    /// Appends the end of a chunk, which it calls page `open_page`, to the page that chunks share.
+    fn append_end(&mut self, number: usize, open_page: u32, chunk: ChunkPages) {
         let first_slot = self.open.append(chunk.open);
         let opened = chunk.roots.iter().filter(|root| root.page == open_page);
         // The page is told when it is closed.
@@ -156,10 +158,10 @@ impl<'a> Writer<'a> {
         self.open_chunks.push(number);
     }
 
-    /// Takes the end of a chunk again that was added before the build was killed, and whose page was open then.
+    /// Appends the end of a chunk again that was added before the build was killed, and whose page was open then.
     pub(crate) fn reopen(&mut self, number: usize, chunk: ChunkPages) -> Result<()> {
         make_room(&mut self.roots, chunk.roots.len(), &mut self.lease)?;
-        self.take_end(number, chunk.pages.len() as u32, chunk);
+        self.append_end(number, chunk.pages.len() as u32, chunk);
         Ok(())
     }
 
@@ -298,7 +300,7 @@ impl<'a> Writer<'a> {
         let mut tree = Vec::with_capacity(2 * roots.len());
         grow(&mut Splitter::default(), (&mut prims, 0), roots, &mut tree);
         drop(prims);
-        let wide = Wide::new(&tree);
+        let wide = WideTree::new(&tree);
         let word = |r: WideRef| match r {
             WideRef::Leaf(i) => roots[i as usize].1,
             WideRef::Node(i) => TopRef::Node(i),
@@ -331,16 +333,16 @@ fn grow(
     splitter: &mut Splitter,
     (prims, depth): (&mut [Prim], usize),
     roots: &[(LatticeBox, TopRef)],
-    tree: &mut Vec<(LatticeBox, Tree)>,
+    tree: &mut Vec<(LatticeBox, BinaryNode)>,
 ) -> u32 {
     if let [only] = prims {
-        tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
+        tree.push((roots[only.index as usize].0, BinaryNode::Cluster(only.index)));
     } else {
         let cut = splitter.split(prims, Rule { leaf: 1, quantum: 1, depth });
         let (left, right) = prims.split_at_mut(cut);
         let left = grow(splitter, (left, depth + 1), roots, tree);
         let right = grow(splitter, (right, depth + 1), roots, tree);
-        tree.push((tree[left as usize].0.join(&tree[right as usize].0), Tree::Split(left, right)));
+        tree.push((tree[left as usize].0.join(&tree[right as usize].0), BinaryNode::Split(left, right)));
     }
     tree.len() as u32 - 1
 }

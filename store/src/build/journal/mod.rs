@@ -33,7 +33,7 @@ use crate::next_step::NextStep;
 use crate::source::{SourceStats, stamp};
 use files::{JournalFiles, busy, bytes_of, lock};
 use header::JournalHeader;
-use record::Record;
+use record::JournalRecord;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::ffi::OsStr;
@@ -190,7 +190,7 @@ impl Journal {
         &self,
         record: FileKind,
         budget: &Budget,
-    ) -> Result<Option<Record<T>>> {
+    ) -> Result<Option<JournalRecord<T>>> {
         record::read(&self.path(record), budget)
     }
 

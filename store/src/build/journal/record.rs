@@ -25,7 +25,7 @@ const PARTS: usize = 16;
 const READING: u64 = 4;
 
 /// A record that was read.
-pub(crate) struct Record<T> {
+pub(crate) struct JournalRecord<T> {
     pub(crate) head: T,
     pub(crate) blobs: Vec<Vec<u8>>,
 }
@@ -58,7 +58,7 @@ pub(crate) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[
 }
 
 /// Reads the record `path`; `None` where there is none that is whole.
-pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<Option<Record<T>>> {
+pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<Option<JournalRecord<T>>> {
     let failed = |e| Error::io("read the journal", path, &e);
     let length = match path.metadata() {
         Ok(found) => found.len(),
@@ -69,7 +69,7 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<
     Ok(parse(&std::fs::read(path).map_err(failed)?))
 }
 
-fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<Record<T>> {
+fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<JournalRecord<T>> {
     let word = |at: usize| Some(u64::from_le_bytes(bytes.get(at..at + WORD_BYTES)?.try_into().ok()?));
     let mut hasher = Xxh3::new();
     hasher.update(bytes.get(WORD_BYTES..)?);
@@ -85,7 +85,8 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<Record<T>> {
         rest = after;
     }
     let head = serde_json::from_slice(parts[0]).ok()?;
-    rest.is_empty().then(|| Record { head, blobs: parts[1..].iter().map(|part| part.to_vec()).collect() })
+    rest.is_empty()
+        .then(|| JournalRecord { head, blobs: parts[1..].iter().map(|part| part.to_vec()).collect() })
 }
 
 #[cfg(test)]

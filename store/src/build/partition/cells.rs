@@ -1,12 +1,12 @@
-//! `Cells`: snapped triangles sorted into cells, whose runs go to scratch; then cells joined into chunks.
+//! `PartitionCells`: snapped triangles sorted into cells, whose runs go to scratch; then cells joined into chunks.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone; 2. buffered
-//! triangles never exceed what `Sorted` allows.
+//! triangles never exceed what `SortRule` allows.
 
-use super::chunk::{CHUNK_TRIANGLES, Chunk, Joined};
+use super::chunk::{CHUNK_TRIANGLES, Chunk, ChunkJoiner};
 use crate::build::options::BuildOptions;
 use crate::build::scan::Grid;
-use crate::build::scratch::run_writer::{RunWriter, Written};
+use crate::build::scratch::run_writer::{RunWriter, WrittenRun};
 use crate::build::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
 use crate::error::Result;
 use crate::geom::hilbert_key;
@@ -20,8 +20,8 @@ const LEVELS_MORE: u32 = 3;
 const KEY_BITS: u32 = 18;
 
 /// A cell: its place, also on the curve, its runs so far, and the buffered end.
-struct Cell {
-    place: Place,
+struct PartitionCell {
+    place: CellPlace,
     key: u64,
     runs: Vec<Run>,
     buffer: Vec<LatticeTriangle>,
@@ -30,12 +30,12 @@ struct Cell {
 
 /// Which cell: its level, and where it is among the 2^level an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) struct Place {
+pub(crate) struct CellPlace {
     pub(crate) level: u32,
     pub(crate) at: [u32; 3],
 }
 
-impl Place {
+impl CellPlace {
     /// On the Hilbert curve of the finest level.
     fn key(&self) -> u64 {
         if self.level == 0 { 0 } else { hilbert_key(self.at, self.level) << (3 * (KEY_BITS - self.level)) }
@@ -44,15 +44,15 @@ impl Place {
 
 /// What decides a triangle's cell.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum By {
+pub(crate) enum SortKey {
     SizeAndPlace,
-    Place,
+    CellPlace,
 }
 
 /// How one pass sorts.
 #[derive(Clone, Copy)]
-pub(crate) struct Sorted {
-    pub(crate) by: By,
+pub(crate) struct SortRule {
+    pub(crate) by: SortKey,
     /// Finest level: 2^levels cells an axis.
     pub(crate) levels: u32,
     /// Bits of a lattice coordinate.
@@ -61,10 +61,10 @@ pub(crate) struct Sorted {
     pub(crate) buffered_most: u64,
 }
 
-impl Cell {
-    fn new(place: Place, runs: Vec<Run>) -> Cell {
+impl PartitionCell {
+    fn new(place: CellPlace, runs: Vec<Run>) -> PartitionCell {
         let triangle_count = runs.iter().map(|run| u64::from(run.triangle_count)).sum();
-        Cell { place, key: place.key(), runs, buffer: Vec::new(), triangle_count }
+        PartitionCell { place, key: place.key(), runs, buffer: Vec::new(), triangle_count }
     }
 }
 
@@ -75,21 +75,28 @@ pub(crate) fn first_levels(triangle_count: u64, grid: &Grid) -> u32 {
 }
 
 /// All cells of one pass.
-pub(crate) struct Cells {
+pub(crate) struct PartitionCells {
     writer: RunWriter,
-    sorted: Sorted,
-    cells: Vec<Cell>,
-    by_place: HashMap<Place, usize>,
+    sorted: SortRule,
+    cells: Vec<PartitionCell>,
+    by_place: HashMap<CellPlace, usize>,
     /// Of the last triangle, and the index of its cell.
-    last: (Place, usize),
+    last: (CellPlace, usize),
     /// Triangles in buffers, and on their way to scratch.
     buffered: u64,
 }
 
-impl Cells {
-    pub(crate) fn new(writer: RunWriter, sorted: Sorted) -> Cells {
-        let nowhere = (Place { level: u32::MAX, at: [0; 3] }, 0);
-        Cells { writer, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
+impl PartitionCells {
+    pub(crate) fn new(writer: RunWriter, sorted: SortRule) -> PartitionCells {
+        let nowhere = (CellPlace { level: u32::MAX, at: [0; 3] }, 0);
+        PartitionCells {
+            writer,
+            sorted,
+            cells: Vec::new(),
+            by_place: HashMap::new(),
+            last: nowhere,
+            buffered: 0,
+        }
     }
 
     pub(crate) fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
@@ -114,7 +121,7 @@ impl Cells {
         }
         let cells = &mut self.cells;
         let index = *self.by_place.entry(place).or_insert_with(|| {
-            cells.push(Cell::new(place, Vec::new()));
+            cells.push(PartitionCell::new(place, Vec::new()));
             cells.len() - 1
         });
         self.last = (place, index);
@@ -134,7 +141,7 @@ impl Cells {
         Ok(())
     }
 
-    fn add_run(&mut self, Written { owner, run }: Written) {
+    fn add_run(&mut self, WrittenRun { owner, run }: WrittenRun) {
         self.cells[owner].runs.push(run);
         self.buffered -= u64::from(run.triangle_count);
     }
@@ -155,16 +162,16 @@ impl Cells {
     }
 
     /// The scratch file, and every cell's runs.
-    pub(crate) fn runs(&self) -> (&Scratch, impl Iterator<Item = (Place, &[Run])> + Clone) {
+    pub(crate) fn runs(&self) -> (&Scratch, impl Iterator<Item = (CellPlace, &[Run])> + Clone) {
         (self.writer.scratch(), self.cells.iter().map(|cell| (cell.place, cell.runs.as_slice())))
     }
 
-    /// Goes on with the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
-    pub(crate) fn restore(&mut self, runs: Vec<(Place, Vec<Run>)>) {
+    /// Restores the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
+    pub(crate) fn restore(&mut self, runs: Vec<(CellPlace, Vec<Run>)>) {
         for (place, runs) in runs {
             self.by_place.insert(place, self.cells.len());
             self.writer.scratch().set_unread(runs.iter().map(|run| (*run, run.triangle_count)));
-            self.cells.push(Cell::new(place, runs));
+            self.cells.push(PartitionCell::new(place, runs));
         }
     }
 
@@ -174,7 +181,7 @@ impl Cells {
         let mut whole = std::mem::take(&mut self.cells);
         // Large triangles first, then along the curve; a place is one cell, so the order is total.
         whole.sort_by_key(|cell| (cell.place.level, cell.key));
-        let mut chunks = Joined::default();
+        let mut chunks = ChunkJoiner::default();
         for cell in whole {
             options.interrupt.check()?;
             let finest = KEY_BITS.min(self.sorted.bits);
@@ -197,13 +204,13 @@ impl Cells {
 /// Sorts the triangles of a cell that is too full into finer cells, by place alone: it may be full of
 /// triangles as large as itself.
 fn cut(
-    cell: &Cell,
+    cell: &PartitionCell,
     writer: RunWriter,
     levels: u32,
-    like: &Sorted,
+    like: &SortRule,
     options: &BuildOptions,
 ) -> Result<(RunWriter, Vec<Chunk>)> {
-    let mut finer = Cells::new(writer, Sorted { levels, by: By::Place, ..*like });
+    let mut finer = PartitionCells::new(writer, SortRule { levels, by: SortKey::CellPlace, ..*like });
     let (mut buffer, mut triangles) = (Vec::new(), Vec::new());
     for run in &cell.runs {
         triangles.clear();
@@ -224,13 +231,13 @@ pub(crate) fn is_on_lattice<const N: usize>(q: &[[i64; 3]; N], bits: u32) -> boo
 }
 
 /// The cell of a triangle.
-fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> Place {
+fn cell_place(triangle: &LatticeTriangle, sorted: &SortRule) -> CellPlace {
     let [a, b, c] = &triangle.q;
     let (bits, mut level) = (sorted.bits, sorted.levels);
-    if sorted.by == By::SizeAndPlace {
+    if sorted.by == SortKey::SizeAndPlace {
         let side = (0..3).map(|i| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i])).max().expect("three");
         level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
     }
     let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
-    Place { level, at }
+    CellPlace { level, at }
 }

@@ -39,12 +39,12 @@ impl Chunk {
 
 /// Joins cells that follow each other while they fit a chunk; cuts what could not be divided by place.
 #[derive(Default)]
-pub(super) struct Joined {
+pub(super) struct ChunkJoiner {
     pub(super) done: Vec<Chunk>,
     open: Chunk,
 }
 
-impl Joined {
+impl ChunkJoiner {
     /// Adds a cell, of so many triangles in these runs.
     pub(super) fn add(&mut self, triangle_count: u64, runs: &[Run]) {
         if self.open.triangle_count + triangle_count > CHUNK_TRIANGLES {

@@ -21,8 +21,8 @@ pub(super) use resolution::plan_bytes;
 
 use crate::build::journal::Journal;
 use crate::build::options::BuildOptions;
-use crate::build::report::Tell;
-use crate::build::scan::rejected::{Rejected, no_triangles};
+use crate::build::report::PhaseReport;
+use crate::build::scan::rejected::{RejectedCounts, no_triangles};
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::run_writer::RunWriter;
 use crate::build::scratch::{LatticeTriangle, Scratch};
@@ -32,9 +32,9 @@ use crate::layout::{SECTIONS, Section, Superblock, node_shift};
 use crate::octree::Refinement;
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
-use cells::{By, Cells, Sorted, first_levels};
+use cells::{PartitionCells, SortKey, SortRule, first_levels};
 use chunk::Chunk;
-use snap::{Prefix, Snapped, Snapper};
+use snap::{Prefix, SnapSummary, Snapper};
 use sort_checkpoint::SortCheckpoint;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
@@ -103,30 +103,30 @@ pub(crate) struct PartitionWork<'a> {
     /// Where it is recorded how far the work is, so that it can resume.
     pub(crate) journal: Option<&'a mut Journal>,
     pub(crate) options: &'a BuildOptions,
-    pub(crate) tell: Tell<'a>,
+    pub(crate) report: PhaseReport<'a>,
 }
 
 /// Runs the phase. The source is read once, on its own thread.
 pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
-    let PartitionWork { start, journal, options, tell } = work;
+    let PartitionWork { start, journal, options, report } = work;
     let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
     let buffer_bytes = buffer_bytes(options.budget.free_bytes());
     let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
     let name = source.name();
-    let rule = |scan: &Scan, grid: &Grid| Sorted {
-        by: By::SizeAndPlace,
+    let rule = |scan: &Scan, grid: &Grid| SortRule {
+        by: SortKey::SizeAndPlace,
         levels: first_levels(scan.triangle_count, grid),
         bits: grid.bits,
         buffered_most: buffer_bytes / TRIANGLE_BYTES,
     };
     let (mut sorter, grid) = match start {
         SortStart::New { scan, grid, place } => {
-            let cells = Cells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
-            (Sorter { scan, again: None, snapped: Snapped::new(&scan, &grid), cells, journal }, grid)
+            let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
+            (Sorter { scan, again: None, snapped: SnapSummary::new(&scan, &grid), cells, journal }, grid)
         }
         SortStart::Resumed(checkpoint) => {
             let SortCheckpoint { scan, grid, prefix, snapped, scratch, runs } = *checkpoint;
-            let mut cells = Cells::new(RunWriter::start(scratch)?, rule(&scan, &grid));
+            let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule(&scan, &grid));
             cells.restore(runs);
             let again = Some(prefix).filter(|prefix| prefix.triangle_count > 0);
             (Sorter { scan, again, snapped, cells, journal }, grid)
@@ -134,8 +134,8 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
     };
     let scan = sorter.scan;
     let mut snapper = Snapper::new(grid, name.clone());
-    let tell_count = |count| tell("partition", "triangles", count, scan.triangle_count);
-    let waited = sorter.run(source, &mut snapper, options, &tell_count)?;
+    let report_count = |count| report("partition", "triangles", count, scan.triangle_count);
+    let waited = sorter.run(source, &mut snapper, options, &report_count)?;
 
     let Sorter { cells, snapped, .. } = sorter;
     let (writer, chunks) = cells.into_chunks(options)?;
@@ -143,7 +143,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
     let lattice_bounds = [snapped.bounds.lo, snapped.bounds.hi];
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
     if triangle_count == 0 {
-        let rejected = Rejected {
+        let rejected = RejectedCounts {
             read: snapper.read,
             degenerate: snapped.rejected_degenerate,
             collapsed: snapped.rejected_collapsed,
@@ -174,8 +174,8 @@ struct Sorter<'a> {
     scan: Scan,
     /// What is in the cells since a build before this: it is read again, and compared.
     again: Option<Prefix>,
-    snapped: Snapped,
-    cells: Cells,
+    snapped: SnapSummary,
+    cells: PartitionCells,
     journal: Option<&'a mut Journal>,
 }
 
@@ -186,7 +186,7 @@ impl Sorter<'_> {
         source: &mut dyn TriangleSource,
         snapper: &mut Snapper,
         options: &BuildOptions,
-        tell: &dyn Fn(u64),
+        report: &dyn Fn(u64),
     ) -> Result<Duration> {
         let mut waited = Duration::ZERO;
         std::thread::scope(|scope| -> Result<()> {
@@ -212,7 +212,7 @@ impl Sorter<'_> {
                     .numbers(error.to_string())
                     .next("raise the limit of processes, or end some")
             })?;
-            tell(0);
+            report(0);
             loop {
                 if self.again.is_none() {
                     self.record(snapper, options)?;
@@ -222,12 +222,12 @@ impl Sorter<'_> {
                 waited += before.elapsed();
                 let batch = message?;
                 options.interrupt.check()?;
-                snapper.take(&batch)?;
+                snapper.hash(&batch)?;
                 match self.again {
                     None => snapper.snap_all(&batch, &mut self.snapped, &mut self.cells)?,
                     Some(prefix) => self.compare(prefix, snapper)?,
                 }
-                tell(snapper.read);
+                report(snapper.read);
                 let _ = back.send(batch);
             }
             self.again.map_or(Ok(()), |prefix| Err(self.changed(prefix)))

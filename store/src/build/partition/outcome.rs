@@ -11,7 +11,7 @@ use super::cells::is_on_lattice;
 use super::chunk::Chunk;
 use super::{Partition, superblock_of};
 use crate::budget::Budget;
-use crate::build::journal::record::Record;
+use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
 use crate::build::scan::Grid;
 use crate::build::scratch::Scratch;
@@ -93,7 +93,7 @@ impl PartitionOutcome {
     }
 
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
-    fn parse(record: Record<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<PartitionOutcome>> {
+    fn parse(record: JournalRecord<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<PartitionOutcome>> {
         let head = record.head;
         let octree = head.octree.map(|(resolution, factor)| {
             Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
@@ -104,7 +104,7 @@ impl PartitionOutcome {
         };
         let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
         let partition = Partition {
-            scratch: Scratch::left(cells, head.scratch_bytes)?,
+            scratch: Scratch::reopen(cells, head.scratch_bytes)?,
             chunks: head.chunks.into_owned(),
             grid: Grid { lattice, bits: head.bits },
             input_triangle_count: head.input_triangle_count,

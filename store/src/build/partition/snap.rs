@@ -2,7 +2,7 @@
 //!
 //! Invariant: what is counted, and the hash of what was read, follow from the stream alone.
 
-use super::cells::Cells;
+use super::cells::PartitionCells;
 use super::surface::Surface;
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::LatticeTriangle;
@@ -20,7 +20,7 @@ pub(crate) struct Prefix {
 }
 
 /// What is known of the triangles that were snapped.
-pub(crate) struct Snapped {
+pub(crate) struct SnapSummary {
     pub(crate) rejected_degenerate: u64,
     /// Those of them that had area.
     pub(crate) rejected_collapsed: u64,
@@ -30,10 +30,10 @@ pub(crate) struct Snapped {
     pub(crate) surface: Surface,
 }
 
-impl Snapped {
+impl SnapSummary {
     /// Of none.
-    pub(crate) fn new(scan: &Scan, grid: &Grid) -> Snapped {
-        Snapped {
+    pub(crate) fn new(scan: &Scan, grid: &Grid) -> SnapSummary {
+        SnapSummary {
             rejected_degenerate: 0,
             rejected_collapsed: 0,
             rejected_non_finite: 0,
@@ -65,7 +65,7 @@ impl Snapper {
     }
 
     /// Counts and hashes what was read.
-    pub(crate) fn take(&mut self, batch: &TriangleBatch) -> Result<()> {
+    pub(crate) fn hash(&mut self, batch: &TriangleBatch) -> Result<()> {
         self.hasher.update(bytemuck::cast_slice(&batch.corners));
         self.hasher.update(bytemuck::cast_slice(&batch.material));
         self.read += batch.len() as u64;
@@ -79,8 +79,8 @@ impl Snapper {
     pub(crate) fn snap_all(
         &self,
         batch: &TriangleBatch,
-        snapped: &mut Snapped,
-        cells: &mut Cells,
+        snapped: &mut SnapSummary,
+        cells: &mut PartitionCells,
     ) -> Result<()> {
         let Grid { lattice, bits } = self.grid;
         for (corners, &material) in batch.corners.iter().zip(&batch.material) {

@@ -13,10 +13,10 @@
 //! full, so the bytes that follow are those of a build that was never killed; 2. a record whose file is gone or too
 //! short, or whose numbers cannot be true together, counts as absent.
 
-use super::cells::{Cells, Place, first_levels, is_on_lattice};
-use super::snap::{Prefix, Snapped};
+use super::cells::{CellPlace, PartitionCells, first_levels, is_on_lattice};
+use super::snap::{Prefix, SnapSummary};
 use crate::budget::Budget;
-use crate::build::journal::record::Record;
+use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
 use crate::build::options::Precision;
 use crate::build::scan::lattice::choose;
@@ -62,9 +62,9 @@ pub(crate) struct SortCheckpoint {
     pub(crate) grid: Grid,
     /// What was read: it is read again, and compared.
     pub(crate) prefix: Prefix,
-    pub(crate) snapped: Snapped,
+    pub(crate) snapped: SnapSummary,
     pub(crate) scratch: Scratch,
-    pub(crate) runs: Vec<(Place, Vec<Run>)>,
+    pub(crate) runs: Vec<(CellPlace, Vec<Run>)>,
 }
 
 impl SortCheckpoint {
@@ -72,8 +72,8 @@ impl SortCheckpoint {
     pub(crate) fn record(
         journal: &mut Journal,
         (scan, prefix): (&Scan, Prefix),
-        snapped: &Snapped,
-        cells: &mut Cells,
+        snapped: &SnapSummary,
+        cells: &mut PartitionCells,
         budget: &Budget,
     ) -> Result<()> {
         let begin = Instant::now();
@@ -101,14 +101,14 @@ impl SortCheckpoint {
             scratch_bytes: scratch.bytes(),
         };
         let mut words = [Vec::new(), Vec::with_capacity(RUN_WORDS * run_count)];
-        for (Place { level, at: [x, y, z] }, runs) in runs {
+        for (CellPlace { level, at: [x, y, z] }, runs) in runs {
             words[0].extend([level, x, y, z, runs.len() as u32].map(u64::from));
             let run = |run: &Run| [run.offset, u64::from(run.bytes) << 32 | u64::from(run.triangle_count)];
             words[1].extend(runs.iter().flat_map(run));
         }
         let [cell_words, run_words] = [&words[0], &words[1]].map(|words| bytemuck::cast_slice(words));
         journal.write_record((FileKind::Sorted, begin), &head, &[&registers, cell_words, run_words])?;
-        scratch.hold();
+        scratch.keep_segments();
         Ok(())
     }
 
@@ -127,7 +127,7 @@ impl SortCheckpoint {
 
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
     fn parse(
-        record: Record<SortedHead>,
+        record: JournalRecord<SortedHead>,
         precision: Precision,
         cells: PathBuf,
     ) -> Result<Option<SortCheckpoint>> {
@@ -144,7 +144,7 @@ impl SortCheckpoint {
         let Some(grid) = is_scan.then(|| choose(&scan, precision, "").ok()).flatten() else {
             return Ok(None);
         };
-        let mut snapped = Snapped::new(&scan, &grid);
+        let mut snapped = SnapSummary::new(&scan, &grid);
         let Ok([registers, cell_words, run_words]) = <[Vec<u8>; 3]>::try_from(record.blobs) else {
             return Ok(None);
         };
@@ -174,8 +174,8 @@ impl SortCheckpoint {
         if sorted > 0 {
             snapped.bounds = LatticeBox { lo: lattice_bounds[0], hi: lattice_bounds[1] };
         }
-        let scratch = Scratch::left(cells, head.scratch_bytes)?;
-        scratch.hold();
+        let scratch = Scratch::reopen(cells, head.scratch_bytes)?;
+        scratch.keep_segments();
         let prefix = Prefix { triangle_count: head.triangle_count, hash: head.hash };
         Ok(Some(SortCheckpoint { scan, grid, prefix, snapped, scratch, runs }))
     }
@@ -188,7 +188,7 @@ fn runs(
     run_words: &[u64],
     levels: u32,
     scratch_bytes: u64,
-) -> Option<Vec<(Place, Vec<Run>)>> {
+) -> Option<Vec<(CellPlace, Vec<Run>)>> {
     let (cells, []) = cell_words.as_chunks::<CELL_WORDS>() else { return None };
     let (mut rest, []) = run_words.as_chunks::<RUN_WORDS>() else { return None };
     let (mut all, mut seen) = (Vec::with_capacity(cells.len()), HashSet::new());
@@ -197,7 +197,7 @@ fn runs(
         if [x, y, z].iter().any(|&at| at >> level != 0) {
             return None;
         }
-        let place = Place { level, at: [x, y, z].map(|at| at as u32) };
+        let place = CellPlace { level, at: [x, y, z].map(|at| at as u32) };
         let (these, others) = rest.split_at_checked(usize::try_from(run_count).ok()?)?;
         rest = others;
         let run = |&[offset, word]: &[u64; RUN_WORDS]| {

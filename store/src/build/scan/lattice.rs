@@ -3,7 +3,7 @@
 //! Invariant: the lattice's origin is a multiple of the step, so that an input that lies on the lattice stays exact.
 
 use super::Scan;
-use super::rejected::{Rejected, no_triangles};
+use super::rejected::{RejectedCounts, no_triangles};
 use crate::build::options::Precision;
 use crate::error::{Code, Error, Result};
 use crate::geom::{Lattice, exp2i};
@@ -23,7 +23,7 @@ pub(crate) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Gr
         let Scan { triangle_count: read, non_finite_count: non_finite, .. } = *scan;
         return Err(no_triangles(
             name,
-            Rejected { read, non_finite, degenerate: read - non_finite, collapsed: 0 },
+            RejectedCounts { read, non_finite, degenerate: read - non_finite, collapsed: 0 },
         ));
     }
     let magnitude = scan.bounds.lo.iter().chain(&scan.bounds.hi).fold(0.0f64, |m, v| m.max(v.abs()));

@@ -8,7 +8,7 @@ pub(super) mod rejected;
 pub(crate) use lattice::Grid;
 
 use crate::build::options::BuildOptions;
-use crate::build::report::Tell;
+use crate::build::report::PhaseReport;
 use crate::error::Result;
 use crate::geom::Aabb;
 use crate::source::{TriangleBatch, TriangleSource};
@@ -31,7 +31,7 @@ pub struct Scan {
 pub(crate) fn scan(
     source: &mut dyn TriangleSource,
     options: &BuildOptions,
-    tell: Tell<'_>,
+    report: PhaseReport<'_>,
     wait_ms: &mut u64,
 ) -> Result<Scan> {
     if let Some(hint) = source.hint() {
@@ -63,7 +63,7 @@ pub(crate) fn scan(
             }
         }
         let stats = source.stats();
-        tell("scan", "bytes", stats.bytes_read, stats.bytes_total);
+        report("scan", "bytes", stats.bytes_read, stats.bytes_total);
     }
     source.rewind()?;
     *wait_ms += waited.as_millis() as u64;

@@ -5,7 +5,7 @@ use crate::next_step::NextStep;
 
 /// What became of the triangles of an input of which none is left.
 #[derive(Clone, Copy)]
-pub(crate) struct Rejected {
+pub(crate) struct RejectedCounts {
     pub(crate) read: u64,
     pub(crate) degenerate: u64,
     /// Those of them that had area.
@@ -16,7 +16,7 @@ pub(crate) struct Rejected {
 /// The error of an input of this name.
 pub(crate) fn no_triangles(
     name: &str,
-    Rejected { read, degenerate, collapsed, non_finite }: Rejected,
+    RejectedCounts { read, degenerate, collapsed, non_finite }: RejectedCounts,
 ) -> Error {
     let what = match read {
         0 => "there are no triangles in the input",

@@ -50,7 +50,7 @@ impl Scratch {
     }
 
     /// The one that a build before this has left, of `end` bytes.
-    pub(crate) fn left(path: PathBuf, end: u64) -> Result<Scratch> {
+    pub(crate) fn reopen(path: PathBuf, end: u64) -> Result<Scratch> {
         Ok(Scratch::from(ScratchFile::at(Place::Left(path))?, end))
     }
 
@@ -136,12 +136,12 @@ impl Scratch {
     }
 
     /// Gives no segment back from now on: there is a record that speaks of all runs.
-    pub(crate) fn hold(&self) {
+    pub(crate) fn keep_segments(&self) {
         self.state().is_held = true;
     }
 
     /// That record is gone: gives back what could have been since.
-    pub(crate) fn let_go(&self) {
+    pub(crate) fn release_segments(&self) {
         let mut state = self.state();
         state.is_held = false;
         let last = state.end / SEGMENT_BYTES;
@@ -175,7 +175,7 @@ mod tests {
             .map(|i| LatticeTriangle { q: [corner(i), corner(i + 7), corner(2 * i)], material: 0 })
             .collect();
         let mut runs = Vec::new();
-        scratch.hold();
+        scratch.keep_segments();
         while scratch.bytes() < SEGMENT_BYTES {
             let run = Encoder::default().encode(&triangles);
             runs.push(scratch.append(run, triangles.len()).unwrap());
@@ -187,7 +187,7 @@ mod tests {
         let mut back = Vec::new();
         scratch.read(&runs[0], &mut Vec::new(), &mut back).unwrap();
         assert_eq!(back, triangles);
-        scratch.let_go();
+        scratch.release_segments();
         assert!(blocks(&scratch) < full / 2, "{} blocks of {full}", blocks(&scratch));
     }
 }

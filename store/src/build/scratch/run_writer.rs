@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 const MOST: usize = 16;
 
 /// A run that is written, and whose it is.
-pub(crate) struct Written {
+pub(crate) struct WrittenRun {
     pub(crate) owner: usize,
     pub(crate) run: Run,
 }
@@ -23,7 +23,7 @@ pub(crate) struct RunWriter {
     scratch: Arc<Scratch>,
     /// `None` once no more can come.
     jobs: Option<SyncSender<(usize, Vec<LatticeTriangle>)>>,
-    done: Receiver<Result<Written>>,
+    done: Receiver<Result<WrittenRun>>,
     under_way: usize,
     thread: Option<JoinHandle<()>>,
 }
@@ -35,7 +35,7 @@ impl RunWriter {
     /// [`Code::Io`] where the system gives none.
     pub(crate) fn start(scratch: Scratch) -> Result<RunWriter> {
         let (jobs, given) = sync_channel::<(usize, Vec<LatticeTriangle>)>(MOST);
-        let (tell, done) = sync_channel(MOST);
+        let (answers, done) = sync_channel(MOST);
         let scratch = Arc::new(scratch);
         let file = Arc::clone(&scratch);
         let write_all = move || {
@@ -44,7 +44,7 @@ impl RunWriter {
                 let run = file.append(encoder.encode(&triangles), triangles.len());
                 // The memory goes back before the run counts as written.
                 drop(triangles);
-                if tell.send(run.map(|run| Written { owner, run })).is_err() {
+                if answers.send(run.map(|run| WrittenRun { owner, run })).is_err() {
                     return;
                 }
             }
@@ -65,7 +65,11 @@ impl RunWriter {
     }
 
     /// Gives a run to the thread; waits for the first of those under way where they are [`MOST`], and gives it.
-    pub(crate) fn write(&mut self, owner: usize, triangles: Vec<LatticeTriangle>) -> Result<Option<Written>> {
+    pub(crate) fn write(
+        &mut self,
+        owner: usize,
+        triangles: Vec<LatticeTriangle>,
+    ) -> Result<Option<WrittenRun>> {
         let written = if self.under_way == MOST { self.next()? } else { None };
         let jobs = self.jobs.as_ref().expect("runs come before the end");
         jobs.send((owner, triangles)).expect("the thread takes what comes until it is told the end");
@@ -74,7 +78,7 @@ impl RunWriter {
     }
 
     /// The first of those under way, once it is written; `None` where there are none.
-    pub(crate) fn next(&mut self) -> Result<Option<Written>> {
+    pub(crate) fn next(&mut self) -> Result<Option<WrittenRun>> {
         if self.under_way == 0 {
             return Ok(None);
         }

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A build in a folder of its own.
 struct Stage {
     folder: tempfile::TempDir,
-    mesh: Mesh,
+    mesh: MemoryMesh,
     options: BuildOptions,
     whole: Vec<u8>,
 }
@@ -21,7 +21,7 @@ impl Stage {
         Stage::of(mesh(n, 9_000, 7), voxels)
     }
 
-    fn of(mut mesh: Mesh, voxels: Voxels) -> Stage {
+    fn of(mut mesh: MemoryMesh, voxels: Voxels) -> Stage {
         let plain = BuildOptions { voxels, ..options(2, 1 << 30) };
         let (whole, report) = build_bytes(&mut mesh, &plain);
         assert!(report.page_count > 10 && report.emitter_count > 0, "{report:?}");
@@ -119,7 +119,7 @@ fn stop_among_batches(stage: &mut Stage, batches: usize) {
 }
 
 /// A sheet in one corner of what it lies in: its cell holds more than a chunk, and is cut.
-fn crowded() -> Mesh {
+fn crowded() -> MemoryMesh {
     let mut mesh = mesh(300, 2_000, 7);
     let far = [[0.0, 1500.0, 0.0], [3.0, 1500.0, 0.0], [0.0, 1500.0, 3.0]];
     mesh.triangles.insert(90_500, (far, 0));
