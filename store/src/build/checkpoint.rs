@@ -4,7 +4,7 @@
 //!         batches are in cells       all cells are chunks          chunks are in the output
 //!   Fresh -------------------> Sorted ------------------> Partitioned -------------------> Emitting --> published
 //!
-//!                records                  known                        files reused           files made anew
+//!                records                  known                        files reused           files overwritten
 //! Fresh          none                     nothing                      none                   all
 //! Sorted         sorted                   scan, lattice, what was read cells                  voxels, draft
 //! Partitioned    chunks                   all of the input             cells                  voxels, draft
@@ -16,8 +16,8 @@
 //! that are in the output. Of chunks whose ends share a page that was not full, the ends are made again.
 //!
 //! Invariants: 1. a build resumes from the furthest checkpoint whose records are whole and can be true, and whose files
-//! are as long as these say; what speaks against any of it makes it the checkpoint before; 2. records of other
-//! checkpoints are removed before the files that they speak of are written anew; 3. whatever it resumes from, the bytes
+//! are as long as these say; otherwise from the checkpoint before it; 2. records of other
+//! checkpoints are removed before the files that they speak of are overwritten; 3. whatever it resumes from, the bytes
 //! of the output are those of a build that was never killed.
 
 use super::emit::emit_checkpoint::EmitCheckpoint;
@@ -87,7 +87,7 @@ impl Checkpoint {
         }
     }
 
-    /// Files that are reused; others are made anew.
+    /// Files that are reused; others are overwritten.
     fn reused(&self) -> &'static [FileKind] {
         match self {
             Checkpoint::Fresh => &[],

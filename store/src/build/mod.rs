@@ -12,9 +12,9 @@
 //! ```
 //!
 //! Invariants: 1. memory is leased before it is taken, whatever the input's size; 2. the same input and options
-//! give the same bytes at any thread count and any limit, however often the build was killed and gone on with; 3. the
+//! give the same bytes at any thread count and any limit, however often the build was killed and resumed; 3. the
 //! output is a temporary file until it is whole; 4. nothing is left behind, but for a build that can be resumed what it
-//! goes on from (`journal`).
+//! resumes from (`journal`, `checkpoint`).
 
 mod checkpoint;
 mod clusters;
@@ -61,8 +61,8 @@ use std::path::Path;
 /// # Errors
 /// Those of the source; [`Code::Usage`] when the output exists or the precision cannot be had;
 /// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
-/// [`Code::Interrupted`]. Nothing is left behind then, but after an interrupt what [`BuildOptions::resume`] goes on
-/// from.
+/// [`Code::Interrupted`]. Nothing is left behind then, but after an interrupt what [`BuildOptions::resume`]
+/// resumes from.
 ///
 /// # Panics
 /// On a thread of the options' pool.
@@ -210,7 +210,7 @@ impl Site<'_> {
     }
 }
 
-/// The error of an interrupt after which so many bytes are kept to go on from.
+/// The error of an interrupt after which so many bytes are kept to resume from.
 fn kept_error(error: Error, output: &Path, bytes: u64) -> Error {
     error
         .at(output)

@@ -34,7 +34,7 @@ pub enum Voxels {
     },
     /// So many leaves along the longest side: 64, 256, 512 or 1024.
     Resolution(u32),
-    /// The same, with finer leaves below them that are read when they are asked for.
+    /// So many leaves that are resident, with finer ones below them that are read when they are asked for.
     Refined {
         /// Leaves of the resident octree along the longest side: 64, 256, 512 or 1024.
         upper: u32,
@@ -66,14 +66,14 @@ pub struct BuildOptions {
     pub existing: Existing,
     /// Stops the build when raised.
     pub interrupt: Interrupt,
-    /// How a build that is killed or interrupted goes on when it is started again; `None`: it leaves nothing.
+    /// How a build that is killed or interrupted resumes when it is started again; `None`: it leaves nothing.
     pub resume: Option<Resume>,
 }
 
-/// What a build does so that it can go on after it was killed.
+/// What a build does so that it can resume after it was killed.
 #[derive(Clone, Debug)]
 pub struct Resume {
-    /// What tells the input apart from others, by name: paths, lengths, times. A build goes on with the same ones only.
+    /// What distinguishes the input from others, by name: paths, lengths, times. A build resumes with the same ones only.
     pub input: Vec<(String, String)>,
     /// About how much work a kill may cost, once the input has been read.
     pub every: Duration,

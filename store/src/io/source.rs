@@ -28,7 +28,7 @@ pub struct IoDescription {
     pub direct: bool,
     /// Why this one, in words.
     pub reason: String,
-    /// One line for people, once something went wrong since the file was opened: what, and how reading went on.
+    /// One line for people, once something went wrong since the file was opened: what, and how reading continues.
     pub notice: Option<String>,
 }
 

@@ -289,7 +289,7 @@ struct PagePacker<'a> {
 }
 
 impl PagePacker<'_> {
-    /// Copies the unit of `from` whose first unit, node and leaf are `begin`, which goes on to the next one.
+    /// Copies the unit of `from` whose first unit, node and leaf are `begin`, and moves `begin` to the next one.
     fn add(&mut self, from: &StoredUnits<'_>, begin: &mut UnitCounts, links: &[u32]) -> Result<UnitRef> {
         let nodes = &from.nodes[begin.nodes..][..usize::from(from.units[begin.units])];
         let leaves = nodes.iter().map(|&count| usize::from(count)).sum::<usize>();

@@ -1,7 +1,7 @@
 //! `Pace`: how fast a check reads, and how far it is.
 //!
 //! Invariants: 1. what was read never runs ahead of the rate by more than the last piece; 2. a wait is cut into parts
-//! of [`PART`], between which the caller is asked whether to go on.
+//! of [`PART`], between which the caller is asked whether to continue.
 
 use crate::error::Result;
 use std::num::NonZeroU64;

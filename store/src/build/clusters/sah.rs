@@ -5,7 +5,7 @@
 //! Boxes have a fourth number, which means nothing: so a box is two vectors of four, and the compiler takes it as such.
 //!
 //! Invariants: 1. both sides get at least one primitive; 2. from a depth of [`FREE_DEPTH`] on both get half, so
-//! that depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result
+//! that depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are distinguished by index: the result
 //! does not depend on the order of the input slice.
 
 use crate::cluster::LatticeBox;

@@ -1,6 +1,6 @@
 //! `PageWriter`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
 //!
-//! Invariants: 1. a page that chunks share is written when it is full, and the roots in it are told then; 2. every byte
+//! Invariants: 1. a page that chunks share is written when it is full, and its number enters the roots in it then; 2. every byte
 //! is hashed before it is written.
 
 use super::voxels::VoxelWork;
@@ -151,7 +151,7 @@ impl<'a> PageWriter<'a> {
     fn append_end(&mut self, number: usize, open_page: u32, chunk: ChunkPages) {
         let first_slot = self.open.append(chunk.open);
         let opened = chunk.roots.iter().filter(|root| root.page == open_page);
-        // The page is told when it is closed.
+        // The number of the page is entered when it is closed.
         let entered =
             opened.map(|root| (root.bounds, TopRef::Page { page: 0, slot: first_slot + root.slot }));
         self.roots.extend(entered);

@@ -62,7 +62,7 @@ impl JournalHeader {
         }
     }
 
-    /// What stands here in another way than in `now`.
+    /// The facts that differ from those of `now`, as words.
     pub(super) fn differences(&self, now: &JournalHeader) -> String {
         let value = |header: &JournalHeader, name: &str| {
             let found = header.facts.iter().find(|fact| fact.0 == name);
@@ -70,14 +70,14 @@ impl JournalHeader {
         };
         let mut names: Vec<&str> = self.facts.iter().chain(&now.facts).map(|fact| fact.0.as_str()).collect();
         names.dedup();
-        let mut told: Vec<String> = Vec::new();
+        let mut lines: Vec<String> = Vec::new();
         for name in names {
             let (then, now) = (value(self, name), value(now, name));
             let line = format!("{name}: {then} then, {now} now");
-            if then != now && !told.contains(&line) {
-                told.push(line);
+            if then != now && !lines.contains(&line) {
+                lines.push(line);
             }
         }
-        told.join("; ")
+        lines.join("; ")
     }
 }

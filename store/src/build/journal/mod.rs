@@ -11,8 +11,8 @@
 //! ```
 //!
 //! A finished unit is each batch of triangles that is in cells, then each chunk. A stream cannot be entered in its
-//! middle: what is in cells is read again, but neither scanned nor sorted. Which records lead back to where is told in
-//! `checkpoint`.
+//! middle: what is in cells is read again, but neither scanned nor sorted. `checkpoint` says which
+//! records lead back to where.
 //!
 //! Invariants: 1. a record is written after all that it speaks of was synced; 2. a run of cells is given back after the
 //! record that does without it was; 3. input and options stand in the journal: a build resumes with the same ones or
@@ -133,7 +133,7 @@ impl Journal {
         }
     }
 
-    /// Removes a record, if it is there, before the files that it speaks of are written anew.
+    /// Removes a record, if it is there, before the files that it speaks of are overwritten.
     pub(crate) fn remove_record(&mut self, record: FileKind) -> Result<()> {
         self.records.retain(|&there| there != record);
         let path = self.path(record);

@@ -257,8 +257,9 @@ impl Sorter<'_> {
     }
 
     fn changed(&mut self, prefix: Prefix) -> Error {
-        let told = format!("the first {} triangles are not those that were read then", prefix.triangle_count);
-        self.journal.as_mut().expect("a checkpoint is of a journal").refuse(told)
+        let differences =
+            format!("the first {} triangles are not those that were read then", prefix.triangle_count);
+        self.journal.as_mut().expect("a checkpoint is of a journal").refuse(differences)
     }
 }
 

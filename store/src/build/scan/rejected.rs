@@ -1,9 +1,9 @@
-//! What becomes of an input of which no triangle is left.
+//! The error of an input of which no triangle is left.
 
 use crate::error::{Code, Error};
 use crate::next_step::NextStep;
 
-/// What became of the triangles of an input of which none is left.
+/// Triangles of an input of which none is left, counted by what was wrong with them.
 #[derive(Clone, Copy)]
 pub(crate) struct RejectedCounts {
     pub(crate) read: u64,

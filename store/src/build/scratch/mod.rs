@@ -63,7 +63,7 @@ impl Scratch {
         self.state.lock().expect("no panic while held")
     }
 
-    /// Says how many triangles of the runs of one that was left are still to be read.
+    /// Counts the triangles of runs that are still to be read, for a file that a build before this has left.
     pub(crate) fn set_unread(&self, unread: impl Iterator<Item = (Run, u32)>) {
         let mut state = self.state();
         for (run, triangle_count) in unread {
@@ -128,19 +128,19 @@ impl Scratch {
     pub(crate) fn consume(&self, run: &Run, triangle_count: u32) {
         let segment = run.offset / SEGMENT_BYTES;
         let mut state = self.state();
-        let left = state.live.get_mut(&segment).expect("who reads a run has told of it");
+        let left = state.live.get_mut(&segment).expect("runs that are read were counted before");
         *left -= u64::from(triangle_count);
         if *left == 0 && !state.is_held && state.end / SEGMENT_BYTES > segment {
             self.drop_segment(segment);
         }
     }
 
-    /// Gives no segment back from now on: there is a record that speaks of all runs.
+    /// Gives no segment back from now on: a record speaks of all runs.
     pub(crate) fn keep_segments(&self) {
         self.state().is_held = true;
     }
 
-    /// That record is gone: gives back what could have been since.
+    /// Gives segments back again, those first that could have been since: the record is gone.
     pub(crate) fn release_segments(&self) {
         let mut state = self.state();
         state.is_held = false;

@@ -72,7 +72,7 @@ impl RunWriter {
     ) -> Result<Option<WrittenRun>> {
         let written = if self.under_way == MOST { self.next()? } else { None };
         let jobs = self.jobs.as_ref().expect("runs come before the end");
-        jobs.send((owner, triangles)).expect("the thread takes what comes until it is told the end");
+        jobs.send((owner, triangles)).expect("the thread takes runs until the channel is closed");
         self.under_way += 1;
         Ok(written)
     }
@@ -98,7 +98,7 @@ impl RunWriter {
 impl Drop for RunWriter {
     fn drop(&mut self) {
         self.jobs = None;
-        // It ends: there is room for all answers. A panic of it is told where its answer is awaited.
+        // It ends: there is room for all answers. A panic of it shows where its answer is awaited.
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }

@@ -1,5 +1,5 @@
-//! Builds that are stopped again and again and gone on with: the same bytes as one that was let alone, whatever was
-//! left of them; and who may go on with what.
+//! Builds that are stopped again and again and resumed: the bytes of one that was never stopped, whatever was left of
+//! them; and which build may resume which.
 
 use super::*;
 use crate::next_step::NextStep;
@@ -76,7 +76,7 @@ impl Stage {
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
     }
 
-    /// Goes on to the end, whose bytes must be those of a build that was let alone, with nothing beside them.
+    /// Resumes to the end, whose bytes must be those of a build that was never stopped, with nothing beside them.
     #[track_caller]
     fn finish(&mut self) -> BuildReport {
         let report = self.build_for(usize::MAX).unwrap();
@@ -92,7 +92,7 @@ fn however_often_it_is_stopped_the_bytes_are_the_same() {
     let refined = Voxels::Refined { upper: 64, refinement: Refinement::By4 };
     for voxels in [Voxels::None, Voxels::Resolution(256), refined] {
         let mut stage = Stage::new(400, voxels);
-        // Stopped at each report in turn, most of which are of chunks; each build goes on from the one before it.
+        // Stopped at each report in turn, most of which are of chunks; each build resumes the one before it.
         let (mut stops, mut resumed) = (0, BTreeSet::new());
         let report = loop {
             match stage.build_for(1 + stops) {
@@ -197,8 +197,8 @@ fn cells_are_gone_on_with_where_they_are_whole_and_of_this_input() {
     assert_eq!(stage.finish().resumed_sorted_count, 100_000);
 }
 
-/// What is left may be gone in part, cut off, or changed: then less is gone on with, or there is an error, and the
-/// build after that one begins anew. The bytes are never others.
+/// What is left may be gone in part, cut off, or changed: then less is resumed, or there is an error, and the
+/// build after that one starts afresh. The bytes are never others.
 #[test]
 fn what_is_left_may_be_damaged() {
     let mut stage = Stage::new(280, Voxels::Resolution(64));
