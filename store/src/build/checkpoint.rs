@@ -16,9 +16,8 @@
 //! that are in the output. Of chunks whose ends share a page that was not full, the ends are made again.
 //!
 //! Invariants: 1. a build resumes from the furthest checkpoint whose records are whole and can be true, and whose files
-//! are as long as these say; otherwise from the checkpoint before it; 2. records of other
-//! checkpoints are removed before the files that they speak of are overwritten; 3. whatever it resumes from, the bytes
-//! of the output are those of a build that was never killed.
+//! are as long as these say; 2. records of other checkpoints are removed before the files that they speak of are
+//! overwritten; 3. whatever it resumes from, the bytes of the output are those of a build that was never killed.
 
 use super::emit::emit_checkpoint::EmitCheckpoint;
 use super::journal::{FileKind, Journal};

@@ -73,7 +73,8 @@ pub struct BuildOptions {
 /// What a build does so that it can resume after it was killed.
 #[derive(Clone, Debug)]
 pub struct Resume {
-    /// What distinguishes the input from others, by name: paths, lengths, times. A build resumes with the same ones only.
+    /// What distinguishes the input from others, by name: paths, lengths, times. A build resumes with the same input
+    /// only.
     pub input: Vec<(String, String)>,
     /// About how much work a kill may cost, once the input has been read.
     pub every: Duration,

@@ -6,9 +6,10 @@
 //!                 else                                 -> place its children
 //! ```
 //!
-//! So pages fill up, each with a few neighbouring subtrees. What is above these is made once more, of the roots of all pages
-//! of all chunks (`writer.rs`): a chunk's own tree knows nothing of chunks that lie in the same place. The last page of
-//! a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
+//! So pages fill up, each with a few neighbouring subtrees. What is above these is made once more, of the roots of
+//! all pages of all chunks (`writer.rs`): a chunk's own tree knows nothing of chunks that lie in the same place. The
+//! last page of a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they
+//! fit.
 //!
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.

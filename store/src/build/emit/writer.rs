@@ -1,7 +1,7 @@
 //! `PageWriter`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
 //!
-//! Invariants: 1. a page that chunks share is written when it is full, and its number enters the roots in it then; 2. every byte
-//! is hashed before it is written.
+//! Invariants: 1. a page that chunks share is written when it is full, and its number enters the roots in it then;
+//! 2. every byte is hashed before it is written.
 
 use super::voxels::VoxelWork;
 use crate::budget::{Budget, Lease};

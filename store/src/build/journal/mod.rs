@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! .NAME.HASH.journal   who builds what: its flock keeps two builders of one output apart
-//! .NAME.HASH.cells     triangles on the lattice, in runs          (in --temp-dir where one is given)
+//! .NAME.HASH.cells     triangles on the lattice, in runs          (in the folder of scratch files)
 //! .NAME.HASH.voxels    voxel records, in runs                     (as above)
 //! .NAME.HASH.part      the output, page by page
 //! .NAME.HASH.sorted    record: the first triangles of the input, in cells, replaced every few seconds
@@ -11,8 +11,8 @@
 //! ```
 //!
 //! A finished unit is each batch of triangles that is in cells, then each chunk. A stream cannot be entered in its
-//! middle: what is in cells is read again, but neither scanned nor sorted. `checkpoint` says which
-//! records lead back to where.
+//! middle: what is in cells is read again, but neither scanned nor sorted. `checkpoint` says which records lead
+//! back to where.
 //!
 //! Invariants: 1. a record is written after all that it speaks of was synced; 2. a run of cells is given back after the
 //! record that does without it was; 3. input and options stand in the journal: a build resumes with the same ones or

@@ -306,6 +306,41 @@ fn two_builders_of_one_output_are_kept_apart() {
     assert!(busy.into_inner() > 0 && std::fs::read(&output).unwrap() == stage.whole);
 }
 
+/// The checkpoint that a build would resume from, and the records that are there then.
+fn checkpoint_of(stage: &Stage) -> (&'static str, Vec<&'static str>) {
+    let journal = Journal::begin(&stage.output(), stage.folder.path(), &stage.options);
+    let mut journal = journal.unwrap().expect("these builds can be resumed");
+    let name = match Checkpoint::find(Some(&mut journal), &stage.options).unwrap() {
+        Checkpoint::Fresh => "fresh",
+        Checkpoint::Sorted(_) => "sorted",
+        Checkpoint::Partitioned(_) => "partitioned",
+        Checkpoint::Emitting(..) => "emitting",
+    };
+    journal.keep();
+    (name, ["sorted", "chunks", "done"].into_iter().filter(|&ending| stage.left(ending).exists()).collect())
+}
+
+/// A file that is too short for what a record says leads to the checkpoint before; records of later ones go.
+#[test]
+fn each_checkpoint_keeps_its_own_records() {
+    let mut stage = Stage::new(280, Voxels::Resolution(64));
+    assert_eq!(checkpoint_of(&stage), ("fresh", vec![]));
+    let cut = |stage: &Stage, ending: &str| {
+        std::fs::OpenOptions::new().write(true).open(stage.left(ending)).unwrap().set_len(100).unwrap();
+    };
+    stop_among_batches(&mut stage, 40);
+    assert_eq!(checkpoint_of(&stage), ("sorted", vec!["sorted"]));
+    cut(&stage, "cells");
+    assert_eq!(checkpoint_of(&stage), ("fresh", vec![]));
+    for (ending, checkpoint) in [("part", ("partitioned", vec!["chunks"])), ("cells", ("fresh", vec![]))] {
+        stage.stop_among_chunks();
+        assert_eq!(checkpoint_of(&stage), ("emitting", vec!["chunks", "done"]));
+        cut(&stage, ending);
+        assert_eq!(checkpoint_of(&stage), checkpoint);
+        stage.finish();
+    }
+}
+
 #[test]
 fn what_is_left_is_found_and_removed() {
     let mut stage = Stage::new(280, Voxels::Resolution(64));
