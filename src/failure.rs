@@ -4,6 +4,7 @@
 //! its parts; anything else is an I/O failure of our own output, or a bug; 3. a panic in any thread is told
 //! once, with what to report, and ends in status 70 within [`LEAVE_AFTER`], whatever the other threads wait for.
 
+use crate::next_step;
 use crate::progress::Console;
 use crate::report::Output;
 use serde::Serialize;
@@ -109,9 +110,9 @@ impl Failure {
         let failure = Failure {
             code: error.code().as_str(),
             what: error.what().to_owned(),
-            place: error.place().to_owned(),
+            place: next_step::place(error),
             numbers: error.numbers_text().to_owned(),
-            next_step: error.next_step().to_owned(),
+            next_step: next_step::words(error.next_step_kind()),
             smallest_limit_bytes: error.smallest_limit_bytes(),
             exit: exit as u8,
         };

@@ -17,6 +17,7 @@ mod failure;
 mod host;
 mod log;
 mod memory;
+mod next_step;
 mod progress;
 mod report;
 mod size;

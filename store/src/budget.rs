@@ -4,6 +4,7 @@
 //! its bytes back when dropped; 3. `peak_bytes` only grows; 4. what is exchanged is never anybody else's in between.
 
 use crate::error::{Code, Error, Result};
+use crate::next_step::{NextStep, Setting};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -87,14 +88,14 @@ impl Budget {
                     Code::MemoryLimit,
                     format!("the memory limit has no room for {what}"),
                 )
-                .at_place("--memory-limit")
+                .at_setting(Setting::MemoryLimit)
                 .numbers(format!(
                     "{bytes} bytes asked, {} free of {} ({} reserved for the process)",
                     self.free_bytes(),
                     self.limit_bytes(),
                     RESERVE_BYTES
                 ))
-                .next(format!("raise the limit to at least {}MiB", smallest.div_ceil(1 << 20)))
+                .next(NextStep::RaiseLimit { bytes: smallest })
                 .smallest_limit(smallest));
             }
             match self.0.used_bytes.compare_exchange_weak(used, wanted, Ordering::Relaxed, Ordering::Relaxed)

@@ -5,6 +5,7 @@
 //! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one;
 //! 4. shown, each part is one line without control characters, whatever names it holds (`printable`).
 
+use crate::next_step::{NextStep, Setting};
 use crate::printable::one_line;
 use std::fmt;
 use std::path::Path;
@@ -81,7 +82,10 @@ struct Parts {
     what: String,
     place: String,
     numbers: String,
-    next_step: String,
+    next_step: NextStep,
+    /// The next step in words.
+    next_words: String,
+    setting: Option<Setting>,
     smallest_limit_bytes: Option<u64>,
 }
 
@@ -94,7 +98,9 @@ impl Error {
             what: what.into(),
             place: String::new(),
             numbers: String::new(),
-            next_step: String::new(),
+            next_step: NextStep::Text(String::new()),
+            next_words: String::new(),
+            setting: None,
             smallest_limit_bytes: None,
         }))
     }
@@ -123,6 +129,12 @@ impl Error {
         self
     }
 
+    /// Names the place: a setting of the caller.
+    pub fn at_setting(mut self, setting: Setting) -> Error {
+        self.0.setting = Some(setting);
+        self.at_place(setting.to_string())
+    }
+
     /// The numbers that show the failure: expected against found, needed against free.
     pub fn numbers(mut self, numbers: impl Into<String>) -> Error {
         self.0.numbers = numbers.into();
@@ -130,8 +142,9 @@ impl Error {
     }
 
     /// Names the next step of the user.
-    pub fn next(mut self, next_step: impl Into<String>) -> Error {
+    pub fn next(mut self, next_step: impl Into<NextStep>) -> Error {
         self.0.next_step = next_step.into();
+        self.0.next_words = self.0.next_step.to_string();
         self
     }
 
@@ -146,12 +159,14 @@ impl Error {
         use std::io::ErrorKind;
         let (code, next) = match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
-                (Code::DiskFull, "free space there, or name another folder with -o or --temp-dir")
+                (Code::DiskFull, NextStep::FreeSpace)
             }
-            ErrorKind::NotFound => (Code::InputUnreadable, "check the spelling of the path"),
-            ErrorKind::PermissionDenied => (Code::InputUnreadable, "check the permissions of the path"),
-            ErrorKind::IsADirectory => (Code::InputUnreadable, "name a file, not a folder"),
-            _ => (Code::Io, "check the device and try again"),
+            ErrorKind::NotFound => (Code::InputUnreadable, "check the spelling of the path".into()),
+            ErrorKind::PermissionDenied => {
+                (Code::InputUnreadable, "check the permissions of the path".into())
+            }
+            ErrorKind::IsADirectory => (Code::InputUnreadable, "name a file, not a folder".into()),
+            _ => (Code::Io, "check the device and try again".into()),
         };
         let numbers = match error.raw_os_error() {
             Some(number) => format!("{error} [errno {number}]"),
@@ -206,8 +221,18 @@ impl Error {
         &self.0.numbers
     }
 
-    /// Fourth part: what to do next.
+    /// The setting that is the place, where one is.
+    pub fn setting(&self) -> Option<Setting> {
+        self.0.setting
+    }
+
+    /// Fourth part: what to do next, in words that name no flag and no command.
     pub fn next_step(&self) -> &str {
+        &self.0.next_words
+    }
+
+    /// What to do next, for a command that has its own words for it.
+    pub fn next_step_kind(&self) -> &NextStep {
         &self.0.next_step
     }
 
@@ -219,9 +244,9 @@ impl Error {
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Parts { code, what, place, numbers, next_step, .. } = &*self.0;
+        let Parts { code, what, place, numbers, next_words, .. } = &*self.0;
         write!(f, "{} [{}]", one_line(what), code.as_str())?;
-        for (label, part) in [("where", place), ("numbers", numbers), ("next", next_step)] {
+        for (label, part) in [("where", place), ("numbers", numbers), ("next", next_words)] {
             if !part.is_empty() {
                 write!(f, "\n  {label}: {}", one_line(part))?;
             }

@@ -11,6 +11,7 @@ use crate::error::{Code, Error, Result};
 use crate::io::{Extent, drop_cached};
 use crate::layout::*;
 use crate::material::Material;
+use crate::next_step::NextStep;
 use crate::octree::{
     LowerLinks, LowerSize, Refinement, UnitsContext, UpperOctree, UpperSize, VoxelGrid, install_units,
 };
@@ -299,7 +300,7 @@ impl PageFile {
         Error::new(Code::Damaged, what)
             .at_byte(&self.path, self.pages[page as usize].offset)
             .numbers(format!("page {page}, {} bytes", self.pages[page as usize].stored_bytes))
-            .next("run `trex verify` to see what else is damaged, and build the file again")
+            .next(NextStep::Verify)
     }
 }
 

@@ -126,7 +126,7 @@ pub fn section_hash(bytes: &[u8], file_id: u64, kind: u32) -> u64 {
     xxh3_64_with_seed(bytes, section_seed(file_id, kind))
 }
 
-/// The same, piece by piece.
+/// Hasher of a section that comes piece by piece.
 pub(crate) fn section_hasher(file_id: u64, kind: u32) -> Xxh3 {
     Xxh3::with_seed(section_seed(file_id, kind))
 }

@@ -4,6 +4,7 @@
 //! pipes and symbolic links would be lost by the rename that publishes.
 
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use std::fs::{OpenOptions, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
@@ -38,32 +39,30 @@ impl Existing {
         if !folder.is_dir() {
             return Err(Error::new(Code::Usage, "the output's folder does not exist")
                 .at(folder)
-                .next("make the folder, or name another output with -o"));
+                .next(NextStep::MakeOutputFolder));
         }
         let Ok(there) = output.symlink_metadata() else { return Ok(folder) };
         if there.is_dir() {
             return Err(Error::new(Code::Usage, "the output is a folder")
                 .at(output)
-                .next("name a file with -o"));
+                .next(NextStep::NameOutputFile));
         }
         if there.is_symlink() {
             return Err(Error::new(Code::Usage, "the output is a symbolic link, which would be replaced")
                 .at(output)
-                .next("name with -o what it leads to"));
+                .next(NextStep::NameLinkTarget));
         }
         if !there.is_file() {
             return Err(Error::new(Code::Usage, "the output is a device or a pipe, which would be replaced")
                 .at(output)
-                .next("name a file with -o"));
+                .next(NextStep::NameOutputFile));
         }
         if self == Existing::Keep { Err(Existing::exists(output)) } else { Ok(folder) }
     }
 
     /// The error of an output that is kept.
     pub fn exists(output: &Path) -> Error {
-        Error::new(Code::Usage, "the output exists")
-            .at(output)
-            .next("name another output with -o, or allow --overwrite")
+        Error::new(Code::Usage, "the output exists").at(output).next(NextStep::Overwrite)
     }
 }
 
@@ -78,7 +77,7 @@ pub fn check_apart(output: &Path, input: &Path) -> Result<()> {
     }
     Err(Error::new(Code::Usage, "the output is an input, which would be lost")
         .at(output)
-        .next("name another output with -o"))
+        .next(NextStep::NameOutput))
 }
 
 /// A file beside `output` that is to take its name once it is whole: hidden until then, gone when it is dropped, with

@@ -6,14 +6,14 @@
 
 use std::borrow::Cow;
 
-/// `text` in one line: what a terminal would obey is told by number, line ends and tabs too.
+/// `text` in one line: what a terminal would obey is shown by number, line ends and tabs too.
 pub fn one_line(text: &str) -> Cow<'_, str> {
-    told(text, is_obeyed)
+    shown(text, is_obeyed)
 }
 
 /// `text` in its lines: as [`one_line`], but line ends and tabs stay.
 pub fn lines(text: &str) -> Cow<'_, str> {
-    told(text, |c| is_obeyed(c) && !matches!(c, '\n' | '\t'))
+    shown(text, |c| is_obeyed(c) && !matches!(c, '\n' | '\t'))
 }
 
 /// Whether a terminal does something else with it than to draw it: controls, marks and overrides of direction,
@@ -24,7 +24,7 @@ pub fn is_obeyed(c: char) -> bool {
             '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
-fn told(text: &str, is_bad: impl Fn(char) -> bool) -> Cow<'_, str> {
+fn shown(text: &str, is_bad: impl Fn(char) -> bool) -> Cow<'_, str> {
     if !text.contains(&is_bad) {
         return Cow::Borrowed(text);
     }

@@ -14,6 +14,7 @@
 
 use crate::error::{Code, Error, Result};
 use crate::io::drop_cached;
+use crate::next_step::NextStep;
 use rustix::fs::fdatasync;
 use rustix::io::retry_on_intr;
 use std::fs::{File, OpenOptions};
@@ -111,14 +112,14 @@ impl ScratchFile {
     pub(crate) fn damaged(&self, offset: u64) -> Error {
         Error::new(Code::Io, "the scratch file gave back other bytes than were written")
             .at_byte(&self.folder, offset)
-            .next("check the disk and the memory, or name another folder with --temp-dir; nothing was published")
+            .next(NextStep::CheckScratchDisk)
     }
 
     /// The error of a call that failed.
     pub(crate) fn failed(&self, doing: &str, error: &std::io::Error) -> Error {
         let failed = Error::writing(doing, &self.folder, error);
         if error.kind() == ErrorKind::StorageFull {
-            return failed.next("free space there, or name another folder with --temp-dir");
+            return failed.next(NextStep::FreeScratchSpace);
         }
         failed
     }
@@ -152,7 +153,8 @@ pub(crate) mod tests {
             scratch.flip(bit);
             let error = read(7).unwrap_err();
             assert!(
-                error.place().ends_with("at byte 50") && error.next_step().contains("--temp-dir"),
+                error.place().ends_with("at byte 50")
+                    && *error.next_step_kind() == NextStep::CheckScratchDisk,
                 "{error}"
             );
             scratch.flip(bit);

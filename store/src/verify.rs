@@ -124,9 +124,9 @@ pub fn check(
     report: &dyn Fn(u64, u64) -> Result<()>,
 ) -> Result<Verdict> {
     let (pages, octree) = match options.level {
-        Level::Quick => (Pages::Unread, Octree::Head),
-        Level::Hashes => (Pages::Hashed, Octree::Hashed),
-        Level::Deep => (Pages::Decoded, Octree::Parsed),
+        Level::Quick => (PageCheck::Unread, Octree::Head),
+        Level::Hashes => (PageCheck::Hashed, Octree::Hashed),
+        Level::Deep => (PageCheck::Decoded, Octree::Parsed),
     };
     let pace = Pace::new(report, options.bytes_per_s);
     Check { pages, octree, pace, verdict: Verdict { level: options.level, ..Verdict::default() } }
@@ -140,13 +140,13 @@ pub(crate) fn read_back(
     budget: &Budget,
     report: &dyn Fn(u64, u64) -> Result<()>,
 ) -> Result<Verdict> {
-    let (pages, octree) = (Pages::Decoded, Octree::Hashed);
+    let (pages, octree) = (PageCheck::Decoded, Octree::Hashed);
     Check { pages, octree, pace: Pace::new(report, None), verdict: Verdict::default() }.run(path, budget)
 }
 
 /// How pages are checked.
 #[derive(Clone, Copy, PartialEq)]
-enum Pages {
+enum PageCheck {
     Unread,
     /// Against their hash.
     Hashed,
@@ -167,7 +167,7 @@ enum Octree {
 
 /// A check under way.
 struct Check<'a> {
-    pages: Pages,
+    pages: PageCheck,
     octree: Octree,
     pace: Pace<'a>,
     verdict: Verdict,
@@ -192,9 +192,9 @@ impl Check<'_> {
         let block = file.superblock();
         tables::check_superblocks(path, block, &mut self.verdict)?;
         let structure_bytes = 2 * SUPERBLOCK_BYTES as u64 + table_bytes(block) / 3;
-        self.pace.total = if self.pages == Pages::Unread { structure_bytes } else { block.file_bytes };
+        self.pace.total = if self.pages == PageCheck::Unread { structure_bytes } else { block.file_bytes };
         self.pace.read(structure_bytes)?;
-        if self.pages != Pages::Unread {
+        if self.pages != PageCheck::Unread {
             self.check_pages(&file)?;
         }
         match self.octree {
@@ -229,10 +229,10 @@ impl Check<'_> {
         let (mut frame, mut buffers) = (Staging::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
         for (page, entry) in (0..).zip(file.pages()) {
             let result = match self.pages {
-                Pages::Decoded => file.read_page(page, &mut frame, &mut buffers),
+                PageCheck::Decoded => file.read_page(page, &mut frame, &mut buffers),
                 _ => file.check_page(page, &mut buffers[0]),
             };
-            let is_decoded = self.pages == Pages::Decoded && entry.kind == PageKind::Mesh;
+            let is_decoded = self.pages == PageCheck::Decoded && entry.kind == PageKind::Mesh;
             match result {
                 Ok(())
                     if is_decoded
@@ -249,7 +249,7 @@ impl Check<'_> {
             self.verdict.page_count += 1;
             self.pace.read(u64::from(entry.stored_bytes))?;
             if page % TELL_PAGES == 0 {
-                self.pace.tell()?;
+                self.pace.report_progress()?;
             }
         }
         Ok(())

@@ -1,5 +1,5 @@
-//! The house keeps its shape: no file imports in a circle, and each floor of the renderer imports the floors that are
-//! listed before it only.
+//! The house keeps its shape: no file imports in a circle, and each floor of the renderer and of the build imports
+//! the floors that are listed before it only.
 //!
 //! ```text
 //! file -> its `use` lines and inline paths -> the file that defines the name (through re-exports) -> arrows
@@ -12,28 +12,75 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The floors of the renderer, in the order of ARCHITECTURE.md: each imports itself and those before it.
-const FLOORS: [&str; 15] = [
-    "math",
-    "sampler",
-    "sampling",
-    "stats",
-    "threads",
-    "trace",
-    "voxel",
-    "g_stage",
-    "shading",
-    "scene",
-    "image",
-    "photon",
-    "integrate",
-    "schedule",
-    "session",
+/// Folders that have floors, and these, in the order of ARCHITECTURE.md: each imports itself and those before it. What
+/// stands in the folder's own `mod.rs` or `lib.rs` is above all of them.
+const HOUSES: [House; 3] = [
+    House {
+        of_crate: "render",
+        folder: &[],
+        floors: &[
+            "math",
+            "sampler",
+            "sampling",
+            "stats",
+            "threads",
+            "trace",
+            "voxel",
+            "g_stage",
+            "shading",
+            "scene",
+            "image",
+            "photon",
+            "integrate",
+            "schedule",
+            "session",
+        ],
+    },
+    House {
+        of_crate: "model",
+        folder: &[],
+        floors: &["options", "info", "scene_defaults", "shared_pool", "handle", "rays", "picture"],
+    },
+    House {
+        of_crate: "store",
+        folder: &["build"],
+        floors: &[
+            "options",
+            "phases",
+            "report",
+            "scan",
+            "scratch",
+            "journal",
+            "partition",
+            "clusters",
+            "draft",
+            "emit",
+            "plan",
+            "checkpoint",
+        ],
+    },
 ];
 /// The crates whose files are looked at, by folder.
-const CRATES: [&str; 7] = ["store", "datasets-gen", "render", "view", "image", "bench", "."];
+const CRATES: [&str; 8] = ["store", "datasets-gen", "render", "view", "image", "model", "bench", "."];
+/// Circles that stay: a type whose methods fill several files, which all need it.
+const ONE_TYPE: [&[&str]; 1] = [
+    // Eight lanes of registers, set up, entered and refined: what is inlined into the kernel stands in its drawer.
+    &[
+        "render/src/trace/simd/avx2.rs",
+        "render/src/trace/simd/avx2/enter.rs",
+        "render/src/trace/simd/avx2/refine.rs",
+    ],
+];
 /// Re-exports that lead to re-exports, at most.
 const SIGNPOSTS_MAX: usize = 8;
+
+/// A folder whose files and subfolders are floors.
+struct House {
+    of_crate: &'static str,
+    /// Module path of the folder below the crate.
+    folder: &'static [&'static str],
+    floors: &'static [&'static str],
+}
 
 /// A source file of a crate.
 struct File {
@@ -208,7 +255,7 @@ fn spread(tree: &str, above: &[String], tell: &mut impl FnMut(Vec<String>)) {
 
 /// A file's text without comments, and without the tests at its end.
 fn shipped(text: &str) -> String {
-    let tests_at = text.find("\n#[cfg(test)]\nmod tests").unwrap_or(text.len());
+    let tests_at = text.find("\n#[cfg(test)]\nmod tests {").unwrap_or(text.len());
     let lines = text[..tests_at].lines().map(|line| line.split("//").next().unwrap_or_default());
     lines.collect::<Vec<_>>().join("\n")
 }
@@ -262,31 +309,71 @@ fn no_files_import_each_other_in_a_circle() {
         let files = Crate::read(folder);
         for circle in circles(&files.arrows()) {
             let names: Vec<_> = circle.iter().map(|module| files.files[module].path.as_str()).collect();
+            if ONE_TYPE.contains(&names.as_slice()) {
+                continue;
+            }
             found.push(format!("{} files in a circle: {}", names.len(), names.join(", ")));
         }
     }
     assert!(found.is_empty(), "\n{}\n", found.join("\n"));
 }
 
-#[test]
-fn each_floor_of_the_renderer_imports_those_listed_before_it() {
-    let files = Crate::read("render");
+/// Arrows of a house that lead up, as a sentence each.
+fn arrows_up(house: &House, files: &Crate) -> Vec<String> {
     let floor = |module: &[String]| {
-        let name = module.first()?;
-        let at = FLOORS.iter().position(|floor| floor == name);
-        Some(at.unwrap_or_else(|| panic!("render/src/{name} stands on no floor: add it to FLOORS")))
+        let name = module.get(house.folder.len())?;
+        let at = house.floors.iter().position(|floor| floor == name);
+        Some(at.unwrap_or_else(|| panic!("{}/{name} stands on no floor: add it", house.of_crate)))
+    };
+    let is_inside = |module: &[String]| {
+        let above = module.iter().zip(house.folder);
+        module.len() >= house.folder.len() && above.into_iter().all(|(part, folder)| part == folder)
     };
     let mut found = Vec::new();
-    for (from, targets) in files.arrows() {
-        // The list of what is public.
+    for (from, targets) in files.arrows().into_iter().filter(|(from, _)| is_inside(from)) {
         let Some(here) = floor(from) else { continue };
-        for to in targets {
-            if floor(&to).is_none_or(|there| there > here) {
-                found.push(format!("{} imports {}", files.files[from].path, files.files[&to].path));
+        for to in targets.iter().filter(|to| is_inside(to)) {
+            if floor(to).is_none_or(|there| there > here) {
+                found.push(format!("{} imports {}", files.files[from].path, files.files[to].path));
             }
         }
     }
+    found
+}
+
+#[test]
+fn each_floor_imports_those_listed_before_it() {
+    let found: Vec<_> =
+        HOUSES.iter().flat_map(|house| arrows_up(house, &Crate::read(house.of_crate))).collect();
     assert!(found.is_empty(), "against the floors:\n{}\n", found.join("\n"));
+}
+
+#[test]
+fn arrows_up_are_found_within_a_folder() {
+    let file = |module: &[&str], code: &str| {
+        let module: Vec<String> = module.iter().map(|part| (*part).to_owned()).collect();
+        (module.clone(), File { path: module.join("/"), module, code: code.to_owned() })
+    };
+    let files = Crate {
+        files: BTreeMap::from([
+            file(&[], ""),
+            file(&["outside"], "use crate::build::upper::Up;"),
+            file(&["build"], "use lower::Low;\nuse upper::Up;"),
+            file(&["build", "lower"], "use crate::outside::Thing;\nuse crate::build::upper::Up;"),
+            file(&["build", "upper"], "use super::lower::Low;\nuse super::Recipe;"),
+        ]),
+    };
+    let house = House { of_crate: "a crate", folder: &["build"], floors: &["lower", "upper"] };
+    assert_eq!(arrows_up(&house, &files), ["build/lower imports build/upper", "build/upper imports build"]);
+}
+
+/// `#[cfg(test)] mod tests;` among the modules of a `mod.rs` once counted as the end of what is shipped: nothing that
+/// the file imports was looked at.
+#[test]
+fn only_tests_written_out_end_what_is_shipped() {
+    let text =
+        "mod a;\n#[cfg(test)]\nmod tests;\nuse a::A; // why\n#[cfg(test)]\nmod tests {\nuse super::*;\n}";
+    assert_eq!(shipped(text), "mod a;\n#[cfg(test)]\nmod tests;\nuse a::A; ");
 }
 
 #[test]

@@ -46,3 +46,4 @@ mod voxels;
 mod voxels_lower;
 mod voxels_lower_batch;
 mod walls;
+mod words;

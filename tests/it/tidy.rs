@@ -6,20 +6,33 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Crates and the crates of ours that each may name. One way: store <- {datasets-gen, render, image} <- bench <- trex,
-/// and render <- view <- trex.
-const MAY_NAME: [(&str, &[&str]); 7] = [
+/// Crates and the crates of ours that each may name. One way: store <- {datasets-gen, render, image} <- {view, model}
+/// <- bench <- trex.
+const MAY_NAME: [(&str, &[&str]); 8] = [
     ("store", &[]),
     ("datasets-gen", &["trex-store"]),
     ("render", &["trex-store"]),
     ("view", &["trex-store", "trex-render"]),
     ("image", &["trex-store"]),
-    ("bench", &["trex-store", "datasets-gen", "trex-render", "trex-image"]),
-    (".", &["trex-store", "datasets-gen", "trex-render", "trex-view", "trex-image", "trex-bench"]),
+    // Its examples and tests build what they open.
+    ("model", &["trex-store", "trex-render", "datasets-gen"]),
+    ("bench", &["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-model"]),
+    (
+        ".",
+        &["trex-store", "datasets-gen", "trex-render", "trex-view", "trex-image", "trex-model", "trex-bench"],
+    ),
 ];
 /// All of them.
-const OUR_CRATES: [&str; 7] =
-    ["trex-store", "datasets-gen", "trex-render", "trex-view", "trex-image", "trex-bench", "trex"];
+const OUR_CRATES: [&str; 8] = [
+    "trex-store",
+    "datasets-gen",
+    "trex-render",
+    "trex-view",
+    "trex-image",
+    "trex-model",
+    "trex-bench",
+    "trex",
+];
 /// Files that may hold `unsafe`: what they do cannot be said otherwise. Each opens with why it is sound.
 const UNSAFE_FILES: [&str; 19] = [
     // Memory that the kernel writes to, and mappings.
@@ -76,9 +89,17 @@ impl Source {
 
     /// True for code of the library crates: what others may embed.
     fn is_library(&self) -> bool {
-        ["store/src/", "datasets-gen/src/", "render/src/", "view/src/", "image/src/", "bench/src/"]
-            .iter()
-            .any(|folder| self.is_in(folder))
+        [
+            "store/src/",
+            "datasets-gen/src/",
+            "render/src/",
+            "view/src/",
+            "image/src/",
+            "model/src/",
+            "bench/src/",
+        ]
+        .iter()
+        .any(|folder| self.is_in(folder))
             && !["bench/src/main.rs", "bench/src/workload.rs"].contains(&self.path.as_str())
     }
 }

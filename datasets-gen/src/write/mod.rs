@@ -24,7 +24,8 @@ use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 use trex_store::output::{draft, folder_of};
 use trex_store::{
-    Budget, Code, Error, Interrupt, Material, Progress, Report, Result, TriangleBatch, TriangleSource,
+    Budget, Code, Error, Interrupt, Material, NextStep, Progress, Report, Result, TriangleBatch,
+    TriangleSource,
 };
 
 /// How to write.
@@ -128,7 +129,7 @@ impl Job<'_> {
         Error::new(Code::Usage, format!("too many {what} for this format"))
             .at(self.path)
             .numbers(format!("{count}, and {most} at most"))
-            .next("ask for fewer triangles, or give the gen: spec to `trex build` directly")
+            .next(NextStep::BuildFromGenerator)
     }
 }
 

@@ -40,7 +40,7 @@ use crate::schedule::Pass;
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
-use trex_store::{Code, Error, Result};
+use trex_store::{Code, Error, NextStep, Result, Setting};
 
 /// Share of the frames that pages asked for may take before frames are scarce.
 const DEMAND_MOST: f64 = 0.85;
@@ -129,9 +129,9 @@ impl<T: PagedTracer + Send> Session<T> {
                 Code::SceneFormat,
                 "this file has no voxels to stand in for missing pages",
             )
-            .at_place("--t-max")
+            .at_setting(Setting::FrameDeadline)
             .numbers("frames with a deadline need them")
-            .next("build the file without --no-asvo, or render without a deadline"));
+            .next(NextStep::BuildVoxels { or: "render without a deadline" }));
         }
         let next = match (&self.photon_map, self.voxel_photons()) {
             (Some(map), Some(photons)) => {

@@ -21,7 +21,7 @@ use crate::trace::PooledPages;
 use serde::Serialize;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Code, Error, PageFile, RESERVE_BYTES, Result};
+use trex_store::{Code, Error, NextStep, PageFile, RESERVE_BYTES, Result};
 
 /// Frames that a worker needs to work without waiting for each page: what a tile of pixels touches.
 const FRAMES_PER_WORKER: u64 = 32;
@@ -106,10 +106,7 @@ impl MemoryPlan {
         Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this picture")
             .at(file.path())
             .numbers(format!("limit {}, {} needed", mib(limit_bytes), mib(smallest)))
-            .next(format!(
-                "--memory-limit {}MiB or more, a smaller --resolution, or fewer --threads",
-                smallest.div_ceil(1 << 20)
-            ))
+            .next(NextStep::RaiseLimitOrAskForLess { bytes: smallest })
             .smallest_limit(smallest))
     }
 

@@ -44,21 +44,21 @@ pub struct PhaseCpuMs {
 }
 
 /// Both clocks.
-pub(super) struct Clock {
+pub(super) struct PhaseClock {
     wall: Instant,
     cpu_ms: u64,
 }
 
-impl Clock {
+impl PhaseClock {
     /// From now on.
-    pub(super) fn start() -> Clock {
+    pub(super) fn start() -> PhaseClock {
         let cpu = clock_gettime(ClockId::ProcessCPUTime);
-        Clock { wall: Instant::now(), cpu_ms: cpu.tv_sec as u64 * 1000 + cpu.tv_nsec as u64 / 1_000_000 }
+        PhaseClock { wall: Instant::now(), cpu_ms: cpu.tv_sec as u64 * 1000 + cpu.tv_nsec as u64 / 1_000_000 }
     }
 
     /// Milliseconds on the wall and in the processor since the start or the last lap.
     pub(super) fn lap(&mut self) -> (u64, u64) {
-        let before = std::mem::replace(self, Clock::start());
+        let before = std::mem::replace(self, PhaseClock::start());
         (self.wall.duration_since(before.wall).as_millis() as u64, self.cpu_ms - before.cpu_ms)
     }
 }

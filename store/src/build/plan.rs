@@ -1,6 +1,8 @@
 //! The plan of a build: what it is going to take, known before anything is written.
 
-use super::{BuildOptions, emit, partition, voxels, writer};
+use super::emit::{self, writer};
+use super::options::BuildOptions;
+use super::partition;
 use crate::error::{Error, Result};
 use serde::Serialize;
 use std::path::Path;
@@ -40,7 +42,8 @@ pub(super) fn plan(triangle_count: u64, options: &BuildOptions, scratch_folder: 
                 .max(writer::top_tree_bytes(triangle_count)),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: triangle_count * PLAN_SCRATCH_BYTES,
-        output_bytes: triangle_count * PLAN_OUTPUT_BYTES + voxels::plan_bytes(options.voxels, triangle_count),
+        output_bytes: triangle_count * PLAN_OUTPUT_BYTES
+            + partition::plan_bytes(options.voxels, triangle_count),
         free_bytes: free.f_bavail * free.f_frsize,
     };
     Ok(plan)

@@ -14,7 +14,7 @@
 
 #![allow(unsafe_code)]
 
-use super::packing::Packing;
+use super::packing::VertexPacking;
 
 /// A cell by vertex, a word each, and one word more: a register is read from any of them on.
 pub(super) type Cells = [u64; 257];
@@ -27,7 +27,7 @@ pub(super) fn word(places: u64) -> u64 {
 
 /// The cells of packed vertices: the upper eight bits of each axis, or what there is; `shift` leads to them.
 #[inline(always)]
-pub(super) fn fill(packing: &Packing, shift: [u8; 3], vertices: &[u64], cells: &mut Cells) {
+pub(super) fn fill(packing: &VertexPacking, shift: [u8; 3], vertices: &[u64], cells: &mut Cells) {
     let at: [u32; 3] = std::array::from_fn(|a| packing.shift[a] + u32::from(shift[a]));
     let masks = packing.bits.map(|bits| (1u64 << bits.min(8)) - 1);
     for (cell, v) in cells.iter_mut().zip(vertices) {

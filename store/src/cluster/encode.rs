@@ -22,7 +22,7 @@
 use super::bits::{BitWriter, bits_of};
 use super::leaves::{self, LEAF_COUNT_BITS, LEAF_SIZE_BITS};
 use super::strips;
-use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, Guided, TAG_BITS};
+use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, TAG_BITS, VertexEncoder};
 use super::{ClusterMesh, FRAME_TAIL_BYTES, Node, palette_index_bits, vertex_bytes};
 use crate::geom::Lattice;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS};
@@ -105,9 +105,13 @@ impl PageContent {
 
     /// Kinds of roots and nodes; checks that all stands in the order of the walk.
     fn encode_tree(&self, out: &mut BitWriter) {
-        let mut met = (0, 0);
-        self.roots.iter().for_each(|root| self.meet(*root, &mut met));
-        assert_eq!(met, (self.nodes.len(), self.clusters.len()), "the walk does not meet all of the page");
+        let mut reached = (0, 0);
+        self.roots.iter().for_each(|root| self.check_order(*root, &mut reached));
+        assert_eq!(
+            reached,
+            (self.nodes.len(), self.clusters.len()),
+            "the walk does not meet all of the page"
+        );
         for roots in self.roots.chunks(8) {
             out.put(kinds(roots), 8);
         }
@@ -118,16 +122,16 @@ impl PageContent {
         }
     }
 
-    fn meet(&self, at: PageRef, met: &mut (usize, usize)) {
+    fn check_order(&self, at: PageRef, reached: &mut (usize, usize)) {
         match at {
             PageRef::Cluster(index) => {
-                assert_eq!(usize::from(index), met.1, "clusters do not stand in the order of the walk");
-                met.1 += 1;
+                assert_eq!(usize::from(index), reached.1, "clusters do not stand in the order of the walk");
+                reached.1 += 1;
             }
             PageRef::Node(index) => {
-                assert_eq!(usize::from(index), met.0, "nodes do not stand in the order of the walk");
-                met.0 += 1;
-                self.nodes[usize::from(index)].iter().for_each(|child| self.meet(*child, met));
+                assert_eq!(usize::from(index), reached.0, "nodes do not stand in the order of the walk");
+                reached.0 += 1;
+                self.nodes[usize::from(index)].iter().for_each(|child| self.check_order(*child, reached));
             }
         }
     }
@@ -199,7 +203,7 @@ impl ClusterEncoder {
         let (guides, used) = strips::encode(&cluster.triangles, &mut topology_out);
         assert_eq!(used, vertex_count, "a vertex that no triangle uses");
         let (widths, palette) = (cluster.widths(), cluster.palette());
-        let guided = Guided { cluster, widths: &widths, guides: &guides };
+        let guided = VertexEncoder { cluster, widths: &widths, guides: &guides };
         let out = &mut self.out;
         out.put(triangle_count as u64 - 1, COUNT_BITS);
         out.put(vertex_count as u64 - 1, COUNT_BITS);

@@ -64,7 +64,7 @@ pub(super) trait Mover: Copy {
 
 /// Something to do with fields. `run` must be `#[inline(always)]`, as all that it calls in a loop.
 pub(super) trait Work {
-    /// What comes of it.
+    /// The result.
     type Output;
     /// Does it.
     fn run<M: Mover>(self, mover: M) -> Self::Output;

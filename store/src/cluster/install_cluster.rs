@@ -14,11 +14,11 @@ use super::bits::BitReader;
 use super::cells::{self, Cells};
 use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
 use super::fields::{Machine, Mover, Work};
-use super::install_leaves::{Boxes, Indices, Leaf, Leaves};
+use super::install_leaves::{Boxes, Indices, InstalledLeaf, LeafIndexer};
 use super::leaves;
-use super::packing::Packing;
+use super::packing::VertexPacking;
 use super::strips::{self, Topology};
-use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, Coded};
+use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, VertexDecoder};
 use super::view::ClusterHead;
 use super::*;
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES};
@@ -40,11 +40,11 @@ pub(super) struct ClusterInstaller {
     /// By vertex.
     cells: Cells,
     /// Those of the cluster under way.
-    leaves: [Leaf; CLUSTER_LEAVES],
+    leaves: [InstalledLeaf; CLUSTER_LEAVES],
 }
 
 /// The counts and widths of a cluster, checked.
-struct Plan {
+struct ClusterPlan {
     triangle_count: usize,
     vertex_count: usize,
     leaf_count: usize,
@@ -58,14 +58,14 @@ struct Plan {
 }
 
 /// Where the parts of a cluster stand in the frame.
-struct Places {
+struct PartPlaces {
     palette: usize,
     vertices: usize,
     end: usize,
 }
 
-impl Plan {
-    fn read(input: &mut BitReader<'_>, head: &Head, lattice_bits: u32) -> Result<Plan, &'static str> {
+impl ClusterPlan {
+    fn read(input: &mut BitReader<'_>, head: &Head, lattice_bits: u32) -> Result<ClusterPlan, &'static str> {
         let triangle_count = input.take(COUNT_BITS) as usize + 1;
         let vertex_count = input.take(COUNT_BITS) as usize + 1;
         let (wide, has_palette) = (input.take(1) == 1, input.take(1) == 1);
@@ -88,7 +88,7 @@ impl Plan {
             return Err("a cluster is out of range");
         }
         let widths = Widths { base, bits, wide };
-        Ok(Plan {
+        Ok(ClusterPlan {
             triangle_count,
             vertex_count,
             leaf_count,
@@ -118,7 +118,7 @@ impl ClusterInstaller {
             topology: Topology::EMPTY,
             placed: [0; 256],
             cells: [0; 257],
-            leaves: [Leaf::default(); CLUSTER_LEAVES],
+            leaves: [InstalledLeaf::default(); CLUSTER_LEAVES],
         }
     }
 
@@ -135,15 +135,15 @@ impl ClusterInstaller {
         frame: &mut [u8],
     ) -> Result<(usize, LatticeBox), &'static str> {
         let mut input = BitReader::new(packed);
-        let plan = Plan::read(&mut input, &self.head, self.lattice_bits)?;
+        let plan = ClusterPlan::read(&mut input, &self.head, self.lattice_bits)?;
         let mut materials = input;
         input.skip(plan.material_bits(&self.head));
         let counts = (plan.triangle_count, plan.vertex_count);
         let machine = self.machine;
         machine.run(Strips { input: &mut input, counts, topology: &mut self.topology })?;
         let leaves = &mut self.leaves[..plan.leaf_count];
-        machine.run(Leaves { corners: &self.topology.corners, sizes: &plan.leaf_sizes, leaves });
-        let places = Places::new(&plan, leaves);
+        machine.run(LeafIndexer { corners: &self.topology.corners, sizes: &plan.leaf_sizes, leaves });
+        let places = PartPlaces::new(&plan, leaves);
         let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
             return Err("a page does not fit its frame");
         };
@@ -169,7 +169,7 @@ impl ClusterInstaller {
         Ok((places.end, bounds))
     }
 
-    fn write_head(&self, plan: &Plan, places: &Places, frame: &mut [u8]) {
+    fn write_head(&self, plan: &ClusterPlan, places: &PartPlaces, frame: &mut [u8]) {
         let five = |q: i64| q.to_le_bytes()[..5].try_into().expect("five of eight bytes");
         let head = ClusterHead {
             base: plan.widths.base.map(five),
@@ -190,7 +190,7 @@ impl ClusterInstaller {
     fn materials(
         &self,
         input: &mut BitReader<'_>,
-        plan: &Plan,
+        plan: &ClusterPlan,
         frame: &mut [u8],
     ) -> Result<(), &'static str> {
         let (materials, indices) = frame.split_at_mut(2 * plan.palette_len);
@@ -218,12 +218,12 @@ impl ClusterInstaller {
         &mut self,
         mover: M,
         input: &mut BitReader<'_>,
-        plan: &Plan,
+        plan: &ClusterPlan,
         frame: &mut [u8],
     ) -> LatticeBox {
-        let packing = Packing::new(&plan.widths);
+        let packing = VertexPacking::new(&plan.widths);
         let guides = &self.topology.guides;
-        let coded = Coded { packing, classes: plan.classes, count: plan.vertex_count, guides };
+        let coded = VertexDecoder { packing, classes: plan.classes, count: plan.vertex_count, guides };
         coded.decode(mover, input, &mut self.placed);
         let vertices = &self.placed[..plan.vertex_count];
         cells::fill(&packing, plan.shift, vertices, &mut self.cells);
@@ -246,7 +246,12 @@ impl ClusterInstaller {
     }
 
     /// Vertices of a wide cluster. Gives their box.
-    fn wide_vertices(&mut self, input: &mut BitReader<'_>, plan: &Plan, frame: &mut [u8]) -> LatticeBox {
+    fn wide_vertices(
+        &mut self,
+        input: &mut BitReader<'_>,
+        plan: &ClusterPlan,
+        frame: &mut [u8],
+    ) -> LatticeBox {
         let mut bounds = LatticeBox { lo: plan.widths.base, hi: plan.widths.base };
         let (vertices, tail) = frame.split_at_mut(plan.vertex_count * WIDE_VERTEX_BYTES);
         for (bytes, cell) in vertices.as_chunks_mut::<WIDE_VERTEX_BYTES>().0.iter_mut().zip(&mut self.cells) {
@@ -265,12 +270,12 @@ impl ClusterInstaller {
     }
 }
 
-impl Places {
-    fn new(plan: &Plan, leaves: &[Leaf]) -> Places {
+impl PartPlaces {
+    fn new(plan: &ClusterPlan, leaves: &[InstalledLeaf]) -> PartPlaces {
         let indices: usize = leaves.iter().map(|leaf| leaf.shape.bytes()).sum();
         let palette = CLUSTER_HEAD_BYTES + leaves.len() * LEAF_HEAD_BYTES + indices;
         let vertices = palette + palette_bytes(plan.palette_len, plan.triangle_count);
-        Places { palette, vertices, end: vertices + vertex_bytes(&plan.widths, plan.vertex_count) }
+        PartPlaces { palette, vertices, end: vertices + vertex_bytes(&plan.widths, plan.vertex_count) }
     }
 }
 
@@ -295,7 +300,7 @@ impl Work for Strips<'_, '_> {
 struct Vertices<'a, 'b> {
     installer: &'a mut ClusterInstaller,
     input: &'a mut BitReader<'b>,
-    plan: &'a Plan,
+    plan: &'a ClusterPlan,
     frame: &'a mut [u8],
 }
 

@@ -15,7 +15,7 @@ use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, LEAF_TRIANGLES};
 
 /// A leaf on its way to the frame.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Leaf {
+pub(super) struct InstalledLeaf {
     /// Corners of its triangles, a byte each; behind the last triangle those of the first.
     corners: [u64; 3],
     least: u8,
@@ -23,13 +23,13 @@ pub(super) struct Leaf {
 }
 
 /// The leaves of the corners: what their indices take.
-pub(super) struct Leaves<'a> {
+pub(super) struct LeafIndexer<'a> {
     pub(super) corners: &'a Corners,
     pub(super) sizes: &'a [u8; CLUSTER_LEAVES],
-    pub(super) leaves: &'a mut [Leaf],
+    pub(super) leaves: &'a mut [InstalledLeaf],
 }
 
-impl Work for Leaves<'_> {
+impl Work for LeafIndexer<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -51,7 +51,7 @@ impl Work for Leaves<'_> {
 
 /// Leaf boxes, from the cells, and shapes, to where they stand in the frame.
 pub(super) struct Boxes<'a> {
-    pub(super) leaves: &'a [Leaf],
+    pub(super) leaves: &'a [InstalledLeaf],
     /// Bit t: triangle t is the first of a strip.
     pub(super) starts: u128,
     pub(super) cells: &'a Cells,
@@ -91,7 +91,7 @@ impl Work for Boxes<'_> {
 
 /// The indices of all leaves. They run into what is written behind them, by less than the tail.
 pub(super) struct Indices<'a> {
-    pub(super) leaves: &'a [Leaf],
+    pub(super) leaves: &'a [InstalledLeaf],
     pub(super) frame: &'a mut [u8],
 }
 

@@ -32,7 +32,7 @@ const WAYS: usize = 3 * LEAF_TRIANGLES;
 /// Memory to choose orders with, reused from cluster to cluster.
 pub(crate) struct Orderer {
     edges: Edges,
-    leaves: Vec<Leaf>,
+    leaves: Vec<OrderedLeaf>,
     /// By triangle of the old cluster: its leaf.
     leaf_of: [u8; CLUSTER_TRIANGLES],
     /// New number by old one.
@@ -44,13 +44,13 @@ pub(crate) struct Orderer {
 }
 
 /// A cluster in coding order.
-pub(crate) struct Ordered {
+pub(crate) struct ClusterOrder {
     pub(crate) mesh: ClusterMesh,
     /// Bits of its topology on disk.
     topology_bits: u32,
 }
 
-impl Ordered {
+impl ClusterOrder {
     /// Bytes that a page sets aside for it: what it takes in a frame, or on disk where that is more (many triangles
     /// over few vertices that share no edges).
     pub(crate) fn page_bytes(&self) -> usize {
@@ -59,7 +59,7 @@ impl Ordered {
 }
 
 /// A leaf on its way.
-struct Leaf {
+struct OrderedLeaf {
     /// Its first triangle in the old cluster, and how many it has.
     first: usize,
     count: usize,
@@ -73,8 +73,8 @@ struct Leaf {
     gates: u32,
 }
 
-impl Leaf {
-    fn new(old: &ClusterMesh, edges: &Edges, first: usize, count: usize) -> Leaf {
+impl OrderedLeaf {
+    fn new(old: &ClusterMesh, edges: &Edges, first: usize, count: usize) -> OrderedLeaf {
         let mut across = [NONE; WAYS];
         for way in 0..3 * count {
             // Where several share an edge, each goes with the first that is free.
@@ -92,7 +92,7 @@ impl Leaf {
             near[way / 3] |= 1 << (other / 3);
         }
         let next = std::array::from_fn(|way| [edge(way, 1), edge(way, 2)]);
-        Leaf { first, count, next, near, left: u8::MAX >> (LEAF_TRIANGLES - count), gates: 0 }
+        OrderedLeaf { first, count, next, near, left: u8::MAX >> (LEAF_TRIANGLES - count), gates: 0 }
     }
 
     /// All ways to tell a triangle that is not told yet.
@@ -143,15 +143,15 @@ struct Path {
 
 /// The search for the cheapest path.
 struct Search<'a> {
-    leaf: &'a Leaf,
+    leaf: &'a OrderedLeaf,
     best: Option<(u32, Path)>,
     /// Triangles that the search may still visit.
     visits_left: u32,
 }
 
 impl Search<'_> {
-    /// Goes on from the end of `path`, of which the start takes `bits`; `left` are the triangles that it leaves.
-    fn go_on(&mut self, bits: u32, path: &mut Path, left: u8) {
+    /// Extends `path`, of which the start takes `bits`; `left` are the triangles that it leaves.
+    fn extend(&mut self, bits: u32, path: &mut Path, left: u8) {
         let mut is_end = true;
         for next in self.leaf.next[usize::from(path.ways[path.count - 1])] {
             if next == NONE || left >> (next / 3) & 1 == 0 {
@@ -164,7 +164,7 @@ impl Search<'_> {
             self.visits_left -= 1;
             path.ways[path.count] = next;
             path.count += 1;
-            self.go_on(bits, path, left & !(1 << (next / 3)));
+            self.extend(bits, path, left & !(1 << (next / 3)));
             path.count -= 1;
         }
         if is_end || self.visits_left == 0 {
@@ -191,7 +191,7 @@ impl Default for Orderer {
 
 impl Orderer {
     /// The same cluster in coding order.
-    pub(crate) fn ordered(&mut self, old: &ClusterMesh) -> Ordered {
+    pub(crate) fn ordered(&mut self, old: &ClusterMesh) -> ClusterOrder {
         self.begin(old);
         let mut new = ClusterMesh {
             vertices: Vec::with_capacity(old.vertices.len()),
@@ -204,12 +204,12 @@ impl Orderer {
             while self.leaves[leaf].left != 0 {
                 let path = self.cheapest_path(old, leaf);
                 for &way in &path.ways[..path.count] {
-                    self.tell(old, leaf, usize::from(way), &mut new);
+                    self.append(old, leaf, usize::from(way), &mut new);
                 }
             }
         }
         let topology_bits = strips::bit_count(&new.triangles);
-        Ordered { mesh: new, topology_bits }
+        ClusterOrder { mesh: new, topology_bits }
     }
 
     /// Nothing is told yet.
@@ -223,17 +223,17 @@ impl Orderer {
         for &size in &old.leaf_sizes {
             let count = usize::from(size);
             self.leaf_of[first..first + count].fill(self.leaves.len() as u8);
-            self.leaves.push(Leaf::new(old, &self.edges, first, count));
+            self.leaves.push(OrderedLeaf::new(old, &self.edges, first, count));
             first += count;
         }
     }
 
     /// The leaf to go on with. Where all are full but one, that one comes last: the plain sizes.
     fn next_leaf(&self) -> Option<usize> {
-        let is_full = |leaf: &Leaf| leaf.count == LEAF_TRIANGLES;
+        let is_full = |leaf: &OrderedLeaf| leaf.count == LEAF_TRIANGLES;
         let left = || self.leaves.iter().enumerate().filter(|(_, leaf)| leaf.left != 0);
         let is_plain = left().filter(|(_, leaf)| !is_full(leaf)).count() == 1;
-        let best = |at: usize, leaf: &Leaf| match leaf.gates {
+        let best = |at: usize, leaf: &OrderedLeaf| match leaf.gates {
             0 => Start::Free,
             _ if self.can_turn() && self.turns.iter().any(|way| usize::from(self.leaf_of[way / 3]) == at) => {
                 Start::Turn
@@ -269,13 +269,13 @@ impl Orderer {
                 START_BITS
             };
             let mut path = Path { ways: [way as u8; LEAF_TRIANGLES], count: 1 };
-            search.go_on(bits, &mut path, leaf.left & !(1 << (way / 3)));
+            search.extend(bits, &mut path, leaf.left & !(1 << (way / 3)));
         }
         search.best.expect("each start ends a path").1
     }
 
     /// Appends a triangle of a leaf of the old cluster to the new one.
-    fn tell(&mut self, old: &ClusterMesh, leaf: usize, way: usize, new: &mut ClusterMesh) {
+    fn append(&mut self, old: &ClusterMesh, leaf: usize, way: usize, new: &mut ClusterMesh) {
         let first = self.leaves[leaf].first;
         let corners @ [a, b, x] = turned(old, 3 * first + way);
         let triangle = corners.map(|v| {

@@ -15,7 +15,7 @@ use super::fields::Fields;
 
 /// How the axes of a cluster's vertices are packed.
 #[derive(Clone, Copy)]
-pub(super) struct Packing {
+pub(super) struct VertexPacking {
     /// Bits per axis.
     pub(super) bits: [u32; 3],
     /// Where each axis begins.
@@ -24,12 +24,12 @@ pub(super) struct Packing {
     pub(super) mask: u64,
 }
 
-impl Packing {
+impl VertexPacking {
     /// That of a compact cluster.
-    pub(super) fn new(widths: &Widths) -> Packing {
+    pub(super) fn new(widths: &Widths) -> VertexPacking {
         let bits = widths.bits.map(u32::from);
         let shift = [0, bits[0], bits[0] + bits[1]];
-        Packing { bits, shift, mask: (1 << (shift[2] + bits[2])) - 1 }
+        VertexPacking { bits, shift, mask: (1 << (shift[2] + bits[2])) - 1 }
     }
 
     /// Three numbers, each below 2^bits.
@@ -92,12 +92,12 @@ mod tests {
             bits in prop::array::uniform3(0u8..=24).prop_filter("57 in all", |b| b.iter().sum::<u8>() <= 57),
             values in prop::array::uniform4(prop::array::uniform3(any::<u64>())),
         ) {
-            let packing = Packing::new(&Widths { base: [0; 3], bits, wide: false });
+            let packing = VertexPacking::new(&Widths { base: [0; 3], bits, wide: false });
             let modulo = |v: [u64; 3]| -> [u64; 3] { std::array::from_fn(|a| v[a] & ((1 << bits[a]) - 1)) };
             let [a, b, c, d] = values.map(modulo);
             let [p, q, r, s] = [a, b, c, d].map(|v| packing.put(v));
             prop_assert_eq!(packing.get(p), a);
-            let prediction = Packing::predict(p, q, r);
+            let prediction = VertexPacking::predict(p, q, r);
             let digits = packing.digits(s.wrapping_sub(prediction) & packing.mask);
             let mut told = prediction;
             for axis in 0..3 {
@@ -115,7 +115,7 @@ mod tests {
             values in prop::array::uniform3(100u64..900),
             steps in prop::array::uniform3(-90i64..90),
         ) {
-            let packing = Packing::new(&Widths { base: [0; 3], bits: [10, 11, 12], wide: false });
+            let packing = VertexPacking::new(&Widths { base: [0; 3], bits: [10, 11, 12], wide: false });
             let moved = std::array::from_fn(|a| (values[a] as i64 + steps[a]) as u64);
             let difference = packing.put(moved).wrapping_sub(packing.put(values)) & packing.mask;
             prop_assert_eq!(packing.digits(difference), steps);

@@ -24,7 +24,7 @@
 
 use super::bits::{BitReader, BitWriter};
 use super::fields::{Fields, Mover};
-use super::packing::Packing;
+use super::packing::VertexPacking;
 use super::strips::Guides;
 use super::{ClusterMesh, Widths};
 use crate::layout::{AXIS_BITS, CLUSTER_VERTICES};
@@ -57,32 +57,32 @@ struct Class {
 
 impl Class {
     /// The class of one width for all axes.
-    fn difference(width: u32, packing: &Packing) -> Class {
+    fn difference(width: u32, packing: &VertexPacking) -> Class {
         let bits = packing.bits.map(|b| b.min(width));
         Class { keep: u64::MAX, halves: packing.halves(bits), ..Class::new(bits, packing) }
     }
 
     /// No prediction, no halves.
-    fn plain(packing: &Packing) -> Class {
+    fn plain(packing: &VertexPacking) -> Class {
         Class::new(packing.bits, packing)
     }
 
-    fn new(bits: [u32; 3], packing: &Packing) -> Class {
+    fn new(bits: [u32; 3], packing: &VertexPacking) -> Class {
         Class { bits: bits.iter().sum(), fields: packing.fields(bits), keep: 0, halves: 0 }
     }
 }
 
 /// A compact cluster to be written, and what its vertices are predicted from.
-pub(super) struct Guided<'a> {
+pub(super) struct VertexEncoder<'a> {
     pub(super) cluster: &'a ClusterMesh,
     pub(super) widths: &'a Widths,
     pub(super) guides: &'a Guides,
 }
 
-impl Guided<'_> {
+impl VertexEncoder<'_> {
     /// Chooses the class widths: all that fewer than three classes could do is tried, too.
     pub(super) fn class_widths(&self) -> ClassWidths {
-        let packing = Packing::new(self.widths);
+        let packing = VertexPacking::new(self.widths);
         // How many differences need at most so many bits.
         let mut fitting = [0u32; AXIS_BITS as usize + 1];
         self.differences(|_, _, needs| fitting[needs as usize] += 1);
@@ -112,7 +112,7 @@ impl Guided<'_> {
 
     /// Writes the vertices.
     pub(super) fn encode(&self, classes: ClassWidths, out: &mut BitWriter) {
-        let packing = Packing::new(self.widths);
+        let packing = VertexPacking::new(self.widths);
         let mut values = Vec::with_capacity(self.cluster.vertices.len());
         self.differences(|vertex, digits, needs| {
             let fits = classes.iter().position(|&width| needs <= width);
@@ -134,13 +134,13 @@ impl Guided<'_> {
     /// Calls `visit` with each vertex, packed, the digits of its difference from the prediction, and the width that
     /// these need.
     fn differences(&self, mut visit: impl FnMut(u64, [i64; 3], u32)) {
-        let packing = Packing::new(self.widths);
+        let packing = VertexPacking::new(self.widths);
         let mut placed = [0u64; CLUSTER_VERTICES];
         for (i, vertex) in self.cluster.vertices.iter().enumerate() {
             placed[i] = packing.put(std::array::from_fn(|a| (vertex[a] - self.widths.base[a]) as u64));
             let [a, b, c] = [0, 1, 2].map(|corner| placed[usize::from(self.guides[corner][i])]);
             // Of the first one, zero: its guide names itself.
-            let prediction = if i == 0 { 0 } else { Packing::predict(a, b, c) };
+            let prediction = if i == 0 { 0 } else { VertexPacking::predict(a, b, c) };
             let digits = packing.digits(placed[i].wrapping_sub(prediction) & packing.mask);
             visit(placed[i], digits, digits.map(signed_bits).into_iter().max().expect("three axes"));
         }
@@ -162,14 +162,14 @@ pub(super) fn encode_wide(cluster: &ClusterMesh, widths: &Widths, out: &mut BitW
 }
 
 /// A compact cluster to be read: what its head says of its vertices, and what they are predicted from.
-pub(super) struct Coded<'a> {
-    pub(super) packing: Packing,
+pub(super) struct VertexDecoder<'a> {
+    pub(super) packing: VertexPacking,
     pub(super) classes: ClassWidths,
     pub(super) count: usize,
     pub(super) guides: &'a Guides,
 }
 
-impl Coded<'_> {
+impl VertexDecoder<'_> {
     /// Reads the vertices, packed, to the front of `placed`.
     #[inline(always)]
     pub(super) fn decode<M: Mover>(&self, mover: M, input: &mut BitReader<'_>, placed: &mut [u64; 256]) {
@@ -192,7 +192,8 @@ impl Coded<'_> {
                 let value = mover.spread(reader.peek(), &class.fields).wrapping_sub(class.halves);
                 reader.skip(class.bits as usize);
                 let [a, b, c] = [0, 1, 2].map(|corner| placed[usize::from(self.guides[corner][i % 256])]);
-                placed[i % 256] = (Packing::predict(a, b, c) & class.keep).wrapping_add(value) & packing.mask;
+                placed[i % 256] =
+                    (VertexPacking::predict(a, b, c) & class.keep).wrapping_add(value) & packing.mask;
             }
         }
         *input = reader;

@@ -6,6 +6,7 @@
 use super::twice;
 use crate::error::{Code, Error, Result};
 use crate::layout::*;
+use crate::next_step::NextStep;
 use crate::octree::{LowerLinks, LowerSize, UpperOctree, UpperSize};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -76,7 +77,7 @@ pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
         return Err(Error::new(Code::InputFormat, "this is no trex file: it is too short")
             .at(path)
             .numbers(format!("{length} bytes, at least {}", 2 * SUPERBLOCK_BYTES))
-            .next("make one with `trex build`"));
+            .next(NextStep::Build));
     }
     let mut bytes = [0; SUPERBLOCK_BYTES];
     file.read_exact_at(&mut bytes, 0).map_err(|e| Error::io("read", path, &e))?;
@@ -104,5 +105,5 @@ pub(super) fn damaged_section(section: Section, kind: SectionKind, path: &Path, 
     Error::new(Code::Damaged, format!("the section `{}` {what}", kind.name()))
         .at_byte(path, section.offset)
         .numbers(format!("{} bytes, {} entries", section.bytes, section.count))
-        .next("run `trex verify` to see what else is damaged, and build the file again")
+        .next(NextStep::Verify)
 }

@@ -9,7 +9,7 @@
 //! offset of the next byte; `window()` is the file's content from there on; 3. only regular files are opened, so
 //! the length is known before anything is read; 4. what lies behind is dropped from the page cache in steps.
 
-use super::ImportOptions;
+use super::options::ImportOptions;
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::progress::Interrupt;

@@ -13,6 +13,7 @@
 mod input;
 mod materials;
 mod obj;
+mod options;
 mod ply;
 mod polygon;
 mod scalar;
@@ -24,49 +25,16 @@ mod tests;
 mod text;
 mod vertices;
 
-use crate::budget::Budget;
 use crate::error::Result;
-use crate::progress::Interrupt;
 use crate::source::{SourceStats, TriangleSource};
 use input::Input;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+pub use options::ImportOptions;
 pub use sniff::{Encoding, Format};
 
 /// Most warnings that a source keeps.
 const MAX_WARNINGS: usize = 16;
-
-/// How an input is read.
-#[derive(Clone, Debug)]
-pub struct ImportOptions {
-    /// Where all memory is leased.
-    pub budget: Budget,
-    /// Folder of the unlinked scratch file that vertices go to when they neither fit the cache nor lie in the
-    /// input as plain numbers.
-    pub temp_dir: PathBuf,
-    /// Stops the reading, at the latest after one window.
-    pub interrupt: Interrupt,
-    /// Most bytes that the vertex cache takes. Less is taken where the array is smaller or the budget has less.
-    pub vertex_cache_bytes: u64,
-}
-
-impl ImportOptions {
-    /// Options under `budget`, a quarter of which may go to the vertex cache.
-    pub fn new(budget: Budget, temp_dir: &Path) -> ImportOptions {
-        let vertex_cache_bytes = budget.free_bytes() / 4;
-        ImportOptions {
-            budget,
-            temp_dir: temp_dir.to_path_buf(),
-            interrupt: Interrupt::default(),
-            vertex_cache_bytes,
-        }
-    }
-
-    /// Options without a limit, for tests and small tools.
-    pub fn unlimited(temp_dir: &Path) -> ImportOptions {
-        ImportOptions::new(Budget::unlimited(), temp_dir)
-    }
-}
 
 /// An input's own words about itself. Nothing of it has been checked beyond the file's length.
 #[derive(Clone, Debug, serde::Serialize)]

@@ -12,7 +12,7 @@
 //!
 //! Invariants: 1. frames never exceed the cap, and each is leased; where the budget has no more, the cache lives
 //! with what it has; 2. a position read back is the one that was given, bit for bit; 3. a block is in at most one
-//! frame, and `frame_of_block` and `Frame::block` agree.
+//! frame, and `frame_of_block` and `CachedBlock::block` agree.
 //!
 //! The page cache of blocks is left to the kernel, unlike that of the stream: dropping it made a shuffled mesh wait
 //! for the disk at every miss.
@@ -66,7 +66,7 @@ pub(super) struct VertexCache {
     backing: Backing,
     count: u64,
     frame_of_block: Vec<u32>,
-    frames: Vec<Frame>,
+    frames: Vec<CachedBlock>,
     frame_cap: usize,
     hand: usize,
     staging: Vec<u8>,
@@ -80,9 +80,9 @@ enum Backing {
     Spool { scratch: Option<ScratchFile>, folder: PathBuf },
 }
 
-struct Frame {
+struct CachedBlock {
     block: usize,
-    cells: Cells,
+    cells: Positions,
     /// Looked up since the hand last came by.
     referenced: bool,
     /// Holds what the scratch file does not.
@@ -90,7 +90,7 @@ struct Frame {
 }
 
 /// Positions of a block; single where that loses nothing.
-enum Cells {
+enum Positions {
     Single(Box<[[f32; 3]]>),
     Double(Box<[[f64; 3]]>),
 }
@@ -178,8 +178,8 @@ impl VertexCache {
         let frame = &mut self.frames[frame];
         frame.dirty = true;
         match &mut frame.cells {
-            Cells::Double(cells) => cells[cell] = position,
-            Cells::Single(_) => unreachable!("only arrays that grow are pushed to, and these hold f64"),
+            Positions::Double(cells) => cells[cell] = position,
+            Positions::Single(_) => unreachable!("only arrays that grow are pushed to, and these hold f64"),
         }
         self.count += 1;
         Ok(())
@@ -247,7 +247,7 @@ impl VertexCache {
             match self.lease.grow("the vertex cache", self.frame_bytes()) {
                 Ok(()) => {
                     let cells = self.new_cells();
-                    self.frames.push(Frame { block: NO_BLOCK, cells, referenced: false, dirty: false });
+                    self.frames.push(CachedBlock { block: NO_BLOCK, cells, referenced: false, dirty: false });
                     return Ok(self.frames.len() - 1);
                 }
                 Err(error) if self.frames.len() < MIN_FRAMES => return Err(error),
@@ -269,7 +269,8 @@ impl VertexCache {
     }
 
     fn write_back(&mut self, frame: usize) -> Result<()> {
-        let Frame { block, cells: Cells::Double(cells), dirty: dirty @ true, .. } = &mut self.frames[frame]
+        let CachedBlock { block, cells: Positions::Double(cells), dirty: dirty @ true, .. } =
+            &mut self.frames[frame]
         else {
             return Ok(());
         };
@@ -294,11 +295,11 @@ impl VertexCache {
         (BLOCK_VERTICES * cell_bytes) as u64 + FRAME_OVERHEAD_BYTES
     }
 
-    fn new_cells(&self) -> Cells {
+    fn new_cells(&self) -> Positions {
         if self.holds_single() {
-            Cells::Single(vec![[0.0; 3]; BLOCK_VERTICES].into())
+            Positions::Single(vec![[0.0; 3]; BLOCK_VERTICES].into())
         } else {
-            Cells::Double(vec![[0.0; 3]; BLOCK_VERTICES].into())
+            Positions::Double(vec![[0.0; 3]; BLOCK_VERTICES].into())
         }
     }
 
@@ -317,26 +318,26 @@ const SPOOL_LAYOUT: VertexLayout = VertexLayout {
     order: ByteOrder::Little,
 };
 
-impl Cells {
+impl Positions {
     #[inline]
     fn get(&self, cell: usize) -> [f64; 3] {
         match self {
-            Cells::Single(cells) => cells[cell].map(f64::from),
-            Cells::Double(cells) => cells[cell],
+            Positions::Single(cells) => cells[cell].map(f64::from),
+            Positions::Double(cells) => cells[cell],
         }
     }
 
     fn decode(&mut self, raw: &[u8], layout: &VertexLayout) {
         let vertices = raw.chunks_exact(layout.stride);
         match self {
-            Cells::Single(cells) => {
+            Positions::Single(cells) => {
                 for (cell, vertex) in cells.iter_mut().zip(vertices) {
                     *cell = layout
                         .axes
                         .map(|(offset, scalar)| scalar.number(&vertex[offset..], layout.order) as f32);
                 }
             }
-            Cells::Double(cells) => {
+            Positions::Double(cells) => {
                 for (cell, vertex) in cells.iter_mut().zip(vertices) {
                     *cell =
                         layout.axes.map(|(offset, scalar)| scalar.number(&vertex[offset..], layout.order));

@@ -35,7 +35,7 @@ impl Failover {
     fn move_on(&mut self) {
         let Some(error) = self.ring.failure() else { return };
         let pread = self.pread.get_or_insert_with(|| {
-            let notice = format!("io_uring failed while it read ({error}); reads went on through pread");
+            let notice = format!("io_uring failed while it read ({error}); reads continue through pread");
             let reason = format!("the ring failed; before that, {}", self.ring.describe().reason);
             let mut pread = Pread::new(self.source.clone(), self.depth, self.pread_threads, reason);
             pread.description.notice = Some(notice);

@@ -9,9 +9,10 @@
 //! behind the end that the file has after the copy counts as read: the rest of its last page in memory reads as zeros.
 #![allow(unsafe_code)]
 
-use super::open::drop_cached;
+use super::page_cache::drop_cached;
 use super::{ALIGN_BYTES, Backend, IoDescription, RawDone, RawRead, Wait, check_read};
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use memmap2::{Advice, UncheckedAdvice};
 use rustix::io::Errno;
 use std::collections::VecDeque;
@@ -43,7 +44,7 @@ impl Mmap {
         mapped.copy(0, &mut [0; 1]).map_err(|error| {
             let numbers = format!("process_vm_readv: {error}");
             let refused = Error::new(Code::Usage, "mapped reads do not work here").at(path).numbers(numbers);
-            refused.next("use --io auto")
+            refused.next(NextStep::AutomaticIo)
         })?;
         Ok(mapped)
     }

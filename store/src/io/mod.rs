@@ -19,9 +19,11 @@ mod fault;
 mod memory;
 mod mmap;
 mod open;
+mod page_cache;
 mod pread;
 mod reader;
 mod region;
+mod source;
 #[cfg(test)]
 mod tests;
 mod uring;
@@ -30,11 +32,12 @@ pub use failover::Failover;
 pub use fault::{Fault, FaultPlan};
 pub use memory::Memory;
 pub use mmap::Mmap;
-pub(crate) use open::drop_cached;
-pub use open::{DEPTH_MAX, DirectChoice, IoChoice, IoDescription, IoOptions, Source, open};
+pub use open::{DEPTH_MAX, DirectChoice, IoChoice, IoOptions, open};
+pub(crate) use page_cache::drop_cached;
 pub use pread::Pread;
 pub use reader::{Arrival, FAILURES_MAX, INTERRUPTIONS_MAX, Reader, ReaderStats, staging_bytes_for};
 pub(crate) use region::Region;
+pub use source::{IoDescription, Source};
 pub use uring::Uring;
 
 use std::ops::{Deref, DerefMut};

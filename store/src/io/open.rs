@@ -9,8 +9,10 @@
 //! never replaced; 3. direct reading is proven by a read at open, not believed from a flag (tmpfs and some network
 //! file systems accept the flag and refuse the read).
 
+use super::source::Source;
 use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, Staging, Uring};
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use rustix::fs::OFlags;
 use serde::Serialize;
 use std::fs::File;
@@ -58,7 +60,7 @@ impl FromStr for IoChoice {
             "uring" => Ok(IoChoice::Uring),
             "pread" => Ok(IoChoice::Pread),
             "mmap" => Ok(IoChoice::Mmap),
-            _ => Err(unknown_choice("--io", text, "auto, uring, pread or mmap")),
+            _ => Err(unknown_choice("backend", text, "auto, uring, pread or mmap")),
         }
     }
 }
@@ -70,13 +72,13 @@ impl FromStr for DirectChoice {
             "auto" => Ok(DirectChoice::Auto),
             "on" => Ok(DirectChoice::On),
             "off" => Ok(DirectChoice::Off),
-            _ => Err(unknown_choice("--direct", text, "auto, on or off")),
+            _ => Err(unknown_choice("choice of direct reading", text, "auto, on or off")),
         }
     }
 }
 
-fn unknown_choice(option: &str, text: &str, known: &str) -> Error {
-    Error::new(Code::Usage, format!("{option} does not know {text:?}")).next(format!("use {known}"))
+fn unknown_choice(what: &str, text: &str, known: &str) -> Error {
+    Error::new(Code::Usage, format!("there is no {what} {text:?}")).next(format!("use {known}"))
 }
 
 /// How to read.
@@ -95,25 +97,6 @@ pub struct IoOptions {
 impl Default for IoOptions {
     fn default() -> IoOptions {
         IoOptions { io: IoChoice::Auto, direct: DirectChoice::Auto, depth: 32, pread_threads: 16 }
-    }
-}
-
-/// Which backend runs, and why: for `-v` and JSON.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct IoDescription {
-    /// `uring`, `pread`, `mmap`, `memory`; `fault+NAME` in tests.
-    pub backend: String,
-    /// True when reads go past the page cache.
-    pub direct: bool,
-    /// Why this one, in words.
-    pub reason: String,
-    /// One line for people, once something went wrong since the file was opened: what, and how reading went on.
-    pub notice: Option<String>,
-}
-
-impl IoDescription {
-    pub(super) fn new(backend: &str, direct: bool, reason: String) -> IoDescription {
-        IoDescription { backend: backend.into(), direct, reason, notice: None }
     }
 }
 
@@ -154,21 +137,7 @@ pub fn open(path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
 }
 
 fn refused(what: &str, path: &Path, numbers: &str) -> Error {
-    Error::new(Code::Usage, what).at(path).numbers(numbers).next("use --io auto --direct auto")
-}
-
-/// An open file and whether its reads go past the page cache.
-#[derive(Clone)]
-pub struct Source {
-    pub(super) file: Arc<File>,
-    pub(super) direct: bool,
-}
-
-impl Source {
-    /// Alignment that reads of this source need.
-    pub(super) fn align_bytes(&self) -> usize {
-        if self.direct { ALIGN_BYTES } else { 1 }
-    }
+    Error::new(Code::Usage, what).at(path).numbers(numbers).next(NextStep::AutomaticIo)
 }
 
 pub(super) fn open_source(path: &Path, choice: DirectChoice) -> Result<(Source, String)> {
@@ -201,13 +170,4 @@ fn open_direct(path: &Path) -> std::io::Result<File> {
     let mut block = Staging::new(ALIGN_BYTES).map_err(std::io::Error::other)?;
     rustix::io::retry_on_intr(|| rustix::io::pread(&file, &mut block[..], 0))?;
     Ok(file)
-}
-
-/// Drops what a buffered read left in the page cache: whole cache pages around the bytes read.
-pub(crate) fn drop_cached(file: &File, offset: u64, bytes: u64) {
-    let align = ALIGN_BYTES as u64;
-    let start = offset / align * align;
-    let length = offset.saturating_add(bytes).next_multiple_of(align) - start;
-    let length = std::num::NonZeroU64::new(length);
-    let _ = rustix::fs::fadvise(file, start, length, rustix::fs::Advice::DontNeed);
 }

@@ -5,7 +5,7 @@
 //! are in a thread's hands end, joins the threads, and only then frees buffers; 3. buffered reads are dropped from the
 //! page cache once copied.
 
-use super::open::drop_cached;
+use super::page_cache::drop_cached;
 use super::{Backend, IoDescription, RawDone, RawRead, Source, Wait, check_read};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -16,7 +16,7 @@ const STACK_BYTES: usize = 64 << 10;
 
 /// Reads with a pool of threads.
 pub struct Pread {
-    shared: Arc<Shared>,
+    shared: Arc<PreadShared>,
     threads: Vec<JoinHandle<()>>,
     depth: usize,
     in_flight: usize,
@@ -24,7 +24,7 @@ pub struct Pread {
     pub(super) description: IoDescription,
 }
 
-struct Shared {
+struct PreadShared {
     source: Source,
     queues: Mutex<Queues>,
     work: Condvar,
@@ -44,7 +44,7 @@ impl Pread {
         let align_bytes = source.align_bytes();
         let queues =
             Queues { waiting: VecDeque::with_capacity(depth), done: Vec::with_capacity(depth), stop: false };
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(PreadShared {
             source,
             queues: Mutex::new(queues),
             work: Condvar::new(),
@@ -61,7 +61,7 @@ impl Pread {
     }
 }
 
-impl Shared {
+impl PreadShared {
     fn lock(&self) -> MutexGuard<'_, Queues> {
         self.queues.lock().expect("a reading thread panicked")
     }

@@ -9,6 +9,7 @@
 #![allow(unsafe_code)]
 
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use rustix::mm::{Advice, MapFlags, ProtFlags};
 use std::ptr::NonNull;
 
@@ -40,7 +41,7 @@ impl Region {
             Error::new(Code::MemoryLimit, "the system refused a range of addresses")
                 .at_place("mmap")
                 .numbers(format!("{bytes} bytes: {errno}"))
-                .next("raise the limit on address space (ulimit -v), or lower --memory-limit")
+                .next(NextStep::LowerLimitOrRaiseAddresses)
         })?;
         let start = NonNull::new(start.cast::<u8>()).expect("mmap gave address 0");
         // SAFETY: exactly the range mapped above. A kernel without huge pages refuses, which is as good.

@@ -22,7 +22,7 @@
 //!    kernel writes to after it was given to somebody else.
 #![allow(unsafe_code)]
 
-use super::open::drop_cached;
+use super::page_cache::drop_cached;
 use super::{Backend, IoDescription, RawDone, RawRead, Source, Staging, Wait, check_read};
 use io_uring::{IoUring, opcode, types};
 use std::collections::VecDeque;

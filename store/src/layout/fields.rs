@@ -1,9 +1,9 @@
 //! Little-endian numbers, one after the other: how records are written and read.
 
 /// Appends little-endian numbers.
-pub(super) struct Fields(pub(super) Vec<u8>);
+pub(super) struct FieldWriter(pub(super) Vec<u8>);
 
-impl Fields {
+impl FieldWriter {
     pub(super) fn u32(&mut self, value: u32) {
         self.0.extend_from_slice(&value.to_le_bytes());
     }

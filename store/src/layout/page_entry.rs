@@ -2,7 +2,7 @@
 //!
 //! Invariant: an entry that was parsed has lengths that a frame can hold, and a kind and a packing that are known.
 
-use super::fields::{Cursor, Fields};
+use super::fields::{Cursor, FieldWriter};
 use super::{FRAME_BYTES, PAGE_ENTRY_BYTES, STORED_BYTES};
 
 /// Kinds of pages.
@@ -57,7 +57,7 @@ pub struct PageEntry {
 impl PageEntry {
     /// Appends the entry as it stands on disk.
     pub fn write(&self, out: &mut Vec<u8>) {
-        let mut w = Fields(std::mem::take(out));
+        let mut w = FieldWriter(std::mem::take(out));
         w.u64(self.offset);
         w.u64(self.hash);
         w.u32(self.stored_bytes);

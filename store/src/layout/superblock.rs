@@ -4,10 +4,11 @@
 //! other, so that no sum of them is too large; 3. a slot of the sections that is not used is zero, and no kind stands
 //! twice.
 
-use super::fields::{Cursor, Fields};
+use super::fields::{Cursor, FieldWriter};
 use super::*;
 use crate::error::{Code, Error, Result};
 use crate::geom::{Aabb, Lattice};
+use crate::next_step::NextStep;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -76,7 +77,7 @@ pub struct Superblock {
 impl Superblock {
     /// The bytes as they stand on disk.
     pub fn to_bytes(&self) -> [u8; SUPERBLOCK_BYTES] {
-        let mut w = Fields(Vec::with_capacity(SUPERBLOCK_BYTES));
+        let mut w = FieldWriter(Vec::with_capacity(SUPERBLOCK_BYTES));
         w.0.extend_from_slice(&MAGIC);
         w.u32(VERSION);
         w.u32(FRAME_BYTES as u32);
@@ -131,7 +132,7 @@ impl Superblock {
             return Err(Error::new(Code::InputFormat, "this is no trex file")
                 .at_byte(path, 0)
                 .numbers(format!("magic {:02x?}, expected {MAGIC:02x?}", &bytes[..8]))
-                .next("make one with `trex build`"));
+                .next(NextStep::Build));
         }
         let stored = u64::from_le_bytes(bytes[SUPERBLOCK_BYTES - 8..].try_into().expect("eight bytes"));
         let found = xxh3_64(&bytes[..SUPERBLOCK_BYTES - 8]);
@@ -149,9 +150,9 @@ impl Superblock {
                     "version {version}, features {required:x}; this build knows {VERSION}, {REQUIRED_FEATURES:x}"
                 ))
                 .next(if version < VERSION {
-                    "build it again from its input with `trex build`: until 1.0 no older version is read"
+                    NextStep::Rebuild
                 } else {
-                    "open it with a newer trex, or build it again with this one (`trex build`)"
+                    NextStep::OpenNewerOrRebuild
                 }));
         }
         let mut block = Superblock {
@@ -291,5 +292,5 @@ fn read_section(r: &mut Cursor<'_>) -> Section {
 }
 
 fn damaged(what: &str, path: &Path) -> Error {
-    Error::new(Code::Damaged, what).at(path).next("run `trex verify` on it, or build it again")
+    Error::new(Code::Damaged, what).at(path).next(NextStep::Verify)
 }

@@ -17,7 +17,7 @@ use super::coarsen::{Coarser, OpenLeaf};
 use super::links::{LowerLinks, PAGE_UNITS, UnitRef};
 use super::payload::LeafNormal;
 use super::record::Record;
-use super::units::{Counts, Stored, Units, material_bytes};
+use super::units::{StoredUnits, UnitCounts, Units, material_bytes};
 use super::{KEY_BITS, Refinement, UpperBuilder, VoxelGrid, place_of};
 use crate::error::Result;
 use crate::geom::hilbert_key;
@@ -38,7 +38,7 @@ pub(crate) struct LowerBuilder {
     grid: VoxelGrid,
     refinement: Refinement,
     /// From the one below the upper leaves to the finest.
-    levels: Vec<Level>,
+    levels: Vec<FamilyLevel>,
     /// Key of the linking node at hand.
     open: Option<u64>,
     families: Vec<Family>,
@@ -51,7 +51,7 @@ pub(crate) struct LowerBuilder {
 
 /// One level of leaves of the family at hand.
 #[derive(Default)]
-struct Level {
+struct FamilyLevel {
     leaf: OpenLeaf,
     coarser: Coarser,
     units: Units,
@@ -77,7 +77,7 @@ pub(crate) struct FirstPage {
 }
 
 /// What [`LowerBuilder::finish`] leaves to be written.
-pub(crate) struct Finished {
+pub(crate) struct FamilyOutcome {
     pub(crate) upper: UpperBuilder,
     /// The section of links, and the count of its words; `None` where the upper leaves are the finest.
     pub(crate) links: Option<(Vec<u8>, usize)>,
@@ -97,7 +97,7 @@ impl LowerBuilder {
             upper: UpperBuilder::new(grid, folder)?,
             grid,
             refinement,
-            levels: (0..refinement.levels()).map(|_| Level::default()).collect(),
+            levels: (0..refinement.levels()).map(|_| FamilyLevel::default()).collect(),
             open: None,
             families: Vec::new(),
             scratch: ScratchFile::create(folder)?,
@@ -136,7 +136,7 @@ impl LowerBuilder {
 
     /// Adds a record of `level`, and to the level above it what that completes.
     fn add(&mut self, level: usize, record: Record) -> Result<()> {
-        let Level { leaf, coarser, .. } = &mut self.levels[level];
+        let FamilyLevel { leaf, coarser, .. } = &mut self.levels[level];
         let (leaf, parents) = (leaf.push(record), coarser.push(&record));
         self.completed(level, leaf, parents)
     }
@@ -154,10 +154,10 @@ impl LowerBuilder {
         let Some(key) = self.open.take() else { return Ok(()) };
         let mut bytes = Vec::new();
         for level in (0..self.levels.len()).rev() {
-            let Level { leaf, coarser, .. } = &mut self.levels[level];
+            let FamilyLevel { leaf, coarser, .. } = &mut self.levels[level];
             let (leaf, parents) = (leaf.close(), coarser.close());
             self.completed(level, leaf, parents)?;
-            let Level { units, last, .. } = &mut self.levels[level];
+            let FamilyLevel { units, last, .. } = &mut self.levels[level];
             self.leaf_count += units.bitmaps.len() as u64;
             let stored = units.encode(SCRATCH_MATERIAL_BYTES);
             bytes.extend((stored.len() as u32).to_le_bytes());
@@ -193,15 +193,15 @@ impl LowerBuilder {
         mut self,
         FirstPage { number, material_count }: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
-    ) -> Result<Finished> {
+    ) -> Result<FamilyOutcome> {
         self.end_family()?;
         if self.levels.is_empty() {
-            return Ok(Finished { upper: self.upper, links: None, leaf_count: 0 });
+            return Ok(FamilyOutcome { upper: self.upper, links: None, leaf_count: 0 });
         }
         self.write()?;
         let mut order: Vec<u32> = (0..self.families.len() as u32).collect();
         order.sort_unstable_by_key(|&family| self.families[family as usize].place);
-        let mut pages = Pages {
+        let mut pages = PagePacker {
             next: number,
             material_bytes: material_bytes(material_count),
             open: Units::default(),
@@ -214,7 +214,7 @@ impl LowerBuilder {
             for &family in &order {
                 let bytes = self.families[family as usize].read(&self.scratch)?;
                 let stored = part(&bytes, self.levels.len() - 1 - level);
-                let mut begin = Counts::default();
+                let mut begin = UnitCounts::default();
                 for &nodes in stored.units {
                     let links: Vec<u32> = below.by_ref().take(usize::from(nodes)).collect();
                     let word = pages.add(&stored, &mut begin, &links)?.word();
@@ -228,23 +228,27 @@ impl LowerBuilder {
             pages.close()?;
         }
         let links = LowerLinks::to_bytes(self.refinement, self.leaf_count, &words);
-        Ok(Finished { upper: self.upper, links: Some((links, words.len())), leaf_count: self.leaf_count })
+        Ok(FamilyOutcome {
+            upper: self.upper,
+            links: Some((links, words.len())),
+            leaf_count: self.leaf_count,
+        })
     }
 }
 
 /// The stored form of one level of a family, the finest being the first.
-fn part(bytes: &[u8], index: usize) -> Stored<'_> {
+fn part(bytes: &[u8], index: usize) -> StoredUnits<'_> {
     let mut rest = bytes;
     for _ in 0..index {
         let (length, tail) = rest.split_first_chunk().expect("our own bytes");
         rest = &tail[u32::from_le_bytes(*length) as usize..];
     }
     let (length, tail) = rest.split_first_chunk().expect("our own bytes");
-    let stored = Stored::read(&tail[..u32::from_le_bytes(*length) as usize], SCRATCH_MATERIAL_BYTES);
+    let stored = StoredUnits::read(&tail[..u32::from_le_bytes(*length) as usize], SCRATCH_MATERIAL_BYTES);
     stored.expect("our own bytes")
 }
 
-impl Level {
+impl FamilyLevel {
     /// Appends a leaf to its node, and that to its unit.
     fn take(&mut self, leaf: &Record) {
         let key = leaf.key();
@@ -276,7 +280,7 @@ impl Family {
 }
 
 /// Fills one page after the other.
-struct Pages<'a> {
+struct PagePacker<'a> {
     open: Units,
     /// Number of the open page.
     next: u32,
@@ -284,13 +288,13 @@ struct Pages<'a> {
     put: &'a mut dyn FnMut(Vec<u8>) -> Result<()>,
 }
 
-impl Pages<'_> {
-    /// Copies the unit of `from` whose first unit, node and leaf are `begin`, which goes on to the next one.
-    fn add(&mut self, from: &Stored<'_>, begin: &mut Counts, links: &[u32]) -> Result<UnitRef> {
+impl PagePacker<'_> {
+    /// Copies the unit of `from` whose first unit, node and leaf are `begin`, and moves `begin` to the next one.
+    fn add(&mut self, from: &StoredUnits<'_>, begin: &mut UnitCounts, links: &[u32]) -> Result<UnitRef> {
         let nodes = &from.nodes[begin.nodes..][..usize::from(from.units[begin.units])];
         let leaves = nodes.iter().map(|&count| usize::from(count)).sum::<usize>();
         let open = self.open.counts();
-        let sum = Counts {
+        let sum = UnitCounts {
             units: open.units + 1,
             nodes: open.nodes + nodes.len(),
             leaves: open.leaves + leaves,
@@ -310,7 +314,7 @@ impl Pages<'_> {
             self.open.normals.push(from.normal(leaf));
             self.open.materials.push(from.material(leaf));
         }
-        *begin = Counts {
+        *begin = UnitCounts {
             units: begin.units + 1,
             nodes: begin.nodes + nodes.len(),
             leaves: begin.leaves + leaves,

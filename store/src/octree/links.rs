@@ -12,7 +12,7 @@
 //! Invariants: 1. every word leads to a page of units; whether the page has such a unit is known when it is read.
 
 use super::Refinement;
-use super::stored::{BLOCK_BYTES, PACKED_MOST, Reader, packed_planes};
+use super::stored::{BLOCK_BYTES, PACKED_MOST, SectionReader, packed_planes};
 use crate::layout::PAGES;
 
 /// Bits of a page's number in a word.
@@ -87,7 +87,7 @@ impl LowerLinks {
 
     /// What a section of `stored_bytes` with `link_count` words takes, by its head; `None` for no such head.
     pub(crate) fn peek(head: &[u8], link_count: u32, stored_bytes: u64) -> Option<LowerSize> {
-        let mut r = Reader(head);
+        let mut r = SectionReader(head);
         let (refinement, leaf_count) = (Refinement::from_factor(r.u32()?)?, r.u64()?);
         let resident_bytes = u64::from(link_count) * WORD_BYTES as u64;
         let sound =
@@ -110,7 +110,7 @@ impl LowerLinks {
         is_units: impl Fn(u32) -> bool,
     ) -> Option<LowerLinks> {
         let size = LowerLinks::peek(bytes, u32::try_from(link_count).ok()?, bytes.len() as u64)?;
-        let mut r = Reader(&bytes[LowerLinks::HEAD_BYTES..]);
+        let mut r = SectionReader(&bytes[LowerLinks::HEAD_BYTES..]);
         let mut words = Vec::with_capacity(link_count);
         r.planes(link_count, WORD_BYTES, |word| words.push(word as u32))?;
         let sound = r.0.is_empty() && words.iter().all(|&word| is_units(UnitRef::from_word(word).page()));

@@ -27,7 +27,7 @@ pub(crate) const RUN_BYTES: u64 = (BLOCK * size_of::<Record>() * 2) as u64;
 /// The runs of all chunks.
 pub(crate) struct VoxelRuns {
     file: ScratchFile,
-    written: Mutex<Written>,
+    written: Mutex<VoxelRunTable>,
 }
 
 /// How much there is to be merged.
@@ -38,14 +38,14 @@ pub(crate) struct RunsSize {
 
 /// Where runs stand.
 #[derive(Default)]
-pub(crate) struct Written {
+pub(crate) struct VoxelRunTable {
     end: u64,
-    runs: Vec<Run>,
+    runs: Vec<VoxelRun>,
 }
 
-impl Written {
+impl VoxelRunTable {
     /// What the words of [`VoxelRuns::synced`] tell; `None` where they tell nonsense.
-    pub(crate) fn parse(words: &[u64]) -> Option<Written> {
+    pub(crate) fn parse(words: &[u64]) -> Option<VoxelRunTable> {
         let (&end, mut words) = words.split_first()?;
         let mut runs = Vec::new();
         while let Some((&[order, offset, record_count], rest)) = words.split_first_chunk() {
@@ -57,10 +57,10 @@ impl Written {
             let bytes = blocks.iter().map(|&bytes| u64::from(bytes)).sum();
             offset.checked_add(bytes).filter(|&run_end| run_end <= end)?;
             let order = RunOrder { chunk: (order >> 32) as u32, number: order as u32 };
-            runs.push(Run { order, offset, blocks, record_count });
+            runs.push(VoxelRun { order, offset, blocks, record_count });
             words = rest;
         }
-        words.is_empty().then_some(Written { end, runs })
+        words.is_empty().then_some(VoxelRunTable { end, runs })
     }
 
     /// Whether they are runs of the first `chunk_count` chunks, of each at least one.
@@ -86,7 +86,7 @@ pub(super) struct RunOrder {
 }
 
 /// A run: its place in the order, and where its blocks stand.
-struct Run {
+struct VoxelRun {
     order: RunOrder,
     offset: u64,
     /// Bytes of each block.
@@ -108,7 +108,7 @@ impl VoxelRuns {
     }
 
     /// Waits until all runs are on the disk, and tells in words where those of the first `chunk_count` chunks are. The
-    /// words are for [`Written::parse`].
+    /// words are for [`VoxelRunTable::parse`].
     pub(crate) fn synced(&self, chunk_count: u32) -> Result<Vec<u64>> {
         self.file.sync()?;
         let written = self.written.lock().expect("no panic while held");
@@ -122,7 +122,7 @@ impl VoxelRuns {
     }
 
     /// Takes the runs that a build before this has written.
-    pub(crate) fn restore(&mut self, left: Written) {
+    pub(crate) fn restore(&mut self, left: VoxelRunTable) {
         *self.written.get_mut().expect("no panic while held") = left;
     }
 
@@ -147,7 +147,7 @@ impl VoxelRuns {
         let offset = written.end;
         self.file.write(&bytes, offset)?;
         written.end += bytes.len() as u64;
-        written.runs.push(Run { order, offset, blocks, record_count: records.len() });
+        written.runs.push(VoxelRun { order, offset, blocks, record_count: records.len() });
         drop(written);
         // Started, not waited for: the pages leave the cache when they are clean and dropped after the merge.
         let _ = rustix::fs::fadvise(
@@ -166,8 +166,8 @@ fn block_name(run: RunOrder, number: usize) -> u64 {
 }
 
 /// A run while it is merged.
-struct Reader {
-    run: Run,
+struct RunReader {
+    run: VoxelRun,
     next_block: usize,
     block: Vec<Record>,
     at: usize,
@@ -175,16 +175,16 @@ struct Reader {
 }
 
 /// What records of a model can speak of: a left-over may have been sealed by somebody else.
-pub(crate) struct Known {
+pub(crate) struct RecordBounds {
     /// Bits that keys of leaves have.
     keys: u64,
     material_count: usize,
 }
 
-impl Known {
+impl RecordBounds {
     /// The leaves of a grid, for a model with so many materials.
-    pub(crate) fn new(grid: &VoxelGrid, material_count: usize) -> Known {
-        Known { keys: leaf_key([grid.resolution - 1; 3], grid.depth()), material_count }
+    pub(crate) fn new(grid: &VoxelGrid, material_count: usize) -> RecordBounds {
+        RecordBounds { keys: leaf_key([grid.resolution - 1; 3], grid.depth()), material_count }
     }
 
     fn has(&self, record: &Record) -> bool {
@@ -195,9 +195,9 @@ impl Known {
     }
 }
 
-impl Reader {
+impl RunReader {
     /// The next record, if there is one, which stands behind the one before it.
-    fn next(&mut self, runs: &VoxelRuns, known: &Known) -> Result<Option<Record>> {
+    fn next(&mut self, runs: &VoxelRuns, known: &RecordBounds) -> Result<Option<Record>> {
         if self.at == self.block.len() {
             let Some(&bytes) = self.run.blocks.get(self.next_block) else { return Ok(None) };
             let count = (self.run.record_count - self.next_block * BLOCK).min(BLOCK);
@@ -225,13 +225,13 @@ impl Reader {
 /// Calls `take` for each pair of leaf and material, in order, summed.
 pub(crate) fn merge(
     mut runs: VoxelRuns,
-    known: &Known,
+    known: &RecordBounds,
     mut take: impl FnMut(Record) -> Result<()>,
 ) -> Result<()> {
     let mut all = std::mem::take(&mut runs.written.get_mut().expect("no panic while held").runs);
     all.sort_unstable_by_key(|run| run.order);
-    let reader = |run| Reader { run, next_block: 0, block: Vec::new(), at: 0, least: 0 };
-    let mut readers: Vec<Reader> = all.into_iter().map(reader).collect();
+    let reader = |run| RunReader { run, next_block: 0, block: Vec::new(), at: 0, least: 0 };
+    let mut readers: Vec<RunReader> = all.into_iter().map(reader).collect();
     let mut heads = Vec::with_capacity(readers.len());
     let mut heap = BinaryHeap::with_capacity(readers.len());
     for (index, reader) in readers.iter_mut().enumerate() {

@@ -34,9 +34,9 @@ mod voxelize;
 
 pub(crate) use emit::{STREAM_BYTES, UpperBuilder};
 pub use facets::Facets;
-pub(crate) use families::{Finished, FirstPage, LowerBuilder, family_bytes};
+pub(crate) use families::{FamilyOutcome, FirstPage, LowerBuilder, family_bytes};
 pub use links::{LowerLinks, LowerSize, UnitRef};
-pub(crate) use merge::{Known, RUN_BYTES, RunsSize, VoxelRuns, Written, merge};
+pub(crate) use merge::{RUN_BYTES, RecordBounds, RunsSize, VoxelRunTable, VoxelRuns, merge};
 pub use node::OctreeNode;
 pub(crate) use payload::LeafNormal;
 pub use units::{UnitNode, UnitsView};

@@ -168,7 +168,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The same by clipping in rationals: the triangle is cut by the six planes, what is left is not empty. Corners are
+    /// Overlap by clipping in rationals: the triangle is cut by the six planes, what is left is not empty. Corners are
     /// fractions over a common weight, i128.
     fn clipped(corner: [[i64; 3]; 3], lo: [i64; 3], side: i64) -> bool {
         // A point (x, y, z, w) stands for (x, y, z) / w with w > 0.

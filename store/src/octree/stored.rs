@@ -34,7 +34,7 @@ impl UpperOctree {
     /// What an octree stored in `stored_bytes` takes, by its head, for a model of so many materials; `None` for no
     /// such head.
     pub(crate) fn peek(head: &[u8], stored_bytes: u64, material_count: usize) -> Option<UpperSize> {
-        let mut r = Reader(head);
+        let mut r = SectionReader(head);
         let (grid, leaf_count, facet_count, nodes) = r.head()?;
         let leaves = u64::from(leaf_count);
         let sound = facet_count <= leaf_count && nodes <= MAX_DEPTH as u64 * leaves;
@@ -56,7 +56,7 @@ impl UpperOctree {
     /// The gate for foreign bytes. `None` when anything is out of its range.
     pub(crate) fn parse(bytes: &[u8], material_count: usize) -> Option<UpperOctree> {
         UpperOctree::peek(bytes, bytes.len() as u64, material_count)?;
-        let mut r = Reader(bytes);
+        let mut r = SectionReader(bytes);
         let (grid, leaf_count, facet_count, node_count) = r.head()?;
         let (leaf_count, node_count) = (leaf_count as usize, node_count as usize);
         let mut masks = Vec::with_capacity(node_count);
@@ -105,9 +105,9 @@ pub(super) fn packed_planes(words: &[u64], bytes: usize) -> Vec<u8> {
 }
 
 /// What is left of a section.
-pub(super) struct Reader<'a>(pub(super) &'a [u8]);
+pub(super) struct SectionReader<'a>(pub(super) &'a [u8]);
 
-impl Reader<'_> {
+impl SectionReader<'_> {
     /// Grid, leaves, facets, nodes.
     fn head(&mut self) -> Option<(VoxelGrid, u32, u32, u64)> {
         let (resolution, leaf_count, facet_count) = (self.u32()?, self.u32()?, self.u32()?);

@@ -52,7 +52,7 @@ const INDEX_BYTES: usize = 2;
 
 /// Counts of what is in a page.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Counts {
+pub(super) struct UnitCounts {
     pub(super) units: usize,
     pub(super) nodes: usize,
     pub(super) leaves: usize,
@@ -60,7 +60,7 @@ pub(super) struct Counts {
     pub(super) links: usize,
 }
 
-impl Counts {
+impl UnitCounts {
     /// Bytes of the frame's form.
     pub(super) const fn frame_bytes(&self, material_bytes: usize) -> usize {
         FRAME_HEAD_BYTES
@@ -80,8 +80,12 @@ impl Counts {
 }
 
 /// The largest unit.
-const LARGEST: Counts =
-    Counts { units: 1, nodes: NODE_CHILDREN, leaves: NODE_CHILDREN * NODE_CHILDREN, links: NODE_CHILDREN };
+const LARGEST: UnitCounts = UnitCounts {
+    units: 1,
+    nodes: NODE_CHILDREN,
+    leaves: NODE_CHILDREN * NODE_CHILDREN,
+    links: NODE_CHILDREN,
+};
 const _: () = assert!(LARGEST.frame_bytes(2) <= FRAME_BYTES);
 
 /// Bytes of a material's index in a model of so many.
@@ -104,9 +108,9 @@ pub(super) struct Units {
 }
 
 impl Units {
-    pub(super) fn counts(&self) -> Counts {
+    pub(super) fn counts(&self) -> UnitCounts {
         let (units, nodes) = (self.units.len(), self.nodes.len());
-        Counts { units, nodes, leaves: self.bitmaps.len(), links: self.links.len() }
+        UnitCounts { units, nodes, leaves: self.bitmaps.len(), links: self.links.len() }
     }
 
     /// Forgets all, keeps the memory.
@@ -121,7 +125,7 @@ impl Units {
 
     /// The stored form before packing.
     pub(super) fn encode(&self, material_bytes: usize) -> Vec<u8> {
-        let Counts { units, nodes, leaves, links } = self.counts();
+        let UnitCounts { units, nodes, leaves, links } = self.counts();
         let mut out = Vec::with_capacity(self.counts().stored_bytes(material_bytes));
         for count in [units, nodes, leaves, usize::from(links > 0)] {
             out.extend((count as u32).to_le_bytes());
@@ -145,8 +149,8 @@ impl Units {
 
 /// The stored form, its arrays found but not looked into.
 #[derive(Clone, Copy)]
-pub(super) struct Stored<'a> {
-    counts: Counts,
+pub(super) struct StoredUnits<'a> {
+    counts: UnitCounts,
     pub(super) units: &'a [u8],
     pub(super) nodes: &'a [u8],
     links: &'a [u8],
@@ -155,14 +159,14 @@ pub(super) struct Stored<'a> {
     materials: &'a [u8],
 }
 
-impl<'a> Stored<'a> {
+impl<'a> StoredUnits<'a> {
     /// `None` for another length than the counts say.
-    pub(super) fn read(raw: &'a [u8], material_bytes: usize) -> Option<Stored<'a>> {
+    pub(super) fn read(raw: &'a [u8], material_bytes: usize) -> Option<StoredUnits<'a>> {
         let (head, arrays) = raw.split_first_chunk::<STORED_HEAD_BYTES>()?;
         let word = |i: usize| u32::from_le_bytes(head[4 * i..4 * i + 4].try_into().expect("four")) as usize;
         let linked = word(3);
         let counts =
-            Counts { units: word(0), nodes: word(1), leaves: word(2), links: word(1) * linked.min(1) };
+            UnitCounts { units: word(0), nodes: word(1), leaves: word(2), links: word(1) * linked.min(1) };
         if linked > 1 || counts.stored_bytes(material_bytes) != raw.len() {
             return None;
         }
@@ -172,7 +176,7 @@ impl<'a> Stored<'a> {
             rest = tail;
             array
         };
-        Some(Stored {
+        Some(StoredUnits {
             counts,
             units: take(counts.units),
             nodes: take(counts.nodes),
@@ -235,8 +239,8 @@ pub(crate) fn install_units(
     frame: &mut [u8],
 ) -> Result<(), &'static str> {
     let material_bytes = material_bytes(context.material_count);
-    let stored =
-        Stored::read(raw, material_bytes).ok_or("a page of units has another length than its head says")?;
+    let stored = StoredUnits::read(raw, material_bytes)
+        .ok_or("a page of units has another length than its head says")?;
     let counts = stored.counts;
     if counts.frame_bytes(material_bytes) > frame.len() {
         return Err("a page of units holds more than a frame can");
@@ -244,7 +248,7 @@ pub(crate) fn install_units(
     if !stored.is_parted() {
         return Err("units of a page do not part its leaves");
     }
-    let mut out = Writer { frame, at: 0 };
+    let mut out = FrameWriter { frame, at: 0 };
     [counts.units, counts.nodes, counts.leaves]
         .iter()
         .for_each(|&count| out.put(&(count as u16).to_le_bytes()));
@@ -290,12 +294,12 @@ pub(crate) fn install_units(
 }
 
 /// Fills a frame.
-struct Writer<'a> {
+struct FrameWriter<'a> {
     frame: &'a mut [u8],
     at: usize,
 }
 
-impl Writer<'_> {
+impl FrameWriter<'_> {
     fn put(&mut self, bytes: &[u8]) {
         self.frame[self.at..self.at + bytes.len()].copy_from_slice(bytes);
         self.at += bytes.len();

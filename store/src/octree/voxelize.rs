@@ -284,7 +284,7 @@ fn area_inside(corner: &[[i64; 3]; 3], lo: [i64; 3], side: i64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::Refinement;
-    use super::super::merge::{Known, merge};
+    use super::super::merge::{RecordBounds, merge};
     use super::*;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
@@ -299,7 +299,7 @@ mod tests {
         triangles.iter().for_each(|q| voxelizer.add(*q, 0));
         voxelizer.finish().unwrap();
         let mut all = Vec::new();
-        merge(runs, &Known::new(&grid, 1), |leaf| {
+        merge(runs, &RecordBounds::new(&grid, 1), |leaf| {
             all.push(leaf);
             Ok(())
         })

@@ -8,6 +8,7 @@ use super::pin::Pin;
 use super::signal::lock;
 use super::word::PageState;
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use std::time::{Duration, Instant};
 
 /// Pages that [`PagePool::fetch_blocking`] asks for ahead of the one it waits for.
@@ -84,6 +85,6 @@ impl PagePool {
         Error::new(Code::MemoryLimit, "no page has arrived for a minute")
             .at_place(format!("page {page}"))
             .numbers(format!("{:?}, saturated: {}", self.frames(), self.is_saturated()))
-            .next("raise --memory-limit, or look whether the device hangs (dmesg)")
+            .next(NextStep::RaiseLimitOrCheckDevice)
     }
 }

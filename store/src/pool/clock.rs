@@ -115,7 +115,7 @@ impl Clock {
     }
 
     /// Retires what is owed, as far as pins allow. True when nothing is owed any more.
-    pub(super) fn settle(&mut self, words: &[Word], arena: &FrameArena) -> bool {
+    pub(super) fn pay_debt(&mut self, words: &[Word], arena: &FrameArena) -> bool {
         self.pay(words, arena);
         self.owed == 0
     }

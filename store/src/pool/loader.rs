@@ -98,8 +98,8 @@ impl<'a> Loader<'a> {
     /// Pays frames that are owed, then submits as many reads as there are wants and permits for.
     fn pump(&mut self) {
         let shared = self.shared;
-        let settle = || lock(&shared.clock).settle(&shared.words, &shared.arena).then_some(());
-        let in_debt = shared.starved.try_twice(settle).is_none();
+        let pay_debt = || lock(&shared.clock).pay_debt(&shared.words, &shared.arena).then_some(());
+        let in_debt = shared.starved.try_twice(pay_debt).is_none();
         let mut saturated = false;
         while self.reader.room() > 0 {
             let Some(mut slot) = lock(&shared.idle).pop() else { break };

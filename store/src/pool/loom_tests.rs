@@ -14,7 +14,7 @@ use super::clock::Clock;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::requests::Requests;
-use super::signal::{Bell, Progress, Starved, lock};
+use super::signal::{ArrivalCount, Bell, Starved, lock};
 use super::sync::{AtomicBool, AtomicU64, Mutex, Ordering};
 use super::want::Want;
 use super::word::{Cooled, PageState, SCORE_FIRST, Word};
@@ -26,12 +26,12 @@ use loom::thread;
 use std::time::Duration;
 
 /// Two pages that share one frame. loom's cell fails the test when a read and a write of it can overlap.
-struct Shared {
+struct TwoPages {
     words: [Word; 2],
     frame: UnsafeCell<u64>,
 }
 
-fn use_page(shared: &Shared, page: usize) {
+fn use_page(shared: &TwoPages, page: usize) {
     if shared.words[page].try_pin().is_some() {
         // The frame holds this page's bytes for as long as it is pinned.
         shared.frame.with(|bytes| assert_eq!(read(bytes), page as u64));
@@ -51,15 +51,15 @@ fn write(bytes: *mut u64, value: u64) {
     unsafe { *bytes = value }
 }
 
-fn load(shared: &Shared, page: usize) {
+fn load(shared: &TwoPages, page: usize) {
     shared.words[page].enqueue().unwrap();
     shared.words[page].begin_read(0);
     shared.frame.with_mut(|bytes| write(bytes, page as u64));
     shared.words[page].install();
 }
 
-fn shared_with_page_0() -> Arc<Shared> {
-    let shared = Arc::new(Shared { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
+fn shared_with_page_0() -> Arc<TwoPages> {
+    let shared = Arc::new(TwoPages { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
     load(&shared, 0);
     for _ in 0..SCORE_FIRST {
         assert_eq!(shared.words[0].cool(), Cooled::Warm);
@@ -123,7 +123,7 @@ fn loom_a_ring_is_not_slept_through() {
 #[test]
 fn loom_an_arrival_wakes_all() {
     loom::model(|| {
-        let shared = Arc::new((AtomicBool::new(false), Progress::default()));
+        let shared = Arc::new((AtomicBool::new(false), ArrivalCount::default()));
         let sleepers = [0, 1].map(|_| {
             let shared = Arc::clone(&shared);
             thread::spawn(move || {
@@ -234,8 +234,8 @@ fn loom_an_unpin_wakes_who_owes_frames() {
             }
         });
         lock(&owing.clock).set_frames(0, &owing.words, &owing.arena).unwrap();
-        let settle = || lock(&owing.clock).settle(&owing.words, &owing.arena).then_some(());
-        while owing.starved.try_twice(settle).is_none() {
+        let pay_debt = || lock(&owing.clock).pay_debt(&owing.words, &owing.arena).then_some(());
+        while owing.starved.try_twice(pay_debt).is_none() {
             owing.bell.wait(None);
         }
         holder.join().unwrap();

@@ -48,14 +48,14 @@ impl Default for PoolOptions {
 }
 
 /// The sizes that follow from a file and the options.
-pub(super) struct Plan {
+pub(super) struct PoolPlan {
     pub(super) frames_max: usize,
     pub(super) slot_bytes: usize,
     pub(super) overhead_bytes: u64,
 }
 
-impl Plan {
-    pub(super) fn new(store: &dyn PageStore, options: &PoolOptions) -> Result<Plan> {
+impl PoolPlan {
+    pub(super) fn new(store: &dyn PageStore, options: &PoolOptions) -> Result<PoolPlan> {
         let out_of_range = options.staging_slots == 0
             || options.staging_slots > crate::io::DEPTH_MAX
             || options.decode_threads == 0
@@ -85,6 +85,6 @@ impl Plan {
             + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
             // What a decoder may keep as scratch.
             + (options.decode_threads * frame_bytes) as u64;
-        Ok(Plan { frames_max, slot_bytes, overhead_bytes })
+        Ok(PoolPlan { frames_max, slot_bytes, overhead_bytes })
     }
 }

@@ -5,10 +5,10 @@ use super::failure::Failure;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::loader::Loader;
-use super::options::{FRAMES_MIN, Plan, PoolOptions};
+use super::options::{FRAMES_MIN, PoolOptions, PoolPlan};
 use super::requests::Requests;
 use super::shared::Shared;
-use super::signal::{Bell, Progress, Starved, lock};
+use super::signal::{ArrivalCount, Bell, Starved, lock};
 use super::stats::{Counters, PoolStats};
 use super::sync::Mutex;
 use super::want::{PageStore, Want};
@@ -16,6 +16,7 @@ use super::word::{PageState, Word};
 use crate::budget::{Budget, Lease, RESERVE_BYTES};
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, IoDescription, Reader};
+use crate::next_step::{NextStep, Setting};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -111,7 +112,7 @@ impl PagePool {
         budget: &Budget,
         options: &PoolOptions,
     ) -> Result<PagePool> {
-        let plan = Plan::new(&*store, options)?;
+        let plan = PoolPlan::new(&*store, options)?;
         let tables = budget.lease("tables and staging of the page pool", plan.overhead_bytes)?;
         let frames_lease = budget.lease("page frames", 0)?;
         let reader = Reader::new(backend, path);
@@ -126,7 +127,7 @@ impl PagePool {
             idle: Mutex::new(slots?),
             jobs: JobQueue::new(options.decode_threads),
             bell: Bell::default(),
-            progress: Progress::default(),
+            progress: ArrivalCount::default(),
             damage: Mutex::new(Vec::new()),
             io: Mutex::new(reader.describe().clone()),
             failure: Failure::default(),
@@ -149,7 +150,7 @@ impl PagePool {
     /// # Errors
     /// [`Code::Usage`] for options out of range.
     pub fn smallest_bytes(store: &dyn PageStore, options: &PoolOptions) -> Result<(u64, u64)> {
-        let plan = Plan::new(store, options)?;
+        let plan = PoolPlan::new(store, options)?;
         let frames_bytes = (FRAMES_MIN * store.frame_bytes()) as u64;
         Ok((plan.overhead_bytes, plan.overhead_bytes + frames_bytes))
     }
@@ -259,9 +260,9 @@ impl PagePool {
             let others = self.budget.used_bytes().saturating_sub(held) + RESERVE_BYTES;
             let smallest = others + FRAMES_MIN as u64 * frame_bytes;
             return Err(Error::new(Code::MemoryLimit, "too little memory for page frames")
-                .at_place("--memory-limit")
+                .at_setting(Setting::MemoryLimit)
                 .numbers(format!("{frames_bytes} bytes, {FRAMES_MIN} frames of {frame_bytes} needed"))
-                .next(format!("raise the limit to at least {}MiB", smallest.div_ceil(1 << 20)))
+                .next(NextStep::RaiseLimit { bytes: smallest })
                 .smallest_limit(smallest));
         }
         clock.set_frames(frames, &self.shared.words, &self.shared.arena)?;

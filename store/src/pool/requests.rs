@@ -36,12 +36,12 @@ pub(super) struct Requests {
     table: HashMap<u32, Request>,
     order: BTreeSet<Key>,
     capacity: usize,
-    counts: Counts,
+    counts: RequestCounts,
 }
 
 /// What became of wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Counts {
+pub(super) struct RequestCounts {
     pub(super) dropped: u64,
     pub(super) refused: u64,
     pub(super) peak: u64,
@@ -56,7 +56,7 @@ impl Requests {
             table: HashMap::with_capacity(capacity),
             order: BTreeSet::new(),
             capacity,
-            counts: Counts::default(),
+            counts: RequestCounts::default(),
         }
     }
 
@@ -167,7 +167,7 @@ impl Requests {
     }
 
     /// What became of wants so far.
-    pub(super) fn counts(&self) -> Counts {
+    pub(super) fn counts(&self) -> RequestCounts {
         self.counts
     }
 }

@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::requests::Requests;
-use super::signal::{Bell, Progress, Starved};
+use super::signal::{ArrivalCount, Bell, Starved};
 use super::stats::Counters;
 use super::sync::Mutex;
 use super::want::PageStore;
@@ -26,7 +26,7 @@ pub(super) struct Shared {
     pub(super) idle: Mutex<Vec<Slot>>,
     pub(super) jobs: JobQueue,
     pub(super) bell: Bell,
-    pub(super) progress: Progress,
+    pub(super) progress: ArrivalCount,
     /// Slots of pages that nobody waits for.
     pub(super) ahead: AtomicUsize,
     pub(super) damage: Mutex<Vec<(u32, Error)>>,

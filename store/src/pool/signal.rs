@@ -89,7 +89,7 @@ impl Starved {
 
 /// Counts arrivals, and lets many threads sleep until the next one.
 #[derive(Default)]
-pub(super) struct Progress {
+pub(super) struct ArrivalCount {
     state: Mutex<ProgressState>,
     wake: Condvar,
 }
@@ -101,7 +101,7 @@ struct ProgressState {
     given_up: bool,
 }
 
-impl Progress {
+impl ArrivalCount {
     /// One more arrival.
     pub(super) fn bump(&self) {
         let mut state = lock_always(&self.state);

@@ -1,7 +1,7 @@
 //! `Pace`: how fast a check reads, and how far it is.
 //!
 //! Invariants: 1. what was read never runs ahead of the rate by more than the last piece; 2. a wait is cut into parts
-//! of [`PART`], between which the caller is asked whether to go on.
+//! of [`PART`], between which the caller is asked whether to continue.
 
 use crate::error::Result;
 use std::num::NonZeroU64;
@@ -47,14 +47,14 @@ impl<'a> Pace<'a> {
         let due = Duration::try_from_secs_f64((self.done + self.again) as f64 / rate.get() as f64);
         let due = due.unwrap_or(Duration::MAX);
         while let Some(left) = due.checked_sub(self.begin.elapsed()).filter(|left| !left.is_zero()) {
-            self.tell()?;
+            self.report_progress()?;
             std::thread::sleep(left.min(PART));
         }
         Ok(())
     }
 
     /// Says how far it is.
-    pub(super) fn tell(&self) -> Result<()> {
+    pub(super) fn report_progress(&self) -> Result<()> {
         (self.report)(self.done.min(self.total), self.total)
     }
 

@@ -43,7 +43,7 @@ pub(super) fn check(
     let mut order: Vec<(UnitRef, u32)> =
         (0..links.count()).map(|number| (links.unit(number), number as u32)).collect();
     order.sort_unstable();
-    let (refinement, outer, inner) = (links.refinement(), Frame::new()?, Frame::new()?);
+    let (refinement, outer, inner) = (links.refinement(), CachedPage::new()?, CachedPage::new()?);
     let mut check = UnitCheck { file, verdict, pace, refinement, outer, inner, leaf_count: 0 };
     for (unit, number) in order {
         let bounds = bounds_of(file, &upper, places[number as usize]);
@@ -140,7 +140,7 @@ impl Verdict {
 }
 
 /// A page that was read last.
-struct Frame {
+struct CachedPage {
     page: Option<u32>,
     is_whole: bool,
     bytes: Staging,
@@ -153,8 +153,8 @@ struct UnitCheck<'a, 'p> {
     pace: &'a mut Pace<'p>,
     refinement: Refinement,
     /// The page of the unit at hand, and of the one that nests in it.
-    outer: Frame,
-    inner: Frame,
+    outer: CachedPage,
+    inner: CachedPage,
     /// Leaves of all units up to now.
     leaf_count: u64,
 }
@@ -214,10 +214,10 @@ fn nested_leaves(
     })
 }
 
-impl Frame {
-    fn new() -> Result<Frame> {
+impl CachedPage {
+    fn new() -> Result<CachedPage> {
         let (bytes, buffers) = (Staging::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
-        Ok(Frame { page: None, is_whole: false, bytes, buffers })
+        Ok(CachedPage { page: None, is_whole: false, bytes, buffers })
     }
 
     /// Reads a page unless it is there already; false for one that is damaged, which has been told.

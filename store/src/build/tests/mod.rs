@@ -4,17 +4,23 @@ mod resume;
 mod scratch;
 mod worker;
 
-use super::writer::make_room;
+use super::emit::writer::make_room;
 use super::*;
+use crate::budget::Budget;
 use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;
+use crate::progress::Interrupt;
+use crate::source::SourceStats;
 use crate::{Lattice, Material, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::ThreadPoolBuilder;
 use std::os::unix::ffi::OsStrExt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
 
 /// Triangles in memory.
-struct Mesh {
+struct MemoryMesh {
     triangles: Vec<([[f64; 3]; 3], u32)>,
     materials: Vec<Material>,
     at: usize,
@@ -22,16 +28,16 @@ struct Mesh {
     named: Vec<PathBuf>,
 }
 
-impl Mesh {
-    fn new(triangles: Vec<([[f64; 3]; 3], u32)>) -> Mesh {
+impl MemoryMesh {
+    fn new(triangles: Vec<([[f64; 3]; 3], u32)>) -> MemoryMesh {
         let count = triangles.iter().map(|t| t.1).max().unwrap_or(0) + 1;
         let material =
             |i| Material { name: format!("m{i}"), ke: [f32::from(i == 3); 3], ..Material::default() };
-        Mesh { triangles, materials: (0..count).map(material).collect(), at: 0, named: Vec::new() }
+        MemoryMesh { triangles, materials: (0..count).map(material).collect(), at: 0, named: Vec::new() }
     }
 }
 
-impl TriangleSource for Mesh {
+impl TriangleSource for MemoryMesh {
     fn name(&self) -> String {
         "mesh in memory".into()
     }
@@ -72,7 +78,7 @@ fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
 }
 
 /// A wavy sheet of `2 n^2` triangles with shared vertices, and `loose` random triangles of all sizes.
-fn mesh(n: usize, loose: usize, seed: u64) -> Mesh {
+fn mesh(n: usize, loose: usize, seed: u64) -> MemoryMesh {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let mut unit = || rng.next_u32() as f64 / u32::MAX as f64;
     let point = |i: usize, j: usize| {
@@ -93,10 +99,10 @@ fn mesh(n: usize, loose: usize, seed: u64) -> Mesh {
         let corners = std::array::from_fn(|_| center.map(|v| v + size * (unit() - 0.5)));
         triangles.push((corners, (unit() * 40.0) as u32));
     }
-    Mesh::new(triangles)
+    MemoryMesh::new(triangles)
 }
 
-fn build_bytes(mesh: &mut Mesh, options: &BuildOptions) -> (Vec<u8>, BuildReport) {
+fn build_bytes(mesh: &mut MemoryMesh, options: &BuildOptions) -> (Vec<u8>, BuildReport) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.trex");
     mesh.rewind().unwrap();
@@ -107,10 +113,10 @@ fn build_bytes(mesh: &mut Mesh, options: &BuildOptions) -> (Vec<u8>, BuildReport
 }
 
 /// Corners and material of a triangle on the lattice.
-type Snapped = ([[i64; 3]; 3], u16);
+type SnappedTriangle = ([[i64; 3]; 3], u16);
 
 /// All triangles of a file, snapped, with the first corner rotated to the front; sorted.
-fn decoded(bytes: &[u8]) -> (Vec<Snapped>, Lattice) {
+fn decoded(bytes: &[u8]) -> (Vec<SnappedTriangle>, Lattice) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.trex");
     std::fs::write(&path, bytes).unwrap();
@@ -139,7 +145,7 @@ fn canonical(q: [[i64; 3]; 3]) -> [[i64; 3]; 3] {
     [[q[0], q[1], q[2]], [q[1], q[2], q[0]], [q[2], q[0], q[1]]].into_iter().min().unwrap()
 }
 
-fn snapped(mesh: &Mesh, lattice: Lattice) -> Vec<Snapped> {
+fn snapped(mesh: &MemoryMesh, lattice: Lattice) -> Vec<SnappedTriangle> {
     let mut all: Vec<_> = mesh
         .triangles
         .iter()
@@ -169,7 +175,7 @@ fn every_triangle_is_stored_once_and_none_is_changed() {
 #[test]
 fn what_takes_more_on_disk_than_in_a_frame_fits_its_page() {
     let triangle = [[0.0; 3], [1.0, 0.0, 0.25], [0.0, 1.0, 0.5]];
-    let mut mesh = Mesh::new(vec![(triangle, 0); 40_000]);
+    let mut mesh = MemoryMesh::new(vec![(triangle, 0); 40_000]);
     let options = BuildOptions { voxels: Voxels::None, ..options(1, 1 << 30) };
     let (bytes, _) = build_bytes(&mut mesh, &options);
     let (stored, lattice) = decoded(&bytes);

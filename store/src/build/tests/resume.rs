@@ -1,7 +1,8 @@
-//! Builds that are stopped again and again and gone on with: the same bytes as one that was let alone, whatever was
-//! left of them; and who may go on with what.
+//! Builds that are stopped again and again and resumed: the bytes of one that was never stopped, whatever was left of
+//! them; and which build may resume which.
 
 use super::*;
+use crate::next_step::NextStep;
 use crate::octree::Refinement;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -9,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A build in a folder of its own.
 struct Stage {
     folder: tempfile::TempDir,
-    mesh: Mesh,
+    mesh: MemoryMesh,
     options: BuildOptions,
     whole: Vec<u8>,
 }
@@ -20,7 +21,7 @@ impl Stage {
         Stage::of(mesh(n, 9_000, 7), voxels)
     }
 
-    fn of(mut mesh: Mesh, voxels: Voxels) -> Stage {
+    fn of(mut mesh: MemoryMesh, voxels: Voxels) -> Stage {
         let plain = BuildOptions { voxels, ..options(2, 1 << 30) };
         let (whole, report) = build_bytes(&mut mesh, &plain);
         assert!(report.page_count > 10 && report.emitter_count > 0, "{report:?}");
@@ -75,7 +76,7 @@ impl Stage {
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
     }
 
-    /// Goes on to the end, whose bytes must be those of a build that was let alone, with nothing beside them.
+    /// Resumes to the end, whose bytes must be those of a build that was never stopped, with nothing beside them.
     #[track_caller]
     fn finish(&mut self) -> BuildReport {
         let report = self.build_for(usize::MAX).unwrap();
@@ -91,7 +92,7 @@ fn however_often_it_is_stopped_the_bytes_are_the_same() {
     let refined = Voxels::Refined { upper: 64, refinement: Refinement::By4 };
     for voxels in [Voxels::None, Voxels::Resolution(256), refined] {
         let mut stage = Stage::new(400, voxels);
-        // Stopped at each report in turn, most of which are of chunks; each build goes on from the one before it.
+        // Stopped at each report in turn, most of which are of chunks; each build resumes the one before it.
         let (mut stops, mut resumed) = (0, BTreeSet::new());
         let report = loop {
             match stage.build_for(1 + stops) {
@@ -118,7 +119,7 @@ fn stop_among_batches(stage: &mut Stage, batches: usize) {
 }
 
 /// A sheet in one corner of what it lies in: its cell holds more than a chunk, and is cut.
-fn crowded() -> Mesh {
+fn crowded() -> MemoryMesh {
     let mut mesh = mesh(300, 2_000, 7);
     let far = [[0.0, 1500.0, 0.0], [3.0, 1500.0, 0.0], [0.0, 1500.0, 3.0]];
     mesh.triangles.insert(90_500, (far, 0));
@@ -183,7 +184,10 @@ fn cells_are_gone_on_with_where_they_are_whole_and_of_this_input() {
         let error = stage.build_for(usize::MAX).unwrap_err();
         assert_eq!(error.code(), Code::Usage, "{error}");
         assert!(error.numbers_text().contains("the first 100000 triangles"), "{error}");
-        assert!(stage.left("sorted").exists() && error.next_step().contains("--clean"), "{error}");
+        assert!(
+            stage.left("sorted").exists() && *error.next_step_kind() == NextStep::SameInputOrClean,
+            "{error}"
+        );
         stage.mesh.triangles[index].0[0][0] = before;
     }
     let all = stage.mesh.triangles.clone();
@@ -193,8 +197,8 @@ fn cells_are_gone_on_with_where_they_are_whole_and_of_this_input() {
     assert_eq!(stage.finish().resumed_sorted_count, 100_000);
 }
 
-/// What is left may be gone in part, cut off, or changed: then less is gone on with, or there is an error, and the
-/// build after that one begins anew. The bytes are never others.
+/// What is left may be gone in part, cut off, or changed: then less is resumed, or there is an error, and the
+/// build after that one starts afresh. The bytes are never others.
 #[test]
 fn what_is_left_may_be_damaged() {
     let mut stage = Stage::new(280, Voxels::Resolution(64));
@@ -247,7 +251,7 @@ fn a_build_goes_on_with_the_same_input_and_options_alone() {
         assert_eq!(error.code(), Code::Usage, "{error}");
         assert!(words.iter().all(|word| error.numbers_text().contains(word)), "{error}");
         assert_eq!(error.numbers_text().matches(" then, ").count(), 1, "{error}");
-        assert!(error.next_step().contains("--clean"), "{error}");
+        assert!(*error.next_step_kind() == NextStep::SameInputOrClean, "{error}");
         assert_eq!(stage.names(), names, "a refused build removed something");
     };
     stage.options.voxels = Voxels::None;
@@ -300,6 +304,41 @@ fn two_builders_of_one_output_are_kept_apart() {
     stage.options.interrupt = Interrupt::default();
     build(&mut stage.mesh, &output, &stage.options, &|_| {}, &report).unwrap();
     assert!(busy.into_inner() > 0 && std::fs::read(&output).unwrap() == stage.whole);
+}
+
+/// The checkpoint that a build would resume from, and the records that are there then.
+fn checkpoint_of(stage: &Stage) -> (&'static str, Vec<&'static str>) {
+    let journal = Journal::begin(&stage.output(), stage.folder.path(), &stage.options);
+    let mut journal = journal.unwrap().expect("these builds can be resumed");
+    let name = match Checkpoint::find(Some(&mut journal), &stage.options).unwrap() {
+        Checkpoint::Fresh => "fresh",
+        Checkpoint::Sorted(_) => "sorted",
+        Checkpoint::Partitioned(_) => "partitioned",
+        Checkpoint::Emitting(..) => "emitting",
+    };
+    journal.keep();
+    (name, ["sorted", "chunks", "done"].into_iter().filter(|&ending| stage.left(ending).exists()).collect())
+}
+
+/// A file that is too short for what a record says leads to the checkpoint before; records of later ones go.
+#[test]
+fn each_checkpoint_keeps_its_own_records() {
+    let mut stage = Stage::new(280, Voxels::Resolution(64));
+    assert_eq!(checkpoint_of(&stage), ("fresh", vec![]));
+    let cut = |stage: &Stage, ending: &str| {
+        std::fs::OpenOptions::new().write(true).open(stage.left(ending)).unwrap().set_len(100).unwrap();
+    };
+    stop_among_batches(&mut stage, 40);
+    assert_eq!(checkpoint_of(&stage), ("sorted", vec!["sorted"]));
+    cut(&stage, "cells");
+    assert_eq!(checkpoint_of(&stage), ("fresh", vec![]));
+    for (ending, checkpoint) in [("part", ("partitioned", vec!["chunks"])), ("cells", ("fresh", vec![]))] {
+        stage.stop_among_chunks();
+        assert_eq!(checkpoint_of(&stage), ("emitting", vec!["chunks", "done"]));
+        cut(&stage, ending);
+        assert_eq!(checkpoint_of(&stage), checkpoint);
+        stage.finish();
+    }
 }
 
 #[test]

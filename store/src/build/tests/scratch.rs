@@ -53,7 +53,7 @@ struct Bad {
 
 impl Bad {
     /// The file that was published or the error, and how many scratch files there were at the moment.
-    fn build(&self, mesh: &mut Mesh) -> (Result<Vec<u8>>, usize) {
+    fn build(&self, mesh: &mut MemoryMesh) -> (Result<Vec<u8>>, usize) {
         let folder = tempfile::tempdir().unwrap();
         let (path, scratch): (PathBuf, PathBuf) =
             (folder.path().join("out.trex"), folder.path().join("scratch"));

@@ -1,11 +1,12 @@
 //! What a worker takes for a full chunk, by the allocator's count, against what is leased for it.
 
-use super::super::cells::{CHUNK_TRIANGLES, Chunk, Piece};
-use super::super::chunk::{Workspace, worker_bytes};
-use super::super::pages::PackContext;
+use super::super::clusters::pages::PackContext;
+use super::super::clusters::workspace::{Workspace, worker_bytes};
+use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
 use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch};
 use super::*;
 use crate::cluster::LatticeBox;
+use crate::scratch::Place;
 
 /// Steps along a side of a sheet of a chunk's triangles: two triangles a square.
 const SIDE: i64 = 256;

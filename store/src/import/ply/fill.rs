@@ -6,14 +6,14 @@ use super::super::polygon::MAX_POLYGON_SIDES;
 use super::super::scalar::Scalar;
 use super::header::Property;
 use super::rows::{Rows, TriangleRows};
-use super::section::{Kind, Strip};
-use super::{Mesh, PlySource};
+use super::section::{Kind, OpenStrip};
+use super::{PlyMesh, PlySource};
 use crate::error::{Code, Error, Result};
 use crate::source::TriangleBatch;
 
 impl<R: Rows> PlySource<R> {
     /// Adds triangles to `batch` until it is full or the last section has ended.
-    pub(super) fn fill(&mut self, mesh: &mut Mesh<R>, batch: &mut TriangleBatch) -> Result<()> {
+    pub(super) fn fill(&mut self, mesh: &mut PlyMesh<R>, batch: &mut TriangleBatch) -> Result<()> {
         while batch.len() < TriangleBatch::TARGET_TRIANGLES && mesh.at < mesh.sections.len() {
             if mesh.progress.rows_left > 0 {
                 self.some_rows(mesh, batch)?;
@@ -31,7 +31,7 @@ impl<R: Rows> PlySource<R> {
         Ok(())
     }
 
-    fn some_rows(&mut self, mesh: &mut Mesh<R>, batch: &mut TriangleBatch) -> Result<()> {
+    fn some_rows(&mut self, mesh: &mut PlyMesh<R>, batch: &mut TriangleBatch) -> Result<()> {
         let section = &mesh.sections[mesh.at].0;
         let kind = section.kind;
         if let Some(rows) = section.triangle_rows {
@@ -48,7 +48,7 @@ impl<R: Rows> PlySource<R> {
 
     fn run_of_triangles(
         &mut self,
-        mesh: &mut Mesh<R>,
+        mesh: &mut PlyMesh<R>,
         rows: TriangleRows,
         batch: &mut TriangleBatch,
     ) -> Result<()> {
@@ -75,7 +75,7 @@ impl<R: Rows> PlySource<R> {
         Ok(())
     }
 
-    fn face(&mut self, mesh: &mut Mesh<R>, batch: &mut TriangleBatch) -> Result<()> {
+    fn face(&mut self, mesh: &mut PlyMesh<R>, batch: &mut TriangleBatch) -> Result<()> {
         let section = &mesh.sections[mesh.at].0;
         self.rows.begin_row()?;
         self.skip_values(&section.before)?;
@@ -98,14 +98,18 @@ impl<R: Rows> PlySource<R> {
     }
 
     /// Goes on with a strip until it ends or the batch is full.
-    fn strip(&mut self, mesh: &mut Mesh<R>, batch: &mut TriangleBatch) -> Result<()> {
+    fn strip(&mut self, mesh: &mut PlyMesh<R>, batch: &mut TriangleBatch) -> Result<()> {
         let section = &mesh.sections[mesh.at].0;
         let mut strip = match mesh.progress.strip {
             Some(strip) => strip,
             None => {
                 self.rows.begin_row()?;
                 self.skip_values(&section.before)?;
-                Strip { items_left: self.list_length(section.list_count)?, last: [[0.0; 3]; 2], length: 0 }
+                OpenStrip {
+                    items_left: self.list_length(section.list_count)?,
+                    last: [[0.0; 3]; 2],
+                    length: 0,
+                }
             }
         };
         while strip.items_left > 0 && batch.len() < TriangleBatch::TARGET_TRIANGLES {

@@ -15,8 +15,8 @@ mod rows;
 mod section;
 
 use self::header::{Element, Form, Header};
-use self::rows::{AsciiRows, BinaryRows, Rows, Run};
-use self::section::{Progress, Section};
+use self::rows::{AsciiRows, BinaryRows, Rows, TriangleRun};
+use self::section::{PlySection, SectionProgress};
 use super::input::Input;
 use super::polygon::Polygon;
 use super::scalar::{ByteOrder, Scalar};
@@ -65,9 +65,9 @@ struct PlySource<R: Rows> {
     body: R::Place,
     header: Header,
     /// `None` until the first batch is asked for.
-    mesh: Option<Mesh<R>>,
+    mesh: Option<PlyMesh<R>>,
     polygon: Polygon,
-    run: Run,
+    run: TriangleRun,
     materials: [Material; 1],
     options: ImportOptions,
     stats: SourceStats,
@@ -75,17 +75,17 @@ struct PlySource<R: Rows> {
 }
 
 /// What preparing finds.
-struct Mesh<R: Rows> {
+struct PlyMesh<R: Rows> {
     vertices: VertexCache,
-    sections: Vec<(Section, R::Place)>,
+    sections: Vec<(PlySection, R::Place)>,
     /// The section at hand, and how far it has come.
     at: usize,
-    progress: Progress,
+    progress: SectionProgress,
 }
 
 impl<R: Rows> PlySource<R> {
     fn new(rows: R, header: Header, options: &ImportOptions) -> Result<PlySource<R>> {
-        let lease = options.budget.lease("a run of faces", Run::BYTES)?;
+        let lease = options.budget.lease("a run of faces", TriangleRun::BYTES)?;
         let mut stats = SourceStats { bytes_total: rows.input().length(), ..SourceStats::default() };
         let vertices = vertex_element(&header, rows.input())?;
         if let Some((_, element)) = vertices {
@@ -97,7 +97,7 @@ impl<R: Rows> PlySource<R> {
             warn(&mut stats, "the file has neither faces nor strips: it is a point cloud".into());
         }
         for element in header.elements.iter().filter(|element| element.count > 0) {
-            Section::new(element, rows.input().path())?;
+            PlySection::new(element, rows.input().path())?;
         }
         Ok(PlySource {
             body: rows.place(),
@@ -105,7 +105,10 @@ impl<R: Rows> PlySource<R> {
             header,
             mesh: None,
             polygon: Polygon::new(&options.budget)?,
-            run: Run { indices: Vec::with_capacity(TriangleBatch::TARGET_TRIANGLES), ..Run::default() },
+            run: TriangleRun {
+                indices: Vec::with_capacity(TriangleBatch::TARGET_TRIANGLES),
+                ..TriangleRun::default()
+            },
             materials: [Material::default()],
             options: options.clone(),
             stats,
@@ -114,7 +117,7 @@ impl<R: Rows> PlySource<R> {
     }
 
     /// Walks the elements up to the last one that matters.
-    fn prepare(&mut self) -> Result<Mesh<R>> {
+    fn prepare(&mut self) -> Result<PlyMesh<R>> {
         self.rows.seek(self.body);
         let mut vertices = None;
         let mut sections = Vec::new();
@@ -130,14 +133,14 @@ impl<R: Rows> PlySource<R> {
         if let Some((_, place)) = sections.first() {
             self.rows.seek(*place);
         }
-        Ok(Mesh { vertices, sections, at: 0, progress })
+        Ok(PlyMesh { vertices, sections, at: 0, progress })
     }
 
     fn walk(
         &mut self,
         elements: &[Element],
         vertices: &mut Option<VertexCache>,
-        sections: &mut Vec<(Section, R::Place)>,
+        sections: &mut Vec<(PlySection, R::Place)>,
     ) -> Result<()> {
         let matters = |element: &Element| matches!(&*element.name, "vertex" | "face" | "tristrips");
         let count = elements.iter().rposition(matters).map_or(0, |last| last + 1);
@@ -146,7 +149,7 @@ impl<R: Rows> PlySource<R> {
                 *vertices = Some(self.take_vertices(element)?);
                 continue;
             }
-            if let Some(section) = Section::new(element, self.rows.input().path())? {
+            if let Some(section) = PlySection::new(element, self.rows.input().path())? {
                 sections.push((section, self.rows.place()));
             }
             if at + 1 < count {
@@ -265,7 +268,7 @@ impl<R: Rows> TriangleSource for PlySource<R> {
     fn rewind(&mut self) -> Result<()> {
         if let Some(mesh) = &mut self.mesh {
             mesh.at = 0;
-            mesh.progress = Progress::default();
+            mesh.progress = SectionProgress::default();
             mesh.vertices.reset_counters();
             if let Some((section, place)) = mesh.sections.first() {
                 mesh.progress = section.start();

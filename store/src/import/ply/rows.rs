@@ -43,7 +43,7 @@ pub(super) trait Rows: Send {
     fn skip_all(&mut self, element: &Element) -> Result<bool>;
 
     /// Reads rows that are plain triangles, at most `most`, for as long as they come; see [`TriangleRows`].
-    fn triangles(&mut self, rows: TriangleRows, most: u64, run: &mut Run) -> Result<()>;
+    fn triangles(&mut self, rows: TriangleRows, most: u64, run: &mut TriangleRun) -> Result<()>;
 
     /// An error of `code` at this place.
     fn error(&self, code: Code, what: &str, numbers: String) -> Error;
@@ -73,7 +73,7 @@ impl TriangleRows {
 
 /// Corner indices of a run of triangle rows.
 #[derive(Debug, Default)]
-pub(super) struct Run {
+pub(super) struct TriangleRun {
     /// Three per triangle, as the bytes say them: a negative index is a large one.
     pub(super) indices: Vec<[u32; 3]>,
     /// Offset of the first row, and bytes from a row to the next.
@@ -82,7 +82,7 @@ pub(super) struct Run {
     pub(super) row_bytes: u64,
 }
 
-impl Run {
+impl TriangleRun {
     /// Bytes that a full run takes.
     pub(super) const BYTES: u64 = (TriangleBatch::TARGET_TRIANGLES * 12) as u64;
 }
@@ -145,7 +145,7 @@ impl Rows for AsciiRows {
         Ok(true)
     }
 
-    fn triangles(&mut self, _: TriangleRows, _: u64, _: &mut Run) -> Result<()> {
+    fn triangles(&mut self, _: TriangleRows, _: u64, _: &mut TriangleRun) -> Result<()> {
         Ok(())
     }
 
@@ -210,7 +210,7 @@ impl Rows for BinaryRows {
         Ok(true)
     }
 
-    fn triangles(&mut self, rows: TriangleRows, most: u64, run: &mut Run) -> Result<()> {
+    fn triangles(&mut self, rows: TriangleRows, most: u64, run: &mut TriangleRun) -> Result<()> {
         let row_bytes = rows.row_bytes();
         let most = most.min((WINDOW_BYTES / row_bytes).min(TriangleBatch::TARGET_TRIANGLES) as u64) as usize;
         self.input.fill(most * row_bytes)?;

@@ -1,4 +1,4 @@
-//! `Section`: the faces or strips of a PLY file, and how their rows become triangles.
+//! `PlySection`: the faces or strips of a PLY file, and how their rows become triangles.
 //!
 //! A strip `a b c d -1 e ...` is the triangles abc, cbd; -1 begins a new one.
 //!
@@ -16,7 +16,7 @@ const INDEX_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 /// An element that holds triangles.
 #[derive(Clone, Debug)]
-pub(super) struct Section {
+pub(super) struct PlySection {
     pub(super) kind: Kind,
     pub(super) count: u64,
     pub(super) before: Vec<Property>,
@@ -35,14 +35,14 @@ pub(super) enum Kind {
 
 /// How far a section has come.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Progress {
+pub(super) struct SectionProgress {
     pub(super) rows_left: u64,
-    pub(super) strip: Option<Strip>,
+    pub(super) strip: Option<OpenStrip>,
 }
 
 /// A strip in the middle of which the stream stands.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Strip {
+pub(super) struct OpenStrip {
     pub(super) items_left: u64,
     /// The last two corners.
     pub(super) last: [[f64; 3]; 2],
@@ -50,9 +50,9 @@ pub(super) struct Strip {
     pub(super) length: u64,
 }
 
-impl Section {
+impl PlySection {
     /// The section that `element` is; `None` for other elements and for those without rows.
-    pub(super) fn new(element: &Element, path: &Path) -> Result<Option<Section>> {
+    pub(super) fn new(element: &Element, path: &Path) -> Result<Option<PlySection>> {
         let kind = match &*element.name {
             "face" => Kind::Faces,
             "tristrips" => Kind::Strips,
@@ -75,7 +75,7 @@ impl Section {
             )));
         }
         let (before, after) = (&element.properties[..column], &element.properties[column + 1..]);
-        Ok(Some(Section {
+        Ok(Some(PlySection {
             kind,
             count: element.count,
             triangle_rows: triangle_rows(kind, before, after, (list_count, item)),
@@ -87,8 +87,8 @@ impl Section {
     }
 
     /// Progress at the first row.
-    pub(super) fn start(&self) -> Progress {
-        Progress { rows_left: self.count, strip: None }
+    pub(super) fn start(&self) -> SectionProgress {
+        SectionProgress { rows_left: self.count, strip: None }
     }
 }
 

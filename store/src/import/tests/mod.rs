@@ -13,7 +13,7 @@ use crate::error::{Code, Error, Result};
 use crate::source::{SourceStats, TriangleBatch, TriangleSource};
 use std::path::{Path, PathBuf};
 
-pub(super) type Triangle = [[f64; 3]; 3];
+pub(super) type SourceTriangle = [[f64; 3]; 3];
 
 /// A folder with one input in it.
 pub(super) struct Fixture {
@@ -33,33 +33,33 @@ impl Fixture {
         ImportOptions::unlimited(self.folder.path())
     }
 
-    pub(super) fn read(&self) -> Result<Mesh> {
+    pub(super) fn read(&self) -> Result<SourceMesh> {
         read(&self.path, &self.options())
     }
 }
 
 /// All that a source delivers.
 #[derive(Debug)]
-pub(super) struct Mesh {
-    pub(super) triangles: Vec<Triangle>,
+pub(super) struct SourceMesh {
+    pub(super) triangles: Vec<SourceTriangle>,
     pub(super) material_names: Vec<String>,
     pub(super) stats: SourceStats,
 }
 
 /// Reads a file twice, with a rewind in between, and compares.
-pub(super) fn read(path: &Path, options: &ImportOptions) -> Result<Mesh> {
+pub(super) fn read(path: &Path, options: &ImportOptions) -> Result<SourceMesh> {
     let mut source = open(path, options)?;
     let first = drain(&mut *source)?;
     source.rewind()?;
     let second = drain(&mut *source)?;
     assert!(same(&first.triangles, &second.triangles), "{}: the second pass differs", path.display());
     assert_eq!(first.material_names, second.material_names);
-    let counters = |mesh: &Mesh| SourceStats { vertex_cache_misses: 0, ..mesh.stats.clone() };
+    let counters = |mesh: &SourceMesh| SourceStats { vertex_cache_misses: 0, ..mesh.stats.clone() };
     assert_eq!(format!("{:?}", counters(&first)), format!("{:?}", counters(&second)));
     Ok(second)
 }
 
-fn drain(source: &mut dyn TriangleSource) -> Result<Mesh> {
+fn drain(source: &mut dyn TriangleSource) -> Result<SourceMesh> {
     let (mut triangles, mut material_names) = (Vec::new(), Vec::new());
     let mut batch = TriangleBatch::default();
     while source.next_batch(&mut batch)? {
@@ -71,12 +71,12 @@ fn drain(source: &mut dyn TriangleSource) -> Result<Mesh> {
     let stats = source.stats();
     assert_eq!(stats.triangle_count, triangles.len() as u64);
     assert!(stats.bytes_read <= stats.bytes_total);
-    Ok(Mesh { triangles, material_names, stats })
+    Ok(SourceMesh { triangles, material_names, stats })
 }
 
 /// Equal bit for bit: NaN equals NaN.
-pub(super) fn same(a: &[Triangle], b: &[Triangle]) -> bool {
-    let bits = |triangles: &[Triangle]| -> Vec<u64> {
+pub(super) fn same(a: &[SourceTriangle], b: &[SourceTriangle]) -> bool {
+    let bits = |triangles: &[SourceTriangle]| -> Vec<u64> {
         triangles.iter().flatten().flatten().map(|value| value.to_bits()).collect()
     };
     bits(a) == bits(b)
@@ -88,10 +88,10 @@ pub(super) fn corner(index: usize) -> [f64; 3] {
 }
 
 /// Asserts that `content` under `name` gives the triangles between corners of the cube.
-pub(super) fn check_corners(name: &str, content: &[u8], expected: &[[usize; 3]]) -> Mesh {
+pub(super) fn check_corners(name: &str, content: &[u8], expected: &[[usize; 3]]) -> SourceMesh {
     let shown = String::from_utf8_lossy(content);
     let mesh = Fixture::new(name, content).read().unwrap_or_else(|error| panic!("{error}\n{shown}"));
-    let expected: Vec<Triangle> = expected.iter().map(|triangle| triangle.map(corner)).collect();
+    let expected: Vec<SourceTriangle> = expected.iter().map(|triangle| triangle.map(corner)).collect();
     assert_eq!(mesh.triangles, expected, "{shown}");
     mesh
 }

@@ -1,6 +1,6 @@
 //! OBJ: indices in all forms, rows of all kinds, materials, and `tobj` as the oracle.
 
-use super::{Fixture, Triangle, check_corners, check_error, corner, read, same};
+use super::{Fixture, SourceTriangle, check_corners, check_error, corner, read, same};
 use crate::error::Code;
 use rand_pcg::{Pcg64, rand_core::Rng};
 
@@ -11,7 +11,7 @@ fn cube(rows: &str) -> String {
 }
 
 /// The same file through another reader; faces are fans.
-pub(super) fn oracle(content: &[u8]) -> Vec<Triangle> {
+pub(super) fn oracle(content: &[u8]) -> Vec<SourceTriangle> {
     let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
     let (models, _) =
         tobj::load_obj_buf(&mut &content[..], &options, |_| tobj::load_mtl_buf(&mut &b""[..])).unwrap();
@@ -47,8 +47,9 @@ fn concave_faces_are_cut_inside() {
     // A dart whose fan from the first corner would leave it.
     let mesh =
         Fixture::new("a.obj", b"v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nf 2 3 4 1\nf 1 2 3 4\n").read().unwrap();
-    let area =
-        |t: &Triangle| (t[1][0] - t[0][0]) * (t[2][1] - t[0][1]) - (t[1][1] - t[0][1]) * (t[2][0] - t[0][0]);
+    let area = |t: &SourceTriangle| {
+        (t[1][0] - t[0][0]) * (t[2][1] - t[0][1]) - (t[1][1] - t[0][1]) * (t[2][0] - t[0][0])
+    };
     assert!(mesh.triangles.iter().all(|triangle| area(triangle) > 0.0), "{:?}", mesh.triangles);
 }
 
@@ -135,7 +136,7 @@ fn random_meshes_equal_tobj() {
     }
     let fixture = Fixture::new("a.obj", text.as_bytes());
     let flat = fixture.read().unwrap();
-    let single = |triangles: &[Triangle]| -> Vec<Triangle> {
+    let single = |triangles: &[SourceTriangle]| -> Vec<SourceTriangle> {
         triangles
             .iter()
             .map(|triangle| triangle.map(|corner| corner.map(|value| f64::from(value as f32))))

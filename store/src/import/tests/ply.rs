@@ -2,7 +2,7 @@
 
 mod wrong;
 
-use super::{Fixture, Mesh, Triangle, check_corners, corner, read, same};
+use super::{Fixture, SourceMesh, SourceTriangle, check_corners, corner, read, same};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
@@ -41,13 +41,13 @@ const PLAIN: Variant = Variant {
 const FORMATS: [&str; 3] = ["ascii", "binary_little_endian", "binary_big_endian"];
 
 /// Writes values of named types as text or bytes.
-struct Writer {
+struct PlyWriter {
     format: &'static str,
     line_end: &'static str,
     bytes: Vec<u8>,
 }
 
-impl Writer {
+impl PlyWriter {
     fn value(&mut self, kind: &str, value: i64) {
         macro_rules! put {
             ($type:ty) => {{
@@ -112,7 +112,7 @@ fn write(variant: Variant) -> Vec<u8> {
         ),
     };
     let header = format!("ply|format {format} 1.0|comment made by a test|obj_info x|{elements}|end_header|");
-    let mut out = Writer { format, line_end, bytes: header.replace('|', line_end).into_bytes() };
+    let mut out = PlyWriter { format, line_end, bytes: header.replace('|', line_end).into_bytes() };
     if crowded {
         for name in [&[1, 2, 3][..], &[]] {
             out.value("float", 9);
@@ -154,7 +154,7 @@ fn write(variant: Variant) -> Vec<u8> {
     out.bytes
 }
 
-fn faces(out: &mut Writer, variant: Variant) {
+fn faces(out: &mut PlyWriter, variant: Variant) {
     let crowded = variant.layout == Layout::Crowded;
     for (at, triangle) in TRIANGLES.iter().enumerate() {
         if crowded {
@@ -170,7 +170,7 @@ fn faces(out: &mut Writer, variant: Variant) {
 }
 
 /// The same file through another reader.
-fn oracle(content: &[u8]) -> Vec<Triangle> {
+fn oracle(content: &[u8]) -> Vec<SourceTriangle> {
     let ply = Parser::<DefaultElement>::new().read_ply(&mut &content[..]).unwrap();
     let number = |element: &DefaultElement, name: &str| match element[name] {
         Property::Char(value) => f64::from(value),
@@ -204,7 +204,7 @@ fn oracle(content: &[u8]) -> Vec<Triangle> {
         .collect()
 }
 
-fn check(variant: Variant) -> Mesh {
+fn check(variant: Variant) -> SourceMesh {
     let content = write(variant);
     let mesh = check_corners("a.ply", &content, &TRIANGLES);
     // The oracle takes no lone CR.
@@ -321,7 +321,7 @@ fn a_small_cache_gives_the_same_triangles() {
             "ply\nformat {format} 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
              {list}element face {faces}\nproperty list uchar uint vertex_indices\nend_header\n"
         );
-        let mut out = Writer { format, line_end: "\n", bytes: header.into_bytes() };
+        let mut out = PlyWriter { format, line_end: "\n", bytes: header.into_bytes() };
         for v in 0..count {
             [v, v % 7, v % 11].iter().for_each(|&value| out.value("float", value));
             if vertex_list {

@@ -1,6 +1,6 @@
 //! STL: both forms, how they are told apart, and what is wrong with files that lie.
 
-use super::{Fixture, Triangle, check_corners, check_error, corner, same};
+use super::{Fixture, SourceTriangle, check_corners, check_error, corner, same};
 use crate::error::Code;
 use std::io::Cursor;
 
@@ -34,7 +34,7 @@ fn solid(name: &str, faces: &[[usize; 3]]) -> String {
 }
 
 /// The same file through another reader.
-fn oracle(content: &[u8]) -> Vec<Triangle> {
+fn oracle(content: &[u8]) -> Vec<SourceTriangle> {
     let reader =
         stl_io::create_stl_reader(&mut Cursor::new(content)).unwrap().collect::<Result<Vec<_>, _>>().unwrap();
     reader

@@ -2,11 +2,11 @@
 //!
 //! Invariant: work memory is bounded by [`worker_bytes`].
 
-use super::cells::{CHUNK_TRIANGLES, Chunk};
-use super::clusters::{Clusterer, Clusters};
+use super::clusterer::{Clusterer, Clusters};
 use super::pages::{self, ChunkPages, PackContext};
 use super::sah::Prim;
-use super::scratch::{LatticeTriangle, Scratch};
+use crate::build::partition::chunk::{CHUNK_TRIANGLES, Chunk};
+use crate::build::scratch::{LatticeTriangle, Scratch};
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 
@@ -15,13 +15,13 @@ use crate::error::Result;
 /// (`store/src/build/tests/worker.rs`): 143 B a triangle of a sheet, 213 where no corner is shared.
 ///
 /// Lost: triangles of 48 B and primitives of 32 B, 33 B less a triangle: builds took 14 % longer on an iso-surface.
-pub(super) fn worker_bytes() -> u64 {
+pub(crate) fn worker_bytes() -> u64 {
     CHUNK_TRIANGLES * (80 + 36 + 8 + 82 + 10)
 }
 
 /// Memory of a worker, reused from chunk to chunk.
 #[derive(Default)]
-pub(super) struct Workspace {
+pub(crate) struct Workspace {
     buffer: Vec<u8>,
     run: Vec<LatticeTriangle>,
     triangles: Vec<LatticeTriangle>,
@@ -31,7 +31,7 @@ pub(super) struct Workspace {
 
 impl Workspace {
     /// Reads and builds one chunk.
-    pub(super) fn build(
+    pub(crate) fn build(
         &mut self,
         chunk: &Chunk,
         scratch: &Scratch,
@@ -56,7 +56,7 @@ impl Workspace {
     }
 
     /// The triangles of the chunk that was built last.
-    pub(super) fn triangles(&self) -> &[LatticeTriangle] {
+    pub(crate) fn triangles(&self) -> &[LatticeTriangle] {
         &self.triangles
     }
 

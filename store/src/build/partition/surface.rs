@@ -11,11 +11,11 @@
 //!
 //! Invariant: the guess depends on the stream of triangles alone.
 
-use super::lattice::{Grid, Scan};
+use crate::build::scan::{Grid, Scan};
 use crate::octree::{Refinement, VoxelGrid};
 
 /// The resolutions that are chosen from.
-pub(super) const RESOLUTIONS: [u32; 3] = [256, 512, 1024];
+pub(crate) const RESOLUTIONS: [u32; 3] = [256, 512, 1024];
 /// Leaves that hold surface over those that hold one of the points.
 const LEAVES_PER_MARK: f64 = 1.2;
 /// Points per leaf, and leaves up to which a triangle gets some.
@@ -23,7 +23,7 @@ const POINTS_PER_LEAF: f64 = 2.0;
 const LEAVES_MOST: f64 = 64.0;
 
 /// How much surface there is.
-pub(super) struct Surface([Counter; RESOLUTIONS.len()]);
+pub(crate) struct Surface([Counter; RESOLUTIONS.len()]);
 
 /// At one resolution.
 struct Counter {
@@ -38,7 +38,7 @@ struct Counter {
 
 impl Surface {
     /// None yet.
-    pub(super) fn new(scan: &Scan, grid: &Grid) -> Surface {
+    pub(crate) fn new(scan: &Scan, grid: &Grid) -> Surface {
         let [lo, hi] = [scan.bounds.lo, scan.bounds.hi].map(|corner| grid.lattice.snap(corner));
         Surface(RESOLUTIONS.map(|resolution| {
             let leaf_steps = VoxelGrid::from_bounds(lo, hi, resolution, Refinement::None).leaf_steps() as f64;
@@ -47,7 +47,7 @@ impl Surface {
         }))
     }
 
-    pub(super) fn add(&mut self, q: &[[i64; 3]; 3]) {
+    pub(crate) fn add(&mut self, q: &[[i64; 3]; 3]) {
         let shadows = shadows(q);
         let corner = q[0].map(|v| v as f64);
         for counter in &mut self.0 {
@@ -66,14 +66,14 @@ impl Surface {
     }
 
     /// Sums, as bits, and registers of the sketches, one resolution after the other: what [`Self::restore`] takes.
-    pub(super) fn parts(&self) -> ([[u64; 2]; RESOLUTIONS.len()], Vec<u8>) {
+    pub(crate) fn parts(&self) -> ([[u64; 2]; RESOLUTIONS.len()], Vec<u8>) {
         let sums = |counter: &Counter| [counter.large.to_bits(), counter.small.to_bits()];
         let registers = self.0.iter().flat_map(|counter| &counter.sketch.registers);
         ([0, 1, 2].map(|which| sums(&self.0[which])), registers.copied().collect())
     }
 
     /// Puts back what [`Self::parts`] gave; false for what it cannot have given.
-    pub(super) fn restore(&mut self, sums: [[u64; 2]; RESOLUTIONS.len()], registers: &[u8]) -> bool {
+    pub(crate) fn restore(&mut self, sums: [[u64; 2]; RESOLUTIONS.len()], registers: &[u8]) -> bool {
         let is_sum = |&sum: &u64| f64::from_bits(sum).is_finite() && f64::from_bits(sum) >= 0.0;
         let is_whole = registers.len() == RESOLUTIONS.len() << REGISTER_BITS;
         if !is_whole
@@ -91,7 +91,7 @@ impl Surface {
     }
 
     /// The number of leaves at `RESOLUTIONS[which]`, about, where they have so many lattice steps.
-    pub(super) fn leaf_count(&self, which: usize, leaf_steps: i64) -> f64 {
+    pub(crate) fn leaf_count(&self, which: usize, leaf_steps: i64) -> f64 {
         let counter = &self.0[which];
         let leaves = |shadows: f64| shadows / (leaf_steps as f64).powi(2);
         let marked = leaves(counter.sketch.count() * counter.leaf_steps * counter.leaf_steps);

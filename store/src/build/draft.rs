@@ -1,4 +1,4 @@
-//! Publish: a temporary file beside the output, written once, read back, renamed.
+//! `Draft`: a temporary file beside the output, written once, read back, renamed.
 //!
 //! ```text
 //! Existing::check -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
@@ -7,12 +7,12 @@
 //! Invariants: 1. the output's name holds either the old file or the whole new one; 2. a draft that is not
 //! published is removed; 3. what was written leaves the page cache soon.
 
-use super::lattice::Tell;
+use super::options::BuildOptions;
+use super::report::PhaseReport;
 use super::scratch::drop_cache;
-use super::{BuildOptions, Existing};
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
-use crate::output::{draft, draft_at};
+use crate::output::{Existing, draft, draft_at};
 use crate::scratch::Place;
 use crate::verify;
 use rustix::fs::fdatasync;
@@ -61,16 +61,16 @@ impl Draft {
         output: &Path,
         block: &Superblock,
         options: &BuildOptions,
-        tell: Tell<'_>,
+        report: PhaseReport<'_>,
     ) -> Result<()> {
         let file = self.file.as_file();
         file.sync_all().map_err(|e| Error::io("write to the disk", output, &e))?;
         drop_cache(file, 0, block.file_bytes);
-        let report = |done, total| {
-            tell("check", "bytes", done, total);
+        let read = |done, total| {
+            report("check", "bytes", done, total);
             options.interrupt.check()
         };
-        let found = verify::read_back(self.file.path(), &options.budget, &report)?;
+        let found = verify::read_back(self.file.path(), &options.budget, &read)?;
         if let Some(damage) = found.damage.first() {
             return Err(Error::new(Code::Io, "the disk gave back other bytes than were written")
                 .at(output)
@@ -120,8 +120,8 @@ impl DraftFile<'_> {
         Ok(())
     }
 
-    /// Goes on behind the first `bytes`; what comes after them is cut off.
-    pub(super) fn go_on_at(&mut self, bytes: u64) -> Result<()> {
+    /// Resumes behind the first `bytes`; what comes after them is cut off.
+    pub(super) fn resume_at(&mut self, bytes: u64) -> Result<()> {
         self.draft.file.as_file().set_len(bytes).map_err(|e| self.failed(&e))?;
         (self.end, self.flushed) = (bytes, bytes);
         Ok(())

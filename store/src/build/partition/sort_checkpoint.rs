@@ -1,4 +1,4 @@
-//! How far partition has come, as a record of its journal, and the way back from it.
+//! `SortCheckpoint`: how far a partition has come, as a record of its journal, and the way back from it.
 //!
 //! ```text
 //! sorted   scan, counts, bounds, hash of what was read | sketches of the surface | cells | runs
@@ -13,14 +13,15 @@
 //! full, so the bytes that follow are those of a build that was never killed; 2. a record whose file is gone or too
 //! short, or whose numbers cannot be true together, counts as absent.
 
-use super::Precision;
-use super::cells::{Cells, Place, first_levels, is_on_lattice};
-use super::journal::Journal;
-use super::lattice::{Grid, Scan, choose};
-use super::record::{self, is_as_long};
-use super::scratch::{Run, Scratch};
-use super::snap::{Prefix, Snapped};
+use super::cells::{CellPlace, PartitionCells, first_levels, is_on_lattice};
+use super::snap::{Prefix, SnapSummary};
 use crate::budget::Budget;
+use crate::build::journal::record::JournalRecord;
+use crate::build::journal::{FileKind, Journal};
+use crate::build::options::Precision;
+use crate::build::scan::lattice::choose;
+use crate::build::scan::{Grid, Scan};
+use crate::build::scratch::{Run, Scratch};
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::geom::Aabb;
@@ -55,24 +56,24 @@ struct SortedHead {
     scratch_bytes: u64,
 }
 
-/// A partition that was begun.
-pub(super) struct Begun {
-    pub(super) scan: Scan,
-    pub(super) grid: Grid,
-    /// What it had read.
-    pub(super) again: Prefix,
-    pub(super) snapped: Snapped,
-    pub(super) scratch: Scratch,
-    pub(super) runs: Vec<(Place, Vec<Run>)>,
+/// The first triangles of an input, in cells.
+pub(crate) struct SortCheckpoint {
+    pub(crate) scan: Scan,
+    pub(crate) grid: Grid,
+    /// What was read: it is read again, and compared.
+    pub(crate) prefix: Prefix,
+    pub(crate) snapped: SnapSummary,
+    pub(crate) scratch: Scratch,
+    pub(crate) runs: Vec<(CellPlace, Vec<Run>)>,
 }
 
-impl Journal {
+impl SortCheckpoint {
     /// Records what was sorted, once it is on the disk. Does nothing where there is no memory for that.
-    pub(super) fn write_sorted(
-        &mut self,
+    pub(crate) fn record(
+        journal: &mut Journal,
         (scan, prefix): (&Scan, Prefix),
-        snapped: &Snapped,
-        cells: &mut Cells,
+        snapped: &SnapSummary,
+        cells: &mut PartitionCells,
         budget: &Budget,
     ) -> Result<()> {
         let begin = Instant::now();
@@ -81,7 +82,7 @@ impl Journal {
         let run_count: usize = runs.clone().map(|(_, runs)| runs.len()).sum();
         let words = CELL_WORDS * runs.clone().count() + RUN_WORDS * run_count;
         let Ok(_lease) = budget.lease("the journal", COPIES * 8 * words as u64) else {
-            self.postpone(begin);
+            journal.postpone(begin);
             return Ok(());
         };
         let (surface, registers) = snapped.surface.parts();
@@ -100,34 +101,36 @@ impl Journal {
             scratch_bytes: scratch.bytes(),
         };
         let mut words = [Vec::new(), Vec::with_capacity(RUN_WORDS * run_count)];
-        for (Place { level, at: [x, y, z] }, runs) in runs {
+        for (CellPlace { level, at: [x, y, z] }, runs) in runs {
             words[0].extend([level, x, y, z, runs.len() as u32].map(u64::from));
             let run = |run: &Run| [run.offset, u64::from(run.bytes) << 32 | u64::from(run.triangle_count)];
             words[1].extend(runs.iter().flat_map(run));
         }
         let [cell_words, run_words] = [&words[0], &words[1]].map(|words| bytemuck::cast_slice(words));
-        record::write(&self.path("sorted"), self.folder(), &head, &[&registers, cell_words, run_words])?;
-        scratch.hold();
-        self.written(begin);
+        journal.write_record((FileKind::Sorted, begin), &head, &[&registers, cell_words, run_words])?;
+        scratch.keep_segments();
         Ok(())
     }
 
     /// What a build before this has sorted, on the lattice of such a precision; `None` for nothing.
-    pub(super) fn left_sorted(&self, precision: Precision, budget: &Budget) -> Result<Option<Begun>> {
-        let cells = self.path("cells");
-        let record = record::read::<SortedHead>(&self.path("sorted"), budget)?;
-        let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
-        record.map_or(Ok(None), |record| Begun::parse(record, precision, cells))
+    pub(crate) fn read(
+        journal: &Journal,
+        precision: Precision,
+        budget: &Budget,
+    ) -> Result<Option<SortCheckpoint>> {
+        let record = journal.read_record::<SortedHead>(FileKind::Sorted, budget)?;
+        let record = record.filter(|record| journal.holds(FileKind::Cells, record.head.scratch_bytes));
+        record.map_or(Ok(None), |record| {
+            SortCheckpoint::parse(record, precision, journal.path(FileKind::Cells))
+        })
     }
-}
 
-impl Begun {
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
     fn parse(
-        record: record::Record<SortedHead>,
+        record: JournalRecord<SortedHead>,
         precision: Precision,
         cells: PathBuf,
-    ) -> Result<Option<Begun>> {
+    ) -> Result<Option<SortCheckpoint>> {
         let head = record.head;
         let [lo, hi] = head.scanned_bounds.map(|corner| corner.map(f64::from_bits));
         let [triangle_count, non_finite_count] = head.expected;
@@ -141,7 +144,7 @@ impl Begun {
         let Some(grid) = is_scan.then(|| choose(&scan, precision, "").ok()).flatten() else {
             return Ok(None);
         };
-        let mut snapped = Snapped::new(&scan, &grid);
+        let mut snapped = SnapSummary::new(&scan, &grid);
         let Ok([registers, cell_words, run_words]) = <[Vec<u8>; 3]>::try_from(record.blobs) else {
             return Ok(None);
         };
@@ -171,10 +174,10 @@ impl Begun {
         if sorted > 0 {
             snapped.bounds = LatticeBox { lo: lattice_bounds[0], hi: lattice_bounds[1] };
         }
-        let scratch = Scratch::left(cells, head.scratch_bytes)?;
-        scratch.hold();
-        let again = Prefix { triangle_count: head.triangle_count, hash: head.hash };
-        Ok(Some(Begun { scan, grid, again, snapped, scratch, runs }))
+        let scratch = Scratch::reopen(cells, head.scratch_bytes)?;
+        scratch.keep_segments();
+        let prefix = Prefix { triangle_count: head.triangle_count, hash: head.hash };
+        Ok(Some(SortCheckpoint { scan, grid, prefix, snapped, scratch, runs }))
     }
 }
 
@@ -185,7 +188,7 @@ fn runs(
     run_words: &[u64],
     levels: u32,
     scratch_bytes: u64,
-) -> Option<Vec<(Place, Vec<Run>)>> {
+) -> Option<Vec<(CellPlace, Vec<Run>)>> {
     let (cells, []) = cell_words.as_chunks::<CELL_WORDS>() else { return None };
     let (mut rest, []) = run_words.as_chunks::<RUN_WORDS>() else { return None };
     let (mut all, mut seen) = (Vec::with_capacity(cells.len()), HashSet::new());
@@ -194,7 +197,7 @@ fn runs(
         if [x, y, z].iter().any(|&at| at >> level != 0) {
             return None;
         }
-        let place = Place { level, at: [x, y, z].map(|at| at as u32) };
+        let place = CellPlace { level, at: [x, y, z].map(|at| at as u32) };
         let (these, others) = rest.split_at_checked(usize::try_from(run_count).ok()?)?;
         rest = others;
         let run = |&[offset, word]: &[u64; RUN_WORDS]| {

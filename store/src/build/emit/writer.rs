@@ -1,16 +1,18 @@
-//! `Writer`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
+//! `PageWriter`: puts pages into the file as they come, keeps what the tables need, and writes tables and superblocks.
 //!
-//! Invariants: 1. a page that chunks share is written when it is full, and the roots in it are told then; 2. every byte
-//! is hashed before it is written.
+//! Invariants: 1. a page that chunks share is written when it is full, and its number enters the roots in it then;
+//! 2. every byte is hashed before it is written.
 
-use super::BuildReport;
-use super::clusters::Tree;
-use super::pages::{ChunkPages, OpenPage, PackContext, PackedPage, Wide, WideRef, packed};
-use super::partition::Partition;
-use super::publish::DraftFile;
-use super::sah::{Prim, Rule, Splitter};
 use super::voxels::VoxelWork;
 use crate::budget::{Budget, Lease};
+use crate::build::clusters::clusterer::BinaryNode;
+use crate::build::clusters::pages::{
+    ChunkPages, OpenPage, PackContext, PackedPage, WideRef, WideTree, packed,
+};
+use crate::build::clusters::sah::{Prim, Rule, Splitter};
+use crate::build::draft::DraftFile;
+use crate::build::partition::Partition;
+use crate::build::report::BuildReport;
 use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::Result;
 use crate::geom::Aabb;
@@ -23,52 +25,52 @@ const ROOT_BYTES: usize = 2 * size_of::<(LatticeBox, TopRef)>();
 /// Bytes that the top tree takes while it is made, a root of a page: two binary nodes; and primitive and rank, or, once
 /// these are gone, its place in a wide node and in the node that is written. A node with fewer than eight children has
 /// none but roots below it, so there are at most 4/7 as many nodes.
-const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, Tree)>()
+const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, BinaryNode)>()
     + 2 * size_of::<(LatticeBox, WideRef)>()
     + (4 * Node::BYTES).div_ceil(7);
 const _: () = assert!(size_of::<Prim>() + size_of::<u64>() <= 2 * size_of::<(LatticeBox, WideRef)>());
 /// Bytes of the tables of a small model.
-pub(super) const TABLES_LEAST: u64 = 1 << 18;
+pub(crate) const TABLES_LEAST: u64 = 1 << 18;
 /// Triangles a root of a page, for the plan: 530 to 735 in files of 1M to 100M triangles, rounded down.
 const TRIANGLES_PER_ROOT: u64 = 512;
 
 /// Bytes that the tables of so many triangles take while chunks are built: a list that grows is there twice.
-pub(super) fn tables_bytes(triangle_count: u64) -> u64 {
+pub(crate) fn tables_bytes(triangle_count: u64) -> u64 {
     TABLES_LEAST + triangle_count.div_ceil(TRIANGLES_PER_ROOT) * (ROOT_BYTES + ROOT_BYTES / 2) as u64
 }
 
 /// Bytes that the tables and the top tree of so many triangles take while it is made.
-pub(super) fn top_tree_bytes(triangle_count: u64) -> u64 {
+pub(crate) fn top_tree_bytes(triangle_count: u64) -> u64 {
     TABLES_LEAST + triangle_count.div_ceil(TRIANGLES_PER_ROOT) * (ROOT_BYTES + TOP_BYTES) as u64
 }
 
 /// Collects what the tables need while pages go out.
-pub(super) struct Writer<'a> {
+pub(crate) struct PageWriter<'a> {
     file_id: u64,
     node_shift: u32,
-    pub(super) block: Superblock,
+    pub(crate) block: Superblock,
     context: PackContext<'a>,
-    pub(super) pages: Vec<PageEntry>,
+    pub(crate) pages: Vec<PageEntry>,
     /// The page that the ends of the last chunks share, the first of `roots` in it, and whose ends these are.
     open: OpenPage,
     open_root: usize,
-    pub(super) open_chunks: Vec<usize>,
+    pub(crate) open_chunks: Vec<usize>,
     /// Roots of pages, with their boxes.
     roots: Vec<(LatticeBox, TopRef)>,
-    pub(super) emitters: Vec<u8>,
-    pub(super) emitter_count: u64,
+    pub(crate) emitters: Vec<u8>,
+    pub(crate) emitter_count: u64,
     /// Of the lists above.
     lease: Lease,
 }
 
-impl<'a> Writer<'a> {
-    pub(super) fn new(
+impl<'a> PageWriter<'a> {
+    pub(crate) fn new(
         file_id: u64,
         block: Superblock,
         context: PackContext<'a>,
         budget: &Budget,
-    ) -> Result<Writer<'a>> {
-        Ok(Writer {
+    ) -> Result<PageWriter<'a>> {
+        Ok(PageWriter {
             file_id,
             node_shift: block.node_shift,
             block,
@@ -85,27 +87,27 @@ impl<'a> Writer<'a> {
     }
 
     /// Triangles in pages so far.
-    pub(super) fn triangle_count(&self) -> u64 {
+    pub(crate) fn triangle_count(&self) -> u64 {
         self.block.triangle_count
     }
 
     /// Pages so far.
-    pub(super) fn page_count(&self) -> u32 {
+    pub(crate) fn page_count(&self) -> u32 {
         self.pages.len() as u32
     }
 
     /// The slots for the sections of the octree.
-    pub(super) fn voxel_sections(&mut self) -> &mut [Section] {
+    pub(crate) fn voxel_sections(&mut self) -> &mut [Section] {
         &mut self.block.sections[SectionKind::ALL.len()..]
     }
 
     /// Roots of the pages that are written, with their boxes.
-    pub(super) fn closed_roots(&self) -> &[(LatticeBox, TopRef)] {
+    pub(crate) fn closed_roots(&self) -> &[(LatticeBox, TopRef)] {
         &self.roots[..self.open_root]
     }
 
-    /// Takes what stands of pages that a build before this has written: the page table, roots, emitters.
-    pub(super) fn restore(
+    /// Restores what a build before this has written: the page table, roots, emitters.
+    pub(crate) fn restore(
         &mut self,
         pages: Vec<PageEntry>,
         roots: Vec<(LatticeBox, TopRef)>,
@@ -120,7 +122,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes the pages of chunk `number`, and begins or fills the one that chunks share.
-    pub(super) fn add_chunk(
+    pub(crate) fn add_chunk(
         &mut self,
         number: usize,
         mut chunk: ChunkPages,
@@ -141,30 +143,30 @@ impl<'a> Writer<'a> {
         if !self.open.takes(&chunk.open) {
             self.close(file)?;
         }
-        self.take_end(number, open_page, chunk);
+        self.append_end(number, open_page, chunk);
         Ok(())
     }
 
-    /// Takes the end of a chunk, which it calls page `open_page`, into the page that chunks share.
-    fn take_end(&mut self, number: usize, open_page: u32, chunk: ChunkPages) {
+    /// Appends the end of a chunk, which it calls page `open_page`, to the page that chunks share.
+    fn append_end(&mut self, number: usize, open_page: u32, chunk: ChunkPages) {
         let first_slot = self.open.append(chunk.open);
         let opened = chunk.roots.iter().filter(|root| root.page == open_page);
-        // The page is told when it is closed.
+        // The number of the page is entered when it is closed.
         let entered =
             opened.map(|root| (root.bounds, TopRef::Page { page: 0, slot: first_slot + root.slot }));
         self.roots.extend(entered);
         self.open_chunks.push(number);
     }
 
-    /// Takes the end of a chunk again that was added before the build was killed, and whose page was open then.
-    pub(super) fn reopen(&mut self, number: usize, chunk: ChunkPages) -> Result<()> {
+    /// Appends the end of a chunk again that was added before the build was killed, and whose page was open then.
+    pub(crate) fn reopen(&mut self, number: usize, chunk: ChunkPages) -> Result<()> {
         make_room(&mut self.roots, chunk.roots.len(), &mut self.lease)?;
-        self.take_end(number, chunk.pages.len() as u32, chunk);
+        self.append_end(number, chunk.pages.len() as u32, chunk);
         Ok(())
     }
 
     /// Ends the open page, if anything is in it.
-    pub(super) fn close(&mut self, file: &mut DraftFile<'_>) -> Result<()> {
+    pub(crate) fn close(&mut self, file: &mut DraftFile<'_>) -> Result<()> {
         let here = self.pages.len() as u32;
         let full = std::mem::take(&mut self.open);
         if !full.is_empty() {
@@ -215,7 +217,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes a page of units, given in its stored form before packing.
-    pub(super) fn add_units(&mut self, raw: Vec<u8>, file: &mut DraftFile<'_>) -> Result<()> {
+    pub(crate) fn add_units(&mut self, raw: Vec<u8>, file: &mut DraftFile<'_>) -> Result<()> {
         let (id, unpacked_bytes) = (self.pages.len() as u32, raw.len() as u32);
         let (stored, packing) = packed(raw);
         make_room(&mut self.pages, 1, &mut self.lease)?;
@@ -233,7 +235,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Makes the top tree and writes the tables.
-    pub(super) fn write_tables(
+    pub(crate) fn write_tables(
         &mut self,
         file: &mut DraftFile<'_>,
         (materials_json, material_count): (&[u8], usize),
@@ -266,7 +268,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes both superblocks.
-    pub(super) fn seal(mut self, file: &mut DraftFile<'_>, out: &mut BuildReport) -> Result<Superblock> {
+    pub(crate) fn seal(mut self, file: &mut DraftFile<'_>, out: &mut BuildReport) -> Result<Superblock> {
         self.block.file_bytes = file.bytes() + SUPERBLOCK_BYTES as u64;
         let head = self.block.to_bytes();
         file.append(&head)?;
@@ -298,7 +300,7 @@ impl<'a> Writer<'a> {
         let mut tree = Vec::with_capacity(2 * roots.len());
         grow(&mut Splitter::default(), (&mut prims, 0), roots, &mut tree);
         drop(prims);
-        let wide = Wide::new(&tree);
+        let wide = WideTree::new(&tree);
         let word = |r: WideRef| match r {
             WideRef::Leaf(i) => roots[i as usize].1,
             WideRef::Node(i) => TopRef::Node(i),
@@ -315,7 +317,7 @@ impl<'a> Writer<'a> {
 const TABLES: &str = "the tables of the file";
 
 /// Makes room for so many items: what a list takes is leased before it grows.
-pub(super) fn make_room<T>(list: &mut Vec<T>, more: usize, lease: &mut Lease) -> Result<()> {
+pub(crate) fn make_room<T>(list: &mut Vec<T>, more: usize, lease: &mut Lease) -> Result<()> {
     let (length, before) = (list.len(), list.capacity());
     if before - length < more {
         let after = (length + more).max(2 * before);
@@ -331,22 +333,22 @@ fn grow(
     splitter: &mut Splitter,
     (prims, depth): (&mut [Prim], usize),
     roots: &[(LatticeBox, TopRef)],
-    tree: &mut Vec<(LatticeBox, Tree)>,
+    tree: &mut Vec<(LatticeBox, BinaryNode)>,
 ) -> u32 {
     if let [only] = prims {
-        tree.push((roots[only.index as usize].0, Tree::Cluster(only.index)));
+        tree.push((roots[only.index as usize].0, BinaryNode::Cluster(only.index)));
     } else {
         let cut = splitter.split(prims, Rule { leaf: 1, quantum: 1, depth });
         let (left, right) = prims.split_at_mut(cut);
         let left = grow(splitter, (left, depth + 1), roots, tree);
         let right = grow(splitter, (right, depth + 1), roots, tree);
-        tree.push((tree[left as usize].0.join(&tree[right as usize].0), Tree::Split(left, right)));
+        tree.push((tree[left as usize].0.join(&tree[right as usize].0), BinaryNode::Split(left, right)));
     }
     tree.len() as u32 - 1
 }
 
 /// The file id: what was read and what was asked.
-pub(super) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_json: &[u8]) -> u64 {
+pub(crate) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_json: &[u8]) -> u64 {
     let mut bytes = Vec::from(materials_json);
     bytes.extend(parted.content_hash.to_le_bytes());
     bytes.extend(parted.grid.lattice.exponent.to_le_bytes());
@@ -357,31 +359,4 @@ pub(super) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_
         bytes.extend(work.refinement.factor().to_le_bytes());
     }
     xxh3_64(&bytes)
-}
-
-/// The superblock of a file in which nothing is yet.
-pub(super) fn superblock_of(parted: &Partition) -> Superblock {
-    Superblock {
-        file_bytes: 0,
-        file_id: 0,
-        lattice: parted.grid.lattice,
-        lattice_bits: parted.grid.bits,
-        node_shift: node_shift(parted.grid.bits),
-        error_bound: parted.error_bound,
-        bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
-        lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
-        median_edge: parted.median_edge,
-        input_triangle_count: parted.input_triangle_count,
-        triangle_count: 0,
-        vertex_count: 0,
-        cluster_count: 0,
-        wide_cluster_count: 0,
-        rejected_degenerate: parted.rejected_degenerate,
-        rejected_collapsed: parted.rejected_collapsed,
-        rejected_non_finite: parted.rejected_non_finite,
-        resident_bytes: 0,
-        page_tree_bytes: 0,
-        root: 0,
-        sections: [Section::default(); SECTIONS],
-    }
 }

@@ -2,25 +2,40 @@
 //!
 //! A loose octree without pointers: a triangle goes to the finest level whose cells are at least as large as
 //! the triangle, and there to the cell of its centroid; so plates do not widen the boxes of bolts. Cells are
-//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](super::cells::CHUNK_TRIANGLES); a
+//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](cells::CHUNK_TRIANGLES); a
 //! cell with more is cut again, finer.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone: not from
 //! threads, limits or the lengths of runs; 2. buffered triangles never exceed the leased bytes; 3. a chunk holds
 //! at most `CHUNK_TRIANGLES`.
 
-use super::cells::{By, Cells, Chunk, Sorted, first_levels};
-use super::journal::Journal;
-use super::lattice::{Grid, Scan, Tell};
-use super::run_writer::RunWriter;
-use super::scratch::{LatticeTriangle, Scratch};
-use super::snap::{Prefix, Snapped, Snapper};
-use super::sorted_record::Begun;
-use super::{BuildOptions, Rejected, no_triangles, voxels};
+pub(super) mod cells;
+pub(super) mod chunk;
+pub(super) mod outcome;
+mod resolution;
+mod snap;
+pub(super) mod sort_checkpoint;
+mod surface;
+
+pub(super) use resolution::plan_bytes;
+
+use crate::build::journal::Journal;
+use crate::build::options::BuildOptions;
+use crate::build::report::PhaseReport;
+use crate::build::scan::rejected::{RejectedCounts, no_triangles};
+use crate::build::scan::{Grid, Scan};
+use crate::build::scratch::run_writer::RunWriter;
+use crate::build::scratch::{LatticeTriangle, Scratch};
 use crate::error::{Code, Error, Result};
+use crate::geom::Aabb;
+use crate::layout::{SECTIONS, Section, Superblock, node_shift};
 use crate::octree::Refinement;
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
+use cells::{PartitionCells, SortKey, SortRule, first_levels};
+use chunk::Chunk;
+use snap::{Prefix, SnapSummary, Snapper};
+use sort_checkpoint::SortCheckpoint;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 
@@ -31,76 +46,96 @@ const BUFFER_BYTES_LEAST: u64 = 16 << 20;
 /// Batches on their way from the reader.
 const BATCHES: u64 = 4;
 /// Least that this phase leases.
-pub(super) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::BYTES;
+pub(crate) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::BYTES;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 
 /// The whole input in chunks, in scratch.
-pub(super) struct Partition {
-    pub(super) scratch: Scratch,
-    pub(super) chunks: Vec<Chunk>,
-    pub(super) grid: Grid,
-    pub(super) input_triangle_count: u64,
-    pub(super) triangle_count: u64,
-    pub(super) rejected_degenerate: u64,
-    pub(super) rejected_collapsed: u64,
-    pub(super) rejected_non_finite: u64,
-    pub(super) error_bound: f64,
+pub(crate) struct Partition {
+    pub(crate) scratch: Scratch,
+    pub(crate) chunks: Vec<Chunk>,
+    pub(crate) grid: Grid,
+    pub(crate) input_triangle_count: u64,
+    pub(crate) triangle_count: u64,
+    pub(crate) rejected_degenerate: u64,
+    pub(crate) rejected_collapsed: u64,
+    pub(crate) rejected_non_finite: u64,
+    pub(crate) error_bound: f64,
     /// Box of the triangles on the lattice: least corner, greatest corner.
-    pub(super) lattice_bounds: [[i64; 3]; 2],
+    pub(crate) lattice_bounds: [[i64; 3]; 2],
     /// At most the median edge length, model units.
-    pub(super) median_edge: f64,
+    pub(crate) median_edge: f64,
     /// Leaves of the resident octree along an axis, and how much finer the finest are; `None` for no octree.
-    pub(super) octree: Option<(u32, Refinement)>,
-    pub(super) content_hash: u64,
-    pub(super) wait_ms: u64,
+    pub(crate) octree: Option<(u32, Refinement)>,
+    pub(crate) content_hash: u64,
+    pub(crate) wait_ms: u64,
 }
 
-/// What the phase begins with.
-pub(super) struct Start<'a> {
-    pub(super) scan: Scan,
-    pub(super) grid: Grid,
-    /// Where triangles go, for one that begins anew.
-    pub(super) place: Place,
-    /// What a build before this has sorted.
-    pub(super) begun: Option<Begun>,
-    /// Where it is told how far the work is, so that it can go on.
-    pub(super) journal: Option<&'a mut Journal>,
+impl Partition {
+    /// Counts the triangles of chunks from `first` on as those that are still to be read from scratch.
+    pub(crate) fn set_unread(&self, first: usize) {
+        let pieces = self.chunks[first..].iter().flat_map(|chunk| &chunk.pieces);
+        self.scratch.set_unread(pieces.map(|piece| (piece.run, piece.take)));
+    }
+}
+
+/// Where sorting starts.
+pub(crate) enum SortStart {
+    /// At the first triangle, into a new scratch file.
+    New { scan: Scan, grid: Grid, place: Place },
+    /// Behind what a build before this has sorted.
+    Resumed(Box<SortCheckpoint>),
+}
+
+impl SortStart {
+    /// Triangles that are in cells already.
+    pub(crate) fn sorted_count(&self) -> u64 {
+        match self {
+            SortStart::New { .. } => 0,
+            SortStart::Resumed(checkpoint) => checkpoint.prefix.triangle_count,
+        }
+    }
+}
+
+/// What the phase works with.
+pub(crate) struct PartitionWork<'a> {
+    pub(crate) start: SortStart,
+    /// Where it is recorded how far the work is, so that it can resume.
+    pub(crate) journal: Option<&'a mut Journal>,
+    pub(crate) options: &'a BuildOptions,
+    pub(crate) report: PhaseReport<'a>,
 }
 
 /// Runs the phase. The source is read once, on its own thread.
-pub(super) fn partition(
-    source: &mut dyn TriangleSource,
-    start: Start<'_>,
-    options: &BuildOptions,
-    tell: Tell<'_>,
-) -> Result<Partition> {
-    let Start { scan, grid, place, begun, journal } = start;
+pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
+    let PartitionWork { start, journal, options, report } = work;
     let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
     let buffer_bytes = buffer_bytes(options.budget.free_bytes());
     let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
     let name = source.name();
-    let sorted = Sorted {
-        by: By::SizeAndPlace,
-        levels: first_levels(scan.triangle_count, &grid),
+    let rule = |scan: &Scan, grid: &Grid| SortRule {
+        by: SortKey::SizeAndPlace,
+        levels: first_levels(scan.triangle_count, grid),
         bits: grid.bits,
         buffered_most: buffer_bytes / TRIANGLE_BYTES,
     };
-    let mut snapper = Snapper::new(grid, name.clone());
-    let mut sorter = match begun {
-        None => {
-            let cells = Cells::new(RunWriter::start(Scratch::create(place)?)?, sorted);
-            Sorter { scan, again: None, snapped: Snapped::new(&scan, &grid), cells, journal }
+    let (mut sorter, grid) = match start {
+        SortStart::New { scan, grid, place } => {
+            let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
+            (Sorter { scan, again: None, snapped: SnapSummary::new(&scan, &grid), cells, journal }, grid)
         }
-        Some(Begun { again, snapped, scratch, runs, .. }) => {
-            let mut cells = Cells::new(RunWriter::start(scratch)?, sorted);
+        SortStart::Resumed(checkpoint) => {
+            let SortCheckpoint { scan, grid, prefix, snapped, scratch, runs } = *checkpoint;
+            let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule(&scan, &grid));
             cells.restore(runs);
-            let again = Some(again).filter(|prefix| prefix.triangle_count > 0);
-            Sorter { scan, again, snapped, cells, journal }
+            let again = Some(prefix).filter(|prefix| prefix.triangle_count > 0);
+            (Sorter { scan, again, snapped, cells, journal }, grid)
         }
     };
-    let tell_count = |count| tell("partition", "triangles", count, scan.triangle_count);
-    let waited = sorter.run(source, &mut snapper, options, &tell_count)?;
+    let scan = sorter.scan;
+    let mut snapper = Snapper::new(grid, name.clone());
+    let report_count = |count| report("partition", "triangles", count, scan.triangle_count);
+    let waited = sorter.run(source, &mut snapper, options, &report_count)?;
 
     let Sorter { cells, snapped, .. } = sorter;
     let (writer, chunks) = cells.into_chunks(options)?;
@@ -108,7 +143,7 @@ pub(super) fn partition(
     let lattice_bounds = [snapped.bounds.lo, snapped.bounds.hi];
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
     if triangle_count == 0 {
-        let rejected = Rejected {
+        let rejected = RejectedCounts {
             read: snapper.read,
             degenerate: snapped.rejected_degenerate,
             collapsed: snapped.rejected_collapsed,
@@ -128,7 +163,7 @@ pub(super) fn partition(
         error_bound: if snapped.exact { 0.0 } else { grid.lattice.step() / 2.0 },
         lattice_bounds,
         median_edge: scan.median_edge,
-        octree: voxels::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
+        octree: resolution::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
         content_hash: snapper.prefix().hash,
         wait_ms: waited.as_millis() as u64,
     })
@@ -139,8 +174,8 @@ struct Sorter<'a> {
     scan: Scan,
     /// What is in the cells since a build before this: it is read again, and compared.
     again: Option<Prefix>,
-    snapped: Snapped,
-    cells: Cells,
+    snapped: SnapSummary,
+    cells: PartitionCells,
     journal: Option<&'a mut Journal>,
 }
 
@@ -151,7 +186,7 @@ impl Sorter<'_> {
         source: &mut dyn TriangleSource,
         snapper: &mut Snapper,
         options: &BuildOptions,
-        tell: &dyn Fn(u64),
+        report: &dyn Fn(u64),
     ) -> Result<Duration> {
         let mut waited = Duration::ZERO;
         std::thread::scope(|scope| -> Result<()> {
@@ -177,7 +212,7 @@ impl Sorter<'_> {
                     .numbers(error.to_string())
                     .next("raise the limit of processes, or end some")
             })?;
-            tell(0);
+            report(0);
             loop {
                 if self.again.is_none() {
                     self.record(snapper, options)?;
@@ -187,12 +222,12 @@ impl Sorter<'_> {
                 waited += before.elapsed();
                 let batch = message?;
                 options.interrupt.check()?;
-                snapper.take(&batch)?;
+                snapper.hash(&batch)?;
                 match self.again {
                     None => snapper.snap_all(&batch, &mut self.snapped, &mut self.cells)?,
                     Some(prefix) => self.compare(prefix, snapper)?,
                 }
-                tell(snapper.read);
+                report(snapper.read);
                 let _ = back.send(batch);
             }
             self.again.map_or(Ok(()), |prefix| Err(self.changed(prefix)))
@@ -205,7 +240,8 @@ impl Sorter<'_> {
         let Some(journal) = self.journal.as_deref_mut().filter(|journal| journal.is_due()) else {
             return Ok(());
         };
-        journal.write_sorted((&self.scan, snapper.prefix()), &self.snapped, &mut self.cells, &options.budget)
+        let read = (&self.scan, snapper.prefix());
+        SortCheckpoint::record(journal, read, &self.snapped, &mut self.cells, &options.budget)
     }
 
     /// Holds what was read so far against what a build before this had read.
@@ -221,8 +257,9 @@ impl Sorter<'_> {
     }
 
     fn changed(&mut self, prefix: Prefix) -> Error {
-        let told = format!("the first {} triangles are not those that were read then", prefix.triangle_count);
-        self.journal.as_mut().expect("what was begun is of a journal").refuse(told)
+        let differences =
+            format!("the first {} triangles are not those that were read then", prefix.triangle_count);
+        self.journal.as_mut().expect("a checkpoint is of a journal").refuse(differences)
     }
 }
 
@@ -232,7 +269,34 @@ fn buffer_bytes(free_bytes: u64) -> u64 {
 }
 
 /// Bytes that this phase leases when so many are free.
-pub(super) fn phase_bytes(free_bytes: u64) -> u64 {
+pub(crate) fn phase_bytes(free_bytes: u64) -> u64 {
     let batches = BATCHES * TriangleBatch::BYTES;
     batches + buffer_bytes(free_bytes.saturating_sub(batches))
+}
+
+/// The superblock of a file in which nothing is yet.
+pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
+    Superblock {
+        file_bytes: 0,
+        file_id: 0,
+        lattice: parted.grid.lattice,
+        lattice_bits: parted.grid.bits,
+        node_shift: node_shift(parted.grid.bits),
+        error_bound: parted.error_bound,
+        bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
+        lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
+        median_edge: parted.median_edge,
+        input_triangle_count: parted.input_triangle_count,
+        triangle_count: 0,
+        vertex_count: 0,
+        cluster_count: 0,
+        wide_cluster_count: 0,
+        rejected_degenerate: parted.rejected_degenerate,
+        rejected_collapsed: parted.rejected_collapsed,
+        rejected_non_finite: parted.rejected_non_finite,
+        resident_bytes: 0,
+        page_tree_bytes: 0,
+        root: 0,
+        sections: [Section::default(); SECTIONS],
+    }
 }

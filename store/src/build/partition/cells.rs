@@ -1,19 +1,17 @@
-//! `Cells`: snapped triangles sorted into cells, whose runs go to scratch; then cells joined into chunks.
+//! `PartitionCells`: snapped triangles sorted into cells, whose runs go to scratch; then cells joined into chunks.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone; 2. buffered
-//! triangles never exceed what `Sorted` allows.
+//! triangles never exceed what `SortRule` allows.
 
-use super::BuildOptions;
-use super::lattice::Grid;
-use super::run_writer::{RunWriter, Written};
-use super::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
+use super::chunk::{CHUNK_TRIANGLES, Chunk, ChunkJoiner};
+use crate::build::options::BuildOptions;
+use crate::build::scan::Grid;
+use crate::build::scratch::run_writer::{RunWriter, WrittenRun};
+use crate::build::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
 use crate::error::Result;
 use crate::geom::hilbert_key;
-use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
-/// Most triangles of a chunk: about 16 pages, and 25 MB of work memory a thread.
-pub(super) const CHUNK_TRIANGLES: u64 = 1 << 17;
 /// Finest level of a first pass: 64^3 cells.
 const LEVELS_FIRST: u32 = 6;
 /// Levels that a second cut adds.
@@ -21,38 +19,9 @@ const LEVELS_MORE: u32 = 3;
 /// Bits of a cell's Hilbert key per axis; cells cannot be cut finer.
 const KEY_BITS: u32 = 18;
 
-/// A stretch of a run: triangles `skip .. skip + take`.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct Piece {
-    pub(super) run: Run,
-    pub(super) skip: u32,
-    pub(super) take: u32,
-}
-
-/// The unit of the cluster phase.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Chunk {
-    pub(super) pieces: Vec<Piece>,
-    pub(super) triangle_count: u64,
-}
-
-impl Chunk {
-    /// Whether it can be one of a scratch file of so many bytes, for what a record says.
-    pub(super) fn is_sound(&self, scratch_bytes: u64) -> bool {
-        let is_sound = |piece: &Piece| {
-            let end = u64::from(piece.skip) + u64::from(piece.take);
-            piece.take > 0 && end <= u64::from(piece.run.triangle_count) && piece.run.is_sound(scratch_bytes)
-        };
-        let taken = self.pieces.iter().map(|piece| u64::from(piece.take)).sum::<u64>();
-        self.pieces.iter().all(is_sound)
-            && taken == self.triangle_count
-            && (1..=CHUNK_TRIANGLES).contains(&taken)
-    }
-}
-
 /// A cell: its place, also on the curve, its runs so far, and the buffered end.
-struct Cell {
-    place: Place,
+struct PartitionCell {
+    place: CellPlace,
     key: u64,
     runs: Vec<Run>,
     buffer: Vec<LatticeTriangle>,
@@ -61,12 +30,12 @@ struct Cell {
 
 /// Which cell: its level, and where it is among the 2^level an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct Place {
-    pub(super) level: u32,
-    pub(super) at: [u32; 3],
+pub(crate) struct CellPlace {
+    pub(crate) level: u32,
+    pub(crate) at: [u32; 3],
 }
 
-impl Place {
+impl CellPlace {
     /// On the Hilbert curve of the finest level.
     fn key(&self) -> u64 {
         if self.level == 0 { 0 } else { hilbert_key(self.at, self.level) << (3 * (KEY_BITS - self.level)) }
@@ -75,55 +44,62 @@ impl Place {
 
 /// What decides a triangle's cell.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum By {
+pub(crate) enum SortKey {
     SizeAndPlace,
-    Place,
+    CellPlace,
 }
 
 /// How one pass sorts.
 #[derive(Clone, Copy)]
-pub(super) struct Sorted {
-    pub(super) by: By,
+pub(crate) struct SortRule {
+    pub(crate) by: SortKey,
     /// Finest level: 2^levels cells an axis.
-    pub(super) levels: u32,
+    pub(crate) levels: u32,
     /// Bits of a lattice coordinate.
-    pub(super) bits: u32,
+    pub(crate) bits: u32,
     /// Most triangles in buffers.
-    pub(super) buffered_most: u64,
+    pub(crate) buffered_most: u64,
 }
 
-impl Cell {
-    fn new(place: Place, runs: Vec<Run>) -> Cell {
+impl PartitionCell {
+    fn new(place: CellPlace, runs: Vec<Run>) -> PartitionCell {
         let triangle_count = runs.iter().map(|run| u64::from(run.triangle_count)).sum();
-        Cell { place, key: place.key(), runs, buffer: Vec::new(), triangle_count }
+        PartitionCell { place, key: place.key(), runs, buffer: Vec::new(), triangle_count }
     }
 }
 
 /// Finest level of the first pass: cells of some 2^15 triangles on a surface.
-pub(super) fn first_levels(triangle_count: u64, grid: &Grid) -> u32 {
+pub(crate) fn first_levels(triangle_count: u64, grid: &Grid) -> u32 {
     let across = (triangle_count as f64 / 131_072.0).sqrt();
     (across.max(1.0).log2().ceil() as u32).min(LEVELS_FIRST).min(grid.bits)
 }
 
 /// All cells of one pass.
-pub(super) struct Cells {
+pub(crate) struct PartitionCells {
     writer: RunWriter,
-    sorted: Sorted,
-    cells: Vec<Cell>,
-    by_place: HashMap<Place, usize>,
+    sorted: SortRule,
+    cells: Vec<PartitionCell>,
+    by_place: HashMap<CellPlace, usize>,
     /// Of the last triangle, and the index of its cell.
-    last: (Place, usize),
+    last: (CellPlace, usize),
     /// Triangles in buffers, and on their way to scratch.
     buffered: u64,
 }
 
-impl Cells {
-    pub(super) fn new(writer: RunWriter, sorted: Sorted) -> Cells {
-        let nowhere = (Place { level: u32::MAX, at: [0; 3] }, 0);
-        Cells { writer, sorted, cells: Vec::new(), by_place: HashMap::new(), last: nowhere, buffered: 0 }
+impl PartitionCells {
+    pub(crate) fn new(writer: RunWriter, sorted: SortRule) -> PartitionCells {
+        let nowhere = (CellPlace { level: u32::MAX, at: [0; 3] }, 0);
+        PartitionCells {
+            writer,
+            sorted,
+            cells: Vec::new(),
+            by_place: HashMap::new(),
+            last: nowhere,
+            buffered: 0,
+        }
     }
 
-    pub(super) fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
+    pub(crate) fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
         let index = self.cell_of(&triangle);
         let cell = &mut self.cells[index];
         cell.buffer.push(triangle);
@@ -145,7 +121,7 @@ impl Cells {
         }
         let cells = &mut self.cells;
         let index = *self.by_place.entry(place).or_insert_with(|| {
-            cells.push(Cell::new(place, Vec::new()));
+            cells.push(PartitionCell::new(place, Vec::new()));
             cells.len() - 1
         });
         self.last = (place, index);
@@ -165,7 +141,7 @@ impl Cells {
         Ok(())
     }
 
-    fn add_run(&mut self, Written { owner, run }: Written) {
+    fn add_run(&mut self, WrittenRun { owner, run }: WrittenRun) {
         self.cells[owner].runs.push(run);
         self.buffered -= u64::from(run.triangle_count);
     }
@@ -180,37 +156,37 @@ impl Cells {
     }
 
     /// Writes what is buffered, and waits until all runs are on the disk.
-    pub(super) fn sync(&mut self) -> Result<()> {
+    pub(crate) fn sync(&mut self) -> Result<()> {
         self.write_all()?;
         self.writer.scratch().flush()
     }
 
     /// The scratch file, and every cell's runs.
-    pub(super) fn runs(&self) -> (&Scratch, impl Iterator<Item = (Place, &[Run])> + Clone) {
+    pub(crate) fn runs(&self) -> (&Scratch, impl Iterator<Item = (CellPlace, &[Run])> + Clone) {
         (self.writer.scratch(), self.cells.iter().map(|cell| (cell.place, cell.runs.as_slice())))
     }
 
-    /// Goes on with the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
-    pub(super) fn restore(&mut self, runs: Vec<(Place, Vec<Run>)>) {
+    /// Restores the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
+    pub(crate) fn restore(&mut self, runs: Vec<(CellPlace, Vec<Run>)>) {
         for (place, runs) in runs {
             self.by_place.insert(place, self.cells.len());
             self.writer.scratch().set_unread(runs.iter().map(|run| (*run, run.triangle_count)));
-            self.cells.push(Cell::new(place, runs));
+            self.cells.push(PartitionCell::new(place, runs));
         }
     }
 
     /// Writes what is buffered, cuts cells that are too full, joins small ones.
-    pub(super) fn into_chunks(mut self, options: &BuildOptions) -> Result<(RunWriter, Vec<Chunk>)> {
+    pub(crate) fn into_chunks(mut self, options: &BuildOptions) -> Result<(RunWriter, Vec<Chunk>)> {
         self.write_all()?;
         let mut whole = std::mem::take(&mut self.cells);
         // Large triangles first, then along the curve; a place is one cell, so the order is total.
         whole.sort_by_key(|cell| (cell.place.level, cell.key));
-        let mut chunks = Joined::default();
+        let mut chunks = ChunkJoiner::default();
         for cell in whole {
             options.interrupt.check()?;
             let finest = KEY_BITS.min(self.sorted.bits);
             if cell.triangle_count <= CHUNK_TRIANGLES || cell.place.level >= finest {
-                chunks.add(&cell);
+                chunks.add(cell.triangle_count, &cell.runs);
             } else {
                 let levels = (cell.place.level + LEVELS_MORE).min(finest);
                 let (writer, finer) = cut(&cell, self.writer, levels, &self.sorted, options)?;
@@ -228,13 +204,13 @@ impl Cells {
 /// Sorts the triangles of a cell that is too full into finer cells, by place alone: it may be full of
 /// triangles as large as itself.
 fn cut(
-    cell: &Cell,
+    cell: &PartitionCell,
     writer: RunWriter,
     levels: u32,
-    like: &Sorted,
+    like: &SortRule,
     options: &BuildOptions,
 ) -> Result<(RunWriter, Vec<Chunk>)> {
-    let mut finer = Cells::new(writer, Sorted { levels, by: By::Place, ..*like });
+    let mut finer = PartitionCells::new(writer, SortRule { levels, by: SortKey::CellPlace, ..*like });
     let (mut buffer, mut triangles) = (Vec::new(), Vec::new());
     for run in &cell.runs {
         triangles.clear();
@@ -250,52 +226,18 @@ fn cut(
 }
 
 /// Whether all coordinates have so many bits.
-pub(super) fn is_on_lattice<const N: usize>(q: &[[i64; 3]; N], bits: u32) -> bool {
+pub(crate) fn is_on_lattice<const N: usize>(q: &[[i64; 3]; N], bits: u32) -> bool {
     q.as_flattened().iter().all(|q| (0..1 << bits).contains(q))
 }
 
 /// The cell of a triangle.
-fn cell_place(triangle: &LatticeTriangle, sorted: &Sorted) -> Place {
+fn cell_place(triangle: &LatticeTriangle, sorted: &SortRule) -> CellPlace {
     let [a, b, c] = &triangle.q;
     let (bits, mut level) = (sorted.bits, sorted.levels);
-    if sorted.by == By::SizeAndPlace {
+    if sorted.by == SortKey::SizeAndPlace {
         let side = (0..3).map(|i| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i])).max().expect("three");
         level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
     }
     let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
-    Place { level, at }
-}
-
-/// Joins cells that follow each other while they fit a chunk; cuts what could not be divided by place.
-#[derive(Default)]
-struct Joined {
-    done: Vec<Chunk>,
-    open: Chunk,
-}
-
-impl Joined {
-    fn add(&mut self, cell: &Cell) {
-        if self.open.triangle_count + cell.triangle_count > CHUNK_TRIANGLES {
-            self.close();
-        }
-        for &run in &cell.runs {
-            let mut skip = 0;
-            while skip < run.triangle_count {
-                let room = CHUNK_TRIANGLES - self.open.triangle_count;
-                let take = (run.triangle_count - skip).min(room as u32);
-                self.open.pieces.push(Piece { run, skip, take });
-                self.open.triangle_count += u64::from(take);
-                skip += take;
-                if self.open.triangle_count == CHUNK_TRIANGLES {
-                    self.close();
-                }
-            }
-        }
-    }
-
-    fn close(&mut self) {
-        if self.open.triangle_count > 0 {
-            self.done.push(std::mem::take(&mut self.open));
-        }
-    }
+    CellPlace { level, at }
 }

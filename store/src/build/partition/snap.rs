@@ -2,10 +2,10 @@
 //!
 //! Invariant: what is counted, and the hash of what was read, follow from the stream alone.
 
-use super::cells::Cells;
-use super::lattice::{Grid, Scan};
-use super::scratch::LatticeTriangle;
+use super::cells::PartitionCells;
 use super::surface::Surface;
+use crate::build::scan::{Grid, Scan};
+use crate::build::scratch::LatticeTriangle;
 use crate::cluster::LatticeBox;
 use crate::error::{Code, Error, Result};
 use crate::layout::{MATERIALS, TRIANGLES};
@@ -14,26 +14,26 @@ use xxhash_rust::xxh3::Xxh3;
 
 /// The first triangles of a stream: how many, and their hash.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) struct Prefix {
-    pub(super) triangle_count: u64,
-    pub(super) hash: u64,
+pub(crate) struct Prefix {
+    pub(crate) triangle_count: u64,
+    pub(crate) hash: u64,
 }
 
 /// What is known of the triangles that were snapped.
-pub(super) struct Snapped {
-    pub(super) rejected_degenerate: u64,
+pub(crate) struct SnapSummary {
+    pub(crate) rejected_degenerate: u64,
     /// Those of them that had area.
-    pub(super) rejected_collapsed: u64,
-    pub(super) rejected_non_finite: u64,
-    pub(super) exact: bool,
-    pub(super) bounds: LatticeBox,
-    pub(super) surface: Surface,
+    pub(crate) rejected_collapsed: u64,
+    pub(crate) rejected_non_finite: u64,
+    pub(crate) exact: bool,
+    pub(crate) bounds: LatticeBox,
+    pub(crate) surface: Surface,
 }
 
-impl Snapped {
+impl SnapSummary {
     /// Of none.
-    pub(super) fn new(scan: &Scan, grid: &Grid) -> Snapped {
-        Snapped {
+    pub(crate) fn new(scan: &Scan, grid: &Grid) -> SnapSummary {
+        SnapSummary {
             rejected_degenerate: 0,
             rejected_collapsed: 0,
             rejected_non_finite: 0,
@@ -45,27 +45,27 @@ impl Snapped {
 }
 
 /// From model space to the lattice.
-pub(super) struct Snapper {
+pub(crate) struct Snapper {
     grid: Grid,
     name: String,
     hasher: Xxh3,
     /// Triangles that were read.
-    pub(super) read: u64,
+    pub(crate) read: u64,
 }
 
 impl Snapper {
     /// Before the first triangle of the source of this name.
-    pub(super) fn new(grid: Grid, name: String) -> Snapper {
+    pub(crate) fn new(grid: Grid, name: String) -> Snapper {
         Snapper { grid, name, hasher: Xxh3::new(), read: 0 }
     }
 
     /// What was read so far.
-    pub(super) fn prefix(&self) -> Prefix {
+    pub(crate) fn prefix(&self) -> Prefix {
         Prefix { triangle_count: self.read, hash: self.hasher.digest() }
     }
 
     /// Counts and hashes what was read.
-    pub(super) fn take(&mut self, batch: &TriangleBatch) -> Result<()> {
+    pub(crate) fn hash(&mut self, batch: &TriangleBatch) -> Result<()> {
         self.hasher.update(bytemuck::cast_slice(&batch.corners));
         self.hasher.update(bytemuck::cast_slice(&batch.material));
         self.read += batch.len() as u64;
@@ -76,11 +76,11 @@ impl Snapper {
     }
 
     /// Snaps it, and puts what can be drawn into cells.
-    pub(super) fn snap_all(
+    pub(crate) fn snap_all(
         &self,
         batch: &TriangleBatch,
-        snapped: &mut Snapped,
-        cells: &mut Cells,
+        snapped: &mut SnapSummary,
+        cells: &mut PartitionCells,
     ) -> Result<()> {
         let Grid { lattice, bits } = self.grid;
         for (corners, &material) in batch.corners.iter().zip(&batch.material) {

@@ -5,24 +5,24 @@
 //! Boxes have a fourth number, which means nothing: so a box is two vectors of four, and the compiler takes it as such.
 //!
 //! Invariants: 1. both sides get at least one primitive; 2. from a depth of [`FREE_DEPTH`] on both get half, so
-//! that depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are told apart by index: the result
+//! that depth stays below [`crate::layout::TREE_DEPTH`]; 3. equal keys are distinguished by index: the result
 //! does not depend on the order of the input slice.
 
 use crate::cluster::LatticeBox;
 
 /// A primitive of the tree: its box in f32 (for costs only) and what it stands for.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Prim {
+pub(crate) struct Prim {
     lo: Four,
     hi: Four,
-    pub(super) index: u32,
+    pub(crate) index: u32,
 }
 
 /// x, y, z, and a number that means nothing.
 type Four = [f32; 4];
 
 impl Prim {
-    pub(super) fn new(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
+    pub(crate) fn new(exact: &LatticeBox, origin: [i64; 3], index: u32) -> Prim {
         let relative = |at: &[i64; 3]| [0, 1, 2, 2].map(|a: usize| (at[a] - origin[a]) as f32);
         Prim { lo: relative(&exact.lo), hi: relative(&exact.hi), index }
     }
@@ -56,18 +56,18 @@ const QUANTUM_COST: f32 = 1.03;
 
 /// How a range is to be split.
 #[derive(Clone, Copy)]
-pub(super) struct Rule {
+pub(crate) struct Rule {
     /// Primitives that cost as one: those of a leaf; a power of two.
-    pub(super) leaf: usize,
+    pub(crate) leaf: usize,
     /// The left side is better a multiple of this.
-    pub(super) quantum: usize,
+    pub(crate) quantum: usize,
     /// Splits above this one.
-    pub(super) depth: usize,
+    pub(crate) depth: usize,
 }
 
 /// Splits, and the memory that they share.
 #[derive(Default)]
-pub(super) struct Splitter {
+pub(crate) struct Splitter {
     ranks: Vec<u64>,
 }
 
@@ -82,7 +82,7 @@ struct Cut {
 
 impl Splitter {
     /// Reorders `prims` and cuts them in two: gives the count of the left side. At least two primitives.
-    pub(super) fn split(&mut self, prims: &mut [Prim], rule: Rule) -> usize {
+    pub(crate) fn split(&mut self, prims: &mut [Prim], rule: Rule) -> usize {
         let n = prims.len();
         assert!(n >= 2 && rule.leaf.is_power_of_two());
         let best = best_cut(prims, rule);

@@ -3,68 +3,75 @@
 //! Invariants: 1. pages stand in chunk order whatever the number of workers; 2. every byte written is covered by a
 //! hash.
 
-use super::chunk::{Workspace, worker_bytes};
-use super::in_order::InOrder;
-use super::journal::Journal;
-use super::lattice::Tell;
-use super::pages::{ChunkPages, PackContext};
-use super::partition::Partition;
-use super::phases::Clock;
-use super::progress_record::{Done, Read};
-use super::publish::DraftFile;
-use super::scratch::LatticeTriangle;
-use super::voxels::VoxelWork;
-use super::writer::{Writer, file_id, superblock_of, tables_bytes};
-use super::{BuildOptions, BuildReport, Voxels};
+pub(super) mod emit_checkpoint;
+mod in_order;
+pub(super) mod voxels;
+pub(super) mod writer;
+
+use crate::build::clusters::pages::{ChunkPages, PackContext};
+use crate::build::clusters::workspace::{Workspace, worker_bytes};
+use crate::build::draft::DraftFile;
+use crate::build::journal::{FileKind, Journal};
+use crate::build::options::{BuildOptions, Voxels};
+use crate::build::partition::outcome::PartitionOutcome;
+use crate::build::partition::{Partition, superblock_of};
+use crate::build::phases::PhaseClock;
+use crate::build::report::{BuildReport, PhaseReport};
+use crate::build::scratch::LatticeTriangle;
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::material::Material;
 use crate::octree::{FirstPage, Voxelizer};
+use emit_checkpoint::EmitCheckpoint;
+use in_order::InOrder;
+use voxels::VoxelWork;
+use writer::{PageWriter, file_id, tables_bytes};
 
 /// What is written.
-pub(super) struct Work<'a> {
-    pub(super) read: &'a Read,
+pub(crate) struct EmitWork<'a> {
+    pub(crate) outcome: &'a PartitionOutcome,
     /// The octree that was asked for; its records come with the chunks.
-    pub(super) voxels: Option<VoxelWork>,
-    /// Where it is told how far the work is, so that it can go on; and how far it was.
-    pub(super) journal: Option<&'a mut Journal>,
-    pub(super) done: Option<Done>,
+    pub(crate) voxels: Option<VoxelWork>,
+    /// Where it is recorded how far the work is, so that it can resume.
+    pub(crate) journal: Option<&'a mut Journal>,
+    /// What a build before this has emitted.
+    pub(crate) checkpoint: Option<EmitCheckpoint>,
 }
 
 /// Writes everything between the two superblocks and the superblocks themselves.
-pub(super) fn emit(
-    work: Work<'_>,
+pub(crate) fn emit(
+    work: EmitWork<'_>,
     options: &BuildOptions,
     mut file: DraftFile<'_>,
-    tell: Tell<'_>,
+    report: PhaseReport<'_>,
     out: &mut BuildReport,
 ) -> Result<Superblock> {
-    let Work { read, mut voxels, journal, done } = work;
-    let Read { parted, materials_json, .. } = read;
+    let EmitWork { outcome, mut voxels, journal, checkpoint } = work;
+    let PartitionOutcome { partition: parted, materials_json, .. } = outcome;
     let materials: Vec<Material> = serde_json::from_slice(materials_json).expect("materials are plain data");
     let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
     let [lo, hi] = parted.lattice_bounds;
     let context = PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi } };
     let file_id = file_id(parted, voxels.as_ref(), materials_json);
-    let mut writer = Writer::new(file_id, superblock_of(parted), context, &options.budget)?;
+    let mut writer = PageWriter::new(file_id, superblock_of(parted), context, &options.budget)?;
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
-    let work = ChunkWork { read, journal, done, context, options, tell };
+    let work = ChunkWork { outcome, journal, checkpoint, context, options, report };
     out.resumed_triangle_count = work.run(&mut writer, &mut file, &mut voxels)?;
     writer.close(&mut file)?;
     out.scratch_peak_bytes = parted.scratch.bytes();
 
     // Records merged into the octree; pages of units.
-    let mut clock = Clock::start();
+    let mut clock = PhaseClock::start();
     let merged = match voxels {
         None => None,
         Some(work) => {
             (out.upper_resolution, out.finest_resolution) = (work.grid.resolution, work.finest().resolution);
-            let tell = |done| tell("voxels", "records", done, 0);
+            let report = |done| report("voxels", "records", done, 0);
             let pages = FirstPage { number: writer.page_count(), material_count: materials.len() };
             let put = &mut |raw| writer.add_units(raw, &mut file);
-            Some(work.merge(pages, put, &options.budget, &tell)?)
+            Some(work.merge(pages, put, &options.budget, &report)?)
         }
     };
 
@@ -83,50 +90,50 @@ pub(super) fn emit(
 
 /// All chunks, of which a build before this may have done some.
 struct ChunkWork<'a> {
-    read: &'a Read,
+    outcome: &'a PartitionOutcome,
     journal: Option<&'a mut Journal>,
-    done: Option<Done>,
+    checkpoint: Option<EmitCheckpoint>,
     context: PackContext<'a>,
     options: &'a BuildOptions,
-    tell: Tell<'a>,
+    report: PhaseReport<'a>,
 }
 
 impl ChunkWork<'_> {
     /// Writes what is not done; gives the triangles of chunks that were.
     fn run(
         self,
-        writer: &mut Writer<'_>,
+        writer: &mut PageWriter<'_>,
         file: &mut DraftFile<'_>,
         voxels: &mut Option<VoxelWork>,
     ) -> Result<u64> {
-        let ChunkWork { read, mut journal, done, context, options, tell } = self;
-        let parted = &read.parted;
+        let ChunkWork { outcome, mut journal, checkpoint, context, options, report } = self;
+        let parted = &outcome.partition;
         let mut given_back = 0;
-        let first = match done {
+        let first = match checkpoint {
             // The head's place; it is written last.
             None => file.append(&[0; SUPERBLOCK_BYTES]).map(|_| 0)?,
-            Some(done) => {
-                let first = done.chunk_count();
-                let open = done.restore(writer, file, voxels.as_mut())?;
+            Some(checkpoint) => {
+                let first = checkpoint.chunk_count();
+                let open = checkpoint.restore(writer, file, voxels.as_mut())?;
                 given_back = open.first().copied().unwrap_or(first);
                 reopen(writer, &open, parted, context, options)?;
                 first
             }
         };
         let voxels = voxels.as_ref();
-        tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+        report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
         build_chunks(first, parted, voxels, context, options, |chunk, pages| {
             writer.add_chunk(chunk, pages, file)?;
             // Chunks that nobody will ask for again.
             let last = match &mut journal {
                 None => chunk + 1,
                 Some(journal) if journal.is_due() => {
-                    if !journal.has_record {
-                        journal.write_chunks(read, &options.budget)?;
+                    if !journal.has_record(FileKind::Chunks) {
+                        outcome.record(journal, &options.budget)?;
                     }
                     let tables = (voxels, &options.budget);
-                    let is_written =
-                        journal.has_record && journal.write_done(chunk + 1, writer, file, tables)?;
+                    let is_written = journal.has_record(FileKind::Chunks)
+                        && EmitCheckpoint::record(journal, chunk + 1, writer, file, tables)?;
                     let open = writer.open_chunks.first().copied().unwrap_or(chunk + 1);
                     if is_written { open } else { given_back }
                 }
@@ -136,31 +143,32 @@ impl ChunkWork<'_> {
                 parted.scratch.consume(&piece.run, piece.take);
             }
             given_back = last;
-            tell("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+            report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
             Ok(())
         })?;
-        if let Some(journal) = journal.filter(|journal| journal.has_record) {
-            // The merge has no units of its own: a build that is killed in it goes on from here.
-            journal.write_done(parted.chunks.len(), writer, file, (voxels, &options.budget))?;
+        if let Some(journal) = journal.filter(|journal| journal.has_record(FileKind::Chunks)) {
+            // The merge has no units of its own: a build that is killed in it resumes from here.
+            let tables = (voxels, &options.budget);
+            EmitCheckpoint::record(journal, parted.chunks.len(), writer, file, tables)?;
         }
         Ok(parted.chunks[..first].iter().map(|chunk| chunk.triangle_count).sum())
     }
 }
 
 /// What one worker needs.
-pub(super) fn needed_bytes(options: &BuildOptions) -> u64 {
+pub(crate) fn needed_bytes(options: &BuildOptions) -> u64 {
     worker_bytes() + if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES }
 }
 
 /// As many workers as there is room for, beside the tables of so many triangles: the result does not depend on it.
-pub(super) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize {
+pub(crate) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize {
     let free_bytes = options.budget.free_bytes().saturating_sub(tables_bytes(triangle_count));
     options.pool.current_num_threads().min((free_bytes / needed_bytes(options)) as usize).max(1)
 }
 
 /// Makes the ends of chunks again, which share a page that was not written.
 fn reopen(
-    writer: &mut Writer<'_>,
+    writer: &mut PageWriter<'_>,
     open: &[usize],
     parted: &Partition,
     context: PackContext<'_>,

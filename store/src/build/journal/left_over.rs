@@ -3,7 +3,8 @@
 //! Invariants: 1. nothing is found but by a journal that says what it is; 2. nothing of a build at work is removed;
 //! 3. a journal names no path but the folder of its scratch, in which its own names alone are looked for.
 
-use super::journal::{Header, Names, busy, bytes_of, lock};
+use super::files::{FileKind, JournalFiles, busy, bytes_of, lock};
+use super::header::JournalHeader;
 use crate::error::{Error, Result};
 use crate::output::folder_of;
 use serde::Serialize;
@@ -39,8 +40,8 @@ pub fn find(place: &Path) -> Result<Vec<LeftOver>> {
 /// of it; those of [`find`], and of removing.
 pub fn clean(place: &Path) -> Result<Vec<LeftOver>> {
     let mut cleaned = Vec::new();
-    for (names, found) in find_named(place)? {
-        let journal = names.file("journal");
+    for (files, found) in find_named(place)? {
+        let journal = files.path(FileKind::Journal);
         let is_folder = place.is_dir();
         let Some(_lock) = lock(&journal)? else {
             // Builds at work beside what was asked for are nobody's left-overs.
@@ -49,7 +50,7 @@ pub fn clean(place: &Path) -> Result<Vec<LeftOver>> {
             }
             return Err(busy(&found.output));
         };
-        for path in names.all().into_iter().filter(|path| path.exists()) {
+        for path in files.all().into_iter().filter(|path| path.exists()) {
             std::fs::remove_file(&path).map_err(|e| Error::writing("remove a left-over", &path, &e))?;
         }
         cleaned.push(found);
@@ -57,9 +58,9 @@ pub fn clean(place: &Path) -> Result<Vec<LeftOver>> {
     Ok(cleaned)
 }
 
-fn find_named(place: &Path) -> Result<Vec<(Names, LeftOver)>> {
+fn find_named(place: &Path) -> Result<Vec<(JournalFiles, LeftOver)>> {
     if !place.is_dir() {
-        let journal = Names::new(place, folder_of(place)).file("journal");
+        let journal = JournalFiles::new(place, folder_of(place)).path(FileKind::Journal);
         return Ok(left_over(&journal).into_iter().collect());
     }
     let failed = |e| Error::io("read the folder", place, &e);
@@ -75,15 +76,15 @@ fn find_named(place: &Path) -> Result<Vec<(Names, LeftOver)>> {
 }
 
 /// What the file `journal` leads to, if it is a journal.
-fn left_over(journal: &Path) -> Option<(Names, LeftOver)> {
-    let header = Header::read(&crate::file::open_regular(journal).ok()?)?;
+fn left_over(journal: &Path) -> Option<(JournalFiles, LeftOver)> {
+    let header = JournalHeader::read(&crate::file::open_regular(journal).ok()?)?;
     let output = folder_of(journal).join(Path::new(OsStr::from_bytes(&header.output)).file_name()?);
-    let names = Names::new(&output, header.scratch_folder(folder_of(journal)));
-    if names.file("journal") != journal {
+    let files = JournalFiles::new(&output, header.scratch_folder(folder_of(journal)));
+    if files.path(FileKind::Journal) != journal {
         return None;
     }
-    let file_count = names.all().iter().filter(|path| path.exists()).count();
+    let file_count = files.all().iter().filter(|path| path.exists()).count();
     let is_running = lock(journal).is_ok_and(|lock| lock.is_none());
-    let bytes = bytes_of(&names);
-    Some((names, LeftOver { output, file_count, bytes, is_running }))
+    let bytes = bytes_of(&files);
+    Some((files, LeftOver { output, file_count, bytes, is_running }))
 }

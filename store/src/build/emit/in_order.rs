@@ -26,12 +26,12 @@ const WINDOW: usize = 3;
 const GLANCE: Duration = Duration::from_millis(100);
 
 /// Who builds how many items.
-pub(super) struct InOrder<'a> {
-    pub(super) pool: &'a ThreadPool,
+pub(crate) struct InOrder<'a> {
+    pub(crate) pool: &'a ThreadPool,
     /// Tasks of the pool, at least 1.
-    pub(super) worker_count: usize,
-    pub(super) item_count: usize,
-    pub(super) interrupt: &'a Interrupt,
+    pub(crate) worker_count: usize,
+    pub(crate) item_count: usize,
+    pub(crate) interrupt: &'a Interrupt,
 }
 
 /// Whose turn it is.
@@ -53,7 +53,7 @@ impl InOrder<'_> {
     ///
     /// # Panics
     /// With a worker's panic; and on a thread of the pool, which would wait for itself.
-    pub(super) fn run<T: Send, B: FnMut(usize) -> Result<T>>(
+    pub(crate) fn run<T: Send, B: FnMut(usize) -> Result<T>>(
         &self,
         begin: impl Fn() -> B + Sync,
         take: impl FnMut(usize, T) -> Result<()>,
@@ -111,7 +111,7 @@ impl InOrder<'_> {
             while let Some(item) = waiting.remove(&turn) {
                 take(turn, item)?;
                 turn += 1;
-                turns.go_on(turn);
+                turns.advance(turn);
             }
         }
     }
@@ -132,7 +132,7 @@ impl Turns {
     }
 
     /// The items before `turn` are taken.
-    fn go_on(&self, turn: usize) {
+    fn advance(&self, turn: usize) {
         *self.taken.lock().expect("no panic while held") = turn;
         self.moved.notify_all();
     }

@@ -25,25 +25,20 @@ const PARTS: usize = 16;
 const READING: u64 = 4;
 
 /// A record that was read.
-pub(super) struct Record<T> {
-    pub(super) head: T,
-    pub(super) blobs: Vec<Vec<u8>>,
+pub(crate) struct JournalRecord<T> {
+    pub(crate) head: T,
+    pub(crate) blobs: Vec<Vec<u8>>,
 }
 
 /// The name under which a record is written.
-pub(super) fn unfinished(path: &Path) -> PathBuf {
+pub(crate) fn unfinished(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".new");
     name.into()
 }
 
-/// Whether a file is there, of so many bytes or more.
-pub(super) fn is_as_long(path: &Path, bytes: u64) -> bool {
-    path.metadata().is_ok_and(|found| found.is_file() && found.len() >= bytes)
-}
-
 /// Writes the record `path`, whose folder is `folder`.
-pub(super) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[&[u8]]) -> Result<()> {
+pub(crate) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[&[u8]]) -> Result<()> {
     let head = serde_json::to_vec(head).expect("heads are plain data");
     let parts: Vec<&[u8]> = std::iter::once(head.as_slice()).chain(blobs.iter().copied()).collect();
     assert!(parts.len() <= PARTS);
@@ -63,7 +58,7 @@ pub(super) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[
 }
 
 /// Reads the record `path`; `None` where there is none that is whole.
-pub(super) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<Option<Record<T>>> {
+pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<Option<JournalRecord<T>>> {
     let failed = |e| Error::io("read the journal", path, &e);
     let length = match path.metadata() {
         Ok(found) => found.len(),
@@ -74,7 +69,7 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<
     Ok(parse(&std::fs::read(path).map_err(failed)?))
 }
 
-fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<Record<T>> {
+fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<JournalRecord<T>> {
     let word = |at: usize| Some(u64::from_le_bytes(bytes.get(at..at + WORD_BYTES)?.try_into().ok()?));
     let mut hasher = Xxh3::new();
     hasher.update(bytes.get(WORD_BYTES..)?);
@@ -90,7 +85,8 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<Record<T>> {
         rest = after;
     }
     let head = serde_json::from_slice(parts[0]).ok()?;
-    rest.is_empty().then(|| Record { head, blobs: parts[1..].iter().map(|part| part.to_vec()).collect() })
+    rest.is_empty()
+        .then(|| JournalRecord { head, blobs: parts[1..].iter().map(|part| part.to_vec()).collect() })
 }
 
 #[cfg(test)]

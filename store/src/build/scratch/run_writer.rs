@@ -3,7 +3,7 @@
 //! Invariants: 1. runs come back in the order in which they were given; 2. no more than [`MOST`] are under way;
 //! 3. an error comes back in the place of its run.
 
-use super::scratch::{Encoder, LatticeTriangle, Run, Scratch};
+use super::{Encoder, LatticeTriangle, Run, Scratch};
 use crate::error::{Code, Error, Result};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -13,17 +13,17 @@ use std::thread::JoinHandle;
 const MOST: usize = 16;
 
 /// A run that is written, and whose it is.
-pub(super) struct Written {
-    pub(super) owner: usize,
-    pub(super) run: Run,
+pub(crate) struct WrittenRun {
+    pub(crate) owner: usize,
+    pub(crate) run: Run,
 }
 
 /// The thread's handle. Dropped, it waits for what is under way.
-pub(super) struct RunWriter {
+pub(crate) struct RunWriter {
     scratch: Arc<Scratch>,
     /// `None` once no more can come.
     jobs: Option<SyncSender<(usize, Vec<LatticeTriangle>)>>,
-    done: Receiver<Result<Written>>,
+    done: Receiver<Result<WrittenRun>>,
     under_way: usize,
     thread: Option<JoinHandle<()>>,
 }
@@ -33,9 +33,9 @@ impl RunWriter {
     ///
     /// # Errors
     /// [`Code::Io`] where the system gives none.
-    pub(super) fn start(scratch: Scratch) -> Result<RunWriter> {
+    pub(crate) fn start(scratch: Scratch) -> Result<RunWriter> {
         let (jobs, given) = sync_channel::<(usize, Vec<LatticeTriangle>)>(MOST);
-        let (tell, done) = sync_channel(MOST);
+        let (answers, done) = sync_channel(MOST);
         let scratch = Arc::new(scratch);
         let file = Arc::clone(&scratch);
         let write_all = move || {
@@ -44,7 +44,7 @@ impl RunWriter {
                 let run = file.append(encoder.encode(&triangles), triangles.len());
                 // The memory goes back before the run counts as written.
                 drop(triangles);
-                if tell.send(run.map(|run| Written { owner, run })).is_err() {
+                if answers.send(run.map(|run| WrittenRun { owner, run })).is_err() {
                     return;
                 }
             }
@@ -60,21 +60,25 @@ impl RunWriter {
     }
 
     /// The file.
-    pub(super) fn scratch(&self) -> &Scratch {
+    pub(crate) fn scratch(&self) -> &Scratch {
         &self.scratch
     }
 
     /// Gives a run to the thread; waits for the first of those under way where they are [`MOST`], and gives it.
-    pub(super) fn write(&mut self, owner: usize, triangles: Vec<LatticeTriangle>) -> Result<Option<Written>> {
+    pub(crate) fn write(
+        &mut self,
+        owner: usize,
+        triangles: Vec<LatticeTriangle>,
+    ) -> Result<Option<WrittenRun>> {
         let written = if self.under_way == MOST { self.next()? } else { None };
         let jobs = self.jobs.as_ref().expect("runs come before the end");
-        jobs.send((owner, triangles)).expect("the thread takes what comes until it is told the end");
+        jobs.send((owner, triangles)).expect("the thread takes runs until the channel is closed");
         self.under_way += 1;
         Ok(written)
     }
 
     /// The first of those under way, once it is written; `None` where there are none.
-    pub(super) fn next(&mut self) -> Result<Option<Written>> {
+    pub(crate) fn next(&mut self) -> Result<Option<WrittenRun>> {
         if self.under_way == 0 {
             return Ok(None);
         }
@@ -83,7 +87,7 @@ impl RunWriter {
     }
 
     /// Ends the thread, and gives the file back. What is under way must have been taken before.
-    pub(super) fn finish(self) -> Scratch {
+    pub(crate) fn finish(self) -> Scratch {
         assert_eq!(self.under_way, 0, "runs that nobody took");
         let scratch = Arc::clone(&self.scratch);
         drop(self);
@@ -94,7 +98,7 @@ impl RunWriter {
 impl Drop for RunWriter {
     fn drop(&mut self) {
         self.jobs = None;
-        // It ends: there is room for all answers. A panic of it is told where its answer is awaited.
+        // It ends: there is room for all answers. A panic of it shows where its answer is awaited.
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }

@@ -3,29 +3,29 @@
 //! Invariants: 1. every triangle ends in exactly one cluster; 2. boxes in the tree are exact unions of lattice boxes.
 
 use super::sah::{Prim, Rule, Splitter};
-use super::scratch::LatticeTriangle;
+use crate::build::scratch::LatticeTriangle;
 use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Tree {
+pub(crate) enum BinaryNode {
     Cluster(u32),
     Split(u32, u32),
 }
 
 /// Clusters, in coding order, and the tree above them; the last node is the root.
 #[derive(Default)]
-pub(super) struct Clusters {
-    pub(super) clusters: Vec<ClusterMesh>,
+pub(crate) struct Clusters {
+    pub(crate) clusters: Vec<ClusterMesh>,
     /// By cluster: bytes to set aside for it in a page.
-    pub(super) page_bytes: Vec<usize>,
-    pub(super) tree: Vec<(LatticeBox, Tree)>,
+    pub(crate) page_bytes: Vec<usize>,
+    pub(crate) tree: Vec<(LatticeBox, BinaryNode)>,
 }
 
 /// Memory to make clusters with, reused from chunk to chunk.
 #[derive(Default)]
-pub(super) struct Clusterer {
+pub(crate) struct Clusterer {
     splitter: Splitter,
     orderer: Orderer,
     /// The cluster under way.
@@ -34,7 +34,7 @@ pub(super) struct Clusterer {
 
 impl Clusterer {
     /// The clusters of triangles, whose primitives are reordered.
-    pub(super) fn clusters(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> Clusters {
+    pub(crate) fn clusters(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> Clusters {
         let mut out = Clusters::default();
         self.grow(prims, triangles, 0, &mut out);
         out
@@ -54,7 +54,7 @@ impl Clusterer {
             order_leaves(&mut self.splitter, prims, rule, &mut self.mesh.leaf_sizes);
             if self.mesh.leaf_sizes.len() <= CLUSTER_LEAVES && weld(prims, triangles, &mut self.mesh) {
                 let ordered = self.orderer.ordered(&self.mesh);
-                out.tree.push((ordered.mesh.bounds(), Tree::Cluster(out.clusters.len() as u32)));
+                out.tree.push((ordered.mesh.bounds(), BinaryNode::Cluster(out.clusters.len() as u32)));
                 out.page_bytes.push(ordered.page_bytes());
                 out.clusters.push(ordered.mesh);
                 return out.tree.len() as u32 - 1;
@@ -66,7 +66,7 @@ impl Clusterer {
         let left = self.grow(left, triangles, depth + 1, out);
         let right = self.grow(right, triangles, depth + 1, out);
         let bounds = out.tree[left as usize].0.join(&out.tree[right as usize].0);
-        out.tree.push((bounds, Tree::Split(left, right)));
+        out.tree.push((bounds, BinaryNode::Split(left, right)));
         out.tree.len() as u32 - 1
     }
 }

@@ -6,59 +6,60 @@
 //!                 else                                 -> place its children
 //! ```
 //!
-//! So pages fill up, each with a few neighbouring subtrees. What is above these is made anew, of the roots of all pages
-//! of all chunks (`writer.rs`): a chunk's own tree knows nothing of chunks that lie in the same place. The last page of
-//! a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they fit.
+//! So pages fill up, each with a few neighbouring subtrees. What is above these is made once more, of the roots of
+//! all pages of all chunks (`writer.rs`): a chunk's own tree knows nothing of chunks that lie in the same place. The
+//! last page of a chunk stays open: the writer lets the ends of chunks that follow each other share one, where they
+//! fit.
 //!
 //! Invariants: 1. a page refers to nothing outside of itself; 2. both its forms fit a frame; 3. within a page a
 //! node stands before its children.
 
-use super::clusters::{Clusters, Tree};
+use super::clusterer::{BinaryNode, Clusters};
 use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 
 /// A page ready to be written.
-pub(super) struct PackedPage {
+pub(crate) struct PackedPage {
     /// As it will stand on disk.
-    pub(super) stored: Vec<u8>,
-    pub(super) packing: Packing,
-    pub(super) unpacked_bytes: usize,
-    pub(super) tree_bytes: usize,
-    pub(super) frame_bytes: usize,
-    pub(super) triangle_count: usize,
-    pub(super) vertex_count: usize,
-    pub(super) cluster_count: usize,
-    pub(super) wide_cluster_count: usize,
-    pub(super) emitters: Vec<PageEmitter>,
+    pub(crate) stored: Vec<u8>,
+    pub(crate) packing: Packing,
+    pub(crate) unpacked_bytes: usize,
+    pub(crate) tree_bytes: usize,
+    pub(crate) frame_bytes: usize,
+    pub(crate) triangle_count: usize,
+    pub(crate) vertex_count: usize,
+    pub(crate) cluster_count: usize,
+    pub(crate) wide_cluster_count: usize,
+    pub(crate) emitters: Vec<PageEmitter>,
 }
 
 /// An emissive triangle of a page.
-pub(super) struct PageEmitter {
+pub(crate) struct PageEmitter {
     /// Index within the page.
-    pub(super) triangle: u32,
-    pub(super) corners: [[i64; 3]; 3],
-    pub(super) material: u16,
+    pub(crate) triangle: u32,
+    pub(crate) corners: [[i64; 3]; 3],
+    pub(crate) material: u16,
 }
 
 /// What the pages of all chunks share.
 #[derive(Clone, Copy)]
-pub(super) struct PackContext<'a> {
+pub(crate) struct PackContext<'a> {
     /// Per material: does it emit?
-    pub(super) emissive: &'a [bool],
+    pub(crate) emissive: &'a [bool],
     /// Holds all of them.
-    pub(super) bounds: LatticeBox,
+    pub(crate) bounds: LatticeBox,
 }
 
 /// A page that may take more.
 #[derive(Default)]
-pub(super) struct OpenPage {
+pub(crate) struct OpenPage {
     content: PageContent,
     /// Frame bytes of its nodes and clusters.
     bytes: usize,
 }
 
 impl OpenPage {
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.content.roots.is_empty()
     }
 
@@ -68,12 +69,12 @@ impl OpenPage {
     }
 
     /// Whether all of `other` fits.
-    pub(super) fn takes(&self, other: &OpenPage) -> bool {
+    pub(crate) fn takes(&self, other: &OpenPage) -> bool {
         self.has_room(other.bytes, other.content.roots.len())
     }
 
     /// Takes all of `other`; the slot of its first root.
-    pub(super) fn append(&mut self, other: OpenPage) -> u32 {
+    pub(crate) fn append(&mut self, other: OpenPage) -> u32 {
         let PageContent { roots, nodes, clusters } = &mut self.content;
         let (slot, node_count, cluster_count) =
             (roots.len() as u32, nodes.len() as u16, clusters.len() as u16);
@@ -89,7 +90,7 @@ impl OpenPage {
     }
 
     /// Ends it. Panics when it is empty.
-    pub(super) fn pack(self, context: PackContext<'_>) -> PackedPage {
+    pub(crate) fn pack(self, context: PackContext<'_>) -> PackedPage {
         let page = self.content;
         assert!(!page.clusters.is_empty(), "a page has a cluster");
         let (raw, spent) = page.encode();
@@ -111,28 +112,28 @@ impl OpenPage {
 }
 
 /// The result of a chunk.
-pub(super) struct ChunkPages {
-    pub(super) pages: Vec<PackedPage>,
+pub(crate) struct ChunkPages {
+    pub(crate) pages: Vec<PackedPage>,
     /// The page behind these.
-    pub(super) open: OpenPage,
+    pub(crate) open: OpenPage,
     /// Where rays enter its pages.
-    pub(super) roots: Vec<ChunkRoot>,
+    pub(crate) roots: Vec<ChunkRoot>,
 }
 
 /// A root of a page.
-pub(super) struct ChunkRoot {
-    pub(super) bounds: LatticeBox,
+pub(crate) struct ChunkRoot {
+    pub(crate) bounds: LatticeBox,
     /// From the chunk's first page on; one more than there are for the open one.
-    pub(super) page: u32,
-    pub(super) slot: u32,
+    pub(crate) page: u32,
+    pub(crate) slot: u32,
 }
 
 /// What LZ4 must save, in percent of the raw bytes, to be worth its decode.
 const LZ4_GAIN_PERCENT: usize = 3;
 
 /// Cuts the tree into pages and encodes them.
-pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
-    let wide = Wide::new(&clusters.tree);
+pub(crate) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
+    let wide = WideTree::new(&clusters.tree);
     let sizes = clusters.page_bytes;
     let mut clusters: Vec<Option<ClusterMesh>> = clusters.clusters.into_iter().map(Some).collect();
     let mut packer = Packer {
@@ -149,42 +150,42 @@ pub(super) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
 
 /// A subtree of the wide tree.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum WideRef {
+pub(crate) enum WideRef {
     Leaf(u32),
     Node(u32),
 }
 
 /// The 8-wide tree over leaves 0, 1, ..; children stand before parents.
-pub(super) struct Wide {
-    pub(super) nodes: Vec<Vec<(LatticeBox, WideRef)>>,
-    pub(super) root: WideRef,
+pub(crate) struct WideTree {
+    pub(crate) nodes: Vec<Vec<(LatticeBox, WideRef)>>,
+    pub(crate) root: WideRef,
     root_bounds: LatticeBox,
 }
 
-impl Wide {
+impl WideTree {
     /// Collapses a binary tree: a node takes the largest of its subtrees apart until it has eight children.
-    pub(super) fn new(tree: &[(LatticeBox, Tree)]) -> Wide {
+    pub(crate) fn new(tree: &[(LatticeBox, BinaryNode)]) -> WideTree {
         let (bounds, _) = tree[tree.len() - 1];
-        let mut wide = Wide { nodes: Vec::new(), root: WideRef::Leaf(0), root_bounds: bounds };
+        let mut wide = WideTree { nodes: Vec::new(), root: WideRef::Leaf(0), root_bounds: bounds };
         wide.root = wide.collapse(tree, tree.len() as u32 - 1);
         wide
     }
 
-    fn collapse(&mut self, tree: &[(LatticeBox, Tree)], at: u32) -> WideRef {
+    fn collapse(&mut self, tree: &[(LatticeBox, BinaryNode)], at: u32) -> WideRef {
         let (left, right) = match tree[at as usize].1 {
-            Tree::Cluster(index) => return WideRef::Leaf(index),
-            Tree::Split(left, right) => (left, right),
+            BinaryNode::Cluster(index) => return WideRef::Leaf(index),
+            BinaryNode::Split(left, right) => (left, right),
         };
         let mut open = vec![left, right];
         while open.len() < NODE_WIDTH {
             let largest = (0..open.len())
-                .filter(|&i| matches!(tree[open[i] as usize].1, Tree::Split(..)))
+                .filter(|&i| matches!(tree[open[i] as usize].1, BinaryNode::Split(..)))
                 .max_by(|&a, &b| {
                     let area = |i: usize| tree[open[i] as usize].0.half_area();
                     area(a).total_cmp(&area(b)).then(b.cmp(&a))
                 });
             let Some(i) = largest else { break };
-            let Tree::Split(left, right) = tree[open[i] as usize].1 else { unreachable!("filtered") };
+            let BinaryNode::Split(left, right) = tree[open[i] as usize].1 else { unreachable!("filtered") };
             open.splice(i..=i, [left, right]);
         }
         let children =
@@ -212,7 +213,7 @@ impl Wide {
 
 /// Fills one page after the other.
 struct Packer<'a> {
-    wide: &'a Wide,
+    wide: &'a WideTree,
     sizes: Vec<usize>,
     subtree_bytes: Vec<usize>,
     clusters: &'a mut [Option<ClusterMesh>],
@@ -273,7 +274,7 @@ impl Packer<'_> {
 }
 
 /// A page as it is stored.
-pub(super) fn packed(raw: Vec<u8>) -> (Vec<u8>, Packing) {
+pub(crate) fn packed(raw: Vec<u8>) -> (Vec<u8>, Packing) {
     let packed = lz4_flex::block::compress(&raw);
     let gains = packed.len() * 100 <= raw.len() * (100 - LZ4_GAIN_PERCENT);
     if gains { (packed, Packing::Lz4) } else { (raw, Packing::Raw) }

@@ -1,0 +1,66 @@
+//! Which voxel octree a model gets.
+//!
+//! Invariant: the choice depends on the input and the options alone, never on the memory limit.
+
+use super::surface::{RESOLUTIONS, Surface};
+use crate::build::options::Voxels;
+use crate::octree::{Refinement, VoxelGrid, leaf_bytes};
+
+/// Bytes of a leaf on disk, bytes of a triangle there: measured, rounded.
+const DISK_BYTES_PER_LEAF: f64 = 8.0;
+const DISK_BYTES_PER_TRIANGLE: f64 = 2.5;
+/// Times that a surface crosses its cube, for the plan: 4.35 on `gen:isosurface:20k`, rounded up.
+const PLAN_CROSSINGS: f64 = 5.0;
+
+/// Bytes in memory that any model may spend on 256 leaves along its side, however few its triangles.
+const CHEAP_BYTES: f64 = (32 << 20) as f64;
+
+/// Leaves of the octree that is asked for, and how much finer the finest are; `None` for none.
+pub(crate) fn resolution(
+    voxels: Voxels,
+    surface: &Surface,
+    lattice_bounds: [[i64; 3]; 2],
+    triangle_count: u64,
+) -> Option<(u32, Refinement)> {
+    match voxels {
+        Voxels::None => None,
+        Voxels::Resolution(resolution) => Some((resolution, Refinement::None)),
+        Voxels::Refined { upper, refinement } => Some((upper, refinement)),
+        Voxels::Within { upper_bytes } => {
+            let mesh_bytes = DISK_BYTES_PER_TRIANGLE * triangle_count as f64;
+            Some((choose(surface, lattice_bounds, mesh_bytes, upper_bytes), Refinement::None))
+        }
+    }
+}
+
+/// The finest octree that takes less than the mesh on disk and less than `upper_bytes` in memory. The coarser ones are
+/// for what is small: 256 up to [`CHEAP_BYTES`], since a picture needs that much whatever the model has. Units below it
+/// are for who asks for them: rays that may wait for pages cannot go in batches, and were 2.6 to 3 times as slow when
+/// measured (ao).
+fn choose(surface: &Surface, [lo, hi]: [[i64; 3]; 2], mesh_bytes: f64, upper_bytes: u64) -> u32 {
+    let fits = |which: &usize| {
+        let leaf_steps = VoxelGrid::from_bounds(lo, hi, RESOLUTIONS[*which], Refinement::None).leaf_steps();
+        let leaves = surface.leaf_count(*which, leaf_steps);
+        let resident = leaves * leaf_bytes() as f64;
+        let is_due = leaves * DISK_BYTES_PER_LEAF <= mesh_bytes;
+        let is_cheap = RESOLUTIONS[*which] == 256 && resident <= CHEAP_BYTES;
+        resident <= upper_bytes as f64 && (is_due || is_cheap)
+    };
+    (0..RESOLUTIONS.len()).rev().find(fits).map_or(64, |which| RESOLUTIONS[which])
+}
+
+/// About what voxels add to the file, before anything is known of the surface but how many triangles it has.
+pub(crate) fn plan_bytes(voxels: Voxels, triangle_count: u64) -> u64 {
+    let of_surface = |side: u32| PLAN_CROSSINGS * f64::from(side) * f64::from(side) * DISK_BYTES_PER_LEAF;
+    let bytes = match voxels {
+        Voxels::None => 0.0,
+        Voxels::Resolution(side) => of_surface(side),
+        Voxels::Refined { upper, refinement } => of_surface(upper * refinement.factor()),
+        // What `choose` allows.
+        Voxels::Within { upper_bytes } => {
+            let due = of_surface(256).max(DISK_BYTES_PER_TRIANGLE * triangle_count as f64);
+            due.min(upper_bytes as f64 / leaf_bytes() as f64 * DISK_BYTES_PER_LEAF)
+        }
+    };
+    bytes as u64
+}

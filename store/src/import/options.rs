@@ -1,0 +1,37 @@
+//! `ImportOptions`: how an input is read.
+
+use crate::budget::Budget;
+use crate::progress::Interrupt;
+use std::path::{Path, PathBuf};
+
+/// How an input is read.
+#[derive(Clone, Debug)]
+pub struct ImportOptions {
+    /// Where all memory is leased.
+    pub budget: Budget,
+    /// Folder of the unlinked scratch file that vertices go to when they neither fit the cache nor lie in the
+    /// input as plain numbers.
+    pub temp_dir: PathBuf,
+    /// Stops the reading, at the latest after one window.
+    pub interrupt: Interrupt,
+    /// Most bytes that the vertex cache takes. Less is taken where the array is smaller or the budget has less.
+    pub vertex_cache_bytes: u64,
+}
+
+impl ImportOptions {
+    /// Options under `budget`, a quarter of which may go to the vertex cache.
+    pub fn new(budget: Budget, temp_dir: &Path) -> ImportOptions {
+        let vertex_cache_bytes = budget.free_bytes() / 4;
+        ImportOptions {
+            budget,
+            temp_dir: temp_dir.to_path_buf(),
+            interrupt: Interrupt::default(),
+            vertex_cache_bytes,
+        }
+    }
+
+    /// Options without a limit, for tests and small tools.
+    pub fn unlimited(temp_dir: &Path) -> ImportOptions {
+        ImportOptions::new(Budget::unlimited(), temp_dir)
+    }
+}
