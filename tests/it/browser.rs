@@ -73,7 +73,7 @@ resolution = [840, 480]
 #[test]
 fn a_hand_at_the_page() {
     let Some(command) = chromium::installed() else {
-        cannot_run("there is no chromium");
+        cannot_run_without("chromium");
         return;
     };
     let inside = folder();

@@ -23,6 +23,8 @@ pub(crate) struct Ran {
 
 /// Set to 1 where every test has to run: what cannot run there fails.
 const REQUIRE_ALL: &str = "TREX_REQUIRE_ALL";
+/// Programs, by name and with blanks between, that are there: a test that needs one of them and cannot run fails.
+const REQUIRED: &str = "TREX_REQUIRE";
 
 /// Says aloud that a test, or a part of one, does not run here, and why; a failure where all have to run.
 #[track_caller]
@@ -32,6 +34,15 @@ pub(crate) fn cannot_run(why: &str) {
     assert!(!is_required, "{test} cannot run here, and {REQUIRE_ALL} is set: {why}");
     // Not `eprintln!`, which the runner captures and shows with failures alone. A closed stderr is no failure.
     let _ = writeln!(std::io::stderr().lock(), "\nNOT RUN: {test}: {why}");
+}
+
+/// As [`cannot_run`], for want of a program; a failure where that one is required.
+#[track_caller]
+pub(crate) fn cannot_run_without(program: &str) {
+    let required = std::env::var(REQUIRED).unwrap_or_default();
+    let is_required = required.split_whitespace().any(|name| name == program);
+    assert!(!is_required, "{program} is missing, or may not run, and {REQUIRED} names it");
+    cannot_run(&format!("{program} is not installed, or may not run"));
 }
 
 /// Says what a test saw, for those who run it with `--nocapture`.

@@ -3,28 +3,22 @@
 
 use crate::command::folder;
 use crate::fixtures::built_in;
-use rayon::ThreadPoolBuilder;
 use std::ops::ControlFlow;
-use std::sync::Arc;
 use std::time::Duration;
+use trex_model::{LiveSession, Model, OpenOptions, Pace, Session, SessionOptions, ThreadSource};
 use trex_render::{
-    Camera, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Layers, Light, LiveSession,
-    MaterialEdit, Method, Model, PagedMesh, PooledPages, RenderKeys, RenderSettings, Scene, Session,
-    SessionSetup, TileOrder, View, Voxels, pooled_tracers,
+    Camera, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Light, MaterialEdit, Method,
+    RenderKeys, RenderSettings, Scene, TileOrder,
 };
-use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Budget, PageFile};
+use trex_store::Budget;
 
 const RESOLUTION: [u32; 2] = [128, 96];
 const TILES: u32 = 16 * 12;
 const BLOCK: u32 = 16;
 
-type Tracer = PagedMesh<PooledPages>;
-
 /// A model whose pages are all on the disk at first.
 struct Stage {
-    file: Arc<PageFile>,
-    pool: Arc<PagePool>,
+    model: Model,
     _folder: tempfile::TempDir,
 }
 
@@ -32,35 +26,30 @@ impl Stage {
     fn new() -> Stage {
         let inside = folder();
         built_in(inside.path(), "gen:isosurface:58k", "iso.trex");
-        let path = inside.path().join("iso.trex");
-        let file = Arc::new(PageFile::open(&path, &Budget::unlimited()).unwrap());
-        let pool =
-            PagePool::open(file.clone(), &path, &Budget::unlimited(), &PoolOptions::default()).unwrap();
-        Stage { file, pool: Arc::new(pool), _folder: inside }
+        let options = OpenOptions {
+            budget: Budget::unlimited(),
+            threads: ThreadSource::Start(2.try_into().unwrap()),
+            ..OpenOptions::with_limit(0)
+        };
+        let model = Model::open(&inside.path().join("iso.trex"), &options).unwrap();
+        Stage { model, _folder: inside }
     }
 
     /// A session with its photons, if it has any.
-    fn session(&self, method: Method) -> Session<Tracer> {
-        let budget = Budget::unlimited();
-        let voxels = Voxels::open(&self.file, &budget).unwrap().map(Arc::new);
-        let bounds = self.file.superblock().bounds;
-        let mut model = Model { bounds, materials: self.file.materials().to_vec(), emitters: vec![], voxels };
+    fn session(&self, method: Method) -> Session {
         let mut scene = Scene::default();
         let keys = RenderKeys::default();
         scene.render = RenderKeys { integrator: method, resolution: RESOLUTION, photons: 100_000, ..keys };
-        let View { camera, lights, .. } = scene.view(&mut model).unwrap();
+        let options = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
+        let mut session = self.model.session_with(&scene, &options).unwrap();
         // Near enough for surfaces that are wider than the grid of a preview.
-        let camera = Camera { fov: Fov::X(8.0), ..camera };
-        let view = View { camera, lights, settings: RenderSettings::new(scene.render).unwrap() };
-        let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap());
-        let tracers = pooled_tracers(&self.file, &self.pool, 2);
-        let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads.into() };
-        let mut session = Session::new(setup, &budget).unwrap();
+        let camera = Camera { fov: Fov::X(8.0), ..session.view().camera };
+        session.apply(Event::Camera(camera)).unwrap();
         session.illuminate(&|| false, &mut |_, _| {}).unwrap();
         session
     }
 
-    fn live(&self, method: Method) -> LiveSession<Tracer> {
+    fn live(&self, method: Method) -> LiveSession {
         // Long enough for a frame to end by its work, whatever else the machine does.
         let options = FrameOptions {
             t_max: Duration::from_secs(60),
@@ -72,15 +61,15 @@ impl Stage {
     }
 }
 
-fn frame(session: &mut LiveSession<Tracer>) -> FrameReport {
+fn frame(session: &mut LiveSession) -> FrameReport {
     session.frame(1, &|| false)
 }
 
-fn frame_until(session: &mut LiveSession<Tracer>, progress: FrameProgress) -> FrameReport {
+fn frame_until(session: &mut LiveSession, progress: FrameProgress) -> FrameReport {
     (0..10_000).map(|_| frame(session)).find(|report| report.progress >= progress).expect("it gets there")
 }
 
-fn shown(session: &LiveSession<Tracer>) -> Vec<[f32; 3]> {
+fn shown(session: &LiveSession) -> Vec<[f32; 3]> {
     let [width, height] = RESOLUTION;
     (0..height).flat_map(|y| (0..width).map(move |x| session.shown([x, y]))).collect()
 }

@@ -24,6 +24,7 @@ mod house;
 mod image_diff;
 mod inputs;
 mod lengths;
+mod licences;
 mod lies;
 mod lies_units;
 mod light;

@@ -364,6 +364,18 @@ mod tests {
             let waits = way.latency_us.map_or(f64::INFINITY, |latency| latency.max as f64);
             assert!(waits + 1.0 >= 1e6 / way.pages_per_s / way.depth as f64, "{way:?}");
         }
+        // Beside somebody else's reads, where they can be had.
+        let has_fio = std::process::Command::new("fio").arg("--version").output().is_ok();
+        if has_fio {
+            let beside = run(&model, &PageIoOptions { depths: vec![8], fio: true, ..options.clone() }, &around);
+            let ways = beside.unwrap().ways;
+            assert!(ways.values().any(|way| way.of_fio.is_some_and(|ratio| ratio > 0.0)), "{ways:?}");
+        } else {
+            let required = std::env::var("TREX_REQUIRE").unwrap_or_default();
+            assert!(!required.contains("fio"), "fio is missing, and TREX_REQUIRE names it");
+            let said = std::io::Write::write_all(&mut std::io::stderr(), b"\nNOT RUN: beside fio: it is not installed\n");
+            said.unwrap();
+        }
         // A page with another byte is found by all that hash.
         let file = PageFile::open(&model.path, &around.budget).unwrap();
         let at = file.pages()[0].offset as usize;
