@@ -40,20 +40,24 @@ const _: () = assert!(FIRST_SCALE == CENTRES[0] && TILE_SCALE == CENTRES[1]);
 
 /// Saliency of each tile.
 pub(super) fn map(picture: &Reduced) -> Plane {
-    let intensities = picture.plane(intensity);
-    let [red_green, blue_yellow] = colour_pairs(picture);
-    let scales = pyramid(intensities);
+    // One after the other: of what is as large as the picture, little is there at a time.
+    let [red_green, blue_yellow] = [RED_GREEN, BLUE_YELLOW].map(|pair| {
+        let scales = pyramid(colour_pair(picture, pair));
+        conspicuity(&scales)
+    });
+    let colour = red_green.plus(&blue_yellow);
+    let scales = pyramid(picture.plane(intensity));
+    let intensity = conspicuity(&scales);
     let mut angles: [Vec<Plane>; 4] = Default::default();
     for scale in &scales {
         for (angle, response) in angles.iter_mut().zip(oriented(scale)) {
             angle.push(response);
         }
     }
-    let intensity = conspicuity(&scales);
-    let colour = conspicuity(&pyramid(red_green)).plus(&conspicuity(&pyramid(blue_yellow)));
+    drop(scales);
     let orientation = angles
-        .iter()
-        .map(|scales| conspicuity(scales).promoted())
+        .into_iter()
+        .map(|scales| conspicuity(&scales).promoted())
         .reduce(|sum, angle| sum.plus(&angle))
         .expect("there are four");
     let mut map = intensity.promoted().plus(&colour.promoted()).plus(&orientation.promoted());
@@ -65,18 +69,20 @@ fn intensity([r, g, b]: [f32; 3]) -> f32 {
     (r + g + b) / 3.0
 }
 
-/// Red against green, blue against yellow, of the hue of each sample.
-fn colour_pairs(picture: &Reduced) -> [Plane; 2] {
+/// One colour against another, of a hue.
+type ColourPair = fn([f32; 3]) -> f32;
+
+const RED_GREEN: ColourPair = |[r, g, b]| (r - 0.5 * (g + b)).max(0.0) - (g - 0.5 * (r + b)).max(0.0);
+const BLUE_YELLOW: ColourPair =
+    |[r, g, b]| (b - 0.5 * (r + g)).max(0.0) - (0.5 * (r + g) - 0.5 * (r - g).abs() - b).max(0.0);
+
+/// A colour pair of the hue of each sample.
+fn colour_pair(picture: &Reduced, pair: ColourPair) -> Plane {
     let greatest = picture.rgb.iter().map(|&rgb| intensity(rgb)).fold(0.0, f32::max);
-    let hue = |rgb: [f32; 3]| {
+    picture.plane(|rgb| {
         let i = intensity(rgb);
-        if i > HUE_SHARE * greatest { rgb.map(|value| value / i) } else { [0.0; 3] }
-    };
-    let pair = |first: fn([f32; 3]) -> f32| picture.plane(|rgb| first(hue(rgb)));
-    [
-        pair(|[r, g, b]| (r - 0.5 * (g + b)).max(0.0) - (g - 0.5 * (r + b)).max(0.0)),
-        pair(|[r, g, b]| (b - 0.5 * (r + g)).max(0.0) - (0.5 * (r + g) - 0.5 * (r - g).abs() - b).max(0.0)),
-    ]
+        pair(if i > HUE_SHARE * greatest { rgb.map(|value| value / i) } else { [0.0; 3] })
+    })
 }
 
 /// All scales of a plane, from that of a sample on.
@@ -111,20 +117,26 @@ pub(super) fn oriented(plane: &Plane) -> [Plane; 4] {
     let (part_even, part_odd) = (taps(f32::cos, WAVE * FRAC_1_SQRT_2), taps(f32::sin, WAVE * FRAC_1_SQRT_2));
     let mean: f32 = even.iter().sum();
     let even: [f32; 7] = std::array::from_fn(|i| even[i] - mean * ENVELOPE[i]);
+    let energy = |even: f32, odd: f32| (even * even + odd * odd).sqrt();
+    let of_axis = |even: Plane, odd: Plane| even.with(&odd, energy);
+    let rightward = of_axis(plane.across(&even).down(&ENVELOPE), plane.across(&odd).down(&ENVELOPE));
+    let smooth = plane.across(&ENVELOPE);
+    let downward = of_axis(smooth.down(&even), smooth.down(&odd));
     // A wave along a diagonal is a product of waves along the axes: e^i(x + y) = e^ix e^iy.
     let part_mean = part_even.iter().sum::<f32>().powi(2);
-    let smooth = plane.across(&ENVELOPE);
-    let (across_even, across_odd) = (plane.across(&part_even), plane.across(&part_odd));
     let flat = smooth.down(&ENVELOPE);
-    let even_even = across_even.down(&part_even).with(&flat, |value, flat| value - part_mean * flat);
-    let odd_odd = across_odd.down(&part_odd);
-    let (even_odd, odd_even) = (across_even.down(&part_odd), across_odd.down(&part_even));
-    let energy = |even: Plane, odd: &Plane| even.with(odd, |even, odd| (even * even + odd * odd).sqrt());
-    let difference = |a: &Plane, b: &Plane| a.clone().with(b, |a, b| a - b);
-    [
-        energy(plane.across(&even).down(&ENVELOPE), &plane.across(&odd).down(&ENVELOPE)),
-        energy(difference(&even_even, &odd_odd), &even_odd.clone().plus(&odd_even)),
-        energy(smooth.down(&even), &smooth.down(&odd)),
-        energy(even_even.plus(&odd_odd), &difference(&even_odd, &odd_even)),
-    ]
+    drop(smooth);
+    let (across_even, across_odd) = (plane.across(&part_even), plane.across(&part_odd));
+    let mut even_even = across_even.down(&part_even).with(&flat, |value, flat| value - part_mean * flat);
+    drop(flat);
+    let mut odd_odd = across_odd.down(&part_odd);
+    let even_odd = across_even.down(&part_odd);
+    drop(across_even);
+    let odd_even = across_odd.down(&part_even);
+    let mixed = even_odd.values.iter().zip(&odd_even.values);
+    for ((ee, oo), (eo, oe)) in even_even.values.iter_mut().zip(&mut odd_odd.values).zip(mixed) {
+        (*ee, *oo) = (energy(*ee - *oo, eo + oe), energy(*ee + *oo, eo - oe));
+    }
+    let (rising, falling) = (odd_odd, even_even);
+    [rightward, falling, downward, rising]
 }

@@ -38,8 +38,8 @@ pub enum Saliency {
 }
 
 /// Bytes that a sample of the reduced picture takes while its saliency is found, of the metric that takes more: Itti's
-/// pyramids, angles at all scales, and what these are made in.
-const WORK_BYTES_PER_SAMPLE: u64 = 96;
+/// angles at all scales, and one of these compared with its surround.
+const WORK_BYTES_PER_SAMPLE: u64 = 50;
 
 /// Bytes that the saliency of a picture of so many tiles takes while it is found.
 pub(crate) fn work_bytes(tile_count: u32) -> u64 {
