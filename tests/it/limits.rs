@@ -1,7 +1,11 @@
 //! Limits that are too small: exit status 4 with the smallest one that would do, and that one does.
 
 use crate::command::{document_in, folder, listing, run_in};
+use crate::fixtures::model_with;
 use std::path::Path;
+use trex_render::{MemoryPlan, PictureNeeds, RenderKeys, RenderSettings};
+use trex_store::build::Voxels;
+use trex_view::view_bytes;
 
 /// Runs `trex LINE` under a hopeless limit, then under the smallest that was named, then under one byte less.
 #[track_caller]
@@ -69,4 +73,28 @@ fn info_tells_the_smallest_limit_of_a_picture() {
     let refused = run_in(inside.path(), &line(smallest - 1)).expect_error(4, "memory-limit");
     assert_eq!(refused["smallest_limit_bytes"], smallest);
     run_in(inside.path(), &line(smallest)).expect(0);
+}
+
+/// What grows with the picture once left 39 of 256 MiB to pages at 1920x1080: a view of 100M triangles read each page
+/// again and again. The plan of a small file stands for that of a large one, whose tables, octree and staging are given.
+#[test]
+fn a_viewer_leaves_pages_half_of_a_small_limit_and_a_third_beside_a_large_picture() {
+    const MIB: u64 = 1 << 20;
+    const LIMIT: u64 = 256 * MIB;
+    /// What the file of an iso-surface of 100M triangles takes, frames and picture not counted, with the reserve.
+    const OTHERS: u64 = 57 * MIB;
+    let built = model_with("isosurface:100k", Voxels::Resolution(64));
+    for (resolution, part) in [([1280, 720], 2), ([1920, 1080], 3)] {
+        let settings = RenderSettings::new(RenderKeys { resolution, ..RenderKeys::default() }).unwrap();
+        let copies_bytes = view_bytes(resolution);
+        let needs = PictureNeeds { settings, is_live: true, copies_bytes, ..PictureNeeds::plain(2) };
+        let plan = MemoryPlan::new(&built.file, &needs, LIMIT).unwrap();
+        let frames = LIMIT - OTHERS - plan.film_bytes;
+        assert!(
+            frames >= LIMIT / part,
+            "{resolution:?}: {} MiB, film {}",
+            frames / MIB,
+            plan.film_bytes / MIB
+        );
+    }
 }

@@ -12,8 +12,9 @@ use tungstenite::protocol::frame::coding::{Data, OpCode};
 
 /// Quality of JPEG while the picture changes.
 const QUALITY: u8 = 85;
-/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two.
-const PIXELS_PER_BYTE: usize = 2;
+/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two. Each of eight pages has
+/// such a frame leased, so a byte here is one that no page of the model gets.
+const PIXELS_PER_BYTE: usize = 3;
 /// Bytes of a frame beside these: tables, and pictures so small that these count.
 const FRAME_FIXED_BYTES: usize = 32 << 10;
 /// Most bytes of the header of a message from a server.
@@ -244,7 +245,7 @@ mod tests {
         assert_eq!(head[28..30], [0xff, 0xd8]);
     }
 
-    /// Noise takes more than half a byte a pixel.
+    /// Noise takes more than a third of a byte a pixel.
     #[test]
     fn what_does_not_fit_is_not_made() {
         let random = RefCell::new(Pcg64Mcg::seed_from_u64(3));

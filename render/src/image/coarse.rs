@@ -12,9 +12,22 @@
 //! across it. H. Dammertz, D. Sewtz, J. Hanika, H. Lensch, "Edge-avoiding a-trous wavelet transform for fast global
 //! illumination filtering" (2010).
 //!
-//! Invariants: 1. even light stays even; 2. a pixel's sums have one order, so the bytes do not depend on threads.
+//! ```text
+//! step 8, 4   light of the samples -> copied to the work -> passes, back and forth between two halves of it
+//! step 2      light of the samples <-> work: the finest picture is the last one of its samples
+//! ```
+//!
+//! Invariants: 1. even light stays even; 2. a pixel's sums have one order, so the bytes do not depend on threads;
+//! 3. samples keep their light until a picture of the finest step is made of them: then all are taken anew; 4. the work
+//! may be let go once a picture is filled in, and is there again with the next.
 
+mod cells;
+mod surface;
+
+use self::cells::Cells;
+use self::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, Surface, SurfaceRow};
 use super::film::LayerPixel;
+use super::packed::PackedLight;
 use glam::Vec3;
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -24,161 +37,201 @@ use rayon::prelude::*;
 pub(crate) const STEPS: [u32; 3] = [8, 4, 2];
 /// Step of the finest grid, whose samples are kept.
 const KEPT_STEP: u32 = STEPS[STEPS.len() - 1];
-/// Depths of neighbours on one surface differ by less than this share.
-const DEPTH_SHARE: f32 = 0.08;
-/// Least cosine between the normals of neighbours on one surface.
-const NORMAL_COS: f32 = 0.85;
-/// Most that the albedos of neighbours on one surface differ by, per channel.
-const ALBEDO_APART: f32 = 0.08;
 /// Most light of a sample: sums of some are still finite.
 const LIGHT_MOST: f32 = 1e30;
-/// Least albedo that light is told from.
-const ALBEDO_LEAST: f32 = 1.0 / 64.0;
 /// Smoothing: weights along an axis, of the neighbour before, of the sample and of the neighbour after; and how far
 /// these are, pass by pass.
 const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
 const STRIDES: [usize; 3] = [1, 2, 4];
 
-/// What a sample saw.
-#[derive(Clone, Copy, Debug)]
-struct Seen {
-    /// Light that leaves the surface, over its albedo.
-    light: Vec3,
-    /// Infinite where nothing is seen.
-    depth: f32,
-    /// Parts of 127, and of 255.
-    normal: [i8; 3],
-    albedo: [u8; 3],
-}
-
-/// Samples at every [`KEPT_STEP`]-th pixel.
+/// Samples at every [`KEPT_STEP`]-th pixel, and the picture that is made of some or all of them.
 #[derive(Debug)]
 pub(super) struct Coarse {
     resolution: [u32; 2],
-    kept: Vec<Seen>,
-    picked: Picked,
+    surfaces: Vec<Surface>,
+    /// Light that leaves the surfaces, over their albedo: three planes.
+    light: Vec<f32>,
+    /// Room for the passes; empty until it is wanted.
+    work: Vec<f32>,
 }
 
-/// The samples that a picture is made of, number by number: so that those of a row go side by side.
-#[derive(Debug, Default)]
-struct Picked {
-    /// Columns and rows.
+/// The samples that a picture is made of: every `stride`-th of every `stride`-th row of those kept.
+#[derive(Clone, Copy)]
+struct Picked<'a> {
+    surfaces: &'a [Surface],
+    /// Samples in a row of those kept.
+    pitch: usize,
+    stride: usize,
+    /// Columns and rows of those picked.
     size: [usize; 2],
-    depth: Vec<f32>,
-    normal: [Vec<f32>; 3],
-    albedo: [Vec<f32>; 3],
-    light: [Vec<f32>; 3],
-    smooth: [Vec<f32>; 3],
 }
 
-/// Numbers of a [`Picked`] sample.
-const PICKED_NUMBERS: usize = 13;
+/// Three planes of light, of the samples picked.
+type Planes<'a> = [&'a [f32]; 3];
 
 /// Width and height of the grid with a sample at every `step`-th pixel of a picture of `resolution`.
 pub(crate) fn grid_size(resolution: [u32; 2], step: u32) -> [u32; 2] {
     resolution.map(|side| side.div_ceil(step))
 }
 
-fn kept_count(resolution: [u32; 2]) -> usize {
-    let [columns, rows] = grid_size(resolution, KEPT_STEP);
-    columns as usize * rows as usize
+/// Count of samples at every `step`-th pixel.
+fn sample_count(resolution: [u32; 2], step: u32) -> usize {
+    grid_size(resolution, step).into_iter().map(|side| side as usize).product()
+}
+
+/// Numbers of the work: a copy of the light and as much again for every step but the finest.
+fn work_count(resolution: [u32; 2]) -> usize {
+    let sets = |step: u32| if step == KEPT_STEP { 1 } else { 2 };
+    STEPS.into_iter().map(|step| 3 * sets(step) * sample_count(resolution, step)).max().unwrap_or(0)
+}
+
+fn planes(light: &[f32]) -> Planes<'_> {
+    let count = light.len() / 3;
+    [0, 1, 2].map(|c| &light[c * count..][..count])
 }
 
 impl Coarse {
-    /// Bytes that the samples of a picture of `resolution` take.
+    /// Bytes that the samples of a picture of `resolution` take, without [`Coarse::work_bytes`].
     pub(super) fn bytes(resolution: [u32; 2]) -> u64 {
-        (kept_count(resolution) * (size_of::<Seen>() + PICKED_NUMBERS * size_of::<f32>())) as u64
+        let bytes = size_of::<Surface>() + 3 * size_of::<f32>();
+        (sample_count(resolution, KEPT_STEP) * bytes) as u64
+    }
+
+    /// Bytes that are taken beside them from [`Coarse::smooth`] on, until [`Coarse::release_work`].
+    pub(super) fn work_bytes(resolution: [u32; 2]) -> u64 {
+        (work_count(resolution) * size_of::<f32>()) as u64
     }
 
     /// Samples that saw nothing.
     pub(super) fn new(resolution: [u32; 2]) -> Coarse {
-        let count = kept_count(resolution);
-        let kept = vec![Seen::new(Vec3::ZERO, &LayerPixel::NOTHING); count];
-        Coarse { resolution, kept, picked: Picked::with_capacity(count) }
+        let count = sample_count(resolution, KEPT_STEP);
+        let surfaces = vec![Surface::new(&LayerPixel::NOTHING); count];
+        Coarse { resolution, surfaces, light: vec![0.0; 3 * count], work: Vec::new() }
+    }
+
+    /// Lets the work go; [`Coarse::fill`] and [`Coarse::set_samples`] want it, after the next [`Coarse::smooth`].
+    pub(super) fn release_work(&mut self) {
+        self.work = Vec::new();
     }
 
     /// Sets the sample of a pixel (x, y), both of them multiples of [`KEPT_STEP`].
     pub(super) fn set(&mut self, [x, y]: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
         let columns = grid_size(self.resolution, KEPT_STEP)[0];
-        self.kept[((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize] = Seen::new(radiance, seen);
+        let at = ((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize;
+        let surface = Surface::new(seen);
+        let light = (radiance / Vec3::from(surface.albedo())).min(Vec3::splat(LIGHT_MOST));
+        self.surfaces[at] = surface;
+        let count = self.surfaces.len();
+        (0..3).for_each(|c| self.light[c * count + at] = light[c]);
     }
 
     /// Smooths the samples at every `step`-th pixel.
     pub(super) fn smooth(&mut self, step: u32, pool: &ThreadPool) {
-        let columns = grid_size(self.resolution, KEPT_STEP)[0] as usize;
-        let size = grid_size(self.resolution, step).map(|side| side as usize);
-        self.picked.pick(&self.kept, columns, (step / KEPT_STEP) as usize, size);
-        pool.install(|| STRIDES.iter().for_each(|&stride| self.picked.smooth(stride)));
+        // Exactly so many are leased.
+        if self.work.is_empty() {
+            self.work = vec![0.0; work_count(self.resolution)];
+        }
+        let Coarse { resolution, surfaces, light, work } = self;
+        let picked = Picked::new(surfaces, *resolution, step);
+        let numbers = 3 * picked.count();
+        let (mut from, mut to) = if step == KEPT_STEP {
+            (&mut light[..], &mut work[..numbers])
+        } else {
+            let (copy, rest) = work.split_at_mut(numbers);
+            planes(light).into_iter().zip(copy.chunks_exact_mut(numbers / 3)).for_each(|(light, copy)| {
+                copy.iter_mut().zip(picked.places()).for_each(|(copy, at)| *copy = light[at]);
+            });
+            (copy, &mut rest[..numbers])
+        };
+        pool.install(|| {
+            for stride in STRIDES {
+                picked.smooth(stride, planes(from), to);
+                std::mem::swap(&mut from, &mut to);
+            }
+        });
+    }
+
+    /// The samples at every `step`-th pixel that were smoothed last, and their light.
+    fn smoothed(&self, step: u32) -> (Picked<'_>, Planes<'_>) {
+        let picked = Picked::new(&self.surfaces, self.resolution, step);
+        let numbers = 3 * picked.count();
+        // After an odd number of passes.
+        let first = if step == KEPT_STEP { 0 } else { numbers };
+        (picked, planes(&self.work[first..][..numbers]))
     }
 
     /// Makes a picture of the samples that were smoothed, at every `step`-th pixel.
-    pub(super) fn fill(&self, step: u32, radiance: &mut [[f32; 3]], pool: &ThreadPool) {
-        pool.install(|| self.picked.fill(step as usize, radiance, self.resolution[0] as usize));
+    pub(super) fn fill(&self, step: u32, radiance: &mut [PackedLight], pool: &ThreadPool) {
+        let (picked, light) = self.smoothed(step);
+        pool.install(|| picked.fill(light, step as usize, radiance, self.resolution[0] as usize));
     }
 
     /// Shows each of them at its own pixel.
-    pub(super) fn set_samples(&self, step: u32, radiance: &mut [[f32; 3]]) {
+    pub(super) fn set_samples(&self, step: u32, radiance: &mut [PackedLight]) {
+        let (picked, light) = self.smoothed(step);
         let (step, width) = (step as usize, self.resolution[0] as usize);
         let pixels = radiance.chunks_mut(width).step_by(step).flat_map(|row| row.iter_mut().step_by(step));
-        pixels.enumerate().for_each(|(at, pixel)| *pixel = self.picked.shade(at).into());
+        for ((at, kept_at), pixel) in picked.places().enumerate().zip(pixels) {
+            let albedo = self.surfaces[kept_at].albedo();
+            *pixel = PackedLight::new([0, 1, 2].map(|c| light[c][at] * albedo[c]));
+        }
     }
 }
 
-impl Picked {
-    fn with_capacity(count: usize) -> Picked {
-        let room = || Vec::with_capacity(count);
-        let three = || [room(), room(), room()];
-        let (normal, albedo, light, smooth) = (three(), three(), three(), three());
-        Picked { size: [0; 2], depth: room(), normal, albedo, light, smooth }
+const _: () = assert!(STRIDES.len() % 2 == 1, "the last pass writes where the first one did");
+
+impl<'a> Picked<'a> {
+    fn new(surfaces: &'a [Surface], resolution: [u32; 2], step: u32) -> Picked<'a> {
+        let size = grid_size(resolution, step).map(|side| side as usize);
+        let pitch = grid_size(resolution, KEPT_STEP)[0] as usize;
+        Picked { surfaces, pitch, stride: (step / KEPT_STEP) as usize, size }
     }
 
-    /// Takes every `stride`-th sample of every `stride`-th row of `kept`, whose rows have `columns`.
-    fn pick(&mut self, kept: &[Seen], columns: usize, stride: usize, size: [usize; 2]) {
-        let samples =
-            || kept.chunks_exact(columns).step_by(stride).flat_map(|row| row.iter().step_by(stride));
-        fn fill<'a>(
-            plane: &mut Vec<f32>,
-            samples: impl Iterator<Item = &'a Seen>,
-            number: impl Fn(&Seen) -> f32,
-        ) {
-            plane.clear();
-            plane.extend(samples.map(number));
-        }
-        fill(&mut self.depth, samples(), |seen| seen.depth);
-        for c in 0..3 {
-            fill(&mut self.normal[c], samples(), |seen| f32::from(seen.normal[c]) / 127.0);
-            fill(&mut self.albedo[c], samples(), |seen| seen.albedo()[c]);
-            fill(&mut self.light[c], samples(), |seen| seen.light[c]);
-            self.smooth[c].resize(self.light[c].len(), 0.0);
-        }
-        self.size = size;
-        debug_assert_eq!(self.depth.len(), size[0] * size[1]);
+    fn count(&self) -> usize {
+        self.size[0] * self.size[1]
     }
 
-    /// Smooths the light over neighbours `stride` apart.
-    fn smooth(&mut self, stride: usize) {
-        let [mut red, mut green, mut blue] = std::mem::take(&mut self.smooth);
+    /// Where the samples stand among those kept, by rows.
+    fn places(&self) -> impl Iterator<Item = usize> + use<> {
+        let Picked { pitch, stride, size: [columns, rows], .. } = *self;
+        (0..rows).flat_map(move |y| (0..columns).map(move |x| (y * pitch + x) * stride))
+    }
+
+    /// Reads the surfaces of row `y` to `row`.
+    fn read(&self, y: usize, row: &mut SurfaceRow) {
+        row.read(&self.surfaces[y * self.stride * self.pitch..][..self.pitch], self.stride);
+    }
+
+    /// Smooths `light` over neighbours `stride` apart, to `out`.
+    fn smooth(&self, stride: usize, light: Planes<'_>, out: &mut [f32]) {
         let width = self.size[0];
+        let (red, rest) = out.split_at_mut(self.count());
+        let (green, blue) = rest.split_at_mut(self.count());
         let rows = red.par_chunks_exact_mut(width).zip(green.par_chunks_exact_mut(width));
-        rows.zip(blue.par_chunks_exact_mut(width)).enumerate().for_each(|(y, ((red, green), blue))| {
-            self.smooth_row(y, stride, [red, green, blue]);
+        let rows = rows.zip(blue.par_chunks_exact_mut(width)).enumerate();
+        rows.for_each_init(Default::default, |room, (y, ((red, green), blue))| {
+            self.smooth_row(room, [y, stride], light, [red, green, blue]);
         });
-        self.smooth = [red, green, blue];
-        std::mem::swap(&mut self.smooth, &mut self.light);
     }
 
     /// Writes the smoothed light of row `y` to `out`.
-    fn smooth_row(&self, y: usize, stride: usize, out: [&mut [f32]; 3]) {
+    fn smooth_row(
+        &self,
+        [here, there]: &mut [SurfaceRow; 2],
+        [y, stride]: [usize; 2],
+        light: Planes<'_>,
+        out: [&mut [f32]; 3],
+    ) {
         let [width, height] = self.size;
-        let row = y * width..(y + 1) * width;
         let [red, green, blue] = out;
-        for (row_out, light) in [&mut *red, green, blue].into_iter().zip(&self.light) {
-            row_out.copy_from_slice(&light[row.clone()]);
+        for (row_out, light) in [&mut *red, green, blue].into_iter().zip(light) {
+            row_out.copy_from_slice(&light[y * width..][..width]);
         }
+        self.read(y, here);
         // Where nothing is seen there is nothing to smooth.
         let is_seen = |depth: &f32| *depth < f32::INFINITY;
-        let Some(from) = self.depth[row.clone()].iter().position(is_seen) else { return };
-        let to = self.depth[row].iter().rposition(is_seen).expect("there is a first one") + 1;
+        let Some(from) = here.depth.iter().position(is_seen) else { return };
+        let to = here.depth.iter().rposition(is_seen).expect("there is a first one") + 1;
         // A sample weighs with itself, and is alike to itself.
         let own = WEIGHTS[1] * WEIGHTS[1];
         let mut total = vec![own; width];
@@ -187,6 +240,11 @@ impl Picked {
             let Some(other) = (y + down * stride).checked_sub(stride).filter(|y| *y < height) else {
                 continue;
             };
+            if other != y {
+                self.read(other, there);
+            }
+            let row = if other == y { &*here } else { &*there };
+            let light = light.map(|plane| &plane[other * width..][..width]);
             for (right, weight_x) in WEIGHTS.iter().enumerate() {
                 // Columns whose neighbour is on the grid.
                 let right_by = right * stride;
@@ -197,9 +255,9 @@ impl Picked {
                 if first >= end || (down, right) == (1, 1) {
                     continue;
                 }
-                let (here, there) = (y * width + first, other * width + first + right_by - stride);
                 let sums = [&mut *red, green, blue].map(|row| &mut row[first..end]);
-                self.add_row((&mut total[first..end], sums), [here, there], weight_x * weight_y);
+                let neighbours = Neighbours { here, first, row, at: first + right_by - stride, light };
+                neighbours.add(&mut total[first..end], sums, weight_x * weight_y);
             }
         }
         for row in [red, green, blue] {
@@ -207,24 +265,53 @@ impl Picked {
         }
     }
 
-    /// Adds the weights and the light of neighbours to their sums, where these are of one surface.
+    /// Fills the pixels of `radiance`, rows of `width`, from samples at every `step`-th.
+    fn fill(&self, light: Planes<'_>, step: usize, radiance: &mut [PackedLight], width: usize) {
+        let [columns, rows] = self.size;
+        let weights: Vec<[f32; 4]> = (0..step * step)
+            .map(|at| {
+                let [u, v] = [at % step, at / step].map(|at| at as f32 / step as f32);
+                [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v]
+            })
+            .collect();
+        let bands = radiance.par_chunks_mut(width * step).enumerate();
+        bands.for_each_init(Default::default, |room: &mut [SurfaceRow; 2], (y, band)| {
+            let ys = [y, (y + 1).min(rows - 1)];
+            ys.into_iter().zip(room.iter_mut()).for_each(|(y, row)| self.read(y, row));
+            let lights = ys.map(|y| light.map(|plane| &plane[y * columns..][..columns]));
+            let cells = Cells { surfaces: &*room, lights };
+            for x in 0..columns {
+                cells.fill((band, width), [x, step], &weights);
+            }
+        });
+    }
+}
+/// A row of samples from column `first` on, and neighbours of them: of `row`, from column `at` on.
+struct Neighbours<'a> {
+    here: &'a SurfaceRow,
+    first: usize,
+    row: &'a SurfaceRow,
+    at: usize,
+    light: Planes<'a>,
+}
+
+impl Neighbours<'_> {
+    /// Adds the weights and the light of the neighbours to their sums, where these are of one surface.
     #[inline]
-    fn add_row(
-        &self,
-        (total, [red, green, blue]): (&mut [f32], [&mut [f32]; 3]),
-        [here, there]: [usize; 2],
-        weight: f32,
-    ) {
+    fn add(&self, total: &mut [f32], [red, green, blue]: [&mut [f32]; 3], weight: f32) {
         let count = total.len();
         let (red, green, blue) = (&mut red[..count], &mut green[..count], &mut blue[..count]);
-        let [d0, d1] = [here, there].map(|at| &self.depth[at..at + count]);
-        let [nx0, nx1] = [here, there].map(|at| &self.normal[0][at..at + count]);
-        let [ny0, ny1] = [here, there].map(|at| &self.normal[1][at..at + count]);
-        let [nz0, nz1] = [here, there].map(|at| &self.normal[2][at..at + count]);
-        let [ar0, ar1] = [here, there].map(|at| &self.albedo[0][at..at + count]);
-        let [ag0, ag1] = [here, there].map(|at| &self.albedo[1][at..at + count]);
-        let [ab0, ab1] = [here, there].map(|at| &self.albedo[2][at..at + count]);
-        let [lr, lg, lb] = [0, 1, 2].map(|c| &self.light[c][there..there + count]);
+        let pair = |a: fn(&SurfaceRow) -> &[f32]| {
+            [&a(self.here)[self.first..][..count], &a(self.row)[self.at..][..count]]
+        };
+        let [d0, d1] = pair(|row| &row.depth);
+        let [nx0, nx1] = pair(|row| &row.normal[0]);
+        let [ny0, ny1] = pair(|row| &row.normal[1]);
+        let [nz0, nz1] = pair(|row| &row.normal[2]);
+        let [ar0, ar1] = pair(|row| &row.albedo[0]);
+        let [ag0, ag1] = pair(|row| &row.albedo[1]);
+        let [ab0, ab1] = pair(|row| &row.albedo[2]);
+        let [lr, lg, lb] = self.light.map(|plane| &plane[self.at..][..count]);
         for i in 0..count {
             let dot = nx0[i] * nx1[i] + ny0[i] * ny1[i] + nz0[i] * nz1[i];
             let apart = (ar0[i] - ar1[i]).abs().max((ag0[i] - ag1[i]).abs()).max((ab0[i] - ab1[i]).abs());
@@ -235,98 +322,6 @@ impl Picked {
             red[i] += weight * lr[i];
             green[i] += weight * lg[i];
             blue[i] += weight * lb[i];
-        }
-    }
-
-    /// Fills the pixels of `radiance`, rows of `width`, from samples at every `step`-th.
-    fn fill(&self, step: usize, radiance: &mut [[f32; 3]], width: usize) {
-        let [columns, rows] = self.size;
-        let weights: Vec<[f32; 4]> = (0..step * step)
-            .map(|at| {
-                let [u, v] = [at % step, at / step].map(|at| at as f32 / step as f32);
-                [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v]
-            })
-            .collect();
-        radiance.par_chunks_mut(width * step).enumerate().for_each(|(y, band)| {
-            for x in 0..columns {
-                let [right, down] = [(x + 1).min(columns - 1), (y + 1).min(rows - 1)];
-                let corners =
-                    [y * columns + x, y * columns + right, down * columns + x, down * columns + right];
-                self.fill_cell((band, width), [x * step, step], corners, &weights);
-            }
-        });
-    }
-
-    /// Fills the pixels of a cell of the grid, `step` along a side and from column `x` of `band` on, from its corners.
-    fn fill_cell(
-        &self,
-        (band, width): (&mut [[f32; 3]], usize),
-        [x, step]: [usize; 2],
-        corners: [usize; 4],
-        weights: &[[f32; 4]],
-    ) {
-        let is_one = corners[1..].iter().all(|&corner| self.is_alike(corners[0], corner));
-        let shades = corners.map(|at| self.shade(at));
-        let columns = step.min(width - x);
-        for (row, weights) in band.chunks_exact_mut(width).zip(weights.chunks_exact(step)) {
-            for (pixel, weights) in row[x..][..columns].iter_mut().zip(weights) {
-                let mut weights = *weights;
-                if !is_one {
-                    self.keep_alike(corners, &mut weights);
-                }
-                let [a, b, c, d] = shades;
-                *pixel = (weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d).into();
-            }
-        }
-    }
-
-    /// Radiance of a sample.
-    fn shade(&self, at: usize) -> Vec3 {
-        Vec3::from_array([0, 1, 2].map(|c| self.light[c][at] * self.albedo[c][at]))
-    }
-
-    /// Leaves weight only to the nearest corner and those that are of one surface with it.
-    fn keep_alike(&self, corners: [usize; 4], weights: &mut [f32; 4]) {
-        let nearest =
-            (1..4).fold(0, |best, corner| if weights[corner] > weights[best] { corner } else { best });
-        for (corner, weight) in weights.iter_mut().enumerate() {
-            let stays = corner == nearest || self.is_alike(corners[nearest], corners[corner]);
-            *weight = if stays { *weight } else { 0.0 };
-        }
-        let total: f32 = weights.iter().sum();
-        weights.iter_mut().for_each(|weight| *weight /= total);
-    }
-
-    /// True when two neighbours are of one surface, or both saw nothing.
-    fn is_alike(&self, a: usize, b: usize) -> bool {
-        if self.depth[a] == f32::INFINITY || self.depth[b] == f32::INFINITY {
-            return self.depth[a] == self.depth[b];
-        }
-        let dot: f32 = self.normal.iter().map(|plane| plane[a] * plane[b]).sum();
-        let apart = self.albedo.iter().map(|plane| (plane[a] - plane[b]).abs()).fold(0.0, f32::max);
-        (self.depth[a] - self.depth[b]).abs() < DEPTH_SHARE * self.depth[a].min(self.depth[b])
-            && dot > NORMAL_COS
-            && apart < ALBEDO_APART
-    }
-}
-
-impl Seen {
-    fn new(radiance: Vec3, seen: &LayerPixel) -> Seen {
-        let mut new = Seen {
-            light: radiance,
-            depth: seen.depth,
-            normal: seen.normal.map(|v| (v * 127.0).round() as i8),
-            albedo: seen.albedo.map(|v| (v * 255.0).round() as u8),
-        };
-        new.light = (radiance / new.albedo()).min(Vec3::splat(LIGHT_MOST));
-        new
-    }
-
-    /// What light is multiplied by.
-    fn albedo(&self) -> Vec3 {
-        match self.depth == f32::INFINITY {
-            true => Vec3::ONE,
-            false => Vec3::from(self.albedo.map(|v| (f32::from(v) / 255.0).max(ALBEDO_LEAST))),
         }
     }
 }

@@ -6,49 +6,19 @@
 //! of a tile are all of one state of the scene: those of a state before count for nothing, and are shown until the
 //! first of the present one comes.
 
+mod layers;
+
 #[cfg(test)]
 mod tests;
 
+pub(crate) use layers::Guide;
+pub use layers::{LayerPixel, Layers, NO_ID};
+
+use super::packed::PackedLight;
 use crate::image::tile::{Tile, tile, tile_count};
+use layers::LayerPlanes;
 use std::ops::Range;
 use trex_store::{Budget, Lease, Result};
-
-/// `id` of a pixel where no triangle is seen.
-pub const NO_ID: u32 = u32::MAX;
-
-/// The layers that a film keeps beside the radiance.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Layers {
-    /// Distance from the camera, model units; infinite where nothing is hit.
-    pub depth: bool,
-    /// Unit normal of the counter-clockwise side; zero where nothing is hit.
-    pub normal: bool,
-    /// Kd + Ks; zero where nothing is hit.
-    pub albedo: bool,
-    /// Store id of the triangle, [`NO_ID`] for none.
-    pub id: bool,
-    /// The input of the filter: depth, normal, albedo, and indirect light apart. None of it is written for that.
-    pub filter: bool,
-}
-
-/// The layers of one pixel: what a ray through its centre meets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LayerPixel {
-    /// Distance, see [`Layers::depth`].
-    pub depth: f32,
-    /// Normal, see [`Layers::normal`].
-    pub normal: [f32; 3],
-    /// Albedo, see [`Layers::albedo`].
-    pub albedo: [f32; 3],
-    /// Triangle, see [`Layers::id`].
-    pub id: u32,
-}
-
-impl LayerPixel {
-    /// Where no triangle is seen.
-    pub(crate) const NOTHING: LayerPixel =
-        LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID };
-}
 
 /// A picture in the making.
 #[derive(Debug)]
@@ -62,14 +32,11 @@ pub struct Film {
     states: Vec<u32>,
     /// The present state of the scene.
     state: u32,
-    depth: Vec<f32>,
-    normal: Vec<[f32; 3]>,
-    albedo: Vec<[f32; 3]>,
-    id: Vec<u32>,
+    planes: LayerPlanes,
     /// The part of `sums` that the filter is to smooth.
     indirect: Vec<[f64; 3]>,
     /// Mean of `indirect`, smoothed, as of the last time.
-    smoothed: Vec<[f32; 3]>,
+    smoothed: Vec<PackedLight>,
     /// Samples of the present state that `smoothed` is of; 0 for none.
     smoothed_of: u32,
     lease: Lease,
@@ -77,14 +44,8 @@ pub struct Film {
 
 /// Bytes that a film takes at `resolution` (width, height; pixels).
 pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
-    let is_filtered = layers.filter;
-    let layers = layers.kept();
-    let per_pixel = size_of::<[f64; 3]>()
-        + if is_filtered { size_of::<[f64; 3]>() + size_of::<[f32; 3]>() } else { 0 }
-        + if layers.depth { 4 } else { 0 }
-        + if layers.normal { 12 } else { 0 }
-        + if layers.albedo { 12 } else { 0 }
-        + if layers.id { 4 } else { 0 };
+    let filtered = if layers.filter { size_of::<[f64; 3]>() + size_of::<PackedLight>() } else { 0 };
+    let per_pixel = size_of::<[f64; 3]>() + filtered + layers.pixel_bytes();
     let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
     pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 8
 }
@@ -103,19 +64,6 @@ pub(super) fn mean(resolution: [u32; 2], radiance: impl Fn([u32; 2]) -> [f32; 3]
     mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
 }
 
-impl Layers {
-    /// True when any layer is asked for, to be written.
-    pub fn any(&self) -> bool {
-        self.depth || self.normal || self.albedo || self.id
-    }
-
-    /// The layers that are asked for, with those that the filter takes.
-    pub(crate) fn kept(self) -> Layers {
-        let Layers { depth, normal, albedo, filter, .. } = self;
-        Layers { depth: depth || filter, normal: normal || filter, albedo: albedo || filter, ..self }
-    }
-}
-
 impl Film {
     /// A black film of `resolution` (width, height; pixels) that keeps `layers`.
     ///
@@ -130,7 +78,6 @@ impl Film {
     pub(crate) fn in_lease(resolution: [u32; 2], layers: Layers, lease: Lease) -> Film {
         let pixels = resolution[0] as usize * resolution[1] as usize;
         let if_asked = |asked: bool| if asked { pixels } else { 0 };
-        let kept = layers.kept();
         Film {
             resolution,
             layers,
@@ -138,12 +85,9 @@ impl Film {
             counts: vec![0; tile_count(resolution) as usize],
             states: vec![0; tile_count(resolution) as usize],
             state: 0,
-            depth: vec![f32::INFINITY; if_asked(kept.depth)],
-            normal: vec![[0.0; 3]; if_asked(kept.normal)],
-            albedo: vec![[0.0; 3]; if_asked(kept.albedo)],
-            id: vec![NO_ID; if_asked(layers.id)],
+            planes: LayerPlanes::new(layers, pixels),
             indirect: vec![[0.0; 3]; if_asked(layers.filter)],
-            smoothed: vec![[0.0; 3]; if_asked(layers.filter)],
+            smoothed: vec![PackedLight::default(); if_asked(layers.filter)],
             smoothed_of: 0,
             lease,
         }
@@ -212,11 +156,8 @@ impl Film {
             let at = self.place([x, y]);
             let row = at..at + width as usize;
             fill(&mut self.sums, row.clone(), [0.0; 3]);
-            fill(&mut self.depth, row.clone(), f32::INFINITY);
-            fill(&mut self.normal, row.clone(), [0.0; 3]);
-            fill(&mut self.albedo, row.clone(), [0.0; 3]);
-            fill(&mut self.id, row.clone(), NO_ID);
-            fill(&mut self.indirect, row, [0.0; 3]);
+            fill(&mut self.indirect, row.clone(), [0.0; 3]);
+            self.planes.clear(row);
         }
     }
 
@@ -258,10 +199,16 @@ impl Film {
         self.indirect[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
     }
 
-    /// The smoothed indirect light, to be written, by rows.
-    pub(crate) fn smoothed_mut(&mut self) -> &mut [[f32; 3]] {
+    /// The filter's view of a pixel (x, y); only with [`Layers::filter`].
+    pub(crate) fn guide(&self, pixel: [u32; 2]) -> Guide {
+        self.planes.guide(self.place(pixel))
+    }
+
+    /// The smoothed indirect light of `rows`, to be written.
+    pub(crate) fn smoothed_mut(&mut self, rows: Range<usize>) -> &mut [PackedLight] {
         assert!(self.layers.filter, "this film keeps no indirect light");
-        &mut self.smoothed
+        let width = self.resolution[0] as usize;
+        &mut self.smoothed[rows.start * width..rows.end * width]
     }
 
     /// From now on the smoothed light counts in place of the other, also of samples to come, until another state.
@@ -272,18 +219,7 @@ impl Film {
     /// Sets the layers of one pixel (x, y), of a tile that has samples.
     pub fn set_layers(&mut self, pixel: [u32; 2], seen: &LayerPixel) {
         let at = self.place(pixel);
-        if self.layers.kept().depth {
-            self.depth[at] = seen.depth;
-        }
-        if self.layers.kept().normal {
-            self.normal[at] = seen.normal;
-        }
-        if self.layers.kept().albedo {
-            self.albedo[at] = seen.albedo;
-        }
-        if self.layers.id {
-            self.id[at] = seen.id;
-        }
+        self.planes.set(at, seen);
     }
 
     /// Samples of the present state that each pixel of tile `index` has.
@@ -319,7 +255,8 @@ impl Film {
         }
         for ((at, sums), radiance) in (first..).zip(sums).zip(radiances) {
             let rest = |c: usize| (sums[c] - self.indirect[at][c]) * per_sample;
-            *radiance = std::array::from_fn(|c| (rest(c) + f64::from(self.smoothed[at][c])) as f32);
+            let smoothed = self.smoothed[at].rgb();
+            *radiance = std::array::from_fn(|c| (rest(c) + f64::from(smoothed[c])) as f32);
         }
     }
 
@@ -333,23 +270,23 @@ impl Film {
     /// # Panics
     /// Without [`Layers::depth`] and [`Layers::filter`], or outside of the film.
     pub fn depth(&self, pixel: [u32; 2]) -> f32 {
-        self.depth[self.place(pixel)]
+        self.planes.depth[self.place(pixel)]
     }
 
     /// Unit normal at a pixel (x, y); zero where nothing is hit.
     ///
     /// # Panics
-    /// Without [`Layers::normal`] and [`Layers::filter`], or outside of the film.
+    /// Without [`Layers::normal`], or outside of the film.
     pub fn normal(&self, pixel: [u32; 2]) -> [f32; 3] {
-        self.normal[self.place(pixel)]
+        self.planes.normal[self.place(pixel)]
     }
 
     /// Kd + Ks at a pixel (x, y); zero where nothing is hit.
     ///
     /// # Panics
-    /// Without [`Layers::albedo`] and [`Layers::filter`], or outside of the film.
+    /// Without [`Layers::albedo`], or outside of the film.
     pub fn albedo(&self, pixel: [u32; 2]) -> [f32; 3] {
-        self.albedo[self.place(pixel)]
+        self.planes.albedo[self.place(pixel)]
     }
 
     /// Store id of the triangle at a pixel (x, y); [`NO_ID`] where nothing is hit.
@@ -357,7 +294,7 @@ impl Film {
     /// # Panics
     /// Without [`Layers::id`], or outside of the film.
     pub fn id(&self, pixel: [u32; 2]) -> u32 {
-        self.id[self.place(pixel)]
+        self.planes.id[self.place(pixel)]
     }
 
     fn place(&self, [x, y]: [u32; 2]) -> usize {

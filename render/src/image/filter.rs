@@ -14,15 +14,28 @@
 //! the blur's error rises as s^4, and their sum is least where s^6 goes as 1 / n. So the filter fades as the picture
 //! converges.
 //!
+//! Strips of a few rows are smoothed one after the other. What the filter sees of the rows around them is decoded into a
+//! ring of rows: it takes no more for a higher picture.
+//!
+//! ```text
+//! row   0  1  2  3 | 4  5  6  7 | 8  9 10 11 | 12 ...          strips of 4 rows, a reach of 2: a ring of 8
+//!             '----- rows seen -----'                          the second strip: 8 and 9 take the places of 0 and 1
+//! ```
+//!
 //! Invariants: 1. weights are divided by their sum, so even light stays even; 2. a pixel's sum has one order, so the
-//! bytes do not depend on threads; 3. a pixel that shows nothing neither gives nor takes.
+//! bytes do not depend on threads or strips; 3. a pixel that shows nothing neither gives nor takes; 4. the memory is
+//! that of [`STRIP_ROWS`] and the reach on both sides, and the caller has leased it.
 
-use super::film::Film;
+#[cfg(test)]
+mod tests;
+
+use super::film::{Film, Guide};
+use super::packed::PackedLight;
 use crate::scene::camera::Projection;
 use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use rayon::prelude::*;
-use trex_store::{Budget, Result};
+use std::ops::Range;
 
 /// Reach of the filter at 4 samples, pixels: 4 pi s^2 = 200 pixels count, which makes 1600 gather rays of a pixel's 8.
 const REACH_PIXELS: f64 = 4.0;
@@ -30,6 +43,12 @@ const REACH_PIXELS: f64 = 4.0;
 const REACH_SAMPLES: f64 = 4.0;
 /// Window, in reaches: what is left out weighs an eighth of the middle or less.
 const WINDOW_REACHES: f64 = 2.0;
+/// Pixels of the window on each side, at most: those at one sample, ceil(2 * 4 * 4^(1/6)).
+const RADIUS_MOST: usize = 11;
+/// Rows that are smoothed together.
+const STRIP_ROWS: usize = 8;
+/// Pixels of a strip that a thread takes at a time: some tens of microseconds.
+const PART_PIXELS: usize = 64;
 /// Depth that counts as an edge, in pixels' widths.
 const PLANE_PIXELS: f32 = 1.0;
 /// Power of the normals' cosine.
@@ -40,8 +59,9 @@ const ALBEDO_REACH: f32 = 0.1;
 const EXPONENT_LEAST: f32 = -15.0;
 
 /// Bytes that the filter takes at `resolution` (width, height; pixels) while it works, film not counted.
-pub fn filter_bytes(resolution: [u32; 2]) -> u64 {
-    u64::from(resolution[0]) * u64::from(resolution[1]) * size_of::<Seen>() as u64
+pub fn filter_bytes([width, height]: [u32; 2]) -> u64 {
+    let rows = (height as usize).min(STRIP_ROWS + 2 * RADIUS_MOST);
+    (width as usize * rows * size_of::<Seen>() + (RADIUS_MOST + 1) * size_of::<f32>()) as u64
 }
 
 /// A pixel as the filter sees it.
@@ -56,19 +76,21 @@ struct Seen {
     indirect: Vec3,
 }
 
-struct Window<'a> {
-    seen: &'a [Seen],
-    resolution: [usize; 2],
+/// The rows around a strip: row y at the place y % rows.
+struct Window {
+    seen: Vec<Seen>,
+    /// Width of the picture and rows of the ring.
+    width: usize,
+    rows: usize,
+    /// Rows of the picture.
+    height: usize,
     radius: usize,
     /// -d^2 / 2 s^2 for d from 0 to the radius.
     near: Vec<f32>,
 }
 
-/// Smooths the indirect light of `film`, which was taken by the rays of `projection`, on the threads of `pool`. `stop`
-/// is asked between lines: those that are left then stay as they were.
-///
-/// # Errors
-/// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`filter_bytes`].
+/// Smooths the indirect light of `film`, which was taken by the rays of `projection`, on the threads of `pool`; the
+/// caller has leased [`filter_bytes`]. `stop` is asked in between: what is left then stays as it was.
 ///
 /// # Panics
 /// When the film keeps no indirect light.
@@ -76,61 +98,76 @@ pub(crate) fn smooth(
     film: &mut Film,
     projection: &Projection,
     pool: &ThreadPool,
-    budget: &Budget,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<()> {
-    let _lease = budget.lease("the filter", filter_bytes(film.resolution()))?;
-    let resolution = film.resolution().map(|side| side as usize);
-    let seen = seen(film, projection);
-    let reach = REACH_PIXELS * (REACH_SAMPLES / f64::from(film.samples().max(1))).powf(1.0 / 6.0);
-    let radius = (WINDOW_REACHES * reach).ceil() as usize;
-    let near = (0..=radius).map(|d| (-0.5 * (d as f64 / reach).powi(2)) as f32).collect();
-    let window = Window { seen: &seen, resolution, radius, near };
-    pool.install(|| {
-        let lines = film.smoothed_mut().par_chunks_mut(resolution[0]).enumerate();
-        lines.filter(|_| !stop()).for_each(|(y, line)| {
-            line.iter_mut().enumerate().for_each(|(x, out)| *out = window.mean(y * resolution[0] + x).into());
+) {
+    let [width, height] = film.resolution().map(|side| side as usize);
+    let mut window = Window::new([width, height], film.samples().max(1));
+    let mut seen_to = 0;
+    for first in (0..height).step_by(STRIP_ROWS) {
+        let strip = first..height.min(first + STRIP_ROWS);
+        let rows = seen_to..height.min(strip.end + window.radius);
+        seen_to = rows.end;
+        pool.install(|| {
+            window.see(film, projection, rows);
+            let parts = film.smoothed_mut(strip).par_chunks_mut(PART_PIXELS).enumerate();
+            parts.filter(|_| !stop()).for_each(|(part, out)| {
+                let start = first * width + part * PART_PIXELS;
+                (start..).zip(out).for_each(|(at, out)| {
+                    *out = PackedLight::new(window.mean([at % width, at / width]).into());
+                });
+            });
         });
-    });
+    }
     if !stop() {
         film.set_smooth();
     }
-    Ok(())
 }
 
-fn seen(film: &Film, projection: &Projection) -> Vec<Seen> {
-    let [width, height] = film.resolution();
-    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
-    let seen = pixels.map(|pixel| {
-        let depth = f64::from(film.depth(pixel));
-        let [x, y] = pixel.map(|x| f64::from(x) + 0.5);
-        let is_hit = depth.is_finite();
-        let place = if is_hit { depth } else { 0.0 } * DVec3::from(projection.ray(x, y).direction);
-        Seen {
-            place: place.as_vec3(),
-            normal: film.normal(pixel).into(),
-            albedo: film.albedo(pixel).into(),
-            width: if is_hit { (depth * projection.pixel_angle()) as f32 } else { 0.0 },
-            indirect: film.indirect(pixel).into(),
-        }
-    });
-    seen.collect()
-}
+impl Window {
+    /// A window that has seen nothing of a picture of width and height, pixels, with so many samples each.
+    fn new([width, height]: [usize; 2], samples: u32) -> Window {
+        let reach = REACH_PIXELS * (REACH_SAMPLES / f64::from(samples)).powf(1.0 / 6.0);
+        let radius = (WINDOW_REACHES * reach).ceil() as usize;
+        assert!(radius <= RADIUS_MOST, "a window of {radius} pixels is not leased");
+        let near = (0..=radius).map(|d| (-0.5 * (d as f64 / reach).powi(2)) as f32).collect();
+        let rows = height.min(STRIP_ROWS + 2 * radius);
+        Window { seen: vec![Seen::NOTHING; width * rows], width, rows, height, radius, near }
+    }
 
-impl Window<'_> {
-    /// The smoothed light of pixel `at`.
-    fn mean(&self, at: usize) -> Vec3 {
-        let [width, height] = self.resolution;
-        let (x, y) = (at % width, at / width);
-        let here = &self.seen[at];
+    /// Sees these rows of `film`, in the places of the oldest.
+    fn see(&mut self, film: &Film, projection: &Projection, rows: Range<usize>) {
+        let ring = self.rows;
+        let places = self.seen.par_chunks_mut(self.width).enumerate();
+        places.for_each(|(place, seen)| {
+            // The one row of those, if any, that stands there.
+            let y = rows.start + (place + ring - rows.start % ring) % ring;
+            if rows.contains(&y) {
+                let pixels = (0..).map(|x| [x, y as u32]);
+                seen.iter_mut()
+                    .zip(pixels)
+                    .for_each(|(seen, pixel)| *seen = Seen::of(film, projection, pixel));
+            }
+        });
+    }
+
+    /// Row `y`, one of those seen last.
+    fn row(&self, y: usize) -> &[Seen] {
+        &self.seen[y % self.rows * self.width..][..self.width]
+    }
+
+    /// The smoothed light of pixel (x, y).
+    fn mean(&self, [x, y]: [usize; 2]) -> Vec3 {
+        let here = &self.row(y)[x];
         if here.width == 0.0 {
             return here.indirect;
         }
+        let first = x.saturating_sub(self.radius);
+        let end = (x + self.radius + 1).min(self.width);
         let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-        for v in y.saturating_sub(self.radius)..(y + self.radius + 1).min(height) {
-            for u in x.saturating_sub(self.radius)..(x + self.radius + 1).min(width) {
-                let there = &self.seen[v * width + u];
-                let weight = here.weight(there, self.near[u.abs_diff(x)] + self.near[v.abs_diff(y)]);
+        for v in y.saturating_sub(self.radius)..(y + self.radius + 1).min(self.height) {
+            let near = self.near[v.abs_diff(y)];
+            for (u, there) in (first..).zip(&self.row(v)[first..end]) {
+                let weight = here.weight(there, self.near[u.abs_diff(x)] + near);
                 weights += weight;
                 sum += weight * there.indirect;
             }
@@ -141,6 +178,25 @@ impl Window<'_> {
 }
 
 impl Seen {
+    const NOTHING: Seen =
+        Seen { place: Vec3::ZERO, normal: Vec3::ZERO, albedo: Vec3::ZERO, width: 0.0, indirect: Vec3::ZERO };
+
+    /// A pixel (x, y) of `film`.
+    fn of(film: &Film, projection: &Projection, pixel: [u32; 2]) -> Seen {
+        let Guide { depth, normal, albedo } = film.guide(pixel);
+        let depth = f64::from(depth);
+        let [x, y] = pixel.map(|x| f64::from(x) + 0.5);
+        let is_hit = depth.is_finite();
+        let place = if is_hit { depth } else { 0.0 } * DVec3::from(projection.ray(x, y).direction);
+        Seen {
+            place: place.as_vec3(),
+            normal: normal.normal(),
+            albedo: albedo.albedo().into(),
+            width: if is_hit { (depth * projection.pixel_angle()) as f32 } else { 0.0 },
+            indirect: film.indirect(pixel).into(),
+        }
+    }
+
     /// Weight of the light at `there` for the light here, 0 to 1; `near`: the exponent of their distance.
     fn weight(&self, there: &Seen, near: f32) -> f32 {
         let cos = self.normal.dot(there.normal);
@@ -151,179 +207,5 @@ impl Seen {
         let albedo = (self.albedo - there.albedo).length_squared() / (ALBEDO_REACH * ALBEDO_REACH);
         let exponent = near - 0.5 * (off_plane * off_plane + albedo);
         if exponent < EXPONENT_LEAST { 0.0 } else { cos.min(1.0).powi(NORMAL_POWER) * exponent.exp() }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::image::film::{LayerPixel, Layers};
-    use crate::image::tile::{tile, tile_count};
-    use crate::sampler::mix;
-    use crate::scene::camera::{Camera, Fov};
-    use crate::testing::pool;
-
-    const SIDE: u32 = 24;
-    const SAMPLES: u32 = 4;
-
-    fn projection() -> Projection {
-        let camera =
-            Camera { position: [1.0, 2.0, 9.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: Fov::X(40.0) };
-        camera.project([SIDE, SIDE]).unwrap()
-    }
-
-    fn number(key: u64) -> f32 {
-        (mix(key) >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    /// A wall on the left, a curved and a stepped part, another material, and a hole; what each pixel shows.
-    fn shown([x, y]: [u32; 2]) -> LayerPixel {
-        let ray = projection().ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let level = if y < SIDE / 2 { 0.0 } else { 0.8 };
-        let depth = ((level - ray.origin[2]) / ray.direction[2]) as f32;
-        let turn = if x > 2 * SIDE / 3 { 0.05 * x as f32 } else { 0.0 };
-        let albedo = if (x / 6 + y / 6) % 2 == 0 { [0.5, 0.5, 0.5] } else { [0.5, 0.45, 0.3] };
-        let is_hole = x.abs_diff(5) < 2 && y.abs_diff(18) < 3;
-        LayerPixel {
-            depth: if is_hole { f32::INFINITY } else { depth },
-            normal: if is_hole { [0.0; 3] } else { [turn.sin(), 0.0, turn.cos()] },
-            albedo,
-            id: 0,
-        }
-    }
-
-    /// A film of such pixels, with `indirect` light in samples that differ, and other light beside it.
-    fn film(indirect: &dyn Fn([u32; 2], u32) -> [f32; 3]) -> Film {
-        let layers = Layers { filter: true, ..Layers::default() };
-        let mut film = Film::new([SIDE, SIDE], layers, &Budget::unlimited()).unwrap();
-        for index in 0..tile_count([SIDE, SIDE]) {
-            let tile = tile([SIDE, SIDE], index);
-            let pixels: Vec<_> = (0..tile.pixel_count()).map(|index| tile.pixel(index)).collect();
-            let all = (0..SAMPLES).flat_map(|sample| pixels.iter().map(move |&pixel| (pixel, sample)));
-            let indirect: Vec<_> = all.map(|(pixel, sample)| indirect(pixel, sample)).collect();
-            let other: Vec<_> = indirect.iter().map(|light| light.map(|x| x + 2.0)).collect();
-            film.add(&tile, &other);
-            film.add_indirect(&tile, &indirect);
-            pixels.iter().for_each(|&pixel| film.set_layers(pixel, &shown(pixel)));
-        }
-        film
-    }
-
-    fn noise([x, y]: [u32; 2], sample: u32) -> [f32; 3] {
-        [0, 1, 2].map(|c| number(u64::from(((y * SIDE + x) * SAMPLES + sample) * 3 + c)))
-    }
-
-    /// The formula of the head, term by term, over all pixels of the window, from what `shown` and `noise` say.
-    fn oracle(pixel: [u32; 2], light: &dyn Fn([u32; 2], u32) -> [f32; 3]) -> [f64; 3] {
-        let place = |pixel: [u32; 2]| {
-            let ray = projection().ray(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
-            let depth = f64::from(shown(pixel).depth);
-            [0, 1, 2].map(|a| ray.origin[a] + depth * ray.direction[a])
-        };
-        let mean = |pixel| {
-            let sum = (0..SAMPLES).fold([0.0; 3], |sum, sample| {
-                let light = light(pixel, sample);
-                [0, 1, 2].map(|c| sum[c] + f64::from(light[c]))
-            });
-            sum.map(|sum: f64| sum / f64::from(SAMPLES))
-        };
-        let here = shown(pixel);
-        if here.depth.is_infinite() {
-            return mean(pixel);
-        }
-        let width = 2.0 * 20f64.to_radians().tan() / f64::from(SIDE) * f64::from(here.depth);
-        let (mut above, mut below) = ([0.0; 3], 0.0);
-        for v in 0..SIDE {
-            for u in 0..SIDE {
-                let there = shown([u, v]);
-                let (dx, dy) = (f64::from(u) - f64::from(pixel[0]), f64::from(v) - f64::from(pixel[1]));
-                if dx.abs() > 8.0 || dy.abs() > 8.0 || there.depth.is_infinite() {
-                    continue;
-                }
-                let (p, q) = (place(pixel), place([u, v]));
-                let across: f64 = (0..3).map(|a| f64::from(here.normal[a]) * (q[a] - p[a])).sum();
-                let cos: f64 = (0..3).map(|a| f64::from(here.normal[a]) * f64::from(there.normal[a])).sum();
-                let apart: f64 =
-                    (0..3).map(|a| (f64::from(here.albedo[a]) - f64::from(there.albedo[a])).powi(2)).sum();
-                let weight = (-(dx * dx + dy * dy) / 32.0).exp()
-                    * (-0.5 * (across / width).powi(2)).exp()
-                    * cos.clamp(0.0, 1.0).powf(32.0)
-                    * (-apart / (2.0 * 0.01)).exp();
-                let light = mean([u, v]);
-                below += weight;
-                above = [0, 1, 2].map(|c| above[c] + weight * light[c]);
-            }
-        }
-        above.map(|above| above / below)
-    }
-
-    fn pixels() -> impl Iterator<Item = [u32; 2]> {
-        (0..SIDE * SIDE).map(|at| [at % SIDE, at / SIDE])
-    }
-
-    #[test]
-    fn it_is_the_formula_over_the_window_on_any_number_of_threads() {
-        for threads in [1, 2, 5, 40] {
-            let mut film = film(&noise);
-            let before: Vec<_> = pixels().map(|pixel| film.radiance(pixel)).collect();
-            smooth(&mut film, &projection(), &pool(threads), &Budget::unlimited(), &|| false).unwrap();
-            for (pixel, before) in pixels().zip(before) {
-                let (found, expected) = (film.radiance(pixel), oracle(pixel, &noise));
-                let raw = film.indirect(pixel);
-                for c in 0..3 {
-                    let expected = f64::from(before[c] - raw[c]) + expected[c];
-                    assert!((f64::from(found[c]) - expected).abs() < 1e-4, "{pixel:?}: {found:?}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn even_light_stays_even_noise_falls_and_edges_stay() {
-        let mut even = film(&|_, _| [0.25, 0.5, 1.0]);
-        smooth(&mut even, &projection(), &pool(2), &Budget::unlimited(), &|| false).unwrap();
-        for pixel in pixels() {
-            let found = even.radiance(pixel);
-            assert!((0..3).all(|c| (found[c] - [2.25, 2.5, 3.0][c]).abs() < 1e-5), "{pixel:?} {found:?}");
-        }
-        // Two levels, one light each: the step stays where it was, and within a level and a material the noise falls.
-        let level = |y: u32| if y < SIDE / 2 { 0.0 } else { 5.0 };
-        let mut stepped = film(&|pixel, sample| noise(pixel, sample).map(|x| x + level(pixel[1])));
-        let inner: Vec<_> = pixels().filter(|pixel| (6..15).contains(&pixel[0])).collect();
-        let spread = |light: &dyn Fn([u32; 2]) -> f32| {
-            let apart = |&pixel: &[u32; 2]| f64::from(light(pixel) - level(pixel[1]) - 0.5).powi(2);
-            inner.iter().map(apart).sum::<f64>() / inner.len() as f64
-        };
-        let before = spread(&|pixel| stepped.indirect(pixel)[0]);
-        smooth(&mut stepped, &projection(), &pool(2), &Budget::unlimited(), &|| false).unwrap();
-        // All light is 2 and the indirect light.
-        let after = spread(&|pixel| stepped.radiance(pixel)[0] - 2.0);
-        assert!(after < before / 8.0, "{before} {after}");
-    }
-
-    /// Light beside the smoothed is that of all samples, until another state begins.
-    #[test]
-    fn what_was_smoothed_stays_while_samples_come() {
-        let mut film = film(&noise);
-        let (pixel, raw) = ([3, 3], film.radiance([3, 3]));
-        smooth(&mut film, &projection(), &pool(1), &Budget::unlimited(), &|| true).unwrap();
-        assert_eq!((film.radiance(pixel), film.smoothed_of()), (raw, 0), "it was stopped");
-        smooth(&mut film, &projection(), &pool(1), &Budget::unlimited(), &|| false).unwrap();
-        let smooth_light = film.radiance(pixel);
-        assert!(smooth_light != raw && film.smoothed_of() == SAMPLES);
-        let first = tile([SIDE, SIDE], 0);
-        let dark = vec![[0.0; 3]; first.pixel_count() as usize];
-        film.add(&first, &dark);
-        // All light is 2 and the indirect light.
-        let found = film.radiance(pixel);
-        assert!(
-            (0..3).all(|c| (found[c] - (smooth_light[c] - 2.0 + 2.0 * 4.0 / 5.0)).abs() < 1e-6),
-            "{found:?}"
-        );
-        film.begin_state();
-        film.add(&first, &dark);
-        assert_eq!((film.radiance(pixel), film.smoothed_of()), ([0.0; 3], 0));
-        let tight = Budget::new(trex_store::RESERVE_BYTES + filter_bytes([SIDE, SIDE]) - 1);
-        assert!(super::smooth(&mut film, &projection(), &pool(1), &tight, &|| false).is_err());
     }
 }

@@ -5,5 +5,9 @@ pub(crate) mod display;
 pub(crate) mod encode;
 pub(crate) mod film;
 pub(crate) mod filter;
+pub(crate) mod packed;
 pub(crate) mod saliency;
 pub(crate) mod tile;
+
+#[cfg(test)]
+mod tests;

@@ -76,7 +76,7 @@ impl<'a> RenderContext<'a> {
 
     /// This context, with what the layers of a film take.
     pub(crate) fn with_layers(self, layers: Layers) -> RenderContext<'a> {
-        RenderContext { has_layers: layers.kept().any(), ..self }
+        RenderContext { has_layers: layers.any() || layers.filter, ..self }
     }
 
     /// This context, with the photons of `full-gi`.

@@ -215,14 +215,15 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all
     /// `spp` are there.
     fn smooth(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) {
-        let Session { film, world, pool, budget, .. } = &mut self.session;
+        let Session { film, world, pool, .. } = &mut self.session;
         let samples = film.samples();
         if film.layers().filter
             && samples > film.smoothed_of()
             && (samples.is_power_of_two() || samples >= spp)
         {
-            // Its room is planned for; without it light is shown as it comes.
-            let _ = filter::smooth(film, &world.projection, pool, budget, stop);
+            // In the room that the display leaves it.
+            self.live.display.release_work(pool);
+            filter::smooth(film, &world.projection, pool, stop);
         }
     }
 

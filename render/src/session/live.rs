@@ -211,18 +211,18 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     pub fn show(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
         let tile = first.map(|x| x / TILE_SIDE_PIXELS);
         let index = tile[1] * self.view.settings.resolution[0].div_ceil(TILE_SIDE_PIXELS) + tile[0];
-        let preview = &self.live.display.radiances(first)[..radiances.len()];
+        let display = &self.live.display;
+        let preview = display.radiances(first);
         if !self.shows_samples(index) {
-            return radiances.copy_from_slice(preview);
+            return radiances.iter_mut().zip(preview).for_each(|(shown, preview)| *shown = preview);
         }
         self.film.radiances(first, radiances);
         let is_alike = self.view.settings.integrator.has_own_preview();
-        let display = &self.live.display;
         if is_alike && !self.live.is_done && self.film.tile_state(index) == display.tile_state(index) {
             let worth = display.worth(index);
             let share = worth / (worth + self.film.tile_samples(index) as f32);
-            for (shown, preview) in radiances.iter_mut().flatten().zip(preview.iter().flatten()) {
-                *shown += share * (preview - *shown);
+            for (shown, preview) in radiances.iter_mut().zip(preview) {
+                *shown = std::array::from_fn(|c| shown[c] + share * (preview[c] - shown[c]));
             }
         }
     }
@@ -287,6 +287,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let (order, resolution) = (self.live.options.order, self.view.settings.resolution);
         let eye = match order {
             TileOrder::Saliency(_) => {
+                self.live.display.release_work(&self.session.pool);
                 Reduced::new(resolution, |first, radiances| self.show(first, radiances))
             }
             _ => Reduced::default(),

@@ -142,7 +142,7 @@ impl MemoryPlan {
 
     /// The shares of all but the frames.
     fn fixed(file: &PageFile, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
-        let PictureNeeds { settings, layers, workers, is_live, copies_bytes } = *needs;
+        let PictureNeeds { settings, layers, workers, copies_bytes, .. } = *needs;
         let resolution = settings.resolution;
         let (overhead, _) = PagePool::smallest_bytes(file, &pool_options(staging_slots))?;
         let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * workers as u64;
@@ -154,10 +154,8 @@ impl MemoryPlan {
             photons_bytes: photons_bytes(needs),
             film_bytes: film_bytes(resolution, layers)
                 + copies_bytes
-                + if is_live { Display::bytes(resolution) } else { 0 }
                 + pass_bytes(resolution, workers, rays_asked(&settings))
-                + encoder_bytes(resolution, layers)
-                + if layers.filter { filter_bytes(resolution) } else { 0 },
+                + shown_bytes(needs),
             staging_bytes: overhead + pins,
             frames_bytes: 0,
             staging_slots,
@@ -170,6 +168,17 @@ impl MemoryPlan {
         let light = voxels_bytes + photons_bytes;
         reserve_bytes + tables_bytes + light + film_bytes + staging_bytes + frames_bytes
     }
+}
+
+/// Bytes that it takes to show a film and to write it. Beside a display the filter works in the display's room.
+fn shown_bytes(needs: &PictureNeeds) -> u64 {
+    let resolution = needs.settings.resolution;
+    let shown = match needs.is_live {
+        true => Display::bytes(resolution),
+        false if needs.layers.filter => filter_bytes(resolution),
+        false => 0,
+    };
+    shown + encoder_bytes(resolution, needs.layers)
 }
 
 /// Bytes of a session's copies of so many materials and emitters: of the model, of the world and of an edit; and what

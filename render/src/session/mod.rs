@@ -32,7 +32,7 @@ pub use memory::{MemoryPlan, PictureNeeds};
 use memory::model_bytes;
 
 use crate::image::film::{Film, Layers};
-use crate::image::filter;
+use crate::image::filter::{filter_bytes, smooth};
 use crate::image::tile::Tiles;
 use crate::integrate::{RenderContext, rays_asked};
 use crate::photon::irradiance::{Irradiance, PhotonMap};
@@ -302,7 +302,9 @@ impl<T: PagedTracer + Send> Session<T> {
         if !self.film.layers().filter {
             return Ok(());
         }
-        filter::smooth(&mut self.film, &self.world.projection, &self.pool, &self.budget, &|| false)
+        let _lease = self.budget.lease("the filter", filter_bytes(self.film.resolution()))?;
+        smooth(&mut self.film, &self.world.projection, &self.pool, &|| false);
+        Ok(())
     }
 
     /// The film with the samples up to now.

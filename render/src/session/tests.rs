@@ -190,7 +190,8 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
         let progress = live.frame(3, &|| false).progress;
         let n = live.film.tile_samples(0);
         for pixel in (0..64).map(|at| [at % 8, at / 8]) {
-            let (film, preview) = (live.film.radiance(pixel), live.live.display.radiances(pixel)[0]);
+            let film = live.film.radiance(pixel);
+            let preview = live.live.display.radiances(pixel).next().unwrap();
             let expected = match progress {
                 FrameProgress::Preview => preview,
                 FrameProgress::Done => film,
@@ -221,9 +222,14 @@ fn what_was_shown_counts_on_when_light_has_changed() {
         while live.film.tile_samples(0) < 2 {
             live.frame(9, &|| false);
         }
-        let shown: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
+        let before: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
         live.begin_light();
-        assert!(pixels().zip(&shown).all(|(pixel, &before)| live.shown(pixel) == before));
+        let shown: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
+        // As it was, to the bits that are kept of it: thirteen of the greatest channel.
+        for (before, kept) in before.iter().zip(&shown) {
+            let most = before.iter().fold(0.0, |most: f32, &x| most.max(x)) / 8000.0;
+            assert!((0..3).all(|c| (before[c] - kept[c]).abs() <= most), "{before:?} {kept:?}");
+        }
         let stamp = live.tile_stamp(0);
         worth = f32::min(worth + 2.0, 4.0);
         assert_ne!(live.frame(9, &|| false).preview_tiles, 1);

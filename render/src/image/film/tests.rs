@@ -77,7 +77,8 @@ fn a_row_is_its_pixels() {
     }
     for is_smooth in [false, true] {
         if is_smooth {
-            (0..).zip(film.smoothed_mut()).for_each(|(i, smoothed)| *smoothed = [100.0 + i as f32; 3]);
+            let smoothed = (0..).zip(film.smoothed_mut(0..3));
+            smoothed.for_each(|(i, smoothed)| *smoothed = PackedLight::new([100.0 + i as f32; 3]));
             film.set_smooth();
         }
         for (x, width) in [(0, 8), (10, 6), (16, 4)] {

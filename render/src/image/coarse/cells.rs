@@ -1,0 +1,81 @@
+//! `Cells`: pixels between the samples of two rows.
+//!
+//! ```text
+//! a . . . b        bilinear where all four are of one surface; else of the nearest, and of those that are of one
+//! . . . . .        surface with it
+//! c . . . d
+//! ```
+
+use super::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, SurfaceRow};
+use crate::image::packed::PackedLight;
+use glam::Vec3;
+
+/// Two rows of samples, between which pixels are filled in; the last row stands for the one after it.
+pub(super) struct Cells<'a> {
+    pub(super) surfaces: &'a [SurfaceRow; 2],
+    /// Red, green and blue of each row.
+    pub(super) lights: [[&'a [f32]; 3]; 2],
+}
+
+/// A corner of a cell: its row of the two, and its column.
+type Corner = (usize, usize);
+
+impl Cells<'_> {
+    /// Fills the pixels of cell `x`, `step` along a side, in `band`, whose rows are of `width`, from its corners.
+    pub(super) fn fill(
+        &self,
+        (band, width): (&mut [PackedLight], usize),
+        [x, step]: [usize; 2],
+        weights: &[[f32; 4]],
+    ) {
+        let right = (x + 1).min(self.surfaces[0].depth.len() - 1);
+        let corners = [(0, x), (0, right), (1, x), (1, right)];
+        let is_one = corners[1..].iter().all(|&corner| self.is_alike(corners[0], corner));
+        let shades = corners.map(|corner| self.shade(corner));
+        let columns = step.min(width - x * step);
+        for (row, weights) in band.chunks_exact_mut(width).zip(weights.chunks_exact(step)) {
+            for (pixel, weights) in row[x * step..][..columns].iter_mut().zip(weights) {
+                let mut weights = *weights;
+                if !is_one {
+                    self.keep_alike(corners, &mut weights);
+                }
+                let [a, b, c, d] = shades;
+                let shade = weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d;
+                *pixel = PackedLight::new(shade.into());
+            }
+        }
+    }
+
+    /// Radiance of a sample.
+    fn shade(&self, (row, x): Corner) -> Vec3 {
+        Vec3::from_array([0, 1, 2].map(|c| self.lights[row][c][x] * self.surfaces[row].albedo[c][x]))
+    }
+
+    /// Leaves weight only to the nearest corner and those that are of one surface with it.
+    fn keep_alike(&self, corners: [Corner; 4], weights: &mut [f32; 4]) {
+        let nearest =
+            (1..4).fold(0, |best, corner| if weights[corner] > weights[best] { corner } else { best });
+        for (corner, weight) in weights.iter_mut().enumerate() {
+            let stays = corner == nearest || self.is_alike(corners[nearest], corners[corner]);
+            *weight = if stays { *weight } else { 0.0 };
+        }
+        let total: f32 = weights.iter().sum();
+        weights.iter_mut().for_each(|weight| *weight /= total);
+    }
+
+    /// True when two neighbours are of one surface, or both saw nothing.
+    fn is_alike(&self, (row_a, a): Corner, (row_b, b): Corner) -> bool {
+        let (here, there) = (&self.surfaces[row_a], &self.surfaces[row_b]);
+        let [depth_a, depth_b] = [here.depth[a], there.depth[b]];
+        if depth_a == f32::INFINITY || depth_b == f32::INFINITY {
+            return depth_a == depth_b;
+        }
+        let pairs =
+            |of: fn(&SurfaceRow) -> &[Vec<f32>; 3]| [0, 1, 2].map(|c| (of(here)[c][a], of(there)[c][b]));
+        let dot: f32 = pairs(|row| &row.normal).into_iter().map(|(a, b)| a * b).sum();
+        let apart = pairs(|row| &row.albedo).into_iter().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        (depth_a - depth_b).abs() < DEPTH_SHARE * depth_a.min(depth_b)
+            && dot > NORMAL_COS
+            && apart < ALBEDO_APART
+    }
+}

@@ -1,0 +1,100 @@
+//! `Surface`: what a sample of the preview saw, and rows of them side by side.
+//!
+//! Two samples are of one surface when they are alike in depth, normal and albedo.
+
+use crate::image::film::LayerPixel;
+
+/// Depths of neighbours on one surface differ by less than this share.
+pub(super) const DEPTH_SHARE: f32 = 0.08;
+/// Least cosine between the normals of neighbours on one surface.
+pub(super) const NORMAL_COS: f32 = 0.85;
+/// Most that the albedos of neighbours on one surface differ by, per channel.
+pub(super) const ALBEDO_APART: f32 = 0.08;
+/// Least albedo that light is told from.
+const ALBEDO_LEAST: f32 = 1.0 / 64.0;
+/// Bits of an f32 that a kept depth goes without: its sign, which is none, and 15 of the mantissa.
+const DEPTH_SHIFT: u32 = 15;
+
+/// What a sample saw.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surface {
+    /// The upper bits of an f32: right to 0.2 %, where 8 % count. Infinite where nothing is seen.
+    depth: u16,
+    /// Parts of 127, and of 255.
+    normal: [i8; 3],
+    albedo: [u8; 3],
+}
+
+/// The surfaces of a row of samples, number by number: so that those of a row go side by side.
+#[derive(Default)]
+pub(super) struct SurfaceRow {
+    /// Infinite where nothing is seen.
+    pub(super) depth: Vec<f32>,
+    pub(super) normal: [Vec<f32>; 3],
+    pub(super) albedo: [Vec<f32>; 3],
+}
+
+impl SurfaceRow {
+    /// Reads every `stride`-th sample of a row.
+    pub(super) fn read(&mut self, row: &[Surface], stride: usize) {
+        let samples = || row.iter().step_by(stride);
+        fn fill<'a>(
+            plane: &mut Vec<f32>,
+            samples: impl Iterator<Item = &'a Surface>,
+            number: impl Fn(&Surface) -> f32,
+        ) {
+            plane.clear();
+            plane.extend(samples.map(number));
+        }
+        fill(&mut self.depth, samples(), Surface::depth);
+        for c in 0..3 {
+            fill(&mut self.normal[c], samples(), |seen| f32::from(seen.normal[c]) / 127.0);
+            fill(&mut self.albedo[c], samples(), |seen| seen.albedo()[c]);
+        }
+    }
+}
+
+impl Surface {
+    pub(super) fn new(seen: &LayerPixel) -> Surface {
+        Surface {
+            // To the nearest; infinity stays what it is.
+            depth: ((seen.depth.to_bits() + (1 << (DEPTH_SHIFT - 1))) >> DEPTH_SHIFT) as u16,
+            normal: seen.normal.map(|v| (v * 127.0).round() as i8),
+            albedo: seen.albedo.map(|v| (v * 255.0).round() as u8),
+        }
+    }
+
+    fn depth(&self) -> f32 {
+        f32::from_bits(u32::from(self.depth) << DEPTH_SHIFT)
+    }
+
+    /// What light is multiplied by.
+    pub(super) fn albedo(&self) -> [f32; 3] {
+        match self.depth() == f32::INFINITY {
+            true => [1.0; 3],
+            false => self.albedo.map(|v| (f32::from(v) / 255.0).max(ALBEDO_LEAST)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Depths are told apart from 8 % on: they are right to far less, at any scale, and what is not there stays so.
+    #[test]
+    fn a_depth_comes_back_in_any_unit() {
+        for exponent in -120..120 {
+            for share in [1.0f32, 1.001, 1.234_567, 1.5, 1.999_99] {
+                let depth = share * 2f32.powi(exponent);
+                let found = Surface::new(&LayerPixel { depth, ..LayerPixel::NOTHING }).depth();
+                assert!((found / depth - 1.0).abs() <= 0.002, "{depth} {found}");
+            }
+        }
+        assert_eq!(Surface::new(&LayerPixel::NOTHING).depth(), f32::INFINITY);
+        assert_eq!(Surface::new(&LayerPixel::NOTHING).albedo(), [1.0; 3]);
+        let dark = LayerPixel { depth: 1.0, ..LayerPixel::NOTHING };
+        assert_eq!(Surface::new(&dark).albedo(), [ALBEDO_LEAST; 3]);
+        assert_eq!(size_of::<Surface>(), 8);
+    }
+}

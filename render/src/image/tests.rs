@@ -1,0 +1,137 @@
+//! What pictures take: the bytes that are leased, beside those that the allocator gave, and how many there are a pixel.
+
+use super::coarse::STEPS;
+use super::display::Display;
+use super::film::{Film, LayerPixel, Layers, film_bytes};
+use super::filter::{filter_bytes, smooth};
+use super::saliency::{self, Reduced, Saliency};
+use super::tile::{tile, tile_count};
+use crate::scene::camera::{Camera, Fov};
+use crate::testing::pool;
+use allocation_counter::{AllocationInfo, measure};
+use glam::Vec3;
+use trex_store::Budget;
+
+const RESOLUTIONS: [[u32; 2]; 4] = [[1, 1], [333, 7], [64, 200], [640, 360]];
+const FILTERED: Layers = Layers { depth: false, normal: false, albedo: false, id: false, filter: true };
+const SEEN: LayerPixel = LayerPixel { depth: 2.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 3 };
+
+/// Rows of samples that each thread decodes, beside what is leased: a row of pixels' worth of 15 numbers.
+fn row_bytes([width, _]: [u32; 2]) -> u64 {
+    u64::from(width) * 15 * 4 + QUEUE_BYTES
+}
+
+/// A block of the queues of a thread pool.
+const QUEUE_BYTES: u64 = 2 << 10;
+
+/// What `body` takes from the allocator, on one thread.
+fn taken(body: impl FnOnce() + Send) -> AllocationInfo {
+    pool(1).install(|| measure(body))
+}
+
+/// Every tile with a sample, and what its pixels saw.
+fn sampled(film: &mut Film) {
+    let resolution = film.resolution();
+    for tile in (0..tile_count(resolution)).map(|index| tile(resolution, index)) {
+        let light = vec![[0.5; 3]; tile.pixel_count() as usize];
+        film.add(&tile, &light);
+        if film.layers().filter {
+            film.add_indirect(&tile, &light);
+        }
+        (0..tile.pixel_count()).for_each(|index| film.set_layers(tile.pixel(index), &SEEN));
+    }
+}
+
+#[test]
+fn a_film_takes_what_is_leased_for_it() {
+    for resolution in RESOLUTIONS {
+        for bits in 0..32 {
+            let is = |bit: u32| bits >> bit & 1 == 1;
+            let layers = Layers { depth: is(0), normal: is(1), albedo: is(2), id: is(3), filter: is(4) };
+            let mut film = None;
+            let made = taken(|| film = Some(Film::new(resolution, layers, &Budget::unlimited()).unwrap()));
+            // What a ledger takes for itself.
+            let ledger = measure(|| drop(Budget::unlimited())).bytes_max as i64;
+            assert_eq!(made.bytes_current, film_bytes(resolution, layers) as i64 + ledger, "{layers:?}");
+        }
+    }
+}
+
+/// A display takes its work with its first picture, and makes way for the work of others.
+#[test]
+fn a_display_takes_what_is_leased_for_it() {
+    for resolution in RESOLUTIONS {
+        let lease = Budget::unlimited().lease("a display", Display::bytes(resolution)).unwrap();
+        let threads = pool(1);
+        let mut display = None;
+        let shown = taken(|| {
+            let display = display.insert(Display::in_lease(resolution, lease));
+            for step in STEPS {
+                for y in (0..resolution[1]).step_by(step as usize) {
+                    for x in (0..resolution[0]).step_by(step as usize) {
+                        display.set([x, y], Vec3::ONE, &SEEN);
+                    }
+                }
+                display.show(0, step, false, &threads);
+            }
+        });
+        let leased = Display::bytes(resolution);
+        assert!(shown.bytes_max <= leased + row_bytes(resolution), "{resolution:?} {shown:?}");
+        let display = display.as_mut().unwrap();
+        let freed = -taken(|| display.release_work(&threads)).bytes_current as u64;
+        let others = saliency::work_bytes(tile_count(resolution)).max(filter_bytes(resolution));
+        assert!(freed > 0 && shown.bytes_current as u64 - freed + others <= leased, "{resolution:?}");
+        // What was on show stays, and the next picture has its work again.
+        assert!((display.radiances([0, 0]).next().unwrap()[0] - 1.0).abs() < 1e-3);
+        let again = taken(|| display.show(0, STEPS[0], false, &threads)).bytes_current as u64;
+        assert_eq!(again, freed, "{resolution:?}");
+    }
+}
+
+/// Rows beyond the window are never held: the filter of a picture ten times as high takes no more.
+#[test]
+fn the_filter_takes_what_is_leased_for_it_and_no_more_for_a_higher_picture() {
+    let camera =
+        Camera { position: [0.0; 3], target: [0.0, 0.0, -1.0], up: [0.0, 1.0, 0.0], fov: Fov::X(40.0) };
+    let threads = pool(1);
+    for resolution in RESOLUTIONS {
+        let mut film = Film::new(resolution, FILTERED, &Budget::unlimited()).unwrap();
+        sampled(&mut film);
+        let projection = camera.project(resolution).unwrap();
+        let work = taken(|| smooth(&mut film, &projection, &threads, &|| false));
+        assert!(work.bytes_max <= filter_bytes(resolution) + QUEUE_BYTES, "{resolution:?} {work:?}");
+        assert!(work.bytes_max * 10 > filter_bytes(resolution) * 9, "{resolution:?} {work:?}");
+    }
+    assert_eq!(filter_bytes([640, 360]), filter_bytes([640, 3600]));
+}
+
+#[test]
+fn saliency_takes_what_is_leased_for_it() {
+    for resolution in [[640, 360], [1280, 720]] {
+        let most = [Saliency::Achanta, Saliency::Itti].map(|metric| {
+            let work = measure(|| {
+                let picture =
+                    Reduced::of(resolution, |[x, y]| [x as f32 / 1280.0, 0.5, (x ^ y) as f32 / 2048.0]);
+                assert_eq!(metric.tiles(&picture).len(), tile_count(resolution) as usize);
+            });
+            work.bytes_max
+        });
+        let leased = saliency::work_bytes(tile_count(resolution));
+        let taken = most[0].max(most[1]);
+        assert!(taken <= leased && taken * 10 > leased * 9, "{most:?} of {leased}");
+    }
+}
+
+/// Film, filter and display take 80 bytes a pixel with all that they can keep: 16 more are free for what is carried from
+/// picture to picture. The work of the filter on a whole picture took 52 alone.
+#[test]
+fn a_picture_with_everything_on_takes_eighty_bytes_a_pixel() {
+    for resolution in [[1280, 720], [1920, 1080], [3840, 2160]] {
+        let pixels = f64::from(resolution[0]) * f64::from(resolution[1]);
+        let bytes = film_bytes(resolution, FILTERED) + Display::bytes(resolution);
+        let each = bytes as f64 / pixels;
+        assert!(each <= 80.0, "{resolution:?}: {each}");
+        let plain = (film_bytes(resolution, Layers::default()) + Display::bytes(resolution)) as f64 / pixels;
+        assert!(plain <= 40.0, "{resolution:?}: {plain}");
+    }
+}
