@@ -10,7 +10,7 @@ mod link;
 mod saved;
 mod viewer;
 
-use crate::command::{cannot_run, document_in, folder, pixels, said};
+use crate::command::{cannot_run_without, document_in, folder, pixels, said};
 use devtools::{PATIENCE, Tab};
 use std::path::Path;
 use std::time::{Duration, Instant};

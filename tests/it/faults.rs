@@ -1,7 +1,9 @@
 //! System calls that fail where they never do: what the kernel answers is changed by strace, in the command as it
 //! ships.
 
-use crate::command::{Ran, TREX, cannot_run, cannot_run_without, document_in, folder, hash_of, listing, ran, run_in, said};
+use crate::command::{
+    Ran, TREX, cannot_run, cannot_run_without, document_in, folder, hash_of, listing, ran, run_in, said,
+};
 use crate::fixtures::built_in;
 use std::path::Path;
 use std::process::{Command, Stdio};

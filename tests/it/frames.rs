@@ -8,7 +8,7 @@ use std::time::Duration;
 use trex_model::{LiveSession, Model, OpenOptions, Pace, Session, SessionOptions, ThreadSource};
 use trex_render::{
     Camera, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Light, MaterialEdit, Method,
-    RenderKeys, RenderSettings, Scene, TileOrder,
+    RenderKeys, Scene, TileOrder,
 };
 use trex_store::Budget;
 
@@ -97,12 +97,15 @@ fn the_first_frames_show_a_whole_picture_without_a_page() {
     let stage = Stage::new();
     for method in [Method::Photon, Method::Direct, Method::Ao, Method::Path, Method::FullGi] {
         let mut session = stage.live(method);
-        let read = stage.pool.stats().pages_read;
+        let read = stage.model.pool().unwrap().stats().pages_read;
         let rough = frame(&mut session);
         assert_eq!((rough.progress, rough.sample_step), (FrameProgress::Preview, Some(4)), "{method:?}");
         assert_eq!((rough.hole_tiles, rough.preview_tiles), (0, TILES));
         // The first of all finds an empty pool, asks for nothing, and no ray has waited.
-        assert!(method != Method::Photon || stage.pool.stats().pages_read == read, "{method:?}");
+        assert!(
+            method != Method::Photon || stage.model.pool().unwrap().stats().pages_read == read,
+            "{method:?}"
+        );
         let whole = frame(&mut session);
         assert_eq!((whole.progress, whole.sample_step), (FrameProgress::Preview, Some(2)), "{method:?}");
         assert!(whole.preview_rays.primary > rough.preview_rays.primary);

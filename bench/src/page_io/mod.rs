@@ -367,13 +367,17 @@ mod tests {
         // Beside somebody else's reads, where they can be had.
         let has_fio = std::process::Command::new("fio").arg("--version").output().is_ok();
         if has_fio {
-            let beside = run(&model, &PageIoOptions { depths: vec![8], fio: true, ..options.clone() }, &around);
+            let beside =
+                run(&model, &PageIoOptions { depths: vec![8], fio: true, ..options.clone() }, &around);
             let ways = beside.unwrap().ways;
             assert!(ways.values().any(|way| way.of_fio.is_some_and(|ratio| ratio > 0.0)), "{ways:?}");
         } else {
             let required = std::env::var("TREX_REQUIRE").unwrap_or_default();
             assert!(!required.contains("fio"), "fio is missing, and TREX_REQUIRE names it");
-            let said = std::io::Write::write_all(&mut std::io::stderr(), b"\nNOT RUN: beside fio: it is not installed\n");
+            let said = std::io::Write::write_all(
+                &mut std::io::stderr(),
+                b"\nNOT RUN: beside fio: it is not installed\n",
+            );
             said.unwrap();
         }
         // A page with another byte is found by all that hash.

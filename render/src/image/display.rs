@@ -17,7 +17,7 @@ use super::saliency;
 use super::tile::tile_count;
 use glam::Vec3;
 use rayon::ThreadPool;
-use trex_store::{Budget, Lease, Result};
+use trex_store::Lease;
 
 /// Samples of a pixel that the picture of the first rays is worth: it is smoothed over neighbours of one surface
 /// (`image/coarse.rs`), so it is as near to the truth as one or two samples are.
@@ -64,16 +64,7 @@ impl Display {
             + work
     }
 
-    /// A display of `resolution` (width, height; pixels) that shows nothing.
-    ///
-    /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`Display::bytes`].
-    pub(crate) fn new(resolution: [u32; 2], budget: &Budget) -> Result<Display> {
-        let lease = budget.lease("the picture on show", Display::bytes(resolution))?;
-        Ok(Display::in_lease(resolution, lease))
-    }
-
-    /// As [`Display::new`], in a lease of [`Display::bytes`].
+    /// A display of `resolution` (width, height; pixels) that shows nothing, in a lease of [`Display::bytes`].
     pub(crate) fn in_lease(resolution: [u32; 2], lease: Lease) -> Display {
         let radiance = vec![PackedLight::default(); resolution[0] as usize * resolution[1] as usize];
         Display {
@@ -171,6 +162,7 @@ mod tests {
     use crate::image::coarse::STEPS;
     use crate::sampler::mix;
     use crate::testing::pool;
+    use trex_store::Budget;
 
     const RESOLUTION: [u32; 2] = [19, 13];
 
@@ -182,7 +174,7 @@ mod tests {
 
     /// A display with a sample at every `step`-th pixel.
     fn shown(step: u32, radiance: impl Fn([u32; 2]) -> f32) -> Display {
-        let mut display = Display::new(RESOLUTION, &Budget::unlimited()).unwrap();
+        let mut display = display(RESOLUTION);
         set_samples(&mut display, step, radiance);
         display.show(7, step, false, &pool(2));
         assert_eq!((display.state(), display.step()), (Some(7), Some(step)));
@@ -207,10 +199,15 @@ mod tests {
     }
 
     /// A slope is its own mean, away from edges.
+    fn display(resolution: [u32; 2]) -> Display {
+        let lease = Budget::unlimited().lease("the picture on show", Display::bytes(resolution)).unwrap();
+        Display::in_lease(resolution, lease)
+    }
+
     #[test]
     fn a_slope_stays_a_slope_between_samples() {
         let slope = |[x, y]: [u32; 2]| x as f32 + 10.0 * y as f32;
-        let mut display = Display::new([64, 64], &Budget::unlimited()).unwrap();
+        let mut display = display([64, 64]);
         for (x, y) in (0..64).step_by(2).flat_map(|y| (0..64).step_by(2).map(move |x| (x, y))) {
             display.set([x, y], Vec3::splat(slope([x, y])), &seen([0, 0]));
         }
@@ -226,7 +223,7 @@ mod tests {
     #[test]
     fn noise_is_smoothed() {
         let noise = |[x, y]: [u32; 2]| 2.0 * (mix(u64::from(x) << 32 | u64::from(y)) % 1000) as f32 / 999.0;
-        let mut display = Display::new([128, 128], &Budget::unlimited()).unwrap();
+        let mut display = display([128, 128]);
         for pixel in (0..128).step_by(2).flat_map(|y| (0..128).step_by(2).map(move |x| [x, y])) {
             display.set(pixel, Vec3::splat(noise(pixel)), &seen([0, 0]));
         }

@@ -133,9 +133,11 @@ impl<T: PagedTracer + Send> Session<T> {
             .numbers("frames with a deadline need them")
             .next(NextStep::BuildVoxels { or: "render without a deadline" }));
         }
+        let settings = self.view.settings;
+        let leases = self.shares(&settings, self.film.layers(), true).lease_live(&self.budget)?;
         let next = match (&self.photon_map, self.voxel_photons()) {
             (Some(map), Some(photons)) => {
-                let mut next = NextLight::new(&photons, map.irradiance().len(), &self.budget)?;
+                let mut next = NextLight::in_leases(&photons, map.irradiance().len(), leases.next);
                 if map.photons() == 0 && photons.is_lit() {
                     next.begin(&photons);
                 }
@@ -143,13 +145,12 @@ impl<T: PagedTracer + Send> Session<T> {
             }
             _ => None,
         };
-        let settings = self.view.settings;
         let grows =
             settings.integrator == Method::FullGi && self.photon_tree.is_none() && self.sends_photons();
         let next_tree = if grows { Some(NextTree::new(&self)?) } else { None };
         let live = Live {
             options,
-            display: Display::new(settings.resolution, &self.budget)?,
+            display: Display::in_lease(settings.resolution, leases.display),
             next,
             next_tree,
             pass: None,

@@ -6,20 +6,17 @@
 //! smallest: 4 staging slots, 32 frames a worker
 //! ```
 
-use crate::image::display::Display;
+use super::shares::{SessionFacts, SessionShares};
 use crate::image::encode::encoder_bytes;
-use crate::image::film::{Layers, film_bytes};
+use crate::image::film::Layers;
 use crate::image::filter::filter_bytes;
-use crate::integrate::rays_asked;
-use crate::photon::irradiance::PhotonMap;
 use crate::photon::kd_tree::PhotonTree;
 use crate::photon::mesh::flight_bytes;
 use crate::scene::settings::{Method, RenderKeys, RenderSettings};
-use crate::schedule::pass_bytes;
-use crate::shading::light::{Emitter, Emitters};
 use crate::trace::PooledPages;
 use serde::Serialize;
 use trex_store::layout::FRAME_BYTES;
+use trex_store::octree::UpperSize;
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Code, Error, NextStep, PageFile, RESERVE_BYTES, Result};
 
@@ -142,20 +139,28 @@ impl MemoryPlan {
 
     /// The shares of all but the frames.
     fn fixed(file: &PageFile, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
-        let PictureNeeds { settings, layers, workers, copies_bytes, .. } = *needs;
-        let resolution = settings.resolution;
+        let PictureNeeds { settings, layers, workers, is_live, copies_bytes } = *needs;
         let (overhead, _) = PagePool::smallest_bytes(file, &pool_options(staging_slots))?;
         let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * workers as u64;
+        let upper = if needs.asks_voxels() { file.upper_size()? } else { None };
+        let facts = SessionFacts {
+            layers,
+            workers,
+            is_live,
+            facets: upper.as_ref().map(|size| size.facet_count as usize),
+            materials: file.materials().len(),
+            emitters: file.emitters().len(),
+        };
+        let session = SessionShares::new(&settings, &facts);
         Ok(MemoryPlan {
             reserve_bytes: RESERVE_BYTES,
-            tables_bytes: file.resident_table_bytes()
-                + model_bytes(file.materials().len(), file.emitters().len()),
-            voxels_bytes: voxels_bytes(file, needs)?,
+            tables_bytes: file.resident_table_bytes() + session.model_bytes,
+            voxels_bytes: match upper {
+                Some(upper) => voxels_bytes(file, &upper, &session, is_live)?,
+                None => 0,
+            },
             photons_bytes: photons_bytes(needs),
-            film_bytes: film_bytes(resolution, layers)
-                + copies_bytes
-                + pass_bytes(resolution, workers, rays_asked(&settings))
-                + shown_bytes(needs),
+            film_bytes: session.film_bytes + session.pass_bytes + copies_bytes + shown_bytes(needs, &session),
             staging_bytes: overhead + pins,
             frames_bytes: 0,
             staging_slots,
@@ -171,21 +176,14 @@ impl MemoryPlan {
 }
 
 /// Bytes that it takes to show a film and to write it. Beside a display the filter works in the display's room.
-fn shown_bytes(needs: &PictureNeeds) -> u64 {
+fn shown_bytes(needs: &PictureNeeds, session: &SessionShares) -> u64 {
     let resolution = needs.settings.resolution;
     let shown = match needs.is_live {
-        true => Display::bytes(resolution),
+        true => session.display_bytes,
         false if needs.layers.filter => filter_bytes(resolution),
         false => 0,
     };
     shown + encoder_bytes(resolution, needs.layers)
-}
-
-/// Bytes of a session's copies of so many materials and emitters: of the model, of the world and of an edit; and what
-/// lights are drawn from, twice while a state replaces the one before.
-pub(super) fn model_bytes(materials: usize, emitters: usize) -> u64 {
-    let copies = 3 * (materials * size_of::<trex_store::Material>() + emitters * size_of::<Emitter>());
-    copies as u64 + 2 * Emitters::bytes(emitters)
 }
 
 /// Bytes that photons on the mesh take at most, with those under way.
@@ -202,20 +200,12 @@ fn photons_bytes(needs: &PictureNeeds) -> u64 {
 }
 
 /// Bytes that the octree takes, with its light; or while it is read, with its stored form.
-fn voxels_bytes(file: &PageFile, needs: &PictureNeeds) -> Result<u64> {
-    if !needs.asks_voxels() {
-        return Ok(0);
-    }
-    let Some(size) = file.upper_size()? else { return Ok(0) };
+fn voxels_bytes(file: &PageFile, upper: &UpperSize, session: &SessionShares, is_live: bool) -> Result<u64> {
     let links = file.lower_size()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
-    // The map, the sums of a pass, and the map that comes when light changes.
-    let maps = match needs.settings.integrator {
-        Method::Photon if needs.is_live => 3,
-        Method::Photon => 2,
-        _ => 0,
-    };
-    let light = maps * PhotonMap::bytes(size.facet_count as usize);
-    Ok(size.resident_bytes + links + light.max(size.reading_bytes))
+    // At leisure the sums of a pass come and go.
+    let pass = if is_live { 0 } else { session.map_bytes() };
+    let light = session.maps_bytes() + pass;
+    Ok(upper.resident_bytes + links + light.max(upper.reading_bytes))
 }
 
 fn pool_options(staging_slots: u64) -> PoolOptions {

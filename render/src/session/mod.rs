@@ -23,24 +23,25 @@ mod memory;
 mod next_light;
 mod next_tree;
 mod resettle;
+mod shares;
 
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
 pub use memory::{MemoryPlan, PictureNeeds};
 
-use memory::model_bytes;
+use shares::{SessionFacts, SessionShares};
 
 use crate::image::film::{Film, Layers};
 use crate::image::filter::{filter_bytes, smooth};
 use crate::image::tile::Tiles;
-use crate::integrate::{RenderContext, rays_asked};
+use crate::integrate::RenderContext;
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::Camera;
-use crate::scene::settings::{Method, RenderSettings};
+use crate::scene::settings::RenderSettings;
 use crate::scene::world::{MaterialEdit, Model, View, World};
-use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers, pass_bytes};
+use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::shading::light::Light;
 use crate::stats::PassStats;
 use crate::threads::WorkerThreads;
@@ -172,39 +173,31 @@ impl<T: PagedTracer + Send> Session<T> {
         let SessionSetup { model, view, layers, tracers, pool } = setup;
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
-        let model_bytes = model_bytes(model.materials.len(), model.emitters.len());
-        let model_lease = budget.lease("materials and emitters", model_bytes)?;
         let world = World::new(&model, &view)?;
+        let facts = facts(&model, layers, tracers.len(), false);
+        let shares = SessionShares::new(&view.settings, &facts);
+        let leases = shares.lease(budget)?;
         let resolution = view.settings.resolution;
-        let lease = budget.lease(
-            "the passes over tiles",
-            pass_bytes(resolution, tracers.len(), rays_asked(&view.settings)),
-        )?;
-        let film = Film::new(resolution, layers, budget)?;
-        let tiles = Tiles::z_curve(resolution);
-        let photon_map = match &model.voxels {
-            Some(voxels) if view.settings.integrator == Method::Photon => {
-                Some(PhotonMap::new(voxels.facet_count(), budget)?)
-            }
-            _ => None,
-        };
-        let budget = budget.clone();
-        let photon_tree = None;
-        let _model_lease = model_lease;
+        let map = |facets| PhotonMap::in_lease(facets, leases.map);
         Ok(Session {
             model,
             view,
             world,
             tracers,
-            tiles,
-            film,
-            photon_map,
-            photon_tree,
+            tiles: Tiles::z_curve(resolution),
+            film: Film::in_lease(resolution, layers, leases.film),
+            photon_map: shares.map_facets.map(map),
+            photon_tree: None,
             pool,
-            budget,
-            lease,
-            _model_lease,
+            budget: budget.clone(),
+            lease: leases.passes,
+            _model_lease: leases.model,
         })
+    }
+
+    /// What this session leases while its settings are these, in frames or at leisure.
+    fn shares(&self, settings: &RenderSettings, layers: Layers, is_live: bool) -> SessionShares {
+        SessionShares::new(settings, &facts(&self.model, layers, self.tracers.len(), is_live))
     }
 
     /// Changes camera, lights or a material.
@@ -330,6 +323,18 @@ impl<T: PagedTracer + Send> Session<T> {
     /// The tracers, for their counters.
     pub fn tracers(&self) -> &[T] {
         &self.tracers
+    }
+}
+
+/// What decides the shares of a session on `model`, beside its settings.
+fn facts(model: &Model, layers: Layers, workers: usize, is_live: bool) -> SessionFacts {
+    SessionFacts {
+        layers,
+        workers,
+        is_live,
+        facets: model.voxels.as_ref().map(|voxels| voxels.facet_count()),
+        materials: model.materials.len(),
+        emitters: model.emitters.len(),
     }
 }
 

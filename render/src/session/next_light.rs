@@ -2,7 +2,7 @@
 
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::voxel::{PassInWork, VoxelPhotons};
-use trex_store::{Budget, Lease, Result};
+use trex_store::Lease;
 
 /// The light that comes after a change, in a map of its own: blended in while it grows, then swapped.
 #[derive(Debug)]
@@ -14,16 +14,7 @@ pub(super) struct NextLight {
 }
 
 impl NextLight {
-    /// The second buffer of a map of so many facets; nothing is on its way.
-    ///
-    /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for a second map.
-    pub(super) fn new(world: &VoxelPhotons<'_>, facets: usize, budget: &Budget) -> Result<NextLight> {
-        let work = world.begin()?;
-        Ok(NextLight { map: PhotonMap::new(facets, budget)?, work, share: None })
-    }
-
-    /// As [`NextLight::new`], in two leases of [`PhotonMap::bytes`].
+    /// The second buffer of a map of so many facets, in two leases of [`PhotonMap::bytes`]; nothing is on its way.
     pub(super) fn in_leases(world: &VoxelPhotons<'_>, facets: usize, leases: [Lease; 2]) -> NextLight {
         let [map, work] = leases;
         NextLight { work: world.begin_in_lease(work), map: PhotonMap::in_lease(facets, map), share: None }
@@ -126,7 +117,8 @@ mod tests {
     /// A map of which nothing is on its way.
     fn idle<T: PagedTracer + Send>(session: &Session<T>) -> NextLight {
         let facets = session.model().voxels.as_ref().unwrap().facet_count();
-        NextLight::new(&session.voxel_photons().unwrap(), facets, &session.budget).unwrap()
+        let leases = [(); 2].map(|()| session.budget.lease("a map", PhotonMap::bytes(facets)).unwrap());
+        NextLight::in_leases(&session.voxel_photons().unwrap(), facets, leases)
     }
 
     /// Sends the photons of some batches. Whether the light on show has changed.

@@ -11,37 +11,18 @@
 //! what comes: its bytes are taken over in one step of the ledger, and its memory is gone before the other is taken.
 
 use super::live::Live;
+use super::shares::SessionShares;
 use super::{Change, LiveSession, Session};
 use crate::image::display::Display;
-use crate::image::film::{Film, Layers, film_bytes};
+use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
-use crate::integrate::rays_asked;
 use crate::photon::irradiance::PhotonMap;
 use crate::photon::kd_tree::PhotonTree;
-use crate::scene::settings::{Filter, Method, RenderKeys, RenderSettings};
+use crate::scene::settings::{Filter, RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
-use crate::schedule::pass_bytes;
 use crate::session::next_light::NextLight;
 use crate::trace::PagedTracer;
 use trex_store::{Lease, Result};
-
-/// The parts of a session that other settings make anew.
-#[derive(Clone, Copy)]
-struct Anew {
-    resolution: [u32; 2],
-    layers: Layers,
-    /// Bytes of the film, 0 where it stays.
-    film: u64,
-    /// Bytes of the picture on show, 0 where it stays, or where there is none.
-    display: u64,
-    passes: u64,
-    /// All light goes.
-    light_goes: bool,
-    /// Facets of a map of photons that comes, 0 for none.
-    facets: usize,
-    /// Maps that come: that of the session, and two of the light after it.
-    maps: u64,
-}
 
 /// True when photons sent under one of the settings are those of the other.
 fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
@@ -56,9 +37,20 @@ fn are_sampled_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
     sampled(a) == sampled(b)
 }
 
-impl Anew {
-    fn bytes(&self) -> u64 {
-        self.film + self.display + self.passes + self.maps * PhotonMap::bytes(self.facets)
+/// The shares before and after other settings.
+#[derive(Clone, Copy)]
+struct Exchange {
+    before: SessionShares,
+    after: SessionShares,
+}
+
+impl Exchange {
+    fn has_other_film(&self) -> bool {
+        self.after.has_other_film(&self.before)
+    }
+
+    fn has_other_light(&self) -> bool {
+        self.after.has_other_light(&self.before)
     }
 }
 
@@ -72,13 +64,14 @@ impl<T: PagedTracer + Send> Session<T> {
         let before = self.view.settings;
         let view = View { settings, ..self.view.clone() };
         let world = World::new(&self.model, &view)?;
-        let anew = self.anew(live.is_some(), &settings);
+        let exchange = self.exchange(live.is_some(), &settings);
         let budget = self.budget.clone();
-        let mut old = self.leases_that_go(&anew, live.as_deref_mut());
-        let mut room = budget.exchange("a picture by these settings", anew.bytes(), &mut old)?;
-        self.let_go(&anew, live.as_deref_mut(), &mut room);
+        let mut old = self.leases_that_go(&exchange, live.as_deref_mut());
+        let bytes = exchange.after.bytes_after(&exchange.before);
+        let mut room = budget.exchange("a picture by these settings", bytes, &mut old)?;
+        self.let_go(&exchange, live.as_deref_mut(), &mut room);
         (self.view, self.world) = (view, world);
-        self.make(&anew, live, &mut room);
+        self.make(&exchange, live, &mut room);
         Ok(match (are_lit_alike(&before, &settings), are_sampled_alike(&before, &settings)) {
             (true, true) => Change::Nothing,
             (true, false) => Change::View,
@@ -86,40 +79,32 @@ impl<T: PagedTracer + Send> Session<T> {
         })
     }
 
-    fn anew(&self, is_live: bool, settings: &RenderSettings) -> Anew {
-        let (before, resolution) = (&self.view.settings, settings.resolution);
+    fn exchange(&self, is_live: bool, settings: &RenderSettings) -> Exchange {
         let layers = Layers { filter: settings.filter == Filter::On, ..self.film.layers() };
-        let is_other_film = resolution != before.resolution || layers != self.film.layers();
-        let if_other = |bytes: u64| if is_other_film { bytes } else { 0 };
-        let light_goes = settings.integrator != before.integrator;
-        let voxels =
-            self.model.voxels.as_ref().filter(|_| light_goes && settings.integrator == Method::Photon);
-        Anew {
-            resolution,
-            layers,
-            film: if_other(film_bytes(resolution, layers)),
-            display: if is_live { if_other(Display::bytes(resolution)) } else { 0 },
-            passes: pass_bytes(resolution, self.tracers.len(), rays_asked(settings)),
-            light_goes,
-            facets: voxels.map_or(0, |voxels| voxels.facet_count()),
-            maps: if is_live { 3 } else { 1 },
+        Exchange {
+            before: self.shares(&self.view.settings, self.film.layers(), is_live),
+            after: self.shares(settings, layers, is_live),
         }
     }
 
-    fn leases_that_go<'a>(&'a mut self, anew: &Anew, live: Option<&'a mut Live>) -> Vec<&'a mut Lease> {
+    fn leases_that_go<'a>(
+        &'a mut self,
+        exchange: &Exchange,
+        live: Option<&'a mut Live>,
+    ) -> Vec<&'a mut Lease> {
         let mut leases = vec![&mut self.lease];
-        if anew.light_goes {
+        if exchange.has_other_light() {
             leases.extend(self.photon_map.as_mut().map(PhotonMap::lease_mut));
             leases.extend(self.photon_tree.as_mut().map(PhotonTree::lease_mut));
         }
-        if anew.film > 0 {
+        if exchange.has_other_film() {
             leases.push(self.film.lease_mut());
         }
         if let Some(Live { display, next, .. }) = live {
-            if anew.film > 0 {
+            if exchange.has_other_film() {
                 leases.push(display.lease_mut());
             }
-            if anew.light_goes {
+            if exchange.has_other_light() {
                 leases.extend(next.iter_mut().flat_map(NextLight::leases_mut));
             }
         }
@@ -127,43 +112,43 @@ impl<T: PagedTracer + Send> Session<T> {
     }
 
     /// Lets go what is made anew.
-    fn let_go(&mut self, anew: &Anew, live: Option<&mut Live>, room: &mut Lease) {
+    fn let_go(&mut self, exchange: &Exchange, live: Option<&mut Live>, room: &mut Lease) {
         let nothing = [0, 0];
-        if anew.light_goes {
+        if exchange.has_other_light() {
             (self.photon_map, self.photon_tree) = (None, None);
         }
-        if anew.film > 0 {
+        if exchange.has_other_film() {
             self.film = Film::in_lease(nothing, Layers::default(), room.split(0));
         }
         if let Some(live) = live {
             live.pass = None;
-            if anew.film > 0 {
+            if exchange.has_other_film() {
                 live.display = Display::in_lease(nothing, room.split(0));
             }
-            if anew.light_goes {
+            if exchange.has_other_light() {
                 (live.next, live.next_tree) = (None, None);
             }
         }
     }
 
     /// Makes it, in its `room`.
-    fn make(&mut self, anew: &Anew, live: Option<&mut Live>, room: &mut Lease) {
-        let Anew { resolution, layers, facets, .. } = *anew;
-        let map_bytes = PhotonMap::bytes(facets);
-        self.lease = room.split(anew.passes);
-        if anew.film > 0 {
-            self.film = Film::in_lease(resolution, layers, room.split(anew.film));
+    fn make(&mut self, exchange: &Exchange, live: Option<&mut Live>, room: &mut Lease) {
+        let (after, resolution) = (&exchange.after, self.view.settings.resolution);
+        let facets = after.map_facets.filter(|_| exchange.has_other_light());
+        self.lease = room.split(after.pass_bytes);
+        if exchange.has_other_film() {
+            self.film = Film::in_lease(resolution, after.layers, room.split(after.film_bytes));
             self.tiles = Tiles::z_curve(resolution);
         }
-        if facets > 0 {
-            self.photon_map = Some(PhotonMap::in_lease(facets, room.split(map_bytes)));
+        if let Some(facets) = facets {
+            self.photon_map = Some(PhotonMap::in_lease(facets, room.split(after.map_bytes())));
         }
         let Some(live) = live else { return };
-        if anew.film > 0 {
-            live.display = Display::in_lease(resolution, room.split(anew.display));
+        if exchange.has_other_film() {
+            live.display = Display::in_lease(resolution, room.split(after.display_bytes));
         }
-        if let Some(photons) = self.voxel_photons().filter(|_| facets > 0) {
-            let leases = [room.split(map_bytes), room.split(map_bytes)];
+        if let (Some(photons), Some(facets)) = (self.voxel_photons(), facets) {
+            let leases = [room.split(after.map_bytes()), room.split(after.map_bytes())];
             live.next = Some(NextLight::in_leases(&photons, facets, leases));
         }
     }
@@ -179,6 +164,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::settings::Method;
     use crate::session::tests::{floor, sun};
     use crate::session::{Event, FetchBlock, FrameOptions, FrameProgress};
     use std::ops::ControlFlow;

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::image::film::film_bytes;
-use crate::scene::settings::{Filter, RenderKeys};
+use crate::scene::settings::{Filter, Method, RenderKeys};
+use crate::schedule::pass_bytes;
+use crate::shading::light::Emitters;
 use crate::testing::{pool, view};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use crate::voxel::Voxels;
@@ -300,7 +302,8 @@ fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
 
 #[test]
 fn a_film_that_does_not_fit_is_refused() {
-    let bytes = pass_bytes([16, 16], 2, 1) + film_bytes([16, 16], Layers::default());
+    let copies = 3 * size_of::<Material>() as u64 + 2 * Emitters::bytes(0);
+    let bytes = pass_bytes([16, 16], 2, 1) + film_bytes([16, 16], Layers::default()) + copies;
     let limit = trex_store::RESERVE_BYTES + bytes;
     assert!(session(&Budget::new(limit)).is_ok());
     let error = session(&Budget::new(limit - 1)).unwrap_err();

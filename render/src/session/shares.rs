@@ -1,0 +1,152 @@
+//! `SessionShares`: what a session leases for as long as its settings stay. The one law of its memory: a session is made of
+//! what it says, goes live and takes other settings by the difference of two, and [`super::MemoryPlan`] counts it.
+//!
+//! ```text
+//! Session::new      shares at leisure -> lease
+//! go_live           shares in frames, less those at leisure -> lease
+//! other settings    what differs of the old is exchanged for what differs of the new, in one step of the ledger
+//! ```
+//!
+//! Not in here, since it is leased while it is used alone: the octree and the tables, which the session borrows; sums of a
+//! pass of photons at leisure; photons of `full-gi`; filter and encoder.
+
+use crate::image::display::Display;
+use crate::image::film::{Layers, film_bytes};
+use crate::integrate::rays_asked;
+use crate::photon::irradiance::PhotonMap;
+use crate::scene::settings::{Method, RenderSettings};
+use crate::schedule::pass_bytes;
+use crate::shading::light::{Emitter, Emitters};
+use trex_store::{Budget, Lease, Material, Result};
+
+/// Maps of photons of a session in frames: that on show, the one that comes after an edit, and the sums of a pass.
+const MAPS_IN_FRAMES: u64 = 3;
+
+/// What decides the shares of a session, beside its settings.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SessionFacts {
+    /// Layers that the film keeps.
+    pub(super) layers: Layers,
+    /// Worker threads.
+    pub(super) workers: usize,
+    /// True when pictures come in frames with a deadline.
+    pub(super) is_live: bool,
+    /// Facets of the octree; `None` for a model without.
+    pub(super) facets: Option<usize>,
+    pub(super) materials: usize,
+    pub(super) emitters: usize,
+}
+
+/// The shares of a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct SessionShares {
+    resolution: [u32; 2],
+    pub(super) layers: Layers,
+    integrator: Method,
+    /// Copies of materials and emitters.
+    pub(super) model_bytes: u64,
+    pub(super) film_bytes: u64,
+    /// The picture on show; 0 at leisure.
+    pub(super) display_bytes: u64,
+    /// Room of the passes over tiles.
+    pub(super) pass_bytes: u64,
+    /// Facets of a map of photons; `None` for methods that keep none.
+    pub(super) map_facets: Option<usize>,
+    /// Maps of photons.
+    pub(super) map_count: u64,
+}
+
+/// The leases that a session is made of.
+pub(super) struct SessionLeases {
+    pub(super) model: Lease,
+    pub(super) film: Lease,
+    pub(super) passes: Lease,
+    /// Of the map of photons; of no bytes where there is none.
+    pub(super) map: Lease,
+}
+
+/// The leases by which a session goes live.
+pub(super) struct LiveLeases {
+    pub(super) display: Lease,
+    /// Of the map after an edit, and of the sums of a pass.
+    pub(super) next: [Lease; 2],
+}
+
+impl SessionShares {
+    /// The shares of a session with these settings.
+    pub(super) fn new(settings: &RenderSettings, facts: &SessionFacts) -> SessionShares {
+        let SessionFacts { layers, workers, is_live, facets, materials, emitters } = *facts;
+        let resolution = settings.resolution;
+        let map_facets = facets.filter(|_| settings.integrator == Method::Photon);
+        // Of the model, of the world and of an edit; and what lights are drawn from, twice while a state replaces the one
+        // before.
+        let copies = 3 * (materials * size_of::<Material>() + emitters * size_of::<Emitter>());
+        SessionShares {
+            resolution,
+            layers,
+            integrator: settings.integrator,
+            model_bytes: copies as u64 + 2 * Emitters::bytes(emitters),
+            film_bytes: film_bytes(resolution, layers),
+            display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
+            pass_bytes: pass_bytes(resolution, workers, rays_asked(settings)),
+            map_facets,
+            map_count: match (map_facets, is_live) {
+                (Some(_), true) => MAPS_IN_FRAMES,
+                (Some(_), false) => 1,
+                (None, _) => 0,
+            },
+        }
+    }
+
+    /// Bytes of a map of photons.
+    pub(super) fn map_bytes(&self) -> u64 {
+        self.map_facets.map_or(0, PhotonMap::bytes)
+    }
+
+    /// Bytes of all maps of photons.
+    pub(super) fn maps_bytes(&self) -> u64 {
+        self.map_count * self.map_bytes()
+    }
+
+    /// True when the film of one is not that of the other.
+    pub(super) fn has_other_film(&self, other: &SessionShares) -> bool {
+        (self.resolution, self.layers) != (other.resolution, other.layers)
+    }
+
+    /// True when the light of one is kept otherwise than that of the other.
+    pub(super) fn has_other_light(&self, other: &SessionShares) -> bool {
+        self.integrator != other.integrator
+    }
+
+    /// Bytes of what is to be made anew where these take the place of `before`.
+    pub(super) fn bytes_after(&self, before: &SessionShares) -> u64 {
+        let film = if self.has_other_film(before) { self.film_bytes + self.display_bytes } else { 0 };
+        let light = if self.has_other_light(before) { self.maps_bytes() } else { 0 };
+        self.pass_bytes + film + light
+    }
+
+    /// Leases what a session at leisure is made of, in one step.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for all of it.
+    pub(super) fn lease(&self, budget: &Budget) -> Result<SessionLeases> {
+        let bytes = self.model_bytes + self.film_bytes + self.pass_bytes + self.map_bytes();
+        let mut room = budget.lease("the film, the light and the passes of a picture", bytes)?;
+        Ok(SessionLeases {
+            model: room.split(self.model_bytes),
+            film: room.split(self.film_bytes),
+            passes: room.split(self.pass_bytes),
+            map: room,
+        })
+    }
+
+    /// Leases what a session in frames has beside one at leisure, in one step.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for all of it.
+    pub(super) fn lease_live(&self, budget: &Budget) -> Result<LiveLeases> {
+        let maps_bytes = self.maps_bytes() - self.map_bytes();
+        let mut room = budget.lease("the picture on show", self.display_bytes + maps_bytes)?;
+        Ok(LiveLeases { display: room.split(self.display_bytes), next: [room.split(maps_bytes / 2), room] })
+    }
+}
