@@ -148,7 +148,7 @@ impl<'a> Voxelizer<'a> {
     /// Sorts the pile and sums what belongs together.
     fn sum(&mut self) {
         // Stable: records of one leaf and material keep the order of their triangles. On this thread alone: the pool's
-        // others have chunks of their own, and a worker must not wait for them (see `build::in_order`).
+        // others have chunks of their own, and a worker must not wait for them (see `build::emit::in_order`).
         self.pile.sort_by_key(|record| record.order);
         self.pile.dedup_by(|next, sum| {
             let is_same = next.order == sum.order;

@@ -2,7 +2,7 @@
 //!
 //! A loose octree without pointers: a triangle goes to the finest level whose cells are at least as large as
 //! the triangle, and there to the cell of its centroid; so plates do not widen the boxes of bolts. Cells are
-//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](cells::CHUNK_TRIANGLES); a
+//! then put in Hilbert order and joined into *chunks* of up to [`CHUNK_TRIANGLES`](chunk::CHUNK_TRIANGLES); a
 //! cell with more is cut again, finer.
 //!
 //! Invariants: 1. which triangles make a chunk, and in which order, follows from the stream alone: not from
