@@ -19,11 +19,8 @@ pub mod model;
 pub mod page_io;
 mod peers;
 mod plot;
-mod rates;
 pub mod rays;
 pub mod record;
 pub mod sizes;
 pub mod stress;
 pub mod tradeoff;
-
-pub use rates::RayRates;

@@ -62,7 +62,7 @@ pub use session::{
     Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp, model_bytes,
 };
 pub use shading::{Emitter, Emitters, Light};
-pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
+pub use stats::{GStats, PassStats, PhotonStats, RayCounts, RayRates, Times};
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer, Pages,
     PooledPages, Ray, Tracer, pooled_tracers,

@@ -2,6 +2,12 @@
 //!
 //! Invariant: counts of workers, passes and frames add up with `add`, all but `tiles_left`, which is the last one's.
 
+mod rates;
+mod times;
+
+pub use rates::RayRates;
+pub use times::Times;
+
 /// The purpose of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RayKind {

@@ -15,10 +15,9 @@ use crate::memory::Memory;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use trex_bench::RayRates;
 use trex_render::{
-    Camera, Event, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RenderKeys, RenderStats, Scene,
-    Session,
+    Camera, Event, FrameOptions, Layers, PagedTracer, PhotonStats, RayCounts, RayRates, RenderKeys,
+    RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result};

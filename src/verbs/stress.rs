@@ -12,10 +12,8 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use std::time::Duration;
-use trex_bench::stress::{
-    self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions, Times,
-};
-use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
+use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
+use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session, Times};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
 
@@ -220,7 +218,8 @@ impl fmt::Display for Stressed {
         }
         writeln!(
             f,
-            "pages: {} read, {:.0} % of them again; {:.1} missed a switch; {} from the disk; memory limit {}, peak {}",
+            "pages: {} read, {:.0} % of them again; {:.1} missed a switch; {} from the disk; memory limit {}, \
+             peak {}",
             size::count(figures.pool.pages_read),
             100.0 * figures.refault_ratio,
             figures.first_touch_misses,

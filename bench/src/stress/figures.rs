@@ -3,12 +3,10 @@
 use super::errors::ERROR_TIMES_MS;
 use super::hold::{LIVELOCK, Log, Switch};
 use super::options::{Figure, Requirement, Scenario, StressOptions};
-use super::times::Times;
-use crate::RayRates;
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trex_render::{GStats, RayCounts};
+use trex_render::{GStats, RayCounts, RayRates, Times};
 use trex_store::pool::PoolStats;
 
 /// Share of a run that warms up before memory is watched.
