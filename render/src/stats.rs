@@ -104,6 +104,8 @@ pub struct PassStats {
     pub look_ups: u64,
     /// Samples that reached the film.
     pub samples: u64,
+    /// Of these, samples whose ray from the camera met the model.
+    pub covered_samples: u64,
     /// Times that a tile had to be parked.
     pub parked: u64,
     /// Times that a worker waited for pages.
@@ -125,6 +127,7 @@ impl PassStats {
         self.g_stage.add(&other.g_stage);
         self.look_ups += other.look_ups;
         self.samples += other.samples;
+        self.covered_samples += other.covered_samples;
         self.parked += other.parked;
         self.waits += other.waits;
         self.narrow_samples += other.narrow_samples;

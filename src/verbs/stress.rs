@@ -216,9 +216,16 @@ impl fmt::Display for Stressed {
                 error.median, error.max, error.count
             )?;
         }
+        if let Some(coverage) = figures.coverage {
+            writeln!(f, "the model covers {:.0} % of the pictures", 100.0 * coverage)?;
+        }
+        let evicted = match figures.pool.evictions {
+            0 => "nothing evicted".to_owned(),
+            count => format!("{} evicted", size::count(count)),
+        };
         writeln!(
             f,
-            "pages: {} read, {:.0} % of them again; {:.1} missed a switch; {} from the disk; memory limit {}, \
+            "pages: {} read, {:.0} % of them again; {evicted}; {:.1} missed a switch; {} from the disk; memory limit {}, \
              peak {}",
             size::count(figures.pool.pages_read),
             100.0 * figures.refault_ratio,
