@@ -75,12 +75,6 @@ for scene in $scenes; do
     done
 done
 
-# Forms of clusters and pages that are not shipped.
-for model in isosurface-20m pipes-20m; do
-    (cd "$root" && target/release/trex-bench sizes "out/$model.trex" >"$work/document.json")
-    "$root/target/release/trex-bench" --root "$root" record --name "sizes-$model" document.json
-done
-
 # The plant from inside, three ways (the paper's figure 7).
 for integrator in photon:64 full-gi:24 path:64; do
     at=$root record "render-pipes-interior-${integrator%:*}" render bench/scenes/pipes-interior.toml -o "out/fig7-${integrator%:*}.png" \
@@ -90,12 +84,6 @@ done
 # Rays and pages, where Debian's libembree-dev and fio are installed.
 if [ -e /usr/include/embree3/rtcore.h ] && command -v fio >/dev/null; then
     "$root/bench/rays.sh" "$work"
-fi
-
-# Instructions, where valgrind is installed.
-if command -v valgrind >/dev/null; then
-    (cd "$root" && bench/callgrind.sh out/isosurface-20m.trex >"$work/document.json")
-    "$root/target/release/trex-bench" --root "$root" record --name callgrind-isosurface-20m document.json
 fi
 
 # What the footprint rule costs: voxels for what is smaller than so many pixels.

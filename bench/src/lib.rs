@@ -4,7 +4,6 @@
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
 //!   ^ page_io: pages at random, through each backend
-//!   ^ sizes: what clusters and pages would take in other forms
 //!   ^ stress: a session under views and limits that change
 //!   ^ tradeoff: pictures for each turn of each knob, their cost and their error
 //! ```
@@ -21,6 +20,5 @@ mod peers;
 mod plot;
 pub mod rays;
 pub mod record;
-pub mod sizes;
 pub mod stress;
 pub mod tradeoff;
