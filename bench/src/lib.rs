@@ -1,7 +1,7 @@
 //! trex-bench: workloads, peers, and the figures that were measured with them.
 //!
 //! ```text
-//! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
+//! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> figures of README.md and docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
 //!   ^ page_io: pages at random, through each backend
 //!   ^ stress: a session under views and limits that change

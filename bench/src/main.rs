@@ -36,7 +36,7 @@ enum Verb {
     Io(workload::IoArgs),
     /// Triangles per second of the build of a generated mesh
     Build(workload::BuildArgs),
-    /// Rewrite the tables and plots of docs/ from the records
+    /// Rewrite the figures of README.md and docs/ from the records
     Docs {
         /// Write nothing; exit 1 if a file would change
         #[arg(long)]
