@@ -1,7 +1,7 @@
 //! Figures of a running `trex view`, taken by pages without a browser: one line of JSON each. `bench/view.sh` runs it.
 //!
 //! ```sh
-//! cargo run --release -p trex-view --example figures -- URL drag SCALE [EVENTS]   # event to frame; 0: as fits
+//! cargo run --release -p trex-bench-view -- URL drag SCALE [EVENTS]   # event to frame; 0: as fits
 //! ... URL pictures FOLDER         # pictures of a drag, shown-N.png, and of the same views once settled, settled-N.png
 //! ... URL first SINCE_NS          # from a moment (date +%s%N) to the first pixels
 //! ... URL converge PID            # bytes from an event to 16 samples; bytes and processor share of PID once settled
