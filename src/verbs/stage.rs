@@ -65,7 +65,9 @@ impl Stage {
         let voxels = if picture.asks_voxels() { Voxels::open(&file, &ctx.budget)? } else { None };
         let pool_options = PoolOptions { io: play.io.clone(), ..shares.pool_options() };
         let pool = PagePool::open(file.clone(), play.file, &ctx.budget, &pool_options)?;
-        tracing::info!("{:?}; {}", pool.io(), size::memory_plan(&shares));
+        let io = pool.io();
+        tracing::info!("pages are read by {}: {}", io.backend, io.reason);
+        tracing::info!("memory: {}", size::memory_plan(&shares));
 
         let lease = ctx.budget.lease("materials and emitters", model_bytes(&file))?;
         let mut model = model_of(&file);
@@ -137,12 +139,16 @@ pub fn suit_file(scene: &mut Scene, file: &Path, ctx: &Context) -> Result<()> {
         return Ok(());
     }
     if PageFile::superblock_of(file)?.find_section(SectionKind::Upper).is_none() {
-        let direct = RenderEdit { integrator: Some(Method::Direct), ..RenderEdit::default() };
-        scene.render = direct.apply(&scene.render);
+        scene.render = lit_without_voxels(&scene.render);
         ctx.console
             .note("note: the file has no voxels, so that light is direct; --integrator path has all of it");
     }
     Ok(())
+}
+
+/// The picture of `keys` in direct light, which needs no voxels.
+pub fn lit_without_voxels(keys: &RenderKeys) -> RenderKeys {
+    RenderEdit { integrator: Some(Method::Direct), ..RenderEdit::default() }.apply(keys)
 }
 
 /// The libraries' form of `--io` and `--direct`.
