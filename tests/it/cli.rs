@@ -1,6 +1,6 @@
 //! The command's contract that needs no mesh: help, versions, usage errors, streams.
 
-use crate::command::{Ran, TREX, run_in};
+use crate::command::{Ran, TREX, folder, run_in};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -41,6 +41,23 @@ fn every_verb_explains_its_flags_units_and_defaults() {
     for verb in VERBS.iter().filter(|verb| writes(verb)).chain(&["image diff"]) {
         assert!(stdout(&format!("{verb} --help")).contains("--overwrite"), "{verb}");
     }
+}
+
+/// `-v` once printed values of Rust: `Percent(50) on HostMemory { physical_bytes: Some(..) }`. `demo` ends with what to
+/// do next.
+#[test]
+fn people_read_sentences() {
+    let inside = folder();
+    let ran = run_in(inside.path(), "demo --triangles 10k --resolution 8x8 --spp 1 -o small.png -v");
+    ran.expect(0);
+    assert!(ran.stdout.trim_end().ends_with("live in a browser: trex view small.trex"), "{}", ran.stdout);
+    for words in ["memory limit 256 MiB, a fixed amount; ", "pages are read by ", "memory: reserve "] {
+        assert!(ran.stderr.contains(words), "no {words:?} in {}", ran.stderr);
+    }
+    let is_debug =
+        |line: &str| line.contains(['{', '}']) || line.contains("Some(") || line.contains("Percent(");
+    let debug: Vec<&str> = ran.stderr.lines().filter(|line| is_debug(line)).collect();
+    assert!(debug.is_empty(), "{debug:#?}");
 }
 
 #[test]
