@@ -225,8 +225,8 @@ impl fmt::Display for Stressed {
         };
         writeln!(
             f,
-            "pages: {} read, {:.0} % of them again; {evicted}; {:.1} missed a switch; {} from the disk; memory limit {}, \
-             peak {}",
+            "pages: {} read, {:.0} % of them again; {evicted}; {:.1} missed a switch; {} from the disk; \
+             memory limit {}, peak {}",
             size::count(figures.pool.pages_read),
             100.0 * figures.refault_ratio,
             figures.first_touch_misses,

@@ -43,6 +43,22 @@ fn every_verb_explains_its_flags_units_and_defaults() {
     }
 }
 
+/// What only a comparison of methods turns once stood between the size of a picture and its samples.
+#[test]
+fn what_only_research_turns_is_explained_last() {
+    for verb in ["render", "view", "stress"] {
+        let help = stdout(&format!("{verb} --help"));
+        let headings: Vec<&str> =
+            help.lines().filter(|line| line.ends_with(':') && !line.starts_with([' ', 'E'])).collect();
+        assert_eq!(headings.last(), Some(&"Research options:"), "{verb}: {headings:?}");
+        let research = help.find("Research options:").unwrap();
+        for flag in ["--k-nearest", "--bake", "--occluders", "--fetch-block", "--tile-order", "--saliency"] {
+            let at = help.find(&format!("\n      {flag}")).unwrap_or_else(|| panic!("{verb} lacks {flag}"));
+            assert!(at > research, "{verb}: {flag} stands before its heading");
+        }
+    }
+}
+
 /// `-v` once printed values of Rust: `Percent(50) on HostMemory { physical_bytes: Some(..) }`. `demo` ends with what to
 /// do next.
 #[test]
