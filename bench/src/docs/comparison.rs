@@ -107,7 +107,8 @@ mod tests {
     #[test]
     fn a_marker_is_columns_and_rows() {
         let comparison = Comparison::parse(
-            "a=\"Model A\" b=\"Model B\" beside=\"Peer\"\n x-*-y:k.p50,k.p99=\"It takes\" beside=\"1 ms\" z-*:l=\"Size\" ",
+            "a=\"Model A\" b=\"Model B\" beside=\"Peer\"\n x-*-y:k.p50,k.p99=\"It takes\" beside=\"1 ms\" \
+             z-*:l=\"Size\" ",
         );
         let comparison = comparison.unwrap();
         assert_eq!(comparison.columns, [("a", "Model A"), ("b", "Model B")]);

@@ -2,7 +2,7 @@
 //!
 //! Invariant: numbers are medians over the runs; a value that is no number is that of the last run.
 
-use super::table::label;
+use super::names::label;
 use crate::median::median;
 use crate::plot::Line;
 use crate::record::Record;
@@ -187,17 +187,6 @@ fn scaled(number: f64, step: f64, units: &[&str]) -> String {
     format!("{value:.digits$} {}", units[unit]).trim_end().to_owned()
 }
 
-/// A key as a column's or an axis' title, the unit being in the cells: `memory.peak_rss_bytes` reads `memory
-/// peak rss`, `triangle_count` reads `triangles`.
-pub(super) fn title(key: &str) -> String {
-    let bare = |part: &str| match part.strip_suffix("_count") {
-        Some(counted) => format!("{counted}s"),
-        None => part.strip_suffix("_bytes").or(part.strip_suffix("_ms")).unwrap_or(part).to_owned(),
-    };
-    let parts: Vec<String> = key.split('.').map(bare).collect();
-    parts.join(" ").replace('_', " ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -229,13 +218,5 @@ mod tests {
         assert_eq!(join(&["712 ms", "2.02 s"]), "712 ms, 2.02 s");
         assert_eq!(join(&["1.18", "1.20"]), "1.18, 1.20");
         assert_eq!(join(&["-"]), "-");
-    }
-
-    #[test]
-    fn titles_leave_the_unit_to_the_cells() {
-        assert_eq!(title("memory.peak_rss_bytes"), "memory peak rss");
-        assert_eq!(title("triangle_count"), "triangles");
-        assert_eq!(title("triangles_per_s"), "triangles per s");
-        assert_eq!(title("bytes_per_triangle.disk"), "bytes per triangle disk");
     }
 }

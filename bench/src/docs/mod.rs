@@ -15,9 +15,9 @@
 //! <!-- end -->
 //! ```
 //!
-//! A pattern is a record's name; one `*` in it stands for anything. A key may be a quotient, `KEY/KEY`. Runs of one name
-//! that agree in command, machine and commit are one figure, their median; of several such groups the latest counts.
-//! A table, a plot or a list of commands that no record fits is absent, with what `say` has to say of it.
+//! A pattern is a record's name; one `*` in it stands for anything. A key may be a quotient, `KEY/KEY`. Runs of one
+//! name that agree in command, machine and commit are one figure, their median; of several such groups the latest
+//! counts. A table, a plot or a list of commands that no record fits is absent, with what `say` has to say of it.
 //!
 //! Invariants: 1. the same records and pages give the same bytes; 2. running twice changes nothing; 3. a marker
 //! that cannot be understood is an error with path and line, never passed over, and so is a figure without a record;
@@ -27,6 +27,7 @@ mod commands;
 mod comparison;
 mod figure;
 mod markers;
+mod names;
 mod page;
 mod table;
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! A table of figures in Markdown: a row per record.
 
-use super::figure::{Figure, title};
+use super::figure::Figure;
 use super::markers::quoted;
+use super::names::{label, title};
 use crate::machine::Machine;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -55,22 +56,6 @@ fn of_one_machine(rows: &[&Figure], columns: &[Column<'_>], stem: &str) -> Strin
     text
 }
 
-/// A name as people say it: `isosurface-20m` reads `iso-surface 20M`.
-pub(super) fn label(name: &str) -> String {
-    let word = |word: &str| match word {
-        "isosurface" => "iso-surface".to_owned(),
-        "pipes" => "plant".to_owned(),
-        "kicad" => "CAD".to_owned(),
-        "gi" => "GI".to_owned(),
-        "lod" => "LOD".to_owned(),
-        count if count.strip_suffix('m').is_some_and(|digits| digits.parse::<u32>().is_ok()) => {
-            count.to_uppercase()
-        }
-        other => other.to_owned(),
-    };
-    name.split('-').filter(|part| !part.is_empty()).map(word).collect::<Vec<_>>().join(" ")
-}
-
 fn push(text: &mut String, part: std::fmt::Arguments<'_>) {
     text.write_fmt(part).expect("a string takes what is written to it");
 }
@@ -78,19 +63,6 @@ fn push(text: &mut String, part: std::fmt::Arguments<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_read_as_people_say_them() {
-        for (name, expected) in [
-            ("isosurface-20m", "iso-surface 20M"),
-            ("kicad-grid-flip", "CAD grid flip"),
-            ("pipes-interior-full-gi", "plant interior full GI"),
-            ("a", "a"),
-            ("-", ""),
-        ] {
-            assert_eq!(label(name), expected);
-        }
-    }
 
     #[test]
     fn columns_are_keys_with_or_without_a_name() {

@@ -33,7 +33,8 @@ fn checkout(page: &str, records: &[Record]) -> tempfile::TempDir {
     root
 }
 
-const PAGE: &str = "# Speed\n\n<!-- record:build-* triangle_count triangles_per_s=\"Speed of it\" -->\nold\n<!-- end -->\n\
+const PAGE: &str = "# Speed\n\n<!-- record:build-* triangle_count triangles_per_s=\"Speed of it\" -->\nold\n\
+    <!-- end -->\n\
     text\n<!-- plot:speed build-* x=triangle_count y=triangles_per_s -->\n<!-- end -->\n\
     <!-- commands:build-* -->\n<!-- end -->\nlast\n";
 
@@ -64,7 +65,8 @@ fn tables_and_plots_stand_between_their_markers() {
 
 #[test]
 fn what_a_figure_tells_at_several_places_is_a_line() {
-    let page = "<!-- plot:error err-* x=error_at_ms.* y=median -->\n<!-- end -->\n<!-- commands:err-* -->\n<!-- end -->\n";
+    let page = "<!-- plot:error err-* x=error_at_ms.* y=median -->\n<!-- end -->\n\
+                <!-- commands:err-* -->\n<!-- end -->\n";
     let mut one = record("err-a", 1, 1.0);
     for (key, value) in [("33.median", 3.0), ("100.median", 2.0), ("100.max", 9.0), ("x.median", 7.0)] {
         one.values.insert(format!("error_at_ms.{key}"), json!(value));
