@@ -23,18 +23,20 @@ for kind in isosurface pipes scan; do
     record info-$kind-20m info $kind.trex
 done
 
+# A record says all knobs of its picture: defaults change.
+direct="--integrator direct --n-shadow 2 --spp 4"
 capped cap-build-isosurface-20m $((512 * MiB)) build gen:isosurface:20M -o iso.trex --overwrite --memory-limit 512MiB
-capped cap-render-isosurface-20m $((128 * MiB)) render iso.trex -o tight.png --overwrite --memory-limit 128MiB --spp 4
-record same-isosurface-20m-tight render iso.trex -o tight.png --overwrite --memory-limit 128MiB --spp 4
-record same-isosurface-20m-loose render iso.trex -o loose.png --overwrite --memory-limit 1GiB --spp 4
-record same-isosurface-20m-one-thread render iso.trex -o one.png --overwrite --memory-limit 1GiB --spp 4 --threads 1
+capped cap-render-isosurface-20m $((128 * MiB)) render iso.trex -o tight.png --overwrite --memory-limit 128MiB $direct
+record same-isosurface-20m-tight render iso.trex -o tight.png --overwrite --memory-limit 128MiB $direct
+record same-isosurface-20m-loose render iso.trex -o loose.png --overwrite --memory-limit 1GiB $direct
+record same-isosurface-20m-one-thread render iso.trex -o one.png --overwrite --memory-limit 1GiB $direct --threads 1
 cmp tight.png loose.png
 cmp tight.png one.png
 
 for kind in isosurface pipes scan; do
-    record render-$kind-20m render $kind.trex -o $kind.png --overwrite --spp 4
+    record render-$kind-20m render $kind.trex -o $kind.png --overwrite $direct
 done
-record render-path-pipes-20m render pipes.trex -o path.png --overwrite --spp 4 --integrator path
+record render-path-pipes-20m render pipes.trex -o path.png --overwrite --integrator path --n-shadow 2 --n-gather 2 --spp 4
 
 capped build-isosurface-100m $((1024 * MiB)) build gen:isosurface:100M -o isosurface-100m.trex --overwrite --memory-limit 1GiB \
     --render-limit 128MiB
@@ -75,16 +77,10 @@ for scene in $scenes; do
     done
 done
 
-# Forms of clusters and pages that are not shipped.
-for model in isosurface-20m pipes-20m; do
-    (cd "$root" && target/release/trex-bench sizes "out/$model.trex" >"$work/document.json")
-    "$root/target/release/trex-bench" --root "$root" record --name "sizes-$model" document.json
-done
-
 # The plant from inside, three ways (the paper's figure 7).
 for integrator in photon:64 full-gi:24 path:64; do
     at=$root record "render-pipes-interior-${integrator%:*}" render bench/scenes/pipes-interior.toml -o "out/fig7-${integrator%:*}.png" \
-        --overwrite --integrator "${integrator%:*}" --spp "${integrator#*:}" --n-gather 2
+        --overwrite --integrator "${integrator%:*}" --spp "${integrator#*:}" --n-shadow 2 --n-gather 2 --photons 2097152 --filter off
 done
 
 # Rays and pages, where Debian's libembree-dev and fio are installed.
@@ -92,15 +88,9 @@ if [ -e /usr/include/embree3/rtcore.h ] && command -v fio >/dev/null; then
     "$root/bench/rays.sh" "$work"
 fi
 
-# Instructions, where valgrind is installed.
-if command -v valgrind >/dev/null; then
-    (cd "$root" && bench/callgrind.sh out/isosurface-20m.trex >"$work/document.json")
-    "$root/target/release/trex-bench" --root "$root" record --name callgrind-isosurface-20m document.json
-fi
-
 # What the footprint rule costs: voxels for what is smaller than so many pixels.
 for kind in isosurface scan; do
-    picture="render $kind.trex --overwrite --resolution 512x512 --spp 64"
+    picture="render $kind.trex --overwrite --resolution 512x512 --integrator direct --n-shadow 2 --spp 64"
     record render-lod-$kind-0 $picture -o exact.exr
     for pixels in 0.5 1 2; do
         record render-lod-$kind-${pixels/./-} $picture -o far.exr --lod-error $pixels
@@ -113,17 +103,19 @@ models=$root/../shared/models
 if [ -d "$models" ]; then
     cp "$models"/cornell/cornell.{obj,mtl} .
     record build-cornell build cornell.obj -o cornell.trex --overwrite
-    box="cornell.trex --overwrite --resolution 256x256 --camera-position 278,273,-800 --camera-target 278,273,0 --fov-x 39.3077"
+    box="cornell.trex --overwrite --resolution 256x256 --camera-position 278,273,-800 --camera-target 278,273,0 --fov-x 39.3077
+         --n-shadow 2 --n-gather 2"
+    photons="--photons 2097152"
     record render-cornell-path render $box -o path.exr --integrator path --spp 1024
     for variant in voxel:--near=voxel exact:--near=exact cubes:--occluders=off bake:--bake; do
-        record render-cornell-${variant%%:*} render $box -o photon.exr --integrator photon --spp 256 ${variant#*:}
+        record render-cornell-${variant%%:*} render $box -o photon.exr --integrator photon --spp 256 $photons --filter off ${variant#*:}
         record light-cornell-${variant%%:*} image diff photon.exr path.exr
     done
-    record render-cornell-full-gi render $box -o photon.exr --integrator full-gi --spp 64
+    record render-cornell-full-gi render $box -o photon.exr --integrator full-gi --spp 64 $photons --filter off
     record light-cornell-full-gi image diff photon.exr path.exr
     for integrator in photon full-gi; do
         for filter in off on; do
-            record render-filter-$integrator-$filter render $box -o few.exr --integrator $integrator --spp 4 --filter $filter
+            record render-filter-$integrator-$filter render $box -o few.exr --integrator $integrator --spp 4 $photons --filter $filter
             record light-filter-$integrator-$filter image diff few.exr path.exr
         done
     done

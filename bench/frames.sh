@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Frames with a deadline on 100 million triangles in 128 MiB: what docs/performance.md shows of them, kept as records.
+# Frames with a deadline on 100 million triangles in 128 MiB: what docs/measurements.md shows of them, kept as records.
 # An hour and a half of a quiet machine that may make memory control groups (v1); models that are missing are built first.
 #
 #   bench/frames.sh WORK_FOLDER

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Rays and pages on four kinds of model, beside Embree and fio: what docs/performance.md shows of them, kept as records.
+# Rays and pages on four kinds of model, beside Embree and fio: what docs/measurements.md shows of them, kept as records.
 # Half an hour of a quiet machine with Debian's libembree-dev and fio; models that are missing are built first.
 #
 #   bench/rays.sh WORK_FOLDER [SIZE]        SIZE: triangles of each model, 20M unless told

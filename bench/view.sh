@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The figures of `trex view` on an idle machine: one line of JSON each, with the model and the figure's name.
-# Pages without a browser come from view/examples/figures; a real one, where there is chromium, from
+# Pages without a browser come from bench/view; a real one, where there is chromium, from
 # tests/it/browser/drag.rs. SMALL and LARGE are page files; FAR one that is far larger than its limit.
 #
 #   bench/view.sh SMALL.trex LARGE.trex FAR.trex [SOAK_MINUTES]
@@ -12,7 +12,7 @@ small=$(realpath "${1:?$usage}") large=$(realpath "${2:?$usage}") far=$(realpath
 cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-target}
 cargo build --release -q -p trex
-cargo build --release -q -p trex-view --example figures
+cargo build --release -q -p trex-bench-view
 [[ ${RECORD:-} != 1 ]] || cargo build --release -q -p trex-bench
 said=$(mktemp)
 viewer=
@@ -50,7 +50,7 @@ tell() {
 # figure MODEL LIMIT NAME...: a figure of the viewer that runs.
 figure() {
     local line name=$3
-    line=$("$target/release/examples/figures" "$address" "${@:3}")
+    line=$("$target/release/trex-bench-view" "$address" "${@:3}")
     # A number chooses among figures of a name; a process does not.
     [[ $name != drag ]] || name=drag-$4
     tell "$1" "$2" "$name" "$line"
@@ -60,7 +60,7 @@ figure() {
 pictures() {
     local folder each=() shown
     folder=$(mktemp -d)
-    "$target/release/examples/figures" "$address" pictures "$folder" >/dev/null
+    "$target/release/trex-bench-view" "$address" pictures "$folder" >/dev/null
     for shown in "$folder"/shown-*.png; do
         each+=("$("$target/release/trex" image diff --json "$shown" "${shown/shown/settled}" |
             grep -o '"relmse": *[0-9.e+-]*' | head -n 1 | grep -o '[0-9.e+-]*$')")

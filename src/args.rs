@@ -19,7 +19,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
-pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
+pub use render::{DeadlineArgs, Layer, PICTURE, PictureArgs, RenderArgs};
 use std::ffi::OsString;
 use std::path::Path;
 pub use stress::StressArgs;

@@ -8,6 +8,7 @@ use crate::host::HostMemory;
 use crate::progress::Console;
 use crate::report::Output;
 use crate::size;
+use crate::values::MemoryLimit;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 use std::fmt::Display;
@@ -40,7 +41,7 @@ impl Context {
         let host = HostMemory::detect();
         let limit = common.memory_limit.unwrap_or(verb.default_limit());
         let limit_bytes = limit.resolve(host.ceiling_bytes());
-        tracing::info!("memory limit {} ({limit:?} on {host:?})", size::bytes(limit_bytes));
+        tracing::info!("memory limit {}, {}; {host}", size::bytes(limit_bytes), origin_of(limit));
         Context {
             budget: Budget::new(limit_bytes),
             interrupt: Interrupt::default(),
@@ -102,5 +103,13 @@ impl Context {
                 std::process::exit(i32::from(Exit::Interrupted as u8));
             }
         })
+    }
+}
+
+/// Where a limit comes from, in words.
+fn origin_of(limit: MemoryLimit) -> String {
+    match limit {
+        MemoryLimit::Bytes(_) => "a fixed amount".to_owned(),
+        MemoryLimit::Percent(percent) => format!("{percent} % of what the machine grants"),
     }
 }

@@ -6,6 +6,8 @@
 //! Invariant: the ceiling is the least of physical memory and the limits of every control group above us, since
 //! a parent's limit binds its children, too.
 
+use crate::size;
+use std::fmt;
 use std::fs;
 use std::path::Path;
 
@@ -19,6 +21,20 @@ pub struct HostMemory {
     pub physical_bytes: Option<u64>,
     /// Least limit of the control groups that hold this process, if any is set.
     pub cgroup_limit_bytes: Option<u64>,
+}
+
+impl fmt::Display for HostMemory {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let amount = |bytes: Option<u64>| bytes.map(size::bytes);
+        match amount(self.physical_bytes) {
+            Some(installed) => write!(f, "{installed} installed, ")?,
+            None => write!(f, "installed memory unknown, ")?,
+        }
+        match amount(self.cgroup_limit_bytes) {
+            Some(limit) => write!(f, "control group limited to {limit}"),
+            None => write!(f, "no control group limits it"),
+        }
+    }
 }
 
 impl HostMemory {

@@ -1,10 +1,9 @@
 //! trex-bench: workloads, peers, and the figures that were measured with them.
 //!
 //! ```text
-//! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> tables and plots of docs/
+//! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> figures of README.md and docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
 //!   ^ page_io: pages at random, through each backend
-//!   ^ sizes: what clusters and pages would take in other forms
 //!   ^ stress: a session under views and limits that change
 //!   ^ tradeoff: pictures for each turn of each knob, their cost and their error
 //! ```
@@ -19,11 +18,7 @@ pub mod model;
 pub mod page_io;
 mod peers;
 mod plot;
-mod rates;
 pub mod rays;
 pub mod record;
-pub mod sizes;
 pub mod stress;
 pub mod tradeoff;
-
-pub use rates::RayRates;

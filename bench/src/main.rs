@@ -36,9 +36,7 @@ enum Verb {
     Io(workload::IoArgs),
     /// Triangles per second of the build of a generated mesh
     Build(workload::BuildArgs),
-    /// Bytes per triangle in forms of clusters and pages that are not shipped
-    Sizes(workload::SizesArgs),
-    /// Rewrite the tables and plots of docs/ from the records
+    /// Rewrite the figures of README.md and docs/ from the records
     Docs {
         /// Write nothing; exit 1 if a file would change
         #[arg(long)]
@@ -70,7 +68,6 @@ fn main() -> anyhow::Result<ExitCode> {
         Verb::Rays(args) => workload::rays(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Io(args) => workload::io(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
-        Verb::Sizes(args) => workload::sizes(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Docs { check: true } => check_docs(&root),
         Verb::Docs { check: false } => write_docs(&root),
         Verb::Record { name, command, scene, seed, document } => {

@@ -1,6 +1,6 @@
-//! The verbs `rays`, `build` and `sizes` of `trex-bench`: flags to options, figures to one JSON document.
+//! The verbs `rays`, `io` and `build` of `trex-bench`: flags to options, figures to one JSON document.
 //!
-//! The command `trex` has the first two as `trex bench`, without peers.
+//! The command `trex` has them as `trex bench`, without peers.
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
@@ -11,7 +11,6 @@ use trex_bench::building;
 use trex_bench::model::{Model, Surroundings};
 use trex_bench::page_io::{self, PageIoOptions};
 use trex_bench::rays::{self, Peer, RayOptions};
-use trex_bench::sizes;
 use trex_store::io::IoOptions;
 use trex_store::{Budget, Interrupt};
 
@@ -98,15 +97,6 @@ pub(crate) struct BuildArgs {
     common: CommonArgs,
 }
 
-/// `trex-bench sizes`
-#[derive(Debug, Args)]
-pub(crate) struct SizesArgs {
-    /// A page file, or gen:KIND:COUNT[:SEED]
-    model: String,
-    #[command(flatten)]
-    common: CommonArgs,
-}
-
 impl CommonArgs {
     fn surroundings(&self) -> Surroundings {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -151,13 +141,6 @@ pub(crate) fn io(args: &IoArgs, command: &str) -> anyhow::Result<()> {
 pub(crate) fn build(args: &BuildArgs, command: &str) -> anyhow::Result<()> {
     let around = args.common.surroundings();
     tell("bench-build", command, &building::run(&args.spec, usize::from(args.common.rounds), &around)?)
-}
-
-/// Runs `trex-bench sizes`.
-pub(crate) fn sizes(args: &SizesArgs, command: &str) -> anyhow::Result<()> {
-    let around = args.common.surroundings();
-    let model = Model::open(&args.model, &around)?;
-    tell("bench-sizes", command, &sizes::run(&model, &around)?)
 }
 
 #[cfg(feature = "peer-embree")]

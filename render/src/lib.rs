@@ -63,7 +63,7 @@ pub use session::{
     Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
 };
 pub use shading::{Emitter, Emitters, Light};
-pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
+pub use stats::{GStats, PassStats, PhotonStats, RayCounts, RayRates, Times};
 pub use threads::WorkerThreads;
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, MeshTracer, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer,

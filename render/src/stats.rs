@@ -2,6 +2,12 @@
 //!
 //! Invariant: counts of workers, passes and frames add up with `add`, all but `tiles_left`, which is the last one's.
 
+mod rates;
+mod times;
+
+pub use rates::RayRates;
+pub use times::Times;
+
 /// The purpose of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RayKind {
@@ -98,6 +104,8 @@ pub struct PassStats {
     pub look_ups: u64,
     /// Samples that reached the film.
     pub samples: u64,
+    /// Of these, samples whose ray from the camera met the model.
+    pub covered_samples: u64,
     /// Times that a tile had to be parked.
     pub parked: u64,
     /// Times that a worker waited for pages.
@@ -119,6 +127,7 @@ impl PassStats {
         self.g_stage.add(&other.g_stage);
         self.look_ups += other.look_ups;
         self.samples += other.samples;
+        self.covered_samples += other.covered_samples;
         self.parked += other.parked;
         self.waits += other.waits;
         self.narrow_samples += other.narrow_samples;

@@ -10,6 +10,12 @@ use trex_render::{
     TileOrder,
 };
 
+/// Heading of what a picture is of. A group of flags stands where its first flag is declared, so the verbs declare one
+/// of these first, and [`PictureArgs`] and [`DeadlineArgs`] last: research comes last then.
+pub const PICTURE: &str = "Picture options (default: the scene's)";
+/// Heading of what is turned to compare methods, not to make pictures.
+const RESEARCH: &str = "Research options";
+
 /// `trex render`
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_RENDER)]
@@ -21,13 +27,13 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
     /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, help_heading = PICTURE, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub spp: Option<u32>,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     pub time_limit: Option<Seconds>,
     /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
-    #[arg(long, value_name = "FACTOR", value_parser = values::positive)]
+    #[arg(long, help_heading = PICTURE, value_name = "FACTOR", value_parser = values::positive)]
     pub exposure: Option<f64>,
     /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an
     /// array of tables `view`, each with position, target and, if you like, up
@@ -40,15 +46,15 @@ pub struct RenderArgs {
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
     #[command(flatten)]
-    pub picture: PictureArgs,
-    #[command(flatten)]
-    pub deadline: DeadlineArgs,
-    #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+    #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    pub deadline: DeadlineArgs,
 }
 
 const AFTER_RENDER: &str = "\
@@ -65,7 +71,7 @@ Examples:
 
 /// What a picture is of. What is not given comes from the scene.
 #[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Picture options (default: the scene's)")]
+#[command(next_help_heading = PICTURE)]
 pub struct PictureArgs {
     /// Many of these at once, a trade of time for accuracy; those given beside it go before it (else normal)
     #[arg(long, value_enum, value_name = "NAME")]
@@ -85,18 +91,9 @@ pub struct PictureArgs {
     /// Photons in all (else 1M; stress, view: 2M)
     #[arg(long, value_name = "N", value_parser = values::count)]
     pub photons: Option<u64>,
-    /// Photons that tell the light of a place, of full-gi (else 50)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1024))]
-    pub k_nearest: Option<u32>,
-    /// Send the photons of photon through the exact mesh: slower, and closer to it
-    #[arg(long)]
-    pub bake: bool,
     /// How shadow and gather rays of photon and ao begin: a voxel off the surface, or on the exact mesh (else voxel)
     #[arg(long, value_enum, value_name = "HOW")]
     pub near: Option<NearArg>,
-    /// Whether voxels are what their bitmaps say, or whole cubes (else on)
-    #[arg(long, value_enum, value_name = "WHETHER")]
-    pub occluders: Option<Switch>,
     /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else on)
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub filter: Option<Switch>,
@@ -109,24 +106,33 @@ pub struct PictureArgs {
     pub seed: Option<u64>,
     #[command(flatten)]
     pub camera: CameraArgs,
+    /// Photons that tell the light of a place, of full-gi (else 50)
+    #[arg(long, help_heading = RESEARCH, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1024))]
+    pub k_nearest: Option<u32>,
+    /// Send the photons of photon through the exact mesh: slower, and closer to it
+    #[arg(long, help_heading = RESEARCH)]
+    pub bake: bool,
+    /// Whether voxels are what their bitmaps say, or whole cubes (else on)
+    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "WHETHER")]
+    pub occluders: Option<Switch>,
 }
 
 /// Frames with a deadline.
 #[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Options of frames with a deadline")]
+#[command(next_help_heading = PICTURE)]
 pub struct DeadlineArgs {
     /// Longest time of a frame: the picture is made in frames, as a viewer would show them (stress: 100; render: none)
     #[arg(long, value_name = "MS", value_parser = values::milliseconds)]
     pub t_max: Option<Milliseconds>,
     /// Tiles of 8x8 pixels that are shown together, or `adaptive`: as many as take half of the frame at the speed of
     /// late [default: 64]
-    #[arg(long, value_name = "N", value_parser = values::fetch_block)]
+    #[arg(long, help_heading = RESEARCH, value_name = "N", value_parser = values::fetch_block)]
     pub fetch_block: Option<FetchBlock>,
     /// Which tiles come first [default: saliency]
-    #[arg(long, value_enum, value_name = "ORDER")]
+    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "ORDER")]
     pub tile_order: Option<TileOrderArg>,
     /// What catches the eye [default: achanta]
-    #[arg(long, value_enum, value_name = "METRIC")]
+    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "METRIC")]
     pub saliency: Option<SaliencyArg>,
 }
 

@@ -42,15 +42,15 @@ pub struct StressArgs {
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
-    pub picture: PictureArgs,
-    #[command(flatten)]
-    pub deadline: DeadlineArgs,
+    pub scratch: ScratchArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
-    pub scratch: ScratchArgs,
-    #[command(flatten)]
     pub common: CommonArgs,
+    #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    pub deadline: DeadlineArgs,
 }
 
 const AFTER_STRESS: &str = "\

@@ -1,6 +1,6 @@
 //! The command line of `trex view`.
 
-use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
+use super::{CommonArgs, DeadlineArgs, DiskArgs, PICTURE, PictureArgs};
 use clap::Args;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -25,16 +25,16 @@ pub struct ViewArgs {
     #[arg(long)]
     pub no_open: bool,
     /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, help_heading = PICTURE, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub spp: Option<u32>,
-    #[command(flatten)]
-    pub picture: PictureArgs,
-    #[command(flatten)]
-    pub deadline: DeadlineArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+    #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    pub deadline: DeadlineArgs,
 }
 
 const AFTER_VIEW: &str = "\

@@ -11,9 +11,10 @@ use crate::failure::Exit;
 use datasets_gen::{Spec, views};
 use serde::Serialize;
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use trex_render::{Layers, Scene};
 use trex_store::build::{self, Existing, Precision, Voxels};
+use trex_store::printable::one_line;
 use trex_store::{Code, Error};
 
 /// Folder of the demo's files when no other is named; it is the demo's own.
@@ -70,17 +71,21 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         live: None,
     };
     let render = job.render(ctx)?;
-    ctx.done(&Demo { build, render })
+    ctx.done(&Demo { build, render, page_file })
 }
 
 #[derive(Serialize)]
 struct Demo {
     build: Built,
     render: Rendered,
+    /// What `view` would show.
+    #[serde(skip)]
+    page_file: PathBuf,
 }
 
 impl fmt::Display for Demo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}\n{}", self.build, self.render)
+        writeln!(f, "{}\n{}", self.build, self.render)?;
+        write!(f, "live in a browser: trex view {}", one_line(&self.page_file.display().to_string()))
     }
 }

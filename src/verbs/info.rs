@@ -2,6 +2,7 @@
 
 use super::build::Unfinished;
 use super::inputs;
+use super::view::FIRST_RESOLUTION;
 use crate::args::InfoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -11,12 +12,14 @@ use serde::Serialize;
 use std::fmt;
 use std::io::Read;
 use std::path::Path;
-use trex_render::{MemoryPlan, PictureNeeds};
+use trex_model::{Pace, SessionOptions, set_direct_without_voxels, set_live_defaults};
+use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, InputInfo};
-use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
+use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, PageFile, open_regular};
+use trex_view::view_bytes;
 
 /// Materials named in the text.
 const NAMED: usize = 16;
@@ -60,6 +63,31 @@ fn is_page_file(path: &Path) -> bool {
     let mut head = [0; MAGIC.len()];
     let is_read = open_regular(path).is_ok_and(|mut file| file.read_exact(&mut head).is_ok());
     (is_read && head == MAGIC) || path.extension().is_some_and(|ending| ending == "trex")
+}
+
+/// The needs of the picture that `render` makes of `file` when nothing is said.
+fn render_needs(file: &PageFile, ctx: &Context) -> trex_store::Result<PictureNeeds> {
+    let mut scene = Scene::default();
+    set_direct_without_voxels(&mut scene, file.superblock());
+    SessionOptions::default().picture_needs(&scene, ctx.threads)
+}
+
+/// The smallest limit of the picture that `view` begins with; `None` where it refuses the file.
+fn smallest_view_bytes(file: &PageFile, ctx: &Context) -> trex_store::Result<Option<u64>> {
+    if !has_voxels(file) {
+        return Ok(None);
+    }
+    let mut scene = Scene::default();
+    set_live_defaults(&mut scene);
+    scene.render.resolution = FIRST_RESOLUTION;
+    let copies_bytes = view_bytes(FIRST_RESOLUTION);
+    let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
+    let needs = options.picture_needs(&scene, ctx.threads)?;
+    MemoryPlan::smallest_limit_bytes(file, &needs).map(Some)
+}
+
+fn has_voxels(file: &PageFile) -> bool {
+    file.superblock().find_section(SectionKind::Upper).is_some()
 }
 
 #[derive(Serialize)]
@@ -179,16 +207,18 @@ struct Stored {
     asvo: Option<Asvo>,
     bounds: Aabb,
     rejected: Rejected,
+    /// Of `render` with nothing said.
     smallest_limit_bytes: u64,
-    /// For a picture of 1024x1024 in direct light, of this run's limit or the smallest.
+    /// Of `view` with nothing said; `null` for a file without voxels, which it does not show.
+    smallest_limit_view_bytes: Option<u64>,
+    /// Of this run's limit, or the smallest, for `render` with nothing said.
     shares: MemoryPlan,
 }
 
 impl Stored {
     fn new(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
         let block = file.superblock();
-        // Of the default size, 1024x1024.
-        let picture = PictureNeeds::plain(ctx.threads);
+        let picture = render_needs(file, ctx)?;
         let smallest_limit_bytes = MemoryPlan::smallest_limit_bytes(file, &picture)?;
         let limit_bytes = ctx.budget.limit_bytes().max(smallest_limit_bytes);
         let stored_pages = |kind| -> (usize, u64) {
@@ -261,6 +291,7 @@ impl Stored {
                 non_finite: block.rejected_non_finite,
             },
             smallest_limit_bytes,
+            smallest_limit_view_bytes: smallest_view_bytes(file, ctx)?,
             shares: MemoryPlan::new(file, &picture, limit_bytes)?,
         })
     }
@@ -321,7 +352,16 @@ impl fmt::Display for Stored {
             None => writeln!(f, "no voxels")?,
         }
         writeln!(f, "box {:?} to {:?}", self.bounds.lo, self.bounds.hi)?;
-        writeln!(f, "memory for 1024x1024 in direct light: {}", size::memory_plan(&self.shares))?;
-        write!(f, "smallest limit for 1024x1024 in direct light: {}", size::bytes(self.smallest_limit_bytes))
+        writeln!(f, "memory of `trex render`: {}", size::memory_plan(&self.shares))?;
+        // Rounded up: a limit that is named works.
+        let named = |bytes: u64| format!("{}MiB", bytes.div_ceil(1 << 20));
+        write!(f, "smallest --memory-limit: {} for `trex render`", named(self.smallest_limit_bytes))?;
+        match self.smallest_limit_view_bytes {
+            Some(bytes) => {
+                let [width, height] = FIRST_RESOLUTION;
+                write!(f, ", {} for `trex view` of {width}x{height}", named(bytes))
+            }
+            None => write!(f, "; `trex view` needs voxels"),
+        }
     }
 }

@@ -15,10 +15,9 @@ use crate::memory::Memory;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use trex_bench::RayRates;
 use trex_model::{Pace, SessionOptions};
 use trex_render::{
-    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
+    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RayRates, RenderKeys,
     RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;

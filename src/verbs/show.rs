@@ -3,9 +3,8 @@
 use serde::Serialize;
 use std::ops::ControlFlow;
 use std::time::Instant;
-use trex_bench::stress::Times;
 use trex_render::{
-    Event, Film, FrameOptions, FrameProgress, Image, LiveSession, PagedTracer, RenderStats, Session,
+    Event, Film, FrameOptions, FrameProgress, Image, LiveSession, PagedTracer, RenderStats, Session, Times,
 };
 use trex_store::Result;
 

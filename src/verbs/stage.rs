@@ -59,7 +59,9 @@ impl Stage {
         let session = model.session_with(scene, options)?;
         let begun = "a session has a pool and a plan";
         let (pool, plan) = (model.pool().expect(begun), model.memory_plan().expect(begun));
-        tracing::info!("{:?}; {}", pool.io(), size::memory_plan(&plan));
+        let io = pool.io();
+        tracing::info!("pages are read by {}: {}", io.backend, io.reason);
+        tracing::info!("memory: {}", size::memory_plan(&plan));
         Ok((Stage { model, pool, plan }, session))
     }
 
@@ -99,6 +101,11 @@ pub fn suit_file(scene: &mut Scene, file: &Path, ctx: &Context) -> Result<()> {
             .note("note: the file has no voxels, so that light is direct; --integrator path has all of it");
     }
     Ok(())
+}
+
+/// The picture of `keys` in direct light, which needs no voxels.
+pub fn lit_without_voxels(keys: &RenderKeys) -> RenderKeys {
+    RenderEdit { integrator: Some(Method::Direct), ..RenderEdit::default() }.apply(keys)
 }
 
 /// The libraries' form of `--io` and `--direct`.

@@ -12,11 +12,9 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use std::time::Duration;
-use trex_bench::stress::{
-    self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions, Times,
-};
+use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
 use trex_model::{Pace, SessionOptions, set_live_defaults};
-use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
+use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session, Times};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
 
@@ -216,9 +214,17 @@ impl fmt::Display for Stressed {
                 error.median, error.max, error.count
             )?;
         }
+        if let Some(coverage) = figures.coverage {
+            writeln!(f, "the model covers {:.0} % of the pictures", 100.0 * coverage)?;
+        }
+        let evicted = match figures.pool.evictions {
+            0 => "nothing evicted".to_owned(),
+            count => format!("{} evicted", size::count(count)),
+        };
         writeln!(
             f,
-            "pages: {} read, {:.0} % of them again; {:.1} missed a switch; {} from the disk; memory limit {}, peak {}",
+            "pages: {} read, {:.0} % of them again; {evicted}; {:.1} missed a switch; {} from the disk; \
+             memory limit {}, peak {}",
             size::count(figures.pool.pages_read),
             100.0 * figures.refault_ratio,
             figures.first_touch_misses,

@@ -30,7 +30,7 @@ use trex_view::{
 /// Longest frame when no other is asked for.
 const T_MAX: Milliseconds = Milliseconds(100.0);
 /// Size of the picture until the page says its own.
-const FIRST_RESOLUTION: [u32; 2] = [1280, 720];
+pub(super) const FIRST_RESOLUTION: [u32; 2] = [1280, 720];
 /// Smallest side of a picture that is tried where memory is short, pixels.
 const SIDE_LEAST: u32 = 80;
 

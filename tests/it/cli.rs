@@ -1,6 +1,6 @@
 //! The command's contract that needs no mesh: help, versions, usage errors, streams.
 
-use crate::command::{Ran, TREX, run_in};
+use crate::command::{Ran, TREX, folder, run_in};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -41,6 +41,39 @@ fn every_verb_explains_its_flags_units_and_defaults() {
     for verb in VERBS.iter().filter(|verb| writes(verb)).chain(&["image diff"]) {
         assert!(stdout(&format!("{verb} --help")).contains("--overwrite"), "{verb}");
     }
+}
+
+/// What only a comparison of methods turns once stood between the size of a picture and its samples.
+#[test]
+fn what_only_research_turns_is_explained_last() {
+    for verb in ["render", "view", "stress"] {
+        let help = stdout(&format!("{verb} --help"));
+        let headings: Vec<&str> =
+            help.lines().filter(|line| line.ends_with(':') && !line.starts_with([' ', 'E'])).collect();
+        assert_eq!(headings.last(), Some(&"Research options:"), "{verb}: {headings:?}");
+        let research = help.find("Research options:").unwrap();
+        for flag in ["--k-nearest", "--bake", "--occluders", "--fetch-block", "--tile-order", "--saliency"] {
+            let at = help.find(&format!("\n      {flag}")).unwrap_or_else(|| panic!("{verb} lacks {flag}"));
+            assert!(at > research, "{verb}: {flag} stands before its heading");
+        }
+    }
+}
+
+/// `-v` once printed values of Rust: `Percent(50) on HostMemory { physical_bytes: Some(..) }`. `demo` ends with what to
+/// do next.
+#[test]
+fn people_read_sentences() {
+    let inside = folder();
+    let ran = run_in(inside.path(), "demo --triangles 10k --resolution 8x8 --spp 1 -o small.png -v");
+    ran.expect(0);
+    assert!(ran.stdout.trim_end().ends_with("live in a browser: trex view small.trex"), "{}", ran.stdout);
+    for words in ["memory limit 256 MiB, a fixed amount; ", "pages are read by ", "memory: reserve "] {
+        assert!(ran.stderr.contains(words), "no {words:?} in {}", ran.stderr);
+    }
+    let is_debug =
+        |line: &str| line.contains(['{', '}']) || line.contains("Some(") || line.contains("Percent(");
+    let debug: Vec<&str> = ran.stderr.lines().filter(|line| is_debug(line)).collect();
+    assert!(debug.is_empty(), "{debug:#?}");
 }
 
 #[test]

@@ -107,7 +107,7 @@ const BUILD: [(&str, Kind); 36] = [
     ("cluster_fill", Number),
 ];
 
-const INFO: [(&str, Kind); 33] = [
+const INFO: [(&str, Kind); 34] = [
     ("scene", Text),
     ("file_id", Text),
     ("input_triangle_count", Count),
@@ -136,6 +136,7 @@ const INFO: [(&str, Kind); 33] = [
     ("rejected.collapsed", Count),
     ("rejected.non_finite", Count),
     ("smallest_limit_bytes", Count),
+    ("smallest_limit_view_bytes", Count),
     ("shares.reserve_bytes", Count),
     ("shares.tables_bytes", Count),
     ("shares.film_bytes", Count),

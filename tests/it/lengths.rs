@@ -19,6 +19,8 @@ const LONG_FILES: [(&str, &str); 2] = [
         "one kernel, whose three tests share the registers that they are set up in",
     ),
 ];
+/// Bytes of the page of figures: read aloud in five minutes. All rows are on another.
+const MAX_PERFORMANCE_BYTES: usize = 12 << 10;
 /// From here on a file is long.
 const LONG_FILE_LINES: usize = 400;
 #[test]
@@ -44,6 +46,17 @@ fn files_stay_short_and_the_renderer_compact() {
     let is_code = |(_, line): &(usize, &str)| !line.trim().is_empty();
     let lines: usize = inside.map(|source| source.shipped_code().filter(is_code).count()).sum();
     assert!(lines < MAX_RENDER_LINES, "render/ has {lines} lines, allowed are fewer than {MAX_RENDER_LINES}");
+}
+
+#[test]
+fn the_page_of_figures_is_short() {
+    let pages = files("md");
+    let page = pages.iter().find(|page| page.path == "docs/performance.md").expect("there is such a page");
+    let bytes = page.text.len();
+    assert!(
+        bytes <= MAX_PERFORMANCE_BYTES,
+        "docs/performance.md: {bytes} bytes, at most {MAX_PERFORMANCE_BYTES}"
+    );
 }
 
 #[test]

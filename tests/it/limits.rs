@@ -57,22 +57,37 @@ fn the_smallest_limit_that_is_named_works() {
     }
 }
 
+/// `info` once named the limit of a picture in direct light, 60 MiB, where a `render` with nothing said takes three
+/// times that.
 #[test]
 fn info_tells_the_smallest_limit_of_a_picture() {
     let inside = folder();
     document_in(inside.path(), "build gen:scan:100k -o scan.trex");
     let info = document_in(inside.path(), "info scan.trex --threads 2");
     let smallest = info["smallest_limit_bytes"].as_u64().unwrap();
-    // The same limit that `render` names at the same size and thread count.
     let line = |limit: u64| {
-        format!(
-            "render scan.trex -o out.png --integrator direct --resolution 1024x1024 --spp 1 --threads 2 \
-             --memory-limit {limit}B --json -q"
-        )
+        format!("render scan.trex -o out.png --spp 1 --threads 2 --memory-limit {limit}B --json -q")
     };
     let refused = run_in(inside.path(), &line(smallest - 1)).expect_error(4, "memory-limit");
     assert_eq!(refused["smallest_limit_bytes"], smallest);
     run_in(inside.path(), &line(smallest)).expect(0);
+    // The viewer takes a smaller picture where a larger one has no room, unless a size was asked for.
+    let smallest = info["smallest_limit_view_bytes"].as_u64().unwrap();
+    let line = format!(
+        "view scan.trex --no-open --resolution 1280x720 --threads 2 --memory-limit {}B --json -q",
+        smallest - 1
+    );
+    let refused = run_in(inside.path(), &line).expect_error(4, "memory-limit");
+    assert_eq!(refused["smallest_limit_bytes"], smallest);
+
+    document_in(inside.path(), "build gen:scan:100k -o bare.trex --no-asvo");
+    let info = document_in(inside.path(), "info bare.trex --threads 1");
+    assert_eq!(info["smallest_limit_view_bytes"], serde_json::Value::Null, "{info}");
+    check(inside.path(), "render bare.trex -o bare.png --spp 1 --threads 1 --overwrite");
+    let smallest = info["smallest_limit_bytes"].as_u64().unwrap();
+    let line = format!("render bare.trex -o less.png --threads 1 --memory-limit {}B --json -q", smallest - 1);
+    let refused = run_in(inside.path(), &line).expect_error(4, "memory-limit");
+    assert_eq!(refused["smallest_limit_bytes"], smallest);
 }
 
 /// What grows with the picture once left 39 of 256 MiB to pages at 1920x1080: a view of 100M triangles read each page

@@ -98,6 +98,28 @@ fn every_scenario_passes_on_a_small_model() {
     }
 }
 
+/// A campaign once ran views in which the model was a speck, and nothing in its document said so. A wall that begins at
+/// the middle of the picture covers half of it, from near and from far; nothing of two triangles is ever evicted.
+#[test]
+fn a_document_says_how_much_of_the_picture_the_model_covers() {
+    let inside = folder();
+    let wall = "v 0 -1000 0\nv 1000 -1000 0\nv 1000 1000 0\nv 0 1000 0\nf 1 2 3\nf 1 3 4\n";
+    std::fs::write(inside.path().join("wall.obj"), wall).unwrap();
+    document_in(inside.path(), "build wall.obj -o wall.trex --voxels 64");
+    let view = |z: u32| format!("[[view]]\nposition = [0, 0, {z}]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\n");
+    std::fs::write(inside.path().join("views.toml"), view(5) + &view(7)).unwrap();
+    let line = "stress wall.trex --scenario flip --views views.toml --lod-error 0 --resolution 64x48 --photons 1k \
+                --switches 4 --hold 30000 --require frame.max=60000";
+    let document = document_in(inside.path(), line);
+    assert_eq!(document["coverage"], 0.5, "{document:#}");
+    assert_eq!(document["pool"]["evictions"], 0, "{document:#}");
+    let ran = run_in(inside.path(), line);
+    ran.expect(0);
+    for words in ["the model covers 50 % of the pictures", "nothing evicted"] {
+        assert!(ran.stdout.contains(words), "no {words:?} in {}", ran.stdout);
+    }
+}
+
 /// Views whose pages find no room together: each is exact everywhere in the end, with no hole on the way.
 #[test]
 fn views_that_do_not_fit_evict_pages_and_are_complete_all_the_same() {

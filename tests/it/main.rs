@@ -8,6 +8,7 @@ mod contract;
 mod crash;
 mod damage;
 mod determinism;
+mod docs_commands;
 mod enumerated;
 mod examples;
 mod extremes;

@@ -2,7 +2,7 @@
 //!
 //! Invariant: numbers are medians over the runs; a value that is no number is that of the last run.
 
-use super::table::label;
+use super::names::label;
 use crate::median::median;
 use crate::plot::Line;
 use crate::record::Record;
@@ -19,17 +19,28 @@ pub(super) struct Figure {
 }
 
 impl Figure {
-    /// A value as a number.
+    /// A value as a number; of `KEY/KEY` the quotient.
     pub(super) fn number(&self, key: &str) -> Option<f64> {
+        if let Some((over, under)) = key.split_once('/') {
+            return Some(self.number(over)? / self.number(under)?);
+        }
         self.record.values.get(key)?.as_f64()
     }
 
-    /// A value as text with its unit; a dash when the record has none.
+    /// Whether there is a value.
+    pub(super) fn has(&self, key: &str) -> bool {
+        self.number(key).is_some() || self.record.values.contains_key(key)
+    }
+
+    /// A value as text with its unit; a dash when the record has none, and words where a count of 0 says something.
     pub(super) fn text(&self, key: &str) -> String {
-        match self.record.values.get(key) {
-            None => "-".to_owned(),
-            Some(Value::String(text)) => text.replace('|', "\\|"),
-            Some(value) => value.as_f64().map_or_else(|| value.to_string(), |number| with_unit(number, key)),
+        match (self.number(key), self.record.values.get(key)) {
+            (Some(0.0), _) if key.ends_with("evictions") => "nothing evicted".to_owned(),
+            (Some(number), _) if key.contains('/') => with_unit(number, ""),
+            (Some(number), _) => with_unit(number, key),
+            (None, Some(Value::String(text))) => text.replace('|', "\\|"),
+            (None, Some(value)) => value.to_string(),
+            (None, None) => "-".to_owned(),
         }
     }
 }
@@ -83,6 +94,31 @@ fn figure_of(mut runs: Vec<Record>) -> Figure {
     Figure { record: last, run_count: runs.len() + 1 }
 }
 
+/// The figures whose name fits one of `patterns`, which commas part, in order of name.
+pub(super) fn select<'a>(figures: &'a [Figure], patterns: &str) -> Vec<&'a Figure> {
+    let fits = |name: &str| {
+        patterns.split(',').any(|pattern| match pattern.split_once('*') {
+            Some((stem, end)) => name
+                .strip_prefix(stem)
+                .is_some_and(|rest| rest.strip_suffix(end).is_some_and(|any| !any.is_empty())),
+            None => name == pattern,
+        })
+    };
+    figures.iter().filter(|figure| fits(&figure.record.name)).collect()
+}
+
+/// Values side by side, with the unit said once where it is the same of all: `42.0, 65.1 ms`.
+pub(super) fn with_common_unit(texts: &[String]) -> String {
+    let unit = |text: &str| text.rsplit_once(' ').map(|(_, unit)| unit.to_owned());
+    let Some((last, others)) = texts.split_last() else { return String::new() };
+    let common = unit(last).filter(|common| others.iter().all(|text| unit(text).as_ref() == Some(common)));
+    let bare = |text: &String| match &common {
+        Some(common) => text.trim_end_matches(common.as_str()).trim_end().to_owned(),
+        None => text.clone(),
+    };
+    others.iter().map(bare).chain([last.clone()]).collect::<Vec<_>>().join(", ")
+}
+
 /// Units that the keys end in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Unit {
@@ -108,7 +144,7 @@ impl Unit {
                 Some(Unit::Milliseconds)
             } else if ends("per_s") || ends("per_core_s") {
                 Some(Unit::PerSecond)
-            } else if ends("count") {
+            } else if ends("count") || part == "evictions" {
                 Some(Unit::Count)
             } else if part.contains("_per_") {
                 Some(Unit::Plain)
@@ -151,17 +187,6 @@ fn scaled(number: f64, step: f64, units: &[&str]) -> String {
     format!("{value:.digits$} {}", units[unit]).trim_end().to_owned()
 }
 
-/// A key as a column's or an axis' title, the unit being in the cells: `memory.peak_rss_bytes` reads `memory
-/// peak rss`, `triangle_count` reads `triangles`.
-pub(super) fn title(key: &str) -> String {
-    let bare = |part: &str| match part.strip_suffix("_count") {
-        Some(counted) => format!("{counted}s"),
-        None => part.strip_suffix("_bytes").or(part.strip_suffix("_ms")).unwrap_or(part).to_owned(),
-    };
-    let parts: Vec<String> = key.split('.').map(bare).collect();
-    parts.join(" ").replace('_', " ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,10 +211,12 @@ mod tests {
     }
 
     #[test]
-    fn titles_leave_the_unit_to_the_cells() {
-        assert_eq!(title("memory.peak_rss_bytes"), "memory peak rss");
-        assert_eq!(title("triangle_count"), "triangles");
-        assert_eq!(title("triangles_per_s"), "triangles per s");
-        assert_eq!(title("bytes_per_triangle.disk"), "bytes per triangle disk");
+    fn a_unit_that_is_common_is_said_once() {
+        let join =
+            |texts: &[&str]| with_common_unit(&texts.iter().map(|text| text.to_string()).collect::<Vec<_>>());
+        assert_eq!(join(&["42.0 ms", "65.1 ms"]), "42.0, 65.1 ms");
+        assert_eq!(join(&["712 ms", "2.02 s"]), "712 ms, 2.02 s");
+        assert_eq!(join(&["1.18", "1.20"]), "1.18, 1.20");
+        assert_eq!(join(&["-"]), "-");
     }
 }

@@ -1,6 +1,10 @@
-//! A table of figures in Markdown, and folded below it how to get each again.
+//! A table of figures in Markdown: a row per record.
 
-use super::figure::{Figure, title};
+use super::figure::Figure;
+use super::markers::quoted;
+use super::names::{label, title};
+use crate::machine::Machine;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// A key, and what a page calls it.
@@ -12,12 +16,9 @@ pub(super) struct Column<'a> {
 impl<'a> Column<'a> {
     /// `KEY`, or `KEY="NAME"`; `None` for anything else.
     pub(super) fn parse(word: &'a str) -> Option<Column<'a>> {
-        match word.split_once("=\"") {
+        match quoted(word) {
+            Some((key, name)) => Some(Column { key, name: Some(name) }),
             None => (!word.contains(['=', '"'])).then_some(Column { key: word, name: None }),
-            Some((key, name)) => {
-                let name = name.strip_suffix('"').filter(|name| !name.is_empty() && !name.contains('"'))?;
-                Some(Column { key, name: Some(name) })
-            }
         }
     }
 
@@ -27,57 +28,32 @@ impl<'a> Column<'a> {
     }
 }
 
-/// A row per figure, a column per key, then the count of runs; folded below, a line per figure with command, seed,
-/// machine, commit, date and hash. Rows are called by what their records' names have after `stem`.
+/// A table a machine, its name below: a row per figure, a column per key. Rows are called by what their records' names
+/// have after `stem`.
 pub(super) fn render(rows: &[&Figure], columns: &[Column<'_>], stem: &str) -> String {
+    let mut machines: BTreeMap<&Machine, Vec<&Figure>> = BTreeMap::new();
+    for row in rows {
+        machines.entry(&row.record.machine).or_default().push(row);
+    }
+    let tables = machines
+        .into_iter()
+        .map(|(machine, rows)| format!("{}\n{}.\n", of_one_machine(&rows, columns, stem), machine.summary()));
+    tables.collect::<Vec<_>>().join("\n")
+}
+
+fn of_one_machine(rows: &[&Figure], columns: &[Column<'_>], stem: &str) -> String {
     let mut text = String::from("| |");
     columns.iter().for_each(|column| push(&mut text, format_args!(" {} |", column.title())));
-    text.push_str(" runs |\n|---|");
+    text.push_str("\n|---|");
     columns.iter().for_each(|_| text.push_str("---:|"));
-    text.push_str("---:|\n");
+    text.push('\n');
     for row in rows {
         let name = &row.record.name;
         push(&mut text, format_args!("| {} |", label(name.strip_prefix(stem).unwrap_or(name))));
         columns.iter().for_each(|column| push(&mut text, format_args!(" {} |", row.text(column.key))));
-        push(&mut text, format_args!(" {} |\n", row.run_count));
+        text.push('\n');
     }
-    text.push_str("\n<details><summary>Commands, machines and dates</summary>\n\n");
-    rows.iter().for_each(|row| provenance(&mut text, row));
-    text.push_str("\n</details>\n");
     text
-}
-
-/// A name as people say it: `isosurface-20m` reads `iso-surface 20M`.
-pub(super) fn label(name: &str) -> String {
-    let word = |word: &str| match word {
-        "isosurface" => "iso-surface".to_owned(),
-        "pipes" => "plant".to_owned(),
-        "kicad" => "CAD".to_owned(),
-        "gi" => "GI".to_owned(),
-        "lod" => "LOD".to_owned(),
-        count if count.strip_suffix('m').is_some_and(|digits| digits.parse::<u32>().is_ok()) => {
-            count.to_uppercase()
-        }
-        other => other.to_owned(),
-    };
-    name.split('-').filter(|part| !part.is_empty()).map(word).collect::<Vec<_>>().join(" ")
-}
-
-/// `- name: command; scene; seed; machine; commit, date; hash`.
-fn provenance(text: &mut String, row: &Figure) {
-    let record = &row.record;
-    push(text, format_args!("- `{}`: `{}`", record.name, record.command));
-    if !record.scene.is_empty() {
-        push(text, format_args!("; {}", record.scene));
-    }
-    if let Some(seed) = record.seed {
-        push(text, format_args!("; seed {seed}"));
-    }
-    push(text, format_args!("; {}; commit {}, {}", record.machine.summary(), record.commit, record.date));
-    if let Some(hash) = &record.result_hash {
-        push(text, format_args!("; result {hash}"));
-    }
-    text.push('\n');
 }
 
 fn push(text: &mut String, part: std::fmt::Arguments<'_>) {
@@ -87,19 +63,6 @@ fn push(text: &mut String, part: std::fmt::Arguments<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_read_as_people_say_them() {
-        for (name, expected) in [
-            ("isosurface-20m", "iso-surface 20M"),
-            ("kicad-grid-flip", "CAD grid flip"),
-            ("pipes-interior-full-gi", "plant interior full GI"),
-            ("a", "a"),
-            ("-", ""),
-        ] {
-            assert_eq!(label(name), expected);
-        }
-    }
 
     #[test]
     fn columns_are_keys_with_or_without_a_name() {

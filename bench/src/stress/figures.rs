@@ -3,12 +3,10 @@
 use super::errors::ERROR_TIMES_MS;
 use super::hold::{LIVELOCK, Log, Switch};
 use super::options::{Figure, Requirement, Scenario, StressOptions};
-use super::times::Times;
-use crate::RayRates;
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trex_render::{GStats, RayCounts};
+use trex_render::{GStats, RayCounts, RayRates, Times};
 use trex_store::pool::PoolStats;
 
 /// Share of a run that warms up before memory is watched.
@@ -57,6 +55,9 @@ pub struct StressFigures {
     pub look_ups_per_s: f64,
     /// Length of the run.
     pub time_ms: u64,
+    /// Share of the samples whose ray from the camera met the model: how much of the pictures it fills; `null` where
+    /// no sample was taken.
+    pub coverage: Option<f64>,
     /// Tiles that showed nothing in a picture.
     pub holes: u64,
     /// Views without a response for a second.
@@ -155,6 +156,7 @@ impl StressFigures {
             g_stage: log.pass.g_stage,
             look_ups_per_s: log.pass.look_ups as f64 / seconds,
             time_ms: (seconds * 1e3) as u64,
+            coverage: (log.pass.samples > 0).then(|| share(log.pass.covered_samples, log.pass.samples)),
             holes: log.holes,
             stalls: log.stalls,
             livelock: log.livelock,

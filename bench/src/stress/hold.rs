@@ -10,10 +10,9 @@
 
 use super::errors::{ERROR_TIMES_MS, Snapshots};
 use super::options::Figure;
-use super::times::Times;
 use serde::Serialize;
 use std::time::{Duration, Instant};
-use trex_render::{FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts};
+use trex_render::{FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts, Times};
 use trex_store::{Interrupt, Result};
 
 /// A view without a response for so long is a livelock.

@@ -16,13 +16,11 @@ mod figures;
 mod hold;
 mod options;
 mod scenario;
-mod times;
 
 pub use errors::{ERROR_TIMES_MS, References, Snapshots};
 pub use figures::{PixelError, StressFigures};
 pub use hold::Switch;
 pub use options::{Figure, Requirement, Scenario, StressOptions};
-pub use times::Times;
 
 use hold::{Hold, Log};
 use scenario::{Script, Step};

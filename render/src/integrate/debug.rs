@@ -71,7 +71,9 @@ impl RenderContext<'_> {
     pub(super) fn upper_shown(&self, path: &mut Path, ray: &Ray) -> Stage {
         let voxels = self.voxels.expect("the debug integrators have voxels").voxels;
         path.sample.rays.count(RayKind::Gather);
-        path.gain(match voxels.intersect(ray) {
+        let found = voxels.intersect(ray);
+        path.sample.meets_model = found.is_some();
+        path.gain(match found {
             None => BACKGROUND,
             Some(hit) => self.face_shown(voxels.octree().material(hit.leaf as usize), hit.axis),
         });
@@ -91,6 +93,7 @@ impl RenderContext<'_> {
         let pages = &mut UnitPages(tracer);
         let Answer::Exact(found) = lower.intersect(ray, pages) else { return Answer::Blocked };
         path.sample.rays.count(RayKind::Gather);
+        path.sample.meets_model = found.is_some();
         path.gain(match found {
             None => BACKGROUND,
             Some(hit) => self.face_shown(lower.material(&hit, pages), hit.upper.axis),

@@ -24,6 +24,8 @@ pub(crate) struct Sample {
     /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for. Of a preview: those
     /// where its ray from the camera ended.
     pub layers: Option<LayerPixel>,
+    /// True when the ray from the camera met the model.
+    pub meets_model: bool,
     /// Rays that the sample took.
     pub rays: RayCounts,
     /// Look-ups of the photons next to a place; of `full-gi`.

@@ -273,6 +273,7 @@ impl<'a> SampleIntegrator<'a> {
         path.travelled += hit.map_or(0.0, |hit| hit.point.t);
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
         path.sample.rays.count(path.origin.ray_kind());
+        path.sample.meets_model |= path.vertex == 0 && hit.is_some();
         if self.ctx.is_preview && path.vertex == 0 {
             path.sample.layers = Some(self.layer_pixel(hit));
         }

@@ -27,6 +27,8 @@ pub(super) struct Job {
     pub(super) rays: RayCounts,
     pub(super) look_ups: u64,
     pub(super) not_finite: u64,
+    /// Finished samples that met the model.
+    pub(super) covered: u64,
 }
 
 impl Job {
@@ -62,6 +64,7 @@ impl Job {
             rays: RayCounts::default(),
             look_ups: 0,
             not_finite: 0,
+            covered: 0,
         }
     }
 
@@ -84,6 +87,7 @@ impl Job {
         self.not_finite += u64::from(!finite);
         self.radiances[slot as usize] = if finite { sample.radiance.into() } else { [0.0; 3] };
         self.indirect[slot as usize] = if finite { sample.indirect.into() } else { [0.0; 3] };
+        self.covered += u64::from(sample.meets_model);
         self.rays.add(&sample.rays);
         self.look_ups += sample.look_ups;
         if let Some(seen) = sample.layers {

@@ -300,6 +300,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         self.piece.finished.fetch_add(1, Ordering::Relaxed);
         self.stats.tiles_finished += 1;
         self.stats.samples += job.radiances.len() as u64;
+        self.stats.covered_samples += job.covered;
         self.stats.not_finite += job.not_finite;
         self.stats.rays.add(&job.rays);
         self.stats.look_ups += job.look_ups;

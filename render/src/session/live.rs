@@ -19,7 +19,7 @@
 //!
 //! Where the pages in demand approach the frames there are, no tile is begun while others wait for theirs. Tried and
 //! taken out: a governor that raised the error of the footprint rule until every pixel had a sample. The preview is
-//! there sooner, and a complete picture of the plant came twice as late (`docs/performance.md`).
+//! there sooner, and a complete picture of the plant came twice as late (`docs/measurements.md`).
 //!
 //! Invariants: 1. no pixel shows nothing, or what was there before the event, after the first frame, unless that was
 //! stopped; 2. nothing of a preview is ever on the film; 3. once the view stands still, the film goes to the same bytes

@@ -64,17 +64,6 @@ pub struct MemoryPlan {
 }
 
 impl PictureNeeds {
-    /// A picture in direct light without layers, made by so many workers.
-    pub fn plain(workers: usize) -> PictureNeeds {
-        PictureNeeds {
-            settings: RenderSettings::default(),
-            layers: Layers::default(),
-            workers,
-            is_live: false,
-            copies_bytes: 0,
-        }
-    }
-
     /// True when voxels are needed in memory.
     pub fn asks_voxels(&self) -> bool {
         self.settings.integrator.asks_voxels() || self.settings.lod_error > 0.0 || self.is_live

@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Figures are rounded where they are printed, some of them to a thousandth.
 const ROUNDING: f64 = 0.01;
 
-const STRESS: [(&str, Kind); 43] = [
+const STRESS: [(&str, Kind); 44] = [
     ("scene", Text),
     ("integrator", Text),
     ("resolution", List),
@@ -31,6 +31,7 @@ const STRESS: [(&str, Kind); 43] = [
     ("light_share_at_300", MaybeNumber),
     ("requirements", List),
     ("per_switch", List),
+    ("coverage", MaybeNumber),
     ("holes", Count),
     ("stalls", Count),
     ("livelock", Flag),
