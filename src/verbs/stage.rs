@@ -108,21 +108,6 @@ pub fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
     Ok((scene, model))
 }
 
-/// What is looked at while it changes begins without the filter and, without a scene, with the footprint rule: frames
-/// come sooner.
-pub fn begin_live(scene: &mut Scene) {
-    if scene.model.is_empty() {
-        scene.render.lod_error = 1.0;
-    }
-    if scene.given.filter.is_none() && scene.given.quality.is_none() {
-        scene.render.filter = Filter::Off;
-    }
-    // Photons go on coming while the picture is looked at.
-    if scene.given.photons.is_none() && scene.given.quality.is_none() {
-        scene.render.photons = RenderKeys::default().photons;
-    }
-}
-
 /// Smoothed light needs layers.
 pub fn layers_of(keys: &RenderKeys) -> Layers {
     Layers { filter: keys.filter == Filter::On, ..Layers::default() }

@@ -1,8 +1,8 @@
 //! `trex stress`: views, lights and limits that change, and a verdict.
 
 use super::picture_file::PictureFile;
-use super::stage::{Play, ResidentPages, Stage, begin_live, io_options, layers_of, open_scene, read_views};
-use crate::args::StressArgs;
+use super::stage::{Play, ResidentPages, Stage, io_options, layers_of, open_scene, read_views};
+use crate::args::{STRESS_RESOLUTION, StressArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::{Memory, resident_bytes};
@@ -27,9 +27,9 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let output = args.output.as_ref().map(|path| PictureFile::check(path, args.overwrite, Layers::default()));
     let output = output.transpose()?;
     let (mut scene, path) = open_scene(&args.file)?;
-    begin_live(&mut scene);
+    scene.begin_live();
     if scene.model.is_empty() {
-        scene.render.resolution = [512, 512];
+        scene.render.resolution = STRESS_RESOLUTION;
     }
     args.picture.override_scene(&mut scene);
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));

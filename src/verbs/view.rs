@@ -4,7 +4,7 @@
 //! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
 //! ```
 
-use super::stage::{Play, Stage, begin_live, io_options, layers_of, open_scene};
+use super::stage::{Play, Stage, io_options, layers_of, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -36,13 +36,12 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = args.picture.resolution.is_none() && scene.given.resolution.is_none();
-    begin_live(&mut scene);
+    let follows_page = args.picture.keys.edit().resolution.is_none() && scene.given.resolution.is_none();
+    scene.begin_live();
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
     }
     args.picture.override_scene(&mut scene);
-    scene.render.spp = args.spp.unwrap_or(scene.render.spp);
     check_resolution(&scene)?;
     let t_max = args.deadline.t_max.as_ref().unwrap_or(&T_MAX);
     // Pages are sent the samples themselves while the hand moves.

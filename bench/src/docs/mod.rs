@@ -8,6 +8,8 @@
 //! <!-- plot:FILE PATTERN,PATTERN x=KEY y=KEY --> a plot in docs/plots/FILE.svg: a line per pattern
 //! <!-- plot:FILE PATTERN x=STEM.* y=KEY -->      the same, of what each figure tells as STEM.X.KEY: a line per figure
 //! <!-- end -->
+//! <!-- keys -->                                  the renderer's table of a picture's keys: a row per key
+//! <!-- end -->
 //! ```
 //!
 //! A pattern is a record's name; a `*` at its end stands for anything. Runs of one name that agree in command,
@@ -17,6 +19,7 @@
 //! that cannot be understood is an error with path and line, never passed over.
 
 mod figure;
+mod keys;
 mod table;
 
 use crate::plot::{self, Line};
@@ -30,6 +33,7 @@ use table::Column;
 
 const TABLE: &str = "<!-- record:";
 const PLOT: &str = "<!-- plot:";
+const KEYS: &str = "<!-- keys -->";
 const CLOSE: &str = " -->";
 const END: &str = "<!-- end -->";
 /// Stands where figures will stand.
@@ -116,6 +120,9 @@ impl Page<'_> {
 
     /// What stands below `line`, when that is a marker.
     fn block(&mut self, line: &str) -> anyhow::Result<Option<String>> {
+        if line == KEYS {
+            return Ok(Some(keys::render()));
+        }
         let inside = |prefix: &str| line.strip_prefix(prefix).map(|rest| rest.strip_suffix(CLOSE));
         match (inside(TABLE), inside(PLOT)) {
             (Some(Some(marker)), _) => self.table(marker).map(Some),

@@ -12,7 +12,7 @@
 use super::mirrors::Mirrors;
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
-use crate::scene::settings::Near;
+use crate::scene::method::Near;
 use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::light::Lights;

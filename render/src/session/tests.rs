@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::image::film::film_bytes;
-use crate::scene::settings::{Filter, RenderKeys};
+use crate::scene::method::Filter;
+use crate::scene::settings::RenderKeys;
 use crate::testing::{pool, view};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use crate::voxel::Voxels;
