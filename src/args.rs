@@ -20,7 +20,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs};
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
-pub use keys::STRESS_RESOLUTION;
+pub use keys::{STRESS_RESOLUTION, words as key_words};
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
 use std::ffi::OsString;
 use std::path::Path;

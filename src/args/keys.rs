@@ -4,12 +4,14 @@
 //! ```text
 //! n_shadow, a count from 0 to 4096  ->  --n-shadow <N>  Shadow rays per surface point (0 to 4096; default: 2)
 //! ```
+//!
+//! Invariant: [`words`] of any picture are read back by [`KeyArgs`] as that picture.
 
 use crate::values;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use trex_render::keys::{KEYS, RESOLUTION, SEED, SPP};
-use trex_render::{Key, KeyKind, KeyValue, RenderEdit, Scene};
+use trex_render::{Key, KeyKind, KeyValue, RenderEdit, RenderKeys, Scene};
 
 /// Size of the pictures of `trex stress` where no other is asked for.
 pub const STRESS_RESOLUTION: [u32; 2] = [512, 512];
@@ -47,6 +49,15 @@ impl FromArgMatches for KeyArgs {
         *self = Self::from_arg_matches(matches)?;
         Ok(())
     }
+}
+
+/// The flags that say all of `keys`.
+pub fn words(keys: &RenderKeys) -> String {
+    let word = |(key, value): (&Key, KeyValue)| match value {
+        KeyValue::Flag(_) => format!(" --{}={value}", flag(key)),
+        _ => format!(" --{} {}", flag(key), typed(value)),
+    };
+    keys.values().into_iter().map(word).collect()
 }
 
 /// Parses a count of samples.

@@ -4,6 +4,7 @@
 //! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
 //! ```
 
+use super::command_line::render_line;
 use super::stage::{Play, Stage, io_options, layers_of, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
@@ -74,9 +75,10 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+    let input = args.file.display().to_string();
     let around = Surroundings {
         name: &name,
-        input: &args.file.display().to_string(),
+        command_line: &|recipe| render_line(&input, recipe),
         model_path: &model_path.display().to_string(),
         model: model_figures(&stage, &path),
         file_materials: stage.file.materials(),

@@ -81,7 +81,7 @@ impl Model {
             return Err(Error::new(Code::SceneFormat, "no such material")
                 .at_place(format!("material {material}"))
                 .numbers(format!("the model has {count}"))
-                .next("ask `trex info` for the materials of the model"));
+                .next("give an index below that"));
         };
         let MaterialEdit { kd, ks, ns, ke, mirror } = *edit;
         let new = Material {
@@ -115,7 +115,7 @@ impl Model {
             Error::new(Code::SceneFormat, "the model has no material of this name")
                 .at_place(format!("material.{name:?}"))
                 .numbers(format!("{} materials: {}", self.materials.len(), names.join(", ")))
-                .next("use one of these names, or `trex info` for all of them")
+                .next("use one of these names, or list all materials of the file")
         })
     }
 }
@@ -136,13 +136,13 @@ impl World {
             return Err(Error::new(Code::SceneFormat, "this file has no voxels for the integrator")
                 .at_place("render.integrator")
                 .numbers(format!("{} needs them", method.as_str()))
-                .next("build the file without --no-asvo, or use direct or path"));
+                .next("build the file with voxels, or use direct or path"));
         }
         if settings.lod_error > 0.0 && model.voxels.is_none() {
             return Err(Error::new(Code::SceneFormat, "this error of the footprint rule cannot be had")
                 .at_place("render.lod_error")
                 .numbers(format!("{} pixels; the file has no voxels", settings.lod_error))
-                .next("give 0 for the exact mesh, or build the file without --no-asvo"));
+                .next("give 0 for the exact mesh, or build the file with voxels"));
         }
         let projection = view.camera.project(settings.resolution)?;
         let materials: Vec<Material> =

@@ -129,9 +129,9 @@ impl<T: PagedTracer + Send> Session<T> {
                 Code::SceneFormat,
                 "this file has no voxels to stand in for missing pages",
             )
-            .at_place("--t-max")
-            .numbers("frames with a deadline need them")
-            .next("build the file without --no-asvo, or render without a deadline"));
+            .at_place("frames with a deadline")
+            .numbers("no voxel, at least one octree needed")
+            .next("build the file with voxels, or render without a deadline"));
         }
         let next = match (&self.photon_map, self.voxel_photons()) {
             (Some(map), Some(photons)) => {

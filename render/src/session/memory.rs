@@ -108,7 +108,7 @@ impl MemoryPlan {
             .at(file.path())
             .numbers(format!("limit {}, {} needed", mib(limit_bytes), mib(smallest)))
             .next(format!(
-                "--memory-limit {}MiB or more, a smaller --resolution, or fewer --threads",
+                "give a limit of {} MiB or more, a smaller resolution, or fewer threads",
                 smallest.div_ceil(1 << 20)
             ))
             .smallest_limit(smallest))
