@@ -11,7 +11,7 @@ use crate::values;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use trex_render::keys::{KEYS, RESOLUTION, SEED, SPP};
-use trex_render::{Key, KeyKind, KeyValue, RenderEdit, RenderKeys, Scene};
+use trex_render::{Key, KeyKind, KeyValue, RenderEdit, RenderKeys};
 
 /// Size of the pictures of `trex stress` where no other is asked for.
 pub const STRESS_RESOLUTION: [u32; 2] = [512, 512];
@@ -147,17 +147,11 @@ fn help(key: &'static Key) -> String {
 
 /// What holds without it where pictures change while they are looked at.
 fn live(key: &'static Key) -> String {
-    let mut scene = Scene::default();
-    scene.begin_live();
-    let default = key.default_value();
-    let of_this = scene.render.values().into_iter().find(|(found, _)| found.name == key.name);
-    match of_this {
-        Some(_) if key.name == RESOLUTION.name => {
-            format!("; stress: {}; view: that of the page", typed(KeyValue::Pair(STRESS_RESOLUTION)))
-        }
-        Some((_, value)) if value != default => format!("; stress, view: {}", typed(value)),
-        _ => String::new(),
+    if key.name == RESOLUTION.name {
+        return format!("; stress: {}; view: that of the page", typed(KeyValue::Pair(STRESS_RESOLUTION)));
     }
+    let value = key.live_value();
+    if value == key.default_value() { String::new() } else { format!("; stress, view: {}", typed(value)) }
 }
 
 #[cfg(test)]

@@ -124,7 +124,7 @@ export class Settings {
   }
 
   /** The row of a key, by its kind. */
-  row({ name, title, text, kind, min, max, narrower, choices }) {
+  row({ name, title, text, unit, kind, min, max, narrower, choices }) {
     const value = this.now[name];
     const change = (changed) => this.set({ [name]: changed });
     if (kind === "choice") {
@@ -135,7 +135,8 @@ export class Settings {
     }
     const [method, fewer] = narrower ?? [];
     const most = method === this.now.integrator ? fewer : max;
-    return number_row(title, value, { min, max: most, step: kind === "count" ? 1 : "any" }, change, text);
+    const hint = `${text}; ${min} to ${most} ${unit}`;
+    return number_row(title, value, { min, max: most, step: kind === "count" ? 1 : "any" }, change, hint);
   }
 
   display() {

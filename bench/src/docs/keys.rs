@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 use trex_render::keys::KEYS;
-use trex_render::{Key, KeyKind, Scene};
+use trex_render::{Key, KeyKind};
 
 /// A row per key: its sentence, the methods that use it, its unit, range and default.
 pub(super) fn render() -> String {
@@ -33,15 +33,8 @@ fn choices(key: &Key) -> String {
 
 /// The default, and that of what changes while it is looked at.
 fn default(key: &Key) -> String {
-    let mut live = Scene::default();
-    live.begin_live();
-    let live = live.render.values().into_iter().find(|(found, _)| found.name == key.name);
-    match live {
-        Some((_, value)) if value != key.default_value() => {
-            format!("`{}`; `view`, `stress`: `{value}`", key.default_value())
-        }
-        _ => format!("`{}`", key.default_value()),
-    }
+    let (default, live) = (key.default_value(), key.live_value());
+    if live == default { format!("`{default}`") } else { format!("`{default}`; `view`, `stress`: `{live}`") }
 }
 
 fn quoted(names: &[&str]) -> String {

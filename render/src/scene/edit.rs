@@ -81,9 +81,8 @@ impl Key {
     /// The value in a scene that says nothing.
     pub fn default_value(&self) -> KeyValue {
         let quality = Quality::default();
-        let all = quality.apply(&RenderKeys::default()).values();
-        let of_this = all.into_iter().find(|(key, _)| key.name == self.name);
-        of_this.map_or(KeyValue::Choice(quality.as_str()), |(_, value)| value)
+        let keys = quality.apply(&RenderKeys::default());
+        keys.value(self).unwrap_or(KeyValue::Choice(quality.as_str()))
     }
 }
 
@@ -210,11 +209,8 @@ mod tests {
                 let read: RenderEdit = toml::from_str(&format!("{} = {value}", key.name)).unwrap();
                 assert_eq!(read, edit, "{} = {value}", key.name);
                 let keys = edit.apply(&base);
-                let found = keys.values().into_iter().find(|(found, _)| found.name == key.name);
-                let found = found.map_or_else(
-                    || KeyValue::Choice(Quality::of(&keys).unwrap().as_str()),
-                    |(_, found)| found,
-                );
+                let quality = || KeyValue::Choice(Quality::of(&keys).unwrap().as_str());
+                let found = keys.value(key).unwrap_or_else(quality);
                 assert_eq!(found, value, "{}", key.name);
             }
         }

@@ -73,6 +73,11 @@ impl RenderKeys {
         ]
     }
 
+    /// The value of `key`; `None` for the quality, which stands for many.
+    pub fn value(&self, key: &Key) -> Option<KeyValue> {
+        self.values().into_iter().find(|(found, _)| found.name == key.name).map(|(_, value)| value)
+    }
+
     /// Checks that each key is in its range.
     ///
     /// # Errors

@@ -5,7 +5,7 @@
 
 use super::camera::{Camera, Fov};
 use super::edit::{Quality, RenderEdit};
-use super::key::out_of_range;
+use super::key::{Key, KeyValue, out_of_range};
 use super::method::Filter;
 use super::settings::{RenderKeys, RenderSettings};
 use super::world::{MaterialEdit, Model, View};
@@ -135,6 +135,15 @@ impl Scene {
             })?;
         }
         Ok(())
+    }
+}
+
+impl Key {
+    /// The value in a scene that says nothing, where the picture changes while it is looked at.
+    pub fn live_value(&self) -> KeyValue {
+        let mut scene = Scene::default();
+        scene.begin_live();
+        scene.render.value(self).unwrap_or(self.default_value())
     }
 }
 
