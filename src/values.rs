@@ -5,11 +5,10 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
-use trex_render::FetchBlock;
+use trex_render::keys::RESOLUTION;
+use trex_render::{FetchBlock, KeyValue};
 use trex_store::octree::Refinement;
 
-/// Widest or tallest picture, pixels: what PNG viewers and a film of strips still handle.
-pub const MAX_SIDE: u32 = 32_768;
 /// Most triangles that one command may be asked for: four times what the format's ids are meant for.
 pub const MAX_COUNT: u64 = 4_000_000_000;
 /// Share of the machine's memory that `auto` stands for, percent.
@@ -41,12 +40,12 @@ impl MemoryLimit {
     }
 }
 
-/// A picture's size in pixels.
+/// A picture's size in pixels, in the range of [`RESOLUTION`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Resolution {
-    /// Pixels per row, 1 to [`MAX_SIDE`].
+    /// Pixels per row.
     pub width: u32,
-    /// Rows, 1 to [`MAX_SIDE`].
+    /// Rows.
     pub height: u32,
 }
 
@@ -148,30 +147,38 @@ pub fn memory_limit(text: &str) -> Result<MemoryLimit, String> {
     bytes(text).map(|b| MemoryLimit::Bytes(b.0)).map_err(|why| format!("{why}, shares like 50%, and auto"))
 }
 
-/// Parses a count of things: `250000`, `250_000`, `250k`, `5M`, `1.5M`, `1G`.
-pub fn count(text: &str) -> Result<u64, String> {
-    let refused = |why: String| Err(format!("{why}; accepted are counts like 250000, 250k, 5M or 1G"));
+/// Parses a whole number of things: `250000`, `250_000`, `250k`, `5M`, `1.5M`, `1G`; without a unit it is exact.
+pub fn whole(text: &str) -> Result<u64, String> {
+    let refused = || "not a count; accepted are counts like 250000, 250k, 5M or 1G".to_owned();
     let compact = text.trim().replace('_', "");
+    if compact.bytes().all(|byte| byte.is_ascii_digit()) {
+        return compact.parse().map_err(|_| refused());
+    }
     let (number, unit) = match compact.char_indices().last() {
         Some((at, 'k' | 'K')) => (&compact[..at], 1e3),
         Some((at, 'm' | 'M')) => (&compact[..at], 1e6),
         Some((at, 'g' | 'G')) => (&compact[..at], 1e9),
         _ => (compact.as_str(), 1.0),
     };
-    let Some(number) = plain_number(number) else { return refused("not a count".to_owned()) };
-    let value = (number * unit).round();
-    if value < 1.0 || value > MAX_COUNT as f64 {
-        return refused(format!("the count must lie between 1 and {MAX_COUNT}"));
-    }
-    Ok(value as u64)
+    let value = (plain_number(number).ok_or_else(refused)? * unit).round();
+    if value < u64::MAX as f64 { Ok(value as u64) } else { Err(refused()) }
+}
+
+/// Parses a count of triangles.
+pub fn count(text: &str) -> Result<u64, String> {
+    whole(text).and_then(|count| match count {
+        1..=MAX_COUNT => Ok(count),
+        _ => Err(format!("the count must lie between 1 and {MAX_COUNT}")),
+    })
 }
 
 /// Parses `1024x768`.
 pub fn resolution(text: &str) -> Result<Resolution, String> {
-    let side = |side: &str| side.parse::<u32>().ok().filter(|side| (1..=MAX_SIDE).contains(side));
-    text.split_once(['x', 'X'])
-        .and_then(|(width, height)| Some(Resolution { width: side(width)?, height: side(height)? }))
-        .ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, 1 to {MAX_SIDE} each, like 1024x768"))
+    let parsed = text.split_once(['x', 'X']).and_then(|(width, height)| {
+        let (width, height) = (width.parse().ok()?, height.parse().ok()?);
+        RESOLUTION.check(KeyValue::Pair([width, height])).is_ok().then_some(Resolution { width, height })
+    });
+    parsed.ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, {}, like 1024x768", RESOLUTION.range()))
 }
 
 /// Parses what the resident octree may take: the coarsest one of a surface takes some hundred KiB.
@@ -249,14 +256,7 @@ pub fn fetch_block(text: &str) -> Result<FetchBlock, String> {
     }
 }
 
-/// Parses an error of the footprint rule, pixels.
-pub fn pixels(text: &str) -> Result<f64, String> {
-    finite(text)
-        .filter(|x| (0.0..=1024.0).contains(x))
-        .ok_or_else(|| "accepted is a number of pixels from 0 to 1024".into())
-}
-
-/// Parses a finite number above zero (a length, an exposure).
+/// Parses a finite number above zero (a length).
 pub fn positive(text: &str) -> Result<f64, String> {
     finite(text).filter(|x| *x > 0.0).ok_or_else(|| "accepted is a finite number above zero".into())
 }

@@ -6,7 +6,7 @@
 
 use crate::info::ModelInfo;
 use crate::options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
-use crate::scene_defaults::{set_direct_without_voxels, set_live_defaults};
+use crate::scene_defaults::set_direct_without_voxels;
 use crate::shared_pool::{PoolSource, SharedPool};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -147,14 +147,14 @@ impl Model {
     }
 
     /// A session on what `scene` describes, for pictures in frames with a deadline. Where the scene says nothing, frames
-    /// come sooner: see [`set_live_defaults`].
+    /// come sooner: see [`Scene::begin_live`].
     ///
     /// # Errors
     /// Those of [`Model::session`]; [`Code::SceneFormat`] for a file without voxels: nothing could stand in for what is
     /// missing.
     pub fn live(&self, scene: &Scene, options: FrameOptions) -> Result<LiveSession> {
         let mut scene = scene.clone();
-        set_live_defaults(&mut scene);
+        scene.begin_live();
         let in_frames = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
         self.session_with(&scene, &in_frames)?.go_live(options)
     }

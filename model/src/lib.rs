@@ -29,4 +29,4 @@ pub use handle::{LiveSession, Model, Session};
 pub use info::ModelInfo;
 pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
 pub use picture::Picture;
-pub use scene_defaults::{set_direct_without_voxels, set_live_defaults};
+pub use scene_defaults::set_direct_without_voxels;

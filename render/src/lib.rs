@@ -51,11 +51,11 @@ pub use scene::camera::{
     Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS, up_axis,
 };
 pub use scene::edit::{Quality, RenderEdit};
+pub use scene::key::{Choice, Elsewhere, Key, KeyKind, KeyValue};
+pub use scene::keys;
+pub use scene::method::{Filter, Method, Near};
 pub use scene::parse_views;
-pub use scene::settings::{
-    Filter, K_NEAREST_MAX, K_NEAREST_MIN, LOD_ERROR_MAX_PIXELS, Method, N_GATHER_MAX, N_SHADOW_MAX, Near,
-    PHOTONS_MAX, RenderKeys, RenderSettings, SPP_MAX, TREE_PHOTONS_MAX,
-};
+pub use scene::settings::{RenderKeys, RenderSettings};
 pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{

@@ -1,6 +1,6 @@
 //! The command line of `trex bench`.
 
-use super::{CommonArgs, DiskArgs, ScratchArgs};
+use super::{CommonArgs, DiskArgs, ScratchArgs, keys};
 use crate::values::{self, Resolution};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
@@ -124,7 +124,7 @@ pub struct BenchTradeoffArgs {
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::resolution)]
     pub resolution: Resolution,
     /// Samples a pixel of each of the two references, by path
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = keys::samples)]
     pub reference_spp: u32,
     /// Runs of each point; times are their medians
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]

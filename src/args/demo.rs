@@ -1,9 +1,10 @@
 //! The command line of `trex demo` and `trex gen`.
 
-use super::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
+use super::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs, keys};
 use crate::values::{self, Resolution};
 use clap::Args;
 use std::path::PathBuf;
+use trex_render::RenderKeys;
 
 /// `trex demo`
 #[derive(Debug, Args)]
@@ -22,10 +23,10 @@ pub struct DemoArgs {
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = values::resolution)]
     pub resolution: Resolution,
     /// Samples per pixel
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, value_name = "N", default_value_t = RenderKeys::default().spp, value_parser = keys::samples)]
     pub spp: u32,
     /// Seed of the mesh and of the samples
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = RenderKeys::default().seed, value_parser = keys::seed)]
     pub seed: u64,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,

@@ -1,20 +1,18 @@
 //! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
+use super::keys::KeyArgs;
 use super::{CommonArgs, DiskArgs, OverwriteArgs};
-use crate::values::{self, Milliseconds, Resolution, Seconds, Vec3};
+use crate::values::{self, Milliseconds, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_render::{
-    FetchBlock, Filter, FrameOptions, Method, Near, Occluders, Quality, RenderEdit, Saliency, Scene,
-    TileOrder,
-};
+use trex_render::{FetchBlock, FrameOptions, Saliency, Scene, TileOrder};
 
 /// Heading of what a picture is of. A group of flags stands where its first flag is declared, so the verbs declare one
 /// of these first, and [`PictureArgs`] and [`DeadlineArgs`] last: research comes last then.
 pub const PICTURE: &str = "Picture options (default: the scene's)";
 /// Heading of what is turned to compare methods, not to make pictures.
-const RESEARCH: &str = "Research options";
+pub(super) const RESEARCH: &str = "Research options";
 
 /// `trex render`
 #[derive(Debug, Args)]
@@ -26,15 +24,9 @@ pub struct RenderArgs {
     /// The picture: .png, or .exr for linear values and layers
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
-    /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, help_heading = PICTURE, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    pub spp: Option<u32>,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     pub time_limit: Option<Seconds>,
-    /// Factor on the light before it becomes a PNG (default: the scene's, else 1)
-    #[arg(long, help_heading = PICTURE, value_name = "FACTOR", value_parser = values::positive)]
-    pub exposure: Option<f64>,
     /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an
     /// array of tables `view`, each with position, target and, if you like, up
     #[arg(long, value_name = "VIEWS.toml", conflicts_with = "t_max")]
@@ -73,48 +65,10 @@ Examples:
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = PICTURE)]
 pub struct PictureArgs {
-    /// Many of these at once, a trade of time for accuracy; those given beside it go before it (else normal)
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub quality: Option<QualityArg>,
-    /// How light is computed (else photon; direct where the file has no voxels)
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub integrator: Option<Integrator>,
-    /// Size of the picture, pixels (else 1024x1024; stress: 512x512)
-    #[arg(long, value_name = "WxH", value_parser = values::resolution)]
-    pub resolution: Option<Resolution>,
-    /// Shadow rays per hit (else 2)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
-    pub n_shadow: Option<u32>,
-    /// Gather rays per hit, of photon and full-gi (else 2)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=4096))]
-    pub n_gather: Option<u32>,
-    /// Photons in all (else 1M; stress, view: 2M)
-    #[arg(long, value_name = "N", value_parser = values::count)]
-    pub photons: Option<u64>,
-    /// How shadow and gather rays of photon and ao begin: a voxel off the surface, or on the exact mesh (else voxel)
-    #[arg(long, value_enum, value_name = "HOW")]
-    pub near: Option<NearArg>,
-    /// Smooth indirect light where the pixels show the same surface, of photon and full-gi (else on)
-    #[arg(long, value_enum, value_name = "WHETHER")]
-    pub filter: Option<Switch>,
-    /// Where a leaf voxel covers at most this many pixels it stands for the mesh; 0 = the exact mesh everywhere (else
-    /// 0; stress: 1)
-    #[arg(long, value_name = "PX", value_parser = values::pixels)]
-    pub lod_error: Option<f64>,
-    /// Seed of the samples (else 1)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..1 << 63))]
-    pub seed: Option<u64>,
+    #[command(flatten)]
+    pub keys: KeyArgs,
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Photons that tell the light of a place, of full-gi (else 50)
-    #[arg(long, help_heading = RESEARCH, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1024))]
-    pub k_nearest: Option<u32>,
-    /// Send the photons of photon through the exact mesh: slower, and closer to it
-    #[arg(long, help_heading = RESEARCH)]
-    pub bake: bool,
-    /// Whether voxels are what their bitmaps say, or whole cubes (else on)
-    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "WHETHER")]
-    pub occluders: Option<Switch>,
 }
 
 /// Frames with a deadline.
@@ -169,36 +123,10 @@ impl PictureArgs {
         if fov_x.is_some() || fov_y.is_some() {
             (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
         }
-        let edit = self.edit();
+        let edit = self.keys.edit();
         scene.render = edit.apply(&scene.render);
         scene.given.quality = edit.quality.or(scene.given.quality);
         scene.given.integrator = edit.integrator.or(scene.given.integrator);
-    }
-
-    fn edit(&self) -> RenderEdit {
-        let is_on = |switch: Switch| switch == Switch::On;
-        RenderEdit {
-            quality: self.quality.map(QualityArg::quality),
-            integrator: self.integrator.map(Integrator::method),
-            resolution: self.resolution.as_ref().map(|r| [r.width, r.height]),
-            spp: None,
-            n_shadow: self.n_shadow,
-            n_gather: self.n_gather,
-            photons: self.photons,
-            k_nearest: self.k_nearest,
-            bake: self.bake.then_some(true),
-            near: self.near.map(|near| match near {
-                NearArg::Voxel => Near::Voxel,
-                NearArg::Exact => Near::Exact,
-            }),
-            occluders: self
-                .occluders
-                .map(|switch| if is_on(switch) { Occluders::On } else { Occluders::Off }),
-            lod_error: self.lod_error,
-            filter: self.filter.map(|switch| if is_on(switch) { Filter::On } else { Filter::Off }),
-            exposure: None,
-            seed: self.seed,
-        }
     }
 }
 
@@ -234,50 +162,6 @@ impl DeadlineArgs {
     }
 }
 
-impl QualityArg {
-    fn quality(self) -> Quality {
-        match self {
-            QualityArg::Draft => Quality::Draft,
-            QualityArg::Normal => Quality::Normal,
-            QualityArg::Reference => Quality::Reference,
-        }
-    }
-}
-
-impl Integrator {
-    fn method(self) -> Method {
-        match self {
-            Integrator::Direct => Method::Direct,
-            Integrator::Path => Method::Path,
-            Integrator::Ao => Method::Ao,
-            Integrator::Photon | Integrator::CpuGi => Method::Photon,
-            Integrator::FullGi => Method::FullGi,
-            Integrator::DebugUpper => Method::DebugUpper,
-            Integrator::DebugLower => Method::DebugLower,
-            Integrator::DebugOccluders => Method::DebugOccluders,
-            Integrator::DebugPages => Method::DebugPages,
-        }
-    }
-}
-
-/// `--near`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum NearArg {
-    /// A voxel off the surface
-    Voxel,
-    /// On the exact mesh for some voxels' length
-    Exact,
-}
-
-/// `--occluders`, `--filter`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Switch {
-    /// It does
-    On,
-    /// It does not
-    Off,
-}
-
 /// The view. What is not given comes from the scene, else from a camera that frames the model.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Camera options (default: the scene's, else one that frames the model)")]
@@ -297,42 +181,6 @@ pub struct CameraArgs {
     /// Field of view from bottom to top, degrees
     #[arg(long, value_name = "DEG", value_parser = values::degrees)]
     pub fov_y: Option<f64>,
-}
-
-/// `--quality`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum QualityArg {
-    /// A look, in the shortest time that shows all light
-    Draft,
-    /// A picture to work with
-    Normal,
-    /// What others are measured by: path, for as long as it takes
-    Reference,
-}
-
-/// `--integrator`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Integrator {
-    /// Direct light and perfect mirrors on the exact mesh
-    Direct,
-    /// All light, unbiased, on the exact mesh
-    Path,
-    /// All light but caustics of lobes, by photons and voxels: what is seen and its mirrors on the exact mesh
-    Photon,
-    /// As photon, with everything on the CPU: the same as photon as long as that has no other device
-    CpuGi,
-    /// All light but some caustics, by photons in a kd-tree: everything on the exact mesh
-    FullGi,
-    /// Ambient occlusion: white light from all sides on white surfaces, by voxels where the file has them
-    Ao,
-    /// The voxels of the resident octree, as cubes
-    DebugUpper,
-    /// The finest voxels, as cubes
-    DebugLower,
-    /// Their bitmaps
-    DebugOccluders,
-    /// The mesh, a colour per page
-    DebugPages,
 }
 
 /// `--layers`.

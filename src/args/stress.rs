@@ -1,11 +1,10 @@
 //! The command line of `trex stress`.
 
-use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs, ScratchArgs};
+use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs, ScratchArgs, keys};
 use crate::values::{self, Milliseconds};
 use clap::Args;
 use std::path::PathBuf;
 use trex_bench::stress::{Requirement, Scenario};
-use trex_render::SPP_MAX;
 
 /// `trex stress`
 #[derive(Debug, Args)]
@@ -33,7 +32,7 @@ pub struct StressArgs {
     pub require: Vec<Requirement>,
     /// Tell how wrong pictures are 33, 100, 300 and 1000 ms after an event, by references of so many samples, which
     /// are rendered first (256 is good, and takes a minute or more a view)
-    #[arg(long, value_name = "SPP", value_parser = clap::value_parser!(u32).range(1..=i64::from(SPP_MAX)))]
+    #[arg(long, value_name = "SPP", value_parser = keys::samples)]
     pub reference_spp: Option<u32>,
     /// Where to write the picture that is on show at the end (.png, .exr)
     #[arg(short, long, value_name = "PICTURE")]

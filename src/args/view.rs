@@ -1,6 +1,6 @@
 //! The command line of `trex view`.
 
-use super::{CommonArgs, DeadlineArgs, DiskArgs, PICTURE, PictureArgs};
+use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
 use clap::Args;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -24,9 +24,6 @@ pub struct ViewArgs {
     /// Do not open a browser
     #[arg(long)]
     pub no_open: bool,
-    /// Samples per pixel (default: the scene's, else 16)
-    #[arg(long, help_heading = PICTURE, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    pub spp: Option<u32>,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]

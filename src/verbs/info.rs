@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::fmt;
 use std::io::Read;
 use std::path::Path;
-use trex_model::{Pace, SessionOptions, set_direct_without_voxels, set_live_defaults};
+use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, InputInfo};
@@ -78,7 +78,7 @@ fn smallest_view_bytes(file: &PageFile, ctx: &Context) -> trex_store::Result<Opt
         return Ok(None);
     }
     let mut scene = Scene::default();
-    set_live_defaults(&mut scene);
+    scene.begin_live();
     scene.render.resolution = FIRST_RESOLUTION;
     let copies_bytes = view_bytes(FIRST_RESOLUTION);
     let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_model::{Pace, SessionOptions};
 use trex_render::{
-    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RayRates, RenderKeys,
-    RenderStats, Scene, Session,
+    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RayRates,
+    RenderKeys, RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result};
@@ -36,7 +36,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
             .into());
     }
     let (mut scene, path) = open_scene(&args.file)?;
-    override_scene(&mut scene, args);
+    args.picture.override_scene(&mut scene);
     suit_file(&mut scene, &path, ctx)?;
     let layers = Layers {
         depth: args.layers.contains(&Layer::Depth),
@@ -60,14 +60,6 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let is_whole = rendered.damaged_pages.is_empty();
     ctx.done(&rendered)?;
     Ok(if is_whole || args.allow_damage { Exit::Done } else { Exit::No })
-}
-
-/// What the command line says goes before what the scene says.
-fn override_scene(scene: &mut Scene, args: &RenderArgs) {
-    args.picture.override_scene(scene);
-    let render = &mut scene.render;
-    render.spp = args.spp.unwrap_or(render.spp);
-    render.exposure = args.exposure.map_or(render.exposure, |exposure| exposure as f32);
 }
 
 /// A picture, as `render` and `demo` ask for it, or one from each viewpoint of a path.

@@ -2,7 +2,7 @@
 
 use super::picture_file::PictureFile;
 use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, read_views};
-use crate::args::StressArgs;
+use crate::args::{STRESS_RESOLUTION, StressArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::{Memory, resident_bytes};
@@ -13,7 +13,7 @@ use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
-use trex_model::{Pace, SessionOptions, set_live_defaults};
+use trex_model::{Pace, SessionOptions};
 use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session, Times};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
@@ -26,9 +26,9 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let output = args.output.as_ref().map(|path| PictureFile::check(path, args.overwrite, Layers::default()));
     let output = output.transpose()?;
     let (mut scene, path) = open_scene(&args.file)?;
-    set_live_defaults(&mut scene);
+    scene.begin_live();
     if scene.model.is_empty() {
-        scene.render.resolution = [512, 512];
+        scene.render.resolution = STRESS_RESOLUTION;
     }
     args.picture.override_scene(&mut scene);
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));

@@ -4,6 +4,7 @@
 //! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
 //! ```
 
+use super::command_line::render_line;
 use super::stage::{Play, Stage, io_options, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
@@ -18,7 +19,7 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_model::{Pace, SessionOptions, set_live_defaults};
+use trex_model::{Pace, SessionOptions};
 use trex_render::{Filter, FrameOptions, Layers, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
@@ -37,13 +38,12 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = args.picture.resolution.is_none() && scene.given.resolution.is_none();
-    set_live_defaults(&mut scene);
+    let follows_page = args.picture.keys.edit().resolution.is_none() && scene.given.resolution.is_none();
+    scene.begin_live();
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
     }
     args.picture.override_scene(&mut scene);
-    scene.render.spp = args.spp.unwrap_or(scene.render.spp);
     check_resolution(&scene)?;
     let t_max = args.deadline.t_max.as_ref().unwrap_or(&T_MAX);
     // Pages are sent the samples themselves while the hand moves.
@@ -71,9 +71,10 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let needs = |room: &Room| picture_needs(room, ctx.threads);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+    let input = args.file.display().to_string();
     let around = Surroundings {
         name: &name,
-        input: &args.file.display().to_string(),
+        command_line: &|recipe| render_line(&input, recipe),
         model_path: &model_path.display().to_string(),
         model: model_figures(&stage, &path),
         file_materials: stage.model.file().materials(),

@@ -18,11 +18,9 @@ import { Views } from "./views.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "materials",
-  "settings", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller"];
+  "settings", "keys", "sides", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
-/** Least and greatest side of a picture that is asked for, pixels. */
-const SIDES = [16, 8192];
 /** A window that changes its size is at rest after this, ms. */
 const RESIZE_REST_MS = 180;
 /** A pick that is not answered by then is given up, ms. */
@@ -33,7 +31,7 @@ const byId = (id) => document.getElementById(id);
 
 class App {
   constructor() {
-    this.state = { lights: [], materials: [], views: [], settings: {}, role: "watch" };
+    this.state = { lights: [], materials: [], views: [], settings: {}, keys: [], role: "watch" };
     this.listeners = new Map();
     this.painters = [];
     this.sent = [];
@@ -218,9 +216,15 @@ class App {
 
   set_settings(settings) {
     if (this.edit({ type: "settings", settings })) {
-      Object.assign(this.state.settings, settings);
+      // Which quality that is the server says.
+      Object.assign(this.state.settings, { quality: null }, settings);
       this.tell("settings", this.state.settings);
     }
+  }
+
+  /** What is known of a key of the settings: title, kind, range, choices, and the methods that use it. */
+  key(name) {
+    return this.state.keys.find((key) => key.name === name) ?? { name, title: name, choices: [], methods: [] };
   }
 
   set_lights(lights) {
@@ -286,7 +290,9 @@ class App {
   wanted_size() {
     const { width, height } = this.stage.getBoundingClientRect();
     const pixels = window.devicePixelRatio * this.pixel_share;
-    return [width, height].map((side) => Math.max(SIDES[0], Math.min(SIDES[1], Math.round(side * pixels))));
+    // The server says them with its welcome, and brings what is asked for before into its range.
+    const [least, most] = this.state.sides ?? [1, Infinity];
+    return [width, height].map((side) => Math.max(least, Math.min(most, Math.round(side * pixels))));
   }
 
   /** A window that moves to another screen has other pixels. */

@@ -122,14 +122,14 @@ export class Export {
       this.size[at] = value;
       size[at] = value;
     };
-    const sides = { min: 1, max: 32768, step: 1 };
+    const [sides, samples] = ["resolution", "spp"].map((name) => app.key(name));
     const take = () => this.take(this.format, this.size ?? app.state.size, this.spp ?? spp);
     const done = this.under_way;
     return [
       choice_row("Format", this.format, FORMATS, (format) => { this.format = format; }),
-      number_row("Width", size[0], sides, side(0)),
-      number_row("Height", size[1], sides, side(1)),
-      number_row("Samples a pixel", spp, { min: 1, max: 65536, step: 1 }, (value) => { this.spp = value; }),
+      number_row("Width", size[0], { ...sides, step: 1 }, side(0)),
+      number_row("Height", size[1], { ...sides, step: 1 }, side(1)),
+      number_row(samples.title, spp, { ...samples, step: 1 }, (value) => { this.spp = value; }),
       element("div", { class: "buttons" }, button("Render and save", take, { disabled: done !== null })),
       done ? element("progress", { max: Math.max(1, done.total), value: done.done, "aria-label": "Picture" }) : null,
     ];

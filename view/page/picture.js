@@ -18,8 +18,6 @@ const PART_HEADER_BYTES = 8;
 const WHOLE_PIXEL_BYTES = 4;
 const WHOLE_FIXED_BYTES = 1 << 17;
 export const KIND_FILE = 3;
-/** Sides of a picture, pixels: what the header can say. */
-const SIDE_MAX = 65535;
 /** How the pixels come: as they are, no colour management between the server's picture and ours. */
 const AS_SENT = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 /** Times kept for measuring. */
@@ -46,7 +44,7 @@ export function parse(buffer) {
   header.data_at = HEADER_BYTES + 2 * count + (kind === KIND_WHOLE ? PART_HEADER_BYTES : 0);
   header.is_moving = (header.flags & 2) !== 0;
   header.is_done = (header.flags & 8) !== 0;
-  const has_size = width > 0 && height > 0 && width <= SIDE_MAX && height <= SIDE_MAX && scale > 0;
+  const has_size = width > 0 && height > 0 && scale > 0;
   const is_blocks = kind === KIND_BLOCKS && columns > 0 && count > 0;
   const is_whole = kind === KIND_WHOLE && count === 0;
   if (!has_size || !(is_blocks || is_whole) || header.data_at >= buffer.byteLength) {

@@ -1,31 +1,15 @@
 // The panel of the picture: how light is computed, how well, how it is shown, and how much memory it may take.
 //
-// Invariants: 1. what an integrator has no use for is neither shown nor sent with it; 2. a change sends the keys that
-// changed alone; 3. a debug view keeps the integrator that it stands over, and goes back to it; 4. what it is laid over
-// is of the same view.
+// Invariants: 1. labels, ranges and choices of the settings are the server's (`keys` of its welcome), and so is which
+// integrator uses what: nothing else is shown; 2. a change sends the keys that changed alone; 3. a debug view keeps the
+// integrator that it stands over, and goes back to it; 4. what it is laid over is of the same view.
 
 import { button, choice_row, element, number_row, slider_row, switch_row } from "./widgets.js";
 
-const INTEGRATORS = [
-  ["direct", "Direct light"],
-  ["photon", "All light, photons and voxels"],
-  ["full-gi", "All light, photons on the mesh"],
-  ["path", "All light, paths"],
-  ["ao", "Ambient occlusion"],
-];
-const DEBUG_VIEWS = [
-  ["debug-upper", "Voxels"],
-  ["debug-lower", "Finest voxels"],
-  ["debug-occluders", "Bitmaps"],
-  ["debug-pages", "Pages"],
-];
+/** Keys with controls of their own; the others are rows of the table. */
+const APART = ["quality", "integrator", "resolution", "exposure"];
 /** Those that the debug key goes through. */
 const DEBUG_KEYS = ["debug-upper", "debug-pages"];
-const PRESETS = [
-  ["Draft", { spp: 4, n_shadow: 1, n_gather: 1, lod_error: 2 }],
-  ["Normal", { spp: 16, n_shadow: 2, n_gather: 2, lod_error: 1 }],
-  ["Reference", { spp: 256, n_shadow: 4, n_gather: 4, lod_error: 0 }],
-];
 const MOVING = [
   ["0", "What fits the time"],
   ["2", "Half"],
@@ -36,7 +20,9 @@ const MOVING = [
 const SHOWN_THROUGH = [["1", "In place of the picture"], ["0.6", "Over the picture"], ["0.3", "Over it, faintly"]];
 const SHARES = [["1", "Of this screen"], ["0.5", "Half of it"], ["0.25", "A quarter of it"]];
 const MIB = 1024 * 1024;
-const gathers = (integrator) => integrator === "photon" || integrator === "full-gi";
+const is_debug = (name) => name?.startsWith("debug-") ?? false;
+/** Of the slider of the exposure; its field takes what the key does. */
+const EXPOSURES = { min: 1 / 64, max: 64 };
 
 export class Settings {
   constructor(app) {
@@ -49,7 +35,7 @@ export class Settings {
     app.listen("moved", () => app.picture.drop_under(this.under));
     app.listen("size", () => app.picture.drop_under(this.under));
     // The server may have refused the debug view.
-    app.listen("settings", ({ integrator }) => integrator?.startsWith("debug-") || app.picture.drop_under(this.under));
+    app.listen("settings", ({ integrator }) => is_debug(integrator) || app.picture.drop_under(this.under));
     app.listen("welcome", () => {
       if (this.moving !== "0" && app.drives) {
         app.connection.send({ type: "moving", scale: Number(this.moving) });
@@ -67,28 +53,21 @@ export class Settings {
   }
 
   integrator(name) {
-    if (!this.now.integrator?.startsWith("debug-")) {
+    if (!is_debug(this.now.integrator)) {
       this.before_debug = this.now.integrator ?? this.before_debug;
     }
     this.lay_over(name);
-    const values = { integrator: name };
-    if (!gathers(name) && this.now.filter === "on") {
-      values.filter = "off";
-    }
-    if (name !== "photon" && this.now.bake) {
-      values.bake = false;
-    }
-    this.set(values);
+    // What it has no use for the server turns off.
+    this.set({ integrator: name });
     this.app.panels.rebuild();
   }
 
   /** Lays a debug view over the picture that is shown; takes it away again with any other. */
   lay_over(name) {
     const { picture } = this.app;
-    const [is_debug, was_debug] = [name, this.now.integrator ?? ""].map((text) => text.startsWith("debug-"));
-    if (!is_debug) {
+    if (!is_debug(name)) {
       picture.drop_under(this.under);
-    } else if (!was_debug && this.share < 1 && this.app.drives) {
+    } else if (!is_debug(this.now.integrator) && this.share < 1 && this.app.drives) {
       picture.keep_under(this.under, this.share);
     }
   }
@@ -98,8 +77,7 @@ export class Settings {
     const at = DEBUG_KEYS.indexOf(this.now.integrator);
     const name = DEBUG_KEYS[at + 1] ?? this.before_debug;
     this.integrator(name);
-    const text = [...INTEGRATORS, ...DEBUG_VIEWS].find(([key]) => key === name)?.[1] ?? name;
-    this.app.panels.say(text);
+    this.app.panels.say(this.app.key("integrator").choices.find((choice) => choice.name === name)?.title ?? name);
   }
 
   /** The panel. */
@@ -109,10 +87,11 @@ export class Settings {
 
   light() {
     const { integrator } = this.now;
-    const is_debug = integrator?.startsWith("debug-");
-    const debug = DEBUG_VIEWS.map(([name, text]) =>
-      button(text, () => this.integrator(integrator === name ? this.before_debug : name),
-        { "aria-pressed": String(integrator === name) }));
+    const { title, choices, text } = this.app.key("integrator");
+    const debug = choices.filter(({ name }) => is_debug(name)).map((choice) =>
+      button(choice.title, () => this.integrator(integrator === choice.name ? this.before_debug : choice.name),
+        { "aria-pressed": String(integrator === choice.name), title: choice.text }));
+    const methods = pairs(choices.filter(({ name }) => !is_debug(name)));
     const blend = (share) => {
       this.share = Number(share);
       if (!this.under.hidden) {
@@ -120,37 +99,44 @@ export class Settings {
       }
     };
     return [
-      choice_row("Light", is_debug ? this.before_debug : integrator, INTEGRATORS, (name) => this.integrator(name)),
+      choice_row(title, is_debug(integrator) ? this.before_debug : integrator, methods,
+        (name) => this.integrator(name), text),
       element("div", { class: "buttons", role: "group", "aria-label": "Debug views" }, ...debug),
       choice_row("Debug views", String(this.share), SHOWN_THROUGH, blend, "Until the view moves"),
     ];
   }
 
   quality() {
-    const { integrator, spp, n_shadow, n_gather, lod_error, photons } = this.now;
-    const presets = PRESETS.map(([name, values]) => {
-      const is_in_force = Object.entries(values).every(([key, value]) => this.now[key] === value);
+    const { integrator, quality } = this.now;
+    const presets = this.app.key("quality").choices.map(({ name, title, text }) => {
       const choose = () => {
-        this.set(values);
+        this.set({ quality: name });
         this.app.panels.rebuild();
       };
-      return button(name, choose, { "aria-pressed": String(is_in_force) });
+      return button(title, choose, { "aria-pressed": String(name === quality), title: text });
     });
-    const whole = (label, key, value, range, hint) =>
-      number_row(label, value, { step: 1, ...range }, (number) => this.set({ [key]: number }), hint);
+    const rows = this.app.state.keys.filter(({ name, methods }) => !APART.includes(name) && methods.includes(integrator));
     return [
       element("h3", {}, "Quality"),
       element("div", { class: "buttons", role: "group", "aria-label": "Quality" }, ...presets),
-      whole("Samples a pixel", "spp", spp, { min: 1, max: 65536 }),
-      whole("Shadow rays", "n_shadow", n_shadow, { min: 0, max: 4096 }),
-      gathers(integrator) ? whole("Gather rays", "n_gather", n_gather, { min: 0, max: 4096 }) : null,
-      gathers(integrator) ? whole("Photons", "photons", photons, { min: 1, max: 4e9 }) : null,
-      number_row("Pixel error", lod_error, { min: 0, max: 1024 }, (number) => this.set({ lod_error: number }),
-        "Pixels that a voxel may cover where it stands for the mesh; 0 is the exact mesh"),
-      gathers(integrator)
-        ? switch_row("Smooth indirect light", this.now.filter === "on", (on) => this.set({ filter: on ? "on" : "off" }))
-        : null,
+      ...rows.map((key) => this.row(key)),
     ];
+  }
+
+  /** The row of a key, by its kind. */
+  row({ name, title, text, unit, kind, min, max, narrower, choices }) {
+    const value = this.now[name];
+    const change = (changed) => this.set({ [name]: changed });
+    if (kind === "choice") {
+      return choice_row(title, value, pairs(choices), change, text);
+    }
+    if (kind === "flag") {
+      return switch_row(title, value, change, text);
+    }
+    const [method, fewer] = narrower ?? [];
+    const most = method === this.now.integrator ? fewer : max;
+    const hint = `${text}; ${min} to ${most} ${unit}`;
+    return number_row(title, value, { min, max: most, step: kind === "count" ? 1 : "any" }, change, hint);
   }
 
   display() {
@@ -166,11 +152,12 @@ export class Settings {
       app.send_size();
     };
     const [width, height] = app.state.size ?? [0, 0];
+    const exposure = app.key("exposure");
     const fixed = ", fixed by the scene or the command";
     return [
       element("h3", {}, "Display"),
-      slider_row("Exposure", this.now.exposure ?? 1, { min: 1 / 64, max: 64, least: 1e-6 },
-        (exposure) => exposure > 0 && this.set({ exposure })),
+      slider_row(exposure.title, this.now.exposure ?? 1, { ...EXPOSURES, least: exposure.min, most: exposure.max },
+        (value) => this.set({ exposure: value }), exposure.text),
       choice_row("While moving", this.moving, MOVING, moving, "Size of the picture while the view moves"),
       app.state.follows_page === false ? null : choice_row("Pixels", String(app.pixel_share), SHARES, share),
       element("p", { class: "hint" }, `${width} × ${height} pixels${app.state.follows_page === false ? fixed : ""}.`),
@@ -186,3 +173,6 @@ export class Settings {
     ];
   }
 }
+
+/** Choices as rows take them. */
+const pairs = (choices) => choices.map(({ name, title }) => [name, title]);

@@ -71,7 +71,8 @@ export function slider_row(label, value, range, changed, hint = null) {
     number <= 0 ? 0 : Math.max(0, Math.min(STEPS, Math.round((STEPS * Math.log(number / range.min)) / span)));
   const number_at = (at) => (at === 0 && range.zero ? 0 : range.min * Math.exp((span * at) / STEPS));
   const slider = element("input", { type: "range", min: 0, max: STEPS, value: place(value), "aria-label": label });
-  const field = element("input", { type: "number", min: range.zero ? 0 : range.least ?? 0, step: "any" });
+  const field = element("input", { type: "number", min: range.zero ? 0 : range.least ?? 0, max: range.most,
+    step: "any" });
   field.value = shown(value);
   slider.addEventListener("input", () => {
     const number = Number(number_at(Number(slider.value)).toPrecision(3));

@@ -6,7 +6,7 @@ use crate::blocks::BLOCK_SIDE;
 use crate::mailbox::{ClientId, Edit, Mail};
 use crate::message::{CameraText, MaterialText, Notice, text_of};
 use crate::session_loop::SessionLoop;
-use crate::settings::SettingsText;
+use crate::settings::{KeyText, SettingsText};
 use crate::state::{BoundsText, HitText, LimitText, Picked, Smaller, State};
 use crate::surroundings::Room;
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
@@ -37,6 +37,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             up: Some(up_axis(&model.bounds)),
             home: Some(camera),
             views: Some(views),
+            keys: Some(KeyText::all()),
+            sides: Some([BLOCK_SIDE, SIDE_MAX]),
             model: Some(self.around.model),
             t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
             memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),

@@ -53,4 +53,4 @@ pub use guard::Token;
 pub use serve::serve;
 pub use shared::view_bytes;
 pub use state::{MemoryFigures, ModelFigures, PoolFigures};
-pub use surroundings::{Room, ServeOptions, Served, Surroundings};
+pub use surroundings::{Recipe, Room, ServeOptions, Served, Surroundings};

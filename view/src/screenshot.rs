@@ -123,7 +123,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             Error::new(Code::Io, "the screenshot could not be encoded")
                 .at_place("the screenshot")
                 .numbers(error.to_string())
-                .next("ask for the other format, or use trex render")
+                .next("ask for the other format, or render the scene file")
         })?;
         let mut head = header(HEAD_BYTES + bytes.len());
         head.extend_from_slice(&[KIND_FILE, u8::from(shot.format == Format::Exr), 0, 0]);

@@ -38,7 +38,7 @@ pub fn serve<T: PagedTracer + Send>(
         Error::new(Code::Io, what)
             .at_place("the server of the viewer")
             .numbers(error.to_string())
-            .next("try again; name another --port if it stays")
+            .next("try again; listen on another port if it stays")
     };
     let address = listener.local_addr().map_err(|error| refused("the socket has no address", &error))?;
     let hosts = Hosts::new(address.ip(), &options.hosts);

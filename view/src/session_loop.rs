@@ -21,7 +21,7 @@ use crate::picture::{Changed, Picture, Settled, flag};
 use crate::renderer::Stamps;
 use crate::shared::{Shared, png_bytes};
 use crate::state::{Smaller, Stats, TextsMessage, progress_name};
-use crate::surroundings::{ServeOptions, Served, Surroundings};
+use crate::surroundings::{Recipe, ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
 use std::sync::Arc;
@@ -50,7 +50,6 @@ pub(crate) struct SessionLoop<'a, T> {
     /// Lights and materials of the file that was opened.
     pub(crate) input_lights: Vec<Light>,
     pub(crate) input_materials: Vec<Material>,
-    pub(crate) input_bakes: bool,
     /// No frame has been made since the last event.
     is_fresh: bool,
     /// Pixels between samples of the last frame.
@@ -88,7 +87,6 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             tone: Tone::new(view.settings.exposure),
             input_lights: view.lights.clone(),
             input_materials: session.model().materials.clone(),
-            input_bakes: view.settings.bake,
             session: Some(session),
             shared,
             around,
@@ -313,18 +311,16 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
         let materials = texts::edits(self.around.file_materials, &model.materials);
-        let is_by_flags = view.lights == self.input_lights
-            && model.materials == self.input_materials
-            && (view.settings.bake || !self.input_bakes);
+        let (camera, keys) = (&view.camera, &*view.settings);
+        let is_opened = view.lights == self.input_lights && model.materials == self.input_materials;
+        let recipe = if is_opened { Recipe::Opened { camera, keys } } else { Recipe::Saved };
         let viewed = texts::Viewed {
-            input: self.around.input,
             model: self.around.model_path,
-            camera: &view.camera,
+            camera,
             lights: &view.lights,
             materials: &materials,
-            keys: &view.settings,
-            is_by_flags,
+            keys,
         };
-        (texts::command(&viewed), texts::scene(&viewed))
+        ((self.around.command_line)(&recipe), texts::scene(&viewed))
     }
 }

@@ -3,7 +3,7 @@
 //! Invariant: a page that has had the welcome and every `state` since knows all of the state.
 
 use crate::message::{CameraText, MaterialText, Role, text_of};
-use crate::settings::SettingsText;
+use crate::settings::{KeyText, SettingsText};
 use serde::Serialize;
 use trex_render::{FrameProgress, RayCounts};
 
@@ -79,6 +79,12 @@ pub(crate) struct State {
     pub(crate) materials: Option<Vec<MaterialText>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) settings: Option<SettingsText>,
+    /// What is known of the keys of `settings`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) keys: Option<Vec<KeyText>>,
+    /// Least and greatest side of a picture that follows a page, pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) sides: Option<[u32; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model: Option<ModelFigures>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -4,15 +4,15 @@ use crate::guard::Token;
 use crate::shared::view_bytes;
 use crate::state::{MemoryFigures, ModelFigures, PoolFigures};
 use serde::Serialize;
-use trex_render::{Camera, CameraKeys, FrameOptions, RenderSettings};
+use trex_render::{Camera, CameraKeys, FrameOptions, RenderKeys, RenderSettings};
 use trex_store::{Budget, Material, Result};
 
 /// The surroundings of a session on show.
 pub struct Surroundings<'a> {
     /// Name of the model, for the page's title.
     pub name: &'a str,
-    /// The file that was opened, as typed: the command lines that the page shows name it.
-    pub input: &'a str,
+    /// Words the command line that makes a picture, for the page to copy.
+    pub command_line: &'a dyn Fn(&Recipe<'_>) -> String,
     /// Path of the model, for scene files.
     pub model_path: &'a str,
     /// What is constant of the model.
@@ -35,6 +35,20 @@ pub struct Surroundings<'a> {
     pub make_room: &'a dyn Fn(&[Room]) -> Result<()>,
     /// True once the viewer is to end.
     pub stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// What makes the picture on show.
+#[derive(Clone, Copy, Debug)]
+pub enum Recipe<'a> {
+    /// The file that was opened, seen so.
+    Opened {
+        /// The camera.
+        camera: &'a Camera,
+        /// All numbers of the picture.
+        keys: &'a RenderKeys,
+    },
+    /// The scene file that the page offers, once it is saved: lights or materials are not those of the file.
+    Saved,
 }
 
 /// What memory is wanted for.

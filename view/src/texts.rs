@@ -1,20 +1,14 @@
-//! The view as texts: a command line that makes the same picture, and a scene file.
+//! The view as a scene file.
 //!
-//! Invariants: 1. numbers are written so that they are read back bit by bit; 2. a command line names the scene file
-//! where flags cannot say what has been edited.
+//! Invariant: numbers are written so that they are read back bit by bit.
 
 use std::fmt::{Display, Write};
-use trex_render::{Camera, Filter, Fov, Light, MaterialEdit, Near, Occluders, RenderKeys};
+use trex_render::{Camera, Fov, Light, MaterialEdit, RenderKeys};
 use trex_store::Material;
-
-/// Name of the scene file in a command line, where one has to be saved first.
-const SCENE_NAME: &str = "view.toml";
 
 /// What texts are made of.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Viewed<'a> {
-    /// The file that was opened, as typed.
-    pub(crate) input: &'a str,
     /// Path of the model.
     pub(crate) model: &'a str,
     pub(crate) camera: &'a Camera,
@@ -22,8 +16,6 @@ pub(crate) struct Viewed<'a> {
     /// Edits of materials, by name; those of the scene that was opened are among them.
     pub(crate) materials: &'a [(String, MaterialEdit)],
     pub(crate) keys: &'a RenderKeys,
-    /// Flags can say it: lights and materials are those of `input`.
-    pub(crate) is_by_flags: bool,
 }
 
 /// What has been edited of materials: `then` are those of the file, `now` what they have become.
@@ -42,48 +34,9 @@ pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, Materia
     then.iter().zip(now).filter_map(edit).collect()
 }
 
-/// The command line.
-pub(crate) fn command(viewed: &Viewed<'_>) -> String {
-    if !viewed.is_by_flags {
-        return format!("trex render {SCENE_NAME} -o picture.png");
-    }
-    let Camera { position, target, up, fov } = viewed.camera;
-    let keys = viewed.keys;
-    let mut text = format!("trex render {} -o picture.png", quoted(viewed.input));
-    let mut flag = |name: &str, value: &dyn Display| {
-        let _ = write!(text, " --{name} {value}");
-    };
-    let joined = |v: &[f64; 3]| format!("{},{},{}", v[0], v[1], v[2]);
-    flag("resolution", &format_args!("{}x{}", keys.resolution[0], keys.resolution[1]));
-    flag("spp", &keys.spp);
-    flag("integrator", &keys.integrator.as_str());
-    flag("n-shadow", &keys.n_shadow);
-    flag("n-gather", &keys.n_gather);
-    flag("photons", &keys.photons);
-    flag("k-nearest", &keys.k_nearest);
-    flag("near", &near(keys.near));
-    flag("occluders", &occluders(keys.occluders));
-    flag("lod-error", &keys.lod_error);
-    flag("filter", &filter(keys.filter));
-    flag("exposure", &keys.exposure);
-    flag("seed", &keys.seed);
-    flag("camera-position", &joined(position));
-    flag("camera-target", &joined(target));
-    flag("camera-up", &joined(up));
-    match fov {
-        Fov::X(degrees) => flag("fov-x", degrees),
-        Fov::Y(degrees) => flag("fov-y", degrees),
-    }
-    if keys.bake {
-        text.push_str(" --bake");
-    }
-    text
-}
-
 /// The scene file.
 pub(crate) fn scene(viewed: &Viewed<'_>) -> String {
     let Camera { position, target, up, fov } = viewed.camera;
-    let keys = viewed.keys;
     let mut text = format!("model = {}\n\n[camera]\n", string(viewed.model));
     let mut line = |key: &str, value: &dyn Display| {
         let _ = writeln!(text, "{key} = {value}");
@@ -102,23 +55,9 @@ pub(crate) fn scene(viewed: &Viewed<'_>) -> String {
         write_material(name, edit, &mut text);
     }
     text.push_str("\n[render]\n");
-    let mut line = |key: &str, value: &dyn Display| {
-        let _ = writeln!(text, "{key} = {value}");
-    };
-    line("integrator", &string(keys.integrator.as_str()));
-    line("resolution", &format_args!("{:?}", keys.resolution));
-    line("spp", &keys.spp);
-    line("n_shadow", &keys.n_shadow);
-    line("n_gather", &keys.n_gather);
-    line("photons", &keys.photons);
-    line("k_nearest", &keys.k_nearest);
-    line("near", &string(near(keys.near)));
-    line("occluders", &string(occluders(keys.occluders)));
-    line("lod_error", &format_args!("{:?}", keys.lod_error));
-    line("bake", &keys.bake);
-    line("filter", &string(filter(keys.filter)));
-    line("exposure", &format_args!("{:?}", keys.exposure));
-    line("seed", &keys.seed);
+    for (key, value) in viewed.keys.values() {
+        let _ = writeln!(text, "{} = {value}", key.name);
+    }
     text
 }
 
@@ -157,27 +96,6 @@ fn write_material(name: &str, edit: &MaterialEdit, text: &mut String) {
     }
 }
 
-fn near(near: Near) -> &'static str {
-    match near {
-        Near::Voxel => "voxel",
-        Near::Exact => "exact",
-    }
-}
-
-fn occluders(occluders: Occluders) -> &'static str {
-    match occluders {
-        Occluders::On => "on",
-        Occluders::Off => "off",
-    }
-}
-
-fn filter(filter: Filter) -> &'static str {
-    match filter {
-        Filter::On => "on",
-        Filter::Off => "off",
-    }
-}
-
 /// A string of TOML.
 fn string(text: &str) -> String {
     let mut quoted = String::from('"');
@@ -194,20 +112,13 @@ fn string(text: &str) -> String {
     quoted
 }
 
-/// A word of a command line, quoted where a shell would need it.
-fn quoted(text: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./:,=%+".contains(c);
-    if !text.is_empty() && text.chars().all(is_plain) {
-        return text.to_owned();
-    }
-    format!("'{}'", text.replace('\'', "'\\''"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand_pcg::Pcg64Mcg;
+    use rand_pcg::rand_core::{Rng, SeedableRng};
     use std::path::Path;
-    use trex_render::{Method, Scene};
+    use trex_render::{Filter, Method, Near, Occluders, RenderSettings, Scene};
 
     #[test]
     fn a_scene_comes_back_as_it_was() {
@@ -239,13 +150,11 @@ mod tests {
             ..RenderKeys::default()
         };
         let viewed = Viewed {
-            input: "a b.toml",
             model: "it's.trex",
             camera: &camera,
             lights: &lights,
             materials: &materials,
             keys: &keys,
-            is_by_flags: false,
         };
         let read = Scene::parse(&scene(&viewed), Path::new("view.toml")).unwrap();
         assert_eq!(
@@ -255,14 +164,58 @@ mod tests {
         assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), materials);
         let keys_of_camera = (read.camera.position, read.camera.target, read.camera.fov_y);
         assert_eq!(keys_of_camera, (Some(camera.position), Some(camera.target), Some(39.999_999_999_999_99)));
-        assert_eq!(command(&viewed), "trex render view.toml -o picture.png");
-        let by_flags = command(&Viewed { is_by_flags: true, ..viewed });
-        assert!(
-            by_flags.starts_with("trex render 'a b.toml' -o picture.png --resolution 1024x1024"),
-            "{by_flags}"
-        );
-        assert!(
-            by_flags.contains("--exposure 0.1 ") && by_flags.contains("--camera-position 0.1,-0.000000001,")
-        );
+    }
+
+    /// Settings that pass the gate; each key at either end of its range, or anywhere.
+    fn random_keys(random: &mut Pcg64Mcg) -> RenderKeys {
+        fn pick<T: Copy>(random: &mut Pcg64Mcg, all: &[T]) -> T {
+            all[random.next_u32() as usize % all.len()]
+        }
+        let mut within = |least: u64, most: u64| match random.next_u32() % 4 {
+            0 => least,
+            1 => most,
+            // Small numbers as often as great ones.
+            _ => least + (random.next_u64() >> (random.next_u32() % 64)) % (most - least + 1),
+        };
+        let [width, height, spp, n_shadow, n_gather, k_nearest] =
+            [(1, 65_536), (1, 65_536), (1, 1_000_000_000), (0, 4096), (0, 4096), (2, 1024)]
+                .map(|(least, most)| within(least, most) as u32);
+        let (photons, seed) = (within(1, 1 << 30), within(0, (1 << 63) - 1));
+        let integrator = pick(random, &Method::ALL);
+        let gathers = [Method::Photon, Method::FullGi].contains(&integrator);
+        let exposure = f32::from_bits(random.next_u32() & 0x7fff_ffff);
+        RenderKeys {
+            integrator,
+            resolution: [width, height],
+            spp,
+            n_shadow,
+            n_gather,
+            photons,
+            k_nearest,
+            bake: integrator == Method::Photon && random.next_u32().is_multiple_of(2),
+            near: pick(random, &[Near::Voxel, Near::Exact]),
+            occluders: pick(random, &[Occluders::On, Occluders::Off]),
+            lod_error: 1024.0 * (random.next_u64() as f64 / u64::MAX as f64).powi(7),
+            filter: if gathers { pick(random, &[Filter::On, Filter::Off]) } else { Filter::Off },
+            exposure: if exposure > 0.0 && exposure.is_finite() { exposure } else { 1.0 },
+            seed,
+        }
+    }
+
+    /// Settings that the page could reach were written as scenes that no command accepted, or that made others.
+    #[test]
+    fn settings_come_back_from_the_scene_that_says_them() {
+        let mut random = Pcg64Mcg::seed_from_u64(11);
+        let camera = Camera { position: [1.0; 3], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: Fov::Y(40.0) };
+        for _ in 0..3000 {
+            let keys = random_keys(&mut random);
+            RenderSettings::new(keys).unwrap_or_else(|error| panic!("{keys:?}: {error}"));
+            let viewed =
+                Viewed { model: "a.trex", camera: &camera, lights: &[], materials: &[], keys: &keys };
+            let text = scene(&viewed);
+            let read =
+                Scene::parse(&text, Path::new("view.toml")).unwrap_or_else(|error| panic!("{error}: {text}"));
+            assert_eq!(read.render, keys, "{text}");
+        }
     }
 }

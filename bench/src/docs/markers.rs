@@ -22,6 +22,8 @@ pub(super) enum Kind {
     Plot,
     /// How to get records again.
     Commands,
+    /// The renderer's table of a picture's keys.
+    Keys,
 }
 
 impl Kind {
@@ -32,6 +34,7 @@ impl Kind {
             ("<!-- compare:", Kind::Comparison),
             ("<!-- plot:", Kind::Plot),
             ("<!-- commands:", Kind::Commands),
+            ("<!-- keys", Kind::Keys),
         ];
         kinds.into_iter().find_map(|(prefix, kind)| Some((kind, line.strip_prefix(prefix)?)))
     }

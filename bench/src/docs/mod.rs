@@ -13,6 +13,8 @@
 //! <!-- end -->
 //! <!-- commands:PATTERN,PATTERN -->                   folded: how to get these records again
 //! <!-- end -->
+//! <!-- keys -->                                  the renderer's table of a picture's keys: a row per key
+//! <!-- end -->
 //! ```
 //!
 //! A pattern is a record's name; one `*` in it stands for anything. A key may be a quotient, `KEY/KEY`. Runs of one
@@ -26,6 +28,7 @@
 mod commands;
 mod comparison;
 mod figure;
+mod keys;
 mod markers;
 mod names;
 mod page;

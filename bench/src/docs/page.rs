@@ -3,6 +3,7 @@
 use super::commands;
 use super::comparison::Comparison;
 use super::figure::{self, Figure};
+use super::keys;
 use super::markers::{CLOSE, END, Kind, fill_line, quoted, words};
 use super::table::{self, Column};
 use crate::plot::{self, Line};
@@ -84,6 +85,7 @@ impl<'a> Page<'a> {
             Kind::Comparison => self.comparison(marker),
             Kind::Plot => self.plot(marker),
             Kind::Commands => self.commands(marker),
+            Kind::Keys => Ok(keys::render()),
         }
     }
 

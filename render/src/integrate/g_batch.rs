@@ -4,7 +4,8 @@
 
 use super::c_ray::FarRay;
 use crate::g_stage::{GAnswer, GKind, GRays};
-use crate::scene::settings::{Near, RenderKeys};
+use crate::scene::method::Near;
+use crate::scene::settings::RenderKeys;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray};
 use crate::voxel::VoxelSurface;

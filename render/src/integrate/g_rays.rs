@@ -20,7 +20,7 @@ use super::g_scene::Gathered;
 use super::gather::GatherQuery;
 use super::path_state::{Path, Stage};
 use crate::g_stage::GKind;
-use crate::scene::settings::Near;
+use crate::scene::method::Near;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Tracer};

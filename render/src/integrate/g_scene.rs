@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! voxel   surface --clearance along the normal--> voxels
-//! exact   surface --mesh for some leaves' length--> voxels          (`--near exact`: no boxes in corners; Fig. 8)
+//! exact   surface --mesh for some leaves' length--> voxels          (`near = "exact"`: no boxes in corners; Fig. 8)
 //! ```
 //!
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
@@ -12,7 +12,7 @@
 use super::mirrors::Mirrors;
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
-use crate::scene::settings::Near;
+use crate::scene::method::Near;
 use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::light::Lights;

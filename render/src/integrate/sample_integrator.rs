@@ -23,7 +23,7 @@ use super::{CRays, Integrator};
 use crate::g_stage::CpuStage;
 use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
-use crate::scene::settings::Method;
+use crate::scene::method::Method;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};

@@ -4,7 +4,8 @@ mod path;
 
 use super::context::RenderContext;
 use super::sample_integrator::SampleIntegrator;
-use crate::scene::settings::{Method, RenderKeys};
+use crate::scene::method::Method;
+use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, World};
 use crate::shading::light::{Emitter, Light};
 use crate::stats::RayCounts;

@@ -1,4 +1,4 @@
-//! `--bake`: photons through the exact mesh, their light into the facets of the voxels. Paper, section 5.1: where
+//! `bake`: photons through the exact mesh, their light into the facets of the voxels. Paper, section 5.1: where
 //! lights and materials stay, the mesh tells more exactly than the voxels where photons go.
 //!
 //! Invariant: as of photons through voxels: the same photons give the same map, and a pass counts whole or not at all.

@@ -19,7 +19,7 @@
 //! leased for the most photons there can be, before any is traced; 3. light is told of the surface's own side alone.
 
 use super::mesh::{BATCH, Deposit, deposits_max};
-use crate::scene::settings::TREE_PHOTONS_MAX;
+use crate::scene::keys::TREE_PHOTONS_MAX;
 use crate::shading::bsdf::takes_shadow_rays;
 use crate::shading::surface::SurfaceInteraction;
 use glam::{DVec3, Vec3};

@@ -246,7 +246,8 @@ mod tests {
     use super::*;
     use crate::sampler::mix;
     use crate::scene::camera::Camera;
-    use crate::scene::settings::{Method, RenderKeys};
+    use crate::scene::method::Method;
+    use crate::scene::settings::RenderKeys;
     use crate::scene::world::{Model, View};
     use crate::shading::light::Light;
     use crate::testing::{pool, settings};

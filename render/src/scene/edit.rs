@@ -3,23 +3,35 @@
 //! Invariants: 1. names are those of scene files; 2. what an integrator has no use for is turned off when it is changed
 //! to, unless it is asked for.
 
-use super::settings::{Filter, Method, Near, RenderKeys};
+use super::key::{Key, KeyValue};
+use super::keys;
+use super::method::{Filter, Method, Near};
+use super::settings::RenderKeys;
 use crate::voxel::Occluders;
 use serde::Deserialize;
 
 /// A trade of time for accuracy, by name: where each lies between others is measured (`docs/performance.md`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Quality {
     /// A look in the shortest time that shows all light.
     Draft,
     /// A picture to work with: what is shown where nothing is asked for.
+    #[default]
     Normal,
     /// What others are measured by: all light, unbiased, and noise alone.
     Reference,
 }
 
 impl Quality {
+    /// All of them.
+    pub const ALL: [Quality; 3] = [Quality::Draft, Quality::Normal, Quality::Reference];
+
+    /// The quality that `keys` are of, if they are of one.
+    pub fn of(keys: &RenderKeys) -> Option<Quality> {
+        Quality::ALL.into_iter().find(|quality| quality.apply(keys) == *keys)
+    }
+
     /// The name as typed.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -65,6 +77,15 @@ impl Quality {
     }
 }
 
+impl Key {
+    /// The value in a scene that says nothing.
+    pub fn default_value(&self) -> KeyValue {
+        let quality = Quality::default();
+        let keys = quality.apply(&RenderKeys::default());
+        keys.value(self).unwrap_or(KeyValue::Choice(quality.as_str()))
+    }
+}
+
 /// Changes to the numbers of a picture; what is `None` stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -88,6 +109,27 @@ pub struct RenderEdit {
     pub seed: Option<u64>,
 }
 
+/// The changes that give keys these values, each in its range.
+impl FromIterator<(&'static Key, KeyValue)> for RenderEdit {
+    /// # Panics
+    /// When a value is none of its key.
+    fn from_iter<I: IntoIterator<Item = (&'static Key, KeyValue)>>(values: I) -> RenderEdit {
+        let table: toml::Table =
+            values.into_iter().map(|(key, value)| (key.name.to_owned(), toml_of(value))).collect();
+        table.try_into().expect("values are of their keys")
+    }
+}
+
+fn toml_of(value: KeyValue) -> toml::Value {
+    match value {
+        KeyValue::Count(count) => toml::Value::Integer(i64::try_from(count).expect("counts are in range")),
+        KeyValue::Number(number) => number.into(),
+        KeyValue::Pair(pair) => pair.map(toml::Value::from).to_vec().into(),
+        KeyValue::Choice(name) => name.into(),
+        KeyValue::Flag(flag) => flag.into(),
+    }
+}
+
 impl RenderEdit {
     /// `keys` with these changes, unchecked.
     #[must_use]
@@ -96,8 +138,8 @@ impl RenderEdit {
         let integrator = self.integrator.unwrap_or(keys.integrator);
         let (mut bake, mut filter) = (keys.bake, keys.filter);
         if integrator != keys.integrator {
-            bake &= integrator == Method::Photon;
-            filter = if integrator.gathers() { filter } else { Filter::Off };
+            bake &= (keys::BAKE.is_used_by)(integrator);
+            filter = if (keys::FILTER.is_used_by)(integrator) { filter } else { Filter::Off };
         }
         RenderKeys {
             integrator,
@@ -126,6 +168,8 @@ impl RenderEdit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::key::KeyKind;
+    use crate::scene::keys::KEYS;
     use crate::scene::settings::RenderSettings;
 
     #[test]
@@ -137,6 +181,53 @@ mod tests {
             assert_eq!((settings.resolution, settings.exposure, settings.seed), ([7, 5], 2.0, 9));
             assert!(settings.integrator != Method::Direct, "{quality:?} has all light");
         }
+    }
+
+    /// Values of all kinds, as far from the defaults as they go.
+    fn extremes(key: &'static Key) -> Vec<KeyValue> {
+        match key.kind {
+            KeyKind::Count { least, most } => vec![KeyValue::Count(least), KeyValue::Count(most)],
+            KeyKind::Length { most } => [0.0, 0.1, most].map(KeyValue::Number).to_vec(),
+            KeyKind::Factor => [0.1, 1e-30, 1e30].map(KeyValue::Number).to_vec(),
+            KeyKind::Pair { most } => [[1, most], [most, 1]].map(KeyValue::Pair).to_vec(),
+            KeyKind::Choice(choices) => choices.iter().map(|choice| KeyValue::Choice(choice.name)).collect(),
+            KeyKind::Flag => [true, false].map(KeyValue::Flag).to_vec(),
+        }
+    }
+
+    /// The table, the struct of keys and the struct of edits name each key by themselves: here they agree, and what
+    /// one writes the other reads.
+    #[test]
+    fn each_key_of_the_table_is_edited_and_comes_back() {
+        let base = RenderKeys::default();
+        let names = base.values().map(|(key, _)| key.name);
+        assert_eq!(names[..], KEYS[1..].iter().map(|key| key.name).collect::<Vec<_>>());
+        for key in KEYS {
+            for value in extremes(key).into_iter().chain([key.default_value()]) {
+                key.check(value).unwrap();
+                let edit: RenderEdit = [(key, value)].into_iter().collect();
+                let read: RenderEdit = toml::from_str(&format!("{} = {value}", key.name)).unwrap();
+                assert_eq!(read, edit, "{} = {value}", key.name);
+                let keys = edit.apply(&base);
+                let quality = || KeyValue::Choice(Quality::of(&keys).unwrap().as_str());
+                let found = keys.value(key).unwrap_or_else(quality);
+                assert_eq!(found, value, "{}", key.name);
+            }
+        }
+        let named: RenderEdit = toml::from_str("integrator = 'cpu-gi'").unwrap();
+        assert_eq!(named.integrator, Some(Method::Photon));
+        assert_eq!(keys::INTEGRATOR.choice("cpu-gi").unwrap().name, "photon");
+    }
+
+    #[test]
+    fn defaults_are_those_of_a_scene_that_says_nothing() {
+        let words = "normal photon 1024x1024 16 2 2 1048576 50 false voxel on 0.0 on 1.0 1";
+        let default = |key: &&'static Key| match key.default_value() {
+            KeyValue::Pair([width, height]) => format!("{width}x{height}"),
+            KeyValue::Choice(name) => name.to_owned(),
+            value => value.to_string(),
+        };
+        assert_eq!(KEYS.iter().map(default).collect::<Vec<_>>().join(" "), words);
     }
 
     #[test]

@@ -2,6 +2,9 @@
 
 pub(crate) mod camera;
 pub(crate) mod edit;
+pub(crate) mod key;
+pub mod keys;
+pub(crate) mod method;
 pub(crate) mod settings;
 pub(crate) mod text;
 mod views;

@@ -5,7 +5,9 @@
 
 use super::camera::{Camera, Fov};
 use super::edit::{Quality, RenderEdit};
-use super::settings::{RenderKeys, RenderSettings, out_of_range};
+use super::key::{Key, KeyValue, out_of_range};
+use super::method::Filter;
+use super::settings::{RenderKeys, RenderSettings};
 use super::world::{MaterialEdit, Model, View};
 use crate::shading::light::Light;
 use serde::Deserialize;
@@ -38,7 +40,7 @@ impl Default for Scene {
             camera: CameraKeys::default(),
             lights: vec![],
             materials: BTreeMap::new(),
-            render: Quality::Normal.apply(&RenderKeys::default()),
+            render: Quality::default().apply(&RenderKeys::default()),
             given: RenderEdit::default(),
         }
     }
@@ -74,6 +76,21 @@ impl Scene {
         let scene = Scene { model, camera, lights, materials, render, given };
         scene.check(path)?;
         Ok(scene)
+    }
+
+    /// Suits what was not asked for to a picture that changes while it is looked at: it begins without the filter and,
+    /// without a scene, with the footprint rule, so that frames come sooner.
+    pub fn begin_live(&mut self) {
+        if self.model.is_empty() && self.given.lod_error.is_none() {
+            self.render.lod_error = 1.0;
+        }
+        if self.given.filter.is_none() && self.given.quality.is_none() {
+            self.render.filter = Filter::Off;
+        }
+        // Photons go on coming while the picture is looked at.
+        if self.given.photons.is_none() && self.given.quality.is_none() {
+            self.render.photons = RenderKeys::default().photons;
+        }
     }
 
     /// Applies the material edits to `model` and gives the view of it that this scene describes.
@@ -118,6 +135,15 @@ impl Scene {
             })?;
         }
         Ok(())
+    }
+}
+
+impl Key {
+    /// The value in a scene that says nothing, where the picture changes while it is looked at.
+    pub fn live_value(&self) -> KeyValue {
+        let mut scene = Scene::default();
+        scene.begin_live();
+        scene.render.value(self).unwrap_or(self.default_value())
     }
 }
 

@@ -35,7 +35,7 @@ use crate::image::encode::Image;
 use crate::image::film::Film;
 use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder};
-use crate::scene::settings::Method;
+use crate::scene::method::Method;
 use crate::schedule::Pass;
 use crate::trace::PagedTracer;
 use std::ops::Deref;

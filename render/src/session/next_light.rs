@@ -88,7 +88,8 @@ pub(super) fn irradiance<'a>(shown: Option<&'a PhotonMap>, next: Option<&'a Next
 mod tests {
     use super::*;
     use crate::photon::trace::PASS_PHOTONS;
-    use crate::scene::settings::{Method, RenderKeys};
+    use crate::scene::method::Method;
+    use crate::scene::settings::RenderKeys;
     use crate::session::tests::{floor, sun};
     use crate::session::{Event, Session};
     use crate::trace::PagedTracer;

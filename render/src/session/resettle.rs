@@ -18,7 +18,8 @@ use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
 use crate::photon::irradiance::PhotonMap;
 use crate::photon::kd_tree::PhotonTree;
-use crate::scene::settings::{Filter, RenderKeys, RenderSettings};
+use crate::scene::method::Filter;
+use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
 use crate::session::next_light::NextLight;
 use crate::trace::PagedTracer;
@@ -164,7 +165,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::settings::Method;
+    use crate::scene::method::Method;
     use crate::session::tests::{floor, sun};
     use crate::session::{Event, FetchBlock, FrameOptions, FrameProgress};
     use std::ops::ControlFlow;

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::image::film::film_bytes;
-use crate::scene::settings::{Filter, Method, RenderKeys};
+use crate::scene::method::{Filter, Method};
+use crate::scene::settings::RenderKeys;
 use crate::schedule::pass_bytes;
 use crate::shading::light::Emitters;
 use crate::testing::{pool, view};

@@ -33,6 +33,16 @@ pub enum Occluders {
     On,
 }
 
+impl Occluders {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Occluders::Off => "off",
+            Occluders::On => "on",
+        }
+    }
+}
+
 /// The hit of a ray on the voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VoxelHit {

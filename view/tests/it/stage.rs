@@ -143,7 +143,7 @@ impl Server {
                 let materials = session.model().materials.clone();
                 let around = Surroundings {
                     name: "wave",
-                    input: "wave.trex",
+                    command_line: &|recipe| format!("{recipe:?}"),
                     model_path: "/models/wave.trex",
                     model: ModelFigures { triangle_count: 7200, ..ModelFigures::default() },
                     file_materials: &materials,

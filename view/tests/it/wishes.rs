@@ -28,7 +28,7 @@ fn edits_are_seen_by_those_who_watch_and_in_the_texts() {
     let scene = texts["scene"].as_str().unwrap();
     assert!(scene.contains("[material.\"default\"]\nkd = [0.5, 0.25, 0.125]"), "{scene}");
     assert!(scene.contains("type = \"sky\"\nradiance = [1.0, 0.5, 0.25]"), "{scene}");
-    assert_eq!(texts["command"], "trex render view.toml -o picture.png");
+    assert_eq!(texts["command"], "Saved");
 }
 
 #[test]

@@ -1,0 +1,132 @@
+//! The choices of a picture: `Method`, the way in which light is computed, and what G-rays and filters do.
+//!
+//! Invariant: each choice has one name, which scene files, flags and pages share; `keys` says what it means.
+
+/// The way in which light is computed: the integrator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Direct light and perfect mirrors: see `integrate/direct.rs`.
+    #[default]
+    Direct,
+    /// All light, unbiased: see `integrate/path.rs`.
+    Path,
+    /// Ambient occlusion: see `integrate/ao.rs`.
+    Ao,
+    /// Photon mapping on voxels: see `integrate/photon.rs`. Also called `cpu-gi`: all of it runs on the CPU.
+    #[serde(alias = "cpu-gi")]
+    Photon,
+    /// Photon mapping on the exact mesh: see `integrate/final_gather.rs`.
+    FullGi,
+    /// The leaves of the voxel octree: see `integrate/debug.rs`.
+    DebugUpper,
+    /// The finest voxels, through the units below it.
+    DebugLower,
+    /// The bitmaps of the resident octree.
+    DebugOccluders,
+    /// The pages of the mesh.
+    DebugPages,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Method; 9] = [
+        Method::Direct,
+        Method::Path,
+        Method::Ao,
+        Method::Photon,
+        Method::FullGi,
+        Method::DebugUpper,
+        Method::DebugLower,
+        Method::DebugOccluders,
+        Method::DebugPages,
+    ];
+
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Method::Direct => "direct",
+            Method::Path => "path",
+            Method::Ao => "ao",
+            Method::Photon => "photon",
+            Method::FullGi => "full-gi",
+            Method::DebugUpper => "debug-upper",
+            Method::DebugLower => "debug-lower",
+            Method::DebugOccluders => "debug-occluders",
+            Method::DebugPages => "debug-pages",
+        }
+    }
+
+    /// True when nothing can be drawn without voxels.
+    pub fn needs_voxels(self) -> bool {
+        self == Method::Photon || self.shows_voxels()
+    }
+
+    /// True when C-rays show voxels, not the mesh.
+    pub(crate) fn shows_voxels(self) -> bool {
+        matches!(self, Method::DebugUpper | Method::DebugLower | Method::DebugOccluders)
+    }
+
+    /// True when there is light to compute: all but the debug views.
+    pub(crate) fn computes_light(self) -> bool {
+        !self.shows_voxels() && self != Method::DebugPages
+    }
+
+    /// True when indirect light is gathered from photons.
+    pub fn gathers(self) -> bool {
+        matches!(self, Method::Photon | Method::FullGi)
+    }
+
+    /// True when the picture that frames show at once is of this method, too: what gathers on the mesh, or goes on by
+    /// chance, is seen in direct light at first.
+    pub(crate) fn has_own_preview(self) -> bool {
+        !matches!(self, Method::Path | Method::FullGi)
+    }
+
+    /// True when voxels are asked where there are any.
+    pub fn asks_voxels(self) -> bool {
+        self.needs_voxels() || self == Method::Ao
+    }
+}
+
+/// The way in which shadow and gather rays leave a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Near {
+    /// Rays begin off the surface by a voxel.
+    #[default]
+    Voxel,
+    /// Rays begin on the exact mesh, for some leaves' length.
+    Exact,
+}
+
+impl Near {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Near::Voxel => "voxel",
+            Near::Exact => "exact",
+        }
+    }
+}
+
+/// Smoothing of indirect light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Filter {
+    /// Light is shown as the samples come.
+    #[default]
+    Off,
+    /// Light is smoothed where the pixels show the same surface.
+    On,
+}
+
+impl Filter {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Filter::Off => "off",
+            Filter::On => "on",
+        }
+    }
+}
