@@ -103,11 +103,6 @@ pub fn suit_file(scene: &mut Scene, file: &Path, ctx: &Context) -> Result<()> {
     Ok(())
 }
 
-/// The picture of `keys` in direct light, which needs no voxels.
-pub fn lit_without_voxels(keys: &RenderKeys) -> RenderKeys {
-    RenderEdit { integrator: Some(Method::Direct), ..RenderEdit::default() }.apply(keys)
-}
-
 /// The libraries' form of `--io` and `--direct`.
 pub fn io_options(disk: &DiskArgs) -> IoOptions {
     IoOptions { io: disk.io.choice(), direct: disk.direct.choice(), ..IoOptions::default() }

@@ -3,7 +3,7 @@
 use crate::command::{document_in, folder, listing, run_in};
 use crate::fixtures::model_with;
 use std::path::Path;
-use trex_render::{MemoryPlan, PictureNeeds, RenderKeys, RenderSettings};
+use trex_render::{Layers, MemoryPlan, PictureNeeds, RenderKeys, RenderSettings};
 use trex_store::build::Voxels;
 use trex_view::view_bytes;
 
@@ -102,7 +102,8 @@ fn a_viewer_leaves_pages_half_of_a_small_limit_and_a_third_beside_a_large_pictur
     for (resolution, part) in [([1280, 720], 2), ([1920, 1080], 3)] {
         let settings = RenderSettings::new(RenderKeys { resolution, ..RenderKeys::default() }).unwrap();
         let copies_bytes = view_bytes(resolution);
-        let needs = PictureNeeds { settings, is_live: true, copies_bytes, ..PictureNeeds::plain(2) };
+        let layers = Layers { filter: true, ..Layers::default() };
+        let needs = PictureNeeds { settings, layers, workers: 2, is_live: true, copies_bytes };
         let plan = MemoryPlan::new(&built.file, &needs, LIMIT).unwrap();
         let frames = LIMIT - OTHERS - plan.film_bytes;
         assert!(

@@ -109,7 +109,8 @@ impl MemoryPlan {
         beside_bytes: u64,
     ) -> Result<MemoryPlan> {
         let settings = RenderSettings::new(RenderKeys { resolution: [1, 1], ..RenderKeys::default() })?;
-        let rays = PictureNeeds { settings, copies_bytes: beside_bytes, ..PictureNeeds::plain(workers) };
+        let layers = Layers::default();
+        let rays = PictureNeeds { settings, layers, workers, is_live: false, copies_bytes: beside_bytes };
         MemoryPlan::new(file, &rays, limit_bytes)
     }
 
