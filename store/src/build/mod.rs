@@ -50,6 +50,7 @@ pub use plan::Plan;
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
 use crate::octree::{Refinement, Voxelizer};
+use crate::output::check_apart;
 use crate::progress::{Interrupt, Progress, Report};
 use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
@@ -62,6 +63,8 @@ use publish::Draft;
 use rayon::ThreadPool;
 use serde::Serialize;
 use sorted_record::Begun;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -189,7 +192,7 @@ pub struct BuildReport {
 /// Builds `output` from `source`. `on_plan` is called once, before anything is written.
 ///
 /// # Errors
-/// Those of the source; [`Code::Usage`] when the output exists or the precision cannot be had;
+/// Those of the source; [`Code::Usage`] when the output exists, the source names it, or the precision cannot be had;
 /// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
 /// [`Code::Interrupted`]. Nothing is left behind then, but after an interrupt what [`BuildOptions::resume`] goes on
 /// from.
@@ -270,6 +273,7 @@ impl Site<'_> {
             }
             None => self.read(source, begun, journal.as_deref_mut(), on_plan, &mut out)?,
         };
+        self.check_apart(&read.source)?;
         clock.lap();
 
         // Clusters and pages, chunk by chunk, in order.
@@ -311,6 +315,7 @@ impl Site<'_> {
                 (scan, lattice::choose(&scan, options.precision, &source.name())?)
             }
         };
+        self.check_apart(&source.stats())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
         on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
 
@@ -329,6 +334,12 @@ impl Site<'_> {
         }
         (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
         Ok(read)
+    }
+
+    /// Refuses an output that the input names: what a source has read is known once its stream has ended.
+    fn check_apart(&self, source: &SourceStats) -> Result<()> {
+        let mut named = source.named_files.iter().map(|(path, _)| Path::new(OsStr::from_bytes(path)));
+        named.try_for_each(|named| check_apart(self.output, named))
     }
 
     /// Where the file of an ending is.
