@@ -20,7 +20,8 @@ fn main() -> Result<(), Error> {
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
     let voxels = Voxels::open(&file, &budget)?.map(Arc::new);
     let method = if voxels.is_some() { Method::Photon } else { Method::Direct };
-    let mut model = Model { bounds, materials, emitters: vec![], voxels };
+    let mut model =
+        Model { bounds, materials, names: file.material_names().clone(), emitters: vec![], voxels };
 
     let mut scene = Scene::default();
     scene.render.integrator = method;

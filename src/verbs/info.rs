@@ -7,16 +7,17 @@ use crate::context::Context;
 use crate::failure::Exit;
 use crate::size;
 use crate::values::Input;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::fmt;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 use trex_render::{MemoryPlan, PictureNeeds};
 use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind};
 use trex_store::printable::one_line;
-use trex_store::{Aabb, PageFile, open_regular};
+use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
 
 /// Materials named in the text.
 const NAMED: usize = 16;
@@ -170,7 +171,8 @@ struct Stored {
     page_count: usize,
     material_count: usize,
     /// Their names, in order.
-    materials: Vec<String>,
+    #[serde(serialize_with = "names")]
+    materials: Arc<MaterialNames>,
     emitter_count: usize,
     file_bytes: u64,
     bytes_per_triangle: BytesPerTriangle,
@@ -182,6 +184,11 @@ struct Stored {
     smallest_limit_bytes: u64,
     /// For a picture of 1024x1024 in direct light, of this run's limit or the smallest.
     shares: MemoryPlan,
+}
+
+/// Names one by one: there may be as many as the limit has room for.
+fn names<S: Serializer>(names: &MaterialNames, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(names.iter())
 }
 
 impl Stored {
@@ -214,7 +221,7 @@ impl Stored {
             wide_cluster_count: block.wide_cluster_count,
             page_count: file.pages().len(),
             material_count: file.materials().len(),
-            materials: file.materials().iter().map(|material| material.name.clone()).collect(),
+            materials: file.material_names().clone(),
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
@@ -290,8 +297,7 @@ impl fmt::Display for Stored {
             self.material_count,
             self.emitter_count
         )?;
-        let named =
-            self.materials.iter().take(NAMED).map(|name| one_line(name)).collect::<Vec<_>>().join(", ");
+        let named = self.materials.iter().take(NAMED).map(one_line).collect::<Vec<_>>().join(", ");
         let more = if self.material_count > NAMED { ", ... (--json lists all)" } else { "" };
         writeln!(f, "materials: {named}{more}")?;
         let per = &self.bytes_per_triangle;

@@ -15,7 +15,7 @@ use trex_render::{
 use trex_store::io::IoOptions;
 use trex_store::layout::{PageKind, SectionKind};
 use trex_store::pool::{PagePool, PageState, PoolOptions};
-use trex_store::{Budget, Code, Error, Lease, PageFile, Result, open_regular};
+use trex_store::{Code, Error, FileSizes, Lease, PageFile, Result, open_regular};
 
 /// Counts of pages that are in frames.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -154,8 +154,8 @@ pub fn io_options(disk: &DiskArgs) -> IoOptions {
 /// limit that is named must do for all of it.
 fn open_for(path: &Path, picture: &PictureNeeds, ctx: &Context) -> Result<PageFile> {
     PageFile::open(path, &ctx.budget).map_err(|error| match error.code() {
-        Code::MemoryLimit => PageFile::open(path, &Budget::unlimited())
-            .and_then(|file| MemoryPlan::new(&file, picture, ctx.budget.limit_bytes()))
+        Code::MemoryLimit => FileSizes::of(path)
+            .and_then(|sizes| MemoryPlan::for_sizes(&sizes, picture, ctx.budget.limit_bytes()))
             .err()
             .unwrap_or(error),
         _ => error,
@@ -172,6 +172,7 @@ fn model_of(file: &PageFile) -> Model {
     Model {
         bounds: block.bounds,
         materials: file.materials().to_vec(),
+        names: file.material_names().clone(),
         emitters: file.emitters().iter().map(emitter).collect(),
         voxels: None,
     }

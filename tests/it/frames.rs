@@ -44,7 +44,13 @@ impl Stage {
         let budget = Budget::unlimited();
         let voxels = Voxels::open(&self.file, &budget).unwrap().map(Arc::new);
         let bounds = self.file.superblock().bounds;
-        let mut model = Model { bounds, materials: self.file.materials().to_vec(), emitters: vec![], voxels };
+        let mut model = Model {
+            bounds,
+            materials: self.file.materials().to_vec(),
+            names: self.file.material_names().clone(),
+            emitters: vec![],
+            voxels,
+        };
         let mut scene = Scene::default();
         let keys = RenderKeys::default();
         scene.render = RenderKeys { integrator: method, resolution: RESOLUTION, photons: 100_000, ..keys };

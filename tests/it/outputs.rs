@@ -328,7 +328,7 @@ fn what_an_input_names_is_not_replaced() {
     std::fs::create_dir(at("deep")).unwrap();
     document_in(inside.path(), "build k.obj -o model.trex");
     // Endings of pictures, on files that are something else.
-    let view = "[[view]]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n";
+    let view = "[[view]]\nposition = [0, -3, 5]\ntarget = [0, 0, 0]\n";
     std::fs::write(at("scene.toml"), "model = 'model.png'\n").unwrap();
     std::fs::copy(at("model.trex"), at("model.png")).unwrap();
     std::fs::hard_link(at("scene.toml"), at("scene.png")).unwrap();

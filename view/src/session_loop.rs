@@ -312,7 +312,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     pub(crate) fn texts(&self) -> (String, String) {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
-        let materials = texts::edits(self.around.file_materials, &model.materials);
+        let materials = texts::edits(self.around.file_materials, model);
         let is_by_flags = view.lights == self.input_lights
             && model.materials == self.input_materials
             && (view.settings.bake || !self.input_bakes);

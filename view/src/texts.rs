@@ -4,7 +4,7 @@
 //! where flags cannot say what has been edited.
 
 use std::fmt::{Display, Write};
-use trex_render::{Camera, Filter, Fov, Light, MaterialEdit, Near, Occluders, RenderKeys};
+use trex_render::{Camera, Filter, Fov, Light, MaterialEdit, Model, Near, Occluders, RenderKeys};
 use trex_store::Material;
 
 /// Name of the scene file in a command line, where one has to be saved first.
@@ -26,9 +26,9 @@ pub(crate) struct Viewed<'a> {
     pub(crate) is_by_flags: bool,
 }
 
-/// What has been edited of materials: `then` are those of the file, `now` what they have become.
-pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, MaterialEdit)> {
-    let edit = |(then, now): (&Material, &Material)| {
+/// What has been edited of materials: `then` are those of the file, `model` has what they have become.
+pub(crate) fn edits(then: &[Material], model: &Model) -> Vec<(String, MaterialEdit)> {
+    let edit = |(index, (then, now)): (usize, (&Material, &Material))| {
         let reflects_alike = (then.kd, then.ks) == (now.kd, now.ks);
         let edit = MaterialEdit {
             kd: (!reflects_alike).then_some(now.kd),
@@ -37,9 +37,10 @@ pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, Materia
             ke: (then.ke != now.ke).then_some(now.ke),
             mirror: (then.mirror != now.mirror).then_some(now.mirror),
         };
-        (edit != MaterialEdit::default()).then(|| (now.name.clone(), edit))
+        let name = || model.names.get(index).unwrap_or_default().to_owned();
+        (edit != MaterialEdit::default()).then(|| (name(), edit))
     };
-    then.iter().zip(now).filter_map(edit).collect()
+    then.iter().zip(&model.materials).enumerate().filter_map(edit).collect()
 }
 
 /// The command line.

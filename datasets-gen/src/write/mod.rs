@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 use trex_store::output::{draft, folder_of};
 use trex_store::{
-    Budget, Code, Error, Interrupt, Material, Progress, Report, Result, TriangleBatch, TriangleSource,
+    Budget, Code, Error, Interrupt, MaterialList, Progress, Report, Result, TriangleBatch, TriangleSource,
 };
 
 /// How to write.
@@ -102,7 +102,7 @@ impl Job<'_> {
         &self,
         source: &mut dyn TriangleSource,
         phase: &'static str,
-        mut visit: impl FnMut(&[Material], &TriangleBatch) -> Result<()>,
+        mut visit: impl FnMut(&MaterialList, &TriangleBatch) -> Result<()>,
     ) -> Result<()> {
         let _lease = self.options.budget.lease("the writer's batch", TriangleBatch::BYTES)?;
         source.rewind()?;

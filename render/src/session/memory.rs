@@ -21,7 +21,7 @@ use crate::trace::PooledPages;
 use serde::Serialize;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Code, Error, PageFile, RESERVE_BYTES, Result};
+use trex_store::{Code, Error, FileSizes, PageFile, RESERVE_BYTES, Result};
 
 /// Frames that a worker needs to work without waiting for each page: what a tile of pixels touches.
 const FRAMES_PER_WORKER: u64 = 32;
@@ -88,23 +88,31 @@ impl MemoryPlan {
     /// The shares of a limit for a picture of `file`.
     ///
     /// # Errors
-    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    /// [`Code::MemoryLimit`] with the smallest limit that works; those of reading the sizes of the file's octree.
     pub fn new(file: &PageFile, needs: &PictureNeeds, limit_bytes: u64) -> Result<MemoryPlan> {
-        let smallest = MemoryPlan::smallest_limit_bytes(file, needs)?;
+        MemoryPlan::for_sizes(&file.sizes(), needs, limit_bytes)
+    }
+
+    /// The shares of a limit for a picture of a file of these sizes, which need not be open.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    pub fn for_sizes(file: &FileSizes, needs: &PictureNeeds, limit_bytes: u64) -> Result<MemoryPlan> {
+        let smallest = MemoryPlan::smallest_for_sizes(file, needs)?;
         let staging =
             (limit_bytes / 10 / u64::from(MERGE_BYTES)).clamp(*STAGING_SLOTS.start(), *STAGING_SLOTS.end());
         for slots in [staging, *STAGING_SLOTS.start()] {
             let fixed = MemoryPlan::fixed(file, needs, slots)?;
             let taken = fixed.sum();
             let least = FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
-            if taken + least <= limit_bytes {
-                let all = (file.pages().len().max(2) * FRAME_BYTES) as u64;
+            if taken + least <= limit_bytes && smallest <= limit_bytes {
+                let all = (file.page_count.max(2) as usize * FRAME_BYTES) as u64;
                 return Ok(MemoryPlan { frames_bytes: (limit_bytes - taken).min(all.max(least)), ..fixed });
             }
         }
         let mib = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
         Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this picture")
-            .at(file.path())
+            .at(&file.path)
             .numbers(format!("limit {}, {} needed", mib(limit_bytes), mib(smallest)))
             .next(format!(
                 "--memory-limit {}MiB or more, a smaller --resolution, or fewer --threads",
@@ -118,8 +126,14 @@ impl MemoryPlan {
     /// # Errors
     /// Those of reading the sizes of the file's octree.
     pub fn smallest_limit_bytes(file: &PageFile, needs: &PictureNeeds) -> Result<u64> {
+        MemoryPlan::smallest_for_sizes(&file.sizes(), needs)
+    }
+
+    /// With what it takes to open the file, where that is more.
+    fn smallest_for_sizes(file: &FileSizes, needs: &PictureNeeds) -> Result<u64> {
         let fixed = MemoryPlan::fixed(file, needs, *STAGING_SLOTS.start())?;
-        Ok(fixed.sum() + FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64)
+        let least = fixed.sum() + FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
+        Ok(least.max(RESERVE_BYTES + file.opening_bytes))
     }
 
     /// Options of the pool for these shares.
@@ -128,14 +142,15 @@ impl MemoryPlan {
     }
 
     /// The shares of all but the frames.
-    fn fixed(file: &PageFile, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
+    fn fixed(file: &FileSizes, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
         let PictureNeeds { settings, layers, workers, is_live, copies_bytes } = *needs;
         let resolution = settings.resolution;
-        let (overhead, _) = PagePool::smallest_bytes(file, &pool_options(staging_slots))?;
-        let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * workers as u64;
+        let overhead = PagePool::overhead_bytes(file.page_count, &pool_options(staging_slots))?;
+        let page_count = file.page_count as usize;
+        let pins = PooledPages::bytes(page_count, page_count) * workers as u64;
         Ok(MemoryPlan {
             reserve_bytes: RESERVE_BYTES,
-            tables_bytes: file.resident_table_bytes() + model_bytes(file),
+            tables_bytes: file.kept_bytes + copies_of_model(file.material_count, file.emitter_count),
             voxels_bytes: voxels_bytes(file, needs)?,
             photons_bytes: photons_bytes(needs),
             film_bytes: film_bytes(resolution, layers)
@@ -158,11 +173,21 @@ impl MemoryPlan {
     }
 }
 
-/// Bytes of the renderer's copies of materials and emitters of `file`: those of the caller, of the session and of an
-/// edit; and what lights are drawn from, twice while a state replaces the one before.
+/// Copies of materials: of the caller, of the viewer, of the session and its world, and of both while an edit replaces
+/// them.
+const MATERIAL_COPIES: usize = 6;
+/// Copies of emitters: of the caller, of the session and of an edit.
+const EMITTER_COPIES: usize = 3;
+
+/// Bytes of the renderer's copies of materials and emitters of `file`, which hold no names; and what lights are drawn
+/// from, twice while a state replaces the one before.
 pub fn model_bytes(file: &PageFile) -> u64 {
-    let (materials, emitters) = (file.materials().len(), file.emitters().len());
-    let copies = 3 * (materials * size_of::<trex_store::Material>() + emitters * size_of::<Emitter>());
+    copies_of_model(file.materials().len(), file.emitters().len())
+}
+
+fn copies_of_model(materials: usize, emitters: usize) -> u64 {
+    let copies = MATERIAL_COPIES * materials * size_of::<trex_store::Material>()
+        + EMITTER_COPIES * emitters * size_of::<Emitter>();
     copies as u64 + 2 * Emitters::bytes(emitters)
 }
 
@@ -180,12 +205,12 @@ fn photons_bytes(needs: &PictureNeeds) -> u64 {
 }
 
 /// Bytes that the octree takes, with its light; or while it is read, with its stored form.
-fn voxels_bytes(file: &PageFile, needs: &PictureNeeds) -> Result<u64> {
+fn voxels_bytes(file: &FileSizes, needs: &PictureNeeds) -> Result<u64> {
     if !needs.asks_voxels() {
         return Ok(0);
     }
-    let Some(size) = file.upper_size()? else { return Ok(0) };
-    let links = file.lower_size()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
+    let Some(size) = file.upper.clone()? else { return Ok(0) };
+    let links = file.lower.clone()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
     // The map, the sums of a pass, and the map that comes when light changes.
     let maps = match needs.settings.integrator {
         Method::Photon if needs.is_live => 3,

@@ -79,6 +79,7 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let model = Model {
         bounds: file.superblock().bounds,
         materials: file.materials().to_vec(),
+        names: file.material_names().clone(),
         emitters: vec![],
         voxels,
     };
@@ -96,7 +97,13 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let corners = [[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [0.0, 9.0, 0.0]];
     let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
     let bounds = Aabb { lo: [-9.0, -9.0, 0.0], hi: [9.0, 9.0, 0.0] };
-    let model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
+    let model = Model {
+        bounds,
+        materials: vec![Material::default()],
+        names: Default::default(),
+        emitters: vec![],
+        voxels: None,
+    };
     let lights = vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [1.0; 3] }];
     let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, seed: 0, ..RenderKeys::default() };
     let view = view([0.0, 0.0, 3.0], 30.0, lights, keys);

@@ -21,9 +21,11 @@ mod chunk;
 mod clusters;
 mod emit;
 mod in_order;
+mod input_sizes;
 mod journal;
 mod lattice;
 pub mod left_over;
+mod model_materials;
 mod pages;
 mod partition;
 mod phases;
@@ -37,24 +39,28 @@ mod scratch;
 mod snap;
 mod sorted_record;
 mod surface;
+mod table_bytes;
 #[cfg(test)]
 mod tests;
 mod voxels;
 mod writer;
 
 pub use crate::output::Existing;
+pub use input_sizes::InputSizes;
 pub use lattice::Scan;
 pub use phases::{PhaseCpuMs, PhaseMs};
-pub use plan::Plan;
+pub use plan::{Plan, smallest_bytes, smallest_bytes_for};
 
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
-use crate::octree::{Refinement, Voxelizer};
+use crate::octree::Refinement;
 use crate::output::check_apart;
 use crate::progress::{Interrupt, Progress, Report};
 use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
+use input_sizes::Counted;
 use journal::Journal;
+use model_materials::ModelMaterials;
 use partition::{Partition, Start};
 use phases::Clock;
 use plan::plan;
@@ -268,7 +274,7 @@ impl Site<'_> {
 
         let read = match read {
             Some(read) => {
-                on_plan(&plan(read.parted.input_triangle_count, options, self.scratch_folder)?);
+                on_plan(&plan(&read.sizes, options, self.scratch_folder)?);
                 read
             }
             None => self.read(source, begun, journal.as_deref_mut(), on_plan, &mut out)?,
@@ -317,16 +323,18 @@ impl Site<'_> {
         };
         self.check_apart(&source.stats())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
-        on_plan(&plan(scan.triangle_count, options, self.scratch_folder)?);
+        let known = InputSizes { triangle_count: scan.triangle_count, ..InputSizes::default() };
+        on_plan(&plan(&known, options, self.scratch_folder)?);
 
         // Partition: snapped triangles in cells.
         out.resumed_sorted_count = begun.as_ref().map_or(0, |begun| begun.again.triangle_count);
         let place = self.scratch(journal.as_deref(), "cells", false);
         let start = Start { scan, grid, place, begun, journal: journal.as_deref_mut() };
-        let parted = partition::partition(source, start, options, tell)?;
+        let mut source = Counted::new(source);
+        let parted = partition::partition(&mut source, start, options, tell)?;
         out.phase_ms.generate += parted.wait_ms;
-        let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
-        let read = Read { parted, materials_json, source: source.stats() };
+        let materials = ModelMaterials::of(source.materials(), &options.budget)?;
+        let read = Read { parted, materials, sizes: source.sizes(), source: source.stats() };
         if let Some(journal) = journal.filter(|journal| journal.has_record || journal.is_due()) {
             journal.has_record = journal.write_chunks(&read, &options.budget)?;
             journal.forget("sorted")?;
@@ -361,16 +369,6 @@ fn kept(error: Error, output: &Path, bytes: u64) -> Error {
             bytes.div_ceil(1 << 20)
         ))
         .next("run the same command again to go on, or remove them with trex build --clean")
-}
-
-/// What a source may lease while it is read: materials, the directory of 64 million vertices.
-const SOURCE_BYTES: u64 = 1 << 20;
-
-/// Least bytes that a build leases beside what its source has leased when it is opened: a small model. [`Plan`] tells
-/// what the tables of others take.
-pub fn smallest_bytes() -> u64 {
-    let builder = chunk::worker_bytes() + Voxelizer::BYTES + writer::TABLES_LEAST;
-    partition::SMALLEST_BYTES.max(builder) + SOURCE_BYTES
 }
 
 /// What became of the triangles of an input of which none is left.

@@ -12,8 +12,10 @@
 //! together, counts as absent: its hash says that nothing turned on the way, not who wrote it.
 
 use super::cells::{Chunk, is_on_lattice};
+use super::input_sizes::InputSizes;
 use super::journal::Journal;
 use super::lattice::Grid;
+use super::model_materials::ModelMaterials;
 use super::partition::Partition;
 use super::publish::DraftFile;
 use super::record::{self, is_as_long};
@@ -24,10 +26,7 @@ use crate::budget::Budget;
 use crate::cluster::{LatticeBox, TopRef};
 use crate::error::Result;
 use crate::geom::Lattice;
-use crate::layout::{
-    EMITTER_BYTES, MATERIALS, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock,
-};
-use crate::material::Material;
+use crate::layout::{EMITTER_BYTES, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock};
 use crate::octree::{Refinement, Written, is_upper};
 use crate::source::SourceStats;
 use serde::{Deserialize, Serialize};
@@ -58,6 +57,9 @@ struct ChunksHead<'a> {
     lattice_bounds: [[i64; 3]; 2],
     /// Leaves of the resident octree, and how much finer the finest are.
     octree: Option<(u32, u32)>,
+    /// Triangles whose material emits.
+    #[serde(default)]
+    emissive_count: u64,
     content_hash: u64,
     source: SourceStats,
 }
@@ -76,7 +78,8 @@ struct DoneHead {
 /// What came of reading an input.
 pub(super) struct Read {
     pub(super) parted: Partition,
-    pub(super) materials_json: Vec<u8>,
+    pub(super) materials: ModelMaterials,
+    pub(super) sizes: InputSizes,
     pub(super) source: SourceStats,
 }
 
@@ -111,10 +114,12 @@ impl Journal {
             median_edge: parted.median_edge.to_bits(),
             lattice_bounds: parted.lattice_bounds,
             octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
+            emissive_count: read.sizes.emissive_count,
             content_hash: parted.content_hash,
             source: read.source.clone(),
         };
-        record::write(&self.path("chunks"), self.folder(), &head, &[&read.materials_json])?;
+        let Some((materials, _lease)) = read.materials.to_bytes(budget) else { return Ok(false) };
+        record::write(&self.path("chunks"), self.folder(), &head, &[&materials])?;
         self.written(begin);
         Ok(true)
     }
@@ -124,7 +129,7 @@ impl Journal {
         let cells = self.path("cells");
         let record = record::read::<ChunksHead<'_>>(&self.path("chunks"), budget)?;
         let record = record.filter(|record| is_as_long(&cells, record.head.scratch_bytes));
-        let read = record.map_or(Ok(None), |record| Read::parse(record, cells))?;
+        let read = record.map_or(Ok(None), |record| Read::parse(record, cells, budget))?;
         let Some(mut read) = read else { return Ok((None, None)) };
         let done = self.read_done(&read.parted, budget)?;
         let Partition { scratch, chunks, .. } = &mut read.parted;
@@ -197,15 +202,19 @@ fn counts(block: &mut Superblock) -> [&mut u64; 6] {
 
 impl Read {
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
-    fn parse(record: record::Record<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<Read>> {
+    fn parse(
+        record: record::Record<ChunksHead<'_>>,
+        cells: PathBuf,
+        budget: &Budget,
+    ) -> Result<Option<Read>> {
         let head = record.head;
         let octree = head.octree.map(|(resolution, factor)| {
             Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
         });
-        let (Ok([materials_json]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None))
-        else {
+        let (Ok([section]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None)) else {
             return Ok(None);
         };
+        let Some(materials) = ModelMaterials::parse(&section, budget)? else { return Ok(None) };
         let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
         let parted = Partition {
             scratch: Scratch::left(cells, head.scratch_bytes)?,
@@ -223,25 +232,30 @@ impl Read {
             content_hash: head.content_hash,
             wait_ms: 0,
         };
-        let read = Read { parted, materials_json, source: head.source };
+        let sizes = InputSizes {
+            triangle_count: head.input_triangle_count,
+            emissive_count: head.emissive_count.min(head.input_triangle_count),
+            vertex_count: head.source.vertex_count,
+            material_count: materials.count() as u64,
+            name_bytes: head.source.material_name_bytes,
+        };
+        let read = Read { parted, materials, sizes, source: head.source };
         Ok(read.is_sound().then_some(read))
     }
 
     fn is_sound(&self) -> bool {
-        let Read { parted, materials_json, .. } = self;
+        let parted = &self.parted;
         let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = parted;
         let block = Superblock {
             triangle_count: *triangle_count,
             lattice_bounds: *lattice_bounds,
             ..superblock_of(parted)
         };
-        let materials = serde_json::from_slice::<Vec<Material>>(materials_json);
         block.has_sound_numbers()
             && is_on_lattice(lattice_bounds, grid.bits)
             && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis])
             && chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
             && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == *triangle_count
-            && materials.is_ok_and(|materials| (1..=MATERIALS).contains(&materials.len()))
     }
 }
 

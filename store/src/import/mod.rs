@@ -12,6 +12,7 @@
 
 mod input;
 mod materials;
+mod mtl;
 mod obj;
 mod ply;
 mod polygon;
@@ -36,6 +37,16 @@ pub use sniff::{Encoding, Format};
 /// Most warnings that a source keeps.
 const MAX_WARNINGS: usize = 16;
 
+/// What is kept of the names of materials.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MaterialNaming {
+    /// The names.
+    #[default]
+    Names,
+    /// A hash of each, in its place, while memory is leased as for the names: to tell what reading takes, in less.
+    Hashes,
+}
+
 /// How an input is read.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
@@ -48,6 +59,8 @@ pub struct ImportOptions {
     pub interrupt: Interrupt,
     /// Most bytes that the vertex cache takes. Less is taken where the array is smaller or the budget has less.
     pub vertex_cache_bytes: u64,
+    /// What is kept of the names of materials.
+    pub naming: MaterialNaming,
 }
 
 impl ImportOptions {
@@ -59,6 +72,7 @@ impl ImportOptions {
             temp_dir: temp_dir.to_path_buf(),
             interrupt: Interrupt::default(),
             vertex_cache_bytes,
+            naming: MaterialNaming::default(),
         }
     }
 

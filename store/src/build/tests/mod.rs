@@ -8,7 +8,7 @@ use super::writer::make_room;
 use super::*;
 use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;
-use crate::{Lattice, Material, PageFile, ScanHint, TriangleBatch};
+use crate::{Lattice, Material, MaterialList, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::ThreadPoolBuilder;
 use std::os::unix::ffi::OsStrExt;
@@ -16,7 +16,7 @@ use std::os::unix::ffi::OsStrExt;
 /// Triangles in memory.
 struct Mesh {
     triangles: Vec<([[f64; 3]; 3], u32)>,
-    materials: Vec<Material>,
+    materials: MaterialList,
     at: usize,
     /// Files that it names.
     named: Vec<PathBuf>,
@@ -25,8 +25,7 @@ struct Mesh {
 impl Mesh {
     fn new(triangles: Vec<([[f64; 3]; 3], u32)>) -> Mesh {
         let count = triangles.iter().map(|t| t.1).max().unwrap_or(0) + 1;
-        let material =
-            |i| Material { name: format!("m{i}"), ke: [f32::from(i == 3); 3], ..Material::default() };
+        let material = |i| (format!("m{i}"), Material { ke: [f32::from(i == 3); 3], ..Material::default() });
         Mesh { triangles, materials: (0..count).map(material).collect(), at: 0, named: Vec::new() }
     }
 }
@@ -49,7 +48,7 @@ impl TriangleSource for Mesh {
     fn hint(&self) -> Option<ScanHint> {
         None
     }
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
     fn stats(&self) -> SourceStats {

@@ -26,6 +26,7 @@ use super::{Encoding, ImportOptions, warn};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::material::Material;
+use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
 /// Columns that tell of an attribute that is dropped: normal, colour, texture coordinate.
@@ -68,7 +69,7 @@ struct PlySource<R: Rows> {
     mesh: Option<Mesh<R>>,
     polygon: Polygon,
     run: Run,
-    materials: [Material; 1],
+    materials: MaterialList,
     options: ImportOptions,
     stats: SourceStats,
     _lease: Lease,
@@ -106,7 +107,7 @@ impl<R: Rows> PlySource<R> {
             mesh: None,
             polygon: Polygon::new(&options.budget)?,
             run: Run { indices: Vec::with_capacity(TriangleBatch::TARGET_TRIANGLES), ..Run::default() },
-            materials: [Material::default()],
+            materials: MaterialList::from(Material::default()),
             options: options.clone(),
             stats,
             _lease: lease,
@@ -281,7 +282,7 @@ impl<R: Rows> TriangleSource for PlySource<R> {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 
