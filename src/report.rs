@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 use std::fmt::Display;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use trex_store::printable::{is_obeyed, lines};
@@ -45,53 +45,71 @@ impl Output {
         if self.said.swap(true, Ordering::SeqCst) {
             return Ok(());
         }
-        write_quietly(&mut io::stdout().lock(), &self.render(verb, result))
+        quietly(self.write(verb, result, &mut io::stdout().lock()))
     }
 
     /// The document of an error, if documents are asked for.
     pub fn error_document<T: Serialize>(&self, body: &T) {
         if self.json && !self.said.swap(true, Ordering::SeqCst) {
             // The error itself is already on stderr: a failure here has nobody left to tell.
-            let _ = write_quietly(&mut io::stdout().lock(), &self.document("error", body));
+            let _ = quietly(self.write_document("error", body, &mut io::stdout().lock()));
         }
     }
 
-    fn render<T: Serialize + Display>(&self, verb: &str, result: &T) -> String {
+    fn write<T: Serialize + Display>(&self, verb: &str, result: &T, to: &mut impl Write) -> io::Result<()> {
         if self.json {
-            return self.document(verb, result);
+            return self.write_document(verb, result, to);
         }
         let mut text = lines(&result.to_string()).into_owned();
         if !text.is_empty() && !text.ends_with('\n') {
             text.push('\n');
         }
-        text
+        to.write_all(text.as_bytes())?;
+        to.flush()
     }
 
-    fn document<T: Serialize>(&self, name: &str, body: &T) -> String {
+    /// Writes a document piece by piece: it may list more names than there is memory for their text.
+    fn write_document<T: Serialize>(&self, name: &str, body: &T, to: &mut impl Write) -> io::Result<()> {
         let document = Document {
             schema: format!("trex.{name}/1"),
             command: &self.command,
             version: env!("CARGO_PKG_VERSION"),
             body,
         };
-        let text = serde_json::to_string_pretty(&document).expect("results are maps with string keys");
-        escaped(text) + "\n"
+        let mut escaped = Escaped(BufWriter::new(to));
+        serde_json::to_writer_pretty(&mut escaped, &document)?;
+        escaped.write_all(b"\n")?;
+        escaped.flush()
     }
 }
 
 /// A document in which what terminals obey stands by its number, as JSON has it: outside of strings there is none.
-fn escaped(text: String) -> String {
-    let is_bad = |c: char| is_obeyed(c) && c != '\n';
-    if !text.contains(is_bad) {
-        return text;
+struct Escaped<W>(W);
+
+impl<W: Write> Write for Escaped<W> {
+    /// Takes all of `text`, which is a piece of a document between two characters.
+    fn write(&mut self, text: &[u8]) -> io::Result<usize> {
+        let is_bad = |c: char| is_obeyed(c) && c != '\n';
+        let mut rest = std::str::from_utf8(text).map_err(io::Error::other)?;
+        while let Some(at) = rest.find(is_bad) {
+            let (fine, from_bad) = rest.split_at(at);
+            let mut after = from_bad.chars();
+            let bad = after.next().expect("one was found");
+            write!(self.0, "{fine}\\u{:04x}", u32::from(bad))?;
+            rest = after.as_str();
+        }
+        self.0.write_all(rest.as_bytes())?;
+        Ok(text.len())
     }
-    let escape = |c: char| if is_bad(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() };
-    text.chars().map(escape).collect()
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
 }
 
-/// Writes and flushes; a closed pipe counts as written.
-fn write_quietly(to: &mut impl Write, text: &str) -> io::Result<()> {
-    match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
+/// A closed pipe counts as written.
+fn quietly(written: io::Result<()>) -> io::Result<()> {
+    match written {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         other => other,
     }
@@ -140,11 +158,17 @@ mod tests {
         }
     }
 
+    fn text_of(output: &Output, result: &Counted) -> String {
+        let mut bytes = Vec::new();
+        output.write("info", result, &mut bytes).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
     #[test]
     fn text_is_one_line_and_json_one_document() {
         let result = Counted { triangle_count: 7 };
-        assert_eq!(Output::new(false, String::new()).render("info", &result), "7 triangles\n");
-        let text = Output::new(true, "trex info x".into()).render("info", &result);
+        assert_eq!(text_of(&Output::new(false, String::new()), &result), "7 triangles\n");
+        let text = text_of(&Output::new(true, "trex info x".into()), &result);
         let document: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(document["schema"], "trex.info/1");
         assert_eq!(document["command"], "trex info x");
@@ -154,7 +178,7 @@ mod tests {
     #[test]
     fn documents_keep_names_and_hide_them_from_terminals() {
         let name = "a\u{1b}[2J\u{9b}\u{202e}\u{feff}\n\"";
-        let text = Output::new(true, name.into()).render("info", &Counted { triangle_count: 7 });
+        let text = text_of(&Output::new(true, name.into()), &Counted { triangle_count: 7 });
         assert!(text.chars().all(|c| c == '\n' || c == '"' || !is_obeyed(c)), "{text:?}");
         let document: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(document["command"], name);
@@ -162,8 +186,12 @@ mod tests {
 
     #[test]
     fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
-        assert!(write_quietly(&mut Broken(ErrorKind::BrokenPipe), "x").is_ok());
-        assert!(write_quietly(&mut Broken(ErrorKind::StorageFull), "x").is_err());
+        for is_json in [false, true] {
+            let output = Output::new(is_json, String::new());
+            let written = |kind| output.write("info", &Counted { triangle_count: 7 }, &mut Broken(kind));
+            assert!(quietly(written(ErrorKind::BrokenPipe)).is_ok());
+            assert!(quietly(written(ErrorKind::StorageFull)).is_err());
+        }
     }
 
     #[test]

@@ -17,7 +17,7 @@ use fastnoise_lite::{FastNoiseLite, FractalType, NoiseType};
 use glam::DVec2;
 use std::f64::consts::TAU;
 use std::sync::Arc;
-use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource};
+use trex_store::{Aabb, Material, MaterialList, Result, ScanHint, TriangleBatch, TriangleSource};
 
 /// Height and radius, metres, from the middle of the bottom to the crown.
 const PROFILE: [[f64; 2]; 22] = [
@@ -77,10 +77,11 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         median_edge: MEDIAN_SAFETY * scan.sample_median_edge(),
         triangle_count: scan.triangle_count(),
     };
-    let material =
-        |name: &str, kd, ks| Material { name: name.into(), kd, ks: [ks; 3], ns: 40.0, ..Material::default() };
-    let materials =
-        vec![material("marble", [0.74, 0.71, 0.65], 0.06), material("plinth", [0.36, 0.35, 0.37], 0.02)];
+    let material = |kd, ks| Material { kd, ks: [ks; 3], ns: 40.0, ..Material::default() };
+    let materials = MaterialList::from_iter([
+        ("marble", material([0.74, 0.71, 0.65], 0.06)),
+        ("plinth", material([0.36, 0.35, 0.37], 0.02)),
+    ]);
     let label = Label { name: spec.to_string(), hint, materials };
     Ok(Box::new(Stream::new(scan, label, Pool::new(spec, options.threads)?, options)?))
 }

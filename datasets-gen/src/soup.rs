@@ -58,7 +58,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
     let materials = [[0.7, 0.3, 0.2], [0.2, 0.5, 0.7], [0.6, 0.6, 0.3], [0.5; 3]]
         .iter()
         .enumerate()
-        .map(|(index, &kd)| Material { name: format!("soup-{index}"), kd, ..Material::default() })
+        .map(|(index, &kd)| (format!("soup-{index}"), Material { kd, ..Material::default() }))
         .collect();
     let label = Label { name: spec.to_string(), hint, materials };
     Ok(Box::new(Stream::new(soup, label, Pool::new(spec, options.threads)?, options)?))

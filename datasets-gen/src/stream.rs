@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::iter::Fuse;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use trex_store::{
-    Aabb, Interrupt, Lease, Material, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
+    Aabb, Interrupt, Lease, MaterialList, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
 };
 
 /// Most triangles that one task makes: twice what a batch aims at, so that a chunk can be handed over whole.
@@ -42,7 +42,7 @@ pub(crate) trait Recipe: Send + Sync + 'static {
 pub(crate) struct Label {
     pub(crate) name: String,
     pub(crate) hint: ScanHint,
-    pub(crate) materials: Vec<Material>,
+    pub(crate) materials: MaterialList,
 }
 
 /// A recipe while it streams.
@@ -191,7 +191,7 @@ impl<R: Recipe> TriangleSource for Stream<R> {
         Some(self.label.hint)
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.label.materials
     }
 

@@ -17,8 +17,8 @@ use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use trex_store::build::{self, BuildOptions, Existing, Precision, Resume, Voxels};
 use trex_store::{
-    Budget, Code, Interrupt, Material, PageFile, Progress, RESERVE_BYTES, Result, ScanHint, SourceStats,
-    TriangleBatch, TriangleSource,
+    Budget, Code, Interrupt, Material, MaterialList, PageFile, Progress, RESERVE_BYTES, Result, ScanHint,
+    SourceStats, TriangleBatch, TriangleSource,
 };
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
@@ -33,13 +33,14 @@ const OUTPUT: &str = "out.trex";
 /// A sheet with hills and two materials, of which one emits.
 struct Sheet {
     row: usize,
-    materials: [Material; 2],
+    materials: MaterialList,
 }
 
 impl Sheet {
     fn new() -> Sheet {
-        let lamp = Material { name: "lamp".into(), ke: [4.0; 3], ..Material::default() };
-        Sheet { row: 0, materials: [Material::default(), lamp] }
+        let lamp = Material { ke: [4.0; 3], ..Material::default() };
+        let materials = [("default", Material::default()), ("lamp", lamp)];
+        Sheet { row: 0, materials: materials.into_iter().collect() }
     }
 }
 
@@ -75,7 +76,7 @@ impl TriangleSource for Sheet {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 

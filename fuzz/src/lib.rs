@@ -10,6 +10,7 @@ mod sealed;
 pub use sealed::{sealed, with_units};
 
 use std::path::Path;
+use std::sync::Arc;
 use trex_render::{Camera, Model, Scene, parse_views};
 use trex_store::cluster::{self, FrameView};
 use trex_store::import::{self, ImportOptions};
@@ -179,7 +180,8 @@ pub fn scene(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let mut model = Model {
         bounds: Aabb { lo: [0.0; 3], hi: [1.0, 2.0, 3.0] },
-        materials: vec![Material { name: "floor".into(), ..Material::default() }],
+        materials: vec![Material::default()],
+        names: Arc::new(["floor"].into_iter().collect()),
         emitters: Vec::new(),
         voxels: None,
     };

@@ -15,7 +15,7 @@ use trex_render::{
 };
 use trex_store::io::IoOptions;
 use trex_store::pool::PagePool;
-use trex_store::{Budget, Code, Error, PageFile, Result};
+use trex_store::{Budget, Code, Error, FileSizes, PageFile, Result};
 
 /// A session on a model: events in, pictures out, at leisure.
 pub type Session = trex_render::Session<MeshTracer>;
@@ -88,8 +88,7 @@ impl Model {
             // The limit that is named must do for all of the picture.
             Err(error) if error.code() == Code::MemoryLimit => {
                 let smallest = |picture: &PictureNeeds| {
-                    let file = PageFile::open(path, &Budget::unlimited())?;
-                    MemoryPlan::new(&file, picture, budget.limit_bytes()).map(drop)
+                    MemoryPlan::for_sizes(&FileSizes::of(path)?, picture, budget.limit_bytes()).map(drop)
                 };
                 return Err(picture.as_ref().map_or(Ok(()), smallest).err().unwrap_or(error));
             }
@@ -280,6 +279,7 @@ impl Model {
         trex_render::Model {
             bounds: block.bounds,
             materials: file.materials().to_vec(),
+            names: file.material_names().clone(),
             emitters: file.emitters().iter().map(emitter).collect(),
             voxels,
         }

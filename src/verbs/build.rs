@@ -45,8 +45,10 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
             check_apart(&args.output, path)?;
         }
     }
-    let mut source = inputs::open(&args.inputs, &work.scratch_folder(), build::smallest_bytes(), ctx)?;
-    ctx.done(&work.build(&mut *source, ctx)?)
+    let scratch = work.scratch_folder();
+    let built = inputs::open(&args.inputs, &scratch, build::smallest_bytes(), ctx)
+        .and_then(|mut source| work.build(&mut *source, ctx));
+    ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, &args.inputs, &scratch, ctx))?)
 }
 
 /// What tells the inputs apart from others: a file by its path, length and time, a generator by its name.

@@ -61,6 +61,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
     scene.render.seed = args.seed;
     let job = Job {
         scene: &scene,
+        scene_file: None,
         file: &page_file,
         output: &args.output,
         camera_path: None,

@@ -17,17 +17,14 @@ use std::time::Instant;
 use trex_image::{
     Comparison, Constants, Figures, Head, Origin, Picture, compare, false_colour, read_head, read_picture,
 };
-use trex_store::output::check_apart;
 use trex_store::{Code, Error, Lease, RESERVE_BYTES, Result, open_regular};
 
 /// Runs `trex image diff`.
 pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let start = Instant::now();
     let overwrite = args.overwrite.overwrite;
-    let target = args.output.as_deref().map(|path| PictureFile::check_png(path, overwrite)).transpose()?;
-    if let Some(output) = &args.output {
-        [&args.a, &args.b].into_iter().try_for_each(|input| check_apart(output, input))?;
-    }
+    let check = |path| PictureFile::check_png(path, overwrite, &[&args.a, &args.b]);
+    let target = args.output.as_deref().map(check).transpose()?;
     let (mut a, mut b) = (Input::open(&args.a, ctx)?, Input::open(&args.b, ctx)?);
     check_sizes(&a, &b)?;
     let _lease = lease(&a, &b, target.is_some(), ctx)?;

@@ -8,17 +8,18 @@ use crate::context::Context;
 use crate::failure::Exit;
 use crate::size;
 use crate::values::Input;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::fmt;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind};
 use trex_store::printable::one_line;
-use trex_store::{Aabb, PageFile, open_regular};
+use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
 use trex_view::view_bytes;
 
 /// Materials named in the text.
@@ -198,7 +199,8 @@ struct Stored {
     page_count: usize,
     material_count: usize,
     /// Their names, in order.
-    materials: Vec<String>,
+    #[serde(serialize_with = "names")]
+    materials: Arc<MaterialNames>,
     emitter_count: usize,
     file_bytes: u64,
     bytes_per_triangle: BytesPerTriangle,
@@ -213,6 +215,11 @@ struct Stored {
     smallest_limit_view_bytes: Option<u64>,
     /// Of this run's limit, or the smallest, for `render` with nothing said.
     shares: MemoryPlan,
+}
+
+/// Names one by one: there may be as many as the limit has room for.
+fn names<S: Serializer>(names: &MaterialNames, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(names.iter())
 }
 
 impl Stored {
@@ -244,7 +251,7 @@ impl Stored {
             wide_cluster_count: block.wide_cluster_count,
             page_count: file.pages().len(),
             material_count: file.materials().len(),
-            materials: file.materials().iter().map(|material| material.name.clone()).collect(),
+            materials: file.material_names().clone(),
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
@@ -321,8 +328,7 @@ impl fmt::Display for Stored {
             self.material_count,
             self.emitter_count
         )?;
-        let named =
-            self.materials.iter().take(NAMED).map(|name| one_line(name)).collect::<Vec<_>>().join(", ");
+        let named = self.materials.iter().take(NAMED).map(one_line).collect::<Vec<_>>().join(", ");
         let more = if self.material_count > NAMED { ", ... (--json lists all)" } else { "" };
         writeln!(f, "materials: {named}{more}")?;
         let per = &self.bytes_per_triangle;

@@ -5,8 +5,14 @@ use crate::size;
 use crate::values::Input;
 use datasets_gen::{GenOptions, Spec};
 use std::path::Path;
-use trex_store::import::{self, ImportOptions};
+use trex_store::build::{self, InputSizes};
+use trex_store::import::{self, ImportOptions, MaterialNaming};
 use trex_store::{Budget, Chain, Code, Error, RESERVE_BYTES, Result, TriangleSource};
+
+/// Bytes of the vertex caches of inputs that are only counted.
+const COUNTING_CACHE_BYTES: u64 = 1 << 20;
+/// Most bytes of a vertex in a cache, with its share of the cache's lists.
+const VERTEX_BYTES: u64 = 32;
 
 /// Opens all inputs as one source, and leaves `work_bytes` of the limit to what comes after; vertices that do not
 /// fit go to scratch in `temp_dir`.
@@ -17,17 +23,8 @@ pub fn open(
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
     let open_all = |budget: &Budget, caches_bytes: u64| {
-        let open_one = |input: &Input| match input {
-            Input::Generated(text) => generate_in(&Spec::parse(text)?, budget, ctx),
-            Input::File(path) => {
-                let mut options = ImportOptions::new(budget.clone(), temp_dir);
-                options.interrupt = ctx.interrupt.clone();
-                options.vertex_cache_bytes = caches_bytes / inputs.len() as u64;
-                import::open(path, &options)
-            }
-        };
-        let sources: Result<Vec<_>> = inputs.iter().map(open_one).collect();
-        Ok(Chain::from_sources(sources?))
+        let reading = Reading { budget, caches_bytes, naming: MaterialNaming::Names };
+        open_all(inputs, temp_dir, &reading, ctx)
     };
     // Vertex caches fill while the files are read. All of them together take a quarter of the limit, and nothing of
     // what the sources' fixed parts and the work need.
@@ -38,6 +35,90 @@ pub fn open(
         caches_bytes = (free_bytes / 4).min(free_bytes.saturating_sub(work_bytes + ledger.used_bytes()));
     }
     leaving(work_bytes, ctx, |budget| open_all(budget, caches_bytes))
+}
+
+/// How inputs are read.
+struct Reading<'a> {
+    budget: &'a Budget,
+    /// Most bytes of all vertex caches.
+    caches_bytes: u64,
+    naming: MaterialNaming,
+}
+
+fn open_all(
+    inputs: &[Input],
+    temp_dir: &Path,
+    reading: &Reading<'_>,
+    ctx: &Context,
+) -> Result<Box<dyn TriangleSource>> {
+    let Reading { budget, caches_bytes, naming } = *reading;
+    let open_one = |input: &Input| match input {
+        Input::Generated(text) => generate_in(&Spec::parse(text)?, budget, ctx),
+        Input::File(path) => {
+            let mut options = ImportOptions::new(budget.clone(), temp_dir);
+            options.interrupt = ctx.interrupt.clone();
+            options.vertex_cache_bytes = caches_bytes / inputs.len() as u64;
+            options.naming = naming;
+            import::open(path, &options)
+        }
+    };
+    let sources: Result<Vec<_>> = inputs.iter().map(open_one).collect();
+    Chain::from_sources(sources?, budget)
+}
+
+/// The error of a build of these inputs. Where the limit has no room for it, the inputs are read once more, to name the
+/// limit that has room for all of the build: each lease alone knows only of those before it, and what materials,
+/// emitters and tables take is known at the end of the stream.
+pub fn with_smallest_limit(error: Error, inputs: &[Input], temp_dir: &Path, ctx: &Context) -> Error {
+    if error.code() != Code::MemoryLimit {
+        return error;
+    }
+    match smallest_limit(inputs, temp_dir, ctx) {
+        Ok((name, smallest)) if smallest > ctx.budget.limit_bytes() => {
+            Error::new(Code::MemoryLimit, "the memory limit has no room for this build")
+                .at_place(name)
+                .numbers(format!(
+                    "limit {}, {} needed: {} reserved for the process, {} to read and to work",
+                    size::bytes(ctx.budget.limit_bytes()),
+                    size::bytes(smallest),
+                    size::bytes(RESERVE_BYTES),
+                    size::bytes(smallest - RESERVE_BYTES)
+                ))
+                .next(format!("--memory-limit {}MiB or more, or fewer --threads", smallest.div_ceil(1 << 20)))
+                .smallest_limit(smallest)
+        }
+        _ => error,
+    }
+}
+
+/// A limit that does for a build of these inputs, and what they are called. Nothing is held of them but counts.
+fn smallest_limit(inputs: &[Input], temp_dir: &Path, ctx: &Context) -> Result<(String, u64)> {
+    let opened_bytes = {
+        let ledger = Budget::unlimited();
+        let reading = Reading { budget: &ledger, caches_bytes: 0, naming: MaterialNaming::Names };
+        let _source = open_all(inputs, temp_dir, &reading, ctx)?;
+        ledger.used_bytes()
+    };
+    let ledger = Budget::unlimited();
+    let reading =
+        Reading { budget: &ledger, caches_bytes: COUNTING_CACHE_BYTES, naming: MaterialNaming::Hashes };
+    let mut source = open_all(inputs, temp_dir, &reading, ctx)?;
+    let sizes = InputSizes::of(&mut *source, &ctx.interrupt)?;
+    let vertex_bytes = sizes.vertex_count * VERTEX_BYTES;
+    // Several inputs have a list of all materials beside their own.
+    let joined_bytes = if inputs.len() > 1 { sizes.name_bytes } else { 0 };
+    let read_bytes =
+        ledger.peak_bytes().saturating_sub(vertex_bytes.min(COUNTING_CACHE_BYTES)) + joined_bytes;
+    let needed = read_bytes + build::smallest_bytes_for(&sizes);
+    let least = opened_bytes + build::smallest_bytes();
+    let smallest = if needed <= least {
+        least
+    } else {
+        // Vertex caches take what is free when the inputs are opened: up to a quarter, and no more than there are
+        // vertices.
+        (needed + vertex_bytes).min(needed + needed.div_ceil(3))
+    };
+    Ok((source.name(), RESERVE_BYTES + smallest))
 }
 
 /// Opens a generator, and leaves `work_bytes` of the limit to what comes after.

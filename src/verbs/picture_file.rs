@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use trex_render::{Image, Layers, write_exr, write_png};
-use trex_store::output::{Existing, draft};
+use trex_store::output::{Existing, check_apart, draft};
 use trex_store::{Code, Error, Result};
 
 /// Where a picture goes; checked before any work.
@@ -15,8 +15,8 @@ pub struct PictureFile {
 }
 
 impl PictureFile {
-    /// Checks the ending, and what stands under the name.
-    pub fn check(path: &Path, overwrite: bool, layers: Layers) -> Result<PictureFile> {
+    /// Checks the ending, and what stands under the name, which must be none of the files that the work reads.
+    pub fn check(path: &Path, overwrite: bool, layers: Layers, inputs: &[&Path]) -> Result<PictureFile> {
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let is_exr = match ending.as_deref() {
             Some("png") => false,
@@ -31,12 +31,13 @@ impl PictureFile {
             return Err(Error::new(Code::Usage, "a PNG holds no layers").at(path).next("write an .exr"));
         }
         Existing::replace_if(overwrite).check(path)?;
+        inputs.iter().try_for_each(|input| check_apart(path, input))?;
         Ok(PictureFile { path: path.to_path_buf(), is_exr })
     }
 
     /// As [`PictureFile::check`], for what is written as PNG alone.
-    pub fn check_png(path: &Path, overwrite: bool) -> Result<PictureFile> {
-        let file = PictureFile::check(path, overwrite, Layers::default())?;
+    pub fn check_png(path: &Path, overwrite: bool, inputs: &[&Path]) -> Result<PictureFile> {
+        let file = PictureFile::check(path, overwrite, Layers::default(), inputs)?;
         if file.is_exr {
             return Err(Error::new(Code::Usage, "false colours are no radiance for an EXR")
                 .at(path)

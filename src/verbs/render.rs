@@ -47,6 +47,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let job = Job {
         scene: &scene,
+        scene_file: Some(&args.file),
         file: &path,
         output: &args.output,
         camera_path: args.camera_path.as_deref(),
@@ -65,6 +66,8 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
 /// A picture, as `render` and `demo` ask for it, or one from each viewpoint of a path.
 pub struct Job<'a> {
     pub scene: &'a Scene,
+    /// Where the scene was read, if it was.
+    pub scene_file: Option<&'a Path>,
     pub file: &'a Path,
     pub output: &'a Path,
     pub camera_path: Option<&'a Path>,
@@ -156,7 +159,9 @@ impl Job<'_> {
     }
 
     fn check(&self, path: &Path) -> Result<PictureFile> {
-        PictureFile::check(path, self.overwrite, self.layers)
+        let inputs: Vec<&Path> =
+            [self.scene_file, Some(self.file), self.camera_path].into_iter().flatten().collect();
+        PictureFile::check(path, self.overwrite, self.layers, &inputs)
     }
 
     /// What is to be made, checked: viewpoints are otherwise like `camera`.

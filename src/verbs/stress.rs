@@ -23,9 +23,10 @@ const T_MAX: Milliseconds = Milliseconds(100.0);
 
 /// Runs `trex stress`.
 pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    let output = args.output.as_ref().map(|path| PictureFile::check(path, args.overwrite, Layers::default()));
-    let output = output.transpose()?;
     let (mut scene, path) = open_scene(&args.file)?;
+    let inputs = [args.file.as_path(), &path].into_iter().chain(args.views.as_deref()).collect::<Vec<_>>();
+    let check = |path| PictureFile::check(path, args.overwrite, Layers::default(), &inputs);
+    let output = args.output.as_deref().map(check).transpose()?;
     scene.begin_live();
     if scene.model.is_empty() {
         scene.render.resolution = STRESS_RESOLUTION;

@@ -3,37 +3,64 @@
 //! Invariant: a source's materials follow those of the sources before it, whose lists are complete when its own
 //! stream begins.
 
-use crate::error::Result;
+use crate::budget::{Budget, Lease};
+use crate::error::{Code, Error, Result};
 use crate::geom::Aabb;
-use crate::material::Material;
+use crate::layout::MATERIALS;
+use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+
+/// What the list of all materials is called in messages.
+const MATERIALS_LEASED: &str = "the materials of all inputs";
 
 /// Sources in a row. Build one with [`Chain::from_sources`].
 pub struct Chain {
     sources: Vec<Box<dyn TriangleSource>>,
     at: usize,
-    materials: Vec<Material>,
+    materials: MaterialList,
     /// Materials of the sources before `at`.
     first_material: u32,
+    /// Of the list of all materials.
+    lease: Lease,
 }
 
 impl Chain {
-    /// The sources as one; a single one is returned as it is.
+    /// The sources as one; a single one is returned as it is. The list of all materials is leased from `budget`.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`].
     ///
     /// # Panics
     /// When there is none.
-    pub fn from_sources(mut sources: Vec<Box<dyn TriangleSource>>) -> Box<dyn TriangleSource> {
+    pub fn from_sources(
+        mut sources: Vec<Box<dyn TriangleSource>>,
+        budget: &Budget,
+    ) -> Result<Box<dyn TriangleSource>> {
         assert!(!sources.is_empty(), "a model has at least one source");
         if sources.len() == 1 {
-            return sources.remove(0);
+            return Ok(sources.remove(0));
         }
-        let mut chain = Chain { sources, at: 0, materials: Vec::new(), first_material: 0 };
-        chain.materials = chain.all_materials();
-        Box::new(chain)
+        let (materials, lease) = (sources[0].materials().clone(), budget.lease(MATERIALS_LEASED, 0)?);
+        Ok(Box::new(Chain { sources, at: 0, materials, first_material: 0, lease }))
     }
 
-    fn all_materials(&self) -> Vec<Material> {
-        self.sources.iter().flat_map(|source| source.materials().iter().cloned()).collect()
+    /// Makes the list of all materials, once all are known.
+    fn join_materials(&mut self) -> Result<()> {
+        let lists = || self.sources.iter().map(|source| source.materials());
+        let count: usize = lists().map(|list| list.len()).sum();
+        if count > MATERIALS {
+            return Err(Error::new(Code::InputRange, "the inputs name too many materials")
+                .at_place(self.name())
+                .numbers(format!("{count}, and {MATERIALS} at most"))
+                .next("build with fewer inputs, or export them with fewer materials"));
+        }
+        let text_bytes: usize = lists().map(|list| list.names().text_bytes()).sum();
+        let bytes = MaterialList::bytes(count as u64, text_bytes as u64);
+        self.lease.grow(MATERIALS_LEASED, bytes.saturating_sub(self.lease.bytes()))?;
+        let mut all = MaterialList::with_capacity(count, text_bytes);
+        lists().for_each(|list| all.extend(list));
+        self.materials = all;
+        Ok(())
     }
 }
 
@@ -52,7 +79,9 @@ impl TriangleSource for Chain {
             self.at += 1;
         }
         batch.clear();
-        self.materials = self.all_materials();
+        if self.materials.len() != self.first_material as usize {
+            self.join_materials()?;
+        }
         Ok(false)
     }
 
@@ -72,7 +101,7 @@ impl TriangleSource for Chain {
         Some(all)
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 
@@ -89,6 +118,7 @@ impl TriangleSource for Chain {
             all.vertex_lookups += stats.vertex_lookups;
             all.vertex_cache_misses += stats.vertex_cache_misses;
             all.transparent_material_count += stats.transparent_material_count;
+            all.material_name_bytes += stats.material_name_bytes;
             all.warnings.extend(stats.warnings);
             all.named_files.extend(stats.named_files);
         }

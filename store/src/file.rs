@@ -11,26 +11,32 @@ use crate::error::{Code, Error, Result};
 use crate::io::{Extent, drop_cached};
 use crate::layout::*;
 use crate::material::Material;
+use crate::material_list::MaterialList;
+use crate::material_names::MaterialNames;
 use crate::next_step::NextStep;
 use crate::octree::{
     LowerLinks, LowerSize, Refinement, UnitsContext, UpperOctree, UpperSize, VoxelGrid, install_units,
 };
 use crate::pool::PageStore;
 use std::fs::File;
+use std::io::Read;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 mod sections;
+mod sizes;
 mod tables;
 mod twice;
 
 pub use sections::open_regular;
+pub use sizes::FileSizes;
 pub use tables::Emitter;
 
-use sections::{checked_section, damaged_section, out_of_range};
-pub(crate) use sections::{lower_size, read_superblock, upper_size};
-pub(crate) use tables::table_bytes;
-use tables::{kept_bytes, parse_emitters, parse_materials, parse_pages, parse_top};
+use sections::{SectionReader, checked_section, out_of_range};
+pub(crate) use sections::{lower_size, read_superblock, streamed_section, upper_size};
+pub(crate) use tables::{check_lengths, kept_bytes, section_bytes, table_bytes};
+use tables::{parse_emitters, parse_materials, parse_pages, parse_top};
 pub(crate) use twice::twice;
 
 /// An open page file. See the module's invariants.
@@ -42,7 +48,7 @@ pub struct PageFile {
     /// Roots that the top tree asks of each page of the mesh.
     root_counts: Vec<u8>,
     top: Vec<Node>,
-    materials: Vec<Material>,
+    materials: MaterialList,
     emitters: Vec<Emitter>,
     _lease: Lease,
 }
@@ -56,6 +62,7 @@ impl PageFile {
     pub fn open(path: &Path, budget: &Budget) -> Result<PageFile> {
         let file = open_regular(path)?;
         let block = read_superblock(&file, path)?;
+        check_lengths(&block, path)?;
         let mut lease = budget.lease("the tables of the file", table_bytes(&block))?;
         let read = |kind: SectionKind| -> Result<Vec<u8>> {
             checked_section(&file, block.section(kind), (kind, block.file_id), path)
@@ -66,7 +73,10 @@ impl PageFile {
         let kind = SectionKind::TopTree;
         let (top, root_counts) = parse_top(&read(kind)?, &block, &pages).ok_or_else(|| out_of_range(kind))?;
         let kind = SectionKind::Materials;
-        let materials = parse_materials(&read(kind)?, &block).ok_or_else(|| out_of_range(kind))?;
+        let place = (kind, block.file_id);
+        let materials = streamed_section(&file, block.section(kind), place, path, |section| {
+            parse_materials(section, &block).ok_or_else(|| out_of_range(kind))
+        })?;
         let kind = SectionKind::Emitters;
         let emitters =
             parse_emitters(&read(kind)?, &block, materials.len()).ok_or_else(|| out_of_range(kind))?;
@@ -106,6 +116,11 @@ impl PageFile {
     /// Materials.
     pub fn materials(&self) -> &[Material] {
         &self.materials
+    }
+
+    /// Names of the materials, whose memory is leased for as long as the file is open.
+    pub fn material_names(&self) -> &Arc<MaterialNames> {
+        self.materials.names()
     }
 
     /// Emissive triangles.
@@ -187,30 +202,15 @@ impl PageFile {
         kind: SectionKind,
         on_read: &mut dyn FnMut(u64) -> Result<()>,
     ) -> Result<()> {
-        twice(&self.file, (section.offset, section.bytes), || self.check_section_once(section, kind, on_read))
-    }
-
-    fn check_section_once(
-        &self,
-        section: Section,
-        kind: SectionKind,
-        on_read: &mut dyn FnMut(u64) -> Result<()>,
-    ) -> Result<()> {
-        let mut hasher = section_hasher(self.block.file_id, section.kind);
         let mut piece = vec![0; FRAME_BYTES];
-        let end = section.offset + section.bytes;
-        let mut at = section.offset;
-        while at < end {
-            let piece = &mut piece[..((end - at) as usize).min(FRAME_BYTES)];
-            self.file.read_exact_at(piece, at).map_err(|e| Error::io("read", &self.path, &e))?;
-            hasher.update(piece);
-            at += piece.len() as u64;
-            on_read(piece.len() as u64)?;
-        }
-        if hasher.digest() != section.hash {
-            return Err(damaged_section(section, kind, &self.path, "does not match its hash"));
-        }
-        Ok(())
+        let mut read_all = |reader: &mut SectionReader<'_>| -> Result<()> {
+            // What cannot be read is told by the reader.
+            while let Some(length) = reader.read(&mut piece).ok().filter(|&length| length > 0) {
+                on_read(length as u64)?;
+            }
+            Ok(())
+        };
+        streamed_section(&self.file, section, (kind, self.block.file_id), &self.path, &mut read_all)
     }
 
     /// Whether `page` is a page of units.

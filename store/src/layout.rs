@@ -53,6 +53,10 @@ pub const PAGE_ROOTS: usize = 64;
 pub const PAGES: u32 = 1 << 25;
 /// Most materials: a palette entry is a 16-bit index.
 pub const MATERIALS: usize = 1 << 16;
+/// Most bytes of a material's name: longer ones are cut when they are read from an input.
+pub const MATERIAL_NAME_BYTES: usize = 255;
+/// Most bytes of a material in its section: six for each of the name in JSON, numbers and keys.
+pub const MATERIAL_JSON_BYTES: usize = 2048;
 /// Most triangles: ids are 32-bit, the last one means "none".
 pub const TRIANGLES: u64 = u32::MAX as u64 - 1;
 /// Deepest tree, in 8-wide nodes, of a page and of the top: traversal stacks have room for it.

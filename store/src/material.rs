@@ -2,11 +2,10 @@
 //!
 //! Invariants: 1. all numbers are finite and >= 0; 2. kd + ks <= 1 per channel; both hold after [`Material::checked`].
 
-/// A surface: diffuse and glossy reflection, emission, and whether it is a perfect mirror.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+/// A surface: diffuse and glossy reflection, emission, and whether it is a perfect mirror. Its name stands in a
+/// [`MaterialNames`](crate::MaterialNames).
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Name in the input (`usemtl`), or `default`.
-    pub name: String,
     /// Diffuse reflectance, linear RGB.
     pub kd: [f32; 3],
     /// Specular reflectance, linear RGB.
@@ -24,15 +23,7 @@ pub struct Material {
 impl Default for Material {
     /// Diffuse grey 0.7, the surface of inputs without materials.
     fn default() -> Material {
-        Material {
-            name: "default".into(),
-            kd: [0.7; 3],
-            ks: [0.0; 3],
-            ns: 1.0,
-            ke: [0.0; 3],
-            d: 1.0,
-            mirror: false,
-        }
+        Material { kd: [0.7; 3], ks: [0.0; 3], ns: 1.0, ke: [0.0; 3], d: 1.0, mirror: false }
     }
 }
 

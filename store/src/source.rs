@@ -7,7 +7,7 @@
 
 use crate::error::Result;
 use crate::geom::Aabb;
-use crate::material::Material;
+use crate::material_list::MaterialList;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
@@ -84,6 +84,9 @@ pub struct SourceStats {
     pub vertex_cache_misses: u64,
     /// Materials with `d` < 1, drawn opaque.
     pub transparent_material_count: u64,
+    /// Bytes of the names of all materials, as files hold them; 0 for inputs without names.
+    #[serde(default)]
+    pub material_name_bytes: u64,
     /// Things worth telling the user, in plain words (a missing MTL, trailing bytes), bounded in number.
     pub warnings: Vec<String>,
     /// Files that the input names and the source looked for (MTL), as the system writes their paths, each with its
@@ -117,7 +120,7 @@ pub trait TriangleSource: Send {
     fn hint(&self) -> Option<ScanHint>;
 
     /// All materials met so far; complete once the stream has ended. Never empty: index 0 always exists.
-    fn materials(&self) -> &[Material];
+    fn materials(&self) -> &MaterialList;
 
     /// Counters so far.
     fn stats(&self) -> SourceStats;

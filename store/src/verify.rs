@@ -18,7 +18,10 @@ mod voxels;
 use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Result};
-use crate::file::{PageFile, lower_size, open_regular, read_superblock, table_bytes, upper_size};
+use crate::file::{
+    PageFile, check_lengths, lower_size, open_regular, read_superblock, section_bytes, table_bytes,
+    upper_size,
+};
 use crate::geom::Aabb;
 use crate::io::Staging;
 use crate::layout::{FRAME_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES};
@@ -184,14 +187,14 @@ impl Check<'_> {
         let file = match PageFile::open(path, budget) {
             Ok(file) => file,
             Err(error) if error.code() == Code::Damaged => {
-                tables::check_sections(path, &error, budget, &mut self.verdict)?;
+                tables::check_sections(path, &error, &mut self.verdict)?;
                 return Ok(self.verdict);
             }
             Err(error) => return Err(error),
         };
         let block = file.superblock();
         tables::check_superblocks(path, block, &mut self.verdict)?;
-        let structure_bytes = 2 * SUPERBLOCK_BYTES as u64 + table_bytes(block) / 3;
+        let structure_bytes = 2 * SUPERBLOCK_BYTES as u64 + section_bytes(block);
         self.pace.total = if self.pages == PageCheck::Unread { structure_bytes } else { block.file_bytes };
         self.pace.read(structure_bytes)?;
         if self.pages != PageCheck::Unread {
@@ -210,7 +213,11 @@ impl Check<'_> {
     /// Bytes of the tables while they are read, and of the octree where it is read, by what their heads say.
     fn tables_bytes(&self, path: &Path) -> Result<u64> {
         let opened = open_regular(path)?;
+        // What is wrong with them is told when the file is opened.
         let Ok(block) = read_superblock(&opened, path) else { return Ok(0) };
+        if check_lengths(&block, path).is_err() {
+            return Ok(0);
+        }
         let mut bytes = table_bytes(&block);
         if self.octree == Octree::Parsed {
             let upper = upper_size(&opened, &block, path).ok().flatten();

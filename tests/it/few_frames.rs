@@ -29,7 +29,7 @@ fn picture(spec: &str, voxels: build::Voxels, method: Method, frames_bytes: Opti
     );
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
     let voxels = Voxels::open(&file, &budget).unwrap().map(Arc::new);
-    let model = Model { bounds, materials, emitters: vec![], voxels };
+    let model = Model { bounds, materials, names: file.material_names().clone(), emitters: vec![], voxels };
     let keys = RenderKeys { integrator: method, resolution: [SIDE; 2], n_shadow: 1, ..RenderKeys::default() };
     let settings = RenderSettings::new(keys).unwrap();
     let camera = Camera::framing(&bounds, [SIDE; 2], None, None);

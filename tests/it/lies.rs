@@ -5,7 +5,7 @@ mod forger;
 
 pub(crate) use forger::Forger;
 
-use crate::command::run_in;
+use crate::command::{document_in, run_in};
 use crate::format_octree::Upper;
 use trex_store::PageFile;
 use trex_store::cluster::{Node, TopRef};
@@ -59,15 +59,12 @@ fn trees_that_are_none() {
 fn fewer_materials_than_the_pages_name() {
     let forger = Forger::new();
     let keep_one = |bytes: &mut [u8], block: &mut Superblock| {
-        let all: Vec<trex_store::Material> = serde_json::from_slice(bytes).unwrap();
+        let all: Vec<serde_json::Value> = serde_json::from_slice(bytes).unwrap();
         let one = serde_json::to_vec(&all[..1]).unwrap();
-        bytes.fill(b' ');
         bytes[..one.len()].copy_from_slice(&one);
-        block
-            .sections
-            .iter_mut()
-            .filter(|s| s.kind == SectionKind::Materials as u32)
-            .for_each(|s| s.count = 1);
+        for section in block.sections.iter_mut().filter(|s| s.kind == SectionKind::Materials as u32) {
+            (section.count, section.bytes) = (1, one.len() as u64);
+        }
     };
     // The lamps name materials that are gone.
     forger.seal(SectionKind::Materials, keep_one);
@@ -98,6 +95,60 @@ fn counts_that_lie() {
     }
     forger.seal(SectionKind::PageTable, |_, block| block.triangle_count += 1);
     forger.refused();
+}
+
+/// A section of 162 MB, of 4.26 million entries where the count said 28, was read and parsed before the two were
+/// compared: the kernel ended every verb that opened the file, at 512 MiB.
+#[test]
+fn materials_beyond_their_count_take_no_room() {
+    let forger = Forger::new();
+    let whole = forger.section(SectionKind::Materials);
+    let count = u64::from(forger.block.section(SectionKind::Materials).count);
+    let entry = &whole[1..whole.windows(2).position(|pair| pair == b"},").unwrap()];
+    let entries = |count: usize| {
+        let all = [entry, b"},"].concat().repeat(count);
+        [b"[", &all[..all.len() - 1], b"]"].concat()
+    };
+    let named = |name: &str| {
+        let mut all: Vec<serde_json::Value> = serde_json::from_slice(&whole).unwrap();
+        all[3]["name"] = name.into();
+        serde_json::to_vec(&all).unwrap()
+    };
+    forger.seal_materials(&named(&"n".repeat(255)), count);
+    document_in(forger.inside.path(), "info lie.trex --memory-limit 128MiB");
+    let lies = [
+        ("an entry more", entries(count as usize + 1), count),
+        ("an entry less", entries(count as usize - 1), count),
+        ("entries without end", entries(1_400_000), count),
+        ("entries without end, and a count for them", entries(1_400_000), 1_400_000),
+        ("none", b"[]".to_vec(), 0),
+        ("a name too long", named(&"n".repeat(256)), count),
+        ("a name of 34 MB", named(&"n".repeat(34 << 20)), count),
+        ("a name of 34 MB, and a count for its length", named(&"n".repeat(34 << 20)), 65_536),
+        ("brackets without end", vec![b'['; 100 << 10], 65_536),
+        ("blanks without end", vec![b' '; 100 << 10], 65_536),
+        ("another key", [b"[{\"other\":0,", &entry[1..], b"}]"].concat(), 1),
+        ("a number that is none", [b"[", entry, b",\"d\":null}]"].concat(), 1),
+    ];
+    for (lie, bytes, count) in lies {
+        forger.seal_materials(&bytes, count);
+        forger.refused();
+        forger.takes_no_room(lie);
+    }
+}
+
+/// Sections that every file has, as long as a sparse file makes them, with counts that go with it and that do not.
+#[test]
+fn tables_of_a_sparse_file_take_no_room() {
+    let forger = Forger::new();
+    for (kind, entry_bytes) in
+        [(SectionKind::PageTable, 40), (SectionKind::TopTree, 144), (SectionKind::Emitters, 80)]
+    {
+        for (count, bytes) in [(3 << 20, entry_bytes * (3 << 20)), (3, 1 << 28), (u32::MAX, 1 << 28)] {
+            forger.seal_sparse(kind, count, bytes);
+            forger.takes_no_room(&format!("{kind:?} of {bytes} bytes, {count} entries"));
+        }
+    }
 }
 
 #[test]

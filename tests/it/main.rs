@@ -33,6 +33,7 @@ mod limits;
 mod live;
 mod memory;
 mod names;
+mod odd_inputs;
 mod oracle;
 mod outputs;
 mod random;

@@ -312,3 +312,44 @@ fn nothing_but_a_file_is_replaced_and_no_input() {
     }
     assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
 }
+
+/// `build k.obj -o keep.mtl --overwrite` replaced the materials that `k.obj` names, and a picture the scene that it is
+/// of.
+#[test]
+fn what_an_input_names_is_not_replaced() {
+    let inside = folder();
+    let at = |name: &str| inside.path().join(name);
+    let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n";
+    std::fs::write(at("k.obj"), format!("{triangle}mtllib ./keep.mtl\n")).unwrap();
+    std::fs::write(at("linked.obj"), format!("mtllib soft.mtl\n{triangle}")).unwrap();
+    std::fs::write(at("keep.mtl"), "newmtl red\nKd 1 0 0\n").unwrap();
+    std::fs::hard_link(at("keep.mtl"), at("hard.trex")).unwrap();
+    std::os::unix::fs::symlink("keep.mtl", at("soft.mtl")).unwrap();
+    std::fs::create_dir(at("deep")).unwrap();
+    document_in(inside.path(), "build k.obj -o model.trex");
+    // Endings of pictures, on files that are something else.
+    let view = "[[view]]\nposition = [0, -3, 5]\ntarget = [0, 0, 0]\n";
+    std::fs::write(at("scene.toml"), "model = 'model.png'\n").unwrap();
+    std::fs::copy(at("model.trex"), at("model.png")).unwrap();
+    std::fs::hard_link(at("scene.toml"), at("scene.png")).unwrap();
+    std::fs::write(at("views-0001.png"), view).unwrap();
+    let before = listing(inside.path());
+    let picture = "--integrator direct --resolution 8x8";
+    for line in [
+        "build k.obj -o keep.mtl".to_owned(),
+        "build k.obj -o deep/../keep.mtl --no-resume".to_owned(),
+        "build k.obj -o hard.trex".to_owned(),
+        "build linked.obj -o keep.mtl".to_owned(),
+        "build gen:soup:10k k.obj -o keep.mtl".to_owned(),
+        format!("render scene.toml {picture} -o scene.png"),
+        format!("render scene.toml {picture} -o model.png"),
+        format!("render model.trex {picture} --camera-path views-0001.png -o views.png"),
+        "stress scene.toml --scenario flip --switches 1 --hold 10 -o model.png".to_owned(),
+    ] {
+        let error = run_in(inside.path(), &format!("{line} --overwrite --json -q")).expect_error(2, "usage");
+        assert!(error["what"].as_str().unwrap().contains("is an input"), "{line}: {error}");
+        assert_eq!(listing(inside.path()), before, "{line}");
+    }
+    // What is merely beside them is.
+    document_in(inside.path(), "build k.obj -o model.trex --overwrite");
+}

@@ -9,7 +9,8 @@ use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{
-    Budget, Interrupt, Material, PageFile, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
+    Budget, Interrupt, Material, MaterialList, PageFile, Result, ScanHint, SourceStats, TriangleBatch,
+    TriangleSource,
 };
 
 /// A built file.
@@ -91,13 +92,13 @@ impl Built {
 pub(crate) struct Mesh {
     name: String,
     pub(crate) triangles: Vec<[[f64; 3]; 3]>,
-    materials: Vec<Material>,
+    materials: MaterialList,
     at: usize,
 }
 
 impl Mesh {
     pub(crate) fn new(name: &str, triangles: Vec<[[f64; 3]; 3]>) -> Mesh {
-        Mesh { name: name.into(), triangles, materials: vec![Material::default()], at: 0 }
+        Mesh { name: name.into(), triangles, materials: Material::default().into(), at: 0 }
     }
 }
 
@@ -123,7 +124,7 @@ impl TriangleSource for Mesh {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 

@@ -57,7 +57,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             size: Some(view.settings.resolution),
             camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
             lights: Some(view.lights.clone()),
-            materials: Some(model.materials.iter().map(MaterialText::from).collect()),
+            materials: Some(MaterialText::all(model)),
             settings: Some(SettingsText::from(&*view.settings)),
             ..State::default()
         }
@@ -121,11 +121,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             Edit::Material(index, edit) => {
                 self.motion.event();
                 self.session_mut().apply(Event::Material { index, edit })?;
-                let materials = &self.session().model().materials;
-                Ok(State {
-                    materials: Some(materials.iter().map(MaterialText::from).collect()),
-                    ..State::default()
-                })
+                let materials = Some(MaterialText::all(self.session().model()));
+                Ok(State { materials, ..State::default() })
             }
             Edit::Settings(edit) => {
                 let keys = edit.apply(&self.session().view().settings);
@@ -249,14 +246,11 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let [width, height] = self.session().view().settings.resolution;
         let is_inside = pixel[0] < width && pixel[1] < height;
         let hit = if is_inside { self.session_mut().pick(pixel) } else { None };
-        let materials = &self.session().model().materials;
+        let names = &self.session().model().names;
         let hit = hit.map(|Pick { hit, position }| HitText {
             triangle: hit.triangle,
             material: hit.material,
-            name: materials
-                .get(hit.material as usize)
-                .map(|material| material.name.clone())
-                .unwrap_or_default(),
+            name: names.get(hit.material as usize).unwrap_or_default().to_owned(),
             position,
             normal: hit.normal,
             distance: hit.t,

@@ -4,7 +4,7 @@
 //! are those of scene files where there are such.
 
 use serde::{Deserialize, Deserializer, Serialize};
-use trex_render::{Camera, Fov, Light, MaterialEdit, RenderEdit};
+use trex_render::{Camera, Fov, Light, MaterialEdit, Model, RenderEdit};
 use trex_store::{Error, Material};
 
 /// Longest message from a client, bytes.
@@ -106,10 +106,15 @@ pub(crate) struct MaterialText {
     emits: bool,
 }
 
-impl From<&Material> for MaterialText {
-    fn from(material: &Material) -> MaterialText {
-        let Material { kd, ks, ns, ke, mirror, .. } = *material;
-        MaterialText { name: material.name.clone(), kd, ks, ns, ke, mirror, emits: material.emits() }
+impl MaterialText {
+    /// All materials of a model.
+    pub(crate) fn all(model: &Model) -> Vec<MaterialText> {
+        let text = |(index, material): (usize, &Material)| {
+            let Material { kd, ks, ns, ke, mirror, .. } = *material;
+            let name = model.names.get(index).unwrap_or_default().to_owned();
+            MaterialText { name, kd, ks, ns, ke, mirror, emits: material.emits() }
+        };
+        model.materials.iter().enumerate().map(text).collect()
     }
 }
 

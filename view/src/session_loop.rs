@@ -310,7 +310,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     pub(crate) fn texts(&self) -> (String, String) {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
-        let materials = texts::edits(self.around.file_materials, &model.materials);
+        let materials = texts::edits(self.around.file_materials, model);
         let (camera, keys) = (&view.camera, &*view.settings);
         let is_opened = view.lights == self.input_lights && model.materials == self.input_materials;
         let recipe = if is_opened { Recipe::Opened { camera, keys } } else { Recipe::Saved };

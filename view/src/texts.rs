@@ -3,7 +3,7 @@
 //! Invariant: numbers are written so that they are read back bit by bit.
 
 use std::fmt::{Display, Write};
-use trex_render::{Camera, Fov, Light, MaterialEdit, RenderKeys};
+use trex_render::{Camera, Fov, Light, MaterialEdit, Model, RenderKeys};
 use trex_store::Material;
 
 /// What texts are made of.
@@ -18,9 +18,9 @@ pub(crate) struct Viewed<'a> {
     pub(crate) keys: &'a RenderKeys,
 }
 
-/// What has been edited of materials: `then` are those of the file, `now` what they have become.
-pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, MaterialEdit)> {
-    let edit = |(then, now): (&Material, &Material)| {
+/// What has been edited of materials: `then` are those of the file, `model` has what they have become.
+pub(crate) fn edits(then: &[Material], model: &Model) -> Vec<(String, MaterialEdit)> {
+    let edit = |(index, (then, now)): (usize, (&Material, &Material))| {
         let reflects_alike = (then.kd, then.ks) == (now.kd, now.ks);
         let edit = MaterialEdit {
             kd: (!reflects_alike).then_some(now.kd),
@@ -29,9 +29,10 @@ pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, Materia
             ke: (then.ke != now.ke).then_some(now.ke),
             mirror: (then.mirror != now.mirror).then_some(now.mirror),
         };
-        (edit != MaterialEdit::default()).then(|| (now.name.clone(), edit))
+        let name = || model.names.get(index).unwrap_or_default().to_owned();
+        (edit != MaterialEdit::default()).then(|| (name(), edit))
     };
-    then.iter().zip(now).filter_map(edit).collect()
+    then.iter().zip(&model.materials).enumerate().filter_map(edit).collect()
 }
 
 /// The scene file.

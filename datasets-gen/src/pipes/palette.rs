@@ -1,6 +1,6 @@
 //! The plant's materials: index is meaning, so parts name them by constant.
 
-use trex_store::Material;
+use trex_store::{Material, MaterialList};
 
 pub(super) const CONCRETE: u32 = 0;
 pub(super) const WALL: u32 = 1;
@@ -25,10 +25,14 @@ pub(super) const PAINT_COUNT: u32 = 12;
 const LAMP_RADIANCE: [f32; 3] = [18.0, 16.5, 14.0];
 
 /// All materials, by index.
-pub(super) fn materials() -> Vec<Material> {
-    let matt = |name: &str, kd| Material { name: name.into(), kd, ..Material::default() };
-    let glossy = |name: &str, kd, ks, ns| Material { ks: [ks; 3], ns, ..matt(name, kd) };
-    let mirror = |name: &str, ks| Material { ks, ns: 1000.0, mirror: true, ..matt(name, [0.02; 3]) };
+pub(super) fn materials() -> MaterialList {
+    let matt = |name: &str, kd| (name.to_owned(), Material { kd, ..Material::default() });
+    let glossy =
+        |name: &str, kd, ks, ns| (name.to_owned(), Material { kd, ks: [ks; 3], ns, ..Material::default() });
+    let mirror = |name: &str, ks| {
+        (name.to_owned(), Material { kd: [0.02; 3], ks, ns: 1000.0, mirror: true, ..Material::default() })
+    };
+    let lamp = Material { kd: [0.0; 3], ke: LAMP_RADIANCE, ..Material::default() };
     let mut all = vec![
         matt("concrete", [0.46, 0.45, 0.43]),
         matt("wall", [0.62, 0.64, 0.62]),
@@ -36,7 +40,7 @@ pub(super) fn materials() -> Vec<Material> {
         glossy("steel", [0.32, 0.34, 0.37], 0.2, 30.0),
         matt("grating", [0.28, 0.28, 0.27]),
         glossy("bolt", [0.40, 0.40, 0.42], 0.35, 80.0),
-        Material { ke: LAMP_RADIANCE, ..matt("lamp", [0.0; 3]) },
+        ("lamp".to_owned(), lamp),
         mirror("chrome", [0.9, 0.91, 0.93]),
         mirror("brass", [0.85, 0.68, 0.32]),
         glossy("rail", [0.85, 0.66, 0.06], 0.06, 20.0),
@@ -66,5 +70,5 @@ pub(super) fn materials() -> Vec<Material> {
         ("primer-grey", [0.40, 0.41, 0.42]),
     ];
     all.extend(paints.map(|(name, kd)| glossy(&format!("pipe-{name}"), kd, 0.1, 60.0)));
-    all.into_iter().map(Material::checked).collect()
+    all.into_iter().collect()
 }

@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 use trex_store::output::{draft, folder_of};
 use trex_store::{
-    Budget, Code, Error, Interrupt, Material, NextStep, Progress, Report, Result, TriangleBatch,
+    Budget, Code, Error, Interrupt, MaterialList, NextStep, Progress, Report, Result, TriangleBatch,
     TriangleSource,
 };
 
@@ -103,7 +103,7 @@ impl Job<'_> {
         &self,
         source: &mut dyn TriangleSource,
         phase: &'static str,
-        mut visit: impl FnMut(&[Material], &TriangleBatch) -> Result<()>,
+        mut visit: impl FnMut(&MaterialList, &TriangleBatch) -> Result<()>,
     ) -> Result<()> {
         let _lease = self.options.budget.lease("the writer's batch", TriangleBatch::BYTES)?;
         source.rewind()?;

@@ -6,7 +6,7 @@
 use super::window::{Place, Window};
 use super::{Draft, Job, Written};
 use std::fmt::Write;
-use trex_store::{Material, Result, TriangleSource};
+use trex_store::{MaterialList, Result, TriangleSource};
 
 pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Written> {
     let library = job.path.with_extension("mtl");
@@ -66,7 +66,7 @@ fn push_vertex(text: &mut String, corner: [f64; 3]) {
     text.push('\n');
 }
 
-fn materials_text(materials: &[Material]) -> String {
+fn materials_text(materials: &MaterialList) -> String {
     let mut text = String::new();
     for (index, material) in materials.iter().enumerate() {
         let rgb = |[r, g, b]: [f32; 3]| format!("{r} {g} {b}");
@@ -93,9 +93,9 @@ fn materials_text(materials: &[Material]) -> String {
 }
 
 /// The name as one word; of two materials with the same word the later one gets its index too.
-fn material_name(materials: &[Material], index: usize) -> String {
-    let word = one_word(&materials[index].name);
-    let taken = materials[..index].iter().any(|earlier| one_word(&earlier.name) == word);
+fn material_name(materials: &MaterialList, index: usize) -> String {
+    let word = one_word(materials.name(index));
+    let taken = materials.names().iter().take(index).any(|earlier| one_word(earlier) == word);
     if taken || word.is_empty() { format!("{word}.{index}") } else { word }
 }
 

@@ -80,8 +80,11 @@ fn obj_reads_back_with_its_materials() {
     let (models, materials) = tobj::load_obj(&path, &tobj::LoadOptions::default()).unwrap();
     let materials = materials.unwrap();
     assert_eq!(materials.len(), source.materials().len());
-    for (read, known) in materials.iter().zip(source.materials()) {
-        assert_eq!((&read.name, read.diffuse, read.shininess), (&known.name, Some(known.kd), Some(known.ns)));
+    for (read, (name, known)) in materials.iter().zip(source.materials().named()) {
+        assert_eq!(
+            (read.name.as_str(), read.diffuse, read.shininess),
+            (name, Some(known.kd), Some(known.ns))
+        );
         assert_eq!(read.illumination_model == Some(3), known.mirror);
     }
     let triangles: usize = models.iter().map(|model| model.mesh.indices.len() / 3).sum();

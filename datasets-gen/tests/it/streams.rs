@@ -104,8 +104,8 @@ fn materials_are_valid_and_all_indices_name_one() {
         let all = collect(&mut *source);
         let materials = source.materials();
         assert!(!materials.is_empty());
-        for material in materials {
-            assert_eq!(*material, material.clone().checked());
+        for material in materials.iter() {
+            assert_eq!(*material, material.checked());
         }
         let mut used = vec![0u64; materials.len()];
         for &material in &all.material {

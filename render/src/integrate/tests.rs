@@ -67,7 +67,13 @@ impl Case {
         let emits = |t: &&NaiveTriangle| self.materials[t.material as usize].emits();
         let emitter = |t: &NaiveTriangle| Emitter { corners: t.corners, material: t.material };
         let emitters = self.triangles.iter().filter(emits).map(emitter).collect();
-        let model = Model { bounds, materials: self.materials.clone(), emitters, voxels: None };
+        let model = Model {
+            bounds,
+            materials: self.materials.clone(),
+            names: Default::default(),
+            emitters,
+            voxels: None,
+        };
         let keys = RenderKeys {
             integrator: self.method,
             resolution: [1, 1],
@@ -155,7 +161,7 @@ fn a_lamp_of_the_model_lights_by_its_form_factor_on_one_side() {
         let lamp_triangles = square(1.0, 2.0, flip, 1);
         let mut triangles = square(9.0, 0.0, false, 0).to_vec();
         triangles.extend(lamp_triangles);
-        let materials = vec![grey(0.8), lamp.clone()];
+        let materials = vec![grey(0.8), lamp];
         let mut case = Case::new(triangles, materials.clone(), vec![]);
         case.position = [6.0, 0.0, 1.0];
         case.check(4096, 0.8 * 3.0 * share, 5e-3);

@@ -284,7 +284,10 @@ mod tests {
         let mirror = Material { ks: [0.9; 3], kd: [0.0; 3], mirror: true, ..Material::default() };
         let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
         let materials = vec![Material::default(), mirror];
-        (Model { bounds, materials, emitters: vec![], voxels: None }, NaiveMesh::new(triangles))
+        (
+            Model { bounds, materials, names: Default::default(), emitters: vec![], voxels: None },
+            NaiveMesh::new(triangles),
+        )
     }
 
     /// Answers a ray only after some refusals; the stubborn kind only when it is asked for one ray twice in a row.

@@ -219,8 +219,13 @@ mod tests {
         let scene = parse(text).unwrap();
         assert_eq!((scene.model.as_str(), scene.lights.len()), ("bunny.trex", 4));
         let bounds = Aabb { lo: [-1.0; 3], hi: [1.0; 3] };
-        let mut model =
-            Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
+        let mut model = Model {
+            bounds,
+            materials: vec![Material::default()],
+            names: Default::default(),
+            emitters: vec![],
+            voxels: None,
+        };
         let view = scene.view(&mut model).unwrap();
         assert_eq!(model.materials[0].ns, 40.0);
         assert_eq!((view.settings.resolution, view.camera.fov), ([1280, 720], Fov::Y(35.0)));
@@ -247,8 +252,15 @@ mod tests {
         let scene = parse("model = 'x.ply'").unwrap();
         assert_eq!(scene, Scene { model: "x.ply".into(), ..Scene::default() });
         let bounds = Aabb { lo: [0.0; 3], hi: [9.0, 9.0, 1.0] };
-        let view =
-            scene.view(&mut Model { bounds, materials: vec![], emitters: vec![], voxels: None }).unwrap();
+        let view = scene
+            .view(&mut Model {
+                bounds,
+                materials: vec![],
+                names: Default::default(),
+                emitters: vec![],
+                voxels: None,
+            })
+            .unwrap();
         assert_eq!(view.camera.up, [0.0, 0.0, 1.0]);
         assert!(view.camera.project(view.settings.resolution).is_ok());
     }

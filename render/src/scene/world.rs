@@ -7,7 +7,7 @@ use super::settings::RenderSettings;
 use crate::shading::light::{Emitter, Light, Lights, SkyBy};
 use crate::voxel::{Occluders, Voxels};
 use std::sync::Arc;
-use trex_store::{Aabb, Code, Error, Material, NextStep, Result};
+use trex_store::{Aabb, Code, Error, Material, MaterialNames, NextStep, Result};
 
 /// Most names of materials that a message lists.
 const NAMES_SHOWN: usize = 8;
@@ -19,6 +19,8 @@ pub struct Model {
     pub bounds: Aabb,
     /// The materials, in the order that hits name them.
     pub materials: Vec<Material>,
+    /// Their names, which edits do not change: copies of a model share them. What has no name here is called nothing.
+    pub names: Arc<MaterialNames>,
     /// The triangles whose material gives light.
     pub emitters: Vec<Emitter>,
     /// The second form of the model, which G-rays ask; `None` for a file without.
@@ -85,7 +87,6 @@ impl Model {
         };
         let MaterialEdit { kd, ks, ns, ke, mirror } = *edit;
         let new = Material {
-            name: old.name.clone(),
             kd: kd.unwrap_or(old.kd),
             ks: ks.unwrap_or(old.ks),
             ns: ns.unwrap_or(old.ns),
@@ -97,7 +98,7 @@ impl Model {
         let kept = || self.emitters.iter().any(|emitter| emitter.material as usize == material);
         if new.emits() && !old.emits() && !kept() {
             return Err(Error::new(Code::SceneFormat, "this material cannot be made to give light")
-                .at_place(format!("material.{:?}.ke", old.name))
+                .at_place(format!("material.{:?}.ke", self.names.get(material).unwrap_or_default()))
                 .numbers("the store keeps no emitters of it, since its Ke was 0 when it was built")
                 .next("give it a Ke in the MTL file and build again, or add a [[light]]"));
         }
@@ -110,8 +111,8 @@ impl Model {
     /// # Errors
     /// [`Code::SceneFormat`], with names that exist.
     pub fn material_index(&self, name: &str) -> Result<usize> {
-        self.materials.iter().position(|material| material.name == name).ok_or_else(|| {
-            let names: Vec<_> = self.materials.iter().take(NAMES_SHOWN).map(|m| m.name.as_str()).collect();
+        self.names.index_of(name).ok_or_else(|| {
+            let names: Vec<_> = self.names.iter().take(NAMES_SHOWN).collect();
             Error::new(Code::SceneFormat, "the model has no material of this name")
                 .at_place(format!("material.{name:?}"))
                 .numbers(format!("{} materials: {}", self.materials.len(), names.join(", ")))
@@ -145,8 +146,7 @@ impl World {
                 .next(NextStep::BuildVoxels { or: "give 0 for the exact mesh" }));
         }
         let projection = view.camera.project(settings.resolution)?;
-        let materials: Vec<Material> =
-            model.materials.iter().map(|material| material.clone().checked()).collect();
+        let materials: Vec<Material> = model.materials.iter().map(|material| material.checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
         let up = up_axis(&model.bounds);
         let sky_by = if method.gathers() { SkyBy::GatherRays } else { SkyBy::LightSamples };
@@ -173,11 +173,12 @@ mod tests {
     use super::*;
 
     fn model() -> Model {
-        let lamp = Material { name: "lamp".into(), ke: [1.0; 3], ..Material::default() };
+        let lamp = Material { ke: [1.0; 3], ..Material::default() };
         let emitter = Emitter { corners: [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], material: 1 };
         Model {
             bounds: Aabb::EMPTY,
             materials: vec![Material::default(), lamp],
+            names: Arc::new(["default", "lamp"].into_iter().collect()),
             emitters: vec![emitter],
             voxels: None,
         }
@@ -189,7 +190,7 @@ mod tests {
         let edit = MaterialEdit { ks: Some([0.7; 3]), mirror: Some(true), ..MaterialEdit::default() };
         model.edit(0, &edit).unwrap();
         assert_eq!((model.materials[0].kd, model.materials[0].ks), ([0.5; 3], [0.5; 3]));
-        assert!(model.materials[0].mirror && model.materials[0].name == "default");
+        assert!(model.materials[0].mirror);
     }
 
     #[test]

@@ -44,8 +44,13 @@ fn soup() -> Vec<NaiveTriangle> {
 fn world(method: Method) -> World {
     let mirror = Material { ks: [0.6; 3], kd: [0.2; 3], mirror: true, ..Material::default() };
     let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
-    let model =
-        Model { bounds, materials: vec![Material::default(), mirror], emitters: vec![], voxels: None };
+    let model = Model {
+        bounds,
+        materials: vec![Material::default(), mirror],
+        names: Default::default(),
+        emitters: vec![],
+        voxels: None,
+    };
     let camera = Camera::framing(&bounds, RESOLUTION, None, None);
     let point = Light::Point { position: [2.0, 3.0, 2.0], intensity: [9.0; 3] };
     let lights = vec![point, Light::Sky { radiance: [0.3; 3] }];

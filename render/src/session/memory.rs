@@ -19,7 +19,7 @@ use serde::Serialize;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::UpperSize;
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Code, Error, NextStep, PageFile, RESERVE_BYTES, Result};
+use trex_store::{Code, Error, FileSizes, NextStep, PageFile, RESERVE_BYTES, Result};
 
 /// Frames that a worker needs to work without waiting for each page: what a tile of pixels touches.
 const FRAMES_PER_WORKER: u64 = 32;
@@ -75,23 +75,31 @@ impl MemoryPlan {
     /// The shares of a limit for a picture of `file`.
     ///
     /// # Errors
-    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    /// [`Code::MemoryLimit`] with the smallest limit that works; those of reading the sizes of the file's octree.
     pub fn new(file: &PageFile, needs: &PictureNeeds, limit_bytes: u64) -> Result<MemoryPlan> {
-        let smallest = MemoryPlan::smallest_limit_bytes(file, needs)?;
+        MemoryPlan::for_sizes(&file.sizes(), needs, limit_bytes)
+    }
+
+    /// The shares of a limit for a picture of a file of these sizes, which need not be open.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    pub fn for_sizes(file: &FileSizes, needs: &PictureNeeds, limit_bytes: u64) -> Result<MemoryPlan> {
+        let smallest = MemoryPlan::smallest_for_sizes(file, needs)?;
         let staging =
             (limit_bytes / 10 / u64::from(MERGE_BYTES)).clamp(*STAGING_SLOTS.start(), *STAGING_SLOTS.end());
         for slots in [staging, *STAGING_SLOTS.start()] {
             let fixed = MemoryPlan::fixed(file, needs, slots)?;
             let taken = fixed.sum();
             let least = FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
-            if taken + least <= limit_bytes {
-                let all = (file.pages().len().max(2) * FRAME_BYTES) as u64;
+            if taken + least <= limit_bytes && smallest <= limit_bytes {
+                let all = (file.page_count.max(2) as usize * FRAME_BYTES) as u64;
                 return Ok(MemoryPlan { frames_bytes: (limit_bytes - taken).min(all.max(least)), ..fixed });
             }
         }
         let mib = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
         Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this picture")
-            .at(file.path())
+            .at(&file.path)
             .numbers(format!("limit {}, {} needed", mib(limit_bytes), mib(smallest)))
             .next(NextStep::RaiseLimitOrAskForLess { bytes: smallest })
             .smallest_limit(smallest))
@@ -119,8 +127,14 @@ impl MemoryPlan {
     /// # Errors
     /// Those of reading the sizes of the file's octree.
     pub fn smallest_limit_bytes(file: &PageFile, needs: &PictureNeeds) -> Result<u64> {
+        MemoryPlan::smallest_for_sizes(&file.sizes(), needs)
+    }
+
+    /// With what it takes to open the file, where that is more.
+    fn smallest_for_sizes(file: &FileSizes, needs: &PictureNeeds) -> Result<u64> {
         let fixed = MemoryPlan::fixed(file, needs, *STAGING_SLOTS.start())?;
-        Ok(fixed.sum() + FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64)
+        let least = fixed.sum() + FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
+        Ok(least.max(RESERVE_BYTES + file.opening_bytes))
     }
 
     /// Options of the pool for these shares.
@@ -129,23 +143,24 @@ impl MemoryPlan {
     }
 
     /// The shares of all but the frames.
-    fn fixed(file: &PageFile, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
+    fn fixed(file: &FileSizes, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
         let PictureNeeds { settings, layers, workers, is_live, copies_bytes } = *needs;
-        let (overhead, _) = PagePool::smallest_bytes(file, &pool_options(staging_slots))?;
-        let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * workers as u64;
-        let upper = if needs.asks_voxels() { file.upper_size()? } else { None };
+        let overhead = PagePool::overhead_bytes(file.page_count, &pool_options(staging_slots))?;
+        let page_count = file.page_count as usize;
+        let pins = PooledPages::bytes(page_count, page_count) * workers as u64;
+        let upper = if needs.asks_voxels() { file.upper.clone()? } else { None };
         let facts = SessionFacts {
             layers,
             workers,
             is_live,
             facets: upper.as_ref().map(|size| size.facet_count as usize),
-            materials: file.materials().len(),
-            emitters: file.emitters().len(),
+            materials: file.material_count,
+            emitters: file.emitter_count,
         };
         let session = SessionShares::new(&settings, &facts);
         Ok(MemoryPlan {
             reserve_bytes: RESERVE_BYTES,
-            tables_bytes: file.resident_table_bytes() + session.model_bytes,
+            tables_bytes: file.kept_bytes + session.model_bytes,
             voxels_bytes: match upper {
                 Some(upper) => voxels_bytes(file, &upper, &session, is_live)?,
                 None => 0,
@@ -191,8 +206,8 @@ fn photons_bytes(needs: &PictureNeeds) -> u64 {
 }
 
 /// Bytes that the octree takes, with its light; or while it is read, with its stored form.
-fn voxels_bytes(file: &PageFile, upper: &UpperSize, session: &SessionShares, is_live: bool) -> Result<u64> {
-    let links = file.lower_size()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
+fn voxels_bytes(file: &FileSizes, upper: &UpperSize, session: &SessionShares, is_live: bool) -> Result<u64> {
+    let links = file.lower.clone()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
     // At leisure the sums of a pass come and go.
     let pass = if is_live { 0 } else { session.map_bytes() };
     let light = session.maps_bytes() + pass;

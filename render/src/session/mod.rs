@@ -102,7 +102,8 @@ pub struct SessionSetup<T> {
 /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 /// let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
 /// let bounds = Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] };
-/// let mut model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
+/// let (materials, names) = (vec![Material::default()], Arc::new(["default"].into_iter().collect()));
+/// let mut model = Model { bounds, materials, names, emitters: vec![], voxels: None };
 ///
 /// let text = "model = 'one.ply'\n[render]\nintegrator = 'direct'\nresolution = [32, 32]";
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;

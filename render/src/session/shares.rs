@@ -23,6 +23,12 @@ use trex_store::{Budget, Lease, Material, Result};
 /// Maps of photons of a session in frames: that on show, the one that comes after an edit, and the sums of a pass.
 const MAPS_IN_FRAMES: u64 = 3;
 
+/// Copies of materials: of the caller, of the viewer, of the session and its world, and of both while an edit replaces
+/// them.
+const MATERIAL_COPIES: usize = 6;
+/// Copies of emitters: of the caller, of the session and of an edit.
+const EMITTER_COPIES: usize = 3;
+
 /// What decides the shares of a session, beside its settings.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SessionFacts {
@@ -79,9 +85,9 @@ impl SessionShares {
         let SessionFacts { layers, workers, is_live, facets, materials, emitters } = *facts;
         let resolution = settings.resolution;
         let map_facets = facets.filter(|_| settings.integrator == Method::Photon);
-        // Of the model, of the world and of an edit; and what lights are drawn from, twice while a state replaces the one
-        // before.
-        let copies = 3 * (materials * size_of::<Material>() + emitters * size_of::<Emitter>());
+        // Which hold no names. What lights are drawn from is there twice while a state replaces the one before.
+        let copies = MATERIAL_COPIES * materials * size_of::<Material>()
+            + EMITTER_COPIES * emitters * size_of::<Emitter>();
         SessionShares {
             resolution,
             layers,

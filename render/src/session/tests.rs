@@ -83,6 +83,7 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let model = Model {
         bounds: file.superblock().bounds,
         materials: file.materials().to_vec(),
+        names: file.material_names().clone(),
         emitters: vec![],
         voxels,
     };
@@ -100,7 +101,13 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let corners = [[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [0.0, 9.0, 0.0]];
     let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
     let bounds = Aabb { lo: [-9.0, -9.0, 0.0], hi: [9.0, 9.0, 0.0] };
-    let model = Model { bounds, materials: vec![Material::default()], emitters: vec![], voxels: None };
+    let model = Model {
+        bounds,
+        materials: vec![Material::default()],
+        names: Default::default(),
+        emitters: vec![],
+        voxels: None,
+    };
     let lights = vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [1.0; 3] }];
     let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, seed: 0, ..RenderKeys::default() };
     let view = view([0.0, 0.0, 3.0], 30.0, lights, keys);
@@ -303,7 +310,7 @@ fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
 
 #[test]
 fn a_film_that_does_not_fit_is_refused() {
-    let copies = 3 * size_of::<Material>() as u64 + 2 * Emitters::bytes(0);
+    let copies = 6 * size_of::<Material>() as u64 + 2 * Emitters::bytes(0);
     let bytes = pass_bytes([16, 16], 2, 1) + film_bytes([16, 16], Layers::default()) + copies;
     let limit = trex_store::RESERVE_BYTES + bytes;
     assert!(session(&Budget::new(limit)).is_ok());

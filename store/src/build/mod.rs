@@ -20,7 +20,9 @@ mod checkpoint;
 mod clusters;
 mod draft;
 mod emit;
+mod input_sizes;
 mod journal;
+mod model_materials;
 mod options;
 mod partition;
 mod phases;
@@ -32,34 +34,38 @@ mod scratch;
 mod tests;
 
 pub use crate::output::Existing;
+pub use input_sizes::InputSizes;
 pub use journal::left_over;
 pub use options::{BuildOptions, Precision, Resume, Voxels};
 pub use phases::{PhaseCpuMs, PhaseMs};
-pub use plan::Plan;
+pub use plan::{Plan, smallest_bytes, smallest_bytes_for};
 pub use report::BuildReport;
 pub use scan::Scan;
 
 use crate::error::{Code, Error, Result};
 use crate::next_step::NextStep;
-use crate::octree::Voxelizer;
+use crate::output::check_apart;
 use crate::progress::{Progress, Report};
-use crate::source::TriangleSource;
+use crate::source::{SourceStats, TriangleSource};
 use checkpoint::{Checkpoint, FilePlaces};
-use clusters::workspace::worker_bytes;
 use draft::Draft;
-use emit::{voxels, writer};
+use emit::voxels;
+use input_sizes::Counted;
 use journal::{FileKind, Journal};
+use model_materials::ModelMaterials;
 use partition::outcome::PartitionOutcome;
 use partition::{Partition, PartitionWork, SortStart};
 use phases::PhaseClock;
 use plan::plan;
 use scan::{Grid, lattice};
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 
 /// Builds `output` from `source`. `on_plan` is called once, before anything is written.
 ///
 /// # Errors
-/// Those of the source; [`Code::Usage`] when the output exists or the precision cannot be had;
+/// Those of the source; [`Code::Usage`] when the output exists, the source names it, or the precision cannot be had;
 /// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
 /// [`Code::Interrupted`]. Nothing is left behind then, but after an interrupt what [`BuildOptions::resume`]
 /// resumes from.
@@ -136,19 +142,23 @@ impl Site<'_> {
                 (self.partition(source, start, journal.as_deref_mut(), &mut out)?, None)
             }
             Checkpoint::Sorted(sorted) => {
-                self.plan(sorted.scan.triangle_count)?;
+                self.plan(&InputSizes {
+                    triangle_count: sorted.scan.triangle_count,
+                    ..InputSizes::default()
+                })?;
                 let start = SortStart::Resumed(sorted);
                 (self.partition(source, start, journal.as_deref_mut(), &mut out)?, None)
             }
             Checkpoint::Partitioned(outcome) => {
-                self.plan(outcome.partition.input_triangle_count)?;
+                self.plan(&outcome.sizes)?;
                 (*outcome, None)
             }
             Checkpoint::Emitting(outcome, emitted) => {
-                self.plan(outcome.partition.input_triangle_count)?;
+                self.plan(&outcome.sizes)?;
                 (*outcome, Some(*emitted))
             }
         };
+        self.check_apart(&outcome.source)?;
 
         // Clusters, voxels, pages: chunk by chunk, in order.
         let mut clock = PhaseClock::start();
@@ -173,15 +183,22 @@ impl Site<'_> {
         let mut clock = PhaseClock::start();
         let scan = scan::scan(source, self.options, self.report, &mut out.phase_ms.generate)?;
         let grid = lattice::choose(&scan, self.options.precision, &source.name())?;
+        self.check_apart(&source.stats())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
-        self.plan(scan.triangle_count)?;
+        self.plan(&InputSizes { triangle_count: scan.triangle_count, ..InputSizes::default() })?;
         Ok((scan, grid))
     }
 
-    /// Hands out the plan for so many triangles.
-    fn plan(&self, triangle_count: u64) -> Result<()> {
-        (self.on_plan)(&plan(triangle_count, self.options, self.scratch_folder)?);
+    /// Hands out the plan for an input of such sizes.
+    fn plan(&self, sizes: &InputSizes) -> Result<()> {
+        (self.on_plan)(&plan(sizes, self.options, self.scratch_folder)?);
         Ok(())
+    }
+
+    /// Refuses an output that the input names: what a source has read is known once its stream has ended.
+    fn check_apart(&self, source: &SourceStats) -> Result<()> {
+        let mut named = source.named_files.iter().map(|(path, _)| Path::new(OsStr::from_bytes(path)));
+        named.try_for_each(|named| check_apart(self.output, named))
     }
 
     /// Snapped triangles in cells, and these in chunks.
@@ -196,10 +213,12 @@ impl Site<'_> {
         out.resumed_sorted_count = start.sorted_count();
         let (options, report) = (self.options, self.report);
         let work = PartitionWork { start, journal: journal.as_deref_mut(), options, report };
-        let partition = partition::partition(source, work)?;
+        let mut source = Counted::new(source);
+        let partition = partition::partition(&mut source, work)?;
         out.phase_ms.generate += partition.wait_ms;
-        let materials_json = serde_json::to_vec(source.materials()).expect("materials are plain data");
-        let outcome = PartitionOutcome { partition, materials_json, source: source.stats() };
+        let materials = ModelMaterials::of(source.materials(), &options.budget)?;
+        let (sizes, source) = (source.sizes(), source.stats());
+        let outcome = PartitionOutcome { partition, materials, sizes, source };
         if let Some(journal) = journal.filter(|journal| journal.has_records() || journal.is_due()) {
             outcome.record(journal, &options.budget)?;
             journal.remove_record(FileKind::Sorted)?;
@@ -219,14 +238,4 @@ fn kept_error(error: Error, output: &Path, bytes: u64) -> Error {
             bytes.div_ceil(1 << 20)
         ))
         .next(NextStep::ResumeOrClean)
-}
-
-/// What a source may lease while it is read: materials, the directory of 64 million vertices.
-const SOURCE_BYTES: u64 = 1 << 20;
-
-/// Least bytes that a build leases beside what its source has leased when it is opened: a small model. [`Plan`] tells
-/// what the tables of others take.
-pub fn smallest_bytes() -> u64 {
-    let builder = worker_bytes() + Voxelizer::BYTES + writer::TABLES_LEAST;
-    partition::SMALLEST_BYTES.max(builder) + SOURCE_BYTES
 }

@@ -1,9 +1,15 @@
 //! The plan of a build: what it is going to take, known before anything is written.
 
-use super::emit::{self, writer};
+use super::clusters::workspace::worker_bytes;
+use super::emit::{self, table_bytes};
+use super::input_sizes::InputSizes;
 use super::options::BuildOptions;
 use super::partition;
 use crate::error::{Error, Result};
+use crate::layout::FRAME_BYTES;
+use crate::material::Material;
+use crate::material_list::MaterialList;
+use crate::octree::Voxelizer;
 use serde::Serialize;
 use std::path::Path;
 
@@ -29,17 +35,18 @@ const PLAN_SCRATCH_BYTES: u64 = 24;
 const PLAN_OUTPUT_BYTES: u64 = 5;
 
 /// The plan for so many triangles.
-pub(super) fn plan(triangle_count: u64, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
+pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
+    let triangle_count = sizes.triangle_count;
     let free = rustix::io::retry_on_intr(|| rustix::fs::statvfs(scratch_folder))
         .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
-    let builders = emit::needed_bytes(options) * emit::worker_count(triangle_count, options) as u64;
+    let builders = emit::needed_bytes(sizes, options) * emit::worker_count(sizes, options) as u64;
     let plan = Plan {
         triangle_count,
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
             + partition::phase_bytes(options.budget.free_bytes())
-                .max(builders + writer::tables_bytes(triangle_count))
-                .max(writer::top_tree_bytes(triangle_count)),
+                .max(builders + table_bytes::tables_bytes(sizes))
+                .max(table_bytes::top_tree_bytes(sizes)),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: triangle_count * PLAN_SCRATCH_BYTES,
         output_bytes: triangle_count * PLAN_OUTPUT_BYTES
@@ -47,4 +54,24 @@ pub(super) fn plan(triangle_count: u64, options: &BuildOptions, scratch_folder: 
         free_bytes: free.f_bavail * free.f_frsize,
     };
     Ok(plan)
+}
+
+/// What a source may lease while it is read: materials, the directory of 64 million vertices.
+const SOURCE_BYTES: u64 = 1 << 20;
+
+/// Least bytes that a build leases beside what its source has leased when it is opened: a small model.
+pub fn smallest_bytes() -> u64 {
+    smallest_bytes_for(&InputSizes::default()) + SOURCE_BYTES
+}
+
+/// Least bytes that a build of such an input leases, beside what its source has leased by the end of its stream.
+pub fn smallest_bytes_for(sizes: &InputSizes) -> u64 {
+    let materials = sizes.material_count * (size_of::<Material>() + size_of::<bool>()) as u64;
+    let builder = worker_bytes() + emit::chunk_emitter_bytes(sizes) + Voxelizer::BYTES;
+    let chunks = builder + table_bytes::tables_bytes(sizes);
+    // What was written is opened to be read back.
+    let tables = MaterialList::bytes(sizes.material_count, sizes.name_bytes) + table_bytes::file_bytes(sizes);
+    let read_back = tables + 5 * FRAME_BYTES as u64;
+    let phases = [partition::SMALLEST_BYTES, chunks, table_bytes::top_tree_bytes(sizes), read_back];
+    materials + phases.into_iter().max().unwrap_or(0)
 }

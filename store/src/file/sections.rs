@@ -1,7 +1,7 @@
 //! What stands before the tables are known: the superblock, and sections as bytes.
 //!
 //! Invariants: 1. lengths are those of a superblock that was parsed, which fit the file; 2. nothing is opened but
-//! regular files.
+//! regular files; 3. nothing that was read counts before its hash was compared.
 
 use super::twice;
 use crate::error::{Code, Error, Result};
@@ -9,8 +9,10 @@ use crate::layout::*;
 use crate::next_step::NextStep;
 use crate::octree::{LowerLinks, LowerSize, UpperOctree, UpperSize};
 use std::fs::File;
+use std::io::Read;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
+use xxhash_rust::xxh3::Xxh3;
 
 /// See [`PageFile::upper_size`].
 pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<UpperSize>> {
@@ -53,6 +55,68 @@ pub(super) fn checked_section(
         }
         Ok(bytes)
     })
+}
+
+/// What `parse` makes of the bytes of a section, which match its hash, while no more than a piece of them is in memory.
+/// `parse` need not read to the end; what it gives may be of bytes that are damaged, and is then not used.
+pub(crate) fn streamed_section<T>(
+    file: &File,
+    section: Section,
+    (kind, file_id): (SectionKind, u64),
+    path: &Path,
+    mut parse: impl FnMut(&mut SectionReader<'_>) -> Result<T>,
+) -> Result<T> {
+    twice(file, (section.offset, section.bytes), || {
+        let mut reader = SectionReader::new(file, section, file_id);
+        let parsed = parse(&mut reader);
+        if parsed.as_ref().is_err_and(|error| error.code() != Code::Damaged) {
+            return parsed;
+        }
+        match reader.finish() {
+            Err(error) => Err(Error::io("read", path, &error)),
+            Ok(false) => Err(damaged_section(section, kind, path, "does not match its hash")),
+            Ok(true) => parsed,
+        }
+    })
+}
+
+/// Reads a section from its first byte, and hashes what it hands out.
+pub(crate) struct SectionReader<'a> {
+    file: &'a File,
+    section: Section,
+    /// Bytes that were read.
+    done: u64,
+    hasher: Xxh3,
+    failed: Option<std::io::Error>,
+}
+
+impl<'a> SectionReader<'a> {
+    fn new(file: &'a File, section: Section, file_id: u64) -> SectionReader<'a> {
+        let hasher = section_hasher(file_id, section.kind);
+        SectionReader { file, section, done: 0, hasher, failed: None }
+    }
+
+    /// Reads what is left, and compares all of it with the hash.
+    fn finish(mut self) -> std::io::Result<bool> {
+        let mut piece = vec![0; FRAME_BYTES];
+        while self.failed.is_none() && self.read(&mut piece).is_ok_and(|length| length > 0) {}
+        self.failed.map_or(Ok(self.hasher.digest() == self.section.hash), Err)
+    }
+}
+
+impl Read for SectionReader<'_> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let length = (self.section.bytes - self.done).min(out.len() as u64) as usize;
+        let read = self.file.read_exact_at(&mut out[..length], self.section.offset + self.done);
+        if let Err(error) = read {
+            let kind = error.kind();
+            self.failed.get_or_insert(error);
+            return Err(kind.into());
+        }
+        self.hasher.update(&out[..length]);
+        self.done += length as u64;
+        Ok(length)
+    }
 }
 
 /// Opens a regular file for reading.

@@ -1,12 +1,21 @@
 //! The gates for the tables of a file: from the bytes of a section to what [`PageFile`](super::PageFile) keeps of it.
 //!
-//! Invariants: 1. each gives `None` for anything that is out of its range, and allocates by what is there; 2. pages
-//! stand without gaps, those of the mesh first; 3. the top tree is a tree of bounded depth, whose references lead to
-//! pages.
+//! Invariants: 1. each gives `None` for anything that is out of its range, and allocates by what is there, which was
+//! compared with its count and leased before; 2. pages stand without gaps, those of the mesh first; 3. the top tree is
+//! a tree of bounded depth, whose references lead to pages.
 
+use super::sections::out_of_range;
 use crate::cluster::{Node, TopRef};
+use crate::error::Result;
 use crate::layout::*;
-use crate::material::Material;
+use crate::material_json;
+use crate::material_list::MaterialList;
+use std::io::Read;
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+/// Bytes that sections which are read in pieces take while they are read.
+const READING_BYTES: u64 = 256 << 10;
 
 /// An emissive triangle of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,20 +28,64 @@ pub struct Emitter {
     pub triangle: u32,
 }
 
-/// Memory while the tables are read: each section once raw and once parsed. Sections of a sparse file may be so large
-/// that no sum holds them: no limit has room for that.
-pub(crate) fn table_bytes(block: &Superblock) -> u64 {
-    let tables = SectionKind::ALL.iter().map(|&kind| block.section(kind).bytes);
-    tables.fold(0, u64::saturating_add).saturating_mul(3)
+/// Refuses sections whose lengths and counts cannot go together, by the superblock alone: before memory is leased for
+/// them, and before a byte of them is read.
+///
+/// # Errors
+/// [`Code::Damaged`](crate::Code::Damaged).
+pub(crate) fn check_lengths(block: &Superblock, path: &Path) -> Result<()> {
+    for kind in SectionKind::ALL {
+        let section = block.section(kind);
+        let count = u64::from(section.count);
+        let (lengths, count_most) = match kind {
+            SectionKind::PageTable => (exactly(count, PAGE_ENTRY_BYTES), u64::from(PAGES)),
+            SectionKind::TopTree => (exactly(count, Node::BYTES), u64::from(u32::MAX)),
+            SectionKind::Emitters => (exactly(count, EMITTER_BYTES), block.triangle_count),
+            // Two brackets, and a material that has at least a character.
+            _ => (2 + count..=2 + count * MATERIAL_JSON_BYTES as u64, MATERIALS as u64),
+        };
+        let is_empty = kind == SectionKind::Materials && count == 0;
+        if is_empty || count > count_most || !lengths.contains(&section.bytes) {
+            return Err(out_of_range(section, kind, path));
+        }
+    }
+    Ok(())
 }
 
-/// Memory that the tables keep.
-pub(super) fn kept_bytes(block: &Superblock) -> u64 {
+/// The one length of `count` records of so many bytes.
+fn exactly(count: u64, record_bytes: usize) -> RangeInclusive<u64> {
+    let bytes = count * record_bytes as u64;
+    bytes..=bytes
+}
+
+/// Bytes of the sections that every file has.
+pub(crate) fn section_bytes(block: &Superblock) -> u64 {
+    SectionKind::ALL.iter().map(|&kind| block.section(kind).bytes).fold(0, u64::saturating_add)
+}
+
+/// Memory while the tables are read, of a block whose lengths were checked: what is kept, and beside it one section as
+/// it is stored, with a byte for each node of the top tree. Materials are read in pieces.
+pub(crate) fn table_bytes(block: &Superblock) -> u64 {
+    let stored = [SectionKind::PageTable, SectionKind::TopTree, SectionKind::Emitters];
+    let longest = stored.iter().map(|&kind| block.section(kind).bytes).max().unwrap_or(0);
+    let seen = u64::from(block.section(SectionKind::TopTree).count);
+    [longest, seen, READING_BYTES].iter().fold(kept_bytes(block), |sum, &bytes| sum.saturating_add(bytes))
+}
+
+/// Memory that the tables keep, at most: names may be shorter than there is room for.
+pub(crate) fn kept_bytes(block: &Superblock) -> u64 {
     let count = |kind| u64::from(block.section(kind).count);
+    let names = count(SectionKind::Materials);
     count(SectionKind::PageTable) * (size_of::<PageEntry>() as u64 + 1)
         + count(SectionKind::TopTree) * size_of::<Node>() as u64
-        + count(SectionKind::Materials) * (size_of::<Material>() as u64 + 32)
+        + MaterialList::bytes(names, name_bytes(block))
         + count(SectionKind::Emitters) * size_of::<Emitter>() as u64
+}
+
+/// Most bytes of all names together.
+fn name_bytes(block: &Superblock) -> u64 {
+    let section = block.section(SectionKind::Materials);
+    section.bytes.min(u64::from(section.count) * MATERIAL_NAME_BYTES as u64)
 }
 
 pub(super) fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEntry>> {
@@ -104,11 +157,10 @@ pub(super) fn parse_top(
     seen.iter().all(|&s| s).then_some((top, root_counts))
 }
 
-pub(super) fn parse_materials(bytes: &[u8], block: &Superblock) -> Option<Vec<Material>> {
-    let materials: Vec<Material> = serde_json::from_slice(bytes).ok()?;
-    let sound = (1..=MATERIALS).contains(&materials.len())
-        && materials.len() == block.section(SectionKind::Materials).count as usize;
-    sound.then(|| materials.into_iter().map(Material::checked).collect())
+/// Reads the materials, whose count was checked, in pieces.
+pub(super) fn parse_materials(section: impl Read, block: &Superblock) -> Option<MaterialList> {
+    let count = block.section(SectionKind::Materials).count as usize;
+    material_json::read(section, count..=count, name_bytes(block) as usize)
 }
 
 pub(super) fn parse_emitters(

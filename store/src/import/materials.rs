@@ -1,48 +1,55 @@
 //! `MaterialTable`: the materials of an OBJ file by name, filled from its MTL files.
 //!
-//! `tobj` reads the MTL text, of which it is given only the lines that a material here is made of: it panics on
-//! colours of fewer than three numbers and refuses a whole file for one empty texture name.
+//! MTL text is read line by line ([`mtl`](super::mtl)), so that memory is taken for materials alone.
 //!
 //! Invariants: 1. entry 0 is the default material; 2. an entry keeps its index for good, a name that is used before
 //! it is defined is filled in later; 3. the first definition of a name wins, as the OBJ specification says of its
-//! list of libraries; 4. nothing in an MTL file is an error: what cannot be used is a warning.
+//! list of libraries; 4. nothing in an MTL file is an error: what cannot be used is a warning; 5. names are looked up
+//! as files hold them, so that a long one is found by what it was cut to.
 
-use super::ImportOptions;
-use crate::budget::Lease;
+use super::mtl;
+use super::{ImportOptions, MaterialNaming};
+use crate::budget::{Budget, Lease};
 use crate::error::{Code, Error, Result};
+use crate::layout::MATERIALS;
 use crate::material::Material;
+use crate::material_list::MaterialList;
+use crate::material_names::stored_name;
 use crate::source::stamp;
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
-use std::io::Read;
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::xxh3_64;
 
-/// Most bytes of an MTL file: 10,000 materials take about 2 MB.
-const MAX_MTL_BYTES: u64 = 16 << 20;
-
-/// Most materials, so that hostile files cannot fill the memory with names; CAD models have some thousands.
-const MAX_MATERIALS: usize = 1 << 16;
+/// Most bytes of an MTL file: what 65,536 materials with the longest names take, twice over.
+const MAX_MTL_BYTES: u64 = 64 << 20;
 
 /// Most `mtllib` names that are followed.
 const MAX_LIBRARIES: usize = 1024;
 
-/// Bytes charged per material beside its name, which is kept twice: the entry, the map, their slack.
-const MATERIAL_BYTES: u64 = 512;
+/// Bytes charged per material beside its name, which is kept twice: the entry, the map, and both again while they grow.
+const MATERIAL_BYTES: u64 = 320;
 
-/// Keys that make a material, and the count of numbers that each is given to `tobj` with.
-const KEYS: [(&str, usize); 7] =
-    [("Kd", 3), ("Ks", 3), ("Ke", 3), ("Ns", 1), ("d", 1), ("Tr", 1), ("illum", 1)];
+/// Bytes that a table leases for `count` materials, whose names have so many bytes together.
+pub(super) fn table_bytes(count: u64, name_bytes: u64) -> u64 {
+    count * MATERIAL_BYTES + 2 * name_bytes
+}
 
 /// Materials by index and by name.
 pub(super) struct MaterialTable {
-    entries: Vec<Material>,
-    index_of_name: HashMap<String, u32>,
+    entries: MaterialList,
+    index_of_name: HashMap<Box<str>, u32>,
     /// Names used by faces and not defined so far.
     undefined: HashSet<u32>,
     /// Each with its stamp before it was read.
     libraries: BTreeMap<PathBuf, String>,
     transparent_count: u64,
+    /// Bytes of all names, as files hold them.
+    name_bytes: u64,
+    naming: MaterialNaming,
+    budget: Budget,
     lease: Lease,
 }
 
@@ -50,17 +57,20 @@ impl MaterialTable {
     /// A table with the default material.
     pub(super) fn new(options: &ImportOptions) -> Result<MaterialTable> {
         Ok(MaterialTable {
-            entries: vec![Material::default()],
+            entries: MaterialList::from(Material::default()),
             index_of_name: HashMap::new(),
             undefined: HashSet::new(),
             libraries: BTreeMap::new(),
             transparent_count: 0,
-            lease: options.budget.lease("materials", MATERIAL_BYTES)?,
+            name_bytes: "default".len() as u64,
+            naming: options.naming,
+            budget: options.budget.clone(),
+            lease: options.budget.lease("materials", table_bytes(1, 0))?,
         })
     }
 
     /// All materials so far.
-    pub(super) fn entries(&self) -> &[Material] {
+    pub(super) fn entries(&self) -> &MaterialList {
         &self.entries
     }
 
@@ -69,6 +79,11 @@ impl MaterialTable {
         let full = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
         let libraries = self.libraries.iter();
         libraries.map(|(path, stamp)| (full(path).into_os_string().into_vec(), stamp.clone())).collect()
+    }
+
+    /// Bytes of all names, as files hold them.
+    pub(super) fn name_bytes(&self) -> u64 {
+        self.name_bytes
     }
 
     /// Materials with `d` < 1.
@@ -81,10 +96,11 @@ impl MaterialTable {
         if name.is_empty() {
             return Ok(0);
         }
-        if let Some(&index) = self.index_of_name.get(name) {
+        let name = &*stored_name(name);
+        if let Some(&index) = self.index_of_name.get(&*self.key(name)) {
             return Ok(index);
         }
-        let index = self.append(Material { name: name.to_owned(), ..Material::default() })?;
+        let index = self.append(name, Material::default())?;
         self.undefined.insert(index);
         Ok(index)
     }
@@ -92,19 +108,14 @@ impl MaterialTable {
     /// Names that faces use and no library defines, as a warning for the end of the stream.
     pub(super) fn undefined_warning(&self) -> Option<String> {
         let first = self.undefined.iter().min()?;
-        let (name, count) = (&self.entries[*first as usize].name, self.undefined.len());
+        let (name, count) = (self.entries.name(*first as usize), self.undefined.len());
         Some(format!(
             "{count} material names are not defined in any MTL file and are drawn grey; one is `{name}`"
         ))
     }
 
     /// Follows `mtllib names` of an OBJ file in `folder`; each library once. Returns what to warn of.
-    pub(super) fn load_libraries(
-        &mut self,
-        folder: &Path,
-        names: &str,
-        options: &ImportOptions,
-    ) -> Result<Vec<String>> {
+    pub(super) fn load_libraries(&mut self, folder: &Path, names: &str) -> Result<Vec<String>> {
         let mut warnings = Vec::new();
         for path in library_paths(folder, names) {
             if self.libraries.len() >= MAX_LIBRARIES {
@@ -113,13 +124,13 @@ impl MaterialTable {
             }
             if !self.libraries.contains_key(&path) {
                 self.libraries.insert(path.clone(), stamp(&path));
-                warnings.extend(self.load_library(&path, options)?);
+                warnings.extend(self.load_library(&path)?);
             }
         }
         Ok(warnings)
     }
 
-    fn load_library(&mut self, path: &Path, options: &ImportOptions) -> Result<Option<String>> {
+    fn load_library(&mut self, path: &Path) -> Result<Option<String>> {
         let shown = path.display();
         let bytes = match std::fs::metadata(path) {
             Err(error) => {
@@ -135,49 +146,57 @@ impl MaterialTable {
             }
             Ok(kind) => kind.len(),
         };
-        // The text, its cleaned copy, and the strings and maps that tobj makes of it.
-        let _lease = options.budget.lease("an MTL file", 8 * bytes)?;
-        let mut text = Vec::new();
-        if let Err(error) = File::open(path).and_then(|file| file.take(bytes).read_to_end(&mut text)) {
-            return Ok(Some(format!("MTL file {shown} cannot be read ({error}): its materials are grey")));
-        }
-        let (cleaned, dropped) = clean(&String::from_utf8_lossy(&text));
-        match tobj::load_mtl_buf(&mut cleaned.as_bytes()) {
-            Err(error) => return Ok(Some(format!("MTL file {shown} is not understood ({error})"))),
-            Ok((materials, _)) => {
-                for material in materials {
-                    self.define(from_tobj(material))?;
-                }
+        let _lease = self.budget.lease("an MTL file", mtl::READING_BYTES)?;
+        let mut refused = None;
+        let read = File::open(path).and_then(|file| {
+            mtl::read(file, bytes, &mut |name, material| {
+                refused = self.define(name, material).err();
+                refused.is_none()
+            })
+        });
+        match (refused, read) {
+            (Some(error), _) => Err(error),
+            (None, Err(error)) => {
+                Ok(Some(format!("MTL file {shown} cannot be read ({error}): its materials are grey")))
             }
+            (None, Ok(dropped)) => Ok((dropped > 0)
+                .then(|| format!("MTL file {shown}: {dropped} lines without proper numbers are not used"))),
         }
-        Ok((dropped > 0)
-            .then(|| format!("MTL file {shown}: {dropped} lines without proper numbers are not used")))
     }
 
-    fn define(&mut self, material: Material) -> Result<()> {
+    fn define(&mut self, name: &str, material: Material) -> Result<()> {
         let transparent = u64::from(material.d < 1.0);
-        match self.index_of_name.get(&material.name) {
+        match self.index_of_name.get(&*self.key(name)) {
             None => {
-                self.append(material)?;
+                self.append(name, material)?;
             }
-            Some(index) if self.undefined.remove(index) => self.entries[*index as usize] = material,
+            Some(index) if self.undefined.remove(index) => self.entries.replace(*index as usize, material),
             Some(_) => return Ok(()),
         }
         self.transparent_count += transparent;
         Ok(())
     }
 
-    fn append(&mut self, material: Material) -> Result<u32> {
-        if self.entries.len() >= MAX_MATERIALS {
+    /// What is kept of a name.
+    fn key<'a>(&self, name: &'a str) -> Cow<'a, str> {
+        match self.naming {
+            MaterialNaming::Names => Cow::Borrowed(name),
+            MaterialNaming::Hashes => Cow::Owned(format!("{:016x}", xxh3_64(name.as_bytes()))),
+        }
+    }
+
+    fn append(&mut self, name: &str, material: Material) -> Result<u32> {
+        if self.entries.len() >= MATERIALS {
             return Err(Error::new(Code::InputRange, "the input names too many materials")
-                .at_place(format!("usemtl or newmtl {}", material.name))
-                .numbers(format!("more than {MAX_MATERIALS}"))
+                .at_place(format!("usemtl or newmtl {name}"))
+                .numbers(format!("more than {MATERIALS}"))
                 .next("export the mesh with fewer materials"));
         }
-        self.lease.grow("materials", MATERIAL_BYTES + 2 * material.name.len() as u64)?;
-        let index = self.entries.len() as u32;
-        self.index_of_name.insert(material.name.clone(), index);
-        self.entries.push(material);
+        self.lease.grow("materials", table_bytes(1, name.len() as u64))?;
+        let (index, key) = (self.entries.len() as u32, self.key(name));
+        self.name_bytes += name.len() as u64;
+        self.entries.push(&key, material);
+        self.index_of_name.insert(key.into(), index);
         Ok(index)
     }
 }
@@ -197,54 +216,6 @@ fn library_paths(folder: &Path, names: &str) -> Vec<PathBuf> {
     }
 }
 
-/// The lines of an MTL text that make a material, in the form that `tobj` takes, and how many had to be left out.
-fn clean(text: &str) -> (String, u64) {
-    let (mut cleaned, mut dropped) = (String::new(), 0);
-    for line in text.lines().map(|line| line.trim_start_matches('\u{feff}').trim()) {
-        let mut words = line.split_whitespace();
-        let key = words.next().unwrap_or_default();
-        if key == "newmtl" {
-            let name = line[key.len()..].trim();
-            dropped += u64::from(name.is_empty());
-            // Without a name, lines that follow must not change the material before.
-            cleaned += &format!("newmtl {}\n", if name.is_empty() { "(no name)" } else { name });
-        } else if let Some((_, count)) = KEYS.iter().find(|(known, _)| *known == key) {
-            match numbers(words, *count, key) {
-                Some(numbers) => cleaned += &format!("{key} {numbers}\n"),
-                None => dropped += 1,
-            }
-        }
-    }
-    (cleaned, dropped)
-}
-
-/// `count` numbers; green and blue that are left out equal red, as the MTL specification says.
-fn numbers<'a>(words: impl Iterator<Item = &'a str>, count: usize, key: &str) -> Option<String> {
-    let mut numbers: Vec<&str> = words.filter(|&word| word != "-halo").take(count).collect();
-    let well_formed =
-        |word: &&str| if key == "illum" { word.parse::<u8>().is_ok() } else { word.parse::<f32>().is_ok() };
-    if numbers.is_empty() || !numbers.iter().all(well_formed) {
-        return None;
-    }
-    numbers.resize(count, numbers[0]);
-    Some(numbers.join(" "))
-}
-
-fn from_tobj(material: tobj::Material) -> Material {
-    let default = Material::default();
-    let transparency = || material.unknown_param.get("Tr").and_then(|text| text.parse::<f32>().ok());
-    Material {
-        d: material.dissolve.or_else(|| transparency().map(|tr| 1.0 - tr)).unwrap_or(default.d),
-        name: material.name,
-        kd: material.diffuse.unwrap_or(default.kd),
-        ks: material.specular.unwrap_or(default.ks),
-        ns: material.shininess.unwrap_or(default.ns),
-        ke: material.emissive.unwrap_or(default.ke),
-        mirror: matches!(material.illumination_model, Some(3 | 5)),
-    }
-    .checked()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -256,7 +227,7 @@ mod tests {
         std::fs::write(folder.path().join("a b.mtl"), text).unwrap();
         let options = ImportOptions::unlimited(folder.path());
         let mut table = MaterialTable::new(&options).unwrap();
-        let warnings = table.load_libraries(folder.path(), "a b.mtl", &options).unwrap();
+        let warnings = table.load_libraries(folder.path(), "a b.mtl").unwrap();
         (table, warnings)
     }
 
@@ -267,12 +238,11 @@ mod tests {
               newmtl lamp\nKe 4 5 6\nKd spectral x.rfl\nKs 0 0 0\nillum 5\nTr 0.25\n\
               newmtl lamp\nKe 1 1 1\nnewmtl solid\r\nd 1\r\nTr 1\r\n",
         );
-        let [default, plastic, lamp, solid] = table.entries() else { panic!("{:?}", table.entries()) };
-        assert_eq!(*default, Material::default());
-        assert_eq!(
-            (plastic.name.as_str(), plastic.kd, plastic.ks),
-            ("Hard Plastic", [0.5; 3], [0.25, 0.5, 0.125])
-        );
+        let [default, plastic, lamp, solid] = **table.entries() else { panic!("{:?}", table.entries()) };
+        assert_eq!(default, Material::default());
+        let names = ["default", "Hard Plastic", "lamp", "solid"];
+        assert_eq!(table.entries().names().iter().collect::<Vec<_>>(), names);
+        assert_eq!((plastic.kd, plastic.ks), ([0.5; 3], [0.25, 0.5, 0.125]));
         assert_eq!((plastic.ns, plastic.d, plastic.mirror), (20.0, 0.5, true));
         assert_eq!((lamp.ke, lamp.mirror, lamp.d), ([4.0, 5.0, 6.0], false, 0.75));
         assert_eq!(solid.d, 1.0);
@@ -288,8 +258,21 @@ mod tests {
         let mut table = MaterialTable::new(&options).unwrap();
         assert_eq!((table.index_of("").unwrap(), table.index_of("a").unwrap()), (0, 1));
         assert!(table.undefined_warning().is_some());
-        assert_eq!(table.load_libraries(folder.path(), "none.mtl .\\m.mtl", &options).unwrap().len(), 1);
+        assert_eq!(table.load_libraries(folder.path(), "none.mtl .\\m.mtl").unwrap().len(), 1);
         assert_eq!((table.entries()[1].kd, table.undefined_warning()), ([0.5; 3], None));
+    }
+
+    /// Names of a thousand bytes each were kept as they were, three times, and read whole with their file.
+    #[test]
+    fn long_names_are_cut_and_found_again() {
+        let long = |end: &str| format!("{}{end}", "\u{e4}".repeat(700));
+        let text = format!("newmtl {}\nKd 1 0 0\nnewmtl {}\nKd 0 1 0\n", long("one"), long("two"));
+        let (mut table, warnings) = load(text.as_bytes());
+        assert_eq!((warnings.len(), table.entries().len()), (0, 3));
+        assert_eq!((table.index_of(&long("two")).unwrap(), table.index_of(&long("one")).unwrap()), (2, 1));
+        assert_eq!((table.entries()[1].kd, table.entries()[2].kd), ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]));
+        assert!(table.entries().names().iter().all(|name| name.len() <= 255));
+        assert_eq!(table.undefined_warning(), None);
     }
 
     proptest! {
@@ -301,7 +284,7 @@ mod tests {
             let mut text: Vec<u8> = lines.iter().flat_map(line).collect();
             text.extend(tail);
             let (table, _) = load(&text);
-            for material in table.entries() {
+            for material in table.entries().iter() {
                 let colours = material.kd.iter().chain(&material.ks).chain(&material.ke);
                 let numbers = colours.chain([&material.ns, &material.d]);
                 prop_assert!(numbers.clone().all(|value| value.is_finite() && *value >= 0.0));

@@ -12,6 +12,7 @@
 
 mod input;
 mod materials;
+mod mtl;
 mod obj;
 mod options;
 mod ply;
@@ -30,7 +31,7 @@ use crate::source::{SourceStats, TriangleSource};
 use input::Input;
 use std::path::Path;
 
-pub use options::ImportOptions;
+pub use options::{ImportOptions, MaterialNaming};
 pub use sniff::{Encoding, Format};
 
 /// Most warnings that a source keeps.

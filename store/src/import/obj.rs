@@ -16,7 +16,7 @@ use super::text::{Mark, Text, parse_integer, printable};
 use super::vertices::VertexCache;
 use super::warn;
 use crate::error::Result;
-use crate::material::Material;
+use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 use std::path::PathBuf;
 
@@ -32,7 +32,6 @@ pub(super) struct ObjSource {
     materials: MaterialTable,
     material: u32,
     polygon: Polygon,
-    options: ImportOptions,
     stats: SourceStats,
 }
 
@@ -48,7 +47,6 @@ impl ObjSource {
             materials: MaterialTable::new(options)?,
             material: 0,
             polygon: Polygon::new(&options.budget)?,
-            options: options.clone(),
             stats: SourceStats::default(),
             text,
         })
@@ -141,7 +139,7 @@ impl ObjSource {
     fn library(&mut self) -> Result<()> {
         let names = self.text.rest()?;
         let folder = self.text.input().path().parent().map(PathBuf::from).unwrap_or_default();
-        for warning in self.materials.load_libraries(&folder, &names, &self.options)? {
+        for warning in self.materials.load_libraries(&folder, &names)? {
             warn(&mut self.stats, warning);
         }
         Ok(())
@@ -181,7 +179,7 @@ impl TriangleSource for ObjSource {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         self.materials.entries()
     }
 
@@ -195,6 +193,7 @@ impl TriangleSource for ObjSource {
             vertex_lookups,
             vertex_cache_misses,
             transparent_material_count: self.materials.transparent_count(),
+            material_name_bytes: self.materials.name_bytes(),
             named_files: self.materials.libraries(),
             ..self.stats.clone()
         }

@@ -4,6 +4,16 @@ use crate::budget::Budget;
 use crate::progress::Interrupt;
 use std::path::{Path, PathBuf};
 
+/// What is kept of the names of materials.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MaterialNaming {
+    /// The names.
+    #[default]
+    Names,
+    /// A hash of each, in its place, while memory is leased as for the names: to tell what reading takes, in less.
+    Hashes,
+}
+
 /// How an input is read.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
@@ -16,6 +26,8 @@ pub struct ImportOptions {
     pub interrupt: Interrupt,
     /// Most bytes that the vertex cache takes. Less is taken where the array is smaller or the budget has less.
     pub vertex_cache_bytes: u64,
+    /// What is kept of the names of materials.
+    pub naming: MaterialNaming,
 }
 
 impl ImportOptions {
@@ -27,6 +39,7 @@ impl ImportOptions {
             temp_dir: temp_dir.to_path_buf(),
             interrupt: Interrupt::default(),
             vertex_cache_bytes,
+            naming: MaterialNaming::default(),
         }
     }
 

@@ -14,6 +14,7 @@ use super::scalar::head;
 use super::warn;
 use crate::error::{Code, Error, Result};
 use crate::material::Material;
+use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
 const HEADER_BYTES: u64 = 84;
@@ -83,7 +84,7 @@ pub(super) struct StlSource {
     input: Input,
     count: u64,
     left: u64,
-    materials: [Material; 1],
+    materials: MaterialList,
     stats: SourceStats,
 }
 
@@ -96,7 +97,7 @@ impl StlSource {
             warn(&mut stats, format!("{} bytes after the last triangle are not read", input.length() - end));
         }
         input.seek(HEADER_BYTES);
-        StlSource { input, count, left: count, materials: [Material::default()], stats }
+        StlSource { input, count, left: count, materials: MaterialList::from(Material::default()), stats }
     }
 }
 
@@ -128,7 +129,7 @@ impl TriangleSource for StlSource {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 

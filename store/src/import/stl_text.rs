@@ -15,6 +15,7 @@ use super::polygon::{MAX_POLYGON_SIDES, Polygon};
 use super::text::{Mark, Text, printable};
 use crate::error::{Error, Result};
 use crate::material::Material;
+use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
 /// Triangles of an ascii STL file.
@@ -23,7 +24,7 @@ pub(super) struct StlTextSource {
     start: Mark,
     inside: Inside,
     polygon: Polygon,
-    materials: [Material; 1],
+    materials: MaterialList,
     stats: SourceStats,
 }
 
@@ -44,7 +45,7 @@ impl StlTextSource {
             start: text.mark(),
             inside: Inside::Nothing,
             polygon: Polygon::new(&options.budget)?,
-            materials: [Material::default()],
+            materials: MaterialList::from(Material::default()),
             stats: SourceStats { bytes_total: text.input().length(), ..SourceStats::default() },
             text,
         })
@@ -157,7 +158,7 @@ impl TriangleSource for StlTextSource {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 

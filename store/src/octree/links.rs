@@ -12,7 +12,7 @@
 //! Invariants: 1. every word leads to a page of units; whether the page has such a unit is known when it is read.
 
 use super::Refinement;
-use super::stored::{BLOCK_BYTES, PACKED_MOST, SectionReader, packed_planes};
+use super::stored::{BLOCK_BYTES, SectionReader, is_packed, packed_planes};
 use crate::layout::PAGES;
 
 /// Bits of a page's number in a word.
@@ -90,8 +90,7 @@ impl LowerLinks {
         let mut r = SectionReader(head);
         let (refinement, leaf_count) = (Refinement::from_factor(r.u32()?)?, r.u64()?);
         let resident_bytes = u64::from(link_count) * WORD_BYTES as u64;
-        let sound =
-            refinement != Refinement::None && resident_bytes <= stored_bytes.checked_mul(PACKED_MOST)?;
+        let sound = refinement != Refinement::None && is_packed(resident_bytes, stored_bytes);
         let size = LowerSize {
             refinement,
             leaf_count,

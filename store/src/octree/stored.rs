@@ -21,7 +21,9 @@ const STORED_LEAF_BYTES: u64 = 8 + 2 + 1 + 2;
 /// Places 0 and 1 along each axis.
 const FIRST_OCTANT: u64 = 0x33_0033;
 /// Bytes that Deflate packs into one at most.
-pub(super) const PACKED_MOST: u64 = 1032;
+const PACKED_MOST: u64 = 1032;
+/// Bytes of head and lengths of blocks, and what Deflate adds to blocks that it cannot make smaller, for a small model.
+const PACKING_BYTES: u64 = 1024;
 /// Effort of Deflate, 0 to 10.
 const LEVEL: u8 = 3;
 /// Bytes of a block of a stream before packing.
@@ -39,8 +41,7 @@ impl UpperOctree {
         let leaves = u64::from(leaf_count);
         let sound = facet_count <= leaf_count && nodes <= MAX_DEPTH as u64 * leaves;
         // In this order: leaves are a 32-bit count, nodes a small multiple of it, and so all sums below fit.
-        let sound =
-            sound && 8 * nodes + STORED_LEAF_BYTES * leaves <= stored_bytes.checked_mul(PACKED_MOST)?;
+        let sound = sound && is_packed(8 * nodes + STORED_LEAF_BYTES * leaves, stored_bytes);
         sound.then(|| UpperSize {
             resolution: grid.resolution,
             leaf_steps: grid.leaf_steps(),
@@ -102,6 +103,12 @@ pub(super) fn packed_planes(words: &[u64], bytes: usize) -> Vec<u8> {
     let packed =
         miniz_oxide::deflate::compress_to_vec(&(0..bytes).flat_map(plane).collect::<Vec<u8>>(), LEVEL);
     [&(packed.len() as u32).to_le_bytes(), packed.as_slice()].concat()
+}
+
+/// Whether a section of `stored_bytes` can be what so many bytes are packed into: neither too short nor too long.
+pub(super) fn is_packed(raw_bytes: u64, stored_bytes: u64) -> bool {
+    let most = raw_bytes.saturating_mul(2).saturating_add(PACKING_BYTES);
+    raw_bytes <= stored_bytes.saturating_mul(PACKED_MOST) && stored_bytes <= most
 }
 
 /// What is left of a section.

@@ -56,6 +56,16 @@ pub(super) struct PoolPlan {
 
 impl PoolPlan {
     pub(super) fn new(store: &dyn PageStore, options: &PoolOptions) -> Result<PoolPlan> {
+        let longest = (0..store.page_count()).map(|page| store.extent(page).stored_bytes).max();
+        PoolPlan::of((store.page_count(), longest.unwrap_or(1)), store.frame_bytes(), options)
+    }
+
+    /// The sizes for so many pages, of which the longest has so many stored bytes.
+    pub(super) fn of(
+        (pages, longest): (u32, u32),
+        frame_bytes: usize,
+        options: &PoolOptions,
+    ) -> Result<PoolPlan> {
         let out_of_range = options.staging_slots == 0
             || options.staging_slots > crate::io::DEPTH_MAX
             || options.decode_threads == 0
@@ -69,9 +79,7 @@ impl PoolPlan {
                 ))
                 .next("use the defaults of PoolOptions"));
         }
-        let (pages, frame_bytes) = (store.page_count(), store.frame_bytes());
         assert!(frame_bytes > 0 && frame_bytes.is_multiple_of(crate::io::ALIGN_BYTES));
-        let longest = (0..pages).map(|page| store.extent(page).stored_bytes).max().unwrap_or(1);
         let slot_bytes = staging_bytes_for(longest.max(options.merge_bytes) as usize);
         let wanted_max = match options.frames_bytes_max {
             Some(bytes) => bytes.max(options.frames_bytes) / frame_bytes as u64,

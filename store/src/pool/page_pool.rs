@@ -16,6 +16,7 @@ use super::word::{PageState, Word};
 use crate::budget::{Budget, Lease, RESERVE_BYTES};
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, IoDescription, Reader};
+use crate::layout::{FRAME_BYTES, STORED_BYTES};
 use crate::next_step::{NextStep, Setting};
 use std::path::Path;
 use std::sync::Arc;
@@ -153,6 +154,15 @@ impl PagePool {
         let plan = PoolPlan::new(store, options)?;
         let frames_bytes = (FRAMES_MIN * store.frame_bytes()) as u64;
         Ok((plan.overhead_bytes, plan.overhead_bytes + frames_bytes))
+    }
+
+    /// Bytes of the budget that a pool over a page file of so many pages takes beside its frames, at most: pages may be
+    /// shorter than the format allows.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] for options out of range.
+    pub fn overhead_bytes(page_count: u32, options: &PoolOptions) -> Result<u64> {
+        Ok(PoolPlan::of((page_count, STORED_BYTES as u32), FRAME_BYTES, options)?.overhead_bytes)
     }
 
     fn start(&mut self, reader: Reader, options: &PoolOptions) -> Result<()> {

@@ -3,10 +3,9 @@
 //! Invariant: what does not match is read again before it counts as damaged.
 
 use super::{Damage, Verdict};
-use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
-use crate::file::{open_regular, read_superblock, twice};
-use crate::layout::{SUPERBLOCK_BYTES, SectionKind, Superblock, section_hash};
+use crate::file::{open_regular, read_superblock, streamed_section, twice};
+use crate::layout::{SUPERBLOCK_BYTES, SectionKind, Superblock};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
@@ -27,25 +26,17 @@ pub(super) fn check_superblocks(path: &Path, block: &Superblock, verdict: &mut V
 
 /// What is damaged in a file that cannot be opened for `error`: sections that do not match their hashes, or, where
 /// no superblock tells of sections, the file.
-pub(super) fn check_sections(
-    path: &Path,
-    error: &Error,
-    budget: &Budget,
-    verdict: &mut Verdict,
-) -> Result<()> {
+pub(super) fn check_sections(path: &Path, error: &Error, verdict: &mut Verdict) -> Result<()> {
     let file = open_regular(path)?;
     if let Ok(block) = read_superblock(&file, path) {
         check_superblocks(path, &block, verdict)?;
         for section in block.sections.iter().filter(|section| section.kind != 0) {
-            let _lease = budget.lease("a section of the file", section.bytes)?;
-            let name = SectionKind::from_word(section.kind).map_or("unknown", SectionKind::name);
+            let kind = SectionKind::from_word(section.kind);
+            let name = kind.map_or("unknown", SectionKind::name);
             let what = format!("the section `{name}` does not match its hash");
-            let checked = twice(&file, (section.offset, section.bytes), || {
-                let mut bytes = vec![0; section.bytes as usize];
-                file.read_exact_at(&mut bytes, section.offset).map_err(|e| Error::io("read", path, &e))?;
-                let is_whole = section_hash(&bytes, block.file_id, section.kind) == section.hash;
-                if is_whole { Ok(()) } else { Err(Error::new(Code::Damaged, what.as_str())) }
-            });
+            // The place in messages; what is told here is `what`.
+            let place = (kind.unwrap_or(SectionKind::PageTable), block.file_id);
+            let checked = streamed_section(&file, *section, place, path, |_| Ok(()));
             verdict.take(checked, Damage::of_bytes(&what, section.offset, section.bytes))?;
         }
     }

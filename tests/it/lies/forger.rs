@@ -3,6 +3,7 @@
 use crate::command::{TREX, document_in, folder, ran, run_in};
 use crate::fixtures::built_in;
 use crate::format_octree::Upper;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::process::Command;
 use trex_store::layout::{
@@ -36,9 +37,11 @@ impl Forger {
         let (mut bytes, mut block) = (self.bytes.clone(), self.block.clone());
         let section = block.section(kind);
         let place = section.offset as usize..(section.offset + section.bytes) as usize;
-        change(&mut bytes[place.clone()], &mut block);
+        change(&mut bytes[place], &mut block);
         for section in block.sections.iter_mut().filter(|s| s.kind == kind as u32) {
-            section.hash = section_hash(&bytes[place.clone()], block.file_id, section.kind);
+            // A length behind the end has no hash.
+            let end = section.offset.saturating_add(section.bytes).min(bytes.len() as u64) as usize;
+            section.hash = section_hash(&bytes[section.offset as usize..end], block.file_id, section.kind);
         }
         let head = block.to_bytes();
         let tail = bytes.len() - SUPERBLOCK_BYTES;
@@ -66,6 +69,61 @@ impl Forger {
         let head = block.to_bytes();
         let bytes = [&head, &self.bytes[SUPERBLOCK_BYTES..begin], octree, &head].concat();
         std::fs::write(self.inside.path().join("lie.trex"), bytes).unwrap();
+    }
+
+    /// The bytes of a section.
+    pub(super) fn section(&self, kind: SectionKind) -> Vec<u8> {
+        let section = self.block.section(kind);
+        self.bytes[section.offset as usize..][..section.bytes as usize].to_vec()
+    }
+
+    /// Writes `lie.trex` with these bytes as its materials, behind all that was there before.
+    pub(super) fn seal_materials(&self, materials: &[u8], count: u64) {
+        let (mut block, end) = (self.block.clone(), self.bytes.len() - SUPERBLOCK_BYTES);
+        let kind = SectionKind::Materials as u32;
+        let section = block.sections.iter_mut().find(|section| section.kind == kind).unwrap();
+        (section.offset, section.bytes, section.count) = (end as u64, materials.len() as u64, count as u32);
+        section.hash = section_hash(materials, block.file_id, kind);
+        block.file_bytes = (end + materials.len() + SUPERBLOCK_BYTES) as u64;
+        let head = block.to_bytes();
+        let bytes = [&head, &self.bytes[SUPERBLOCK_BYTES..end], materials, &head].concat();
+        std::fs::write(self.inside.path().join("lie.trex"), bytes).unwrap();
+    }
+
+    /// Writes `lie.trex` with a section of so many zeros, most of which take no room on the disk.
+    pub(super) fn seal_sparse(&self, kind: SectionKind, count: u32, bytes: u64) {
+        let (mut block, end) = (self.block.clone(), self.bytes.len() as u64);
+        let section = block.sections.iter_mut().find(|section| section.kind == kind as u32).unwrap();
+        (section.offset, section.bytes, section.count) = (end, bytes, count);
+        block.triangle_count = 1 << 31;
+        block.input_triangle_count =
+            block.triangle_count + block.rejected_degenerate + block.rejected_non_finite;
+        block.file_bytes = end + bytes + SUPERBLOCK_BYTES as u64;
+        let (head, path) = (block.to_bytes(), self.inside.path().join("lie.trex"));
+        std::fs::write(&path, [&head, &self.bytes[SUPERBLOCK_BYTES..]].concat()).unwrap();
+        let file = std::fs::OpenOptions::new().write(true).open(path).unwrap();
+        file.write_all_at(&head, end + bytes).unwrap();
+    }
+
+    /// No verb takes more than its limit, whatever it says of the file.
+    #[track_caller]
+    pub(super) fn takes_no_room(&self, lie: &str) {
+        for line in [
+            "info lie.trex",
+            "verify lie.trex --quick",
+            "verify lie.trex --deep",
+            "render lie.trex -o out.png --resolution 8x8 --integrator direct --overwrite",
+        ] {
+            let line = format!("{line} --memory-limit 80MiB --json -q");
+            let script = format!("ulimit -v 1000000 && exec '{TREX}' {line}");
+            let mut shell = Command::new("sh");
+            let refused =
+                ran(&line, shell.args(["-c", &script]).current_dir(self.inside.path()).output().unwrap());
+            let is_told = matches!(refused.code, Some(1 | 3 | 4)) && !refused.stderr.contains("panicked");
+            assert!(is_told, "{lie}: {line}: {:?}\n{}{}", refused.code, refused.stdout, refused.stderr);
+            let peak = refused.document()["memory"]["peak_rss_bytes"].as_u64();
+            assert!(peak.is_none_or(|peak| peak <= 80 << 20), "{lie}: {line}: {peak:?}");
+        }
     }
 
     /// The octree is named as damaged by `verify`, and those who read it refuse the file.

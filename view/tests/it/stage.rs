@@ -85,7 +85,8 @@ fn with_session<R>(
     let pool = Arc::new(PagePool::open(file.clone(), path, budget, &options).unwrap());
     let voxels = Voxels::open(&file, budget).unwrap().map(Arc::new);
     let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
-    let mut model = Model { bounds, materials, emitters: vec![], voxels };
+    let mut model =
+        Model { bounds, materials, names: file.material_names().clone(), emitters: vec![], voxels };
     let camera = CameraKeys {
         position: Some([1.5, 1.0, 2.0]),
         target: Some([0.5, 0.0, 0.5]),

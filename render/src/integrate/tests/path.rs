@@ -128,7 +128,7 @@ fn a_lamp_of_the_model_counts_once_however_it_is_found() {
     let mut triangles = square(9.0, 0.0, false, 0).to_vec();
     triangles.extend(square(1.0, 2.0, true, 1));
     for n_shadow in [0, 1, 2] {
-        let mut case = path_case(triangles.clone(), vec![grey(0.8), lamp.clone()], vec![]);
+        let mut case = path_case(triangles.clone(), vec![grey(0.8), lamp], vec![]);
         (case.position, case.n_shadow) = ([6.0, 0.0, 1.0], n_shadow);
         case.check(if n_shadow == 0 { 1 << 18 } else { 1 << 14 }, 0.8 * 3.0 * form_factor(1.0, 2.0), 5e-3);
     }

@@ -71,7 +71,13 @@ fn heap() -> (Vec<NaiveTriangle>, Model, PageFile) {
     let file = PageFile::open(&output, &Budget::unlimited()).unwrap();
     let voxels = Voxels::open(&file, &Budget::unlimited()).unwrap().map(Arc::new);
     let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
-    let model = Model { bounds, materials: file.materials().to_vec(), emitters: vec![], voxels };
+    let model = Model {
+        bounds,
+        materials: file.materials().to_vec(),
+        names: Arc::default(),
+        emitters: vec![],
+        voxels,
+    };
     (triangles, model, file)
 }
 

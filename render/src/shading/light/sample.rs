@@ -193,15 +193,8 @@ mod tests {
     use std::f64::consts::TAU;
     use trex_store::{Code, Material};
 
-    const GREY: Material = Material {
-        name: String::new(),
-        kd: [0.7; 3],
-        ks: [0.0; 3],
-        ns: 0.0,
-        ke: [0.0; 3],
-        d: 1.0,
-        mirror: false,
-    };
+    const GREY: Material =
+        Material { kd: [0.7; 3], ks: [0.0; 3], ns: 0.0, ke: [0.0; 3], d: 1.0, mirror: false };
     static AT: ShadingPoint<'_> = ShadingPoint {
         point: DVec3::ZERO,
         bsdf: Bsdf { material: &GREY, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },

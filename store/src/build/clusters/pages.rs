@@ -281,7 +281,9 @@ pub(crate) fn packed(raw: Vec<u8>) -> (Vec<u8>, Packing) {
 }
 
 fn emitters_of(clusters: &[ClusterMesh], emissive: &[bool]) -> Vec<PageEmitter> {
-    let mut emitters = Vec::new();
+    let materials = clusters.iter().flat_map(|cluster| &cluster.materials);
+    let count = materials.filter(|&&material| emissive[usize::from(material)]).count();
+    let mut emitters = Vec::with_capacity(count);
     let mut first = 0;
     for cluster in clusters {
         for (i, (corners, &material)) in cluster.triangles.iter().zip(&cluster.materials).enumerate() {

@@ -21,7 +21,7 @@ use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
 /// Items that may be finished ahead of their turn, per worker.
-const WINDOW: usize = 3;
+pub(super) const WINDOW: usize = 3;
 /// Longest sleep before a look at the interrupt.
 const GLANCE: Duration = Duration::from_millis(100);
 

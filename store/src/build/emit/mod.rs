@@ -5,14 +5,17 @@
 
 pub(super) mod emit_checkpoint;
 mod in_order;
+pub(super) mod table_bytes;
 pub(super) mod voxels;
 pub(super) mod writer;
 
-use crate::build::clusters::pages::{ChunkPages, PackContext};
+use crate::build::clusters::pages::{ChunkPages, PackContext, PageEmitter};
 use crate::build::clusters::workspace::{Workspace, worker_bytes};
 use crate::build::draft::DraftFile;
+use crate::build::input_sizes::InputSizes;
 use crate::build::journal::{FileKind, Journal};
 use crate::build::options::{BuildOptions, Voxels};
+use crate::build::partition::chunk::CHUNK_TRIANGLES;
 use crate::build::partition::outcome::PartitionOutcome;
 use crate::build::partition::{Partition, superblock_of};
 use crate::build::phases::PhaseClock;
@@ -21,12 +24,12 @@ use crate::build::scratch::LatticeTriangle;
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
-use crate::material::Material;
 use crate::octree::{FirstPage, Voxelizer};
 use emit_checkpoint::EmitCheckpoint;
-use in_order::InOrder;
+use in_order::{InOrder, WINDOW};
+use table_bytes::tables_bytes;
 use voxels::VoxelWork;
-use writer::{PageWriter, file_id, tables_bytes};
+use writer::{PageWriter, file_id};
 
 /// What is written.
 pub(crate) struct EmitWork<'a> {
@@ -48,12 +51,11 @@ pub(crate) fn emit(
     out: &mut BuildReport,
 ) -> Result<Superblock> {
     let EmitWork { outcome, mut voxels, journal, checkpoint } = work;
-    let PartitionOutcome { partition: parted, materials_json, .. } = outcome;
-    let materials: Vec<Material> = serde_json::from_slice(materials_json).expect("materials are plain data");
-    let emissive: Vec<bool> = materials.iter().map(Material::emits).collect();
+    let PartitionOutcome { partition: parted, materials, .. } = outcome;
+    let emissive = materials.emissive();
     let [lo, hi] = parted.lattice_bounds;
     let context = PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi } };
-    let file_id = file_id(parted, voxels.as_ref(), materials_json);
+    let file_id = file_id(parted, voxels.as_ref(), materials);
     let mut writer = PageWriter::new(file_id, superblock_of(parted), context, &options.budget)?;
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
@@ -69,14 +71,14 @@ pub(crate) fn emit(
         Some(work) => {
             (out.upper_resolution, out.finest_resolution) = (work.grid.resolution, work.finest().resolution);
             let report = |done| report("voxels", "records", done, 0);
-            let pages = FirstPage { number: writer.page_count(), material_count: materials.len() };
+            let pages = FirstPage { number: writer.page_count(), material_count: materials.count() };
             let put = &mut |raw| writer.add_units(raw, &mut file);
             Some(work.merge(pages, put, &options.budget, &report)?)
         }
     };
 
     // Tables, then the sections of the octree.
-    writer.write_tables(&mut file, (materials_json, materials.len()), &options.budget)?;
+    writer.write_tables(&mut file, materials, &options.budget)?;
     if let Some(merged) = merged {
         out.scratch_peak_bytes = out.scratch_peak_bytes.max(merged.scratch_bytes);
         out.lower_leaf_count = merged.lower_leaf_count();
@@ -122,7 +124,7 @@ impl ChunkWork<'_> {
         };
         let voxels = voxels.as_ref();
         report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
-        build_chunks(first, parted, voxels, context, options, |chunk, pages| {
+        build_chunks(first, outcome, voxels, context, options, |chunk, pages| {
             writer.add_chunk(chunk, pages, file)?;
             // Chunks that nobody will ask for again.
             let last = match &mut journal {
@@ -156,14 +158,21 @@ impl ChunkWork<'_> {
 }
 
 /// What one worker needs.
-pub(crate) fn needed_bytes(options: &BuildOptions) -> u64 {
-    worker_bytes() + if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES }
+pub(crate) fn needed_bytes(sizes: &InputSizes, options: &BuildOptions) -> u64 {
+    let voxelizer = if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES };
+    worker_bytes() + chunk_emitter_bytes(sizes) + voxelizer
 }
 
-/// As many workers as there is room for, beside the tables of so many triangles: the result does not depend on it.
-pub(crate) fn worker_count(triangle_count: u64, options: &BuildOptions) -> usize {
-    let free_bytes = options.budget.free_bytes().saturating_sub(tables_bytes(triangle_count));
-    options.pool.current_num_threads().min((free_bytes / needed_bytes(options)) as usize).max(1)
+/// Bytes of the emitters in the chunks of a worker that wait for their turn.
+pub(crate) fn chunk_emitter_bytes(sizes: &InputSizes) -> u64 {
+    let waiting = WINDOW as u64 * CHUNK_TRIANGLES;
+    waiting.min(sizes.emissive_count) * size_of::<PageEmitter>() as u64
+}
+
+/// As many workers as there is room for, beside the tables of such an input: the result does not depend on it.
+pub(crate) fn worker_count(sizes: &InputSizes, options: &BuildOptions) -> usize {
+    let free_bytes = options.budget.free_bytes().saturating_sub(tables_bytes(sizes));
+    options.pool.current_num_threads().min((free_bytes / needed_bytes(sizes, options)) as usize).max(1)
 }
 
 /// Makes the ends of chunks again, which share a page that was not written.
@@ -187,14 +196,15 @@ fn reopen(
 /// Builds the chunks from `first` on, with their voxel records, and hands their pages to `put`, in order.
 fn build_chunks(
     first: usize,
-    parted: &Partition,
+    outcome: &PartitionOutcome,
     voxels: Option<&VoxelWork>,
     context: PackContext<'_>,
     options: &BuildOptions,
     mut put: impl FnMut(usize, ChunkPages) -> Result<()>,
 ) -> Result<()> {
-    let worker_count = worker_count(parted.triangle_count, options).min(parted.chunks.len()).max(1);
-    let bytes = needed_bytes(options) * worker_count as u64;
+    let PartitionOutcome { partition: parted, sizes, .. } = outcome;
+    let worker_count = worker_count(sizes, options).min(parted.chunks.len()).max(1);
+    let bytes = needed_bytes(sizes, options) * worker_count as u64;
     let _lease = options.budget.lease("the cluster builders", bytes)?;
     let (pool, item_count, interrupt) = (&options.pool, parted.chunks.len() - first, &options.interrupt);
     let begin = || {

@@ -3,6 +3,7 @@
 //! Invariants: 1. a page that chunks share is written when it is full, and its number enters the roots in it then;
 //! 2. every byte is hashed before it is written.
 
+use super::table_bytes::TOP_BYTES;
 use super::voxels::VoxelWork;
 use crate::budget::{Budget, Lease};
 use crate::build::clusters::clusterer::BinaryNode;
@@ -11,6 +12,7 @@ use crate::build::clusters::pages::{
 };
 use crate::build::clusters::sah::{Prim, Rule, Splitter};
 use crate::build::draft::DraftFile;
+use crate::build::model_materials::ModelMaterials;
 use crate::build::partition::Partition;
 use crate::build::report::BuildReport;
 use crate::cluster::{LatticeBox, Node, TopRef};
@@ -18,31 +20,7 @@ use crate::error::Result;
 use crate::geom::Aabb;
 use crate::layout::*;
 use crate::octree::Refinement;
-use xxhash_rust::xxh3::xxh3_64;
-
-/// Bytes of a root of a page while it waits for the top tree, in a vector that grows by doubling.
-const ROOT_BYTES: usize = 2 * size_of::<(LatticeBox, TopRef)>();
-/// Bytes that the top tree takes while it is made, a root of a page: two binary nodes; and primitive and rank, or, once
-/// these are gone, its place in a wide node and in the node that is written. A node with fewer than eight children has
-/// none but roots below it, so there are at most 4/7 as many nodes.
-const TOP_BYTES: usize = 2 * size_of::<(LatticeBox, BinaryNode)>()
-    + 2 * size_of::<(LatticeBox, WideRef)>()
-    + (4 * Node::BYTES).div_ceil(7);
-const _: () = assert!(size_of::<Prim>() + size_of::<u64>() <= 2 * size_of::<(LatticeBox, WideRef)>());
-/// Bytes of the tables of a small model.
-pub(crate) const TABLES_LEAST: u64 = 1 << 18;
-/// Triangles a root of a page, for the plan: 530 to 735 in files of 1M to 100M triangles, rounded down.
-const TRIANGLES_PER_ROOT: u64 = 512;
-
-/// Bytes that the tables of so many triangles take while chunks are built: a list that grows is there twice.
-pub(crate) fn tables_bytes(triangle_count: u64) -> u64 {
-    TABLES_LEAST + triangle_count.div_ceil(TRIANGLES_PER_ROOT) * (ROOT_BYTES + ROOT_BYTES / 2) as u64
-}
-
-/// Bytes that the tables and the top tree of so many triangles take while it is made.
-pub(crate) fn top_tree_bytes(triangle_count: u64) -> u64 {
-    TABLES_LEAST + triangle_count.div_ceil(TRIANGLES_PER_ROOT) * (ROOT_BYTES + TOP_BYTES) as u64
-}
+use xxhash_rust::xxh3::Xxh3;
 
 /// Collects what the tables need while pages go out.
 pub(crate) struct PageWriter<'a> {
@@ -238,7 +216,7 @@ impl<'a> PageWriter<'a> {
     pub(crate) fn write_tables(
         &mut self,
         file: &mut DraftFile<'_>,
-        (materials_json, material_count): (&[u8], usize),
+        materials: &ModelMaterials,
         budget: &Budget,
     ) -> Result<()> {
         let bounds = self.roots.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
@@ -251,19 +229,22 @@ impl<'a> PageWriter<'a> {
         let mut table = Vec::with_capacity(self.pages.len() * PAGE_ENTRY_BYTES);
         self.pages.iter().for_each(|entry| entry.write(&mut table));
         let tree: &[u8] = bytemuck::cast_slice(&nodes);
-        let sections = [
-            (SectionKind::PageTable, table.as_slice(), self.pages.len()),
-            (SectionKind::TopTree, tree, nodes.len()),
-            (SectionKind::Materials, materials_json, material_count),
-            (SectionKind::Emitters, &self.emitters, self.emitter_count as usize),
-        ];
         self.block.file_id = self.file_id;
-        for (slot, (kind, bytes, count)) in sections.into_iter().enumerate() {
-            let offset = file.append(bytes)?;
-            let hash = section_hash(bytes, self.file_id, kind as u32);
-            self.block.sections[slot] =
-                Section { kind: kind as u32, count: count as u32, offset, bytes: bytes.len() as u64, hash };
-        }
+        let mut write = |kind: SectionKind, count: usize, pieces: &dyn Fn(Put<'_>) -> Result<()>| {
+            let (offset, mut hasher) = (file.bytes(), section_hasher(self.file_id, kind as u32));
+            pieces(&mut |piece| {
+                hasher.update(piece);
+                file.append(piece).map(drop)
+            })?;
+            let (bytes, hash) = (file.bytes() - offset, hasher.digest());
+            Ok(Section { kind: kind as u32, count: count as u32, offset, bytes, hash })
+        };
+        self.block.sections[0] = write(SectionKind::PageTable, self.pages.len(), &|put| put(&table))?;
+        self.block.sections[1] = write(SectionKind::TopTree, nodes.len(), &|put| put(tree))?;
+        self.block.sections[2] =
+            write(SectionKind::Materials, materials.count(), &|put| materials.write(put))?;
+        let emitter_count = self.emitter_count as usize;
+        self.block.sections[3] = write(SectionKind::Emitters, emitter_count, &|put| put(&self.emitters))?;
         Ok(())
     }
 
@@ -313,6 +294,9 @@ impl<'a> PageWriter<'a> {
     }
 }
 
+/// Takes the pieces of a section.
+type Put<'a> = &'a mut dyn FnMut(&[u8]) -> Result<()>;
+
 /// What the lists are called in messages.
 const TABLES: &str = "the tables of the file";
 
@@ -348,8 +332,10 @@ fn grow(
 }
 
 /// The file id: what was read and what was asked.
-pub(crate) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_json: &[u8]) -> u64 {
-    let mut bytes = Vec::from(materials_json);
+pub(crate) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials: &ModelMaterials) -> u64 {
+    let mut hasher = Xxh3::new();
+    materials.hash(&mut hasher);
+    let mut bytes = Vec::new();
     bytes.extend(parted.content_hash.to_le_bytes());
     bytes.extend(parted.grid.lattice.exponent.to_le_bytes());
     parted.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
@@ -358,5 +344,6 @@ pub(crate) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials_
     if let Some(work) = voxels.filter(|work| work.refinement != Refinement::None) {
         bytes.extend(work.refinement.factor().to_le_bytes());
     }
-    xxh3_64(&bytes)
+    hasher.update(&bytes);
+    hasher.digest()
 }

@@ -11,14 +11,15 @@ use super::cells::is_on_lattice;
 use super::chunk::Chunk;
 use super::{Partition, superblock_of};
 use crate::budget::Budget;
+use crate::build::input_sizes::InputSizes;
 use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
+use crate::build::model_materials::ModelMaterials;
 use crate::build::scan::Grid;
 use crate::build::scratch::Scratch;
 use crate::error::Result;
 use crate::geom::Lattice;
-use crate::layout::{MATERIALS, Superblock};
-use crate::material::Material;
+use crate::layout::Superblock;
 use crate::octree::{Refinement, is_upper};
 use crate::source::SourceStats;
 use serde::{Deserialize, Serialize};
@@ -47,6 +48,9 @@ struct ChunksHead<'a> {
     lattice_bounds: [[i64; 3]; 2],
     /// Leaves of the resident octree, and how much finer the finest are.
     octree: Option<(u32, u32)>,
+    /// Triangles whose material emits.
+    #[serde(default)]
+    emissive_count: u64,
     content_hash: u64,
     source: SourceStats,
 }
@@ -54,7 +58,8 @@ struct ChunksHead<'a> {
 /// An input that was read to its end: its triangles in chunks, its materials, the counters of its source.
 pub(crate) struct PartitionOutcome {
     pub(crate) partition: Partition,
-    pub(crate) materials_json: Vec<u8>,
+    pub(crate) materials: ModelMaterials,
+    pub(crate) sizes: InputSizes,
     pub(crate) source: SourceStats,
 }
 
@@ -79,29 +84,36 @@ impl PartitionOutcome {
             median_edge: parted.median_edge.to_bits(),
             lattice_bounds: parted.lattice_bounds,
             octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
+            emissive_count: self.sizes.emissive_count,
             content_hash: parted.content_hash,
             source: self.source.clone(),
         };
-        journal.write_record((FileKind::Chunks, begin), &head, &[&self.materials_json])
+        let Some((materials, _lease)) = self.materials.to_bytes(budget) else { return Ok(()) };
+        journal.write_record((FileKind::Chunks, begin), &head, &[&materials])
     }
 
     /// What a build before this has read; `None` for nothing.
     pub(crate) fn read(journal: &Journal, budget: &Budget) -> Result<Option<PartitionOutcome>> {
         let record = journal.read_record::<ChunksHead<'_>>(FileKind::Chunks, budget)?;
         let record = record.filter(|record| journal.holds(FileKind::Cells, record.head.scratch_bytes));
-        record.map_or(Ok(None), |record| PartitionOutcome::parse(record, journal.path(FileKind::Cells)))
+        let cells = journal.path(FileKind::Cells);
+        record.map_or(Ok(None), |record| PartitionOutcome::parse(record, cells, budget))
     }
 
     /// Of a record, with the scratch file that it speaks of; `None` where it cannot be one of ours.
-    fn parse(record: JournalRecord<ChunksHead<'_>>, cells: PathBuf) -> Result<Option<PartitionOutcome>> {
+    fn parse(
+        record: JournalRecord<ChunksHead<'_>>,
+        cells: PathBuf,
+        budget: &Budget,
+    ) -> Result<Option<PartitionOutcome>> {
         let head = record.head;
         let octree = head.octree.map(|(resolution, factor)| {
             Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
         });
-        let (Ok([materials_json]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None))
-        else {
+        let (Ok([section]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None)) else {
             return Ok(None);
         };
+        let Some(materials) = ModelMaterials::parse(&section, budget)? else { return Ok(None) };
         let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
         let partition = Partition {
             scratch: Scratch::reopen(cells, head.scratch_bytes)?,
@@ -119,24 +131,29 @@ impl PartitionOutcome {
             content_hash: head.content_hash,
             wait_ms: 0,
         };
-        let outcome = PartitionOutcome { partition, materials_json, source: head.source };
+        let sizes = InputSizes {
+            triangle_count: head.input_triangle_count,
+            emissive_count: head.emissive_count.min(head.input_triangle_count),
+            vertex_count: head.source.vertex_count,
+            material_count: materials.count() as u64,
+            name_bytes: head.source.material_name_bytes,
+        };
+        let outcome = PartitionOutcome { partition, materials, sizes, source: head.source };
         Ok(outcome.is_sound().then_some(outcome))
     }
 
     fn is_sound(&self) -> bool {
-        let PartitionOutcome { partition, materials_json, .. } = self;
+        let partition = &self.partition;
         let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = partition;
         let block = Superblock {
             triangle_count: *triangle_count,
             lattice_bounds: *lattice_bounds,
             ..superblock_of(partition)
         };
-        let materials = serde_json::from_slice::<Vec<Material>>(materials_json);
         block.has_sound_numbers()
             && is_on_lattice(lattice_bounds, grid.bits)
             && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis])
             && chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
             && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == *triangle_count
-            && materials.is_ok_and(|materials| (1..=MATERIALS).contains(&materials.len()))
     }
 }

@@ -11,7 +11,7 @@ use crate::cluster::FrameView;
 use crate::layout::FRAME_BYTES;
 use crate::progress::Interrupt;
 use crate::source::SourceStats;
-use crate::{Lattice, Material, PageFile, ScanHint, TriangleBatch};
+use crate::{Lattice, Material, MaterialList, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::ThreadPoolBuilder;
 use std::os::unix::ffi::OsStrExt;
@@ -22,7 +22,7 @@ use std::time::Duration;
 /// Triangles in memory.
 struct MemoryMesh {
     triangles: Vec<([[f64; 3]; 3], u32)>,
-    materials: Vec<Material>,
+    materials: MaterialList,
     at: usize,
     /// Files that it names.
     named: Vec<PathBuf>,
@@ -31,8 +31,7 @@ struct MemoryMesh {
 impl MemoryMesh {
     fn new(triangles: Vec<([[f64; 3]; 3], u32)>) -> MemoryMesh {
         let count = triangles.iter().map(|t| t.1).max().unwrap_or(0) + 1;
-        let material =
-            |i| Material { name: format!("m{i}"), ke: [f32::from(i == 3); 3], ..Material::default() };
+        let material = |i| (format!("m{i}"), Material { ke: [f32::from(i == 3); 3], ..Material::default() });
         MemoryMesh { triangles, materials: (0..count).map(material).collect(), at: 0, named: Vec::new() }
     }
 }
@@ -55,7 +54,7 @@ impl TriangleSource for MemoryMesh {
     fn hint(&self) -> Option<ScanHint> {
         None
     }
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
     fn stats(&self) -> SourceStats {

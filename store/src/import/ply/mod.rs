@@ -26,6 +26,7 @@ use super::{Encoding, ImportOptions, warn};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::material::Material;
+use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
 /// Columns that tell of an attribute that is dropped: normal, colour, texture coordinate.
@@ -68,7 +69,7 @@ struct PlySource<R: Rows> {
     mesh: Option<PlyMesh<R>>,
     polygon: Polygon,
     run: TriangleRun,
-    materials: [Material; 1],
+    materials: MaterialList,
     options: ImportOptions,
     stats: SourceStats,
     _lease: Lease,
@@ -109,7 +110,7 @@ impl<R: Rows> PlySource<R> {
                 indices: Vec::with_capacity(TriangleBatch::TARGET_TRIANGLES),
                 ..TriangleRun::default()
             },
-            materials: [Material::default()],
+            materials: MaterialList::from(Material::default()),
             options: options.clone(),
             stats,
             _lease: lease,
@@ -284,7 +285,7 @@ impl<R: Rows> TriangleSource for PlySource<R> {
         None
     }
 
-    fn materials(&self) -> &[Material] {
+    fn materials(&self) -> &MaterialList {
         &self.materials
     }
 

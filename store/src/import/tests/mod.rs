@@ -65,7 +65,7 @@ fn drain(source: &mut dyn TriangleSource) -> Result<SourceMesh> {
     while source.next_batch(&mut batch)? {
         assert!(batch.len() <= 2 * TriangleBatch::TARGET_TRIANGLES);
         triangles.extend_from_slice(&batch.corners);
-        material_names.extend(batch.material.iter().map(|&m| source.materials()[m as usize].name.clone()));
+        material_names.extend(batch.material.iter().map(|&m| source.materials().name(m as usize).to_owned()));
     }
     assert!(batch.is_empty());
     let stats = source.stats();

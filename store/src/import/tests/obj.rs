@@ -99,8 +99,7 @@ fn materials_by_name() {
     assert_eq!(mesh.stats.warnings.len(), 3, "{:?}", mesh.stats.warnings);
     let mut source = super::open(&fixture.path, &fixture.options()).unwrap();
     super::drain(&mut *source).unwrap();
-    let by_name =
-        |name: &str| source.materials().iter().find(|material| material.name == name).unwrap().clone();
+    let by_name = |name: &str| source.materials().named().find(|material| material.0 == name).unwrap().1;
     assert!(by_name("later").emits());
     assert_eq!(by_name("red one").kd, [1.0, 0.0, 0.0]);
 }

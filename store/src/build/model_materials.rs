@@ -1,0 +1,84 @@
+//! `ModelMaterials`: the materials that a build writes, and the forms in which it needs them: what emits, what is
+//! hashed, what stands in the file and in the journal.
+//!
+//! Invariants: 1. their memory is leased; names are those of the source, which leases them, where there is one; 2. the
+//! section is made in pieces.
+
+use crate::budget::{Budget, Lease};
+use crate::error::Result;
+use crate::layout::{MATERIAL_NAME_BYTES, MATERIALS};
+use crate::material::Material;
+use crate::material_json;
+use crate::material_list::MaterialList;
+use xxhash_rust::xxh3::Xxh3;
+
+/// What they are called in messages.
+const LEASED: &str = "the materials of the model";
+
+/// All materials of a model that was read.
+pub(super) struct ModelMaterials {
+    list: MaterialList,
+    _lease: Lease,
+}
+
+impl ModelMaterials {
+    /// Those of a source whose stream has ended.
+    pub(super) fn of(list: &MaterialList, budget: &Budget) -> Result<ModelMaterials> {
+        let lease = budget.lease(LEASED, size_of_val::<[Material]>(list) as u64)?;
+        Ok(ModelMaterials { list: list.clone(), _lease: lease })
+    }
+
+    /// Those of the journal; `None` where it holds anything else.
+    pub(super) fn parse(section: &[u8], budget: &Budget) -> Result<Option<ModelMaterials>> {
+        let text_bytes = section.len().min(MATERIALS * MATERIAL_NAME_BYTES);
+        let lease = budget.lease(LEASED, MaterialList::bytes(MATERIALS as u64, text_bytes as u64))?;
+        let list = material_json::read(section, 1..=MATERIALS, text_bytes);
+        Ok(list.map(|list| {
+            let mut lease = lease;
+            lease.shrink_to(MaterialList::bytes(list.len() as u64, list.names().text_bytes() as u64));
+            ModelMaterials { list, _lease: lease }
+        }))
+    }
+
+    /// Count of materials.
+    pub(super) fn count(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Whether each emits.
+    pub(super) fn emissive(&self) -> Vec<bool> {
+        self.list.iter().map(Material::emits).collect()
+    }
+
+    /// Adds the section to a hash.
+    pub(super) fn hash(&self, hasher: &mut Xxh3) {
+        self.write(|piece| {
+            hasher.update(piece);
+            Ok(())
+        })
+        .expect("a hash takes all bytes");
+    }
+
+    /// Hands the section to `put`, in pieces.
+    pub(super) fn write(&self, put: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        material_json::write(&self.list, put)
+    }
+
+    /// The section for the journal, with its lease; `None` where there is no memory for it.
+    pub(super) fn to_bytes(&self, budget: &Budget) -> Option<(Vec<u8>, Lease)> {
+        let mut length = 0;
+        self.write(|piece| {
+            length += piece.len();
+            Ok(())
+        })
+        .expect("a length takes all bytes");
+        let lease = budget.lease("the journal", length as u64).ok()?;
+        let mut bytes = Vec::with_capacity(length);
+        self.write(|piece| {
+            bytes.extend_from_slice(piece);
+            Ok(())
+        })
+        .expect("a vector takes all bytes");
+        Some((bytes, lease))
+    }
+}
