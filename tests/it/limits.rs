@@ -91,14 +91,15 @@ fn info_tells_the_smallest_limit_of_a_picture() {
 }
 
 /// What grows with the picture once left 39 of 256 MiB to pages at 1920x1080: a view of 100M triangles read each page
-/// again and again. The plan of a small file stands for that of a large one, whose tables, octree and staging are given.
+/// again and again. The plan of a small file stands for that of a large one, whose tables, octree and staging are
+/// given.
 #[test]
 fn a_viewer_leaves_pages_half_of_a_small_limit_and_a_third_beside_a_large_picture() {
     const MIB: u64 = 1 << 20;
     const LIMIT: u64 = 256 * MIB;
     /// What the file of an iso-surface of 100M triangles takes, frames and picture not counted, with the reserve.
     const OTHERS: u64 = 57 * MIB;
-    let built = model_with("isosurface:100k", Voxels::Resolution(64));
+    let built = model_with("gen:isosurface:100k", Voxels::Resolution(64));
     for (resolution, part) in [([1280, 720], 2), ([1920, 1080], 3)] {
         let settings = RenderSettings::new(RenderKeys { resolution, ..RenderKeys::default() }).unwrap();
         let copies_bytes = view_bytes(resolution);

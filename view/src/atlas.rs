@@ -12,8 +12,8 @@ use tungstenite::protocol::frame::coding::{Data, OpCode};
 
 /// Quality of JPEG while the picture changes.
 const QUALITY: u8 = 85;
-/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two. Each of eight pages has
-/// such a frame leased, so a byte here is one that no page of the model gets.
+/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two. Each client has such
+/// a frame leased, so what is added here is taken from the pages of the model, eightfold.
 const PIXELS_PER_BYTE: usize = 3;
 /// Bytes of a frame beside these: tables, and pictures so small that these count.
 const FRAME_FIXED_BYTES: usize = 32 << 10;

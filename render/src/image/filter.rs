@@ -14,8 +14,8 @@
 //! the blur's error rises as s^4, and their sum is least where s^6 goes as 1 / n. So the filter fades as the picture
 //! converges.
 //!
-//! Strips of a few rows are smoothed one after the other. What the filter sees of the rows around them is decoded into a
-//! ring of rows: it takes no more for a higher picture.
+//! Strips of a few rows are smoothed one after the other. What the filter sees of the rows around them is decoded into
+//! a ring of rows: it takes no more for a higher picture.
 //!
 //! ```text
 //! row   0  1  2  3 | 4  5  6  7 | 8  9 10 11 | 12 ...          strips of 4 rows, a reach of 2: a ring of 8

@@ -8,8 +8,8 @@
 //!
 //! Half floats were not taken: a scene may be in any unit of light, and their range is less than that of exposures.
 //!
-//! Invariants: 1. a code of zeros is black; 2. black, the axes, and the lack of a normal come back exactly; 3. every code
-//! comes back as finite numbers.
+//! Invariants: 1. a code of zeros is black; 2. black, the axes, and the lack of a normal come back exactly; 3. every
+//! code comes back as finite numbers.
 //!
 //! Z. Cigolle et al., "A survey of efficient representations for independent unit vectors" (2014), 3.3.
 

@@ -122,8 +122,8 @@ fn saliency_takes_what_is_leased_for_it() {
     }
 }
 
-/// Film, filter and display take 80 bytes a pixel with all that they can keep: 16 more are free for what is carried from
-/// picture to picture. The work of the filter on a whole picture took 52 alone.
+/// Film, filter and display take 80 bytes a pixel with all that they can keep: 16 more are free for what is carried
+/// from picture to picture. The work of the filter on a whole picture took 52 alone.
 #[test]
 fn a_picture_with_everything_on_takes_eighty_bytes_a_pixel() {
     for resolution in [[1280, 720], [1920, 1080], [3840, 2160]] {
