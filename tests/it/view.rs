@@ -55,7 +55,7 @@ fn what_cannot_be_seen_is_told_with_what_to_do() {
     for (line, exit, code, next) in [
         ("mesh.ply", 3, "input-format", "trex build"),
         ("none.trex", 3, "input-unreadable", "spelling"),
-        ("flat.trex --integrator direct --lod-error 0", 3, "scene-format", "--no-asvo"),
+        ("flat.trex --integrator direct --lod-error 0", 3, "scene-format", "with voxels"),
         ("flat.trex --resolution 20000x10", 2, "usage", "smaller"),
     ] {
         let ran = run_in(inside.path(), &format!("view {line} --no-open --json"));

@@ -130,7 +130,7 @@ impl<T: PagedTracer + Send> Session<T> {
                 "this file has no voxels to stand in for missing pages",
             )
             .at_place("frames with a deadline")
-            .numbers("no voxel, at least one octree needed")
+            .numbers("the file has no octree; frames with a deadline need one")
             .next("build the file with voxels, or render without a deadline"));
         }
         let next = match (&self.photon_map, self.voxel_photons()) {
