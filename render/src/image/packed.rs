@@ -44,7 +44,7 @@ pub(crate) struct PackedAlbedo([u8; 3]);
 impl PackedLight {
     /// What is below 0, and what is no number, is 0.
     pub(crate) fn new(rgb: [f32; 3]) -> PackedLight {
-        let rgb = rgb.map(|value| value.max(0.0).min(f32::MAX));
+        let rgb = rgb.map(|value| if value > 0.0 { value.min(f32::MAX) } else { 0.0 });
         let greatest = rgb[0].max(rgb[1]).max(rgb[2]);
         let exponent = (greatest.to_bits() >> 23).max(EXPONENT_LEAST);
         // The greatest channel is brought to 2^12 to 2^13.
