@@ -170,6 +170,25 @@ impl Model {
         tightest.map_or(Ok(()), |plan| self.0.pool.fit(plan, &self.pool_source()))
     }
 
+    /// Has `apply` put `picture` in the place of the one on show: frames of pages that it needs go before, those that it
+    /// leaves come after. How the limit is shared out is planned once.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] with the smallest limit that works; those of `apply`. Frames are as they were then.
+    pub fn exchange(&self, picture: &PictureNeeds, apply: impl FnOnce() -> Result<()>) -> Result<()> {
+        let plan = MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes())?;
+        let source = self.pool_source();
+        let before = self.0.pool.shrink_to(&plan)?;
+        match apply() {
+            Ok(()) => self.0.pool.fit(&plan, &source),
+            Err(error) => {
+                // As it was: there was room for it.
+                let _ = self.0.pool.set_frames(before);
+                Err(error)
+            }
+        }
+    }
+
     /// Sets the memory limit while `picture` is on show: below the one that the model was opened with, or that one again.
     ///
     /// # Errors

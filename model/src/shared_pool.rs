@@ -35,6 +35,13 @@ pub(crate) struct PoolSource<'a> {
     pub(crate) io: &'a IoOptions,
 }
 
+impl Started {
+    /// Bytes of frames under `plan`: the buffers between disk and frames stay as they were opened.
+    fn frames_bytes(&self, plan: &MemoryPlan) -> u64 {
+        (plan.frames_bytes + plan.staging_bytes).saturating_sub(self.staging_bytes)
+    }
+}
+
 impl SharedPool {
     fn lock(&self) -> MutexGuard<'_, Option<Started>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
@@ -56,10 +63,8 @@ impl SharedPool {
     /// Those of [`PagePool::open`] and [`PagePool::set_limit`].
     pub(crate) fn fit(&self, plan: &MemoryPlan, source: &PoolSource<'_>) -> Result<()> {
         let mut started = self.lock();
-        if let Some(Started { pool, staging_bytes, .. }) = &*started {
-            // The buffers between disk and frames stay as they were opened.
-            let bytes = (plan.frames_bytes + plan.staging_bytes).saturating_sub(*staging_bytes);
-            return pool.set_limit(bytes).map(drop);
+        if let Some(started) = &*started {
+            return started.pool.set_limit(started.frames_bytes(plan)).map(drop);
         }
         let PoolSource { file, path, budget, io } = *source;
         let options = PoolOptions { io: io.clone(), ..plan.pool_options() };
@@ -67,6 +72,28 @@ impl SharedPool {
         *started =
             Some(Started { pool: Arc::new(pool), seats: Arc::default(), staging_bytes: plan.staging_bytes });
         Ok(())
+    }
+
+    /// Sets the frames to those of `plan` where these are fewer. Gives their count before.
+    ///
+    /// # Errors
+    /// Those of [`PagePool::set_limit`].
+    pub(crate) fn shrink_to(&self, plan: &MemoryPlan) -> Result<usize> {
+        let started = self.lock();
+        let Some(started) = &*started else { return Ok(0) };
+        let before = started.pool.frames().frames;
+        let fewer = started.frames_bytes(plan).min((before * FRAME_BYTES) as u64);
+        started.pool.set_limit(fewer)?;
+        Ok(before)
+    }
+
+    /// Sets the count of frames.
+    ///
+    /// # Errors
+    /// Those of [`PagePool::set_limit`].
+    pub(crate) fn set_frames(&self, count: usize) -> Result<()> {
+        let bytes = (count * FRAME_BYTES) as u64;
+        self.lock().as_ref().map_or(Ok(()), |started| started.pool.set_limit(bytes).map(drop))
     }
 
     /// Takes `bytes` for `what` from what is free, else from the frames.

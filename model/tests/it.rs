@@ -10,10 +10,10 @@ use std::thread;
 use tempfile::TempDir;
 use trex_model::{DamagePolicy, Model, OpenOptions};
 use trex_render::{
-    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Method, PagedMesh, Ray, Scene,
-    Tracer,
+    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Layers, Method, PagedMesh,
+    PictureNeeds, Ray, RenderKeys, RenderSettings, Scene, Tracer,
 };
-use trex_store::{Budget, Code, Interrupt, PageFile, RESERVE_BYTES};
+use trex_store::{Budget, Code, Error, Interrupt, PageFile, RESERVE_BYTES};
 
 struct Files {
     folder: TempDir,
@@ -170,15 +170,14 @@ fn a_live_session_has_the_defaults_of_what_is_looked_at_and_outlives_its_model()
     assert_eq!((settings.lod_error, settings.filter, settings.photons), (1.0, Filter::Off, 20_000));
     let frames = (0..10_000).find(|_| live.frame(1, &|| false).progress == FrameProgress::Done);
     assert!(frames.is_some() && live.film().mean()[0] > 0.0);
-    let settings =
-        trex_render::RenderSettings::new(trex_render::RenderKeys { seed: 9, ..*settings }).unwrap();
+    let settings = RenderSettings::new(RenderKeys { seed: 9, ..*settings }).unwrap();
     live.apply(Event::Settings(settings)).unwrap();
 }
 
 #[test]
 fn a_file_without_voxels_is_shown_in_direct_light() {
     let path = files().folder.path().join("plain.trex");
-    built::build_with(&path, trex_store::build::Voxels::None);
+    built::build_with(&path, "gen:isosurface:20k", trex_store::build::Voxels::None);
     let model = Model::open(&path, &options(128)).unwrap();
     assert_eq!(model.info().unwrap().voxel_resolution, None);
     let session = model.session(&scene()).unwrap();
@@ -207,6 +206,40 @@ fn a_limit_that_is_named_works() {
         }
         assert_eq!(refusals, 1, "live: {live}");
     }
+}
+
+/// Under a limit that has no room for all pages beside either picture.
+#[test]
+fn a_picture_takes_the_place_of_another_or_leaves_all_as_it_was() {
+    let path = files().folder.path().join("large.trex");
+    built::build_with(&path, "gen:isosurface:600k", trex_store::build::Voxels::Resolution(64));
+    let opened = |limit_bytes, resolution| {
+        let mut scene = scene();
+        scene.render.resolution = resolution;
+        let threads = trex_model::ThreadSource::Start(1.try_into().unwrap());
+        let options = OpenOptions { threads, ..OpenOptions::with_limit(limit_bytes) };
+        let model = Model::open(&path, &options)?;
+        let live = model.live(&scene, FrameOptions::default())?;
+        Ok::<_, Error>((model, live))
+    };
+    let (small, large) = ([40, 30], [240, 180]);
+    let smallest = opened(30 << 20, large).err().unwrap().smallest_limit_bytes().unwrap();
+    let (model, mut live) = opened(smallest, small).unwrap();
+    let frames = || model.pool().unwrap().frames().frames;
+    let needs = |resolution| {
+        let settings = RenderSettings::new(RenderKeys { resolution, ..*live.view().settings }).unwrap();
+        let workers = 1;
+        PictureNeeds { settings, layers: Layers::default(), workers, is_live: true, copies_bytes: 0 }
+    };
+    let (to_large, to_small) = (needs(large), needs(small));
+    let before = frames();
+    let refused = model.exchange(&to_large, || Err(Error::interrupted())).unwrap_err();
+    assert_eq!((refused.code(), frames()), (Code::Interrupted, before));
+    model.exchange(&to_large, || live.apply(Event::Settings(to_large.settings))).unwrap();
+    assert!(frames() < before && live.film().resolution() == large, "{} {before}", frames());
+    model.exchange(&to_small, || live.apply(Event::Settings(to_small.settings))).unwrap();
+    assert_eq!((frames(), live.film().resolution()), (before, small));
+    assert!(model.budget().peak_bytes() <= smallest - RESERVE_BYTES);
 }
 
 /// The answer is exact, or an error says that it may not be.
