@@ -25,7 +25,7 @@ mod cells;
 mod surface;
 
 use self::cells::Cells;
-use self::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, Surface, SurfaceRow};
+use self::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, Surface, SurfaceRow, SurfaceRows};
 use super::film::LayerPixel;
 use super::packed::PackedLight;
 use glam::Vec3;
@@ -43,6 +43,8 @@ const LIGHT_MOST: f32 = 1e30;
 /// these are, pass by pass.
 const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
 const STRIDES: [usize; 3] = [1, 2, 4];
+/// Rows that a thread smooths one after the other, at least: those around them are decoded once.
+const ROWS_LEAST: usize = 16;
 
 /// Samples at every [`KEPT_STEP`]-th pixel, and the picture that is made of some or all of them.
 #[derive(Debug)]
@@ -197,9 +199,9 @@ impl<'a> Picked<'a> {
         (0..rows).flat_map(move |y| (0..columns).map(move |x| (y * pitch + x) * stride))
     }
 
-    /// Reads the surfaces of row `y` to `row`.
-    fn read(&self, y: usize, row: &mut SurfaceRow) {
-        row.read(&self.surfaces[y * self.stride * self.pitch..][..self.pitch], self.stride);
+    /// Sees the surfaces of row `y`.
+    fn see(&self, y: usize, rows: &mut SurfaceRows) {
+        rows.see(y, &self.surfaces[y * self.stride * self.pitch..][..self.pitch], self.stride);
     }
 
     /// Smooths `light` over neighbours `stride` apart, to `out`.
@@ -209,7 +211,8 @@ impl<'a> Picked<'a> {
         let (green, blue) = rest.split_at_mut(self.count());
         let rows = red.par_chunks_exact_mut(width).zip(green.par_chunks_exact_mut(width));
         let rows = rows.zip(blue.par_chunks_exact_mut(width)).enumerate();
-        rows.for_each_init(Default::default, |room, (y, ((red, green), blue))| {
+        let seen = || SurfaceRows::new(stride);
+        rows.with_min_len(ROWS_LEAST).for_each_init(seen, |room, (y, ((red, green), blue))| {
             self.smooth_row(room, [y, stride], light, [red, green, blue]);
         });
     }
@@ -217,7 +220,7 @@ impl<'a> Picked<'a> {
     /// Writes the smoothed light of row `y` to `out`.
     fn smooth_row(
         &self,
-        [here, there]: &mut [SurfaceRow; 2],
+        rows: &mut SurfaceRows,
         [y, stride]: [usize; 2],
         light: Planes<'_>,
         out: [&mut [f32]; 3],
@@ -227,7 +230,10 @@ impl<'a> Picked<'a> {
         for (row_out, light) in [&mut *red, green, blue].into_iter().zip(light) {
             row_out.copy_from_slice(&light[y * width..][..width]);
         }
-        self.read(y, here);
+        let near = [y.checked_sub(stride), Some(y), Some(y + stride)];
+        let near = near.map(|other| other.filter(|other| *other < height));
+        near.into_iter().flatten().for_each(|other| self.see(other, rows));
+        let here = rows.row(y);
         // Where nothing is seen there is nothing to smooth.
         let is_seen = |depth: &f32| *depth < f32::INFINITY;
         let Some(from) = here.depth.iter().position(is_seen) else { return };
@@ -237,13 +243,8 @@ impl<'a> Picked<'a> {
         let mut total = vec![own; width];
         [&mut *red, green, blue].into_iter().flatten().for_each(|light| *light *= own);
         for (down, weight_y) in WEIGHTS.iter().enumerate() {
-            let Some(other) = (y + down * stride).checked_sub(stride).filter(|y| *y < height) else {
-                continue;
-            };
-            if other != y {
-                self.read(other, there);
-            }
-            let row = if other == y { &*here } else { &*there };
+            let Some(other) = near[down] else { continue };
+            let row = rows.row(other);
             let light = light.map(|plane| &plane[other * width..][..width]);
             for (right, weight_x) in WEIGHTS.iter().enumerate() {
                 // Columns whose neighbour is on the grid.
@@ -275,15 +276,18 @@ impl<'a> Picked<'a> {
             })
             .collect();
         let bands = radiance.par_chunks_mut(width * step).enumerate();
-        bands.for_each_init(Default::default, |room: &mut [SurfaceRow; 2], (y, band)| {
-            let ys = [y, (y + 1).min(rows - 1)];
-            ys.into_iter().zip(room.iter_mut()).for_each(|(y, row)| self.read(y, row));
-            let lights = ys.map(|y| light.map(|plane| &plane[y * columns..][..columns]));
-            let cells = Cells { surfaces: &*room, lights };
-            for x in 0..columns {
-                cells.fill((band, width), [x, step], &weights);
-            }
-        });
+        bands.for_each_init(
+            || SurfaceRows::new(1),
+            |room, (y, band)| {
+                let ys = [y, (y + 1).min(rows - 1)];
+                ys.into_iter().for_each(|y| self.see(y, room));
+                let lights = ys.map(|y| light.map(|plane| &plane[y * columns..][..columns]));
+                let cells = Cells { surfaces: ys.map(|y| room.row(y)), lights };
+                for x in 0..columns {
+                    cells.fill((band, width), [x, step], &weights);
+                }
+            },
+        );
     }
 }
 /// A row of samples from column `first` on, and neighbours of them: of `row`, from column `at` on.

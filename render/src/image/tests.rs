@@ -16,9 +16,9 @@ const RESOLUTIONS: [[u32; 2]; 4] = [[1, 1], [333, 7], [64, 200], [640, 360]];
 const FILTERED: Layers = Layers { depth: false, normal: false, albedo: false, id: false, filter: true };
 const SEEN: LayerPixel = LayerPixel { depth: 2.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 3 };
 
-/// Rows of samples that each thread decodes, beside what is leased: a row of pixels' worth of 15 numbers.
+/// Nine rows of samples of seven numbers that a thread decodes, beside what is leased.
 fn row_bytes([width, _]: [u32; 2]) -> u64 {
-    u64::from(width) * 15 * 4 + QUEUE_BYTES
+    u64::from(width.div_ceil(2)) * 9 * 8 * 4 + QUEUE_BYTES
 }
 
 /// A block of the queues of a thread pool.

@@ -12,7 +12,7 @@ use glam::Vec3;
 
 /// Two rows of samples, between which pixels are filled in; the last row stands for the one after it.
 pub(super) struct Cells<'a> {
-    pub(super) surfaces: &'a [SurfaceRow; 2],
+    pub(super) surfaces: [&'a SurfaceRow; 2],
     /// Red, green and blue of each row.
     pub(super) lights: [[&'a [f32]; 3]; 2],
 }
@@ -65,7 +65,7 @@ impl Cells<'_> {
 
     /// True when two neighbours are of one surface, or both saw nothing.
     fn is_alike(&self, (row_a, a): Corner, (row_b, b): Corner) -> bool {
-        let (here, there) = (&self.surfaces[row_a], &self.surfaces[row_b]);
+        let (here, there) = (self.surfaces[row_a], self.surfaces[row_b]);
         let [depth_a, depth_b] = [here.depth[a], there.depth[b]];
         if depth_a == f32::INFINITY || depth_b == f32::INFINITY {
             return depth_a == depth_b;

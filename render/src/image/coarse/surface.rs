@@ -15,6 +15,25 @@ const ALBEDO_LEAST: f32 = 1.0 / 64.0;
 /// Bits of an f32 that a kept depth goes without: its sign, which is none, and 15 of the mantissa.
 const DEPTH_SHIFT: u32 = 15;
 
+/// The numbers of the parts that are kept, by their bytes: a look-up is faster than a division.
+static NORMALS: [f32; 256] = {
+    let (mut table, mut byte) = ([0.0; 256], 0);
+    while byte < 256 {
+        table[byte] = byte as u8 as i8 as f32 / 127.0;
+        byte += 1;
+    }
+    table
+};
+static ALBEDOS: [f32; 256] = {
+    let (mut table, mut byte) = ([ALBEDO_LEAST; 256], 4);
+    while byte < 256 {
+        table[byte] = byte as f32 / 255.0;
+        byte += 1;
+    }
+    table
+};
+const _: () = assert!(3.0 / 255.0 < ALBEDO_LEAST && ALBEDO_LEAST < 4.0 / 255.0);
+
 /// What a sample saw.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surface {
@@ -34,23 +53,47 @@ pub(super) struct SurfaceRow {
     pub(super) albedo: [Vec<f32>; 3],
 }
 
+/// Rows that were read last, by number: row y at the place y % rows. Each is read once while rows go by.
+pub(super) struct SurfaceRows(Vec<(usize, SurfaceRow)>);
+
 impl SurfaceRow {
     /// Reads every `stride`-th sample of a row.
-    pub(super) fn read(&mut self, row: &[Surface], stride: usize) {
-        let samples = || row.iter().step_by(stride);
-        fn fill<'a>(
-            plane: &mut Vec<f32>,
-            samples: impl Iterator<Item = &'a Surface>,
-            number: impl Fn(&Surface) -> f32,
-        ) {
-            plane.clear();
-            plane.extend(samples.map(number));
+    fn read(&mut self, row: &[Surface], stride: usize) {
+        let count = row.len().div_ceil(stride);
+        self.planes().for_each(|plane| plane.resize(count, 0.0));
+        let [nx, ny, nz] = self.normal.each_mut().map(|plane| &mut plane[..count]);
+        let [red, green, blue] = self.albedo.each_mut().map(|plane| &mut plane[..count]);
+        let depth = &mut self.depth[..count];
+        for (x, seen) in (0..count).zip(row.iter().step_by(stride)) {
+            depth[x] = seen.depth();
+            [nx[x], ny[x], nz[x]] = seen.normal.map(|part| NORMALS[usize::from(part as u8)]);
+            [red[x], green[x], blue[x]] = seen.albedo();
         }
-        fill(&mut self.depth, samples(), Surface::depth);
-        for c in 0..3 {
-            fill(&mut self.normal[c], samples(), |seen| f32::from(seen.normal[c]) / 127.0);
-            fill(&mut self.albedo[c], samples(), |seen| seen.albedo()[c]);
+    }
+
+    fn planes(&mut self) -> impl Iterator<Item = &mut Vec<f32>> {
+        std::iter::once(&mut self.depth).chain(&mut self.normal).chain(&mut self.albedo)
+    }
+}
+
+impl SurfaceRows {
+    /// Rows around those that are looked at one after the other, up to `reach` away.
+    pub(super) fn new(reach: usize) -> SurfaceRows {
+        SurfaceRows((0..2 * reach + 1).map(|_| (usize::MAX, SurfaceRow::default())).collect())
+    }
+
+    /// Reads row `y`, every `stride`-th of `row`, unless it stands there.
+    pub(super) fn see(&mut self, y: usize, row: &[Surface], stride: usize) {
+        let count = self.0.len();
+        let (of, place) = &mut self.0[y % count];
+        if std::mem::replace(of, y) != y {
+            place.read(row, stride);
         }
+    }
+
+    /// Row `y`, one of those seen last.
+    pub(super) fn row(&self, y: usize) -> &SurfaceRow {
+        &self.0[y % self.0.len()].1
     }
 }
 
@@ -72,7 +115,7 @@ impl Surface {
     pub(super) fn albedo(&self) -> [f32; 3] {
         match self.depth() == f32::INFINITY {
             true => [1.0; 3],
-            false => self.albedo.map(|v| (f32::from(v) / 255.0).max(ALBEDO_LEAST)),
+            false => self.albedo.map(|part| ALBEDOS[usize::from(part)]),
         }
     }
 }
