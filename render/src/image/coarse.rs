@@ -299,23 +299,21 @@ struct Neighbours<'a> {
     light: Planes<'a>,
 }
 
-impl Neighbours<'_> {
+impl<'a> Neighbours<'a> {
     /// Adds the weights and the light of the neighbours to their sums, where these are of one surface.
     #[inline]
     fn add(&self, total: &mut [f32], [red, green, blue]: [&mut [f32]; 3], weight: f32) {
         let count = total.len();
         let (red, green, blue) = (&mut red[..count], &mut green[..count], &mut blue[..count]);
-        let pair = |a: fn(&SurfaceRow) -> &[f32]| {
-            [&a(self.here)[self.first..][..count], &a(self.row)[self.at..][..count]]
-        };
-        let [d0, d1] = pair(|row| &row.depth);
-        let [nx0, nx1] = pair(|row| &row.normal[0]);
-        let [ny0, ny1] = pair(|row| &row.normal[1]);
-        let [nz0, nz1] = pair(|row| &row.normal[2]);
-        let [ar0, ar1] = pair(|row| &row.albedo[0]);
-        let [ag0, ag1] = pair(|row| &row.albedo[1]);
-        let [ab0, ab1] = pair(|row| &row.albedo[2]);
-        let [lr, lg, lb] = self.light.map(|plane| &plane[self.at..][..count]);
+        let (here, there) = (self.here, self.row);
+        let of_here = |plane: &'a [f32]| &plane[self.first..self.first + count];
+        let of_there = |plane: &'a [f32]| &plane[self.at..self.at + count];
+        let (d0, d1) = (of_here(&here.depth), of_there(&there.depth));
+        let [nx0, ny0, nz0] = here.normal.each_ref().map(|plane| of_here(plane));
+        let [nx1, ny1, nz1] = there.normal.each_ref().map(|plane| of_there(plane));
+        let [ar0, ag0, ab0] = here.albedo.each_ref().map(|plane| of_here(plane));
+        let [ar1, ag1, ab1] = there.albedo.each_ref().map(|plane| of_there(plane));
+        let [lr, lg, lb] = self.light.map(of_there);
         for i in 0..count {
             let dot = nx0[i] * nx1[i] + ny0[i] * ny1[i] + nz0[i] * nz1[i];
             let apart = (ar0[i] - ar1[i]).abs().max((ag0[i] - ag1[i]).abs()).max((ab0[i] - ab1[i]).abs());

@@ -22,6 +22,8 @@ const LIGHT_CODE_MAX: u32 = (1 << LIGHT_BITS) - 1;
 const EXPONENT_BITS: u32 = 16 - LIGHT_BITS;
 /// Least exponent of the greatest channel, biased as in f32: with it the step between codes is still a normal number.
 const EXPONENT_LEAST: u32 = LIGHT_BITS;
+/// That of the greatest f32.
+const EXPONENT_MOST: u32 = 254;
 /// Added to a number below 2^23 it leaves the nearest whole number in the low bits.
 const TO_WHOLE: f32 = (1u32 << 23) as f32;
 /// Greatest code along a side of the octahedron: even, so that the axes have codes. The one after it is for no normal.
@@ -43,28 +45,31 @@ pub(crate) struct PackedAlbedo([u8; 3]);
 
 impl PackedLight {
     /// What is below 0, and what is no number, is 0.
+    #[inline]
     pub(crate) fn new(rgb: [f32; 3]) -> PackedLight {
-        let rgb = rgb.map(|value| if value > 0.0 { value.min(f32::MAX) } else { 0.0 });
-        let greatest = rgb[0].max(rgb[1]).max(rgb[2]);
-        let exponent = (greatest.to_bits() >> 23).max(EXPONENT_LEAST);
+        // Unlike `f32::max` one instruction.
+        let greater = |a: f32, b: f32| if a > b { a } else { b };
+        let [r, g, b] = rgb.map(|value| greater(value, 0.0));
+        let exponent = (greater(greater(r, g), b).to_bits() >> 23).clamp(EXPONENT_LEAST, EXPONENT_MOST);
         // The greatest channel is brought to 2^12 to 2^13.
         let per_step = f32::from_bits((2 * 127 + LIGHT_BITS - 1 - exponent) << 23);
         let stored = exponent - EXPONENT_LEAST;
-        let mut word = 0;
-        PackedLight(rgb.map(|value| {
-            let code = ((value * per_step + TO_WHOLE).to_bits() & 0xffff).min(LIGHT_CODE_MAX);
-            let part = stored >> (EXPONENT_BITS * word) & ((1 << EXPONENT_BITS) - 1);
-            word += 1;
-            (part << LIGHT_BITS | code) as u16
-        }))
+        let word = |value: f32, index: u32| {
+            let steps = value * per_step;
+            let steps = if steps < LIGHT_CODE_MAX as f32 { steps } else { LIGHT_CODE_MAX as f32 };
+            let part = stored >> (EXPONENT_BITS * index) & ((1 << EXPONENT_BITS) - 1);
+            (part << LIGHT_BITS | (steps + TO_WHOLE).to_bits() & LIGHT_CODE_MAX) as u16
+        };
+        PackedLight([word(r, 0), word(g, 1), word(b, 2)])
     }
 
     /// The light.
+    #[inline]
     pub(crate) fn rgb(self) -> [f32; 3] {
         let [r, g, b] = self.0.map(u32::from);
         let part = |word: u32| word >> LIGHT_BITS;
         let stored = part(r) | part(g) << EXPONENT_BITS | part(b) << (2 * EXPONENT_BITS);
-        let exponent = (stored + EXPONENT_LEAST).min(254);
+        let exponent = (stored + EXPONENT_LEAST).min(EXPONENT_MOST);
         let step = f32::from_bits((exponent + 1 - LIGHT_BITS) << 23);
         [r, g, b].map(|word| (word & LIGHT_CODE_MAX) as f32 * step)
     }

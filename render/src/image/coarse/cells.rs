@@ -70,10 +70,8 @@ impl Cells<'_> {
         if depth_a == f32::INFINITY || depth_b == f32::INFINITY {
             return depth_a == depth_b;
         }
-        let pairs =
-            |of: fn(&SurfaceRow) -> &[Vec<f32>; 3]| [0, 1, 2].map(|c| (of(here)[c][a], of(there)[c][b]));
-        let dot: f32 = pairs(|row| &row.normal).into_iter().map(|(a, b)| a * b).sum();
-        let apart = pairs(|row| &row.albedo).into_iter().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let dot: f32 = (0..3).map(|c| here.normal[c][a] * there.normal[c][b]).sum();
+        let apart = (0..3).map(|c| (here.albedo[c][a] - there.albedo[c][b]).abs()).fold(0.0, f32::max);
         (depth_a - depth_b).abs() < DEPTH_SHARE * depth_a.min(depth_b)
             && dot > NORMAL_COS
             && apart < ALBEDO_APART
