@@ -5,7 +5,7 @@
 //! n_shadow, a count from 0 to 4096  ->  --n-shadow <N>  Shadow rays per surface point (0 to 4096; default: 2)
 //! ```
 //!
-//! Invariant: [`words`] of any picture are read back by [`KeyArgs`] as that picture.
+//! Invariant: [`words`] of any picture are read back by [`PictureKeys`] and [`ResearchKeys`] as that picture.
 
 use super::render::{PICTURE, RESEARCH};
 use crate::values;
@@ -20,22 +20,32 @@ pub const STRESS_RESOLUTION: [u32; 2] = [512, 512];
 /// Keys that are turned to compare methods, not to make pictures.
 const RESEARCH_KEYS: [&Key; 3] = [&K_NEAREST, &BAKE, &OCCLUDERS];
 
+/// The flags by which pictures are made.
+pub type PictureKeys = KeyArgs<false>;
+/// The flags that are turned to compare methods: verbs declare them last, so that help explains them last.
+pub type ResearchKeys = KeyArgs<true>;
+
 /// What the flags say of a picture.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct KeyArgs {
+pub struct KeyArgs<const IS_RESEARCH: bool> {
     edit: RenderEdit,
 }
 
-impl KeyArgs {
+impl<const IS_RESEARCH: bool> KeyArgs<IS_RESEARCH> {
+    /// The keys whose flags these are.
+    fn keys() -> impl Iterator<Item = &'static Key> {
+        KEYS.into_iter().filter(|key| is_research(key) == IS_RESEARCH)
+    }
+
     /// The changes to what a scene says.
     pub fn edit(&self) -> &RenderEdit {
         &self.edit
     }
 }
 
-impl Args for KeyArgs {
+impl<const IS_RESEARCH: bool> Args for KeyArgs<IS_RESEARCH> {
     fn augment_args(command: Command) -> Command {
-        command.args(KEYS.map(arg))
+        command.args(Self::keys().map(arg))
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -43,16 +53,20 @@ impl Args for KeyArgs {
     }
 }
 
-impl FromArgMatches for KeyArgs {
+impl<const IS_RESEARCH: bool> FromArgMatches for KeyArgs<IS_RESEARCH> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let given = |key: &'static Key| Some((key, *matches.get_one::<KeyValue>(key.name)?));
-        Ok(KeyArgs { edit: KEYS.into_iter().filter_map(given).collect() })
+        Ok(KeyArgs { edit: Self::keys().filter_map(given).collect() })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
         *self = Self::from_arg_matches(matches)?;
         Ok(())
     }
+}
+
+fn is_research(key: &Key) -> bool {
+    RESEARCH_KEYS.iter().any(|of| of.name == key.name)
 }
 
 /// The flags that say all of `keys`.
@@ -96,7 +110,7 @@ fn typed(value: KeyValue) -> String {
 }
 
 fn arg(key: &'static Key) -> Arg {
-    let heading = if RESEARCH_KEYS.iter().any(|of| of.name == key.name) { RESEARCH } else { PICTURE };
+    let heading = if is_research(key) { RESEARCH } else { PICTURE };
     let arg = Arg::new(key.name).long(flag(key)).help(help(key)).help_heading(heading);
     let arg = arg.value_parser(parser(key));
     match key.kind {

@@ -1,6 +1,6 @@
 //! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
-use super::keys::KeyArgs;
+use super::keys::{PictureKeys, ResearchKeys};
 use super::{CommonArgs, DiskArgs, OverwriteArgs};
 use crate::values::{self, Milliseconds, Seconds, Vec3};
 use clap::{Args, ValueEnum};
@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 use trex_render::{FetchBlock, FrameOptions, Saliency, Scene, TileOrder};
 
-/// Heading of what a picture is of. A group of flags stands where its first flag is declared, so the verbs declare one
-/// of these first, and [`PictureArgs`] and [`DeadlineArgs`] last: research comes last then.
+/// Heading of what a picture is of. A group of flags stands where its first flag is declared, so verbs declare
+/// [`PictureArgs`] early, and [`DeadlineArgs`] and [`ResearchKeys`] last.
 pub const PICTURE: &str = "Picture options (default: the scene's)";
 /// Heading of what is turned to compare methods, not to make pictures.
 pub(super) const RESEARCH: &str = "Research options";
@@ -38,15 +38,17 @@ pub struct RenderArgs {
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
     #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]
-    pub picture: PictureArgs,
-    #[command(flatten)]
     pub deadline: DeadlineArgs,
+    #[command(flatten)]
+    pub research: ResearchKeys,
 }
 
 const AFTER_RENDER: &str = "\
@@ -66,7 +68,7 @@ Examples:
 #[command(next_help_heading = PICTURE)]
 pub struct PictureArgs {
     #[command(flatten)]
-    pub keys: KeyArgs,
+    pub keys: PictureKeys,
     #[command(flatten)]
     pub camera: CameraArgs,
 }
@@ -114,7 +116,7 @@ pub enum SaliencyArg {
 
 impl PictureArgs {
     /// What is given goes before what the scene says.
-    pub fn override_scene(&self, scene: &mut Scene) {
+    pub fn override_scene(&self, research: &ResearchKeys, scene: &mut Scene) {
         let CameraArgs { camera_position, camera_target, camera_up, fov_x, fov_y } = &self.camera;
         let camera = &mut scene.camera;
         camera.position = camera_position.as_ref().map(|v| v.0).or(camera.position);
@@ -124,7 +126,7 @@ impl PictureArgs {
             (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
         }
         let edit = self.keys.edit();
-        scene.render = edit.apply(&scene.render);
+        scene.render = research.edit().apply(&edit.apply(&scene.render));
         scene.given.quality = edit.quality.or(scene.given.quality);
         scene.given.integrator = edit.integrator.or(scene.given.integrator);
     }

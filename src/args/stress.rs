@@ -1,5 +1,6 @@
 //! The command line of `trex stress`.
 
+use super::keys::ResearchKeys;
 use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs, ScratchArgs, keys};
 use crate::values::{self, Milliseconds};
 use clap::Args;
@@ -41,15 +42,17 @@ pub struct StressArgs {
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]
-    pub picture: PictureArgs,
-    #[command(flatten)]
     pub deadline: DeadlineArgs,
+    #[command(flatten)]
+    pub research: ResearchKeys,
 }
 
 const AFTER_STRESS: &str = "\

@@ -1,5 +1,6 @@
 //! The command line of `trex view`.
 
+use super::keys::ResearchKeys;
 use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
 use clap::Args;
 use std::net::IpAddr;
@@ -25,13 +26,15 @@ pub struct ViewArgs {
     #[arg(long)]
     pub no_open: bool,
     #[command(flatten)]
+    pub picture: PictureArgs,
+    #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]
-    pub picture: PictureArgs,
-    #[command(flatten)]
     pub deadline: DeadlineArgs,
+    #[command(flatten)]
+    pub research: ResearchKeys,
 }
 
 const AFTER_VIEW: &str = "\

@@ -93,7 +93,7 @@ mod tests {
     fn read(words: &[String], mut scene: Scene) -> Scene {
         let parsed = Cli::try_parse_from(words).unwrap_or_else(|error| panic!("{words:?}: {error}"));
         let Verb::Render(args) = parsed.verb else { panic!("{words:?} is no render") };
-        args.picture.override_scene(&mut scene);
+        args.picture.override_scene(&args.research, &mut scene);
         scene
     }
 

@@ -36,7 +36,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
             .into());
     }
     let (mut scene, path) = open_scene(&args.file)?;
-    args.picture.override_scene(&mut scene);
+    args.picture.override_scene(&args.research, &mut scene);
     suit_file(&mut scene, &path, ctx)?;
     let layers = Layers {
         depth: args.layers.contains(&Layer::Depth),

@@ -31,7 +31,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     if scene.model.is_empty() {
         scene.render.resolution = STRESS_RESOLUTION;
     }
-    args.picture.override_scene(&mut scene);
+    args.picture.override_scene(&args.research, &mut scene);
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
     let io = io_options(&args.disk);
     let references = match args.reference_spp {

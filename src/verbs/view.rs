@@ -43,7 +43,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
     }
-    args.picture.override_scene(&mut scene);
+    args.picture.override_scene(&args.research, &mut scene);
     check_resolution(&scene)?;
     let t_max = args.deadline.t_max.as_ref().unwrap_or(&T_MAX);
     // Pages are sent the samples themselves while the hand moves.
