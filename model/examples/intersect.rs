@@ -1,5 +1,5 @@
-//! Rays against a page file: `cargo run -p trex-model --example intersect [-- FILE.trex]`. Without a file it builds a small
-//! one for itself.
+//! Rays against a page file: `cargo run -p trex-model --example intersect [-- FILE.trex]`. Without a file it builds a
+//! small one for itself.
 #![allow(clippy::print_stdout)]
 
 #[path = "../../store/examples/support/tiny.rs"]

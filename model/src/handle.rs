@@ -1,8 +1,8 @@
-//! `Model`: the handle. Opens the file, hands out sessions, and keeps the memory of all that it has handed out below the
-//! limit.
+//! `Model`: the handle. Opens the file, hands out sessions, and keeps the memory of all that it has handed out below
+//! the limit.
 //!
-//! Invariants: 1. all that is leased is leased from one ledger; 2. the octree is read once, by the first session that asks
-//! for it; 3. a session that is refused leaves those there are as they were.
+//! Invariants: 1. all that is leased is leased from one ledger; 2. the octree is read once, by the first session that
+//! asks for it; 3. a session that is refused leaves those there are as they were.
 
 use crate::info::ModelInfo;
 use crate::options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
@@ -24,15 +24,12 @@ pub type LiveSession = trex_render::LiveSession<MeshTracer>;
 
 /// An open model. Clones are handles to one; it is closed when the last of them, and the last session, is dropped.
 ///
-/// ```
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = &trex_model_example::build(folder.path());
-/// # mod trex_model_example { include!("../examples/support/built.rs"); }
+/// ```no_run
 /// use trex_model::{Model, OpenOptions};
 /// use trex_render::{Ray, Scene};
 /// use trex_store::Interrupt;
 ///
-/// let model = Model::open(path, &OpenOptions::with_limit(256 << 20))?;
+/// let model = Model::open("iso.trex".as_ref(), &OpenOptions::with_limit(256 << 20))?;
 /// let [x, _, z] = model.info()?.bounds.center();
 /// let y = model.info()?.bounds.hi[1];
 /// let ray = Ray { origin: [x, y + 10.0, z], direction: [0.0, -1.0, 0.0], t_max: f64::INFINITY };
@@ -118,12 +115,12 @@ impl Model {
         ModelInfo::new(&self.0.file)
     }
 
-    /// A session on what `scene` describes, with an empty film, for pictures at leisure. Where the scene says nothing of
-    /// how light is computed, and the file has no voxels, light is direct.
+    /// A session on what `scene` describes, with an empty film, for pictures at leisure. Where the scene says nothing
+    /// of how light is computed, and the file has no voxels, light is direct.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`] for a scene that does not go with this model; [`Code::MemoryLimit`] with the smallest limit
-    /// that works; those of opening the file's octree and of starting the pool.
+    /// [`Code::SceneFormat`] for a scene that does not go with this model; [`Code::MemoryLimit`] with the smallest
+    /// limit that works; those of opening the file's octree and of starting the pool.
     pub fn session(&self, scene: &Scene) -> Result<Session> {
         self.session_with(scene, &SessionOptions::default())
     }
@@ -145,8 +142,8 @@ impl Model {
         Session::new(setup, &self.0.budget)
     }
 
-    /// A session on what `scene` describes, for pictures in frames with a deadline. Where the scene says nothing, frames
-    /// come sooner: see [`Scene::begin_live`].
+    /// A session on what `scene` describes, for pictures in frames with a deadline. Where the scene says nothing,
+    /// frames come sooner: see [`Scene::begin_live`].
     ///
     /// # Errors
     /// Those of [`Model::session`]; [`Code::SceneFormat`] for a file without voxels: nothing could stand in for what is
@@ -158,8 +155,8 @@ impl Model {
         self.session_with(&scene, &in_frames)?.go_live(options)
     }
 
-    /// Sets the frames of pages to what each of `pictures` leaves of the limit: one takes the place of the other. What else
-    /// is leased is not counted: pictures say what is beside them.
+    /// Sets the frames of pages to what each of `pictures` leaves of the limit: one takes the place of the other. What
+    /// else is leased is not counted: pictures say what is beside them.
     ///
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works; nothing is changed then.
@@ -170,8 +167,8 @@ impl Model {
         tightest.map_or(Ok(()), |plan| self.0.pool.fit(plan, &self.pool_source()))
     }
 
-    /// Has `apply` put `picture` in the place of the one on show: frames of pages that it needs go before, those that it
-    /// leaves come after. How the limit is shared out is planned once.
+    /// Has `apply` put `picture` in the place of the one on show: frames of pages that it needs go before, those that
+    /// it leaves come after. How the limit is shared out is planned once.
     ///
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works; those of `apply`. Frames are as they were then.
@@ -189,7 +186,8 @@ impl Model {
         }
     }
 
-    /// Sets the memory limit while `picture` is on show: below the one that the model was opened with, or that one again.
+    /// Sets the memory limit while `picture` is on show: below the one that the model was opened with, or that one
+    /// again.
     ///
     /// # Errors
     /// [`Code::Usage`] for a greater one; those of [`Model::make_room`].
@@ -259,8 +257,8 @@ impl Model {
         PoolSource { file, path: file.path(), budget, io }
     }
 
-    /// Bytes that are leased for what no plan of this model counts: sessions and rays there are, and what the caller has
-    /// leased from the ledger.
+    /// Bytes that are leased for what no plan of this model counts: sessions and rays there are, and what the caller
+    /// has leased from the ledger.
     pub(crate) fn foreign_bytes(&self) -> u64 {
         let voxels = self.0.voxels.lock().unwrap_or_else(PoisonError::into_inner);
         let ours = self.0.file.resident_table_bytes()

@@ -1,9 +1,9 @@
 //! trex-model: a model opened: file, pool of pages, memory limit, threads and session, put together.
 //!
-//! Life of a model: [`Model::open`] checks the tables of a page file and leases their memory. The first thing that asks for
-//! pages, a session or rays, starts the pool, in the frames that the memory limit leaves beside it. What comes later makes
-//! room for itself among these frames. Everything is owned: a [`Model`] is a handle that can be cloned, sent and called
-//! from several threads, and a [`Session`] keeps what it needs of it alive.
+//! Life of a model: [`Model::open`] checks the tables of a page file and leases their memory. The first thing that asks
+//! for pages, a session or rays, starts the pool, in the frames that the memory limit leaves beside it. What comes
+//! later makes room for itself among these frames. Everything is owned: a [`Model`] is a handle that can be cloned,
+//! sent and called from several threads, and a [`Session`] keeps what it needs of it alive.
 //!
 //! ```text
 //! Model::open -> intersect, occluded          rays of the caller, exact

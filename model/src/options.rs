@@ -38,8 +38,8 @@ pub struct OpenOptions {
     pub io: IoOptions,
     /// What becomes of answers where pages are damaged.
     pub damage: DamagePolicy,
-    /// The picture that it is opened for, if that is known: a limit that is too small for the tables is then refused with
-    /// the smallest that does for all of it.
+    /// The picture that it is opened for, if that is known: a limit that is too small for the tables is then refused
+    /// with the smallest that does for all of it.
     pub picture: Option<PictureNeeds>,
 }
 

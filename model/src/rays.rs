@@ -4,8 +4,8 @@
 //! rays -> check -> pieces over tracers -> `intersect_all` (trex-render) -> answers in order | interrupted | damaged
 //! ```
 //!
-//! Invariants: 1. answers come in the order of the rays and depend on nothing else; 2. tracers and answers are leased for
-//! as long as the call lasts: what is returned is the caller's.
+//! Invariants: 1. answers come in the order of the rays and depend on nothing else; 2. tracers and answers are leased
+//! for as long as the call lasts: what is returned is the caller's.
 
 use crate::handle::Model;
 use crate::options::DamagePolicy;
@@ -20,14 +20,14 @@ const RAYS_PER_TRACER: usize = 4096;
 type AnswerRays<A> = fn(&mut MeshTracer, &[Ray], &dyn Fn() -> bool, &mut Vec<A>) -> bool;
 
 impl Model {
-    /// The closest hit of each ray, in order; `None` where it meets nothing. Exact: the whole mesh counts, and pages are
-    /// waited for. Rays of one call that lie near each other share the pages they wait for, so calls with many rays are
-    /// worth more than many calls. Can be called from several threads at a time, beside sessions.
+    /// The closest hit of each ray, in order; `None` where it meets nothing. Exact: the whole mesh counts, and pages
+    /// are waited for. Rays of one call that lie near each other share the pages they wait for, so calls with many rays
+    /// are worth more than many calls. Can be called from several threads at a time, beside sessions.
     ///
     /// # Errors
-    /// [`Code::Usage`] for a ray that is none (numbers that are not finite, no direction, a `t_max` that is not above 0);
-    /// [`Code::Interrupted`]; [`Code::Damaged`] where damage may have changed an answer, unless that is to be left out;
-    /// [`Code::MemoryLimit`].
+    /// [`Code::Usage`] for a ray that is none (numbers that are not finite, no direction, a `t_max` that is not above
+    /// 0); [`Code::Interrupted`]; [`Code::Damaged`] where damage may have changed an answer, unless that is to be left
+    /// out; [`Code::MemoryLimit`].
     pub fn intersect(&self, rays: &[Ray], interrupt: &Interrupt) -> Result<Vec<Option<Hit>>> {
         self.answer(rays, interrupt, intersect_all::<MeshTracer>)
     }

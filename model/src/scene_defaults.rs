@@ -1,5 +1,5 @@
-//! What a scene means where it says nothing, for a file that has no voxels. What it means for a session that is looked at
-//! while it changes says [`Scene::begin_live`].
+//! What a scene means where it says nothing, for a file that has no voxels. What it means for a session that is looked
+//! at while it changes says [`Scene::begin_live`].
 //!
 //! Invariant: what the scene says is never changed.
 

@@ -1,5 +1,5 @@
-//! `SharedPool`: the pool of pages of a model, started by the first that asks for pages, and its frames, which make room
-//! for what comes and take what is left.
+//! `SharedPool`: the pool of pages of a model, started by the first that asks for pages, and its frames, which make
+//! room for what comes and take what is left.
 //!
 //! ```text
 //! limit = reserve + tables + octree + sessions, rays, all else that is leased + staging + frames

@@ -1,7 +1,7 @@
 //! A model as a library's user has it: opened, asked for rays and pictures from several threads, under a limit that is
 //! tight.
 
-#[path = "../examples/support/built.rs"]
+#[path = "it/built.rs"]
 mod built;
 
 use std::ops::ControlFlow;

@@ -1,8 +1,8 @@
 //! `WorkerThreads`: the threads of data-parallel work: handed in, or started here and joined by whoever lets go of them
 //! last.
 //!
-//! Invariant: where threads were started here, none of them is left when the last clone has been dropped, unless that was
-//! done by one of them.
+//! Invariant: where threads were started here, none of them is left when the last clone has been dropped, unless that
+//! was done by one of them.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::ops::Deref;

@@ -7,13 +7,17 @@
 //!
 //! Invariant: [`words`] of any picture are read back by [`PictureKeys`] and [`ResearchKeys`] as that picture.
 
-use super::render::{PICTURE, RESEARCH};
 use crate::values;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use trex_render::keys::{BAKE, K_NEAREST, KEYS, OCCLUDERS, RESOLUTION, SEED, SPP};
 use trex_render::{Key, KeyKind, KeyValue, RenderEdit, RenderKeys};
 
+/// Heading of what a picture is of. A group of flags stands where its first flag is declared, so verbs declare
+/// [`PictureKeys`] early, and [`ResearchKeys`] last.
+pub const PICTURE: &str = "Picture options (default: the scene's)";
+/// Heading of what is turned to compare methods, not to make pictures.
+pub const RESEARCH: &str = "Research options";
 /// Size of the pictures of `trex stress` where no other is asked for.
 pub const STRESS_RESOLUTION: [u32; 2] = [512, 512];
 

@@ -1,18 +1,12 @@
 //! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
-use super::keys::{PictureKeys, ResearchKeys};
+use super::keys::{PICTURE, PictureKeys, RESEARCH, ResearchKeys};
 use super::{CommonArgs, DiskArgs, OverwriteArgs};
 use crate::values::{self, Milliseconds, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 use trex_render::{FetchBlock, FrameOptions, Saliency, Scene, TileOrder};
-
-/// Heading of what a picture is of. A group of flags stands where its first flag is declared, so verbs declare
-/// [`PictureArgs`] early, and [`DeadlineArgs`] and [`ResearchKeys`] last.
-pub const PICTURE: &str = "Picture options (default: the scene's)";
-/// Heading of what is turned to compare methods, not to make pictures.
-pub(super) const RESEARCH: &str = "Research options";
 
 /// `trex render`
 #[derive(Debug, Args)]

@@ -1,5 +1,5 @@
-//! What `render`, `demo`, `stress` and `view` begin with: the scene that a file names or is, the model that it is of, and
-//! how disks are read.
+//! What `render`, `demo`, `stress` and `view` begin with: the scene that a file names or is, the model that it is of,
+//! and how disks are read.
 
 use crate::args::DiskArgs;
 use crate::context::Context;

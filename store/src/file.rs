@@ -33,7 +33,7 @@ pub use sections::open_regular;
 pub use sizes::FileSizes;
 pub use tables::Emitter;
 
-use sections::{SectionReader, checked_section, out_of_range};
+use sections::{HashedSection, checked_section, out_of_range};
 pub(crate) use sections::{lower_size, read_superblock, streamed_section, upper_size};
 pub(crate) use tables::{check_lengths, kept_bytes, section_bytes, table_bytes};
 use tables::{parse_emitters, parse_materials, parse_pages, parse_top};
@@ -203,7 +203,7 @@ impl PageFile {
         on_read: &mut dyn FnMut(u64) -> Result<()>,
     ) -> Result<()> {
         let mut piece = vec![0; FRAME_BYTES];
-        let mut read_all = |reader: &mut SectionReader<'_>| -> Result<()> {
+        let mut read_all = |reader: &mut HashedSection<'_>| -> Result<()> {
             // What cannot be read is told by the reader.
             while let Some(length) = reader.read(&mut piece).ok().filter(|&length| length > 0) {
                 on_read(length as u64)?;

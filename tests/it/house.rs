@@ -8,58 +8,13 @@
 //! A re-export (`pub use`, `pub(crate) use`) is a signpost, not an arrow: who names the thing in the end counts.
 //! Tests at a file's end, and files of tests, are left aside.
 
+mod floors;
+
+use floors::{HOUSES, House};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Folders that have floors, and these, in the order of ARCHITECTURE.md: each imports itself and those before it. What
-/// stands in the folder's own `mod.rs` or `lib.rs` is above all of them.
-const HOUSES: [House; 3] = [
-    House {
-        of_crate: "render",
-        folder: &[],
-        floors: &[
-            "math",
-            "sampler",
-            "sampling",
-            "stats",
-            "threads",
-            "trace",
-            "voxel",
-            "g_stage",
-            "shading",
-            "scene",
-            "image",
-            "photon",
-            "integrate",
-            "schedule",
-            "session",
-        ],
-    },
-    House {
-        of_crate: "model",
-        folder: &[],
-        floors: &["options", "info", "scene_defaults", "shared_pool", "handle", "rays", "picture"],
-    },
-    House {
-        of_crate: "store",
-        folder: &["build"],
-        floors: &[
-            "options",
-            "phases",
-            "report",
-            "scan",
-            "scratch",
-            "journal",
-            "partition",
-            "clusters",
-            "draft",
-            "emit",
-            "plan",
-            "checkpoint",
-        ],
-    },
-];
 /// The crates whose files are looked at, by folder.
 const CRATES: [&str; 8] = ["store", "datasets-gen", "render", "view", "image", "model", "bench", "."];
 /// Circles that stay: a type whose methods fill several files, which all need it.
@@ -73,14 +28,6 @@ const ONE_TYPE: [&[&str]; 1] = [
 ];
 /// Re-exports that lead to re-exports, at most.
 const SIGNPOSTS_MAX: usize = 8;
-
-/// A folder whose files and subfolders are floors.
-struct House {
-    of_crate: &'static str,
-    /// Module path of the folder below the crate.
-    folder: &'static [&'static str],
-    floors: &'static [&'static str],
-}
 
 /// A source file of a crate.
 struct File {

@@ -1,5 +1,5 @@
-//! What comes into the build: licences and sources of all dependencies, as cargo itself lists them, against `deny.toml`;
-//! and crates that are not to be there.
+//! What comes into the build: licences and sources of all dependencies, as cargo itself lists them, against
+//! `deny.toml`; and crates that are not to be there.
 
 use crate::command::cannot_run;
 use crate::tidy::root;

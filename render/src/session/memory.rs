@@ -105,8 +105,8 @@ impl MemoryPlan {
             .smallest_limit(smallest))
     }
 
-    /// The shares of a limit for rays of a caller on the mesh of `file`, by so many workers, beside `beside_bytes` that are
-    /// leased for other things.
+    /// The shares of a limit for rays of a caller on the mesh of `file`, by so many workers, beside `beside_bytes` that
+    /// are leased for other things.
     ///
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works.

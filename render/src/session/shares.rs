@@ -1,5 +1,6 @@
-//! `SessionShares`: what a session leases for as long as its settings stay. The one law of its memory: a session is made of
-//! what it says, goes live and takes other settings by the difference of two, and [`super::MemoryPlan`] counts it.
+//! `SessionShares`: what a session leases for as long as its settings stay. The one law of its memory: a session is
+//! made of what it says, goes live and takes other settings by the difference of two, and [`super::MemoryPlan`] counts
+//! it.
 //!
 //! ```text
 //! Session::new      shares at leisure -> lease
@@ -7,8 +8,8 @@
 //! other settings    what differs of the old is exchanged for what differs of the new, in one step of the ledger
 //! ```
 //!
-//! Not in here, since it is leased while it is used alone: the octree and the tables, which the session borrows; sums of a
-//! pass of photons at leisure; photons of `full-gi`; filter and encoder.
+//! Not in here, since it is leased while it is used alone: the octree and the tables, which the session borrows; sums
+//! of a pass of photons at leisure; photons of `full-gi`; filter and encoder.
 
 use crate::image::display::Display;
 use crate::image::film::{Layers, film_bytes};

@@ -23,8 +23,8 @@ pub fn intersect_all<T: PagedTracer>(
     rays.chunks(CHUNK).all(|rays| answer(tracer, rays, (stop, hits), T::intersect_coherent, single))
 }
 
-/// Answers whether each of `rays` meets anything, in their order, appended to `answers`. False when `stop` said so before
-/// all were answered.
+/// Answers whether each of `rays` meets anything, in their order, appended to `answers`. False when `stop` said so
+/// before all were answered.
 pub fn occluded_all<T: PagedTracer>(
     tracer: &mut T,
     rays: &[Ray],

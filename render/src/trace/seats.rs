@@ -1,5 +1,5 @@
-//! `Seats`: the workers that share one pool. Each has a number of its own, by which it asks for pages, and an equal share
-//! of the frames to pin.
+//! `Seats`: the workers that share one pool. Each has a number of its own, by which it asks for pages, and an equal
+//! share of the frames to pin.
 //!
 //! Invariants: 1. no two seats that are held have one number; 2. a seat is free again when its [`Seat`] is dropped.
 

@@ -64,10 +64,10 @@ pub(crate) fn streamed_section<T>(
     section: Section,
     (kind, file_id): (SectionKind, u64),
     path: &Path,
-    mut parse: impl FnMut(&mut SectionReader<'_>) -> Result<T>,
+    mut parse: impl FnMut(&mut HashedSection<'_>) -> Result<T>,
 ) -> Result<T> {
     twice(file, (section.offset, section.bytes), || {
-        let mut reader = SectionReader::new(file, section, file_id);
+        let mut reader = HashedSection::new(file, section, file_id);
         let parsed = parse(&mut reader);
         if parsed.as_ref().is_err_and(|error| error.code() != Code::Damaged) {
             return parsed;
@@ -81,7 +81,7 @@ pub(crate) fn streamed_section<T>(
 }
 
 /// Reads a section from its first byte, and hashes what it hands out.
-pub(crate) struct SectionReader<'a> {
+pub(crate) struct HashedSection<'a> {
     file: &'a File,
     section: Section,
     /// Bytes that were read.
@@ -90,10 +90,10 @@ pub(crate) struct SectionReader<'a> {
     failed: Option<std::io::Error>,
 }
 
-impl<'a> SectionReader<'a> {
-    fn new(file: &'a File, section: Section, file_id: u64) -> SectionReader<'a> {
+impl<'a> HashedSection<'a> {
+    fn new(file: &'a File, section: Section, file_id: u64) -> HashedSection<'a> {
         let hasher = section_hasher(file_id, section.kind);
-        SectionReader { file, section, done: 0, hasher, failed: None }
+        HashedSection { file, section, done: 0, hasher, failed: None }
     }
 
     /// Reads what is left, and compares all of it with the hash.
@@ -104,7 +104,7 @@ impl<'a> SectionReader<'a> {
     }
 }
 
-impl Read for SectionReader<'_> {
+impl Read for HashedSection<'_> {
     fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
         let length = (self.section.bytes - self.done).min(out.len() as u64) as usize;
         let read = self.file.read_exact_at(&mut out[..length], self.section.offset + self.done);

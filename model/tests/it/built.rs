@@ -1,4 +1,4 @@
-// Builds a small model, and gives the path of its file. Included by examples and by documentation.
+//! A small model of a generator, built for tests.
 
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,60 @@
+//! The floors of the house, as ARCHITECTURE.md lists them.
+
+/// Folders that have floors, and these, in the order of ARCHITECTURE.md: each imports itself and those before it. What
+/// stands in the folder's own `mod.rs` or `lib.rs` is above all of them.
+pub(super) const HOUSES: [House; 3] = [
+    House {
+        of_crate: "render",
+        folder: &[],
+        floors: &[
+            "math",
+            "sampler",
+            "sampling",
+            "stats",
+            "threads",
+            "trace",
+            "voxel",
+            "g_stage",
+            "shading",
+            "scene",
+            "image",
+            "photon",
+            "integrate",
+            "schedule",
+            "session",
+        ],
+    },
+    House {
+        of_crate: "model",
+        folder: &[],
+        floors: &["options", "info", "scene_defaults", "shared_pool", "handle", "rays", "picture"],
+    },
+    House {
+        of_crate: "store",
+        folder: &["build"],
+        floors: &[
+            "options",
+            "input_sizes",
+            "model_materials",
+            "phases",
+            "report",
+            "scan",
+            "scratch",
+            "journal",
+            "partition",
+            "clusters",
+            "draft",
+            "emit",
+            "plan",
+            "checkpoint",
+        ],
+    },
+];
+
+/// A folder whose files and subfolders are floors.
+pub(super) struct House {
+    pub(super) of_crate: &'static str,
+    /// Module path of the folder below the crate.
+    pub(super) folder: &'static [&'static str],
+    pub(super) floors: &'static [&'static str],
+}
