@@ -46,9 +46,6 @@ impl Pages for Shelf<'_> {
         if !self.held.borrow().contains(&page) && self.held.borrow().len() >= self.room {
             self.held.get_mut().clear();
         }
-        if (self.state)(page) == State::Missing {
-            *self.wanted.entry(page).or_default() += 1;
-        }
         self.hold(page).expect("there is room for one")
     }
 
@@ -232,11 +229,7 @@ struct Wanting<'a> {
 
 impl Pages for Wanting<'_> {
     fn page(&mut self, page: u32) -> Page<'_> {
-        let found = self.pages.page(page);
-        if matches!(found, Page::Missing) {
-            self.wanted.insert(page);
-        }
-        found
+        self.pages.page(page)
     }
 
     fn hold(&self, page: u32) -> Option<Page<'_>> {

@@ -15,7 +15,7 @@ use super::{CRays, Integrator};
 use crate::sampler::mix;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
-use crate::trace::{Answer, Ray, Tracer, UnitPages};
+use crate::trace::{Answer, Ray, Tracer};
 use glam::{DVec3, Vec3};
 
 /// Share of light on faces across x, y and z.
@@ -88,7 +88,7 @@ impl RenderContext<'_> {
         let Some(lower) = self.voxels.and_then(|voxels| voxels.lower) else {
             return Answer::Exact(self.upper_shown(path, ray));
         };
-        let pages = &mut UnitPages(tracer);
+        let pages = &mut tracer.lend_pages();
         let Answer::Exact(found) = lower.intersect(ray, pages) else { return Answer::Blocked };
         path.sample.rays.count(RayKind::Gather);
         path.gain(match found {

@@ -17,7 +17,7 @@ use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::light::Lights;
 use crate::shading::surface::SurfaceInteraction;
-use crate::trace::{Answer, Ray, Tracer, UnitPages};
+use crate::trace::{Answer, Ray, Tracer};
 use crate::voxel::{LeafHit, LowerScene, VoxelScene, VoxelSurface};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
@@ -75,7 +75,7 @@ impl<'a> GScene<'a> {
     /// True when `ray` meets any voxel.
     pub(crate) fn occluded<T: Tracer>(&self, ray: &Ray, tracer: &mut T) -> Answer<bool> {
         match &self.lower {
-            Some(lower) => lower.occluded(ray, &mut UnitPages(tracer)),
+            Some(lower) => lower.occluded(ray, &mut tracer.lend_pages()),
             None => Answer::Exact(self.voxels.occluded(ray)),
         }
     }
@@ -130,7 +130,7 @@ impl<'a> GScene<'a> {
         let materials = &world.materials;
         let meet = |ray: &Ray| match (first.take(), &self.lower) {
             (Some(known), _) => Answer::Exact(known.map(|surface| surface.face(ray, materials))),
-            (None, Some(lower)) => lower.leaf_hit(ray, materials, &mut UnitPages(tracer)),
+            (None, Some(lower)) => lower.leaf_hit(ray, materials, &mut tracer.lend_pages()),
             (None, None) => {
                 let found = self.voxels.intersect(ray);
                 Answer::Exact(found.map(|found| self.voxels.surface(&found).face(ray, materials)))

@@ -9,7 +9,7 @@
 
 use crate::g_stage::GStage;
 use crate::integrate::{GBatches, Path, RenderContext, Sample, SampleIntegrator, Step, Together};
-use crate::trace::{Tracer, UnitPages};
+use crate::trace::Tracer;
 use std::sync::Arc;
 
 /// What takes samples: the integrator, and what answers its G-rays.
@@ -83,7 +83,7 @@ impl Samples {
         loop {
             self.go_on(&work.integrator, tracer, &mut finish);
             let Some(g_stage) = work.g_stage.as_ref().filter(|_| self.asks) else { break };
-            g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer));
+            g_stage.answer(&mut [self.batches.turn()], tracer.lend_pages());
         }
         self.batches.clear();
         assert!(self.pending.is_empty(), "a preview waits for nothing");

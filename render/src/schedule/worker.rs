@@ -17,7 +17,7 @@ use crate::image::film::Film;
 use crate::image::tile::Tiles;
 use crate::integrate::Together;
 use crate::stats::PassStats;
-use crate::trace::{Advance, Answer, PagedTracer, Retry, UnitPages, WAIT};
+use crate::trace::{Advance, Answer, PagedTracer, Retry, WAIT};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -247,7 +247,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         }
         self.tracer.begin_tile();
         let mut asked: Vec<_> = jobs.iter_mut().map(|job| job.samples.batches.turn()).collect();
-        self.stats.g_stage.add(&g_stage.answer(&mut asked, &mut UnitPages(self.tracer)));
+        self.stats.g_stage.add(&g_stage.answer(&mut asked, self.tracer.lend_pages()));
         self.tracer.request_missing();
         for job in jobs {
             self.tracer.begin_tile();

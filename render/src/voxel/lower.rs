@@ -81,8 +81,8 @@ struct Open {
 
 /// The answer of a look below a leaf.
 enum Below {
-    /// The page is not there yet.
-    Missing,
+    /// This page is not there yet.
+    Missing(u32),
     /// Nothing is to be had.
     Never,
     /// The child asked for, if it is there.
@@ -178,12 +178,19 @@ impl<'a> LowerScene<'a> {
     /// The surface in the leaf of `hit`; where its page has gone in between blocked, or that of the voxel above it.
     pub(crate) fn surface(&self, hit: &LowerHit, pages: &mut impl Pages) -> Answer<VoxelSurface> {
         let upper = self.upper.surface(&hit.upper);
-        let leaf = match hit.lower.map(|at| (at, pages.page(at.page))) {
-            Some((at, Page::Ready(frame))) => UnitsView::new(frame).leaf(at.leaf),
-            Some((_, Page::Missing)) if self.missing == MissingUnits::Block => return Answer::Blocked,
-            Some((_, Page::Missing | Page::Damaged)) | None => return Answer::Exact(upper),
+        let Some(at) = hit.lower else { return Answer::Exact(upper) };
+        let is_missing = match pages.page(at.page) {
+            Page::Ready(frame) => {
+                let leaf = UnitsView::new(frame).leaf(at.leaf);
+                return Answer::Exact(VoxelSurface { leaf, ..upper });
+            }
+            Page::Missing => true,
+            Page::Damaged => false,
         };
-        Answer::Exact(VoxelSurface { leaf, ..upper })
+        if is_missing {
+            pages.want(at.page);
+        }
+        if is_missing && self.missing == MissingUnits::Block { Answer::Blocked } else { Answer::Exact(upper) }
     }
 
     /// The ray that leaves a leaf in unit `direction`: as `VoxelScene::ray_from_leaf`, for the finest voxels.
@@ -239,11 +246,14 @@ impl<'a> LowerScene<'a> {
                     break (shift, leaf.bitmap);
                 }
                 let below = if level == finest { Below::Never } else { leaf.below(place, pages) };
+                if let Below::Missing(page) = below {
+                    pages.want(page);
+                }
                 match below {
-                    Below::Missing if self.missing == MissingUnits::Block => return Answer::Blocked,
-                    Below::Missing | Below::Never => {
+                    Below::Missing(_) if self.missing == MissingUnits::Block => return Answer::Blocked,
+                    Below::Missing(_) | Below::Never => {
                         let found = Found { t, node: path[depth - 1], leaf: path[depth], axis };
-                        return Answer::Exact(Some((found, leaf.at, matches!(below, Below::Missing))));
+                        return Answer::Exact(Some((found, leaf.at, matches!(below, Below::Missing(_)))));
                     }
                     Below::Child(None) => break (shift, leaf.bitmap),
                     Below::Child(Some(child)) => {
@@ -272,7 +282,7 @@ impl Open {
     fn below(&self, place: u32, pages: &mut impl Pages) -> Below {
         let Some(unit) = self.unit else { return Below::Never };
         let view = match pages.page(unit.page()) {
-            Page::Missing => return Below::Missing,
+            Page::Missing => return Below::Missing(unit.page()),
             Page::Damaged => return Below::Never,
             Page::Ready(frame) => UnitsView::new(frame),
         };
