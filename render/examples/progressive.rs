@@ -8,7 +8,9 @@ mod tiny;
 use rayon::ThreadPoolBuilder;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use trex_render::{Layers, Method, Model, Scene, Session, SessionSetup, Voxels, pooled_tracers, write_png};
+use trex_render::{
+    CpuStage, Layers, Method, Model, Scene, Session, SessionSetup, Voxels, pooled_tracers, write_png,
+};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Error, PageFile};
 
@@ -28,7 +30,8 @@ fn main() -> Result<(), Error> {
     let view = scene.view(&mut model)?;
     let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().expect("two threads"));
     let tracers = pooled_tracers(&file, &pool, 2);
-    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads };
+    let g_stage = Box::new(CpuStage::default());
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads, g_stage };
     let mut session = Session::new(setup, &budget)?;
     let photons = session.illuminate(&|| false, &mut |_, _| {})?;
     println!("{} photons, {} deposits", photons.photons, photons.deposits);

@@ -8,9 +8,9 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trex_render::{
-    Camera, Emitter, Filter, FrameOptions, Layers, MemoryPlan, Method, Model, PagedMesh, PictureNeeds,
-    PooledPages, RenderEdit, RenderKeys, RenderSettings, Scene, Session, SessionSetup, View, Voxels,
-    model_bytes, parse_views, pooled_tracers,
+    Camera, CpuStage, Emitter, Filter, FrameOptions, Layers, MemoryPlan, Method, Model, PagedMesh,
+    PictureNeeds, PooledPages, RenderEdit, RenderKeys, RenderSettings, Scene, Session, SessionSetup, View,
+    Voxels, model_bytes, parse_views, pooled_tracers,
 };
 use trex_store::io::IoOptions;
 use trex_store::layout::{PageKind, SectionKind};
@@ -92,7 +92,8 @@ impl Stage {
     pub fn session(&self, ctx: &Context) -> Result<Session<StageTracer<'_>>> {
         let tracers = pooled_tracers(&self.file, &self.pool, ctx.threads);
         let (model, view, layers) = (self.model.clone(), self.view.clone(), self.layers);
-        let setup = SessionSetup { model, view, layers, tracers, pool: ctx.thread_pool()? };
+        let g_stage = Box::new(CpuStage::default());
+        let setup = SessionSetup { model, view, layers, tracers, pool: ctx.thread_pool()?, g_stage };
         Session::new(setup, &ctx.budget)
     }
 }

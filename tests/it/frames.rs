@@ -8,9 +8,9 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{
-    Camera, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Layers, Light, LiveSession,
-    MaterialEdit, Method, Model, PagedMesh, PooledPages, RenderKeys, RenderSettings, Scene, Session,
-    SessionSetup, TileOrder, View, Voxels, pooled_tracers,
+    Camera, CpuStage, Event, FetchBlock, Fov, FrameOptions, FrameProgress, FrameReport, Layers, Light,
+    LiveSession, MaterialEdit, Method, Model, PagedMesh, PooledPages, RenderKeys, RenderSettings, Scene,
+    Session, SessionSetup, TileOrder, View, Voxels, pooled_tracers,
 };
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, PageFile};
@@ -54,7 +54,8 @@ impl Stage {
         let view = View { camera, lights, settings: RenderSettings::new(scene.render).unwrap() };
         let threads = Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap());
         let tracers = pooled_tracers(&self.file, &self.pool, 2);
-        let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads };
+        let g_stage = Box::new(CpuStage::default());
+        let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads, g_stage };
         let mut session = Session::new(setup, &budget).unwrap();
         session.illuminate(&|| false, &mut |_, _| {}).unwrap();
         session

@@ -6,6 +6,7 @@
 //! smallest: 4 staging slots, 32 frames a worker
 //! ```
 
+use crate::g_stage::CpuStage;
 use crate::image::display::Display;
 use crate::image::encode::encoder_bytes;
 use crate::image::film::{Layers, film_bytes};
@@ -141,7 +142,7 @@ impl MemoryPlan {
             film_bytes: film_bytes(resolution, layers)
                 + copies_bytes
                 + if is_live { Display::bytes(resolution) } else { 0 }
-                + pass_bytes(resolution, workers, rays_asked(&settings))
+                + pass_bytes(resolution, workers, rays_asked(&settings), &CpuStage::NEEDS)
                 + encoder_bytes(resolution, layers)
                 + if layers.filter { filter_bytes(resolution) } else { 0 },
             staging_bytes: overhead + pins,

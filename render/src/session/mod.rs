@@ -29,6 +29,7 @@ pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
 pub use memory::{MemoryPlan, PictureNeeds, model_bytes};
 
+use crate::g_stage::GStage;
 use crate::image::film::{Film, Layers};
 use crate::image::filter;
 use crate::image::tile::Tiles;
@@ -87,6 +88,8 @@ pub struct SessionSetup<T> {
     pub tracers: Vec<T>,
     /// The threads of the workers, at least one a tracer.
     pub pool: Arc<ThreadPool>,
+    /// The device that answers rays through the voxels; [`crate::CpuStage`] is the processor.
+    pub g_stage: Box<dyn GStage>,
 }
 
 /// A model, a view of it, and the film that collects its samples. `T` answers rays, one per worker thread.
@@ -94,7 +97,7 @@ pub struct SessionSetup<T> {
 /// ```
 /// use std::ops::ControlFlow;
 /// use std::sync::Arc;
-/// use trex_render::{Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
+/// use trex_render::{CpuStage, Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
 /// use trex_store::{Aabb, Budget, Material};
 ///
 /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -106,7 +109,8 @@ pub struct SessionSetup<T> {
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;
 /// let view = scene.view(&mut model)?;
 /// let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
-/// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool };
+/// let g_stage = Box::new(CpuStage::default());
+/// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool, g_stage };
 /// let mut session = Session::new(setup, &Budget::unlimited())?;
 /// let stats = session.render(scene.render.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
 /// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
@@ -128,6 +132,8 @@ pub struct Session<T> {
     /// Photons one by one; of `full-gi` alone, once they were sent.
     pub(super) photon_tree: Option<PhotonTree>,
     pub(super) pool: Arc<ThreadPool>,
+    /// Has the octree of the model, where there is one.
+    pub(super) g_stage: Box<dyn GStage>,
     pub(super) budget: Budget,
     /// Room of the passes.
     lease: Lease,
@@ -161,20 +167,22 @@ impl<T: PagedTracer + Send> Session<T> {
     /// A session with an empty film.
     ///
     /// # Errors
-    /// Those of [`World::new`]; [`trex_store::Code::MemoryLimit`] when the budget has no room for the film.
+    /// Those of [`World::new`] and [`GStage::set_octree`]; [`trex_store::Code::MemoryLimit`] when the budget has no
+    /// room for the film, or for the batches that the G-stage wants.
     ///
     /// # Panics
     /// When there is no tracer, or not a thread for each.
     pub fn new(setup: SessionSetup<T>, budget: &Budget) -> Result<Session<T>> {
-        let SessionSetup { model, view, layers, tracers, pool } = setup;
+        let SessionSetup { model, view, layers, tracers, pool, mut g_stage } = setup;
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
         let resolution = view.settings.resolution;
-        let lease = budget.lease(
-            "the passes over tiles",
-            pass_bytes(resolution, tracers.len(), rays_asked(&view.settings)),
-        )?;
+        let passes = pass_bytes(resolution, tracers.len(), rays_asked(&view.settings), &g_stage.needs());
+        let lease = budget.lease("the passes over tiles", passes)?;
+        if let Some(voxels) = &model.voxels {
+            g_stage.set_octree(voxels)?;
+        }
         let film = Film::new(resolution, layers, budget)?;
         let tiles = Tiles::z_curve(resolution);
         let photon_map = match &model.voxels {
@@ -185,7 +193,20 @@ impl<T: PagedTracer + Send> Session<T> {
         };
         let budget = budget.clone();
         let photon_tree = None;
-        Ok(Session { model, view, world, tracers, tiles, film, photon_map, photon_tree, pool, budget, lease })
+        Ok(Session {
+            model,
+            view,
+            world,
+            tracers,
+            tiles,
+            film,
+            photon_map,
+            photon_tree,
+            pool,
+            g_stage,
+            budget,
+            lease,
+        })
     }
 
     /// Changes camera, lights or a material.
@@ -256,7 +277,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let ctx = RenderContext::new(&self.world, &self.model, irradiance)
             .with_layers(self.film.layers())
             .with_photon_tree(self.photon_tree.as_ref());
-        let work = TileWork { samples: SampleWork::on_cpu(ctx), tiles: &self.tiles };
+        let work = TileWork { samples: SampleWork::new(ctx, &*self.g_stage), tiles: &self.tiles };
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));

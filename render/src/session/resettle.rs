@@ -99,7 +99,7 @@ impl<T: PagedTracer + Send> Session<T> {
             layers,
             film: if_other(film_bytes(resolution, layers)),
             display: if is_live { if_other(Display::bytes(resolution)) } else { 0 },
-            passes: pass_bytes(resolution, self.tracers.len(), rays_asked(settings)),
+            passes: pass_bytes(resolution, self.tracers.len(), rays_asked(settings), &self.g_stage.needs()),
             light_goes,
             facets: voxels.map_or(0, |voxels| voxels.facet_count()),
             maps: if is_live { 3 } else { 1 },

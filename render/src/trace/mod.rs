@@ -20,6 +20,7 @@ pub use arithmetic::Arithmetic;
 pub use naive::{NaiveMesh, NaiveTriangle};
 pub use paged_mesh::PagedMesh;
 pub use paged_tracer::PagedTracer;
+pub(crate) use pages::NoPages;
 pub use pages::{AllResident, Page, Pages};
 pub use pooled::{PooledPages, pooled_tracers};
 pub(crate) use retry::{Advance, Retry, WAIT};
@@ -102,6 +103,6 @@ pub trait Tracer {
     /// had.
     fn lend_pages(&mut self) -> &mut dyn Pages {
         // It has no bytes: nothing is allocated, and nothing leaks.
-        Box::leak(Box::new(pages::NoPages))
+        Box::leak(Box::new(NoPages))
     }
 }

@@ -4,8 +4,8 @@
 //! f64, and it alone decides whether a ray meets the triangle that it left. What is left is the model's own coordinate
 //! rounding, and the kernel's across the ray: 2^-18 of the triangle's size holds both.
 //!
-//! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. a ray that is Blocked has told its pages
-//! of each missing page that could change its answer, once.
+//! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. a ray that is Blocked has told its
+//! pages of each missing page that could change its answer, once.
 
 use super::arithmetic::Arithmetic;
 use super::bvh::{Any, Closest, Ended, Found, Goal, Missing, Scene, trace_ray};

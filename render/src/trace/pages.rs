@@ -38,8 +38,8 @@ pub trait Pages {
     fn want(&mut self, _page: u32) {}
 }
 
-/// The pages of a tracer that has none.
-pub(super) struct NoPages;
+/// The pages of a tracer that has none, and of rays that ask for none.
+pub(crate) struct NoPages;
 
 impl Pages for NoPages {
     fn page(&mut self, _page: u32) -> Page<'_> {

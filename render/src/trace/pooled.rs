@@ -1,12 +1,12 @@
-//! `PooledPages`: the pages of one worker, from the pool: its pins, and its one want-list. The mesh tracer and the G-stage
-//! borrow them.
+//! `PooledPages`: the pages of one worker, from the pool: its pins, and its one want-list. The mesh tracer and the
+//! G-stage borrow them.
 //!
 //! A worker pins a page when a ray first needs it and keeps it until its next tile begins, so that a look-up
 //! costs one table access, and a blocked ray finds its pages again. When its share of the frames is used up it
 //! lets all go but the one it needs now.
 //!
-//! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list holds each page that blocked a ray,
-//! whatever traced it, until the page has come or many later ones have been asked for.
+//! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list holds each page that blocked a
+//! ray, whatever traced it, until the page has come or many later ones have been asked for.
 
 use super::PagedTracer;
 use super::paged_mesh::PagedMesh;

@@ -1,4 +1,5 @@
-//! `WantList`: the pages that block the rays of one worker, on the mesh and in the units alike: what it asks the pool for.
+//! `WantList`: the pages that block the rays of one worker, on the mesh and in the units alike: what it asks the pool
+//! for.
 //!
 //! ```text
 //! a ray is blocked by a page -> add                     fresh: each page once, with how many rays it has blocked
@@ -83,8 +84,8 @@ mod tests {
         list.hand_over(is_awaited).iter().map(|want| (want.page, want.weight)).collect()
     }
 
-    /// There were two lists, each with a rule of its own for pages that are in both: the mesh tracer's counted rays, the
-    /// pool's kept the greater count.
+    /// There were two lists, each with a rule of its own for pages that are in both: the mesh tracer's counted rays,
+    /// the pool's kept the greater count.
     #[test]
     fn a_page_is_wanted_once_by_the_most_rays_that_it_blocked_at_a_time() {
         let mut list = WantList::new(9);
