@@ -11,7 +11,8 @@ use crate::shared_pool::{PoolSource, SharedPool};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use trex_render::{
-    Emitter, FrameOptions, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels, WorkerThreads,
+    CpuStage, Emitter, FrameOptions, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels,
+    WorkerThreads,
 };
 use trex_store::io::IoOptions;
 use trex_store::pool::PagePool;
@@ -138,7 +139,8 @@ impl Model {
         let mut model = self.scene_model(voxels);
         let view = scene.view(&mut model)?;
         let tracers = self.0.pool.tracers(&self.0.file, self.worker_count())?;
-        let setup = SessionSetup { model, view, layers: needs.layers, tracers, pool: self.0.threads.clone() };
+        let (pool, g_stage) = (self.0.threads.clone(), Box::new(CpuStage::default()));
+        let setup = SessionSetup { model, view, layers: needs.layers, tracers, pool, g_stage };
         Session::new(setup, &self.0.budget)
     }
 

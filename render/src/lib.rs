@@ -11,6 +11,7 @@
 //! math sampler sampling stats threads
 //! trace       C-rays on clusters
 //! voxel       G-rays on the voxel octree
+//! g_stage     the seam for what answers them in batches
 //! shading     BSDF, surfaces, light
 //! scene       text, views, camera, settings, world
 //! image       film, tiles, saliency, filter, encoders, display
@@ -40,6 +41,7 @@ mod threads;
 mod trace;
 mod voxel;
 
+pub use g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GTurn, GUnits, GView};
 pub use image::display::Display;
 pub use image::encode::{Image, encoder_bytes, write_exr, write_png};
 pub use image::film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
@@ -71,5 +73,6 @@ pub use trace::{
     seated_tracers,
 };
 pub use voxel::{
-    LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit, VoxelScene, Voxels,
+    GAnswer, GKind, GRay, LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit,
+    VoxelScene, Voxels,
 };

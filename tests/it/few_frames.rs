@@ -5,7 +5,7 @@ use crate::fixtures::model_with;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use trex_render::{
-    Camera, Layers, Method, Model, RenderKeys, RenderSettings, Session, SessionSetup, View, Voxels,
+    Camera, CpuStage, Layers, Method, Model, RenderKeys, RenderSettings, Session, SessionSetup, View, Voxels,
     pooled_tracers,
 };
 use trex_store::build;
@@ -40,6 +40,7 @@ fn picture(spec: &str, voxels: build::Voxels, method: Method, frames_bytes: Opti
         layers: Layers::default(),
         tracers: pooled_tracers(&file, &pool, 2),
         pool: threads.into(),
+        g_stage: Box::new(CpuStage::default()),
     };
     let mut session = Session::new(setup, &budget).unwrap();
     let stats = session.render(1, &|| false, &mut |_, _| ControlFlow::Continue(()));

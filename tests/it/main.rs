@@ -20,6 +20,7 @@ mod format_octree;
 mod format_units;
 mod frames;
 mod fuzzing;
+mod g_stage;
 mod golden;
 mod house;
 mod image_diff;

@@ -18,25 +18,25 @@ use trex_store::{Budget, PageFile};
 
 /// What becomes of a page that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum State {
+pub(crate) enum State {
     There,
     Missing,
     Damaged,
 }
 
 /// All pages of a file, of which some can be had, and few be held at a time.
-struct Shelf<'a> {
+pub(crate) struct Shelf<'a> {
     all: &'a AllResident,
     state: fn(u32) -> State,
     room: usize,
     held: RefCell<BTreeSet<u32>>,
     /// How many rays each page has blocked.
-    wanted: BTreeMap<u32, u32>,
+    pub(crate) wanted: BTreeMap<u32, u32>,
     times_let_go: usize,
 }
 
 impl<'a> Shelf<'a> {
-    fn new(all: &'a AllResident, state: fn(u32) -> State, room: usize) -> Shelf<'a> {
+    pub(crate) fn new(all: &'a AllResident, state: fn(u32) -> State, room: usize) -> Shelf<'a> {
         Shelf { all, state, room, held: RefCell::default(), wanted: BTreeMap::new(), times_let_go: 0 }
     }
 }
@@ -45,9 +45,6 @@ impl Pages for Shelf<'_> {
     fn page(&mut self, page: u32) -> Page<'_> {
         if !self.held.borrow().contains(&page) && self.held.borrow().len() >= self.room {
             self.held.get_mut().clear();
-        }
-        if (self.state)(page) == State::Missing {
-            *self.wanted.entry(page).or_default() += 1;
         }
         self.hold(page).expect("there is room for one")
     }
@@ -79,18 +76,18 @@ impl Pages for Shelf<'_> {
 }
 
 /// A model, all pages, rays.
-struct Stage {
-    built: Arc<Built>,
-    voxels: Voxels,
-    all: AllResident,
-    rays: Vec<Ray>,
+pub(crate) struct Stage {
+    pub(crate) built: Arc<Built>,
+    pub(crate) voxels: Arc<Voxels>,
+    pub(crate) all: AllResident,
+    pub(crate) rays: Vec<Ray>,
 }
 
 impl Stage {
-    fn new(spec: &str, refinement: Refinement, ray_count: usize) -> Stage {
+    pub(crate) fn new(spec: &str, refinement: Refinement, ray_count: usize) -> Stage {
         let built = refined(spec, refinement);
         let budget = Budget::unlimited();
-        let voxels = Voxels::open(&built.file, &budget).unwrap().unwrap();
+        let voxels = Arc::new(Voxels::open(&built.file, &budget).unwrap().unwrap());
         let all = AllResident::load(&built.file);
         let (octree, _lease) = built.file.upper(&budget).unwrap().unwrap();
         let rays = rays_of_all_kinds(&built, &octree, ray_count);
@@ -150,12 +147,12 @@ fn bits(answer: &Answer<Option<LowerHit>>) -> Answer<Option<impl PartialEq + std
     }
 }
 
-fn all_there(_: u32) -> State {
+pub(crate) fn all_there(_: u32) -> State {
     State::There
 }
 
 /// Without any order: pages of a model are few.
-fn half_missing(page: u32) -> State {
+pub(crate) fn half_missing(page: u32) -> State {
     if page.wrapping_mul(0x9e37_79b9) >> 31 == 0 { State::There } else { State::Missing }
 }
 
@@ -232,11 +229,7 @@ struct Wanting {
 
 impl Pages for Wanting {
     fn page(&mut self, page: u32) -> Page<'_> {
-        let found = self.pages.page(page);
-        if matches!(found, Page::Missing) {
-            self.wanted.insert(page);
-        }
-        found
+        self.pages.page(page)
     }
 
     fn hold(&self, page: u32) -> Option<Page<'_>> {

@@ -4,96 +4,83 @@
 //! 4,096 rays, octree of 512): the walk takes as long as before, since neighbours of a tile read the same nodes
 //! anyway, and the sort takes 5 % of a picture.
 
-use super::{GAnswer, GKind, GRays, GStage, counted};
-use crate::stats::GStats;
-use crate::trace::{Answer, Pages, Ray};
-use crate::voxel::{LowerHit, LowerScene, VoxelHit, VoxelScene};
-use std::time::Instant;
+use super::{GCall, GNeeds, GRays, GStage, GTurn, GUnits};
+use crate::trace::Pages;
+use crate::voxel::{GAnswer, GRay, LowerScene, Voxels};
+use std::sync::Arc;
+use trex_store::Result;
 
-/// Samples of a batch: with two shadow and two gather rays each, 32 times as many rays as lanes have under way. Twice
-/// as many are no faster, and take memory from pages.
-pub(crate) const BATCH_SAMPLES: usize = 512;
+/// Parts with fewer rays than this on average go through the lanes together: rays off mirrors are few.
+const PART_RAYS_MIN: usize = 64;
 
-/// The processor.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct CpuStage<'a> {
-    voxels: VoxelScene<'a>,
-    /// The octree with its units, for shadow and gather rays.
-    lower: Option<LowerScene<'a>>,
+/// The processor, as a stage: the worker that calls answers by itself.
+#[derive(Clone, Debug, Default)]
+pub struct CpuStage {
+    voxels: Option<Arc<Voxels>>,
 }
 
-impl<'a> CpuStage<'a> {
-    /// The stage that asks `voxels`, and where there are units `lower`.
-    pub(crate) fn new(voxels: VoxelScene<'a>, lower: Option<LowerScene<'a>>) -> CpuStage<'a> {
-        CpuStage { voxels, lower }
-    }
+impl CpuStage {
+    /// What it asks of who calls it. A batch of 512 samples that ask for eight rays each has 64 to 128 times as many
+    /// rays as lanes have under way; twice as many are no faster, and take memory from pages. Through units, a ray
+    /// takes its answer, what it found, and its place among all, among those that wait and those that are crowded out.
+    pub(crate) const NEEDS: GNeeds = GNeeds {
+        batch_rays: 4096,
+        ray_bytes: size_of::<GAnswer>() + LowerScene::FOUND_BYTES + size_of::<&GRay>() + 4 * size_of::<u32>(),
+        calls: 1,
+    };
 
-    /// Bytes of a batch in work with so many rays, beside those of the tiles.
-    pub(crate) const fn bytes(rays: usize) -> usize {
-        // Through units: what is asked and where it is, its hit, and the lists of those that wait, of missing pages.
-        let lists = 3 * size_of::<usize>() + size_of::<GKind>() + 4 * size_of::<u32>();
-        rays * (size_of::<Ray>() + size_of::<GAnswer>() + size_of::<Answer<Option<LowerHit>>>() + lists)
-    }
-
-    /// Answers the rays of a tile from the resident octree.
-    fn ask_upper(&self, tile: &mut GRays) {
-        let (rays, kinds, answers) = tile.parts_mut();
-        self.voxels.each_in_batch(rays, |place, hit| answers[place] = self.upper_answer(kinds[place], hit));
-    }
-
-    fn upper_answer(&self, kind: GKind, hit: Option<VoxelHit>) -> GAnswer {
-        match (hit, kind) {
-            (None, _) => GAnswer::Nothing,
-            (Some(_), GKind::Shadow) => GAnswer::Occluded,
-            (Some(hit), GKind::Gather) => GAnswer::Surface(self.voxels.surface(&hit)),
-            (Some(hit), GKind::Far) => GAnswer::Surface(self.voxels.unlit_surface(&hit)),
-        }
-    }
-
-    /// Answers the rays of all tiles: shadow and gather rays through `lower`, the others from the resident octree.
-    fn ask_both(&self, lower: &LowerScene<'_>, tiles: &mut [&mut GRays], mut pages: &mut dyn Pages) {
-        let kinds: Vec<GKind> = tiles.iter().flat_map(|tile| tile.kinds()).copied().collect();
-        let all: Vec<&Ray> = tiles.iter().flat_map(|tile| tile.rays()).collect();
-        let is_far = |place: &usize| kinds[*place] == GKind::Far;
-        let (far, finest): (Vec<usize>, Vec<usize>) = (0..all.len()).partition(is_far);
-        let rays = |places: &[usize]| places.iter().map(|&place| *all[place]).collect::<Vec<Ray>>();
-        let mut answers = vec![GAnswer::Blocked; all.len()];
-        self.voxels.each_in_batch(&rays(&far), |at, hit| {
-            answers[far[at]] = self.upper_answer(GKind::Far, hit);
-        });
-        let mut hits = vec![Answer::Blocked; finest.len()];
-        lower.intersect_batch(&rays(&finest), &mut pages, &mut hits);
-        for (&place, hit) in finest.iter().zip(hits) {
-            answers[place] = match (hit, kinds[place]) {
-                (Answer::Blocked, _) => GAnswer::Blocked,
-                (Answer::Exact(None), _) => GAnswer::Nothing,
-                (Answer::Exact(Some(_)), GKind::Shadow) => GAnswer::Occluded,
-                (Answer::Exact(Some(hit)), _) => match lower.surface(&hit, &mut pages) {
-                    Answer::Exact(surface) => GAnswer::Surface(surface),
-                    Answer::Blocked => GAnswer::Blocked,
-                },
-            };
-        }
-        let mut answers = answers.into_iter();
-        for tile in tiles {
-            let count = tile.rays().len();
-            tile.answer(answers.by_ref().take(count));
+    /// Answers the rays of all parts together by `answer`.
+    fn answer_together(parts: &mut [GRays], answer: impl FnOnce(&[&GRay], &mut [GAnswer])) {
+        let all: Vec<&GRay> = parts.iter().flat_map(|part| part.rays()).collect();
+        let mut answers = vec![GAnswer::bare(GAnswer::BLOCKED); all.len()];
+        answer(&all, &mut answers);
+        let mut rest = answers.as_slice();
+        for part in parts {
+            let (_, places) = part.parts_mut();
+            let own;
+            (own, rest) = rest.split_at(places.len());
+            places.copy_from_slice(own);
         }
     }
 }
 
-impl GStage for CpuStage<'_> {
-    fn batch_samples(&self) -> usize {
-        BATCH_SAMPLES
+impl GStage for CpuStage {
+    fn set_octree(&mut self, octree: &Arc<Voxels>) -> Result<()> {
+        self.voxels = Some(octree.clone());
+        Ok(())
     }
 
-    fn answer(&self, tiles: &mut [&mut GRays], pages: &mut dyn Pages) -> GStats {
-        let begin = Instant::now();
-        match &self.lower {
-            // A tile at a time, where it lies: larger batches are no faster.
-            None => tiles.iter_mut().for_each(|tile| self.ask_upper(tile)),
-            Some(lower) => self.ask_both(lower, tiles, pages),
+    fn needs(&self) -> GNeeds {
+        CpuStage::NEEDS
+    }
+
+    fn submit(&self, mut call: GCall, pages: &mut dyn Pages) -> GTurn {
+        let voxels = self.voxels.as_deref().expect("the octree is set");
+        let lower = match call.view.units {
+            GUnits::None => None,
+            GUnits::On(missing) => {
+                voxels.lower_scene(call.view.occluders).map(|lower| lower.on_missing(missing))
+            }
+        };
+        let (upper, parts) = (voxels.scene(call.view.occluders), &mut call.parts);
+        let rays: usize = parts.iter().map(|part| part.rays().len()).sum();
+        match lower {
+            Some(lower) => CpuStage::answer_together(parts, |rays, answers| {
+                lower.answer_batch(rays, &mut { pages }, answers);
+            }),
+            None if rays < PART_RAYS_MIN * parts.len() => {
+                CpuStage::answer_together(parts, |rays, answers| {
+                    upper.answer_batch(rays, |ray, answer| answers[ray] = answer);
+                })
+            }
+            // A part at a time, where it lies: larger batches are no faster.
+            None => {
+                for part in parts {
+                    let (rays, answers) = part.parts_mut();
+                    upper.answer_batch(rays, |ray, answer| answers[ray] = answer);
+                }
+            }
         }
-        GStats { time_ns: begin.elapsed().as_nanos() as u64, ..counted(tiles) }
+        GTurn::Answered(call)
     }
 }

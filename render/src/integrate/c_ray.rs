@@ -4,7 +4,6 @@ use crate::image::film::NO_ID;
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
 use crate::trace::{Hit, Ray};
 use crate::voxel::{VoxelScene, VoxelSurface};
-use glam::Vec3;
 
 /// Clearances that a ray leaves a voxel by: the point of the hit is within one of the surface.
 const CLEARANCES: f64 = 2.0;
@@ -50,6 +49,16 @@ pub(crate) struct FarRay {
     cut: f64,
 }
 
+/// The part of a C-ray behind the cut, asked in a batch.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AskedFar {
+    pub(crate) far: FarRay,
+    /// Distance of its start to the cube.
+    pub(crate) t_in: f64,
+    /// Its place in the batch.
+    pub(crate) place: u32,
+}
+
 impl FarRay {
     /// The part of `ray` behind `cut`.
     pub(crate) fn new(ray: &Ray, cut: f64) -> FarRay {
@@ -58,10 +67,9 @@ impl FarRay {
 
     /// The surface `found`, as a hit of the C-ray.
     pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelSurface>) -> Option<CRayHit> {
-        let VoxelSurface { t, leaf, .. } = found?;
-        let normal = Vec3::from(leaf.normal);
+        let VoxelSurface { t, normal, material, .. } = found?;
         let error = CLEARANCES * voxels.clearance(normal.as_dvec3().into()) / OFFSET_ERRORS;
-        let (t, material) = (self.cut + t, leaf.material.into());
+        let t = self.cut + t;
         Some(CRayHit { point: HitPoint { t, material, normal, error }, form: Form::Voxel })
     }
 }

@@ -10,12 +10,15 @@
 
 use super::c_ray::{CRayHit, Form};
 use super::context::RenderContext;
+use super::g_batch::GBatch;
+use super::g_scene::GScene;
 use super::path_state::{Path, Stage};
 use super::{CRays, Integrator};
 use crate::sampler::mix;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
-use crate::trace::{Answer, Ray, Tracer, UnitPages};
+use crate::trace::{Answer, Ray};
+use crate::voxel::{GAnswer, GKind};
 use glam::{DVec3, Vec3};
 
 /// Share of light on faces across x, y and z.
@@ -67,42 +70,31 @@ impl Integrator for DebugPages {
 }
 
 impl RenderContext<'_> {
-    /// A ray from the camera through the upper octree.
-    pub(super) fn upper_shown(&self, path: &mut Path, ray: &Ray) -> Stage {
-        let voxels = self.voxels.expect("the debug integrators have voxels").voxels;
-        path.sample.rays.count(RayKind::Gather);
-        let found = voxels.intersect(ray);
-        path.sample.meets_model = found.is_some();
-        path.gain(match found {
-            None => BACKGROUND,
-            Some(hit) => self.face_shown(voxels.octree().material(hit.leaf as usize), hit.axis),
-        });
-        Stage::Done
+    /// Asks what a ray from the camera meets in the upper octree, or in the finest voxels.
+    pub(super) fn ask_shown(&self, ray: &Ray, c_rays: CRays, batch: &mut GBatch) -> Stage {
+        let kind = if c_rays == CRays::Upper { GKind::Far } else { GKind::Gather };
+        let (asked, _) = self.shown_scene().g_ray(ray, kind);
+        Stage::TakeShown { ray: *ray, place: batch.push(asked) }
     }
 
-    /// A ray from the camera through units, where there are any.
-    pub(super) fn finest_shown<T: Tracer>(
-        &self,
-        path: &mut Path,
-        ray: &Ray,
-        tracer: &mut T,
-    ) -> Answer<Stage> {
-        let Some(lower) = self.voxels.and_then(|voxels| voxels.lower) else {
-            return Answer::Exact(self.upper_shown(path, ray));
-        };
-        let pages = &mut UnitPages(tracer);
-        let Answer::Exact(found) = lower.intersect(ray, pages) else { return Answer::Blocked };
+    /// Shows what a ray from the camera has met.
+    pub(super) fn take_shown(&self, path: &mut Path, answer: &GAnswer) -> Answer<Stage> {
+        if answer.is_blocked() {
+            return Answer::Blocked;
+        }
         path.sample.rays.count(RayKind::Gather);
-        path.sample.meets_model = found.is_some();
-        path.gain(match found {
-            None => BACKGROUND,
-            Some(hit) => self.face_shown(lower.material(&hit, pages), hit.upper.axis),
+        path.sample.meets_model = answer.outcome == GAnswer::MET;
+        path.gain(match answer.outcome {
+            GAnswer::MET => {
+                let material = &self.world.materials[answer.material as usize];
+                FACE_SHADE[answer.axis as usize] * (Vec3::from(material.kd) + Vec3::from(material.ks))
+            }
+            _ => BACKGROUND,
         });
         Answer::Exact(Stage::Done)
     }
 
-    fn face_shown(&self, material: u16, axis: usize) -> Vec3 {
-        let material = &self.world.materials[usize::from(material)];
-        FACE_SHADE[axis] * (Vec3::from(material.kd) + Vec3::from(material.ks))
+    fn shown_scene(&self) -> &GScene<'_> {
+        self.voxels.as_ref().expect("the debug integrators have voxels")
     }
 }

@@ -1,29 +1,30 @@
-//! G-rays of many samples, asked and taken together: what one sample asks for after a hit is too little to keep a
-//! processor, or another device, busy.
+//! Shadow and gather rays of many samples, asked and taken together: what one sample asks for after a hit is too little
+//! to keep a processor, or another device, busy.
 //!
 //! ```text
-//! path at a surface -> asks: its shadow and gather rays go to the batch of its tile, the path waits
-//! all paths of a tile have asked or ended -> the G-stage answers many tiles -> each path takes its answers, in order
-//!                                         -> one of them is blocked: the path asks all of these again
+//! path at a surface -> asks: its rays go to the batch of its tile, the path waits
+//!   near = exact       a shadow ray is asked on the mesh, too; a gather ray begins there at once
+//!   no voxels          a shadow ray is asked on the mesh alone; gather rays go their own way (`final_gather.rs`)
+//! all paths of a tile have asked or ended -> the mesh and the G-stage answer -> each path takes its answers, in order
+//!     a gather ray met a mirror -> its next leg is asked, the path waits again
+//!     one of them is blocked    -> the path asks all of these again
 //! ```
-//!
-//! With `near = exact` rays begin on the mesh, and are asked alone.
 //!
 //! Invariants: 1. a sample gets the same bytes as from rays asked one by one: the same numbers, added in the same
 //! order; 2. a path that has asked takes its answers before the batch is cleared; 3. a path asks for at most
-//! `RAYS_ASKED_MAX` at a time.
+//! `GBatches::most` at a time.
 
 use super::Integrator;
 use super::context::RenderContext;
-use super::g_batch::{GBatch, Part, Place, RAYS_ASKED_MAX};
-use super::g_scene::Gathered;
+use super::g_batch::{GBatch, GBatches, Part, Place, RAYS_ASKED_MAX};
 use super::gather::GatherQuery;
-use super::path_state::{Path, Stage};
-use crate::g_stage::GKind;
-use crate::scene::method::Near;
+use super::gather_leg::GatherLeg;
+use super::mesh_rays::Start;
+use super::path_state::{Origin, Path, ShadowQuery, Stage};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Tracer};
+use crate::voxel::GKind;
 
 /// A surface, and the first shadow and the first gather ray there that a path has not asked for yet.
 #[derive(Clone, Copy, Debug)]
@@ -34,82 +35,140 @@ pub(super) struct FirstRays<'a> {
 }
 
 impl RenderContext<'_> {
-    /// True when shadow and gather rays are asked in batches.
-    pub(super) fn batches_g_rays(&self) -> bool {
-        self.g_scene().is_some_and(|scene| scene.near == Near::Voxel)
-    }
-
     /// Asks for the shadow rays of a surface, from the first on, and with the last of them for the gather rays.
-    pub(super) fn ask(
+    /// Blocked, with nothing asked, where a gather ray begins on the mesh and a page is missing.
+    pub(super) fn ask<T: Tracer>(
         &self,
         integrator: &dyn Integrator,
         path: &mut Path,
         first: FirstRays<'_>,
-        batch: &mut GBatch,
-    ) -> Stage {
+        (batches, tracer): (&mut GBatches, &mut T),
+    ) -> Answer<Stage> {
         let FirstRays { surface, .. } = first;
-        let scene = self.g_scene().expect("batches have voxels");
-        let n_shadow = self.n_shadow();
-        let (from, end) = (batch.entry_count(), n_shadow.min(first.shadow + RAYS_ASKED_MAX as u32));
-        let left = if end == n_shadow { RAYS_ASKED_MAX as u32 - (end - first.shadow) } else { 0 };
+        let (batch, most) = (&mut batches.asked, batches.most as u32);
+        let (mark, n_shadow) = (batch.mark(), self.n_shadow());
+        let (from, end) = (batch.shadows.len() as u32, n_shadow.min(first.shadow + most));
+        let left = if end == n_shadow { most - (end - first.shadow) } else { 0 };
         for index in first.shadow..end {
             if let Some(query) = integrator.shadow_query(self, path, surface, index) {
-                let ray = scene.leave(surface, query.direction, query.distance, query.front);
-                batch.push(ray, GKind::Shadow, query.light);
+                self.ask_shadow((path, surface), &query, batch);
             }
         }
-        let shadow = Part { entries: from..batch.entry_count(), rays: first.shadow..end };
-        let end = self.n_gather().min(first.gather + left);
+        let shadow = Part { places: from..batch.shadows.len() as u32, rays: first.shadow..end };
+        let from = batch.gathers.len() as u32;
+        let left = if self.g_scene().is_some() { left } else { 0 };
+        let end = self.n_gather().min(first.gather + left).max(first.gather);
         for index in first.gather..end {
-            if let Some(GatherQuery { direction, weight }) = self.gather_query(path, surface, index) {
-                batch.push(scene.leave(surface, direction, f64::INFINITY, None), GKind::Gather, weight);
+            if let Some(query) = self.gather_query(path, surface, index)
+                && self.ask_gather(surface, &query, batch, tracer) == Answer::Blocked
+            {
+                batch.forget_from(mark);
+                return Answer::Blocked;
             }
         }
-        let gather = Part { entries: shadow.entries.end..batch.entry_count(), rays: first.gather..end };
-        Stage::TakeGRays(Place { surface: *surface, shadow, gather })
+        let gather = Part { places: from..batch.gathers.len() as u32, rays: first.gather..end };
+        Answer::Exact(Stage::TakeGRays(Place { surface: *surface, shadow, gather }))
     }
 
-    /// Takes what these rays brought. Blocked when any of them was: nothing is taken then.
-    pub(super) fn take<T: Tracer>(
+    /// Asks whether anything stands between a surface and the place that a query names.
+    fn ask_shadow(
+        &self,
+        (path, surface): (&Path, &SurfaceInteraction),
+        query: &ShadowQuery,
+        batch: &mut GBatch,
+    ) {
+        let ShadowQuery { direction, distance, front, light } = *query;
+        let start = match path.origin {
+            Origin::Camera | Origin::Mirror => Start::Near,
+            Origin::Scattered { .. } => Start::Scattered,
+        };
+        let Some(scene) = self.g_scene() else {
+            let ray = surface.ray_to(direction, distance, front);
+            return batch.push_shadow(Some((ray, start)), None, light);
+        };
+        let near = scene.near_length(surface, direction).map(|near| {
+            let (end, front) = if near < distance { (near, None) } else { (distance, front) };
+            (surface.ray_to(direction, end, front), start)
+        });
+        let rest = scene.leave(surface, direction, distance, front);
+        batch.push_shadow(near, rest.map(|ray| scene.g_ray(&ray, GKind::Shadow).0), light);
+    }
+
+    /// Asks for a gather ray in the voxels, once it has left the mesh.
+    fn ask_gather<T: Tracer>(
+        &self,
+        surface: &SurfaceInteraction,
+        &GatherQuery { direction, weight }: &GatherQuery,
+        batch: &mut GBatch,
+        tracer: &mut T,
+    ) -> Answer<()> {
+        let scene = self.g_scene().expect("gather rays in batches have voxels");
+        let Answer::Exact((near, mirrors, ray)) = self.gathered_near(scene, surface, direction, tracer)
+        else {
+            return Answer::Blocked;
+        };
+        batch.push_gather(scene, ray, GatherLeg::new(weight, mirrors, near));
+        Answer::Exact(())
+    }
+
+    /// Takes what these rays brought. Blocked when any of them was: nothing is taken then. Where gather rays go on from
+    /// mirrors, these are asked, and all that is left of the gather rays is taken when they have ended.
+    pub(super) fn take(
         &self,
         kind: RayKind,
         path: &mut Path,
-        (place, batch): (&Place, &GBatch),
-        tracer: &mut T,
+        place: &Place,
+        GBatches { asked, answered, .. }: &mut GBatches,
     ) -> Answer<Stage> {
         let Place { surface, shadow, gather } = place;
-        let answer = |ray: Option<u32>| ray.map(|ray| batch.answer(ray));
-        if batch
-            .entries(shadow)
-            .iter()
-            .any(|&(ray, _)| answer(ray).is_some_and(|(_, found)| found.is_blocked()))
+        let is_blocked = |leg: &GatherLeg| leg.asked.is_some_and(|ray| answered.answer(ray).is_blocked());
+        if answered.shadows[shadow.range()].iter().any(|ray| answered.occluded(ray) == Answer::Blocked)
+            || answered.gathers[gather.range()].iter().any(is_blocked)
         {
             return Answer::Blocked;
         }
-        let scene = self.g_scene().expect("batches have voxels");
-        let mut gathered = [Gathered::NOTHING; RAYS_ASKED_MAX];
-        for (&(ray, _), gathered) in batch.entries(gather).iter().zip(&mut gathered) {
-            let Some((ray, found)) = answer(ray) else { continue };
-            let Answer::Exact(found) = found.surface() else { return Answer::Blocked };
-            match scene.gather(*ray, Some(found), self.world, scene.no_mirrors(), tracer) {
-                Answer::Exact(found) => *gathered = found,
-                Answer::Blocked => return Answer::Blocked,
-            }
-        }
-        for &(ray, light) in batch.entries(shadow) {
+        for ray in &answered.shadows[shadow.range()] {
             path.sample.rays.count(kind);
-            if answer(ray).is_none_or(|(_, found)| found.is_nothing()) {
-                path.gain(light);
+            if answered.occluded(ray) == Answer::Exact(false) {
+                path.gain(ray.light);
             }
         }
         if shadow.rays.end < self.n_shadow() {
             return Answer::Exact(Stage::Shadow { surface: *surface, index: shadow.rays.end });
         }
-        for (&(_, weight), found) in batch.entries(gather).iter().zip(&gathered) {
-            path.sample.rays.gather += found.rays;
-            path.gain_indirect(weight * found.radiance);
+        if self.follow_mirrors(gather, answered, asked) {
+            let end = asked.gathers.len() as u32;
+            let places = end - gather.range().len() as u32..end;
+            let gather = Part { places, rays: gather.rays.clone() };
+            let shadow = Part { places: 0..0, rays: shadow.rays.end..shadow.rays.end };
+            return Answer::Exact(Stage::TakeGRays(Place { surface: *surface, shadow, gather }));
+        }
+        for leg in &answered.gathers[gather.range()] {
+            path.sample.rays.gather += u64::from(leg.near.rays + leg.gathered.rays);
+            path.gain_indirect(leg.weight * (leg.near.radiance + leg.gathered.radiance));
         }
         Answer::Exact(self.after_gather_ray(*surface, gather.rays.end))
+    }
+
+    /// Takes the answers of gather rays. True when any of them goes on from a mirror: all of the part are asked again
+    /// then, those that have ended with nothing to ask.
+    fn follow_mirrors(&self, part: &Part, answered: &mut GBatch, asked: &mut GBatch) -> bool {
+        let Some(scene) = self.g_scene() else { return false };
+        let mut nexts = [None; RAYS_ASKED_MAX];
+        for (place, next) in part.range().zip(&mut nexts) {
+            let mut leg = answered.gathers[place];
+            let Some(ray) = leg.asked.take() else { continue };
+            let found = answered.answer(ray).surface(leg.t_in, scene.subvoxel_side());
+            *next = scene.arrive(&mut leg, found, self.world);
+            answered.gathers[place] = leg;
+        }
+        let goes_on = nexts.iter().any(Option::is_some);
+        if goes_on {
+            for (leg, next) in answered.gathers[part.range()].iter().zip(nexts) {
+                asked.push_gather(scene, next, *leg);
+            }
+        }
+        goes_on
     }
 
     /// The stage that asks again for what a path has asked.

@@ -9,16 +9,17 @@
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
 //! units, rays wait for those that they need; light is kept by the facets of the upper leaves above them.
 
+use super::gather_leg::GatherLeg;
 use super::mirrors::Mirrors;
+use crate::g_stage::{GUnits, GView};
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
 use crate::scene::method::Near;
 use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
-use crate::shading::light::Lights;
 use crate::shading::surface::SurfaceInteraction;
-use crate::trace::{Answer, Ray, Tracer, UnitPages};
-use crate::voxel::{LeafHit, LowerScene, VoxelScene, VoxelSurface};
+use crate::trace::Ray;
+use crate::voxel::{GKind, GRay, LeafHit, LowerScene, VoxelScene, VoxelSurface};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
 
@@ -39,26 +40,7 @@ pub(crate) struct GScene<'a> {
     pub(crate) answers_g_rays: bool,
 }
 
-/// The yield of a gather ray.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Gathered {
-    /// Radiance; lamps that no mirror shows are left out.
-    pub(crate) radiance: Vec3,
-    pub(crate) rays: u64,
-}
-
-impl Gathered {
-    /// Of a ray of which nothing is left.
-    pub(super) const NOTHING: Gathered = Gathered { radiance: Vec3::ZERO, rays: 0 };
-
-    /// Adds radiance that so many more rays have brought.
-    pub(super) fn add(&mut self, radiance: Vec3, rays: u64) {
-        self.radiance += radiance;
-        self.rays += rays;
-    }
-}
-
-impl<'a> GScene<'a> {
+impl GScene<'_> {
     /// Length of the part of a ray from `surface` in unit `direction` that the mesh answers; `None` for none.
     pub(crate) fn near_length(&self, surface: &SurfaceInteraction, direction: DVec3) -> Option<f64> {
         let leaf = self.lower.map_or(self.voxels.leaf_side(), |lower| lower.leaf_side());
@@ -72,12 +54,23 @@ impl<'a> GScene<'a> {
         self.lower.map_or(self.voxels.clearance(normal), |lower| lower.clearance(normal))
     }
 
-    /// True when `ray` meets any voxel.
-    pub(crate) fn occluded<T: Tracer>(&self, ray: &Ray, tracer: &mut T) -> Answer<bool> {
+    /// How rays see the octree.
+    pub(crate) fn view(&self) -> GView {
+        let units = self.lower.map_or(GUnits::None, |lower| GUnits::On(lower.missing()));
+        GView { occluders: self.voxels.occluders(), units }
+    }
+
+    /// The ray as the G-stage takes it, and its distance to the cube.
+    pub(super) fn g_ray(&self, ray: &Ray, kind: GKind) -> (GRay, f64) {
         match &self.lower {
-            Some(lower) => lower.occluded(ray, &mut UnitPages(tracer)),
-            None => Answer::Exact(self.voxels.occluded(ray)),
+            Some(lower) => lower.g_ray(ray, kind),
+            None => self.voxels.g_ray(ray, kind),
         }
+    }
+
+    /// Side of the subvoxels of gather rays, model units.
+    pub(super) fn subvoxel_side(&self) -> f64 {
+        self.lower.map_or(self.voxels.subvoxel_side(), |lower| lower.subvoxel_side())
     }
 
     /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it
@@ -117,63 +110,38 @@ impl<'a> GScene<'a> {
         if waits { Mirrors::NONE_WAITING } else { Mirrors::NONE }
     }
 
-    /// The radiance that arrives along `ray`, which has followed `mirrors`: the light that leaves the first leaf,
-    /// which may be known; through mirrors; else the sky.
-    pub(crate) fn gather<T: Tracer>(
+    /// Adds what a leg of a gather ray brings which has `found` a surface, or nothing: the light that leaves the
+    /// leaf, else the sky. The next leg, if it goes on from a mirror.
+    pub(super) fn arrive(
         &self,
-        ray: Ray,
-        mut first: Option<Option<VoxelSurface>>,
-        world: &'a World,
-        mirrors: Mirrors,
-        tracer: &mut T,
-    ) -> Answer<Gathered> {
-        let materials = &world.materials;
-        let meet = |ray: &Ray| match (first.take(), &self.lower) {
-            (Some(known), _) => Answer::Exact(known.map(|surface| surface.face(ray, materials))),
-            (None, Some(lower)) => lower.leaf_hit(ray, materials, &mut UnitPages(tracer)),
-            (None, None) => {
-                let found = self.voxels.intersect(ray);
-                Answer::Exact(found.map(|found| self.voxels.surface(&found).face(ray, materials)))
-            }
+        leg: &mut GatherLeg,
+        found: Option<VoxelSurface>,
+        world: &World,
+    ) -> Option<Ray> {
+        let GatherLeg { ray, mirrors, gathered, .. } = leg;
+        let lights = &world.lights;
+        let found = found.map(|surface| surface.face(ray, &world.materials));
+        let direction = DVec3::from(ray.direction);
+        let end = found.map_or(f64::INFINITY, |hit| (hit.point - DVec3::from(ray.origin)).dot(direction));
+        let (lamp, emitted) = if mirrors.is_none() {
+            (None, Vec3::ZERO)
+        } else {
+            let clear = |normal| self.clearance(normal);
+            (lights.seen_in_voxels(ray, end, clear), lights.emitted_in_voxels(ray, end, clear))
         };
-        self.collect(ray, &world.lights, mirrors, meet)
-    }
-
-    /// The light that leaves the leaves which `meet` gives.
-    fn collect(
-        &self,
-        mut ray: Ray,
-        lights: &Lights,
-        mut mirrors: Mirrors,
-        mut meet: impl FnMut(&Ray) -> Answer<Option<LeafHit<'a>>>,
-    ) -> Answer<Gathered> {
-        let (mut radiance, mut rays) = (Vec3::ZERO, 0);
-        loop {
-            let Answer::Exact(found) = meet(&ray) else { return Answer::Blocked };
-            rays += 1;
-            let direction = DVec3::from(ray.direction);
-            let end = found.map_or(f64::INFINITY, |hit| (hit.point - DVec3::from(ray.origin)).dot(direction));
-            let (lamp, emitted) = if mirrors.is_none() {
-                (None, Vec3::ZERO)
-            } else {
-                let clear = |normal| self.clearance(normal);
-                (lights.seen_in_voxels(&ray, end, clear), lights.emitted_in_voxels(&ray, end, clear))
-            };
-            let Some(hit) = found.filter(|_| lamp.is_none()) else {
-                radiance += mirrors.throughput * lamp.unwrap_or(lights.sky());
-                break;
-            };
-            radiance += mirrors.throughput * (self.leaving(&hit) + emitted);
-            if !mirrors.follow(&ray, hit.material) {
-                break;
-            }
-            let direction = direction.reflect(hit.normal);
-            ray = match &self.lower {
-                Some(lower) => lower.ray_from_leaf(&hit, direction),
-                None => self.voxels.ray_from_leaf(&hit, direction),
-            };
+        let Some(hit) = found.filter(|_| lamp.is_none()) else {
+            gathered.add(mirrors.throughput * lamp.unwrap_or(lights.sky()));
+            return None;
+        };
+        gathered.add(mirrors.throughput * (self.leaving(&hit) + emitted));
+        if !mirrors.follow(ray, hit.material) {
+            return None;
         }
-        Answer::Exact(Gathered { radiance, rays })
+        let direction = direction.reflect(hit.normal);
+        Some(match &self.lower {
+            Some(lower) => lower.ray_from_leaf(&hit, direction),
+            None => self.voxels.ray_from_leaf(&hit, direction),
+        })
     }
 
     /// The radiance that leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.

@@ -11,12 +11,13 @@
 //! (`near = exact`), and units for the voxels that it meets, so it can be blocked by few pages.
 
 use super::context::RenderContext;
-use super::g_scene::{GScene, Gathered};
+use super::g_scene::GScene;
+use super::gather_leg::Gathered;
 use super::mirrors::Mirrors;
 use super::path_state::{GatherRay, Path, Stage};
 use crate::sampler::Decision;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
-use crate::trace::{Answer, Tracer};
+use crate::trace::{Answer, Ray, Tracer};
 use glam::{DVec3, Vec3};
 
 /// The direction of a gather ray, and what a radiance from there counts.
@@ -27,27 +28,13 @@ pub(super) struct GatherQuery {
 }
 
 impl RenderContext<'_> {
-    /// One gather ray: through the voxels, or on its way through the mesh.
-    pub(super) fn gather_step<T: Tracer>(
-        &self,
-        path: &mut Path,
-        surface: &SurfaceInteraction,
-        index: u32,
-        tracer: &mut T,
-    ) -> Answer<Stage> {
-        if let Some(GatherQuery { direction, weight }) = self.gather_query(path, surface, index) {
-            let Some(voxels) = self.g_scene() else {
-                let (surface, ray) = (*surface, surface.ray_to(direction, f64::INFINITY, None));
-                let gather = GatherRay { surface, index, ray, weight, mirrors: Mirrors::NONE };
-                return Answer::Exact(Stage::GatherRay(gather));
-            };
-            let Answer::Exact(found) = self.gathered_along(voxels, surface, direction, tracer) else {
-                return Answer::Blocked;
-            };
-            path.sample.rays.gather += found.rays;
-            path.gain_indirect(weight * found.radiance);
-        }
-        Answer::Exact(self.after_gather_ray(*surface, index + 1))
+    /// One gather ray, on its way through the mesh.
+    pub(super) fn gather_step(&self, path: &Path, surface: &SurfaceInteraction, index: u32) -> Stage {
+        let Some(GatherQuery { direction, weight }) = self.gather_query(path, surface, index) else {
+            return self.after_gather_ray(*surface, index + 1);
+        };
+        let (surface, ray) = (*surface, surface.ray_to(direction, f64::INFINITY, None));
+        Stage::GatherRay(GatherRay { surface, index, ray, weight, mirrors: Mirrors::NONE })
     }
 
     /// Gather ray `index` of a surface; `None` where it could bring nothing.
@@ -64,14 +51,15 @@ impl RenderContext<'_> {
         (weight.max_element() > 0.0).then_some(GatherQuery { direction: sample.wi, weight })
     }
 
-    /// Radiance that arrives at a surface from unit `direction`.
-    fn gathered_along<T: Tracer>(
+    /// The part of a gather ray that the mesh answers, with `near = exact`, over mirrors there: what it has brought,
+    /// the mirrors behind it, and the ray on through the voxels, unless it has ended.
+    pub(super) fn gathered_near<T: Tracer>(
         &self,
         voxels: &GScene<'_>,
         surface: &SurfaceInteraction,
         mut direction: DVec3,
         tracer: &mut T,
-    ) -> Answer<Gathered> {
+    ) -> Answer<(Gathered, Mirrors, Option<Ray>)> {
         let mut mirrors = voxels.no_mirrors();
         let (world, mut surface) = (self.world, *surface);
         let mut gathered = Gathered::NOTHING;
@@ -81,27 +69,22 @@ impl RenderContext<'_> {
             let hit = hit.map(|hit| HitPoint::from(&hit));
             let lamp = mirrors.lamp(&world.lights, &ray, hit.map_or(near, |hit| hit.t));
             if let Some(radiance) = lamp {
-                gathered.add(mirrors.throughput * radiance, 1);
-                return Answer::Exact(gathered);
+                gathered.add(mirrors.throughput * radiance);
+                return Answer::Exact((gathered, mirrors, None));
             }
             let Some(hit) = hit else { break };
             let met = SurfaceInteraction::new(&ray, &hit);
             let material = self.material(&met);
             let is_front = hit.normal.as_dvec3().dot(direction) < 0.0;
             let brought = voxels.leaving_surface(&met, material).unwrap_or(Vec3::ZERO);
-            gathered.add(mirrors.throughput * (brought + mirrors.emitted(material, is_front)), 1);
+            gathered.add(mirrors.throughput * (brought + mirrors.emitted(material, is_front)));
             if !mirrors.follow(&ray, material) {
-                return Answer::Exact(gathered);
+                return Answer::Exact((gathered, mirrors, None));
             }
             direction = direction.reflect(met.normal);
             surface = met;
         }
-        if let Some(ray) = voxels.leave(&surface, direction, f64::INFINITY, None) {
-            let Answer::Exact(rest) = voxels.gather(ray, None, world, mirrors, tracer) else {
-                return Answer::Blocked;
-            };
-            gathered.add(rest.radiance, rest.rays);
-        }
-        Answer::Exact(gathered)
+        let rest = voxels.leave(&surface, direction, f64::INFINITY, None);
+        Answer::Exact((gathered, mirrors, rest))
     }
 }

@@ -10,8 +10,10 @@
 //!
 //! Invariants: 1. with `lod_error` 0 voxels are never asked here; 2. a hit says which form answered.
 
-use super::c_ray::{CRayHit, FarRay};
+use super::c_ray::{AskedFar, CRayHit, FarRay};
 use super::context::RenderContext;
+use super::g_batch::GBatches;
+use super::g_scene::GScene;
 use super::path_state::{Origin, Path};
 use crate::trace::{Answer, Hit, Ray, Tracer};
 
@@ -64,24 +66,20 @@ impl RenderContext<'_> {
         FarRay::new(ray, from.min(ray.t_max))
     }
 
-    /// The first thing that one C-ray meets, whatever answers it.
-    pub(super) fn closest_alone<T: Tracer>(
-        &self,
-        ray: &Ray,
-        path: &Path,
-        tracer: &mut T,
-    ) -> Answer<Option<CRayHit>> {
-        match self.closest(ray, path, tracer) {
-            Closest::Blocked => Answer::Blocked,
-            Closest::Known(hit) => Answer::Exact(hit),
-            Closest::Far(far) => Answer::Exact(self.far_hit(&far)),
-        }
+    /// Asks for a ray behind the cut.
+    pub(super) fn ask_far(&self, far: FarRay, batches: &mut GBatches) -> AskedFar {
+        batches.asked.push_far(self.far_scene(), far)
     }
 
-    /// The hit of a ray behind the cut.
-    pub(super) fn far_hit(&self, far: &FarRay) -> Option<CRayHit> {
-        let voxels = &self.voxels.as_ref().expect("what is far is in voxels").voxels;
-        far.hit(voxels, voxels.intersect(&far.ray).map(|hit| voxels.unlit_surface(&hit)))
+    /// The hit of a ray behind the cut: in the resident octree, so it is never blocked.
+    pub(super) fn far_hit(&self, asked: &AskedFar, batches: &GBatches) -> Option<CRayHit> {
+        let (voxels, answer) = (&self.far_scene().voxels, batches.answered.answer(asked.place));
+        assert!(!answer.is_blocked(), "the upper octree is resident");
+        asked.far.hit(voxels, answer.surface(asked.t_in, voxels.subvoxel_side()))
+    }
+
+    fn far_scene(&self) -> &GScene<'_> {
+        self.voxels.as_ref().expect("what is far is in voxels")
     }
 
     /// Parameter from which on voxels answer the C-ray at hand; infinite where the mesh does to its end.

@@ -18,7 +18,9 @@ mod g_batch;
 mod g_rays;
 mod g_scene;
 mod gather;
+mod gather_leg;
 mod lod;
+mod mesh_rays;
 mod mirrors;
 mod path;
 mod path_state;
@@ -28,7 +30,7 @@ mod sample_integrator;
 mod together;
 
 pub(crate) use context::RenderContext;
-pub(crate) use g_batch::{GBatches, rays_asked};
+pub(crate) use g_batch::{GBatches, RAYS_ASKED_MAX, RaysAsked, rays_asked};
 pub(crate) use path_state::{Path, Sample};
 pub(crate) use sample_integrator::{SampleIntegrator, Step};
 pub(crate) use together::Together;

@@ -3,7 +3,7 @@
 //! Invariants: 1. it holds all that a retry needs, so a path gives the same bytes however often it was blocked; 2. each
 //! ray is counted once, when it was answered; 3. a path has at most `BOUNCES_MAX` bounces (`roulette.rs`).
 
-use super::c_ray::FarRay;
+use super::c_ray::AskedFar;
 use super::g_batch::Place;
 use super::mirrors::Mirrors;
 use super::roulette::survives;
@@ -76,7 +76,13 @@ pub(crate) enum Stage {
     /// The part of a C-ray behind the cut has been asked in a batch.
     TakeFar {
         ray: Ray,
-        far: FarRay,
+        far: AskedFar,
+    },
+    /// As `TakeFar`, of the ray through the pixel's centre.
+    TakeLayer(AskedFar),
+    /// A ray from the camera has been asked of the voxels, which are drawn as they are.
+    TakeShown {
+        ray: Ray,
         place: u32,
     },
     /// Shadow and gather rays have been asked in a batch.
@@ -121,6 +127,16 @@ pub(crate) enum Origin {
         from: SurfaceInteraction,
         pdf: f64,
     },
+}
+
+impl Stage {
+    /// True when rays have been asked in a batch: the path waits for their answers.
+    pub(super) fn asks(&self) -> bool {
+        matches!(
+            self,
+            Stage::TakeFar { .. } | Stage::TakeLayer(_) | Stage::TakeShown { .. } | Stage::TakeGRays(_)
+        )
+    }
 }
 
 impl Origin {

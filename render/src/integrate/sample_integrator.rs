@@ -12,19 +12,19 @@ use super::context::RenderContext;
 use super::debug::{DebugPages, DebugVoxels};
 use super::direct::Direct;
 use super::final_gather::FullGi;
-use super::g_batch::{GBatches, rays_asked};
+use super::g_batch::{GBatches, RaysAsked, rays_asked};
 use super::g_rays::FirstRays;
+use super::g_scene::GScene;
 use super::lod::{Closest, behind};
 use super::path::PathTracing;
-use super::path_state::{Origin, Path, Sample, ShadowQuery, Stage};
+use super::path_state::{Origin, Path, Sample, Stage};
 use super::photon::PhotonMapping;
 use super::together::Together;
 use super::{CRays, Integrator};
-use crate::g_stage::CpuStage;
+use crate::g_stage::{GStage, GView};
 use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::method::Method;
-use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
 use glam::Vec3;
@@ -112,78 +112,35 @@ impl<'a> SampleIntegrator<'a> {
     }
 
     /// Most rays that a sample asks for at a time.
-    pub(crate) fn rays_asked(&self) -> usize {
+    pub(crate) fn rays_asked(&self) -> RaysAsked {
         rays_asked(&self.ctx.world.settings)
     }
 
-    /// True when any rays are asked in batches.
-    pub(crate) fn has_batches(&self) -> bool {
-        self.ctx.voxels.is_some()
-    }
-
-    /// The G-stage on the processor for what is asked here; `None` where nothing is.
-    pub(crate) fn cpu_stage(&self) -> Option<CpuStage<'a>> {
-        self.ctx.voxels.as_ref().map(|scene| CpuStage::new(scene.voxels, scene.lower))
+    /// How rays see the voxels; `None` for a model without.
+    pub(crate) fn g_view(&self) -> Option<GView> {
+        self.ctx.voxels.as_ref().map(GScene::view)
     }
 
     /// Takes the sample as far as the answers go: to its end, or to the next ray that is blocked, or to rays that it
-    /// asks of `batches`, where there are any.
+    /// asks of `batches`.
     ///
     /// # Panics
     /// When the sample is finished already.
-    pub(crate) fn step<T: Tracer>(
-        &self,
-        path: &mut Path,
-        tracer: &mut T,
-        mut batches: Option<&mut GBatches>,
-    ) -> Step {
-        let (ctx, integrator) = (&self.ctx, self.integrator);
+    pub(crate) fn step<T: Tracer>(&self, path: &mut Path, tracer: &mut T, batches: &mut GBatches) -> Step {
         loop {
             let stage = std::mem::replace(&mut path.stage, Stage::Done);
-            let next = match (&stage, batches.as_deref_mut()) {
-                (Stage::Layers, _) => self.layers_step(path, tracer),
-                (Stage::CRay(ray), all) => self.c_ray_step(path, ray, tracer, all),
-                (Stage::Met { ray, cut, found }, all) => {
-                    Answer::Exact(self.c_ray_met(path, ray, behind(ray, *cut, *found), all))
-                }
-                (Stage::Shadow { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let first = FirstRays { surface, shadow: *index, gather: 0 };
-                    Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
-                }
-                (Stage::Gather { surface, index }, Some(all)) if ctx.batches_g_rays() => {
-                    let shadow = ctx.n_shadow();
-                    let first = FirstRays { surface, shadow, gather: *index };
-                    Answer::Exact(ctx.ask(integrator, path, first, &mut all.asked))
-                }
-                (Stage::Shadow { surface, index }, _) => self.shadow_step(path, surface, *index, tracer),
-                (Stage::Gather { surface, index }, _) => ctx.gather_step(path, surface, *index, tracer),
-                (Stage::TakeFar { ray, far, place }, Some(all)) => {
-                    let voxels = &ctx.voxels.as_ref().expect("batches have voxels").voxels;
-                    let hit = far.hit(voxels, all.answered.far_answer(*place));
-                    Answer::Exact(self.c_ray_end(path, ray, hit))
-                }
-                (Stage::TakeGRays(place), Some(all)) => {
-                    match ctx.take(integrator.shadow_kind(), path, (place, &all.answered), tracer) {
-                        Answer::Blocked => {
-                            path.stage = ctx.ask_again(place);
-                            return Step::Blocked;
-                        }
-                        stage => stage,
-                    }
-                }
-                (Stage::GatherRay(gather), _) => ctx.gather_ray_step(path, gather, tracer),
-                (Stage::Bounce(surface), _) => Answer::Exact(integrator.bounce(ctx, path, surface)),
-                (Stage::TakeFar { .. } | Stage::TakeGRays(_), None) => panic!("answers without a batch"),
-                (Stage::Done, _) => panic!("a finished sample was asked again"),
-            };
-            match next {
+            match self.next(path, &stage, tracer, batches) {
                 Answer::Blocked => {
-                    path.stage = stage;
+                    path.stage = match stage {
+                        Stage::TakeGRays(place) => self.ctx.ask_again(&place),
+                        Stage::TakeShown { ray, .. } => Stage::CRay(ray),
+                        stage => stage,
+                    };
                     return Step::Blocked;
                 }
                 Answer::Exact(Stage::Done) => return Step::Done(path.sample),
                 Answer::Exact(stage) => {
-                    let asks = matches!(stage, Stage::TakeFar { .. } | Stage::TakeGRays(_));
+                    let asks = stage.asks();
                     path.stage = stage;
                     if asks {
                         return Step::Asks;
@@ -193,15 +150,61 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// Takes the sample as far as the answers go, with rays asked one by one.
+    /// The stage after `stage`.
+    fn next<T: Tracer>(
+        &self,
+        path: &mut Path,
+        stage: &Stage,
+        tracer: &mut T,
+        batches: &mut GBatches,
+    ) -> Answer<Stage> {
+        let (ctx, integrator) = (&self.ctx, self.integrator);
+        Answer::Exact(match stage {
+            Stage::Layers => return self.layers_step(path, tracer, batches),
+            Stage::CRay(ray) => return self.c_ray_step(path, ray, tracer, batches),
+            Stage::Met { ray, cut, found } => self.c_ray_met(path, ray, behind(ray, *cut, *found), batches),
+            Stage::Shadow { surface, index } => {
+                let first = FirstRays { surface, shadow: *index, gather: 0 };
+                return ctx.ask(integrator, path, first, (batches, tracer));
+            }
+            Stage::Gather { surface, index } if ctx.g_scene().is_some() => {
+                let first = FirstRays { surface, shadow: ctx.n_shadow(), gather: *index };
+                return ctx.ask(integrator, path, first, (batches, tracer));
+            }
+            Stage::Gather { surface, index } => ctx.gather_step(path, surface, *index),
+            Stage::TakeFar { ray, far } => self.c_ray_end(path, ray, ctx.far_hit(far, batches)),
+            Stage::TakeLayer(far) => self.layers_end(path, ctx.far_hit(far, batches)),
+            Stage::TakeShown { place, .. } => {
+                return ctx.take_shown(path, batches.answered.answer(*place));
+            }
+            Stage::TakeGRays(place) => return ctx.take(integrator.shadow_kind(), path, place, batches),
+            Stage::GatherRay(gather) => return ctx.gather_ray_step(path, gather, tracer),
+            Stage::Bounce(surface) => integrator.bounce(ctx, path, surface),
+            Stage::Done => panic!("a finished sample was asked again"),
+        })
+    }
+
+    /// Takes the sample as far as the answers go, with rays asked one by one: in batches of one, which `g_stage`
+    /// answers, where there are voxels.
     ///
     /// # Panics
     /// When the sample is finished already.
-    pub(crate) fn advance<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Sample> {
-        match self.step(path, tracer, None) {
-            Step::Blocked => Answer::Blocked,
-            Step::Done(sample) => Answer::Exact(sample),
-            Step::Asks => unreachable!("there is no batch to ask"),
+    pub(crate) fn advance<T: Tracer>(
+        &self,
+        path: &mut Path,
+        tracer: &mut T,
+        g_stage: &dyn GStage,
+    ) -> Answer<Sample> {
+        let mut batches = GBatches::of_one();
+        loop {
+            match self.step(path, tracer, &mut batches) {
+                Step::Blocked => return Answer::Blocked,
+                Step::Done(sample) => return Answer::Exact(sample),
+                Step::Asks => {
+                    batches.turn(tracer);
+                    batches.ask_stage((g_stage, self.g_view()), tracer);
+                }
+            }
         }
     }
 
@@ -212,15 +215,26 @@ impl<'a> SampleIntegrator<'a> {
         self.ctx.world.projection.ray(x + f64::from(dx), y + f64::from(dy))
     }
 
-    fn layers_step<T: Tracer>(&self, path: &mut Path, tracer: &mut T) -> Answer<Stage> {
+    fn layers_step<T: Tracer>(
+        &self,
+        path: &mut Path,
+        tracer: &mut T,
+        batches: &mut GBatches,
+    ) -> Answer<Stage> {
         let [x, y] = path.pixel.map(|x| f64::from(x) + 0.5);
         let ray = self.ctx.world.projection.ray(x, y);
-        let Answer::Exact(hit) = self.ctx.closest_alone(&ray, path, tracer) else {
-            return Answer::Blocked;
-        };
+        Answer::Exact(match self.ctx.closest(&ray, path, tracer) {
+            Closest::Blocked => return Answer::Blocked,
+            Closest::Known(hit) => self.layers_end(path, hit),
+            Closest::Far(far) => Stage::TakeLayer(self.ctx.ask_far(far, batches)),
+        })
+    }
+
+    /// The stage after the ray through the pixel's centre.
+    fn layers_end(&self, path: &mut Path, hit: Option<CRayHit>) -> Stage {
         path.sample.rays.count(RayKind::Primary);
         path.sample.layers = Some(self.layer_pixel(hit));
-        Answer::Exact(Stage::CRay(self.primary_ray(path)))
+        Stage::CRay(self.primary_ray(path))
     }
 
     /// What the layers show where a ray from the camera has ended.
@@ -237,12 +251,11 @@ impl<'a> SampleIntegrator<'a> {
         path: &mut Path,
         ray: &Ray,
         tracer: &mut T,
-        batches: Option<&mut GBatches>,
+        batches: &mut GBatches,
     ) -> Answer<Stage> {
-        match self.integrator.c_rays() {
-            CRays::Upper => return Answer::Exact(self.ctx.upper_shown(path, ray)),
-            CRays::Finest => return self.ctx.finest_shown(path, ray, tracer),
-            CRays::Mesh => {}
+        let c_rays = self.integrator.c_rays();
+        if c_rays != CRays::Mesh {
+            return Answer::Exact(self.ctx.ask_shown(ray, c_rays, &mut batches.asked));
         }
         match self.ctx.closest(ray, path, tracer) {
             Closest::Blocked => Answer::Blocked,
@@ -251,20 +264,11 @@ impl<'a> SampleIntegrator<'a> {
     }
 
     /// The stage once it is known what a C-ray meets, or where.
-    fn c_ray_met(
-        &self,
-        path: &mut Path,
-        ray: &Ray,
-        closest: Closest,
-        batches: Option<&mut GBatches>,
-    ) -> Stage {
-        match (closest, batches) {
-            (Closest::Known(hit), _) => self.c_ray_end(path, ray, hit),
-            (Closest::Far(far), None) => self.c_ray_end(path, ray, self.ctx.far_hit(&far)),
-            (Closest::Far(far), Some(batches)) => {
-                Stage::TakeFar { ray: *ray, far, place: batches.asked.push_far(&far) }
-            }
-            (Closest::Blocked, _) => unreachable!("a blocked ray has met nothing"),
+    fn c_ray_met(&self, path: &mut Path, ray: &Ray, closest: Closest, batches: &mut GBatches) -> Stage {
+        match closest {
+            Closest::Known(hit) => self.c_ray_end(path, ray, hit),
+            Closest::Far(far) => Stage::TakeFar { ray: *ray, far: self.ctx.ask_far(far, batches) },
+            Closest::Blocked => unreachable!("a blocked ray has met nothing"),
         }
     }
 
@@ -278,46 +282,5 @@ impl<'a> SampleIntegrator<'a> {
             path.sample.layers = Some(self.layer_pixel(hit));
         }
         self.integrator.c_ray_end(&self.ctx, path, ray, hit)
-    }
-
-    fn shadow_step<T: Tracer>(
-        &self,
-        path: &mut Path,
-        surface: &SurfaceInteraction,
-        index: u32,
-        tracer: &mut T,
-    ) -> Answer<Stage> {
-        if let Some(query) = self.integrator.shadow_query(&self.ctx, path, surface, index) {
-            let Answer::Exact(occluded) = self.occluded(surface, &query, tracer) else {
-                return Answer::Blocked;
-            };
-            path.sample.rays.count(self.integrator.shadow_kind());
-            if !occluded {
-                path.gain(query.light);
-            }
-        }
-        Answer::Exact(self.ctx.after_shadow_ray(*surface, index + 1))
-    }
-
-    /// Answers whether anything stands between a surface and the place that a query names.
-    fn occluded<T: Tracer>(
-        &self,
-        surface: &SurfaceInteraction,
-        query: &ShadowQuery,
-        tracer: &mut T,
-    ) -> Answer<bool> {
-        let ShadowQuery { direction, distance, front, .. } = *query;
-        let Some(voxels) = self.ctx.g_scene() else {
-            return tracer.occluded(&surface.ray_to(direction, distance, front));
-        };
-        if let Some(near) = voxels.near_length(surface, direction) {
-            let (end, front) = if near < distance { (near, None) } else { (distance, front) };
-            match tracer.occluded(&surface.ray_to(direction, end, front)) {
-                Answer::Exact(false) => {}
-                answer => return answer,
-            }
-        }
-        let on = voxels.leave(surface, direction, distance, front);
-        on.map_or(Answer::Exact(false), |ray| voxels.occluded(&ray, tracer))
     }
 }

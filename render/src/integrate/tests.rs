@@ -4,6 +4,7 @@ mod path;
 
 use super::context::RenderContext;
 use super::sample_integrator::SampleIntegrator;
+use crate::g_stage::CpuStage;
 use crate::scene::method::Method;
 use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, World};
@@ -94,8 +95,8 @@ impl Case {
         let (mut sum, mut rays) = (0.0, RayCounts::default());
         let integrator = SampleIntegrator::new(RenderContext::from_mesh(&world));
         for index in 0..count {
-            let Answer::Exact(sample) = integrator.advance(&mut integrator.start([0, 0], index), &mut mesh)
-            else {
+            let mut path = integrator.start([0, 0], index);
+            let Answer::Exact(sample) = integrator.advance(&mut path, &mut mesh, &CpuStage::default()) else {
                 panic!("the naive mesh has all its pages");
             };
             sum += f64::from(sample.radiance[0]);

@@ -12,13 +12,14 @@
 
 use super::irradiance::{PhotonMap, PhotonPass};
 use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler, send_in_passes};
+use crate::g_stage::{GCall, GRays, GStage, GUnits, GView};
 use crate::sampler::Sampler;
 use crate::scene::world::World;
 use crate::shading::bsdf::Bsdf;
 use crate::shading::light::PhotonSources;
 use crate::stats::PhotonStats;
-use crate::trace::Ray;
-use crate::voxel::{VoxelHit, VoxelScene};
+use crate::trace::{NoPages, Ray};
+use crate::voxel::{GKind, VoxelScene, VoxelSurface};
 use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use std::ops::{ControlFlow, Range};
@@ -34,6 +35,8 @@ pub(crate) struct VoxelPhotons<'a> {
     pub(crate) world: &'a World,
     pub(crate) bounds: &'a Aabb,
     pub(crate) voxels: VoxelScene<'a>,
+    /// What answers their rays.
+    pub(crate) g_stage: &'a dyn GStage,
     pub(crate) pool: &'a ThreadPool,
     pub(crate) budget: &'a Budget,
 }
@@ -45,12 +48,12 @@ struct Photon {
     flux: Vec3,
 }
 
-/// Photons side by side; a worker's, at most [`BATCH`], too small for the ledger.
+/// Photons side by side, each with its ray and how far that starts from the cube; a worker's, at most [`BATCH`], too
+/// small for the ledger.
 #[derive(Debug, Default)]
 struct Flock {
-    photons: Vec<Photon>,
-    rays: Vec<Ray>,
-    hits: Vec<Option<VoxelHit>>,
+    photons: Vec<(Photon, Ray, f64)>,
+    rays: GRays,
 }
 
 /// A pass in work.
@@ -167,35 +170,42 @@ impl VoxelPhotons<'_> {
         stats: &mut PhotonStats,
     ) {
         stats.photons += indices.end - indices.start;
-        let Flock { photons, rays, hits } = flock;
-        photons.clear();
-        rays.clear();
+        flock.photons.clear();
         for index in indices {
             if let Some((photon, ray)) = self.start(index, sources) {
-                photons.push(photon);
-                rays.push(ray);
+                flock.photons.push((photon, ray, 0.0));
             }
         }
         for vertex in 0..=BOUNCES_MAX {
-            stats.rays += rays.len() as u64;
-            hits.clear();
-            hits.resize(rays.len(), None);
-            self.voxels.intersect_batch(rays, hits);
-            let mut kept = 0;
-            for at in 0..rays.len() {
-                let Some(hit) = &hits[at] else { continue };
-                let mut photon = photons[at];
-                if let Some(ray) = self.bounce((&mut photon, vertex), (&rays[at], hit), pass, stats) {
-                    (photons[kept], rays[kept]) = (photon, ray);
-                    kept += 1;
-                }
-            }
-            photons.truncate(kept);
-            rays.truncate(kept);
-            if rays.is_empty() {
+            stats.rays += flock.photons.len() as u64;
+            self.ask(flock);
+            let Flock { photons, rays } = &mut *flock;
+            let mut answers = rays.answers().iter();
+            photons.retain_mut(|(photon, ray, t_in)| {
+                let answer = answers.next().expect("an answer for each ray");
+                let found = answer.surface(*t_in, self.voxels.subvoxel_side());
+                let next = found.and_then(|found| self.bounce((photon, vertex), (ray, &found), pass, stats));
+                next.inspect(|next| *ray = *next).is_some()
+            });
+            if photons.is_empty() {
                 return;
             }
         }
+    }
+
+    /// Has the G-stage answer the rays of all photons.
+    fn ask(&self, flock: &mut Flock) {
+        let Flock { photons, rays } = flock;
+        rays.clear();
+        for (_, ray, t_in) in photons {
+            let asked;
+            (asked, *t_in) = self.voxels.g_ray(ray, GKind::Photon);
+            rays.push(asked);
+        }
+        let view = GView { occluders: self.voxels.occluders(), units: GUnits::None };
+        let call = GCall { view, parts: vec![std::mem::take(rays)] };
+        let mut answered = self.g_stage.submit(call, &mut NoPages).wait();
+        *rays = answered.parts.pop().expect("a call comes back whole");
     }
 
     /// A photon as it leaves its light.
@@ -211,11 +221,11 @@ impl VoxelPhotons<'_> {
     fn bounce(
         &self,
         (photon, vertex): (&mut Photon, u32),
-        (ray, hit): (&Ray, &VoxelHit),
+        (ray, found): (&Ray, &VoxelSurface),
         pass: &PhotonPass,
         stats: &mut PhotonStats,
     ) -> Option<Ray> {
-        let hit = self.voxels.leaf_hit(ray, hit, &self.world.materials);
+        let hit = found.face(ray, &self.world.materials);
         let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: -DVec3::from(ray.direction) };
         if keeps_light(bsdf.material) {
             pass.add(hit.facet, photon.flux);

@@ -9,8 +9,15 @@
 //! in the order in which they came; 3. a worker without room for more tiles that wait for pages takes its own alone.
 
 use super::job::Job;
+use crate::g_stage::GNeeds;
+use crate::integrate::RAYS_ASKED_MAX;
 use std::collections::VecDeque;
 use std::sync::Mutex;
+
+/// Samples whose rays make a batch, if each asks for all that a path may.
+pub(super) fn batch_samples(needs: &GNeeds) -> usize {
+    needs.batch_rays.div_ceil(RAYS_ASKED_MAX)
+}
 
 /// Tiles whose G-rays wait.
 #[derive(Default)]

@@ -53,11 +53,10 @@ impl Job {
         };
         // The samples of a pixel together: rays that are alike are neighbours.
         let pending: Vec<_> = (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect();
-        let rays = pending.len() * integrator.rays_asked();
         Job {
             tile,
             home,
-            samples: Samples::new(pending, rays),
+            samples: Samples::new(pending, integrator.rays_asked()),
             radiances: vec![[0.0; 3]; (count * pixels) as usize],
             indirect: vec![[0.0; 3]; (count * pixels) as usize],
             layers: vec![],

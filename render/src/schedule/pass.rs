@@ -21,13 +21,13 @@
 //! nor, but to defer it, while [`PARKED_MAX`] of its own wait for pages; 3. a tile's samples reach the film all
 //! together or not at all, so a stopped pass leaves a film that can go on.
 
-use super::g_queue::GQueue;
+use super::g_queue::{GQueue, batch_samples};
 use super::job::{JOB_SAMPLES_MAX, Job};
 use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
-use crate::g_stage::{BATCH_SAMPLES, CpuStage};
+use crate::g_stage::GNeeds;
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
-use crate::integrate::{GBatches, Together};
+use crate::integrate::{RaysAsked, Together};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::ThreadPool;
@@ -130,18 +130,27 @@ impl Pass {
 }
 
 /// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted; samples ask for so many
-/// rays at a time.
-pub(crate) fn pass_bytes(resolution: [u32; 2], worker_count: usize, rays_asked: usize) -> u64 {
-    // A batch, and a tile that it is over by: in the queue, where each worker may add one, and in each worker's hands.
-    let in_queue = BATCH_SAMPLES + worker_count * JOB_SAMPLES_MAX;
-    let in_hands = worker_count * (BATCH_SAMPLES + JOB_SAMPLES_MAX);
-    let sample_bytes = Job::bytes() as usize / JOB_SAMPLES_MAX + GBatches::bytes(rays_asked);
-    // Once a worker parks a batch that others began, beside the one in its hands; while a tile takes its answers, it
+/// rays at a time, of a stage with these needs.
+pub(crate) fn pass_bytes(
+    resolution: [u32; 2],
+    worker_count: usize,
+    rays_asked: RaysAsked,
+    needs: &GNeeds,
+) -> u64 {
+    let batch = batch_samples(needs);
+    // A batch, and a tile that it is over by: in the queue, where each worker may add one; in each worker's hands, and
+    // as many more as it has calls under way.
+    let in_queue = batch + worker_count * JOB_SAMPLES_MAX;
+    let in_hands = needs.calls * worker_count * (batch + JOB_SAMPLES_MAX);
+    let sample_bytes = Job::bytes() as usize / JOB_SAMPLES_MAX;
+    // Once a worker parks the batches that others began, beside those in its hands; while a tile takes its answers, it
     // asks again.
-    let parked = worker_count * (BATCH_SAMPLES + JOB_SAMPLES_MAX) * (Job::bytes() as usize / JOB_SAMPLES_MAX);
-    let again = worker_count * GBatches::bytes(JOB_SAMPLES_MAX * rays_asked);
-    let asking =
-        (in_queue + in_hands) * sample_bytes + parked + again + CpuStage::bytes(in_hands * rays_asked);
+    let parked = in_hands * sample_bytes;
+    let again = worker_count * rays_asked.times(JOB_SAMPLES_MAX).bytes();
+    let asking = (in_queue + in_hands) * (sample_bytes + rays_asked.bytes())
+        + parked
+        + again
+        + in_hands * rays_asked.voxel * needs.ray_bytes;
     let at_worker = (PARKED_MAX + 1) as u64 * Job::bytes() + Together::bytes(JOB_SAMPLES_MAX);
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution) + worker_count as u64 * at_worker + asking as u64

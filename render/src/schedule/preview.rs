@@ -112,8 +112,7 @@ impl Grid {
         let start =
             |(slot, (pixel, _)): (u32, &Taken)| Pending::new(slot, work.integrator.start_preview(*pixel));
         let pending: Vec<Pending> = (0..).zip(&*taken).map(start).collect();
-        let asked = pending.len() * work.integrator.rays_asked();
-        Samples::new(pending, asked).finish(work, tracer, together, |slot, sample| {
+        Samples::new(pending, work.integrator.rays_asked()).finish(work, tracer, together, |slot, sample| {
             rays.add(&sample.rays);
             let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3::ZERO };
             taken[slot as usize].1 = (radiance, sample.layers.unwrap_or(LayerPixel::NOTHING));

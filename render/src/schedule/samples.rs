@@ -2,29 +2,27 @@
 //!
 //! ```text
 //! begin: rays from the camera as one
-//! go on: each sample on until it asks for G-rays, ends or is blocked; the G-stage answers; and again
+//! go on: each sample on until it asks for shadow or gather rays, ends or is blocked; the mesh answers what is asked of
+//!        it, the G-stage the rest; and again
 //! ```
 //!
 //! Invariant: a sample comes to the same bytes as alone.
 
 use crate::g_stage::GStage;
-use crate::integrate::{GBatches, Path, RenderContext, Sample, SampleIntegrator, Step, Together};
-use crate::trace::{Tracer, UnitPages};
-use std::sync::Arc;
+use crate::integrate::{GBatches, Path, RaysAsked, RenderContext, Sample, SampleIntegrator, Step, Together};
+use crate::trace::Tracer;
 
 /// What takes samples: the integrator, and what answers its G-rays.
-#[derive(Clone)]
+#[derive(Clone, Copy)]
 pub(crate) struct SampleWork<'a> {
     pub(crate) integrator: SampleIntegrator<'a>,
-    /// `None` where no ray asks voxels.
-    pub(crate) g_stage: Option<Arc<dyn GStage + 'a>>,
+    pub(crate) g_stage: &'a dyn GStage,
 }
 
 impl<'a> SampleWork<'a> {
-    /// The integrator that the world of `ctx` asks for, its G-rays answered on the processor.
-    pub(crate) fn on_cpu(ctx: RenderContext<'a>) -> SampleWork<'a> {
-        let integrator = SampleIntegrator::new(ctx);
-        SampleWork { integrator, g_stage: integrator.cpu_stage().map(|stage| Arc::new(stage) as _) }
+    /// The integrator that the world of `ctx` asks for; `g_stage` has the octree, where there is one.
+    pub(crate) fn new(ctx: RenderContext<'a>, g_stage: &'a dyn GStage) -> SampleWork<'a> {
+        SampleWork { integrator: SampleIntegrator::new(ctx), g_stage }
     }
 }
 
@@ -54,9 +52,10 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Samples that ask for `rays` at most, all together.
-    pub(super) fn new(pending: Vec<Pending>, rays: usize) -> Samples {
-        Samples { pending, batches: GBatches::with_room(rays), asks: false }
+    /// Samples that ask for `rays` at most each.
+    pub(super) fn new(pending: Vec<Pending>, rays: RaysAsked) -> Samples {
+        let batches = GBatches::with_room(rays.times(pending.len()));
+        Samples { pending, batches, asks: false }
     }
 
     /// Begins an attempt: traces the rays from the camera of all samples together.
@@ -82,20 +81,42 @@ impl Samples {
         self.begin(&work.integrator, tracer, together);
         loop {
             self.go_on(&work.integrator, tracer, &mut finish);
-            let Some(g_stage) = work.g_stage.as_ref().filter(|_| self.asks) else { break };
-            g_stage.answer(&mut [self.batches.turn()], &mut UnitPages(tracer));
+            if !self.asks {
+                break;
+            }
+            self.batches.ask_stage((work.g_stage, work.integrator.g_view()), tracer);
         }
         self.batches.clear();
         assert!(self.pending.is_empty(), "a preview waits for nothing");
     }
 
-    /// Takes all samples as far as the answers go; those that are done go to `finish` with their slots. True when any
-    /// ray was answered.
+    /// Takes all samples as far as the answers go, those of the mesh included; those that are done go to `finish` with
+    /// their slots. True when any ray was answered.
     pub(super) fn go_on<T: Tracer>(
         &mut self,
         integrator: &SampleIntegrator<'_>,
         tracer: &mut T,
         mut finish: impl FnMut(u32, &Sample),
+    ) -> bool {
+        let mut has_advanced = false;
+        loop {
+            has_advanced |= self.step(integrator, tracer, &mut finish);
+            if !self.asks {
+                return has_advanced;
+            }
+            self.batches.turn(tracer);
+            if self.batches.waits_for_stage() {
+                return has_advanced;
+            }
+        }
+    }
+
+    /// Takes all samples to what they ask next.
+    fn step<T: Tracer>(
+        &mut self,
+        integrator: &SampleIntegrator<'_>,
+        tracer: &mut T,
+        finish: &mut impl FnMut(u32, &Sample),
     ) -> bool {
         let Samples { pending, batches, asks } = self;
         *asks = false;
@@ -105,7 +126,7 @@ impl Samples {
                 return true;
             }
             let before = path.answered();
-            let step = integrator.step(path, tracer, integrator.has_batches().then_some(&mut *batches));
+            let step = integrator.step(path, tracer, batches);
             has_advanced |= path.answered() > before;
             match step {
                 Step::Blocked => *is_blocked = true,

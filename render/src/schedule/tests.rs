@@ -4,6 +4,7 @@
 mod g_stage;
 
 use super::*;
+use crate::g_stage::CpuStage;
 use crate::image::encode::write_exr;
 use crate::image::film::Layers;
 use crate::integrate::{RenderContext, SampleIntegrator};
@@ -66,7 +67,8 @@ fn render<T: PagedTracer + Send>(method: Method, tracers: &mut [T], targets: &[u
     let tiles = Tiles::z_curve(RESOLUTION);
     let mut stats = PassStats::default();
     for &target in targets {
-        let work = TileWork { samples: SampleWork { integrator, g_stage: None }, tiles: &tiles };
+        let work =
+            TileWork { samples: SampleWork { integrator, g_stage: &CpuStage::default() }, tiles: &tiles };
         stats.add(&render_pass(&work, &mut film, tracers, target, &|| false));
         assert_eq!(film.samples(), target);
     }
@@ -314,7 +316,8 @@ impl PagedTracer for Counting {
 fn a_stopped_pass_leaves_a_film_that_goes_on() {
     let world = world(Method::Direct);
     let tiles = Tiles::z_curve(RESOLUTION);
-    let samples = SampleWork { integrator: integrator(&world), g_stage: None };
+    let g_stage = CpuStage::default();
+    let samples = SampleWork { integrator: integrator(&world), g_stage: &g_stage };
     let work = TileWork { samples, tiles: &tiles };
     let mut film = Film::new(RESOLUTION, LAYERS, &Budget::unlimited()).unwrap();
     let asked = AtomicU32::new(0);

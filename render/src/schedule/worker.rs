@@ -2,22 +2,26 @@
 //! wait for pages, and tries these again.
 //!
 //! ```text
-//! a batch waits for the G-stage -> take it
+//! a call is answered            -> its tiles on
+//! a batch waits for the G-stage -> hand it over
 //! else                          -> C-rays of the next tile
-//! no tile to begin              -> what waits for the G-stage, however little; then a round over what is parked
+//! no tile to begin              -> what waits for the G-stage, however little; then wait for calls under way; then a
+//!                                  round over what is parked
 //! ```
 //!
-//! Invariants: 1. a worker parks at most [`PARKED_MAX`] tiles and, once, those of a batch that others began; 2. a tile
-//! with finished samples is never begun anew; 3. a tile's samples reach the film all together or not at all.
+//! Invariants: 1. a worker parks at most [`PARKED_MAX`] tiles and, once, those of the calls that others began; 2. a
+//! tile with finished samples is never begun anew; 3. a tile's samples reach the film all together or not at all; 4.
+//! a worker has at most as many calls under way as the stage asks for, and none when its piece is over.
 
-use super::g_queue::GQueue;
+use super::g_queue::{GQueue, batch_samples};
 use super::job::Job;
 use super::samples::{Pending, SampleWork};
+use crate::g_stage::{GCall, GTurn};
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
 use crate::integrate::Together;
 use crate::stats::PassStats;
-use crate::trace::{Advance, Answer, PagedTracer, Retry, UnitPages, WAIT};
+use crate::trace::{Advance, Answer, PagedTracer, Retry, WAIT};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -74,6 +78,13 @@ pub(super) struct Piece<'a> {
     pub(super) finished: AtomicU32,
 }
 
+/// Tiles whose G-rays the stage has.
+struct UnderWay {
+    began: Instant,
+    turn: GTurn,
+    jobs: Vec<Job>,
+}
+
 /// A worker of a piece, at work.
 pub(super) struct Worker<'a, T> {
     piece: &'a Piece<'a>,
@@ -81,6 +92,8 @@ pub(super) struct Worker<'a, T> {
     number: usize,
     tracer: &'a mut T,
     lane: &'a mut Lane,
+    /// The oldest first.
+    under_way: VecDeque<UnderWay>,
     together: Together,
     retry: Retry,
     /// True when any ray was answered since the round began.
@@ -103,7 +116,7 @@ impl Piece<'_> {
 
     /// Samples of a batch of the G-stage.
     fn batch_samples(&self) -> usize {
-        self.work.samples.g_stage.as_ref().map_or(usize::MAX, |stage| stage.batch_samples())
+        batch_samples(&self.work.samples.g_stage.needs())
     }
 
     /// True when the G-stage should have what waits for it: a batch, or all that is wanted of this piece.
@@ -142,8 +155,8 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         tracer: &'a mut T,
         lane: &'a mut Lane,
     ) -> Worker<'a, T> {
-        let (together, retry, has_advanced, stats) = Default::default();
-        Worker { piece, number, tracer, lane, together, retry, has_advanced, stats }
+        let (under_way, together, retry, has_advanced, stats) = Default::default();
+        Worker { piece, number, tracer, lane, under_way, together, retry, has_advanced, stats }
     }
 
     /// True when more tiles may come to wait for pages.
@@ -156,8 +169,13 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         PassStats { waits: self.retry.waits, ..self.stats }
     }
 
-    /// Works until the pass or the piece is over.
+    /// Works until the pass or the piece is over, and no call is under way.
     pub(super) fn work(&mut self) {
+        self.work_on();
+        while self.collect() {}
+    }
+
+    fn work_on(&mut self) {
         // Pages have come since the last piece.
         if self.lane.is_narrow {
             self.narrow();
@@ -165,7 +183,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             self.round();
         }
         while !self.piece.is_over() {
-            if self.piece.has_batch() && self.answer_batch() {
+            if self.collect_answered() || self.piece.has_batch() && self.submit_batch() {
                 continue;
             }
             let has_room = self.has_room();
@@ -174,7 +192,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
                 self.begin(job);
                 continue;
             }
-            if self.answer_batch() {
+            if self.submit_batch() || self.collect() {
                 continue;
             }
             if self.lane.parked.is_empty() {
@@ -201,10 +219,11 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
             let Some(job) = self.lane.parked.pop_front() else { return };
             self.begin(job);
             if self.piece.has_batch() {
-                self.answer_batch();
+                self.submit_batch();
             }
         }
-        while self.piece.queue.tiles() > 0 && !self.piece.is_over() && self.answer_batch() {}
+        let waits = |worker: &Self| worker.piece.queue.tiles() > 0 || !worker.under_way.is_empty();
+        while waits(self) && !self.piece.is_over() && (self.submit_batch() || self.collect()) {}
     }
 
     /// Takes the samples of a tile through their C-rays.
@@ -236,20 +255,52 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         }
     }
 
-    /// Takes a batch of tiles through the G-stage, or what there is of one; false when there is nothing.
-    fn answer_batch(&mut self) -> bool {
+    /// Hands a batch of tiles to the G-stage, or what there is of one; false when there is nothing. Where the stage
+    /// has as many calls as it wants, one of them is waited for first.
+    fn submit_batch(&mut self) -> bool {
         let Piece { queue, workers, work, .. } = self.piece;
-        let Some(g_stage) = &work.samples.g_stage else { return false };
+        let (g_stage, Some(view)) = (work.samples.g_stage, work.samples.integrator.g_view()) else {
+            return false;
+        };
+        if self.under_way.len() >= g_stage.needs().calls {
+            self.collect();
+        }
         let own_alone = (self.lane.parked.len() >= PARKED_MAX).then_some(self.number);
         let mut jobs = queue.take(self.piece.batch_samples(), *workers, own_alone);
         if jobs.is_empty() {
             return false;
         }
         self.tracer.begin_tile();
-        let mut asked: Vec<_> = jobs.iter_mut().map(|job| job.samples.batches.turn()).collect();
-        self.stats.g_stage.add(&g_stage.answer(&mut asked, &mut UnitPages(self.tracer)));
+        let parts = jobs.iter_mut().map(|job| job.samples.batches.take_rays()).collect();
+        let call = GCall { view, parts };
+        self.stats.g_stage.add(&call.counted());
+        let began = Instant::now();
+        let turn = g_stage.submit(call, self.tracer.lend_pages());
         self.tracer.request_missing();
-        for job in jobs {
+        self.under_way.push_back(UnderWay { began, turn, jobs });
+        self.collect_answered();
+        true
+    }
+
+    /// Goes on with the tiles of a call that is answered; false when there is none.
+    fn collect_answered(&mut self) -> bool {
+        let at = self.under_way.iter_mut().position(|call| call.turn.is_answered());
+        at.is_some_and(|at| self.take_answers(at))
+    }
+
+    /// Goes on with the tiles of a call, and waits for the oldest where none is answered; false when none is under way.
+    fn collect(&mut self) -> bool {
+        self.collect_answered() || !self.under_way.is_empty() && self.take_answers(0)
+    }
+
+    /// Goes on with the tiles of call `at`; true.
+    fn take_answers(&mut self, at: usize) -> bool {
+        let UnderWay { began, turn, jobs } = self.under_way.remove(at).expect("it is under way");
+        let answered = turn.wait();
+        self.stats.g_stage.time_ns += began.elapsed().as_nanos() as u64;
+        assert_eq!(answered.parts.len(), jobs.len(), "a call comes back whole");
+        for (mut job, rays) in jobs.into_iter().zip(answered.parts) {
+            job.samples.batches.put_back(rays);
             self.tracer.begin_tile();
             self.go_on(job);
         }
@@ -262,10 +313,10 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         lane.is_narrow = false;
         let Some(job) = lane.parked.front_mut() else { return };
         let Pending { slot, mut path, .. } = job.samples.pending.remove(0);
-        let integrator = &piece.work.samples.integrator;
+        let SampleWork { integrator, g_stage } = &piece.work.samples;
         let advance = |tracer: &mut T| {
             let before = path.answered();
-            match integrator.advance(&mut path, tracer) {
+            match integrator.advance(&mut path, tracer, *g_stage) {
                 Answer::Exact(sample) => {
                     job.finish(slot, &sample);
                     Advance::Done

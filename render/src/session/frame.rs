@@ -83,10 +83,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Shows what is resident by a sample at every `step`-th pixel, and at finer grids while the ladder has a rung for
     /// this frame.
     fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> RayCounts {
-        let Session { world, model, photon_map, film, tracers, pool, .. } = &mut self.session;
+        let Session { world, model, photon_map, film, tracers, pool, g_stage, .. } = &mut self.session;
         let Live { next, display, ladder, options, .. } = &mut self.live;
         let irradiance = irradiance(photon_map.as_ref(), next.as_ref());
-        let work = SampleWork::on_cpu(RenderContext::new(world, model, irradiance).for_preview());
+        let work = SampleWork::new(RenderContext::new(world, model, irradiance).for_preview(), &**g_stage);
         let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
@@ -167,13 +167,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let is_scarce = self.live.is_scarce(&self.session.tracers);
         // Where the pages of all tiles find no room together, each tile that is begun costs those that wait theirs.
         let full = if is_scarce { WhenFull::Wait } else { WhenFull::Defer };
-        let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, .. } =
+        let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, g_stage, .. } =
             &mut self.session;
         let Live { next, pass, block, finished, first_block, .. } = &mut self.live;
         let ctx = RenderContext::new(world, model, irradiance(photon_map.as_ref(), next.as_ref()))
             .with_layers(film.layers())
             .with_photon_tree(photon_tree.as_ref());
-        let work = TileWork { samples: SampleWork::on_cpu(ctx), tiles };
+        let work = TileWork { samples: SampleWork::new(ctx, &**g_stage), tiles };
         let (begin, was_complete) = (Instant::now(), film.samples() > 0);
         let mut total = PassStats::default();
         let mut has_become_complete = false;

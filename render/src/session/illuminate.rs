@@ -55,6 +55,7 @@ impl<T: PagedTracer + Send> Session<T> {
             world: &self.world,
             bounds: &self.model.bounds,
             voxels: voxels.scene(self.view.settings.occluders),
+            g_stage: &*self.g_stage,
             pool: &self.pool,
             budget: &self.budget,
         })

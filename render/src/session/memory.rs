@@ -7,6 +7,7 @@
 //! ```
 
 use super::shares::{SessionFacts, SessionShares};
+use crate::g_stage::CpuStage;
 use crate::image::encode::encoder_bytes;
 use crate::image::film::Layers;
 use crate::image::filter::filter_bytes;
@@ -156,6 +157,7 @@ impl MemoryPlan {
             facets: upper.as_ref().map(|size| size.facet_count as usize),
             materials: file.material_count,
             emitters: file.emitter_count,
+            g_needs: CpuStage::NEEDS,
         };
         let session = SessionShares::new(&settings, &facts);
         Ok(MemoryPlan {

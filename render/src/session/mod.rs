@@ -32,6 +32,7 @@ pub use memory::{MemoryPlan, PictureNeeds};
 
 use shares::{SessionFacts, SessionShares};
 
+use crate::g_stage::{GNeeds, GStage};
 use crate::image::film::{Film, Layers};
 use crate::image::filter::{filter_bytes, smooth};
 use crate::image::tile::Tiles;
@@ -90,13 +91,15 @@ pub struct SessionSetup<T> {
     pub tracers: Vec<T>,
     /// The threads of the workers, at least one a tracer.
     pub pool: WorkerThreads,
+    /// The device that answers rays through the voxels; [`crate::CpuStage`] is the processor.
+    pub g_stage: Box<dyn GStage>,
 }
 
 /// A model, a view of it, and the film that collects its samples. `T` answers rays, one per worker thread.
 ///
 /// ```
 /// use std::ops::ControlFlow;
-/// use trex_render::{Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
+/// use trex_render::{CpuStage, Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
 /// use trex_store::{Aabb, Budget, Material};
 ///
 /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -109,7 +112,8 @@ pub struct SessionSetup<T> {
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;
 /// let view = scene.view(&mut model)?;
 /// let pool = trex_render::WorkerThreads::start(1)?;
-/// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool };
+/// let g_stage = Box::new(CpuStage::default());
+/// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool, g_stage };
 /// let mut session = Session::new(setup, &Budget::unlimited())?;
 /// let stats = session.render(scene.render.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
 /// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
@@ -131,6 +135,8 @@ pub struct Session<T> {
     /// Photons one by one; of `full-gi` alone, once they were sent.
     pub(super) photon_tree: Option<PhotonTree>,
     pub(super) pool: WorkerThreads,
+    /// Has the octree of the model, where there is one.
+    pub(super) g_stage: Box<dyn GStage>,
     pub(super) budget: Budget,
     /// Room of the passes.
     lease: Lease,
@@ -166,19 +172,24 @@ impl<T: PagedTracer + Send> Session<T> {
     /// A session with an empty film.
     ///
     /// # Errors
-    /// Those of [`World::new`]; [`trex_store::Code::MemoryLimit`] when the budget has no room for the film.
+    /// Those of [`World::new`] and [`GStage::set_octree`]; [`trex_store::Code::MemoryLimit`] when the budget has no
+    /// room for the film, or for the batches that the G-stage wants.
     ///
     /// # Panics
     /// When there is no tracer, or not a thread for each.
     pub fn new(setup: SessionSetup<T>, budget: &Budget) -> Result<Session<T>> {
-        let SessionSetup { model, view, layers, tracers, pool } = setup;
+        let SessionSetup { model, view, layers, tracers, pool, mut g_stage } = setup;
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
-        let facts = facts(&model, layers, tracers.len(), false);
+        let workers = Workforce { count: tracers.len(), g_needs: g_stage.needs() };
+        let facts = facts(&model, layers, workers, false);
         let shares = SessionShares::new(&view.settings, &facts);
         let leases = shares.lease(budget)?;
         let resolution = view.settings.resolution;
+        if let Some(voxels) = &model.voxels {
+            g_stage.set_octree(voxels)?;
+        }
         let map = |facets| PhotonMap::in_lease(facets, leases.map);
         Ok(Session {
             model,
@@ -190,6 +201,7 @@ impl<T: PagedTracer + Send> Session<T> {
             photon_map: shares.map_facets.map(map),
             photon_tree: None,
             pool,
+            g_stage,
             budget: budget.clone(),
             lease: leases.passes,
             _model_lease: leases.model,
@@ -198,7 +210,8 @@ impl<T: PagedTracer + Send> Session<T> {
 
     /// What this session leases while its settings are these, in frames or at leisure.
     fn shares(&self, settings: &RenderSettings, layers: Layers, is_live: bool) -> SessionShares {
-        SessionShares::new(settings, &facts(&self.model, layers, self.tracers.len(), is_live))
+        let workers = Workforce { count: self.tracers.len(), g_needs: self.g_stage.needs() };
+        SessionShares::new(settings, &facts(&self.model, layers, workers, is_live))
     }
 
     /// Changes camera, lights or a material.
@@ -269,7 +282,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let ctx = RenderContext::new(&self.world, &self.model, irradiance)
             .with_layers(self.film.layers())
             .with_photon_tree(self.photon_tree.as_ref());
-        let work = TileWork { samples: SampleWork::on_cpu(ctx), tiles: &self.tiles };
+        let work = TileWork { samples: SampleWork::new(ctx, &*self.g_stage), tiles: &self.tiles };
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {
             let target = spp.min(stats.spp + stats.spp.clamp(1, PASS_SAMPLES_MAX));
@@ -327,11 +340,18 @@ impl<T: PagedTracer + Send> Session<T> {
     }
 }
 
+/// Who works for a session.
+struct Workforce {
+    count: usize,
+    g_needs: GNeeds,
+}
+
 /// What decides the shares of a session on `model`, beside its settings.
-fn facts(model: &Model, layers: Layers, workers: usize, is_live: bool) -> SessionFacts {
+fn facts(model: &Model, layers: Layers, workers: Workforce, is_live: bool) -> SessionFacts {
     SessionFacts {
         layers,
-        workers,
+        workers: workers.count,
+        g_needs: workers.g_needs,
         is_live,
         facets: model.voxels.as_ref().map(|voxels| voxels.facet_count()),
         materials: model.materials.len(),

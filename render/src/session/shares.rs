@@ -11,6 +11,7 @@
 //! Not in here, since it is leased while it is used alone: the octree and the tables, which the session borrows; sums
 //! of a pass of photons at leisure; photons of `full-gi`; filter and encoder.
 
+use crate::g_stage::GNeeds;
 use crate::image::display::Display;
 use crate::image::film::{Layers, film_bytes};
 use crate::integrate::rays_asked;
@@ -37,6 +38,8 @@ pub(super) struct SessionFacts {
     pub(super) layers: Layers,
     /// Worker threads.
     pub(super) workers: usize,
+    /// What the G-stage needs.
+    pub(super) g_needs: GNeeds,
     /// True when pictures come in frames with a deadline.
     pub(super) is_live: bool,
     /// Facets of the octree; `None` for a model without.
@@ -83,7 +86,7 @@ pub(super) struct LiveLeases {
 impl SessionShares {
     /// The shares of a session with these settings.
     pub(super) fn new(settings: &RenderSettings, facts: &SessionFacts) -> SessionShares {
-        let SessionFacts { layers, workers, is_live, facets, materials, emitters } = *facts;
+        let SessionFacts { layers, workers, ref g_needs, is_live, facets, materials, emitters } = *facts;
         let resolution = settings.resolution;
         let map_facets = facets.filter(|_| settings.integrator == Method::Photon);
         // Which hold no names. What lights are drawn from is there twice while a state replaces the one before.
@@ -96,7 +99,7 @@ impl SessionShares {
             model_bytes: copies as u64 + 2 * Emitters::bytes(emitters),
             film_bytes: film_bytes(resolution, layers),
             display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
-            pass_bytes: pass_bytes(resolution, workers, rays_asked(settings)),
+            pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs),
             map_facets,
             map_count: match (map_facets, is_live) {
                 (Some(_), true) => MAPS_IN_FRAMES,

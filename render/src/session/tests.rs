@@ -1,7 +1,9 @@
 //! Tests of the session: events, refusals, passes, memory, demand; and a floor with voxels for others.
 
 use super::*;
+use crate::g_stage::CpuStage;
 use crate::image::film::film_bytes;
+use crate::integrate::rays_asked;
 use crate::scene::method::{Filter, Method};
 use crate::scene::settings::RenderKeys;
 use crate::schedule::pass_bytes;
@@ -93,7 +95,8 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
     let tracers = vec![Demanding { mesh, percent }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
-    let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into() };
+    let g_stage = Box::new(CpuStage::default());
+    let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into(), g_stage };
     Session::new(setup, &budget).unwrap()
 }
 
@@ -111,8 +114,14 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let lights = vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [1.0; 3] }];
     let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, seed: 0, ..RenderKeys::default() };
     let view = view([0.0, 0.0, 3.0], 30.0, lights, keys);
-    let setup =
-        SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh; 2], pool: pool(2).into() };
+    let setup = SessionSetup {
+        model,
+        view,
+        layers: Layers::default(),
+        tracers: vec![mesh; 2],
+        pool: pool(2).into(),
+        g_stage: Box::new(CpuStage::default()),
+    };
     Session::new(setup, budget)
 }
 
@@ -311,7 +320,9 @@ fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
 #[test]
 fn a_film_that_does_not_fit_is_refused() {
     let copies = 6 * size_of::<Material>() as u64 + 2 * Emitters::bytes(0);
-    let bytes = pass_bytes([16, 16], 2, 1) + film_bytes([16, 16], Layers::default()) + copies;
+    let asked = rays_asked(&RenderKeys { n_shadow: 1, ..RenderKeys::default() });
+    let passes = pass_bytes([16, 16], 2, asked, &CpuStage::default().needs());
+    let bytes = passes + film_bytes([16, 16], Layers::default()) + copies;
     let limit = trex_store::RESERVE_BYTES + bytes;
     assert!(session(&Budget::new(limit)).is_ok());
     let error = session(&Budget::new(limit - 1)).unwrap_err();

@@ -16,18 +16,18 @@ mod seats;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 mod stack;
-mod unit_pages;
+mod want_list;
 
 pub use answer::{intersect_all, occluded_all};
 pub use arithmetic::Arithmetic;
 pub use naive::{NaiveMesh, NaiveTriangle};
 pub use paged_mesh::PagedMesh;
 pub use paged_tracer::PagedTracer;
+pub(crate) use pages::NoPages;
 pub use pages::{AllResident, Page, Pages};
 pub use pooled::{MeshTracer, PooledPages, pooled_tracers, seated_tracers};
 pub(crate) use retry::{Advance, Retry, WAIT};
 pub use seats::{Seat, Seats};
-pub(crate) use unit_pages::UnitPages;
 
 use glam::DVec3;
 
@@ -103,20 +103,10 @@ pub trait Tracer {
         answers.extend(rays.iter().map(|ray| self.occluded(ray)));
     }
 
-    /// A page of units of the lower octrees. One that is missing is recorded, as those are that block rays. A tracer
-    /// without pages has none.
-    fn unit_page(&mut self, _page: u32) -> Page<'_> {
-        Page::Damaged
+    /// The pages of the worker, for rays through the units of the lower octrees. A tracer without pages has none to be
+    /// had.
+    fn lend_pages(&mut self) -> &mut dyn Pages {
+        // It has no bytes: nothing is allocated, and nothing leaks.
+        Box::leak(Box::new(NoPages))
     }
-
-    /// A page of units, held beside others: see [`Pages::hold`].
-    fn hold_unit_page(&self, _page: u32) -> Option<Page<'_>> {
-        Some(Page::Damaged)
-    }
-
-    /// Records a page of units that was missing when it was to be held.
-    fn want_unit_page(&mut self, _page: u32) {}
-
-    /// Lets go of all pages.
-    fn let_go_unit_pages(&mut self) {}
 }

@@ -1,16 +1,16 @@
-//! `PagedMesh`: the tracer of page files. Chooses the kernel, makes the answer, keeps the list of missing pages.
+//! `PagedMesh`: the tracer of page files. Chooses the kernel, makes the answer, says which missing pages block a ray.
 //!
 //! Error of a hit, in lattice steps: corners as seen from the entry are exact but for the fraction; the refined t is
 //! f64, and it alone decides whether a ray meets the triangle that it left. What is left is the model's own coordinate
 //! rounding, and the kernel's across the ray: 2^-18 of the triangle's size holds both.
 //!
-//! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. `wanted` holds each page once,
-//! with the number of rays that it blocked.
+//! Invariants: 1. an `Exact` answer does not depend on which pages were there; 2. a ray that is Blocked has told its
+//! pages of each missing page that could change its answer, once.
 
 use super::arithmetic::Arithmetic;
 use super::bvh::{Any, Closest, Ended, Found, Goal, Missing, Scene, trace_ray};
 use super::lattice_ray::{LatticeFrame, Refined, Span};
-use super::pages::{Page, Pages};
+use super::pages::Pages;
 use super::scalar::Scalar;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
@@ -30,14 +30,6 @@ pub struct PagedMesh<P> {
     packet: Box<PacketRoom>,
     /// Of the last ray.
     missing: Missing,
-    wanted: Wanted,
-}
-
-/// Pages that blocked rays, each once, and how many rays each blocked.
-struct Wanted {
-    pages: Vec<u32>,
-    /// By page; 0 for one that is not wanted.
-    rays: Vec<u32>,
 }
 
 /// Share of a triangle's size that a surface point may be off its plane for the f32 test.
@@ -66,7 +58,6 @@ impl<P: Pages> PagedMesh<P> {
             #[cfg(target_arch = "x86_64")]
             packet: Default::default(),
             missing: Missing::none(),
-            wanted: Wanted { pages: Vec::new(), rays: vec![0; file.pages().len()] },
         }
     }
 
@@ -83,19 +74,6 @@ impl<P: Pages> PagedMesh<P> {
     /// The pages that rays are traced through.
     pub fn pages_mut(&mut self) -> &mut P {
         &mut self.pages
-    }
-
-    /// Moves the pages that blocked rays since the last call to `into`, with how many rays each blocked.
-    pub fn take_wanted(&mut self, into: &mut Vec<(u32, u32)>) {
-        into.clear();
-        let Wanted { pages, rays } = &mut self.wanted;
-        into.extend(pages.drain(..).map(|page| (page, std::mem::take(&mut rays[page as usize]))));
-    }
-
-    /// Bytes that the list of missing pages of a file of `page_count` pages takes at most: the table, the list, which
-    /// grows by doubling, and what it is moved to.
-    pub(super) fn wanted_bytes(page_count: usize) -> u64 {
-        ((3 * size_of::<u32>() + size_of::<(u32, u32)>()) * page_count) as u64
     }
 
     fn run<G: Goal>(&mut self, ray: &Ray) -> Option<Ended> {
@@ -115,63 +93,52 @@ impl<P: Pages> PagedMesh<P> {
         &mut self,
         rays: &[Ray],
         (outside, answers): (A, &mut Vec<A>),
-        answer: impl Fn(&mut Wanted, &Ray, &Ended, &Missing) -> A,
+        answer: impl Fn(&mut P, &Ray, &Ended, &Missing) -> A,
     ) {
-        let PagedMesh { scene, pages, stack, packet, wanted, .. } = self;
+        let PagedMesh { scene, pages, stack, packet, .. } = self;
         for rays in rays.chunks(PACKET_RAYS) {
             super::simd::packet::<P, G>(scene, pages, stack, rays, packet);
             let first = answers.len();
             answers.resize(first + rays.len(), outside);
             for ((ended, missing), &place) in packet.ended.iter().zip(&packet.missing).zip(&packet.places) {
-                answers[first + place] = answer(wanted, &rays[place], ended, missing);
+                answers[first + place] = answer(pages, &rays[place], ended, missing);
             }
         }
     }
 }
 
-impl Wanted {
-    /// The answer of a ray that asked for the closest hit.
-    fn closest(
-        &mut self,
-        frame: &LatticeFrame,
-        ray: &Ray,
-        Ended { span, found }: &Ended,
-        missing: &Missing,
-    ) -> Answer<Option<Hit>> {
-        let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.refined.t);
-        if missing.count > 0 && missing.nearest <= hit_t {
-            self.note(missing, hit_t);
-            return Answer::Blocked;
-        }
-        let hit = found.as_ref().map(|found| hit(frame, ray, span, found));
-        Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+/// The answer of a ray that asked for the closest hit.
+fn closest(
+    pages: &mut impl Pages,
+    (frame, ray): (&LatticeFrame, &Ray),
+    Ended { span, found }: &Ended,
+    missing: &Missing,
+) -> Answer<Option<Hit>> {
+    let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.refined.t);
+    if missing.count > 0 && missing.nearest <= hit_t {
+        want(pages, missing, hit_t);
+        return Answer::Blocked;
     }
+    let hit = found.as_ref().map(|found| hit(frame, ray, span, found));
+    Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+}
 
-    /// The answer of a ray that asked for any.
-    fn any(&mut self, ended: &Ended, missing: &Missing) -> Answer<bool> {
-        if ended.found.is_some() {
-            return Answer::Exact(true);
-        }
-        if missing.count > 0 {
-            self.note(missing, f64::INFINITY);
-            return Answer::Blocked;
-        }
-        Answer::Exact(false)
+/// The answer of a ray that asked for any.
+fn any(pages: &mut impl Pages, ended: &Ended, missing: &Missing) -> Answer<bool> {
+    if ended.found.is_some() {
+        return Answer::Exact(true);
     }
-
-    fn note(&mut self, missing: &Missing, before: f64) {
-        for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
-            self.add(page);
-        }
+    if missing.count > 0 {
+        want(pages, missing, f64::INFINITY);
+        return Answer::Blocked;
     }
+    Answer::Exact(false)
+}
 
-    /// One ray more that a page blocks.
-    fn add(&mut self, page: u32) {
-        let rays = &mut self.rays[page as usize];
-        if *rays == 0 {
-            self.pages.push(page);
-        }
-        *rays = rays.saturating_add(1);
+/// Tells of the missing pages that begin before a hit.
+fn want(pages: &mut impl Pages, missing: &Missing, before: f64) {
+    for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
+        pages.want(page);
     }
 }
 
@@ -193,37 +160,20 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
 }
 
 impl<P: Pages> Tracer for PagedMesh<P> {
-    #[inline]
-    fn unit_page(&mut self, page: u32) -> Page<'_> {
-        let found = self.pages.page(page);
-        if matches!(found, Page::Missing) {
-            self.wanted.add(page);
-        }
-        found
-    }
-
-    fn hold_unit_page(&self, page: u32) -> Option<Page<'_>> {
-        self.pages.hold(page)
-    }
-
-    fn want_unit_page(&mut self, page: u32) {
-        self.wanted.add(page);
-    }
-
-    fn let_go_unit_pages(&mut self) {
-        self.pages.let_go();
+    fn lend_pages(&mut self) -> &mut dyn Pages {
+        &mut self.pages
     }
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         match self.run::<Closest>(ray) {
-            Some(ended) => self.wanted.closest(&self.scene.frame, ray, &ended, &self.missing),
+            Some(ended) => closest(&mut self.pages, (&self.scene.frame, ray), &ended, &self.missing),
             None => Answer::Exact(None),
         }
     }
 
     fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
         match self.run::<Any>(ray) {
-            Some(ended) => self.wanted.any(&ended, &self.missing),
+            Some(ended) => any(&mut self.pages, &ended, &self.missing),
             None => Answer::Exact(false),
         }
     }
@@ -233,8 +183,8 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(None);
             let frame = self.scene.frame;
-            return self.packets::<_, Closest>(rays, (outside, answers), |wanted, ray, ended, missing| {
-                wanted.closest(&frame, ray, ended, missing)
+            return self.packets::<_, Closest>(rays, (outside, answers), |pages, ray, ended, missing| {
+                closest(pages, (&frame, ray), ended, missing)
             });
         }
         answers.extend(rays.iter().map(|ray| self.intersect(ray)));
@@ -244,8 +194,8 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(false);
-            return self.packets::<_, Any>(rays, (outside, answers), |wanted, _, ended, missing| {
-                wanted.any(ended, missing)
+            return self.packets::<_, Any>(rays, (outside, answers), |pages, _, ended, missing| {
+                any(pages, ended, missing)
             });
         }
         answers.extend(rays.iter().map(|ray| self.occluded(ray)));

@@ -9,7 +9,8 @@ pub trait PagedTracer: Tracer {
     /// that were resident when a ray asked for them should stay, as far as there is room.
     fn begin_tile(&mut self);
 
-    /// Hands the pages recorded since the last call to the loader. Returns how many are awaited.
+    /// Hands the worker's want-list to the loader: see [`Pages::want`](super::Pages::want). Returns how many are
+    /// awaited.
     fn request_missing(&mut self) -> usize;
 
     /// From now on, or no more, a page that is missing is waited for while the ray that asks is on its way, for a

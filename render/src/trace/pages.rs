@@ -13,21 +13,20 @@
 pub enum Page<'a> {
     /// The frame; valid until the next look-up.
     Ready(&'a [u8]),
-    /// The page is not in memory; the tracer records it.
+    /// The page is not in memory: a ray that is blocked by it says so by [`Pages::want`].
     Missing,
     /// The page cannot be had: rays go on as if it were empty, and the damage is reported by the pool.
     Damaged,
 }
 
-/// Pages by id.
+/// Pages by id: those of one worker, lent to whatever traces its rays, on the mesh or in the units.
 pub trait Pages {
     /// Looks `page` up. The frame stays where it is until the next call.
     fn page(&mut self, page: u32) -> Page<'_>;
 
     /// Looks `page` up and holds it beside all that are held: its frame stays where it is as long as it is borrowed.
-    /// One that is missing is recorded by nobody: see [`Pages::want`]. `None` when no more can be held until
-    /// [`Pages::let_go`], which is no answer: whoever needs the page is to ask [`Pages::page`] in the end, which always
-    /// has room for one. So there is no way to wait for room that never comes.
+    /// `None` when no more can be held until [`Pages::let_go`], which is no answer: whoever needs the page is to ask
+    /// [`Pages::page`] in the end, which always has room for one. So there is no way to wait for room that never comes.
     fn hold(&self, _page: u32) -> Option<Page<'_>> {
         None
     }
@@ -35,9 +34,21 @@ pub trait Pages {
     /// Lets go of all pages.
     fn let_go(&mut self) {}
 
-    /// Learns that a ray was blocked by `page`, which was missing when it was to be held: recorded as if it had been
-    /// looked up.
+    /// Learns that `page` was missing and blocked a ray, or made a coarser form stand in: once for each such ray.
     fn want(&mut self, _page: u32) {}
+}
+
+/// The pages of a tracer that has none, and of rays that ask for none.
+pub(crate) struct NoPages;
+
+impl Pages for NoPages {
+    fn page(&mut self, _page: u32) -> Page<'_> {
+        Page::Damaged
+    }
+
+    fn hold(&self, _page: u32) -> Option<Page<'_>> {
+        Some(Page::Damaged)
+    }
 }
 
 impl Pages for &mut dyn Pages {

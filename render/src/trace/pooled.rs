@@ -1,26 +1,25 @@
-//! `PooledPages`: pages from the pool, held by pins of one worker; and what work that waits for pages asks of such a
-//! tracer.
+//! `PooledPages`: the pages of one worker, from the pool: its pins, and its one want-list. The mesh tracer and the
+//! G-stage borrow them.
 //!
 //! A worker pins a page when a ray first needs it and keeps it until its next tile begins, so that a look-up
 //! costs one table access, and a blocked ray finds its pages again. When its share of the frames is used up it
 //! lets all go but the one it needs now.
 //!
-//! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list of a worker holds each
-//! page that blocked a ray, until the page has come or `WANTS_MAX` later ones have been asked for.
+//! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list holds each page that blocked a
+//! ray, whatever traced it, until the page has come or many later ones have been asked for.
 
 use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
 use super::retry::WAIT;
 use super::seats::{Seat, Seats};
+use super::want_list::WantList;
 use std::cell::{Cell, OnceCell};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::pool::{PagePool, PageState, PinToken, Want};
 use trex_store::{PageFile, Result};
 
-/// Most pages that one worker asks for at a time.
-const WANTS_MAX: usize = 512;
 /// Longest that a ray on its way waits for a page: longer than disks take, unless something is wrong with them.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -34,7 +33,7 @@ pub struct PooledPages {
     pin_count: Cell<usize>,
     pins_max: usize,
     seat: Seat,
-    wants: Vec<(u32, u32)>,
+    wants: WantList,
     /// Pages asked for since demand was forgotten, a bit each.
     used: Vec<Cell<u64>>,
     epoch: u64,
@@ -53,7 +52,7 @@ impl PooledPages {
             pin_count: Cell::new(0),
             pins_max,
             seat,
-            wants: Vec::new(),
+            wants: WantList::new(pool.page_count() as usize),
             used: vec![Cell::new(0); (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
             is_patient: false,
@@ -63,8 +62,8 @@ impl PooledPages {
     /// Bytes that one worker's table takes for a file of `page_count` pages.
     pub fn bytes(page_count: usize, pins_max: usize) -> u64 {
         let table = 2 * page_count + page_count / 8;
-        let lists = size_of::<OnceCell<PinToken>>() * pins_max.min(page_count) + 16 * WANTS_MAX;
-        (table + lists) as u64 + PagedMesh::<PooledPages>::wanted_bytes(page_count)
+        let pins = size_of::<OnceCell<PinToken>>() * pins_max.min(page_count);
+        (table + pins + WantList::bytes(page_count)) as u64
     }
 
     fn unpin_all(&mut self) {
@@ -75,24 +74,11 @@ impl PooledPages {
         }
     }
 
-    /// Joins the pages that blocked rays to those still awaited, and hands the list to the pool.
-    fn submit(&mut self, blocked: &mut [(u32, u32)]) -> usize {
-        // Those that block the most rays first: the others are asked for again by the rays that still wait.
-        blocked.sort_unstable_by_key(|&(page, rays)| (std::cmp::Reverse(rays), page));
-        let blocked = &blocked[..blocked.len().min(WANTS_MAX / 2)];
-        let pool = &self.pool;
-        self.wants.retain(|&(page, _)| is_awaited(pool, page));
-        for &(page, rays) in blocked {
-            match self.wants.iter_mut().find(|(wanted, _)| *wanted == page) {
-                Some((_, weight)) => *weight = rays.max(*weight),
-                None => self.wants.push((page, rays)),
-            }
-        }
-        if self.wants.len() > WANTS_MAX {
-            self.wants.drain(..self.wants.len() - WANTS_MAX);
-        }
-        let list: Vec<Want> = self.wants.iter().map(|&(page, weight)| Want { page, weight }).collect();
-        pool.submit(self.seat.number(), &list);
+    /// Hands the want-list to the pool. Gives how many pages are on it.
+    fn submit(&mut self) -> usize {
+        let PooledPages { pool, wants, seat, .. } = self;
+        let list = wants.hand_over(|page| is_awaited(pool, page));
+        pool.submit(seat.number(), list);
         list.len()
     }
 
@@ -169,6 +155,10 @@ impl Pages for PooledPages {
     fn let_go(&mut self) {
         self.unpin_all();
     }
+
+    fn want(&mut self, page: u32) {
+        self.wants.add(page);
+    }
 }
 
 impl Drop for PooledPages {
@@ -189,9 +179,7 @@ impl PagedTracer for PagedMesh<PooledPages> {
     }
 
     fn request_missing(&mut self) -> usize {
-        let mut blocked = Vec::new();
-        self.take_wanted(&mut blocked);
-        self.pages_mut().submit(&mut blocked)
+        self.pages_mut().submit()
     }
 
     fn set_patient(&mut self, is_patient: bool) {
@@ -208,7 +196,6 @@ impl PagedTracer for PagedMesh<PooledPages> {
     }
 
     fn forget_demand(&mut self) {
-        self.take_wanted(&mut Vec::new());
         self.pages_mut().forget();
     }
 }

@@ -9,10 +9,15 @@
 //!
 //! Invariant: answers are those of [`VoxelScene::intersect`] and [`VoxelScene::occluded`], bit for bit.
 
+use super::g_ray::{GAnswer, GRay};
 #[cfg(target_arch = "x86_64")]
 use super::simd::{self, UpperQueue};
-use super::traverse::{VoxelHit, VoxelScene};
+use super::traverse::{Entry, VoxelFound, VoxelHit, VoxelScene};
 use crate::trace::Ray;
+use std::borrow::Borrow;
+
+/// Fewer rays than this go one by one: lanes have to be set up, and take as long for one ray as for all of them.
+const LANE_RAYS_MIN: usize = 12;
 
 /// The count of rays of a batch that go side by side. All widths give the same answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +47,12 @@ impl PacketWidth {
         }
     }
 
+    /// The width for so many rays of the G-stage. A ray alone takes no lanes: its pages are then looked up one by one,
+    /// and waited for there, by whoever waits at all.
+    pub(super) fn for_rays(count: usize) -> PacketWidth {
+        if count < LANE_RAYS_MIN { PacketWidth::One } else { PacketWidth::widest() }
+    }
+
     /// The fastest width that the machine has.
     pub fn widest() -> PacketWidth {
         PacketWidth::ALL.into_iter().rfind(|width| width.is_available()).unwrap_or(PacketWidth::One)
@@ -63,33 +74,42 @@ impl VoxelScene<'_> {
     /// When rays and hits differ in length, or the machine has no such width.
     pub fn intersect_batch_with(&self, width: PacketWidth, rays: &[Ray], hits: &mut [Option<VoxelHit>]) {
         assert_eq!(rays.len(), hits.len(), "a place for each answer");
-        self.answer_batch(width, rays, |ray, hit| hits[ray] = hit);
+        let entry = |ray: usize| self.enter(&rays[ray]);
+        self.walk_batch(width, (rays.len(), entry), |ray, found| {
+            hits[ray] = found.map(|(t_in, found)| self.hit_of(t_in, &found));
+        });
     }
 
-    /// Calls `answer` with the index of each ray and [`VoxelScene::intersect`] of it, in any order.
-    pub(crate) fn each_in_batch(&self, rays: &[Ray], answer: impl FnMut(usize, Option<VoxelHit>)) {
-        self.answer_batch(PacketWidth::widest(), rays, answer);
+    /// Calls `answer` with the index of each ray and [`VoxelScene::answer`] of it, in any order.
+    pub(crate) fn answer_batch<R: Borrow<GRay>>(&self, rays: &[R], mut answer: impl FnMut(usize, GAnswer)) {
+        let width = PacketWidth::for_rays(rays.len());
+        self.walk_batch(width, (rays.len(), |ray: usize| Entry::of(rays[ray].borrow())), |ray, found| {
+            let found = found.map(|(_, found)| found);
+            answer(ray, self.answer_of(rays[ray].borrow().kind(), found.as_ref()));
+        });
     }
 
-    fn answer_batch(
+    /// Walks so many rays, which `entry` gives by index; calls `answer` with the index of each, its distance to the
+    /// cube and what it found.
+    pub(super) fn walk_batch(
         &self,
         width: PacketWidth,
-        rays: &[Ray],
-        mut answer: impl FnMut(usize, Option<VoxelHit>),
+        (count, entry): (usize, impl Fn(usize) -> Option<Entry>),
+        mut answer: impl FnMut(usize, Option<(f64, VoxelFound)>),
     ) {
         assert!(width.is_available(), "{width:?} on a machine without it");
         #[cfg(target_arch = "x86_64")]
-        if simd::fits(self.octree()) {
+        if count > 0 && simd::fits(self.octree()) {
+            let queue = UpperQueue::new(self, (count, &entry), &mut answer);
             match width {
                 PacketWidth::One => {}
-                PacketWidth::Eight => return simd::avx2::walk_all(&mut UpperQueue::new(self, rays, answer)),
-                PacketWidth::Sixteen => {
-                    return simd::avx512::walk_all(&mut UpperQueue::new(self, rays, answer));
-                }
+                PacketWidth::Eight => return simd::avx2::walk_all(&mut { queue }),
+                PacketWidth::Sixteen => return simd::avx512::walk_all(&mut { queue }),
             }
         }
-        for (index, ray) in rays.iter().enumerate() {
-            answer(index, self.intersect(ray));
+        for ray in 0..count {
+            let entry = entry(ray);
+            answer(ray, entry.and_then(|entry| Some((entry.t_in, self.walk(&entry)?))));
         }
     }
 }

@@ -5,23 +5,23 @@
 //!
 //! Invariant: the normal of a [`LeafHit`] is unit, and on the side that the ray came from.
 
-use super::traverse::{VoxelHit, VoxelScene};
+use super::g_ray::GAnswer;
+use super::traverse::VoxelScene;
 use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use trex_store::Material;
-use trex_store::octree::LeafVoxel;
-
-/// The facet of a surface whose light nobody asks for: to find it costs a look far away in memory.
-const NO_FACET: u32 = u32::MAX;
 
 /// The surface in the leaf that a ray has met: all that light asks of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VoxelSurface {
     /// Distance to where the voxel is entered, model units.
     pub(crate) t: f64,
-    /// The facet that keeps its light; [`NO_FACET`] where nobody asks for it.
+    /// The facet that keeps its light; 0 of a ray that does not ask for it.
     pub(crate) facet: u32,
-    pub(crate) leaf: LeafVoxel,
+    /// Mean unit normal; zero where none is known.
+    pub(crate) normal: Vec3,
+    /// Index into the materials.
+    pub(crate) material: u32,
 }
 
 /// The hit of a photon or a gather ray on the voxels.
@@ -34,34 +34,28 @@ pub(crate) struct LeafHit<'a> {
     pub(crate) material: &'a Material,
 }
 
+impl GAnswer {
+    /// The surface that was met, if one was, by a ray that has entered the cube at `t_in`; `subvoxel` is the side of
+    /// its subvoxels.
+    pub(crate) fn surface(&self, t_in: f64, subvoxel: f64) -> Option<VoxelSurface> {
+        let &GAnswer { outcome, t, facet, material, normal, .. } = self;
+        let t = t_in + f64::from(t) * subvoxel;
+        (outcome == GAnswer::MET).then(|| VoxelSurface { t, facet, normal: normal.into(), material })
+    }
+}
+
 impl VoxelSurface {
     /// The surface as `ray`, which has met it, finds it.
     pub(crate) fn face<'a>(&self, ray: &Ray, materials: &'a [Material]) -> LeafHit<'a> {
-        let (normal, direction) = (Vec3::from(self.leaf.normal).as_dvec3(), DVec3::from(ray.direction));
+        let (normal, direction) = (self.normal.as_dvec3(), DVec3::from(ray.direction));
         let facing = normal.dot(direction);
         let normal = if facing == 0.0 { -direction } else { -facing.signum() * normal };
-        let material = &materials[usize::from(self.leaf.material)];
+        let material = &materials[self.material as usize];
         LeafHit { facet: self.facet, point: ray.at(self.t), normal, material }
     }
 }
 
-impl<'a> VoxelScene<'a> {
-    /// The surface in the leaf that a ray has met.
-    pub(crate) fn surface(&self, hit: &VoxelHit) -> VoxelSurface {
-        let (octree, &VoxelHit { t, leaf, node, .. }) = (self.octree(), hit);
-        VoxelSurface { t, facet: octree.facet(node, leaf), leaf: octree.leaf(leaf as usize) }
-    }
-
-    /// The same, but for its light.
-    pub(crate) fn unlit_surface(&self, hit: &VoxelHit) -> VoxelSurface {
-        VoxelSurface { t: hit.t, facet: NO_FACET, leaf: self.octree().leaf(hit.leaf as usize) }
-    }
-
-    /// The surface in the leaf that `ray` has met.
-    pub(crate) fn leaf_hit(&self, ray: &Ray, hit: &VoxelHit, materials: &'a [Material]) -> LeafHit<'a> {
-        self.surface(hit).face(ray, materials)
-    }
-
+impl VoxelScene<'_> {
     /// A ray that leaves a leaf: it starts where no voxel of the plane through any point of the subvoxel can be.
     pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
         let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;

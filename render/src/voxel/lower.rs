@@ -19,11 +19,11 @@
 //! Invariants: 1. an answer that is no stand-in does not depend on which pages were there; 2. no voxel is met that is
 //! no part of one of the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
-use super::leaf::{LeafHit, VoxelSurface};
-use super::traverse::{Cube, Entry, Found, Occluders, VoxelHit, VoxelScene};
+use super::g_ray::{GAnswer, GKind, GRay};
+use super::leaf::LeafHit;
+use super::traverse::{Cube, Entry, Occluders, VoxelFound, VoxelHit, VoxelScene};
 use crate::trace::{Answer, Page, Pages, Ray};
 use glam::DVec3;
-use trex_store::Material;
 use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
 
 /// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by
@@ -60,6 +60,16 @@ pub struct LowerHit {
     pub is_stand_in: bool,
 }
 
+/// The voxel at which a walk through units has ended.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LowerFound {
+    /// Distance of the ray's start to the cube, model units.
+    pub(super) t_in: f64,
+    pub(super) found: VoxelFound,
+    pub(super) lower: Option<LowerLeaf>,
+    pub(super) is_stand_in: bool,
+}
+
 /// A leaf of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LowerLeaf {
@@ -81,8 +91,8 @@ struct Open {
 
 /// The answer of a look below a leaf.
 enum Below {
-    /// The page is not there yet.
-    Missing,
+    /// This page is not there yet.
+    Missing(u32),
     /// Nothing is to be had.
     Never,
     /// The child asked for, if it is there.
@@ -100,7 +110,8 @@ impl<'a> LowerScene<'a> {
         LowerScene { missing, ..self }
     }
 
-    pub(super) fn missing(&self) -> MissingUnits {
+    /// What becomes of rays that meet missing units.
+    pub(crate) fn missing(&self) -> MissingUnits {
         self.missing
     }
 
@@ -135,18 +146,81 @@ impl<'a> LowerScene<'a> {
         Cube { cell, levels: upper.levels + refinement.levels() as u32, ..upper }
     }
 
+    /// Side of a subvoxel of the finest leaves, model units.
+    pub fn subvoxel_side(&self) -> f64 {
+        self.cube().cell
+    }
+
+    /// The ray as batches take it, and its distance to the cube, model units: in subvoxels of the finest leaves for
+    /// kinds that ask units, else in those of the upper octree.
+    pub fn g_ray(&self, ray: &Ray, kind: GKind) -> (GRay, f64) {
+        let cube = if kind.asks_units() { self.cube() } else { self.upper.cube() };
+        cube.g_ray(ray, kind)
+    }
+
     /// The first voxel that the ray meets; blocked where that depends on a page that is missing.
     pub fn intersect(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<Option<LowerHit>> {
-        let cube = self.cube();
-        let Some(entry) = cube.enter(ray) else { return Answer::Exact(None) };
-        match self.walk(&entry, pages) {
+        let Some(entry) = self.cube().enter(ray) else { return Answer::Exact(None) };
+        self.hit_of(self.walk(&entry, pages))
+    }
+
+    /// The hit of a walk.
+    pub(super) fn hit_of(&self, found: Answer<Option<LowerFound>>) -> Answer<Option<LowerHit>> {
+        let cell = self.cube().cell;
+        let hit = |LowerFound { t_in, found, lower, is_stand_in }| {
+            let VoxelFound { t, node, leaf, axis } = found;
+            let t = t_in + f64::from(t) * cell;
+            LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower, is_stand_in }
+        };
+        match found {
             Answer::Blocked => Answer::Blocked,
-            Answer::Exact(found) => Answer::Exact(found.map(|(found, lower, is_stand_in)| {
-                let Found { t, node, leaf, axis } = found;
-                let t = entry.t_in + f64::from(t) * cube.cell;
-                LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower, is_stand_in }
-            })),
+            Answer::Exact(found) => Answer::Exact(found.map(hit)),
         }
+    }
+
+    /// The answer of one ray of [`LowerScene::g_ray`]: what batches and devices are compared with.
+    ///
+    /// # Panics
+    /// When the bits of the ray name no kind.
+    pub fn answer(&self, ray: &GRay, pages: &mut impl Pages) -> GAnswer {
+        if !ray.kind().asks_units() {
+            return self.upper.answer(ray);
+        }
+        let found = Entry::of(ray).map_or(Answer::Exact(None), |entry| self.walk(&entry, pages));
+        self.answer_of(ray.kind(), &found, pages)
+    }
+
+    /// The answer of a ray that asks units and has `found` something, or nothing; where the page of that has gone in
+    /// between blocked, or what the voxel above it says.
+    pub(super) fn answer_of(
+        &self,
+        kind: GKind,
+        found: &Answer<Option<LowerFound>>,
+        pages: &mut impl Pages,
+    ) -> GAnswer {
+        let LowerFound { found, lower, .. } = match found {
+            Answer::Blocked => return GAnswer::bare(GAnswer::BLOCKED),
+            Answer::Exact(None) => return GAnswer::bare(GAnswer::NOTHING),
+            Answer::Exact(Some(found)) => found,
+        };
+        let above = self.upper.answer_of(kind, Some(found));
+        let Some(at) = lower.filter(|_| kind != GKind::Shadow) else { return above };
+        let is_missing = match pages.page(at.page) {
+            Page::Ready(frame) => {
+                return GAnswer::met(
+                    (found.t, found.axis),
+                    above.facet,
+                    &UnitsView::new(frame).leaf(at.leaf),
+                );
+            }
+            Page::Missing => true,
+            Page::Damaged => false,
+        };
+        if is_missing {
+            pages.want(at.page);
+        }
+        let is_blocked = is_missing && self.missing == MissingUnits::Block;
+        if is_blocked { GAnswer::bare(GAnswer::BLOCKED) } else { above }
     }
 
     /// True when the ray meets any voxel; blocked where that depends on a page that is missing.
@@ -157,51 +231,14 @@ impl<'a> LowerScene<'a> {
         }
     }
 
-    /// The surface in the first leaf that `ray` meets.
-    pub(crate) fn leaf_hit(
-        &self,
-        ray: &Ray,
-        materials: &'a [Material],
-        pages: &mut impl Pages,
-    ) -> Answer<Option<LeafHit<'a>>> {
-        let hit = match self.intersect(ray, pages) {
-            Answer::Exact(Some(hit)) => hit,
-            Answer::Exact(None) => return Answer::Exact(None),
-            Answer::Blocked => return Answer::Blocked,
-        };
-        match self.surface(&hit, pages) {
-            Answer::Exact(surface) => Answer::Exact(Some(surface.face(ray, materials))),
-            Answer::Blocked => Answer::Blocked,
-        }
-    }
-
-    /// The surface in the leaf of `hit`; where its page has gone in between blocked, or that of the voxel above it.
-    pub(crate) fn surface(&self, hit: &LowerHit, pages: &mut impl Pages) -> Answer<VoxelSurface> {
-        let upper = self.upper.surface(&hit.upper);
-        let leaf = match hit.lower.map(|at| (at, pages.page(at.page))) {
-            Some((at, Page::Ready(frame))) => UnitsView::new(frame).leaf(at.leaf),
-            Some((_, Page::Missing)) if self.missing == MissingUnits::Block => return Answer::Blocked,
-            Some((_, Page::Missing | Page::Damaged)) | None => return Answer::Exact(upper),
-        };
-        Answer::Exact(VoxelSurface { leaf, ..upper })
-    }
-
     /// The ray that leaves a leaf in unit `direction`: as `VoxelScene::ray_from_leaf`, for the finest voxels.
     pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
         let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;
         Ray::new(origin, direction, f64::INFINITY)
     }
 
-    /// Material of the voxel that was met, for `debug-lower`; the upper leaf's where its page is gone.
-    pub(crate) fn material(&self, hit: &LowerHit, pages: &mut impl Pages) -> u16 {
-        match hit.lower.map(|at| (at, pages.page(at.page))) {
-            Some((at, Page::Ready(frame))) => UnitsView::new(frame).leaf(at.leaf).material,
-            _ => self.upper.octree().material(hit.upper.leaf as usize),
-        }
-    }
-
     /// Walks from the cube's side on.
-    fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<(Found, Option<LowerLeaf>, bool)>> {
+    pub(super) fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<LowerFound>> {
         let octree = self.upper.octree();
         let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());
         let first_link = nodes.len() - octree.last_nodes().len();
@@ -239,11 +276,15 @@ impl<'a> LowerScene<'a> {
                     break (shift, leaf.bitmap);
                 }
                 let below = if level == finest { Below::Never } else { leaf.below(place, pages) };
+                if let Below::Missing(page) = below {
+                    pages.want(page);
+                }
                 match below {
-                    Below::Missing if self.missing == MissingUnits::Block => return Answer::Blocked,
-                    Below::Missing | Below::Never => {
-                        let found = Found { t, node: path[depth - 1], leaf: path[depth], axis };
-                        return Answer::Exact(Some((found, leaf.at, matches!(below, Below::Missing))));
+                    Below::Missing(_) if self.missing == MissingUnits::Block => return Answer::Blocked,
+                    Below::Missing(_) | Below::Never => {
+                        let found = VoxelFound { t, node: path[depth - 1], leaf: path[depth], axis };
+                        let (lower, is_stand_in) = (leaf.at, matches!(below, Below::Missing(_)));
+                        return Answer::Exact(Some(LowerFound { t_in: ray.t_in, found, lower, is_stand_in }));
                     }
                     Below::Child(None) => break (shift, leaf.bitmap),
                     Below::Child(Some(child)) => {
@@ -272,7 +313,7 @@ impl Open {
     fn below(&self, place: u32, pages: &mut impl Pages) -> Below {
         let Some(unit) = self.unit else { return Below::Never };
         let view = match pages.page(unit.page()) {
-            Page::Missing => return Below::Missing,
+            Page::Missing => return Below::Missing(unit.page()),
             Page::Damaged => return Below::Never,
             Page::Ready(frame) => UnitsView::new(frame),
         };

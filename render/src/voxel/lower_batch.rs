@@ -15,13 +15,18 @@
 //! waiting for pages ends when it does one by one.
 
 use super::batch::PacketWidth;
-use super::lower::{LowerHit, LowerScene};
+use super::g_ray::{GAnswer, GRay};
+use super::lower::{LowerFound, LowerHit, LowerScene};
 #[cfg(target_arch = "x86_64")]
 use super::simd::{self, LowerQueue, Outcome};
+use super::traverse::Entry;
 use crate::trace::{Answer, Pages, Ray};
 use trex_store::octree::Refinement;
 
 impl LowerScene<'_> {
+    /// Bytes of what a ray of a batch has found.
+    pub(crate) const FOUND_BYTES: usize = size_of::<Answer<Option<LowerFound>>>();
+
     /// [`LowerScene::intersect`] of each ray, to its place in `answers`. Pages that are there stay held until others
     /// are looked up, so that what is behind a hit can be read.
     ///
@@ -48,23 +53,45 @@ impl LowerScene<'_> {
         answers: &mut [Answer<Option<LowerHit>>],
     ) {
         assert_eq!(rays.len(), answers.len(), "a place for each answer");
-        self.answer_batch(width, rays, pages, |ray, answer| answers[ray] = answer);
+        let cube = self.cube();
+        let entry = |ray: usize| cube.enter(&rays[ray]);
+        let waiting = (0..rays.len() as u32).collect();
+        self.walk_batch(width, (waiting, &entry), pages, |ray, found| answers[ray] = self.hit_of(found));
     }
 
-    fn answer_batch(
+    /// [`LowerScene::answer`] of each ray, to its place in `answers`.
+    pub(crate) fn answer_batch(&self, rays: &[&GRay], pages: &mut impl Pages, answers: &mut [GAnswer]) {
+        let width = PacketWidth::for_rays(rays.len());
+        let (finest, upper): (Vec<u32>, Vec<u32>) =
+            (0..rays.len() as u32).partition(|&ray| rays[ray as usize].kind().asks_units());
+        let entry = |ray: usize| Entry::of(rays[ray]);
+        self.upper().walk_batch(width, (upper.len(), |at: usize| entry(upper[at] as usize)), |at, found| {
+            let ray = upper[at] as usize;
+            answers[ray] = self.upper().answer_of(rays[ray].kind(), found.map(|(_, found)| found).as_ref());
+        });
+        let mut all_found = vec![Answer::Blocked; rays.len()];
+        self.walk_batch(width, (finest, &entry), pages, |ray, found| all_found[ray] = found);
+        for ((ray, found), answer) in rays.iter().zip(&all_found).zip(answers) {
+            if ray.kind().asks_units() {
+                *answer = self.answer_of(ray.kind(), found, pages);
+            }
+        }
+    }
+
+    /// Walks the rays that wait, which `entry` gives by index; calls `answer` with the index of each and what it found.
+    fn walk_batch(
         &self,
         width: PacketWidth,
-        rays: &[Ray],
+        (mut waiting, entry): (Vec<u32>, &impl Fn(usize) -> Option<Entry>),
         pages: &mut impl Pages,
-        mut answer: impl FnMut(usize, Answer<Option<LowerHit>>),
+        mut answer: impl FnMut(usize, Answer<Option<LowerFound>>),
     ) {
         assert!(width.is_available(), "{width:?} on a machine without it");
-        let mut waiting: Vec<u32> = (0..rays.len() as u32).collect();
         #[cfg(target_arch = "x86_64")]
-        if width != PacketWidth::One && simd::fits(self.upper().octree()) {
+        if width != PacketWidth::One && simd::fits(self.upper().octree()) && !waiting.is_empty() {
             // Before the first time others may have left no room.
             for time in 0.. {
-                let crowded = self.walk_lanes(width, (rays, &waiting), pages, &mut answer);
+                let crowded = self.walk_lanes(width, (&waiting, entry), pages, &mut answer);
                 let is_worth_it = time == 0 || 2 * crowded.len() <= waiting.len();
                 waiting = crowded;
                 if waiting.is_empty() {
@@ -76,8 +103,9 @@ impl LowerScene<'_> {
                 }
             }
         }
-        for index in waiting {
-            answer(index as usize, self.intersect(&rays[index as usize], pages));
+        for ray in waiting {
+            let found = entry(ray as usize).map_or(Answer::Exact(None), |entry| self.walk(&entry, pages));
+            answer(ray as usize, found);
         }
     }
 
@@ -86,27 +114,27 @@ impl LowerScene<'_> {
     fn walk_lanes(
         &self,
         width: PacketWidth,
-        (rays, waiting): (&[Ray], &[u32]),
+        (waiting, entry): (&[u32], &impl Fn(usize) -> Option<Entry>),
         pages: &mut impl Pages,
-        answer: &mut impl FnMut(usize, Answer<Option<LowerHit>>),
+        answer: &mut impl FnMut(usize, Answer<Option<LowerFound>>),
     ) -> Vec<u32> {
         let (mut crowded, mut wanted) = (Vec::new(), Vec::new());
         let tell = |ray: u32, outcome| match outcome {
-            Outcome::Hit(hit) => answer(ray as usize, Answer::Exact(Some(hit))),
+            Outcome::Hit(found) => answer(ray as usize, Answer::Exact(Some(found))),
             Outcome::Miss => answer(ray as usize, Answer::Exact(None)),
-            Outcome::Missing(page, hit) => {
+            Outcome::Missing(page, found) => {
                 wanted.push(page);
-                answer(ray as usize, hit.map_or(Answer::Blocked, |hit| Answer::Exact(Some(hit))));
+                answer(ray as usize, found.map_or(Answer::Blocked, |found| Answer::Exact(Some(found))));
             }
             Outcome::Crowded => crowded.push(ray),
         };
         match self.links().refinement() {
             Refinement::None => unreachable!("links lead to finer leaves"),
             Refinement::By4 => {
-                walk_all(width, LowerQueue::<_, 1>::new(self, (rays, waiting), &*pages, tell));
+                walk_all(width, LowerQueue::<_, _, 1>::new(self, (waiting, entry), &*pages, tell));
             }
             Refinement::By16 => {
-                walk_all(width, LowerQueue::<_, 2>::new(self, (rays, waiting), &*pages, tell));
+                walk_all(width, LowerQueue::<_, _, 2>::new(self, (waiting, entry), &*pages, tell));
             }
         }
         wanted.into_iter().for_each(|page| pages.want(page));
@@ -115,9 +143,9 @@ impl LowerScene<'_> {
 }
 
 #[cfg(target_arch = "x86_64")]
-fn walk_all<A: FnMut(u32, Outcome), const FINER: u32>(
+fn walk_all<E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32>(
     width: PacketWidth,
-    mut queue: LowerQueue<'_, A, FINER>,
+    mut queue: LowerQueue<'_, E, A, FINER>,
 ) {
     match width {
         PacketWidth::One => unreachable!("one ray takes no lanes"),

@@ -1,6 +1,7 @@
 //! G-rays on the voxel octree: what the CPU does, and the twin of each shader to come. Paper, section 5.
 
 mod batch;
+mod g_ray;
 mod leaf;
 mod lower;
 mod lower_batch;
@@ -10,6 +11,7 @@ mod traverse;
 mod voxels;
 
 pub use batch::PacketWidth;
+pub use g_ray::{GAnswer, GKind, GRay};
 pub(crate) use leaf::{LeafHit, VoxelSurface};
 pub use lower::{LowerHit, LowerLeaf, LowerScene, MissingUnits};
 pub use traverse::{Occluders, VoxelHit, VoxelScene};

@@ -17,6 +17,7 @@
 //!
 //! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
 
+use super::g_ray::{GAnswer, GKind, GRay};
 use crate::trace::Ray;
 use glam::DVec3;
 use trex_store::Lattice;
@@ -97,8 +98,9 @@ pub(super) struct Entry {
     pub(super) t_in: f64,
 }
 
-/// The end of a walk.
-pub(super) struct Found {
+/// The voxel at which a walk has ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct VoxelFound {
     /// Distance from the entry, subvoxels.
     pub(super) t: f32,
     pub(super) node: u32,
@@ -108,6 +110,20 @@ pub(super) struct Found {
 }
 
 impl Entry {
+    /// The walk of a ray of a batch; `None` where that passes the cube by. Its distance to the cube is not known here.
+    #[inline(always)]
+    pub(super) fn of(ray: &GRay) -> Option<Entry> {
+        (ray.t_max >= 0.0).then(|| Entry {
+            origin: ray.origin,
+            direction: ray.direction,
+            inverse: ray.direction.map(|v| 1.0 / v),
+            t_max: ray.t_max,
+            flip: ray.flip(),
+            axis: ray.axis(),
+            t_in: 0.0,
+        })
+    }
+
     /// Place of the child that holds `cell` in a node whose children have `4^(shift / 2)` cells along an axis.
     #[inline(always)]
     pub(super) fn place(&self, cell: [u32; 3], shift: u32) -> u32 {
@@ -205,6 +221,16 @@ impl Cube {
     }
 }
 
+impl Cube {
+    /// The ray as batches take it, and its distance to the cube.
+    pub(super) fn g_ray(&self, ray: &Ray, kind: GKind) -> (GRay, f64) {
+        let Some(entry) = self.enter(ray) else { return (GRay::outside(kind), 0.0) };
+        let Entry { origin, direction, t_max, flip, axis, t_in, .. } = entry;
+        let bits = GRay::bits_of(kind, flip, axis);
+        (GRay { origin, t_max, direction, bits, width: 0.0, spread: 0.0 }, t_in)
+    }
+}
+
 impl<'a> VoxelScene<'a> {
     /// An octree on a lattice.
     pub fn new(octree: &'a UpperOctree, lattice: &Lattice, occluders: Occluders) -> VoxelScene<'a> {
@@ -225,8 +251,13 @@ impl<'a> VoxelScene<'a> {
     }
 
     /// The form of leaves.
-    pub(super) fn occluders(&self) -> Occluders {
+    pub(crate) fn occluders(&self) -> Occluders {
         self.occluders
+    }
+
+    /// Side of a subvoxel, model units.
+    pub fn subvoxel_side(&self) -> f64 {
+        self.subvoxel
     }
 
     /// Side of a leaf, model units.
@@ -262,8 +293,8 @@ impl<'a> VoxelScene<'a> {
     }
 
     /// The hit of a walk that began at `t_in`.
-    pub(super) fn hit_of(&self, t_in: f64, found: &Found) -> VoxelHit {
-        let Found { t, node, leaf, axis } = *found;
+    pub(super) fn hit_of(&self, t_in: f64, found: &VoxelFound) -> VoxelHit {
+        let VoxelFound { t, node, leaf, axis } = *found;
         VoxelHit { t: t_in + f64::from(t) * self.subvoxel, leaf, node, axis }
     }
 
@@ -272,9 +303,35 @@ impl<'a> VoxelScene<'a> {
         self.intersect(ray).is_some()
     }
 
+    /// The ray as batches take it, and its distance to the cube, model units. It is for this scene alone, not for
+    /// [`super::LowerScene`], whose subvoxels are finer.
+    pub fn g_ray(&self, ray: &Ray, kind: GKind) -> (GRay, f64) {
+        self.cube().g_ray(ray, kind)
+    }
+
+    /// The answer of one ray of [`VoxelScene::g_ray`]: what batches and devices are compared with.
+    ///
+    /// # Panics
+    /// When the bits of the ray name no kind.
+    pub fn answer(&self, ray: &GRay) -> GAnswer {
+        let found = Entry::of(ray).and_then(|entry| self.walk(&entry));
+        self.answer_of(ray.kind(), found.as_ref())
+    }
+
+    /// The answer of a ray of this kind that has `found` something, or nothing.
+    pub(super) fn answer_of(&self, kind: GKind, found: Option<&VoxelFound>) -> GAnswer {
+        let Some(found) = found else { return GAnswer::bare(GAnswer::NOTHING) };
+        if kind == GKind::Shadow {
+            return GAnswer::bare(GAnswer::MET);
+        }
+        let &VoxelFound { node, leaf, .. } = found;
+        let facet = if kind.asks_light() { self.octree.facet(node, leaf) } else { 0 };
+        GAnswer::met((found.t, found.axis), facet, &self.octree.leaf(leaf as usize))
+    }
+
     /// Walks from the cube's side on.
     #[inline(always)]
-    fn walk(&self, ray: &Entry) -> Option<Found> {
+    pub(super) fn walk(&self, ray: &Entry) -> Option<VoxelFound> {
         let (nodes, bitmaps) = (self.octree.nodes(), self.octree.bitmaps());
         let depth = self.octree.grid().depth();
         let last = 4u32.pow(depth as u32 + 1) - 1;
@@ -293,7 +350,7 @@ impl<'a> VoxelScene<'a> {
                     let leaf = path[depth];
                     let bits = bitmaps[leaf as usize];
                     if self.occluders == Occluders::Off || bits >> place & 1 == 1 {
-                        return Some(Found { t, node: path[depth - 1], leaf, axis });
+                        return Some(VoxelFound { t, node: path[depth - 1], leaf, axis });
                     }
                     break (shift, bits);
                 }

@@ -31,6 +31,16 @@ impl Voxels {
         self.lease.bytes() + self.links.as_ref().map_or(0, |(_, lease)| lease.bytes())
     }
 
+    /// The resident octree, as a device takes it: nodes, bitmaps, leaves and facets.
+    pub fn octree(&self) -> &UpperOctree {
+        &self.octree
+    }
+
+    /// The words that lead from its last nodes to units; `None` for a file whose upper leaves are the finest.
+    pub fn links(&self) -> Option<&LowerLinks> {
+        self.links.as_ref().map(|(links, _)| links)
+    }
+
     /// The resident octree, for rays.
     pub fn scene(&self, occluders: Occluders) -> VoxelScene<'_> {
         VoxelScene::new(&self.octree, &self.lattice, occluders)

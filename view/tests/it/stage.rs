@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use trex_render::{
-    CameraKeys, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene, Session,
-    SessionSetup, Voxels, pooled_tracers, write_png,
+    CameraKeys, CpuStage, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene,
+    Session, SessionSetup, Voxels, pooled_tracers, write_png,
 };
 use trex_store::build::{BuildOptions, Existing, Precision, build};
 use trex_store::import::{ImportOptions, open};
@@ -95,7 +95,10 @@ fn with_session<R>(
     let scene = Scene { render: keys, camera, ..Scene::default() };
     let view = scene.view(&mut model).unwrap();
     let tracers = pooled_tracers(&file, &pool, 2);
-    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool: threads().into() };
+    let g_stage = Box::new(CpuStage::default());
+    let pool_of_threads = threads().into();
+    let setup =
+        SessionSetup { model, view, layers: Layers::default(), tracers, pool: pool_of_threads, g_stage };
     then(Session::new(setup, budget).unwrap(), &pool)
 }
 

@@ -1,6 +1,7 @@
 //! Tests of `path` against pictures whose radiance is known: a closed box, a sphere, halls of mirrors, and `direct`.
 
 use super::*;
+use crate::g_stage::CpuStage;
 
 /// The box |x|, |y|, |z| <= 1, seen from inside.
 fn closed_box() -> Vec<NaiveTriangle> {
@@ -31,8 +32,8 @@ fn no_sample_of_the_sky_is_brighter_than_the_sky() {
         let (world, mut mesh) = (case.world(), NaiveMesh::new(case.triangles.clone()));
         let integrator = SampleIntegrator::new(RenderContext::from_mesh(&world));
         for index in 0..2000 {
-            let Answer::Exact(sample) = integrator.advance(&mut integrator.start([0, 0], index), &mut mesh)
-            else {
+            let mut path = integrator.start([0, 0], index);
+            let Answer::Exact(sample) = integrator.advance(&mut path, &mut mesh, &CpuStage::default()) else {
                 panic!("the naive mesh has all its pages");
             };
             assert!(sample.radiance[0] < 2.0 * 1.01, "{mirror} {index}: {sample:?}");

@@ -1,6 +1,6 @@
 //! Tests of passes whose G-rays go through a stage, against samples whose rays are asked one by one.
 
-use crate::g_stage::{CpuStage, GAnswer, GKind, GRays, GStage};
+use crate::g_stage::{CpuStage, GCall, GNeeds, GStage, GTurn};
 use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
 use crate::integrate::{RenderContext, SampleIntegrator};
@@ -8,21 +8,22 @@ use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::voxel::VoxelPhotons;
 use crate::sampler::mix;
 use crate::scene::camera::Camera;
-use crate::scene::method::Method;
+use crate::scene::method::{Method, Near};
 use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, View, World};
 use crate::schedule::{Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::shading::light::Light;
-use crate::stats::GStats;
 use crate::testing::{pool, settings};
-use crate::trace::{Answer, NaiveMesh, NaiveTriangle, Page, Pages, Ray};
-use crate::voxel::{Occluders, VoxelScene, Voxels};
-use glam::DVec3;
+use crate::trace::{Answer, NaiveMesh, NaiveTriangle, NoPages, Pages};
+use crate::voxel::{Occluders, Voxels};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
 use trex_store::build::{BuildOptions, build};
 use trex_store::import::{self, ImportOptions};
-use trex_store::{Aabb, Budget, PageFile};
+use trex_store::{Aabb, Budget, PageFile, Result};
 
 const RESOLUTION: [u32; 2] = [33, 18];
 
@@ -83,43 +84,102 @@ fn heap() -> (Vec<NaiveTriangle>, Model, PageFile) {
 
 /// Asks rays one by one; a batch is as large as it is told.
 #[derive(Debug)]
-struct Naive<'a> {
-    voxels: VoxelScene<'a>,
-    batch_samples: usize,
+struct Naive {
+    voxels: Arc<Voxels>,
+    needs: GNeeds,
     batches: AtomicU64,
 }
 
-impl GStage for Naive<'_> {
-    fn batch_samples(&self) -> usize {
-        self.batch_samples
+impl Naive {
+    fn new(model: &Model, batch_samples: usize) -> Naive {
+        let needs = GNeeds { batch_rays: 8 * batch_samples, ray_bytes: 0, calls: 1 };
+        Naive { voxels: model.voxels.clone().unwrap(), needs, batches: AtomicU64::new(0) }
+    }
+}
+
+impl GStage for Naive {
+    fn set_octree(&mut self, octree: &Arc<Voxels>) -> Result<()> {
+        self.voxels = octree.clone();
+        Ok(())
     }
 
-    fn answer(&self, tiles: &mut [&mut GRays], _pages: &mut dyn Pages) -> GStats {
+    fn needs(&self) -> GNeeds {
+        self.needs
+    }
+
+    fn submit(&self, mut call: GCall, _pages: &mut dyn Pages) -> GTurn {
         self.batches.fetch_add(1, Ordering::Relaxed);
-        for tile in tiles {
-            let answer = |(ray, kind): (&Ray, &GKind)| match (self.voxels.intersect(ray), kind) {
-                (None, _) => GAnswer::Nothing,
-                (Some(_), GKind::Shadow) => GAnswer::Occluded,
-                (Some(hit), GKind::Far) => GAnswer::Surface(self.voxels.unlit_surface(&hit)),
-                (Some(hit), _) => GAnswer::Surface(self.voxels.surface(&hit)),
-            };
-            let answers: Vec<GAnswer> = tile.rays().iter().zip(tile.kinds()).map(answer).collect();
-            tile.answer(answers.into_iter());
+        let voxels = self.voxels.scene(call.view.occluders);
+        for part in &mut call.parts {
+            let (rays, answers) = part.parts_mut();
+            rays.iter().zip(answers).for_each(|(ray, answer)| *answer = voxels.answer(ray));
         }
-        GStats::default()
+        GTurn::Answered(call)
     }
 }
 
-/// No units are asked for.
-struct NoPages;
+/// A call, and where its answers are waited for.
+type Asked = (GCall, Sender<GCall>);
 
-impl Pages for NoPages {
-    fn page(&mut self, page: u32) -> Page<'_> {
-        panic!("page {page} of a file without units")
+/// Answers on a thread of its own, which keeps calls until two or more wait, or none has come for a while, and answers
+/// the latest first: late, and out of order.
+#[derive(Debug)]
+struct Late {
+    needs: GNeeds,
+    calls: Option<Sender<Asked>>,
+    /// Gives how many calls were answered before an earlier one.
+    thread: Option<JoinHandle<u64>>,
+}
+
+impl Late {
+    fn new(model: &Model, calls: usize) -> Late {
+        let needs = GNeeds { batch_rays: 8 * 40, ray_bytes: 0, calls };
+        let (naive, (sender, asked)) = (Naive::new(model, 40), channel::<Asked>());
+        let answer_all = move || {
+            let (mut waiting, mut overtaken) = (Vec::new(), 0);
+            loop {
+                match asked.recv_timeout(Duration::from_millis(5)) {
+                    Ok(call) => {
+                        waiting.push(call);
+                        if waiting.len() < calls.max(2) {
+                            continue;
+                        }
+                    }
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => return overtaken,
+                }
+                let Some((call, answered)) = waiting.pop() else { continue };
+                overtaken += u64::from(!waiting.is_empty());
+                answered.send(naive.submit(call, &mut NoPages).wait()).unwrap();
+            }
+        };
+        Late { needs, calls: Some(sender), thread: Some(std::thread::spawn(answer_all)) }
+    }
+
+    /// Ends. How many calls were answered before an earlier one.
+    fn overtaken(mut self) -> u64 {
+        self.calls = None;
+        self.thread.take().unwrap().join().unwrap()
     }
 }
 
-fn world(model: &Model, method: Method, lod_error: f64) -> World {
+impl GStage for Late {
+    fn set_octree(&mut self, _octree: &Arc<Voxels>) -> Result<()> {
+        unreachable!("it has one")
+    }
+
+    fn needs(&self) -> GNeeds {
+        self.needs
+    }
+
+    fn submit(&self, call: GCall, _pages: &mut dyn Pages) -> GTurn {
+        let (to, answered) = channel();
+        self.calls.as_ref().unwrap().send((call, to)).unwrap();
+        GTurn::UnderWay(answered)
+    }
+}
+
+fn world(model: &Model, (method, near): (Method, Near), lod_error: f64) -> World {
     let camera = Camera::framing(&model.bounds, RESOLUTION, None, None);
     let point = Light::Point { position: [2.0, 3.0, 2.0], intensity: [9.0; 3] };
     let lights = vec![point, Light::Sky { radiance: [0.3; 3] }];
@@ -130,6 +190,7 @@ fn world(model: &Model, method: Method, lod_error: f64) -> World {
         n_shadow: 3,
         n_gather: 11,
         lod_error,
+        near,
         seed: 5,
         ..RenderKeys::default()
     };
@@ -141,7 +202,9 @@ fn light(world: &World, model: &Model) -> PhotonMap {
     let (voxels, pool, budget) = (model.voxels.as_ref().unwrap(), pool(1), Budget::unlimited());
     let mut map = PhotonMap::new(voxels.facet_count(), &budget).unwrap();
     let voxels = voxels.scene(Occluders::On);
-    let photons = VoxelPhotons { world, bounds: &model.bounds, voxels, pool: &pool, budget: &budget };
+    let g_stage = &Naive::new(model, 1);
+    let photons =
+        VoxelPhotons { world, bounds: &model.bounds, voxels, g_stage, pool: &pool, budget: &budget };
     photons.trace((&mut photons.begin().unwrap(), &mut map), 10_000, &|| false, &mut |_| {});
     map
 }
@@ -164,65 +227,52 @@ fn film(work: SampleWork<'_>, triangles: &[NaiveTriangle], workers: usize) -> Ve
 #[test]
 fn every_stage_and_batch_gives_the_samples_of_rays_asked_alone() {
     let (triangles, model, _file) = heap();
-    for (method, lod_error) in [(Method::Photon, 0.0), (Method::Photon, 8.0), (Method::Ao, 0.0)] {
-        let world = world(&model, method, lod_error);
+    let mut overtaken = 0;
+    for (method, near, lod_error) in [
+        (Method::Photon, Near::Voxel, 0.0),
+        (Method::Photon, Near::Voxel, 8.0),
+        (Method::Photon, Near::Exact, 0.0),
+        (Method::Ao, Near::Voxel, 0.0),
+        (Method::Ao, Near::Exact, 8.0),
+        (Method::Direct, Near::Voxel, 8.0),
+        (Method::DebugOccluders, Near::Voxel, 0.0),
+    ] {
+        let world = world(&model, (method, near), lod_error);
         let light = light(&world, &model);
         let irradiance = Irradiance::new(&light, None);
         let integrator = SampleIntegrator::new(RenderContext::new(&world, &model, irradiance));
         let mut mesh = NaiveMesh::new(triangles.clone());
-        let mut alone = |at: [u32; 2]| match integrator.advance(&mut integrator.start(at, 0), &mut mesh) {
-            Answer::Exact(sample) => sample.radiance.to_array(),
-            Answer::Blocked => panic!("the naive mesh has all its pages"),
+        let naive = Naive::new(&model, 1);
+        let mut alone = |at: [u32; 2]| {
+            let Answer::Exact(sample) = integrator.advance(&mut integrator.start(at, 0), &mut mesh, &naive)
+            else {
+                panic!("the naive mesh has all its pages");
+            };
+            sample.radiance.to_array()
         };
         let pixels = (0..RESOLUTION[1]).flat_map(|y| (0..RESOLUTION[0]).map(move |x| [x, y]));
         let expected: Vec<[f32; 3]> = pixels.map(&mut alone).collect();
         let lit = expected.iter().filter(|radiance| radiance[0] > 0.0).count();
         assert!(lit > expected.len() / 8, "{lit} pixels see anything");
 
-        let cpu = integrator.cpu_stage().unwrap();
-        assert!(
-            film(SampleWork { integrator, g_stage: Some(Arc::new(cpu)) }, &triangles, 2) == expected,
-            "{method:?}"
-        );
-        let voxels = model.voxels.as_ref().unwrap().scene(Occluders::On);
-        for (batch_samples, workers, most) in [(1, 1, u64::MAX), (100, 3, u64::MAX), (usize::MAX, 1, 12)] {
-            let naive = Arc::new(Naive { voxels, batch_samples, batches: AtomicU64::new(0) });
-            let found = film(SampleWork { integrator, g_stage: Some(naive.clone()) }, &triangles, workers);
-            assert!(found == expected, "{method:?}, {batch_samples} samples a batch, {workers} workers");
-            // A batch that takes all there is needs one for each bounce at most.
+        let mut cpu = CpuStage::default();
+        cpu.set_octree(model.voxels.as_ref().unwrap()).unwrap();
+        let case = format!("{method:?} {near:?} {lod_error}");
+        assert!(film(SampleWork { integrator, g_stage: &cpu }, &triangles, 2) == expected, "{case}");
+        for (batch_samples, workers) in [(1, 1), (100, 3), (1 << 40, 1)] {
+            let naive = Naive::new(&model, batch_samples);
+            let found = film(SampleWork { integrator, g_stage: &naive }, &triangles, workers);
+            assert!(found == expected, "{case}, {batch_samples} samples a batch, {workers} workers");
+            // A batch that takes all there is needs one for each group of rays on a path's way, mirrors included.
             let batches = naive.batches.load(Ordering::Relaxed);
-            assert!(batches > 0 && batches <= most, "{batches} batches");
+            assert!(batches > 0 && (batch_samples < 1 << 40 || batches <= 100), "{case}: {batches} batches");
+        }
+        for (calls, workers) in [(1, 2), (3, 1), (3, 2)] {
+            let late = Late::new(&model, calls);
+            let found = film(SampleWork { integrator, g_stage: &late }, &triangles, workers);
+            assert!(found == expected, "{case}, {workers} workers with {calls} calls under way each");
+            overtaken += late.overtaken();
         }
     }
-}
-
-#[test]
-fn the_processor_answers_a_batch_as_it_answers_its_rays_alone() {
-    let (_, model, _file) = heap();
-    let voxels = model.voxels.as_ref().unwrap().scene(Occluders::On);
-    let number = |key: u64| (mix(key) >> 11) as f64 / (1u64 << 53) as f64;
-    let mut tiles: Vec<GRays> = (0..7).map(|_| GRays::default()).collect();
-    for key in 0..3000u64 {
-        let place =
-            |at: u64| DVec3::from_array(std::array::from_fn(|a| 2.0 * number(9 * key + at + a as u64) - 0.5));
-        let direction = (place(3) - place(0)).normalize();
-        let kind = [GKind::Shadow, GKind::Gather, GKind::Far][key as usize % 3];
-        tiles[(key % 6) as usize].push(Ray::new(place(0), direction, 1.5), kind);
-    }
-    let stats = CpuStage::new(voxels, None).answer(&mut tiles.iter_mut().collect::<Vec<_>>(), &mut NoPages);
-    assert_eq!((stats.batches, stats.shadow, stats.gather, stats.far), (1, 1000, 1000, 1000));
-    let mut met = 0;
-    for tile in &tiles {
-        for (place, (ray, kind)) in (0..).zip(tile.rays().iter().zip(tile.kinds())) {
-            let expected = match (voxels.intersect(ray), kind) {
-                (None, _) => GAnswer::Nothing,
-                (Some(_), GKind::Shadow) => GAnswer::Occluded,
-                (Some(hit), GKind::Far) => GAnswer::Surface(voxels.unlit_surface(&hit)),
-                (Some(hit), _) => GAnswer::Surface(voxels.surface(&hit)),
-            };
-            assert_eq!(*tile.answered(place).1, expected);
-            met += u32::from(expected != GAnswer::Nothing);
-        }
-    }
-    assert!((300..2700).contains(&met), "{met} rays met anything");
+    assert!(overtaken > 0, "no call was answered before an earlier one");
 }

@@ -23,9 +23,9 @@
 //! meets a subvoxel above it, as in `voxel::lower`, so that the same rays are blocked by the same pages.
 
 use super::packet::{Packet, Queue, Tree, UNKNOWN};
-use crate::trace::{Page, Pages, Ray};
-use crate::voxel::lower::{LowerHit, LowerLeaf, LowerScene, MissingUnits};
-use crate::voxel::traverse::{Cube, Entry, Found, Occluders, VoxelHit};
+use crate::trace::{Page, Pages};
+use crate::voxel::lower::{LowerFound, LowerLeaf, LowerScene, MissingUnits};
+use crate::voxel::traverse::{Entry, Occluders};
 use trex_store::octree::{MAX_FINER, UnitRef, UnitsView, UpperOctree};
 
 /// How far from the first frame others may be, bytes.
@@ -39,11 +39,11 @@ const SLOTS: usize = 1024;
 #[derive(Clone, Copy, Debug)]
 pub(in crate::voxel) enum Outcome {
     /// It met a voxel.
-    Hit(LowerHit),
+    Hit(LowerFound),
     /// It met nothing.
     Miss,
     /// This page is missing: no answer, or a voxel in the place of those that it has.
-    Missing(u32, Option<LowerHit>),
+    Missing(u32, Option<LowerFound>),
     /// A page cannot be held beside the others: no answer.
     Crowded,
 }
@@ -69,11 +69,11 @@ struct Held<'a> {
 }
 
 /// The rays of a batch that wait, and where answers go.
-pub(in crate::voxel) struct LowerQueue<'a, A, const FINER: u32> {
+pub(in crate::voxel) struct LowerQueue<'a, E, A, const FINER: u32> {
     scene: &'a LowerScene<'a>,
     octree: &'a UpperOctree,
-    cube: Cube,
-    rays: &'a [Ray],
+    /// Gives rays by index.
+    entry: &'a E,
     waiting: std::slice::Iter<'a, u32>,
     pages: &'a dyn Pages,
     held: Vec<Option<Held<'a>>>,
@@ -84,20 +84,21 @@ pub(in crate::voxel) struct LowerQueue<'a, A, const FINER: u32> {
     answer: A,
 }
 
-impl<'a, A: FnMut(u32, Outcome), const FINER: u32> LowerQueue<'a, A, FINER> {
+impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32>
+    LowerQueue<'a, E, A, FINER>
+{
     /// The queue of the rays whose indices wait, through pages that are held from now on.
     pub(in crate::voxel) fn new(
         scene: &'a LowerScene<'a>,
-        (rays, waiting): (&'a [Ray], &'a [u32]),
+        (waiting, entry): (&'a [u32], &'a E),
         pages: &'a dyn Pages,
         answer: A,
-    ) -> LowerQueue<'a, A, FINER> {
+    ) -> LowerQueue<'a, E, A, FINER> {
         let octree = scene.upper().octree();
         LowerQueue {
             scene,
             octree,
-            cube: scene.cube(),
-            rays,
+            entry,
             waiting: waiting.iter(),
             pages,
             held: vec![None; SLOTS],
@@ -178,13 +179,11 @@ impl<'a, A: FnMut(u32, Outcome), const FINER: u32> LowerQueue<'a, A, FINER> {
     }
 
     /// The voxel at which a lane stands.
-    fn hit_of<const N: usize>(&self, packet: &Packet<N>, lane: usize, note: &Note) -> LowerHit {
-        let Found { t, node, leaf, axis } = packet.found::<Self>(lane);
-        let t = packet.t_in[lane] + f64::from(t) * self.cube.cell;
+    fn found<const N: usize>(&self, packet: &Packet<N>, lane: usize, note: &Note) -> LowerFound {
         let height = packet.height.0[lane] as usize;
         let lower = (height < FINER as usize)
             .then(|| LowerLeaf { page: note.page[height], leaf: packet.at.0[lane] - note.zero[height] });
-        LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower, is_stand_in: false }
+        LowerFound { t_in: packet.t_in[lane], found: packet.found::<Self>(lane), lower, is_stand_in: false }
     }
 }
 
@@ -199,7 +198,9 @@ enum Without {
     Unit,
 }
 
-impl<A: FnMut(u32, Outcome), const FINER: u32> Queue for LowerQueue<'_, A, FINER> {
+impl<E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32> Queue
+    for LowerQueue<'_, E, A, FINER>
+{
     const FINER: u32 = FINER;
     type Note = Note;
 
@@ -214,7 +215,7 @@ impl<A: FnMut(u32, Outcome), const FINER: u32> Queue for LowerQueue<'_, A, FINER
     #[inline(always)]
     fn next(&mut self) -> Option<(usize, Entry)> {
         for &index in &mut self.waiting {
-            match self.cube.enter(&self.rays[index as usize]) {
+            match (self.entry)(index as usize) {
                 Some(entry) => return Some((index as usize, entry)),
                 None => (self.answer)(index, Outcome::Miss),
             }
@@ -224,8 +225,8 @@ impl<A: FnMut(u32, Outcome), const FINER: u32> Queue for LowerQueue<'_, A, FINER
 
     #[inline(always)]
     fn hit<const N: usize>(&mut self, packet: &Packet<N>, lane: usize, note: &Note) {
-        let hit = self.hit_of(packet, lane, note);
-        (self.answer)(packet.ray[lane] as u32, Outcome::Hit(hit));
+        let found = self.found(packet, lane, note);
+        (self.answer)(packet.ray[lane] as u32, Outcome::Hit(found));
     }
 
     #[inline(always)]
@@ -250,11 +251,11 @@ impl<A: FnMut(u32, Outcome), const FINER: u32> Queue for LowerQueue<'_, A, FINER
         let outcome = match self.go_down(packet, lane, note, tree) {
             Ok(()) => return true,
             Err(Without::Room) => Outcome::Crowded,
-            Err(Without::Unit) => Outcome::Hit(self.hit_of(packet, lane, note)),
+            Err(Without::Unit) => Outcome::Hit(self.found(packet, lane, note)),
             Err(Without::Page(page)) => {
-                let hit = (self.scene.missing() == MissingUnits::StandIn)
-                    .then(|| LowerHit { is_stand_in: true, ..self.hit_of(packet, lane, note) });
-                Outcome::Missing(page, hit)
+                let found = (self.scene.missing() == MissingUnits::StandIn)
+                    .then(|| LowerFound { is_stand_in: true, ..self.found(packet, lane, note) });
+                Outcome::Missing(page, found)
             }
         };
         (self.answer)(packet.ray[lane] as u32, outcome);

@@ -25,7 +25,7 @@
 //!
 //! Invariant: a lane stands at a node or leaf of the octree at all times, also one without a ray.
 
-use crate::voxel::traverse::{Entry, Found, Occluders};
+use crate::voxel::traverse::{Entry, Occluders, VoxelFound};
 use trex_store::octree::{MAX_DEPTH, MAX_FINER, OctreeNode, UpperOctree};
 
 const _: () = assert!(size_of::<OctreeNode>() == 12 && std::mem::offset_of!(OctreeNode, first) == 8);
@@ -306,9 +306,9 @@ impl<const N: usize> Packet<N> {
 
     /// The voxel at which a lane stands, by the leaf of the upper octree that it is in or is.
     #[inline(always)]
-    pub(super) fn found<Q: Queue>(&self, lane: usize) -> Found {
+    pub(super) fn found<Q: Queue>(&self, lane: usize) -> VoxelFound {
         let leaf = Q::FINER as usize;
-        Found {
+        VoxelFound {
             t: self.t.0[lane],
             node: self.path[leaf + 1].0[lane],
             leaf: self.path[leaf].0[lane],

@@ -1,27 +1,40 @@
 //! Rays through the upper octree alone, for lanes.
 
 use super::packet::{Packet, Queue, Tree};
-use crate::trace::Ray;
-use crate::voxel::traverse::{Entry, Occluders, VoxelHit, VoxelScene};
+use crate::voxel::traverse::{Entry, Occluders, VoxelFound, VoxelScene};
 use trex_store::octree::UpperOctree;
 
 /// Rays that wait, and where answers go.
-pub(in crate::voxel) struct UpperQueue<'a, A> {
+pub(in crate::voxel) struct UpperQueue<'a, E, A> {
     scene: &'a VoxelScene<'a>,
-    rays: &'a [Ray],
+    /// Count of rays, and what gives them by index.
+    count: usize,
+    entry: E,
     /// Rays before this one are answered or under way.
     taken: usize,
     answer: A,
 }
 
-impl<'a, A: FnMut(usize, Option<VoxelHit>)> UpperQueue<'a, A> {
-    /// The queue of all `rays`, to be answered by place.
-    pub(in crate::voxel) fn new(scene: &'a VoxelScene<'a>, rays: &'a [Ray], answer: A) -> UpperQueue<'a, A> {
-        UpperQueue { scene, rays, taken: 0, answer }
+impl<'a, E, A> UpperQueue<'a, E, A>
+where
+    E: Fn(usize) -> Option<Entry>,
+    A: FnMut(usize, Option<(f64, VoxelFound)>),
+{
+    /// The queue of so many rays, to be answered by index, with their distances to the cube.
+    pub(in crate::voxel) fn new(
+        scene: &'a VoxelScene<'a>,
+        (count, entry): (usize, E),
+        answer: A,
+    ) -> UpperQueue<'a, E, A> {
+        UpperQueue { scene, count, entry, taken: 0, answer }
     }
 }
 
-impl<A: FnMut(usize, Option<VoxelHit>)> Queue for UpperQueue<'_, A> {
+impl<E, A> Queue for UpperQueue<'_, E, A>
+where
+    E: Fn(usize) -> Option<Entry>,
+    A: FnMut(usize, Option<(f64, VoxelFound)>),
+{
     const FINER: u32 = 0;
     type Note = ();
 
@@ -35,10 +48,10 @@ impl<A: FnMut(usize, Option<VoxelHit>)> Queue for UpperQueue<'_, A> {
 
     #[inline(always)]
     fn next(&mut self) -> Option<(usize, Entry)> {
-        while let Some(ray) = self.rays.get(self.taken) {
+        while self.taken < self.count {
             let index = self.taken;
             self.taken += 1;
-            match self.scene.enter(ray) {
+            match (self.entry)(index) {
                 Some(entry) => return Some((index, entry)),
                 None => (self.answer)(index, None),
             }
@@ -48,8 +61,7 @@ impl<A: FnMut(usize, Option<VoxelHit>)> Queue for UpperQueue<'_, A> {
 
     #[inline(always)]
     fn hit<const N: usize>(&mut self, packet: &Packet<N>, lane: usize, (): &()) {
-        let hit = self.scene.hit_of(packet.t_in[lane], &packet.found::<Self>(lane));
-        (self.answer)(packet.ray[lane], Some(hit));
+        (self.answer)(packet.ray[lane], Some((packet.t_in[lane], packet.found::<Self>(lane))));
     }
 
     #[inline(always)]
