@@ -5,6 +5,7 @@
 
 mod bench;
 mod build;
+mod damage;
 mod demo;
 mod generate;
 mod image_diff;

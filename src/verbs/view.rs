@@ -4,6 +4,7 @@
 //! scene, flags -> listen -> stage -> say where -> serve until Ctrl-C -> what was served
 //! ```
 
+use super::damage::Damage;
 use super::stage::{Play, Stage, begin_live, io_options, layers_of, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
@@ -22,8 +23,7 @@ use trex_render::{FrameOptions, MemoryPlan, PictureNeeds, RenderSettings, Scene}
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
-    MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, ServeOptions, Served, Surroundings, Token,
-    serve, view_bytes,
+    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, ServeOptions, Served, Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -86,20 +86,27 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
+        damage: &|| damage_figures(&Damage::of(&stage)),
         set_limit: &|bytes| frames.set_limit(bytes),
         make_room: &|rooms| frames.make_room(rooms),
         stop: &|| ctx.interrupt.is_raised(),
     };
     let begin = std::time::Instant::now();
     let served = serve(session, &listener, &options, &around)?;
+    let damage = Damage::of(&stage);
+    damage.report(ctx);
+    let is_whole = damage.page_count == 0;
     ctx.done(&Viewed {
         scene: path.display().to_string(),
         address: address.to_string(),
         time_ms: begin.elapsed().as_millis() as u64,
         served,
+        damaged_pages: stage.pool.damage().iter().map(|(page, _)| *page).collect(),
+        damage,
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
-    })
+    })?;
+    Ok(if is_whole || args.allow_damage { Exit::Done } else { Exit::No })
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.
@@ -250,7 +257,14 @@ fn pool_figures(stage: &Stage) -> PoolFigures {
         misses: stats.misses,
         evictions: stats.evictions,
         bytes_read: stats.bytes_read,
+        damaged: stats.damaged,
     }
+}
+
+fn damage_figures(damage: &Damage) -> DamageFigures {
+    let pages = damage.pages.iter();
+    let page = pages.map(|page| DamagedPage { page: page.page, drawn: page.drawn, bounds: page.bounds });
+    DamageFigures { page_count: damage.page_count, pages: page.collect() }
 }
 
 #[derive(Serialize)]
@@ -260,6 +274,8 @@ struct Viewed {
     time_ms: u64,
     #[serde(flatten)]
     served: Served,
+    damaged_pages: Vec<u32>,
+    damage: Damage,
     pool: trex_store::pool::PoolStats,
     memory: Memory,
 }
@@ -273,6 +289,10 @@ impl fmt::Display for Viewed {
             Duration::from_millis(self.time_ms).as_secs_f64(),
             size::bytes(sent_bytes)
         )?;
+        if self.damage.page_count > 0 {
+            let count = self.damage.page_count;
+            writeln!(f, "not whole: {count} damaged pages, left out; see `trex verify`")?;
+        }
         write!(
             f,
             "pages: {} read; memory limit {}, peak {}",

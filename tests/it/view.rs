@@ -1,31 +1,91 @@
 //! `trex view` without a browser: its address, its page, its end, and what it refuses. What it sends is tested in
 //! `view/tests/`, what a person does with it in `browser.rs`.
 
-use crate::command::{folder, ran, run_in, trex_in};
+use crate::command::{Ran, folder, ran, run_in, trex_in};
 use crate::fixtures::built_in;
+use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use trex_store::{Budget, PageFile};
+use tungstenite::{Message, WebSocket};
+
+/// Longest wait for what has to come.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A viewer that runs.
+struct Viewing {
+    line: String,
+    child: Child,
+    /// Its address, with the token.
+    address: String,
+}
+
+impl Viewing {
+    #[track_caller]
+    fn start(inside: &Path, line: &str) -> Viewing {
+        let line = format!("view {line} --no-open --json");
+        let mut command = trex_in(inside, &line);
+        command.env_remove("SSH_CONNECTION");
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut said = String::new();
+        BufReader::new(child.stderr.as_mut().unwrap()).read_line(&mut said).unwrap();
+        Viewing { line, child, address: said.trim().to_owned() }
+    }
+
+    /// A socket that has said hello.
+    fn page(&self) -> WebSocket<TcpStream> {
+        let (base, token) = self.address.split_once("/#token=").unwrap();
+        let host = base.trim_start_matches("http://");
+        let stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let (mut socket, _) = tungstenite::client(format!("ws://{host}/socket"), stream).unwrap();
+        let hello = json!({"type": "hello", "token": token, "size": [320, 240]});
+        socket.send(Message::text(hello.to_string())).unwrap();
+        socket
+    }
+
+    /// Interrupts it, and gives how it ended.
+    fn end(self) -> Ran {
+        let signal = format!("kill -INT {}", self.child.id());
+        assert!(Command::new("sh").args(["-c", &signal]).status().unwrap().success());
+        ran(&self.line, self.child.wait_with_output().unwrap())
+    }
+}
+
+/// The next text that `is_it`; frames are acknowledged meanwhile.
+#[track_caller]
+fn text_until(page: &mut WebSocket<TcpStream>, is_it: impl Fn(&Value) -> bool) -> Value {
+    loop {
+        match page.read().unwrap() {
+            Message::Text(text) => {
+                let text = serde_json::from_str(&text).unwrap();
+                if is_it(&text) {
+                    return text;
+                }
+            }
+            Message::Binary(bytes) => {
+                let frame = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
+                page.send(Message::text(json!({"type": "ack", "frame": frame}).to_string())).unwrap();
+            }
+            _ => {}
+        }
+    }
+}
 
 /// Runs the viewer, asks for its page, interrupts it. Gives its address, the page's answer and the document.
 #[track_caller]
-fn view(inside: &Path, line: &str) -> (String, String, serde_json::Value) {
-    let line = format!("view {line} --no-open --json");
-    let mut command = trex_in(inside, &line);
-    command.env_remove("SSH_CONNECTION");
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut said = String::new();
-    BufReader::new(child.stderr.as_mut().unwrap()).read_line(&mut said).unwrap();
-    let address = said.trim().to_owned();
+fn view(inside: &Path, line: &str) -> (String, String, Value) {
+    let viewing = Viewing::start(inside, line);
+    let address = viewing.address.clone();
     let host = address.trim_start_matches("http://").split('/').next().unwrap().to_owned();
-    let mut stream = TcpStream::connect(&host).unwrap_or_else(|error| panic!("{said}: {error}"));
+    let mut stream = TcpStream::connect(&host).unwrap_or_else(|error| panic!("{address}: {error}"));
     stream.write_all(format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n").as_bytes()).unwrap();
     let mut page = String::new();
     stream.read_to_string(&mut page).unwrap();
-    let signal = format!("kill -INT {}", child.id());
-    assert!(Command::new("sh").args(["-c", &signal]).status().unwrap().success());
-    let ran = ran(&line, child.wait_with_output().unwrap());
+    let ran = viewing.end();
     ran.expect(0);
     (address, page, ran.document())
 }
@@ -66,4 +126,34 @@ fn what_cannot_be_seen_is_told_with_what_to_do() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let line = format!("view flat.trex --no-open --json --port {}", taken.local_addr().unwrap().port());
     run_in(inside.path(), &line).expect_error(7, "io");
+}
+
+/// A file whose pages had flipped bits was shown as finished, with exit status 0. The page, the document and the exit
+/// status say what is missing, as those of `render` do.
+#[test]
+fn damage_is_reported_as_render_reports_it() {
+    let inside = folder();
+    built_in(inside.path(), "gen:scan:60k --voxels 64", "model.trex");
+    let path = inside.path().join("model.trex");
+    let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    file.pages().iter().for_each(|page| bytes[page.offset as usize + 9] ^= 0x10);
+    std::fs::write(inside.path().join("bad.trex"), bytes).unwrap();
+    for (flag, exit) in [("", 1), (" --allow-damage", 0)] {
+        let line = format!("bad.trex --memory-limit 128MiB --spp 1 --lod-error 0 --photons 1k{flag}");
+        let viewing = Viewing::start(inside.path(), &line);
+        let mut page = viewing.page();
+        let shown = text_until(&mut page, |text| !text["damage"].is_null())["damage"].clone();
+        text_until(&mut page, |text| text["progress"] == "damaged");
+        let ran = viewing.end();
+        ran.expect(exit);
+        let document = ran.document();
+        let pages = document["damaged_pages"].as_array().unwrap();
+        assert!(!pages.is_empty() && pages.len() <= file.pages().len(), "{document}");
+        assert!(pages.contains(&shown["pages"][0]["page"]), "{shown}");
+        let first = &document["damage"]["pages"][0];
+        assert_eq!(first["drawn"], "as empty", "{first}");
+        assert!(first["bounds"]["lo"][0].as_f64() < first["bounds"]["hi"][0].as_f64(), "{first}");
+        assert!(ran.stderr.contains(&format!("damaged page {}, drawn as empty", pages[0])), "{}", ran.stderr);
+    }
 }

@@ -13,12 +13,12 @@ import { Input } from "./input.js";
 import { KIND_FILE, Picture } from "./picture.js";
 import { Notices } from "./notices.js";
 import { Panels } from "./panels.js";
-import { keep_status } from "./statistics.js";
+import { keep_status } from "./status.js";
 import { Views } from "./views.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "materials",
-  "settings", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller"];
+  "settings", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller", "damage"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
 /** Least and greatest side of a picture that is asked for, pixels. */

@@ -28,7 +28,7 @@ const SHOWS = {
   materials: ["materials"],
   measure: [],
   settings: ["settings", "memory", "size"],
-  statistics: ["model"],
+  statistics: ["model", "damage"],
   export: ["command", "scene"],
 };
 /** Time that what is said in passing stays, ms. */

@@ -11,7 +11,7 @@
 //! tone guard page http     radiance to bytes; who may ask; what is there; how it is asked
 //! blocks picture atlas     which blocks have changed; what is shown; how it is sent
 //! message settings         what pages say
-//! state texts              what they are told; the view as command and scene
+//! state texts reports      what they are told; the view as command and scene; figures of the command
 //! mailbox client shared    from reader to session; from session to writer; both
 //! window                   how much a frame may hold
 //! socket server serve      two threads a page; connections; the beginning and the end
@@ -35,6 +35,7 @@ mod motion;
 mod page;
 mod picture;
 mod renderer;
+mod reports;
 mod screenshot;
 mod serve;
 mod server;
@@ -50,7 +51,7 @@ mod window;
 
 pub use edits::SIDE_MAX;
 pub use guard::Token;
+pub use reports::{DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
-pub use state::{MemoryFigures, ModelFigures, PoolFigures};
 pub use surroundings::{Room, ServeOptions, Served, Surroundings};

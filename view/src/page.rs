@@ -40,6 +40,7 @@ const FILES: &[PageFile] = &page! {
     "/plot.js", "plot.js", SCRIPT;
     "/settings.js", "settings.js", SCRIPT;
     "/statistics.js", "statistics.js", SCRIPT;
+    "/status.js", "status.js", SCRIPT;
     "/vector.js", "vector.js", SCRIPT;
     "/views.js", "views.js", SCRIPT;
     "/widgets.js", "widgets.js", SCRIPT;

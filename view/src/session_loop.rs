@@ -19,8 +19,10 @@ use crate::message::text_of;
 use crate::motion::Motion;
 use crate::picture::{Changed, Picture, Settled, flag};
 use crate::renderer::Stamps;
+use crate::reports::DAMAGE_LISTED_MAX;
 use crate::shared::{Shared, png_bytes};
-use crate::state::{Smaller, Stats, TextsMessage, progress_name};
+
+use crate::state::{Smaller, State, Stats, TextsMessage, progress_name};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
@@ -33,6 +35,8 @@ use trex_store::{Material, Result};
 const SLEEP: Duration = Duration::from_millis(200);
 /// Finest grid of a preview, pixels: after it come tiles.
 const PREVIEW_STEP_LEAST: u32 = 2;
+/// The progress of a picture that has all its samples, and lacks what damaged pages hold.
+const DAMAGED: &str = "damaged";
 
 /// A session on show.
 pub(crate) struct SessionLoop<'a, T> {
@@ -62,6 +66,8 @@ pub(crate) struct SessionLoop<'a, T> {
     png: Arc<Vec<u8>>,
     /// A size that was asked for, and does not fit.
     pub(crate) smaller: Option<Smaller>,
+    /// Damaged pages that the browser pages know of.
+    damaged: u64,
 }
 
 /// How far the end of a picture is.
@@ -104,6 +110,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             stamps: Stamps::default(),
             png: Arc::default(),
             smaller: None,
+            damaged: 0,
         };
         this.greet();
         this
@@ -283,12 +290,20 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
     }
 
-    /// Tells every page how it goes.
+    /// Sends every page statistics, and the list of damaged pages when it has grown.
     pub(crate) fn tell_stats(&mut self) {
         let keys = *self.session().view().settings;
         let rays_per_s = self.figures.rays_per_s();
+        let pool = (self.around.pool)();
+        if pool.damaged != self.damaged {
+            self.damaged = pool.damaged;
+            let mut damage = (self.around.damage)();
+            damage.pages.truncate(DAMAGE_LISTED_MAX);
+            self.shared.tell_state(State { damage: Some(damage), ..State::default() }, None);
+        }
+        let is_damaged = pool.damaged > 0 && self.figures.progress == FrameProgress::Done;
         self.shared.tell_stats(Stats {
-            progress: progress_name(self.figures.progress),
+            progress: if is_damaged { DAMAGED } else { progress_name(self.figures.progress) },
             samples: self.session().film().samples(),
             spp: keys.spp,
             light_share: self.figures.light_share,
@@ -296,7 +311,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             times_ms: self.figures.times,
             rays_per_s,
             memory: (self.around.memory)(),
-            pool: (self.around.pool)(),
+            pool,
         });
     }
 

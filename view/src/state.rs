@@ -3,52 +3,10 @@
 //! Invariant: a page that has had the welcome and every `state` since knows all of the state.
 
 use crate::message::{CameraText, MaterialText, Role, text_of};
+use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::SettingsText;
 use serde::Serialize;
 use trex_render::{FrameProgress, RayCounts};
-
-/// What is constant of a model, for the page.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct ModelFigures {
-    /// Triangles of the model.
-    pub triangle_count: u64,
-    /// Bytes of its file.
-    pub file_bytes: u64,
-    /// Pages of the file.
-    pub page_count: u64,
-    /// Materials of the model.
-    pub material_count: u64,
-}
-
-/// Memory, as the process and its ledger have it.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct MemoryFigures {
-    /// Leased now.
-    pub used_bytes: u64,
-    /// The limit of the process.
-    pub limit_bytes: u64,
-    /// Most that the process has held at once, as the system counts.
-    pub peak_rss_bytes: Option<u64>,
-    /// Frames of pages.
-    pub frames_bytes: u64,
-}
-
-/// The pool of pages.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct PoolFigures {
-    /// Frames that there are.
-    pub frames: u64,
-    /// Pages in them.
-    pub resident: u64,
-    /// Pages read since the file was opened.
-    pub pages_read: u64,
-    /// Look-ups that found no page.
-    pub misses: u64,
-    /// Pages that lost their frame.
-    pub evictions: u64,
-    /// Bytes read.
-    pub bytes_read: u64,
-}
 
 /// The state of the session; in an update, what has changed of it.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -83,6 +41,8 @@ pub(crate) struct State {
     pub(crate) model: Option<ModelFigures>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) memory: Option<LimitText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) damage: Option<DamageFigures>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) t_max_ms: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -142,7 +102,7 @@ impl State {
     /// Takes over what `update` has.
     pub(crate) fn merge(&mut self, update: State) {
         let State { size, smaller, camera, home, .. } = update;
-        let State { lights, materials, settings, memory, command, scene, .. } = update;
+        let State { lights, materials, settings, memory, damage, command, scene, .. } = update;
         self.smaller = smaller.or(self.smaller);
         self.home = home.or(self.home);
         self.size = size.or(self.size);
@@ -151,6 +111,7 @@ impl State {
         self.materials = materials.or(self.materials.take());
         self.settings = settings.or(self.settings);
         self.memory = memory.or(self.memory);
+        self.damage = damage.or(self.damage.take());
         self.command = command.or(self.command.take());
         self.scene = scene.or(self.scene.take());
     }

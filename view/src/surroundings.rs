@@ -1,8 +1,8 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
 use crate::guard::Token;
+use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
-use crate::state::{MemoryFigures, ModelFigures, PoolFigures};
 use serde::Serialize;
 use trex_render::{Camera, CameraKeys, FrameOptions, RenderSettings};
 use trex_store::{Budget, Material, Result};
@@ -29,6 +29,8 @@ pub struct Surroundings<'a> {
     pub memory: &'a dyn Fn() -> MemoryFigures,
     /// The pool of pages now.
     pub pool: &'a dyn Fn() -> PoolFigures,
+    /// Damaged pages that were met; asked for when their count has changed.
+    pub damage: &'a dyn Fn() -> DamageFigures,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
     /// Sets the memory for frames of pages to what each of these leaves: one takes the place of the other.

@@ -2,6 +2,8 @@
 
 #[path = "it/client.rs"]
 mod client;
+#[path = "it/damage.rs"]
+mod damage;
 #[path = "it/guard.rs"]
 mod guard;
 #[path = "it/hostile.rs"]

@@ -1,7 +1,7 @@
 //! What pages ask for: edits, sizes, picks, screenshots, the wheel.
 
 use crate::client::{Came, Page};
-use crate::stage::{SIZE, Server, keys, rendered};
+use crate::stage::{Play, SIZE, Server, keys, rendered};
 use crate::stream::camera;
 use serde_json::json;
 use std::time::Duration;
@@ -71,7 +71,7 @@ fn settings_and_sizes_make_the_picture_that_they_say() {
 /// that would do.
 #[test]
 fn a_picture_that_is_too_large_becomes_smaller() {
-    let server = Server::with_limit(keys(), 128 << 20);
+    let server = Server::start(Play { limit_bytes: 128 << 20, ..Play::default() });
     let mut page = Page::new(&server, SIZE);
     page.settle();
     page.say(&json!({"type": "size", "seq": 2, "size": [4000, 4000]}));
