@@ -23,7 +23,8 @@ use trex_render::{FrameOptions, MemoryPlan, PictureNeeds, RenderSettings, Scene}
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
-    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, ServeOptions, Served, Surroundings, Token, serve, view_bytes,
+    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX,
+    ServeOptions, Served, Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -64,7 +65,8 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let session = stage.session(ctx)?.go_live(frames)?;
 
-    let options = ServeOptions { token: Token::random()?, hosts: args.host.clone(), frames, follows_page };
+    let (token, hosts) = (Token::random()?, args.host.clone());
+    let options = ServeOptions { token, hosts, frames, follows_page, silence_max: SILENCE_MAX };
     let address = listener.local_addr().map_err(|error| refused(args, &error))?;
     say_where(args, address, &options.token, ctx);
     let frames = Frames {

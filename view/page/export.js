@@ -61,6 +61,13 @@ export class Export {
     this.take("png", this.app.state.size, this.app.state.settings.spp ?? 16);
   }
 
+  /** Asks for no picture, after all; the server answers with a notice. */
+  cancel() {
+    if (this.under_way !== null) {
+      this.app.connection.send({ type: "cancel", id: this.under_way.id });
+    }
+  }
+
   progressed({ id, done, total }) {
     if (this.under_way?.id === id) {
       Object.assign(this.under_way, { done, total });
@@ -130,7 +137,9 @@ export class Export {
       number_row("Width", size[0], sides, side(0)),
       number_row("Height", size[1], sides, side(1)),
       number_row("Samples a pixel", spp, { min: 1, max: 65536, step: 1 }, (value) => { this.spp = value; }),
-      element("div", { class: "buttons" }, button("Render and save", take, { disabled: done !== null })),
+      element("div", { class: "buttons" }, button("Render and save", take, { disabled: done !== null }),
+        done ? button("Cancel", () => this.cancel()) : null),
+      done ? element("p", { class: "hint" }, "Changes of the view wait until it is done.") : null,
       done ? element("progress", { max: Math.max(1, done.total), value: done.done, "aria-label": "Picture" }) : null,
     ];
   }

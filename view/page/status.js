@@ -12,6 +12,7 @@ const STAGES = {
   block: "Sharpening",
   complete: "Converging",
   done: "Done",
+  screenshot: "Rendering a picture to save",
   damaged: "Damaged: not all of the model is shown",
 };
 /** Stages after which no frame comes by itself. */
@@ -22,7 +23,8 @@ function show_progress(stats) {
   const has_ended = ENDS.includes(stats.progress);
   const share = has_ended ? 1 : Math.min(1, (stats.samples ?? 0) / Math.max(1, stats.spp ?? 1));
   byId("bar").style.transform = `scaleX(${share})`;
-  byId("progress").textContent = has_ended || !Number.isFinite(stats.samples)
+  const counts_samples = !has_ended && stats.progress !== "screenshot" && Number.isFinite(stats.samples);
+  byId("progress").textContent = !counts_samples
     ? STAGES[stats.progress] ?? ""
     : `${STAGES[stats.progress] ?? ""} ${stats.samples} of ${stats.spp}`;
   const { used_bytes, limit_bytes } = stats.memory ?? {};

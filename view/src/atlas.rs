@@ -4,9 +4,9 @@
 //! filled up with its last pixels, which no one sees.
 
 use crate::blocks::{BLOCK_SIDE, Layout};
+use crate::bounded::Bounded;
 use crate::picture::Picture;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
-use std::io::{self, Write};
 use tungstenite::protocol::frame::FrameHeader;
 use tungstenite::protocol::frame::coding::{Data, OpCode};
 
@@ -119,7 +119,7 @@ impl Atlas {
         bytes.clear();
         bytes.resize(HEADER_BYTES_MAX, 0);
         self.head.write(KIND_BLOCKS, self.columns, &self.blocks, bytes);
-        let mut encoder = Encoder::new(Bounded { bytes, most }, QUALITY);
+        let mut encoder = Encoder::new(Bounded::new(bytes, most, &|| false), QUALITY);
         encoder.set_sampling_factor(SamplingFactor::F_1_1);
         encoder.encode(&self.rgb, width, height, ColorType::Rgb).ok()?;
         Some(finish(bytes))
@@ -161,32 +161,6 @@ fn finish(bytes: &mut [u8]) -> usize {
     let start = HEADER_BYTES_MAX - header.len();
     bytes[start..HEADER_BYTES_MAX].copy_from_slice(&header);
     start
-}
-
-/// A vector that takes so much and no more.
-pub(crate) struct Bounded<'a> {
-    pub(crate) bytes: &'a mut Vec<u8>,
-    pub(crate) most: usize,
-}
-
-impl Write for Bounded<'_> {
-    fn write(&mut self, more: &[u8]) -> io::Result<usize> {
-        let wanted = self.bytes.len() + more.len();
-        if wanted > self.most {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        // Doubling would take up to twice the bound.
-        if wanted > self.bytes.capacity() {
-            let room = (2 * self.bytes.capacity()).clamp(wanted, self.most.max(wanted));
-            self.bytes.reserve_exact(room - self.bytes.len());
-        }
-        self.bytes.extend_from_slice(more);
-        Ok(more.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
 }
 
 #[cfg(test)]

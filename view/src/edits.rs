@@ -65,8 +65,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     ///
     /// # Errors
     /// The session cannot go on.
-    pub(crate) fn take_mail(&mut self, mail: Mail) -> Result<()> {
-        let Mail { camera, size, limit_bytes, edits, picks, screenshots, seq, rest, roles, since } = mail;
+    pub(crate) fn apply_mail(&mut self, mail: Mail) -> Result<()> {
+        let Mail { camera, size, limit_bytes, edits, picks, shot, seq, rest, roles, since } = mail;
         self.seq = seq.unwrap_or(self.seq);
         if let Some(bytes) = limit_bytes {
             self.set_limit(bytes);
@@ -95,11 +95,11 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         for (client, id, pixel) in picks {
             self.pick(client, id, pixel);
         }
-        for shot in screenshots {
-            self.take_screenshot(shot)?;
-        }
         if roles {
-            self.shared.tell_state(State::default(), None);
+            self.shared.send_state(State::default(), None);
+        }
+        if let Some(shot) = shot {
+            self.make_screenshot(shot)?;
         }
         Ok(())
     }
@@ -149,7 +149,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         };
         if refused != self.smaller {
             self.smaller = refused;
-            self.shared.tell_state(State { smaller: Some(refused), ..State::default() }, None);
+            self.shared.send_state(State { smaller: Some(refused), ..State::default() }, None);
         }
         Ok(changed)
     }
@@ -207,8 +207,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             Ok(()) => {
                 let limit_bytes = self.around.budget.limit_bytes();
                 let update = State { memory: Some(LimitText { limit_bytes }), ..State::default() };
-                self.shared.tell_state(update, None);
-                self.tell_stats();
+                self.shared.send_state(update, None);
+                self.send_stats();
             }
             Err(error) => self.tell_error(&error),
         }
@@ -224,13 +224,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                     // Who drives knows, but not what the renderer makes of it.
                     let knows = update.camera.is_some() && update.size.is_none();
                     let driver = self.shared.mailbox.driver().filter(|_| knows || update.lights.is_some());
-                    self.shared.tell_state(update, driver);
+                    self.shared.send_state(update, driver);
                 }
             }
             Err(error) => {
                 self.tell_error(&error);
                 let update = self.whole_state();
-                self.shared.tell_state(update, None);
+                self.shared.send_state(update, None);
             }
         }
     }
@@ -238,7 +238,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// Tells who drives what went wrong.
     pub(crate) fn tell_error(&self, error: &Error) {
         if let Some(driver) = self.shared.mailbox.driver() {
-            self.shared.tell(driver, || text_of(&Notice::error(error)));
+            self.shared.send_text(driver, || text_of(&Notice::error(error)));
         }
     }
 
@@ -246,7 +246,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     fn pick(&mut self, client: ClientId, id: u32, pixel: [u32; 2]) {
         let [width, height] = self.session().view().settings.resolution;
         let is_inside = pixel[0] < width && pixel[1] < height;
-        let hit = if is_inside { self.session_mut().pick(pixel) } else { None };
+        let stop = self.around.stop;
+        let hit = if is_inside { self.session_mut().pick_until(pixel, &stop) } else { None };
         let materials = &self.session().model().materials;
         let hit = hit.map(|Pick { hit, position }| HitText {
             triangle: hit.triangle,
@@ -260,7 +261,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             distance: hit.t,
             page: hit.page,
         });
-        self.shared.tell(client, || text_of(&Picked { id, hit }));
+        self.shared.send_text(client, || text_of(&Picked { id, hit }));
     }
 }
 

@@ -6,6 +6,7 @@
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Longest head.
@@ -70,7 +71,7 @@ impl Status {
 /// A stream that is read up to a time, if there is one, and not written to.
 #[derive(Debug)]
 pub(crate) struct Incoming {
-    pub(crate) stream: TcpStream,
+    pub(crate) stream: Arc<TcpStream>,
     pub(crate) deadline: Option<Instant>,
 }
 
@@ -84,7 +85,7 @@ impl Read for Incoming {
                 }
                 self.stream.set_read_timeout(Some(left))?;
             }
-            match self.stream.read(bytes) {
+            match (&*self.stream).read(bytes) {
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 read => return read,
             }

@@ -10,9 +10,11 @@
 //! ```text
 //! tone guard page http     radiance to bytes; who may ask; what is there; how it is asked
 //! blocks picture atlas     which blocks have changed; what is shown; how it is sent
+//! bounded connections      bytes that an encoder may write; connections that are open
 //! message settings         what pages say
 //! state texts reports      what they are told; the view as command and scene; figures of the command
 //! mailbox client shared    from reader to session; from session to writer; both
+//! outbox                   what goes to a page next, and when it was heard
 //! window                   how much a frame may hold
 //! socket server serve      two threads a page; connections; the beginning and the end
 //! session_loop edits       frames; events
@@ -24,7 +26,9 @@
 
 mod atlas;
 mod blocks;
+mod bounded;
 mod client;
+mod connections;
 mod edits;
 mod figures;
 mod guard;
@@ -32,6 +36,7 @@ mod http;
 mod mailbox;
 mod message;
 mod motion;
+mod outbox;
 mod page;
 mod picture;
 mod renderer;
@@ -54,4 +59,4 @@ pub use guard::Token;
 pub use reports::{DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
-pub use surroundings::{Room, ServeOptions, Served, Surroundings};
+pub use surroundings::{Room, SILENCE_MAX, ServeOptions, Served, Surroundings};

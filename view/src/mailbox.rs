@@ -2,14 +2,16 @@
 //!
 //! ```text
 //! camera, size, limit     the latest counts
-//! edits                   in order, at most 64
-//! picks, screenshots      in order, few
+//! edits                   in order, at most 64; of lights the latest alone
+//! picks                   in order, few
+//! screenshots             in order, few; one is handed out at a time, and is wanted until its page goes or cancels it
 //! ```
 //!
 //! One client drives, the others watch. Who drives is decided here, so that no watcher's event gets further.
 //!
 //! Invariants: 1. it never grows past its bounds: what does not fit is refused, and who sent it is told; 2. events are
-//! of the one who drives; 3. `has_event` is true exactly while there is something to take.
+//! of the one who drives; 3. `has_event` is true exactly while there is something to take; 4. a screenshot of a page that
+//! has gone is not wanted.
 
 use crate::message::{CameraText, Format, FromClient, Role};
 use std::collections::VecDeque;
@@ -23,7 +25,7 @@ const EDITS_MAX: usize = 64;
 /// Most pixels that wait to be looked at.
 const PICKS_MAX: usize = 64;
 /// Most screenshots that wait, each of which takes seconds.
-const SCREENSHOTS_MAX: usize = 4;
+const SHOTS_MAX: usize = 4;
 /// Who has not sent a thing for so long loses the wheel to whom asks for it.
 const WHEEL_IDLE: Duration = Duration::from_secs(10);
 
@@ -58,7 +60,8 @@ pub(crate) struct Mail {
     pub(crate) limit_bytes: Option<u64>,
     pub(crate) edits: VecDeque<Edit>,
     pub(crate) picks: VecDeque<(ClientId, u32, [u32; 2])>,
-    pub(crate) screenshots: VecDeque<Shot>,
+    /// Until [`Mailbox::end_shot`] it is the one under way.
+    pub(crate) shot: Option<Shot>,
     /// The last event of the driver.
     pub(crate) seq: Option<u32>,
     pub(crate) rest: bool,
@@ -78,6 +81,8 @@ pub(crate) enum Posted {
     Full,
     /// Somebody else drives, and is not idle.
     Driven,
+    /// A screenshot that waited waits no more.
+    Cancelled,
 }
 
 /// See the module's description.
@@ -86,11 +91,17 @@ pub(crate) struct Mailbox {
     inner: Mutex<Inner>,
     bell: Condvar,
     has_event: AtomicBool,
+    /// The screenshot under way is wanted; asked by many threads.
+    is_shot_wanted: AtomicBool,
 }
 
 #[derive(Debug, Default)]
 struct Inner {
     mail: Mail,
+    /// Screenshots that wait.
+    shots: VecDeque<Shot>,
+    /// Client and number of the screenshot under way.
+    under_way: Option<(ClientId, u32)>,
     driver: Option<ClientId>,
     /// When the driver was heard last.
     heard: Option<Instant>,
@@ -126,7 +137,10 @@ impl Mailbox {
             inner.driver = None;
         }
         inner.mail.picks.retain(|(from, ..)| *from != client);
-        inner.mail.screenshots.retain(|shot| shot.client != client);
+        inner.shots.retain(|shot| shot.client != client);
+        if inner.under_way.is_some_and(|(of, _)| of == client) {
+            self.is_shot_wanted.store(false, Ordering::Release);
+        }
         inner.mail.roles = true;
         self.ring(inner);
     }
@@ -150,9 +164,13 @@ impl Mailbox {
         }
         let posted = match message {
             FromClient::Drive {} => inner.give_wheel(client),
+            FromClient::Cancel { id } => self.cancel(&mut inner, client, id),
+            FromClient::Screenshot { id, format, size, spp } if drives => {
+                push(&mut inner.shots, SHOTS_MAX, Shot { client, id, format, size, spp })
+            }
             FromClient::Pick { id, pixel } => push(&mut inner.mail.picks, PICKS_MAX, (client, id, pixel)),
             _ if !drives => Posted::Watching,
-            message => inner.mail.take_event(client, message),
+            message => inner.mail.add_event(message),
         };
         if posted == Posted::Taken {
             self.ring(inner);
@@ -165,11 +183,41 @@ impl Mailbox {
         self.has_event.load(Ordering::Acquire)
     }
 
-    /// Takes all there is.
-    pub(crate) fn take(&self) -> Mail {
+    /// Hands out all there is, but of screenshots the first alone.
+    pub(crate) fn collect(&self) -> Mail {
         let mut inner = self.lock();
-        self.has_event.store(false, Ordering::Release);
-        std::mem::take(&mut inner.mail)
+        let shot = inner.shots.pop_front();
+        if let Some(shot) = &shot {
+            inner.under_way = Some((shot.client, shot.id));
+            self.is_shot_wanted.store(true, Ordering::Release);
+        }
+        self.has_event.store(!inner.shots.is_empty(), Ordering::Release);
+        Mail { shot, ..std::mem::take(&mut inner.mail) }
+    }
+
+    /// True once after clients have come or gone, or another drives; all else stays.
+    pub(crate) fn collect_roles(&self) -> bool {
+        std::mem::take(&mut self.lock().mail.roles)
+    }
+
+    /// True while the screenshot under way is wanted.
+    pub(crate) fn wants_shot(&self) -> bool {
+        self.is_shot_wanted.load(Ordering::Acquire)
+    }
+
+    /// No screenshot is under way any more. True when it was wanted to its end.
+    pub(crate) fn end_shot(&self) -> bool {
+        self.lock().under_way = None;
+        self.is_shot_wanted.swap(false, Ordering::AcqRel)
+    }
+
+    fn cancel(&self, inner: &mut Inner, client: ClientId, id: u32) -> Posted {
+        if inner.under_way == Some((client, id)) {
+            self.is_shot_wanted.store(false, Ordering::Release);
+        }
+        let count = inner.shots.len();
+        inner.shots.retain(|shot| (shot.client, shot.id) != (client, id));
+        if inner.shots.len() < count { Posted::Cancelled } else { Posted::Taken }
     }
 
     /// Waits until there is something to take, or `longest` has passed.
@@ -192,8 +240,8 @@ impl Inner {
 }
 
 impl Mail {
-    /// Takes an event of the one who drives.
-    fn take_event(&mut self, client: ClientId, message: FromClient) -> Posted {
+    /// Adds an event of the one who drives.
+    fn add_event(&mut self, message: FromClient) -> Posted {
         let (seq, posted) = match message {
             FromClient::Camera { seq, position, target, up, fov_y } => {
                 self.camera = Some(CameraText { position, target, up, fov_y });
@@ -217,13 +265,11 @@ impl Mail {
             }
             FromClient::Settings { seq, settings } => (Some(seq), self.push_edit(Edit::Settings(settings))),
             FromClient::Moving { scale } => (None, self.push_edit(Edit::Moving(scale))),
-            FromClient::Screenshot { id, format, size, spp } => {
-                let shot = Shot { client, id, format, size, spp };
-                (None, push(&mut self.screenshots, SCREENSHOTS_MAX, shot))
-            }
             // These are no events.
-            FromClient::Hello { .. } | FromClient::Ack { .. } => (None, Posted::Taken),
-            FromClient::Pick { .. } | FromClient::Drive {} => (None, Posted::Taken),
+            FromClient::Hello { .. } | FromClient::Ack { .. } | FromClient::Drive {} => (None, Posted::Taken),
+            FromClient::Pick { .. } | FromClient::Screenshot { .. } | FromClient::Cancel { .. } => {
+                (None, Posted::Taken)
+            }
         };
         if posted == Posted::Taken {
             self.seq = seq.or(self.seq);
@@ -231,10 +277,13 @@ impl Mail {
         posted
     }
 
-    /// Edits of one kind that follow each other are as good as the last: all lights come each time.
+    /// All lights come each time, and nothing else depends on them: the latest take the place of those that wait.
     fn push_edit(&mut self, edit: Edit) -> Posted {
-        if let (Some(last @ Edit::Lights(_)), Edit::Lights(_)) = (self.edits.back_mut(), &edit) {
-            *last = edit;
+        let is_lights = |edit: &Edit| matches!(edit, Edit::Lights(_));
+        if is_lights(&edit)
+            && let Some(waiting) = self.edits.iter_mut().find(|edit| is_lights(edit))
+        {
+            *waiting = edit;
             return Posted::Taken;
         }
         push(&mut self.edits, EDITS_MAX, edit)
@@ -276,7 +325,7 @@ mod tests {
             assert_eq!(mailbox.post(1, camera(2 * seq)), Posted::Taken);
             assert_eq!(mailbox.post(1, material(2 * seq + 1)), Posted::Taken);
         }
-        let mail = mailbox.take();
+        let mail = mailbox.collect();
         assert!(!mailbox.has_event() && mail.roles && mail.since.is_some());
         assert_eq!(mail.camera.unwrap().camera().position, [18.0, 0.0, 0.0]);
         assert_eq!((mail.seq, mail.size), (Some(19), Some([64, 64])));
@@ -299,14 +348,57 @@ mod tests {
             (0..most).for_each(|_| assert_eq!(mailbox.post(1, make()), Posted::Taken));
             assert_eq!(mailbox.post(1, make()), Posted::Full);
         }
-        (0..SCREENSHOTS_MAX).for_each(|_| assert_eq!(mailbox.post(1, shot()), Posted::Taken));
+        (0..SHOTS_MAX).for_each(|_| assert_eq!(mailbox.post(1, shot()), Posted::Taken));
         assert_eq!(mailbox.post(1, shot()), Posted::Full);
-        assert_eq!(mailbox.take().edits.len(), EDITS_MAX);
+        assert_eq!(mailbox.collect().edits.len(), EDITS_MAX);
         assert_eq!(mailbox.post(1, material(3)), Posted::Taken);
         // What was asked by who has gone is for nobody.
-        mailbox.post(1, shot());
         mailbox.leave(1);
-        assert!(mailbox.take().screenshots.is_empty());
+        assert!(mailbox.collect().shot.is_none() && !mailbox.has_event());
+    }
+
+    /// The lights of 64 messages that alternated with other edits waited all at once: megabytes that nobody had leased.
+    #[test]
+    fn of_lights_the_latest_wait_alone() {
+        let mailbox = Mailbox::default();
+        mailbox.join(1, [64, 64]);
+        for seq in 0..20 {
+            let lights = format!(
+                r#"{{"type":"lights","seq":{seq},"lights":[{{"type":"sky","radiance":[{seq},0,0]}}]}}"#
+            );
+            assert_eq!(mailbox.post(1, message(&lights)), Posted::Taken);
+            assert_eq!(mailbox.post(1, material(seq)), Posted::Taken);
+        }
+        let edits = mailbox.collect().edits;
+        assert_eq!(edits.len(), 21);
+        assert!(matches!(&edits[0], Edit::Lights(lights)
+            if lights[..] == [trex_render::Light::Sky { radiance: [19.0, 0.0, 0.0] }]));
+    }
+
+    /// One goes out at a time, so that all others can still be withdrawn; a page that cancels its own, or goes, makes
+    /// the one under way unwanted, and no other page does.
+    #[test]
+    fn a_screenshot_is_wanted_until_its_page_goes_or_cancels_it() {
+        let mailbox = Mailbox::default();
+        mailbox.join(1, [64, 64]);
+        mailbox.join(2, [64, 64]);
+        let say = |client: ClientId, id: u32, text: &str| {
+            mailbox.post(client, message(&text.replace("ID", &id.to_string())))
+        };
+        let shot = r#"{"type":"screenshot","id":ID,"format":"png","size":[64,64],"spp":4}"#;
+        let cancel = r#"{"type":"cancel","id":ID}"#;
+        assert_eq!(say(2, 1, shot), Posted::Watching);
+        (1..=4).for_each(|id| assert_eq!(say(1, id, shot), Posted::Taken));
+        assert_eq!(mailbox.collect().shot.unwrap().id, 1);
+        assert!(mailbox.wants_shot() && mailbox.has_event());
+        assert_eq!((say(2, 1, cancel), say(1, 2, cancel)), (Posted::Taken, Posted::Cancelled));
+        assert!(mailbox.wants_shot());
+        assert_eq!(say(1, 1, cancel), Posted::Taken);
+        assert!(!mailbox.wants_shot() && !mailbox.end_shot());
+        assert_eq!(mailbox.collect().shot.unwrap().id, 3);
+        mailbox.leave(1);
+        assert!(!mailbox.wants_shot() && mailbox.collect_roles() && !mailbox.collect_roles());
+        assert!(!mailbox.end_shot() && mailbox.collect().shot.is_none());
     }
 
     #[test]
@@ -315,7 +407,7 @@ mod tests {
         mailbox.join(1, [64, 64]);
         mailbox.join(2, [32, 32]);
         assert_eq!((mailbox.role(1), mailbox.role(2)), (Role::Drive, Role::Watch));
-        assert_eq!(mailbox.take().size, Some([64, 64]));
+        assert_eq!(mailbox.collect().size, Some([64, 64]));
         assert_eq!(mailbox.post(2, camera(1)), Posted::Watching);
         assert!(!mailbox.has_event());
         assert_eq!(mailbox.post(2, FromClient::Drive {}), Posted::Driven);

@@ -42,6 +42,8 @@ pub(crate) enum FromClient {
     Pick { id: u32, pixel: [u32; 2] },
     /// A picture as a file.
     Screenshot { id: u32, format: Format, size: [u32; 2], spp: u32 },
+    /// No picture as a file, after all.
+    Cancel { id: u32 },
     /// Asks to be the one who drives.
     Drive {},
 }
@@ -161,6 +163,11 @@ impl Notice {
             numbers: why.into(),
             next: "load the page again".into(),
         }
+    }
+
+    /// A screenshot that nobody wants any more.
+    pub(crate) fn cancelled() -> Notice {
+        Notice::info("screenshot", "the picture was cancelled", "")
     }
 
     /// Something to know.

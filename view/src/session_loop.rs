@@ -13,7 +13,7 @@
 //! or a picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and
 //! nothing is sent.
 
-use crate::atlas::Bounded;
+use crate::bounded::Bounded;
 use crate::figures::Figures;
 use crate::message::text_of;
 use crate::motion::Motion;
@@ -22,7 +22,7 @@ use crate::renderer::Stamps;
 use crate::reports::DAMAGE_LISTED_MAX;
 use crate::shared::{Shared, png_bytes};
 
-use crate::state::{Smaller, State, Stats, TextsMessage, progress_name};
+use crate::state::{RaysText, Smaller, State, Stats, TextsMessage, progress_name};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
@@ -37,6 +37,8 @@ const SLEEP: Duration = Duration::from_millis(200);
 const PREVIEW_STEP_LEAST: u32 = 2;
 /// The progress of a picture that has all its samples, and lacks what damaged pages hold.
 const DAMAGED: &str = "damaged";
+/// The progress while a screenshot is made.
+const SCREENSHOT: &str = "screenshot";
 
 /// A session on show.
 pub(crate) struct SessionLoop<'a, T> {
@@ -68,6 +70,8 @@ pub(crate) struct SessionLoop<'a, T> {
     pub(crate) smaller: Option<Smaller>,
     /// Damaged pages that the browser pages know of.
     damaged: u64,
+    /// The last statistics of the picture on show.
+    stats: Stats,
 }
 
 /// How far the end of a picture is.
@@ -111,6 +115,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             png: Arc::default(),
             smaller: None,
             damaged: 0,
+            stats: Stats::default(),
         };
         this.greet();
         this
@@ -145,8 +150,11 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     /// The session cannot go on; what pages ask for in vain is told to them alone.
     pub(crate) fn run(mut self) -> Result<Served> {
         while !(self.around.stop)() {
-            let mail = self.shared.mailbox.take();
-            self.take_mail(mail)?;
+            let mail = self.shared.mailbox.collect();
+            self.apply_mail(mail)?;
+            if (self.around.stop)() {
+                break;
+            }
             match self.rests_for() {
                 Some(time) => self.shared.mailbox.wait(time),
                 None if self.ending == Ending::Done => self.settle(),
@@ -194,7 +202,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
         self.publish(&report);
         if self.figures.is_due() {
-            self.tell_stats();
+            self.send_stats();
         }
     }
 
@@ -274,7 +282,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             self.shared.settle(Settled { frame, png: self.png.clone() });
         }
         self.tell_texts();
-        self.tell_stats();
+        self.send_stats();
     }
 
     /// The film as PNG; nothing where it does not fit.
@@ -283,26 +291,20 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let session = self.session();
         let most = png_bytes(session.view().settings.resolution) as usize;
         let mut bytes = Vec::new();
-        let writer = Bounded { bytes: &mut bytes, most };
+        let writer = Bounded::new(&mut bytes, most, &self.around.stop);
         match write_png(session.film(), self.tone.exposure(), session.thread_pool(), writer) {
             Ok(()) => bytes,
             Err(_) => Vec::new(),
         }
     }
 
-    /// Sends every page statistics, and the list of damaged pages when it has grown.
-    pub(crate) fn tell_stats(&mut self) {
+    /// Sends every page statistics.
+    pub(crate) fn send_stats(&mut self) {
         let keys = *self.session().view().settings;
         let rays_per_s = self.figures.rays_per_s();
         let pool = (self.around.pool)();
-        if pool.damaged != self.damaged {
-            self.damaged = pool.damaged;
-            let mut damage = (self.around.damage)();
-            damage.pages.truncate(DAMAGE_LISTED_MAX);
-            self.shared.tell_state(State { damage: Some(damage), ..State::default() }, None);
-        }
         let is_damaged = pool.damaged > 0 && self.figures.progress == FrameProgress::Done;
-        self.shared.tell_stats(Stats {
+        let stats = Stats {
             progress: if is_damaged { DAMAGED } else { progress_name(self.figures.progress) },
             samples: self.session().film().samples(),
             spp: keys.spp,
@@ -312,14 +314,38 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             rays_per_s,
             memory: (self.around.memory)(),
             pool,
-        });
+        };
+        self.stats = stats;
+        self.send_damage(pool.damaged);
+        self.shared.send_stats(stats);
+    }
+
+    /// What pages hear while a screenshot is made: who comes and goes, memory and pool as they are now.
+    pub(crate) fn beat(&mut self) {
+        if self.shared.mailbox.collect_roles() {
+            self.shared.send_state(State::default(), None);
+        }
+        let (memory, pool) = ((self.around.memory)(), (self.around.pool)());
+        self.send_damage(pool.damaged);
+        let rays_per_s = RaysText::default();
+        self.shared.send_stats(Stats { progress: SCREENSHOT, rays_per_s, memory, pool, ..self.stats });
+    }
+
+    /// Sends every page the list of damaged pages of the file, when it has grown.
+    fn send_damage(&mut self, damaged: u64) {
+        if damaged != self.damaged {
+            self.damaged = damaged;
+            let mut damage = (self.around.damage)();
+            damage.pages.truncate(DAMAGE_LISTED_MAX);
+            self.shared.send_state(State { damage: Some(damage), ..State::default() }, None);
+        }
     }
 
     /// Tells every page the view as texts.
     fn tell_texts(&mut self) {
         let (command, scene) = self.texts();
         let text = text_of(&TextsMessage { command: &command, scene: &scene });
-        self.shared.clients().iter().for_each(|client| client.tell(text.clone()));
+        self.shared.clients().iter().for_each(|client| client.send_text(text.clone()));
         self.shared.keep_texts(command, scene);
     }
 

@@ -118,7 +118,7 @@ impl State {
 }
 
 /// How the picture goes on.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 #[serde(tag = "type", rename = "stats")]
 pub(crate) struct Stats {
     pub(crate) progress: &'static str,

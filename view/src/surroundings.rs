@@ -4,6 +4,7 @@ use crate::guard::Token;
 use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
+use std::time::Duration;
 use trex_render::{Camera, CameraKeys, FrameOptions, RenderSettings};
 use trex_store::{Budget, Material, Result};
 
@@ -55,6 +56,9 @@ impl Room {
     }
 }
 
+/// A page may be silent for so long, unless it is to be otherwise: a minute, as a machine that has gone without a word.
+pub const SILENCE_MAX: Duration = Duration::from_secs(60);
+
 /// How a session is served.
 #[derive(Clone, Debug)]
 pub struct ServeOptions {
@@ -66,6 +70,9 @@ pub struct ServeOptions {
     pub frames: FrameOptions,
     /// True when the picture takes the size of the driver's page.
     pub follows_page: bool,
+    /// A page that something was sent to, and that gives no sign of life for so long (it neither acknowledges nor
+    /// answers a ping), loses its place.
+    pub silence_max: Duration,
 }
 
 /// What was served.

@@ -4,6 +4,8 @@
 mod client;
 #[path = "it/damage.rs"]
 mod damage;
+#[path = "it/ending.rs"]
+mod ending;
 #[path = "it/guard.rs"]
 mod guard;
 #[path = "it/hostile.rs"]

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use trex_render::{
     CameraKeys, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene, Session,
     SessionSetup, Voxels, pooled_tracers, write_png,
@@ -16,7 +17,7 @@ use trex_store::build::{BuildOptions, Existing, Precision, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::verify::boxes_of;
-use trex_store::{Budget, Interrupt, PageFile, Result};
+use trex_store::{Budget, Interrupt, Material, PageFile, Result};
 use trex_view::{
     DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings,
     Token, serve,
@@ -96,11 +97,15 @@ pub(crate) struct Play {
     pub(crate) keys: RenderKeys,
     pub(crate) limit_bytes: u64,
     pub(crate) is_damaged: bool,
+    /// Materials that the model has beside its own, which nothing is made of.
+    pub(crate) more_materials: usize,
+    pub(crate) silence_max: Duration,
 }
 
 impl Default for Play {
     fn default() -> Play {
-        Play { keys: keys(), limit_bytes: 1 << 30, is_damaged: false }
+        let (limit_bytes, silence_max) = (1 << 30, Duration::from_secs(60));
+        Play { keys: keys(), limit_bytes, is_damaged: false, more_materials: 0, silence_max }
     }
 }
 
@@ -108,6 +113,12 @@ impl Play {
     fn path(&self) -> &'static PathBuf {
         if self.is_damaged { damaged_model() } else { model() }
     }
+}
+
+/// A material as scenes of many have them: a long name with a number, a colour of its own.
+fn numbered(index: usize) -> Material {
+    let kd = [0.1, 0.2, (index % 100) as f32 / 100.0];
+    Material { name: format!("{index:05} \u{1} {}", "Stahl".repeat(48)), kd, ..Material::default() }
 }
 
 type Tracer<'a> = PagedMesh<'a, PooledPages<'a>>;
@@ -123,7 +134,8 @@ fn with_session<R>(
     let options = PoolOptions { frames_bytes: 8 << 20, ..PoolOptions::default() };
     let pool = PagePool::open(file.clone(), path, budget, &options).unwrap();
     let voxels = Voxels::open(&file, budget).unwrap().map(Arc::new);
-    let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
+    let (bounds, mut materials) = (file.superblock().bounds, file.materials().to_vec());
+    materials.extend((0..play.more_materials).map(numbered));
     let mut model = Model { bounds, materials, emitters: vec![], voxels };
     let camera = CameraKeys {
         position: Some([1.5, 1.0, 2.0]),
@@ -194,7 +206,8 @@ impl Server {
                 let frames = FrameOptions::default();
                 let session = session.go_live(frames)?;
                 let hosts = vec!["render.lan".to_owned()];
-                let options = ServeOptions { token: said, hosts, frames, follows_page: true };
+                let silence_max = play.silence_max;
+                let options = ServeOptions { token: said, hosts, frames, follows_page: true, silence_max };
                 let materials = session.model().materials.clone();
                 let around = Surroundings {
                     name: "wave",
