@@ -19,7 +19,7 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_render::{FrameOptions, MemoryPlan, PictureNeeds, RenderSettings, Scene};
+use trex_render::{FrameOptions, MemoryPlan, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
@@ -72,7 +72,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let frames = Frames {
         stage: &stage,
         ctx,
-        now: Cell::new(session.view().settings),
+        now: Cell::new(Room::of(session.view().settings, 0)),
         most_bytes: ctx.budget.limit_bytes(),
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -188,7 +188,8 @@ fn open_browser(url: &str, ctx: &Context) {
 struct Frames<'a> {
     stage: &'a Stage,
     ctx: &'a Context,
-    now: Cell<RenderSettings>,
+    /// What the frames make room for.
+    now: Cell<Room>,
     /// The limit that trex was started with.
     most_bytes: u64,
 }
@@ -209,7 +210,7 @@ impl Frames<'_> {
         let all: Vec<u64> = rooms.iter().map(|room| self.bytes(room, limit_bytes)).collect::<Result<_>>()?;
         self.stage.pool.set_limit(all.into_iter().min().expect("room is made for something"))?;
         if let [only] = rooms {
-            self.now.set(only.settings);
+            self.now.set(*only);
         }
         Ok(())
     }
@@ -223,7 +224,7 @@ impl Frames<'_> {
                 .numbers(format!("{} asked, {} at most", size::bytes(bytes), size::bytes(most)))
                 .next("start it again with a greater --memory-limit"));
         }
-        let frames_bytes = self.bytes(&Room::of(self.now.get()), bytes)?;
+        let frames_bytes = self.bytes(&self.now.get(), bytes)?;
         // Frames that go are leased until they have gone, those that come need the room first.
         budget.set_limit(bytes.max(budget.limit_bytes()));
         self.stage.pool.set_limit(frames_bytes)?;

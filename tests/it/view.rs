@@ -4,6 +4,7 @@
 use crate::command::{Ran, folder, ran, run_in, trex_in};
 use crate::fixtures::built_in;
 use serde_json::{Value, json};
+use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
@@ -14,6 +15,10 @@ use tungstenite::{Message, WebSocket};
 
 /// Longest wait for what has to come.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// The kind of message that a file comes in.
+const KIND_FILE: u8 = 3;
+/// As many materials as a file may have.
+const MATERIALS: usize = 65_536;
 
 /// A viewer that runs.
 struct Viewing {
@@ -55,6 +60,18 @@ impl Viewing {
     }
 }
 
+/// The least memory limit that `view LINE` names, MiB.
+#[track_caller]
+fn smallest_limit_mib(inside: &Path, line: &str) -> u64 {
+    let ran = run_in(inside, &format!("view {line} --no-open --json --memory-limit 1MiB"));
+    let document = ran.expect_error(4, "memory-limit");
+    document["smallest_limit_bytes"].as_u64().unwrap().div_ceil(1 << 20)
+}
+
+fn say(page: &mut WebSocket<TcpStream>, message: &Value) {
+    page.send(Message::text(message.to_string())).unwrap();
+}
+
 /// The next text that `is_it`; frames are acknowledged meanwhile.
 #[track_caller]
 fn text_until(page: &mut WebSocket<TcpStream>, is_it: impl Fn(&Value) -> bool) -> Value {
@@ -68,7 +85,10 @@ fn text_until(page: &mut WebSocket<TcpStream>, is_it: impl Fn(&Value) -> bool) -
             }
             Message::Binary(bytes) => {
                 let frame = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
-                page.send(Message::text(json!({"type": "ack", "frame": frame}).to_string())).unwrap();
+                // A file is nobody's frame.
+                if bytes[0] != KIND_FILE {
+                    say(page, &json!({"type": "ack", "frame": frame}));
+                }
             }
             _ => {}
         }
@@ -156,4 +176,75 @@ fn damage_is_reported_as_render_reports_it() {
         assert!(first["bounds"]["lo"][0].as_f64() < first["bounds"]["hi"][0].as_f64(), "{first}");
         assert!(ran.stderr.contains(&format!("damaged page {}, drawn as empty", pages[0])), "{}", ran.stderr);
     }
+}
+
+/// The list of all materials, some 10 MB, went to each page at each edit: past its bound, and past the limit.
+#[test]
+fn as_many_materials_as_there_may_be_work_under_the_smallest_limit() {
+    let inside = folder();
+    let (mut obj, mut mtl) = (String::from("mtllib many.mtl\n"), String::new());
+    for at in 0..MATERIALS {
+        let [x, z] = [at % 256, at / 256];
+        writeln!(mtl, "newmtl part {at:05}\nKd 0.5 0.{:02} 0.5", at % 100).unwrap();
+        writeln!(obj, "v {x} 0 {z}\nv {x} 0 {}\nv {} 0.3 {z}", z + 1, x + 1).unwrap();
+        writeln!(obj, "usemtl part {at:05}\nf -3 -2 -1").unwrap();
+    }
+    std::fs::write(inside.path().join("many.obj"), obj).unwrap();
+    std::fs::write(inside.path().join("many.mtl"), mtl).unwrap();
+    run_in(inside.path(), "build many.obj -o many.trex --voxels 64").expect(0);
+    let line = "many.trex --spp 1 --photons 1k";
+    let limit = smallest_limit_mib(inside.path(), line);
+    let viewing = Viewing::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
+    let mut page = viewing.page();
+    let welcome = text_until(&mut page, |text| text["type"] == "welcome");
+    assert_eq!(welcome["material_count"], MATERIALS);
+    say(&mut page, &json!({"type": "materials", "id": 1, "find": "part 654"}));
+    let list = text_until(&mut page, |text| text["type"] == "materials");
+    assert_eq!((&list["found"], &list["items"][0]["index"]), (&json!(100), &json!(65_400)));
+    for seq in 1..=20 {
+        say(
+            &mut page,
+            &json!({"type": "material", "seq": seq, "index": 65_535, "edit": {"mirror": seq % 2 == 0}}),
+        );
+        let edited = text_until(&mut page, |text| !text["material"].is_null());
+        assert_eq!((&edited["material"]["index"], edited.to_string().len() < 2048), (&json!(65_535), true));
+    }
+    text_until(&mut page, |text| text["type"] == "texts");
+    let ran = viewing.end();
+    ran.expect(0);
+    let memory = &ran.document()["memory"];
+    assert!(memory["peak_rss_bytes"].as_u64().unwrap() <= limit << 20, "{memory}");
+}
+
+/// Where frames take all memory that is left, the room of a screenshot that was still to be sent was given to them: the
+/// viewer ended with a memory error.
+#[test]
+fn a_screenshot_leaves_the_viewer_where_pages_take_all_memory() {
+    let inside = folder();
+    built_in(inside.path(), "gen:scan:1M --voxels 64", "model.trex");
+    let line = "model.trex --threads 1 --resolution 320x240 --spp 1 --photons 1k";
+    let limit = smallest_limit_mib(inside.path(), line) + 2;
+    let viewing = Viewing::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
+    let mut page = viewing.page();
+    for id in 1..=3 {
+        say(&mut page, &json!({"type": "screenshot", "id": id, "format": "png", "size": [64, 48], "spp": 1}));
+        let file = loop {
+            match page.read().unwrap() {
+                Message::Binary(bytes) if bytes[0] == KIND_FILE => break bytes,
+                Message::Text(text) => assert!(!text.contains("\"notice\""), "{text}"),
+                _ => {}
+            }
+        };
+        assert_eq!((file[4], &file[8..12]), (id, &b"\x89PNG"[..]));
+    }
+    let ran = viewing.end();
+    ran.expect(0);
+    let document = ran.document();
+    let frames = document["pool"]["frames"].as_u64().unwrap();
+    let pages =
+        PageFile::open(&inside.path().join("model.trex"), &Budget::unlimited()).unwrap().pages().len();
+    assert!(
+        document["screenshots"] == 3 && frames < pages as u64,
+        "{frames} frames, {pages} pages: {document}"
+    );
 }

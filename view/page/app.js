@@ -17,8 +17,9 @@ import { keep_status } from "./status.js";
 import { Views } from "./views.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
-const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "materials",
-  "settings", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller", "damage"];
+const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "light_count",
+  "material", "material_count", "settings", "model", "memory", "t_max_ms", "command", "scene", "scene_bytes",
+  "follows_page", "smaller", "damage"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
 /** Least and greatest side of a picture that is asked for, pixels. */
@@ -33,7 +34,7 @@ const byId = (id) => document.getElementById(id);
 
 class App {
   constructor() {
-    this.state = { lights: [], materials: [], views: [], settings: {}, role: "watch" };
+    this.state = { lights: [], views: [], settings: {}, role: "watch" };
     this.listeners = new Map();
     this.painters = [];
     this.sent = [];
@@ -106,8 +107,8 @@ class App {
       this.tell("stats", rest);
     } else if (type === "picked") {
       this.picks.get(rest.id)?.(rest.hit);
-    } else if (type === "progress") {
-      this.tell("progress", rest);
+    } else if (type === "progress" || type === "materials") {
+      this.tell(type, rest);
     } else if (type === "notice") {
       this.notices.show(rest);
       this.tell("notice", rest);
@@ -122,6 +123,8 @@ class App {
     for (const key of keys) {
       this.state[key] = values[key];
     }
+    // More than a message holds are not sent.
+    this.state.lights ??= [];
     if (is_camera(values.camera)) {
       this.take_camera(values.camera, is_welcome);
     }
@@ -225,7 +228,7 @@ class App {
 
   set_lights(lights) {
     if (this.edit({ type: "lights", lights })) {
-      this.state.lights = lights;
+      [this.state.lights, this.state.light_count] = [lights, lights.length];
       this.paint();
     }
   }

@@ -4,11 +4,13 @@
 // by a blob's address, which is given back.
 
 import { to_text } from "./camera.js";
-import { button, choice_row, element, number_row, row } from "./widgets.js";
+import { button, bytes, choice_row, element, number_row, row } from "./widgets.js";
 
 /** Kind, format, two bytes, and the number of the picture. */
 const HEADER_BYTES = 8;
 const FORMATS = [["png", "PNG"], ["exr", "EXR: linear light"]];
+/** Endings and media types of files, by the number that the server gives them. */
+const FILES = [["png", "image/png"], ["exr", "image/x-exr"], ["toml", "application/toml"]];
 /** A blob's address lives this long, ms: the download has begun by then. */
 const ADDRESS_MS = 60_000;
 
@@ -80,12 +82,13 @@ export class Export {
 
   received(buffer) {
     const view = new DataView(buffer);
-    const [format, id] = [view.getUint8(1) === 1 ? "exr" : "png", view.getUint32(4, true)];
-    if (this.under_way?.id !== id) {
+    const [[format, type], id] = [FILES[view.getUint8(1)] ?? FILES[0], view.getUint32(4, true)];
+    if (format !== "toml" && this.under_way?.id !== id) {
       return;
     }
-    this.ended();
-    const type = format === "png" ? "image/png" : "image/x-exr";
+    if (format !== "toml") {
+      this.ended();
+    }
     const address = URL.createObjectURL(new Blob([new Uint8Array(buffer, HEADER_BYTES)], { type }));
     const stem = String(this.app.state.name ?? "picture").replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "-");
     element("a", { href: address, download: `${stem || "picture"}.${format}` }).click();
@@ -105,9 +108,22 @@ export class Export {
       element("h3", {}, "This view"),
       this.text("Link", this.app.camera ? this.link : "", "link to this view", 2),
       this.text("Command line", state.command ?? "", "command line", 4),
-      this.text("Scene file", state.scene ?? "", "scene file", 8),
+      ...this.scene(),
       element("h3", {}, "Picture"),
       ...this.picture(),
+    ];
+  }
+
+  /** The scene's text; a long one is saved, not shown. */
+  scene() {
+    const { scene, scene_bytes } = this.app.state;
+    if (scene !== null || !scene_bytes) {
+      return [this.text("Scene file", scene ?? "", "scene file", 8)];
+    }
+    const ask = () => this.app.connection.send({ type: "scene", id: this.app.next_id() });
+    return [
+      element("p", { class: "hint" }, `The scene file has ${bytes(scene_bytes)}: too long to be shown here.`),
+      element("div", { class: "buttons" }, button("Save the scene file", ask)),
     ];
   }
 

@@ -115,6 +115,11 @@ export class Lights {
 
   /** The panel. */
   panel() {
+    const { light_count = 0 } = this.app.state;
+    if (light_count > 0 && this.lights.length === 0) {
+      const text = `The scene has ${light_count} lights, more than a page can change. Its file has them all.`;
+      return [element("p", { class: "hint" }, text)];
+    }
     this.handles.toggle(true);
     const adds = KINDS.map(([kind, text]) => button(`+ ${text}`, () => this.add(kind)));
     const at = Math.min(this.handles.selected, this.lights.length - 1);

@@ -25,7 +25,7 @@ const TITLES = {
 const SHOWS = {
   views: ["views"],
   lights: ["lights"],
-  materials: ["materials"],
+  materials: [],
   measure: [],
   settings: ["settings", "memory", "size"],
   statistics: ["model", "damage"],
@@ -186,9 +186,7 @@ export class Panels {
       return;
     }
     this.materials.select(hit.material);
-    if (this.open_name === "materials") {
-      this.rebuild();
-    } else {
+    if (this.open_name !== "materials") {
       this.open("measure", false);
     }
   }

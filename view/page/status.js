@@ -1,7 +1,7 @@
 // The line at the bottom of the page, and the model's name at its top.
 //
-// Invariants: 1. a picture that lacks damaged pages of the file is never called done; 2. what the server does not say is
-// not shown.
+// Invariants: 1. a picture that lacks damaged pages of the file is never called done; 2. what the server does not say
+// is not shown.
 
 import { bytes, short } from "./widgets.js";
 

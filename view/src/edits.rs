@@ -3,12 +3,15 @@
 //! Invariant: what is refused changes nothing; who asked is told, and what is true instead.
 
 use crate::blocks::BLOCK_SIDE;
-use crate::mailbox::{ClientId, Edit, Mail};
-use crate::message::{CameraText, MaterialText, Notice, text_of};
+use crate::mailbox::{ClientId, Edit, Mail, Question};
+use crate::materials::{cut, list, material_text, name_of};
+use crate::message::{CameraText, Notice, text_of};
+use crate::outbox::{File, FileFormat};
 use crate::session_loop::SessionLoop;
 use crate::settings::SettingsText;
-use crate::state::{BoundsText, HitText, LimitText, Picked, Smaller, State};
+use crate::state::{BoundsText, HitText, LightsText, LimitText, Picked, Smaller, State};
 use crate::surroundings::Room;
+use crate::texts;
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Code, Error, Result};
 
@@ -28,7 +31,6 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let resolution = view.settings.resolution;
         let camera = CameraText::of(&view.camera, resolution);
         let views = self.around.views.iter().map(|camera| CameraText::of(camera, resolution)).collect();
-        let (command, scene) = self.texts();
         let state = State {
             name: Some(self.around.name.to_owned()),
             smaller: Some(None),
@@ -40,22 +42,21 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             model: Some(self.around.model),
             t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
             memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),
-            command: Some(command),
-            scene: Some(scene),
+            material_count: Some(model.materials.len()),
+            texts: Some(self.texts()),
             ..self.whole_state()
         };
         self.shared.set_greeting(state);
     }
 
-    /// All that events may change.
+    /// All that events may change, but materials: who asks for a part of their list gets them as they are.
     fn whole_state(&self) -> State {
         let session = self.session();
-        let (view, model) = (session.view(), session.model());
+        let view = session.view();
         State {
             size: Some(view.settings.resolution),
             camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
-            lights: Some(view.lights.clone()),
-            materials: Some(model.materials.iter().map(MaterialText::from).collect()),
+            lights: Some(LightsText::of(&view.lights)),
             settings: Some(SettingsText::from(&*view.settings)),
             ..State::default()
         }
@@ -66,7 +67,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// # Errors
     /// The session cannot go on.
     pub(crate) fn apply_mail(&mut self, mail: Mail) -> Result<()> {
-        let Mail { camera, size, limit_bytes, edits, picks, shot, seq, rest, roles, since } = mail;
+        let Mail { camera, size, limit_bytes, edits, questions, shot, seq, rest, roles, since } = mail;
         self.seq = seq.unwrap_or(self.seq);
         if let Some(bytes) = limit_bytes {
             self.set_limit(bytes);
@@ -78,7 +79,12 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             self.tell_change(changed, since);
         }
         for edit in edits {
+            let material = if let Edit::Material(index, _) = edit { Some(index) } else { None };
             let changed = self.edit(edit);
+            if let (Err(_), Some(index)) = (&changed, material) {
+                let material = material_text(&self.session().model().materials, index);
+                self.shared.send_state(State { material, ..State::default() }, None);
+            }
             self.tell_change(changed, since);
         }
         if let Some(camera) = camera {
@@ -92,8 +98,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         if rest {
             self.motion.rest();
         }
-        for (client, id, pixel) in picks {
-            self.pick(client, id, pixel);
+        for (client, question) in questions {
+            self.answer(client, question);
         }
         if roles {
             self.shared.send_state(State::default(), None);
@@ -113,17 +119,15 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             }
             Edit::Lights(lights) => {
                 self.motion.event();
-                self.session_mut().apply(Event::Lights(lights.clone()))?;
-                Ok(State { lights: Some(lights), ..State::default() })
+                let told = LightsText::of(&lights);
+                self.session_mut().apply(Event::Lights(lights))?;
+                Ok(State { lights: Some(told), ..State::default() })
             }
             Edit::Material(index, edit) => {
                 self.motion.event();
                 self.session_mut().apply(Event::Material { index, edit })?;
-                let materials = &self.session().model().materials;
-                Ok(State {
-                    materials: Some(materials.iter().map(MaterialText::from).collect()),
-                    ..State::default()
-                })
+                let material = material_text(&self.session().model().materials, index);
+                Ok(State { material, ..State::default() })
             }
             Edit::Settings(edit) => {
                 let keys = edit.apply(&self.session().view().settings);
@@ -162,9 +166,9 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
         self.change_settings(old, settings).inspect_err(|_| {
             // As it was: there was room for it.
-            let _ = (self.around.make_room)(&[Room::of(old)]);
+            let _ = (self.around.make_room)(&[self.room(old)]);
         })?;
-        if let Err(error) = (self.around.make_room)(&[Room::of(settings)]) {
+        if let Err(error) = (self.around.make_room)(&[self.room(settings)]) {
             self.tell_error(&error);
         }
         self.frame_again(old.resolution, settings.resolution)?;
@@ -193,7 +197,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {
-        (self.around.make_room)(&[Room::of(old), Room::of(new)])?;
+        (self.around.make_room)(&[self.room(old), self.room(new)])?;
         self.shared.make_room(new.resolution)?;
         let changed = self.session_mut().apply(Event::Settings(new));
         // The one that is on show then.
@@ -242,6 +246,38 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
     }
 
+    /// The room for a picture on show, beside files that are not sent yet.
+    pub(crate) fn room(&self, settings: RenderSettings) -> Room {
+        Room::of(settings, self.files.now())
+    }
+
+    /// Answers what a page asks.
+    fn answer(&mut self, client: ClientId, question: Question) {
+        match question {
+            Question::Pick { id, pixel } => self.pick(client, id, pixel),
+            Question::Materials(wish) => {
+                let materials = &self.session().model().materials;
+                self.shared.send_text(client, || text_of(&list(materials, &wish)));
+            }
+            Question::Scene(id) => match self.scene_file(id) {
+                Ok(file) => self.shared.send_file(client, file),
+                Err(error) => self.shared.send_text(client, || text_of(&Notice::error(&error).of("scene"))),
+            },
+        }
+    }
+
+    /// The scene's text as a file.
+    fn scene_file(&self, id: u32) -> Result<File> {
+        let session = self.session();
+        let (settings, viewed) = (session.view().settings, self.viewed());
+        let bytes = texts::scene_bytes(&viewed);
+        let on_show = self.room(settings);
+        let copies_bytes = on_show.copies_bytes + bytes as u64;
+        (self.around.make_room)(&[Room { settings, copies_bytes }])?;
+        let room = self.files.lease(self.around.budget, "the scene's text", bytes as u64)?;
+        Ok(File::new(FileFormat::Scene, id, texts::scene(&viewed, bytes).into_bytes(), room))
+    }
+
     /// Says what is at a pixel.
     fn pick(&mut self, client: ClientId, id: u32, pixel: [u32; 2]) {
         let [width, height] = self.session().view().settings.resolution;
@@ -252,10 +288,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let hit = hit.map(|Pick { hit, position }| HitText {
             triangle: hit.triangle,
             material: hit.material,
-            name: materials
-                .get(hit.material as usize)
-                .map(|material| material.name.clone())
-                .unwrap_or_default(),
+            name: cut(name_of(materials, hit.material as usize)).to_owned(),
             position,
             normal: hit.normal,
             distance: hit.t,

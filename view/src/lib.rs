@@ -12,6 +12,7 @@
 //! blocks picture atlas     which blocks have changed; what is shown; how it is sent
 //! bounded connections      bytes that an encoder may write; connections that are open
 //! message settings         what pages say
+//! materials                parts of the list of materials
 //! state texts reports      what they are told; the view as command and scene; figures of the command
 //! mailbox client shared    from reader to session; from session to writer; both
 //! outbox                   what goes to a page next, and when it was heard
@@ -34,6 +35,7 @@ mod figures;
 mod guard;
 mod http;
 mod mailbox;
+mod materials;
 mod message;
 mod motion;
 mod outbox;

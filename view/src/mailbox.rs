@@ -3,7 +3,7 @@
 //! ```text
 //! camera, size, limit     the latest counts
 //! edits                   in order, at most 64; of lights the latest alone
-//! picks                   in order, few
+//! questions               in order, few; of parts of the list of materials a page's latest alone
 //! screenshots             in order, few; one is handed out at a time, and is wanted until its page goes or cancels it
 //! ```
 //!
@@ -13,7 +13,8 @@
 //! of the one who drives; 3. `has_event` is true exactly while there is something to take; 4. a screenshot of a page that
 //! has gone is not wanted.
 
-use crate::message::{CameraText, Format, FromClient, Role};
+use crate::materials::{ListWish, cut};
+use crate::message::{CameraText, Format, FromClient, LIGHTS_MAX, Role};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard};
@@ -22,12 +23,19 @@ use trex_render::{MaterialEdit, RenderEdit};
 
 /// Most edits that wait.
 const EDITS_MAX: usize = 64;
-/// Most pixels that wait to be looked at.
-const PICKS_MAX: usize = 64;
+/// Most questions that wait for an answer.
+const QUESTIONS_MAX: usize = 64;
 /// Most screenshots that wait, each of which takes seconds.
 const SHOTS_MAX: usize = 4;
 /// Who has not sent a thing for so long loses the wheel to whom asks for it.
 const WHEEL_IDLE: Duration = Duration::from_secs(10);
+
+/// Bytes of what waits, at most: edits with the lights of one of them, questions with the longest names, and twice that
+/// while it is handed out.
+pub(crate) const MAILBOX_BYTES: usize = 2
+    * (EDITS_MAX * size_of::<Edit>()
+        + 2 * LIGHTS_MAX * size_of::<trex_render::Light>()
+        + QUESTIONS_MAX * (size_of::<(ClientId, Question)>() + 256));
 
 /// A client, by its number.
 pub(crate) type ClientId = u32;
@@ -40,6 +48,17 @@ pub(crate) enum Edit {
     Settings(RenderEdit),
     /// Pixels from one to the next while the picture moves.
     Moving(u32),
+}
+
+/// Something that any page may ask, and that changes nothing.
+#[derive(Clone, Debug)]
+pub(crate) enum Question {
+    /// What is at a pixel?
+    Pick { id: u32, pixel: [u32; 2] },
+    /// A part of the list of materials.
+    Materials(ListWish),
+    /// The scene's text as a file, of this number.
+    Scene(u32),
 }
 
 /// A picture to be made into a file.
@@ -59,7 +78,7 @@ pub(crate) struct Mail {
     pub(crate) size: Option<[u32; 2]>,
     pub(crate) limit_bytes: Option<u64>,
     pub(crate) edits: VecDeque<Edit>,
-    pub(crate) picks: VecDeque<(ClientId, u32, [u32; 2])>,
+    pub(crate) questions: VecDeque<(ClientId, Question)>,
     /// Until [`Mailbox::end_shot`] it is the one under way.
     pub(crate) shot: Option<Shot>,
     /// The last event of the driver.
@@ -136,7 +155,7 @@ impl Mailbox {
         if inner.driver == Some(client) {
             inner.driver = None;
         }
-        inner.mail.picks.retain(|(from, ..)| *from != client);
+        inner.mail.questions.retain(|(from, _)| *from != client);
         inner.shots.retain(|shot| shot.client != client);
         if inner.under_way.is_some_and(|(of, _)| of == client) {
             self.is_shot_wanted.store(false, Ordering::Release);
@@ -168,7 +187,12 @@ impl Mailbox {
             FromClient::Screenshot { id, format, size, spp } if drives => {
                 push(&mut inner.shots, SHOTS_MAX, Shot { client, id, format, size, spp })
             }
-            FromClient::Pick { id, pixel } => push(&mut inner.mail.picks, PICKS_MAX, (client, id, pixel)),
+            FromClient::Pick { id, pixel } => inner.mail.ask(client, Question::Pick { id, pixel }),
+            FromClient::Materials { id, find, from, index } => {
+                let find = cut(&find).to_owned();
+                inner.mail.ask(client, Question::Materials(ListWish { id, find, from, index }))
+            }
+            FromClient::Scene { id } => inner.mail.ask(client, Question::Scene(id)),
             _ if !drives => Posted::Watching,
             message => inner.mail.add_event(message),
         };
@@ -267,14 +291,23 @@ impl Mail {
             FromClient::Moving { scale } => (None, self.push_edit(Edit::Moving(scale))),
             // These are no events.
             FromClient::Hello { .. } | FromClient::Ack { .. } | FromClient::Drive {} => (None, Posted::Taken),
-            FromClient::Pick { .. } | FromClient::Screenshot { .. } | FromClient::Cancel { .. } => {
+            FromClient::Pick { .. } | FromClient::Materials { .. } | FromClient::Scene { .. } => {
                 (None, Posted::Taken)
             }
+            FromClient::Screenshot { .. } | FromClient::Cancel { .. } => (None, Posted::Taken),
         };
         if posted == Posted::Taken {
             self.seq = seq.or(self.seq);
         }
         posted
+    }
+
+    /// Adds a question. Of parts of the list of materials a page wants the last that it asked for.
+    fn ask(&mut self, client: ClientId, question: Question) -> Posted {
+        if matches!(question, Question::Materials(_)) {
+            self.questions.retain(|(from, old)| *from != client || !matches!(old, Question::Materials(_)));
+        }
+        push(&mut self.questions, QUESTIONS_MAX, (client, question))
     }
 
     /// All lights come each time, and nothing else depends on them: the latest take the place of those that wait.
@@ -344,7 +377,9 @@ mod tests {
         mailbox.join(1, [64, 64]);
         let pick = || message(r#"{"type":"pick","id":9,"pixel":[3,4]}"#);
         let shot = || message(r#"{"type":"screenshot","id":9,"format":"exr","size":[64,64],"spp":4}"#);
-        for (most, make) in [(EDITS_MAX, &(|| material(3)) as &dyn Fn() -> FromClient), (PICKS_MAX, &pick)] {
+        for (most, make) in
+            [(EDITS_MAX, &(|| material(3)) as &dyn Fn() -> FromClient), (QUESTIONS_MAX, &pick)]
+        {
             (0..most).for_each(|_| assert_eq!(mailbox.post(1, make()), Posted::Taken));
             assert_eq!(mailbox.post(1, make()), Posted::Full);
         }
@@ -373,6 +408,22 @@ mod tests {
         assert_eq!(edits.len(), 21);
         assert!(matches!(&edits[0], Edit::Lights(lights)
             if lights[..] == [trex_render::Light::Sky { radiance: [19.0, 0.0, 0.0] }]));
+    }
+
+    /// Who types into the search asks for the list with each letter.
+    #[test]
+    fn of_lists_a_page_gets_the_last_that_it_asked_for() {
+        let mailbox = Mailbox::default();
+        for (client, find) in [(1, "b"), (2, "bo"), (1, "bol"), (1, &"x".repeat(60_000))] {
+            let text = format!(r#"{{"type":"materials","id":3,"find":"{find}"}}"#);
+            assert_eq!(mailbox.post(client, message(&text)), Posted::Taken);
+        }
+        let waiting: Vec<_> = mailbox.collect().questions.into_iter().collect();
+        let [(2, Question::Materials(second)), (1, Question::Materials(first))] = &waiting[..] else {
+            panic!("{waiting:?}")
+        };
+        assert_eq!((second.find.as_str(), second.from, second.index), ("bo", 0, None));
+        assert_eq!(first.find, "x".repeat(255));
     }
 
     /// One goes out at a time, so that all others can still be withdrawn; a page that cancels its own, or goes, makes

@@ -11,14 +11,16 @@
 //! 2. texts that wait or are being written take at most [`TEXT_BYTES_MAX`] together: a page that takes none is let go;
 //! 3. a page that owes nothing is asked nothing: a picture that stands still costs no message.
 
+use crate::atlas::header;
 use crate::blocks::Marks;
 use crate::picture::Settled;
 use crate::state::Stats;
 use crate::window::Window;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use trex_store::Lease;
+use trex_store::{Budget, Lease, Result};
 
 /// Most texts that wait.
 const TEXTS_MAX: usize = 256;
@@ -26,6 +28,10 @@ const TEXTS_MAX: usize = 256;
 pub(crate) const TEXT_BYTES_MAX: usize = 128 << 10;
 /// Bytes of a part of a settled picture: 0.1 s of 2.5 Mbit/s. With its head it stays below 32 KiB.
 pub(crate) const PART_BYTES: usize = (32 << 10) - 64;
+
+/// The kind of message that a file goes in, and the bytes in front of the file.
+const KIND_FILE: u8 = 3;
+const FILE_HEAD_BYTES: usize = 8;
 
 /// Codes of closing.
 pub(crate) mod close {
@@ -65,7 +71,65 @@ pub(crate) struct File {
     /// What goes before it in its message.
     pub(crate) head: Vec<u8>,
     pub(crate) bytes: Vec<u8>,
-    pub(crate) _lease: Lease,
+    _room: FileRoom,
+}
+
+/// The formats of files, with their numbers in messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FileFormat {
+    Png = 0,
+    Exr = 1,
+    Scene = 2,
+}
+
+/// Bytes of files that are made or wait for their pages: so much less is there for frames of pages.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FileBytes(Arc<AtomicU64>);
+
+/// Leased room for a file.
+#[derive(Debug)]
+pub(crate) struct FileRoom {
+    lease: Lease,
+    all: FileBytes,
+}
+
+impl FileBytes {
+    /// All of them now.
+    pub(crate) fn now(&self) -> u64 {
+        self.0.load(Ordering::Acquire)
+    }
+
+    /// Leases room for a file of at most so many bytes.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`].
+    pub(crate) fn lease(&self, budget: &Budget, what: &str, most: u64) -> Result<FileRoom> {
+        let lease = budget.lease(what, most)?;
+        self.0.fetch_add(most, Ordering::AcqRel);
+        Ok(FileRoom { lease, all: self.clone() })
+    }
+}
+
+impl Drop for FileRoom {
+    fn drop(&mut self) {
+        let bytes = self.lease.bytes();
+        self.lease.shrink_to(0);
+        self.all.0.fetch_sub(bytes, Ordering::AcqRel);
+    }
+}
+
+impl File {
+    /// A file in its room, of which it gives back what it does not take.
+    pub(crate) fn new(format: FileFormat, id: u32, mut bytes: Vec<u8>, mut room: FileRoom) -> File {
+        bytes.shrink_to_fit();
+        let (before, now) = (room.lease.bytes(), bytes.len() as u64);
+        room.lease.shrink_to(now);
+        room.all.0.fetch_sub(before - now, Ordering::AcqRel);
+        let mut head = header(FILE_HEAD_BYTES + bytes.len());
+        head.extend_from_slice(&[KIND_FILE, format as u8, 0, 0]);
+        head.extend_from_slice(&id.to_le_bytes());
+        File { head, bytes, _room: room }
+    }
 }
 
 /// A frame on its way.

@@ -10,13 +10,12 @@
 //! while it is made and until it is sent; 3. it ends when its page goes or cancels it, and when the viewer ends; 4. it
 //! takes at most [`SAMPLES_MAX`] samples.
 
-use crate::atlas::header;
 use crate::bounded::Bounded;
 use crate::mailbox::Shot;
 use crate::message::{Format, Notice, text_of};
-use crate::outbox::File;
+use crate::outbox::{File, FileBytes, FileFormat};
 use crate::session_loop::SessionLoop;
-use crate::shared::{Shared, png_bytes, view_bytes};
+use crate::shared::{Shared, png_bytes};
 use crate::state::ShotProgress;
 use crate::surroundings::Room;
 use std::ops::ControlFlow;
@@ -27,10 +26,6 @@ use std::time::{Duration, Instant};
 use trex_render::{Event, PagedTracer, RenderKeys, RenderSettings, Session, write_exr, write_png};
 use trex_store::{Budget, Code, Error, Result};
 
-/// The kind of message that a file goes in.
-const KIND_FILE: u8 = 3;
-/// Bytes in front of the file.
-const HEAD_BYTES: usize = 8;
 /// Bytes of a pixel of an EXR, and its tables.
 const EXR_PIXEL_BYTES: u64 = 13;
 const EXR_FIXED_BYTES: u64 = 1 << 20;
@@ -71,16 +66,21 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     pub(crate) fn make_screenshot(&mut self, shot: Shot) -> Result<()> {
         let old = self.session().view().settings;
         let settings = settings_of(&shot, &old).and_then(|settings| {
-            let copies_bytes = view_bytes(old.resolution) + file_bytes(&shot);
-            (self.around.make_room)(&[Room::of(old), Room { settings, copies_bytes }])?;
+            // The picture that is made takes the place of the one on show, then that takes its place again: the file is
+            // beside both.
+            let copies_bytes = self.room(old).copies_bytes + file_bytes(&shot);
+            (self.around.make_room)(&[
+                Room { settings: old, copies_bytes },
+                Room { settings, copies_bytes },
+            ])?;
             Ok(settings)
         });
         let made = match settings {
             Err(error) => Err(error),
             Ok(settings) => self.make_beside(shot, settings)?,
         };
-        // There was room for it before.
-        (self.around.make_room)(&[Room::of(old)])?;
+        // There was room for it before, but for what the file takes until it is sent.
+        (self.around.make_room)(&[self.room(old)])?;
         let is_wanted = self.shared.mailbox.end_shot();
         match made {
             Ok(file) if is_wanted => {
@@ -100,11 +100,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     fn make_beside(&mut self, shot: Shot, settings: RenderSettings) -> Result<Result<File>> {
         let old = self.session().view().settings;
         let samples = self.session().film().samples();
+        let files = self.files.clone();
         let work = ShotWork {
             shot,
             settings,
             shared: self.shared,
             budget: self.around.budget,
+            files: &files,
             stop: self.around.stop,
         };
         let mut session = self.take_session().into_session();
@@ -149,6 +151,7 @@ struct ShotWork<'a> {
     settings: RenderSettings,
     shared: &'a Shared,
     budget: &'a Budget,
+    files: &'a FileBytes,
     stop: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -160,7 +163,7 @@ impl ShotWork<'_> {
     fn file<T: PagedTracer + Send>(&self, session: &mut Session<T>) -> Result<File> {
         let ShotWork { shot, settings, .. } = *self;
         let most = file_bytes(&shot);
-        let lease = self.budget.lease("the screenshot", most)?;
+        let room = self.files.lease(self.budget, "the screenshot", most)?;
         let stop = || self.is_over();
         session.apply(Event::Settings(settings))?;
         session.illuminate(&stop, &mut |_, _| {})?;
@@ -183,10 +186,11 @@ impl ShotWork<'_> {
                 .numbers(error.to_string())
                 .next("ask for the other format, or use trex render")
         })?;
-        let mut head = header(HEAD_BYTES + bytes.len());
-        head.extend_from_slice(&[KIND_FILE, u8::from(shot.format == Format::Exr), 0, 0]);
-        head.extend_from_slice(&shot.id.to_le_bytes());
-        Ok(File { head, bytes, _lease: lease })
+        let format = match shot.format {
+            Format::Png => FileFormat::Png,
+            Format::Exr => FileFormat::Exr,
+        };
+        Ok(File::new(format, shot.id, bytes, room))
     }
 
     fn render<T: PagedTracer + Send>(&self, session: &mut Session<T>, stop: &(dyn Fn() -> bool + Sync)) {

@@ -15,21 +15,22 @@
 
 use crate::bounded::Bounded;
 use crate::figures::Figures;
-use crate::message::text_of;
+use crate::materials::fingerprint;
 use crate::motion::Motion;
+use crate::outbox::FileBytes;
 use crate::picture::{Changed, Picture, Settled, flag};
 use crate::renderer::Stamps;
 use crate::reports::DAMAGE_LISTED_MAX;
 use crate::shared::{Shared, png_bytes};
 
-use crate::state::{RaysText, Smaller, State, Stats, TextsMessage, progress_name};
+use crate::state::{RaysText, Smaller, State, Stats, TextsText, progress_name};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
 use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{FrameProgress, FrameReport, Light, LiveSession, PagedTracer, write_png};
-use trex_store::{Material, Result};
+use trex_store::Result;
 
 /// Longest sleep: after so long it is asked whether the viewer is to end.
 const SLEEP: Duration = Duration::from_millis(200);
@@ -39,6 +40,9 @@ const PREVIEW_STEP_LEAST: u32 = 2;
 const DAMAGED: &str = "damaged";
 /// The progress while a screenshot is made.
 const SCREENSHOT: &str = "screenshot";
+
+/// Longest scene file that goes to every page, bytes; a longer one goes as a file to who asks for it.
+const SCENE_BYTES_MAX: usize = 16 << 10;
 
 /// A session on show.
 pub(crate) struct SessionLoop<'a, T> {
@@ -53,9 +57,9 @@ pub(crate) struct SessionLoop<'a, T> {
     pub(crate) served: Served,
     /// The driver's last event.
     pub(crate) seq: u32,
-    /// Lights and materials of the file that was opened.
+    /// Lights of the file that was opened, and what its materials come to.
     pub(crate) input_lights: Vec<Light>,
-    pub(crate) input_materials: Vec<Material>,
+    input_fingerprint: u64,
     pub(crate) input_bakes: bool,
     /// No frame has been made since the last event.
     is_fresh: bool,
@@ -72,6 +76,9 @@ pub(crate) struct SessionLoop<'a, T> {
     damaged: u64,
     /// The last statistics of the picture on show.
     stats: Stats,
+    pub(crate) files: FileBytes,
+    /// Bytes of files when room was made last.
+    file_bytes: u64,
 }
 
 /// How far the end of a picture is.
@@ -97,7 +104,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let mut this = SessionLoop {
             tone: Tone::new(view.settings.exposure),
             input_lights: view.lights.clone(),
-            input_materials: session.model().materials.clone(),
+            input_fingerprint: fingerprint(&session.model().materials),
             input_bakes: view.settings.bake,
             session: Some(session),
             shared,
@@ -116,6 +123,8 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             smaller: None,
             damaged: 0,
             stats: Stats::default(),
+            files: FileBytes::default(),
+            file_bytes: 0,
         };
         this.greet();
         this
@@ -155,6 +164,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             if (self.around.stop)() {
                 break;
             }
+            self.remake_room();
             match self.rests_for() {
                 Some(time) => self.shared.mailbox.wait(time),
                 None if self.ending == Ending::Done => self.settle(),
@@ -281,7 +291,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             };
             self.shared.settle(Settled { frame, png: self.png.clone() });
         }
-        self.tell_texts();
+        self.send_texts();
         self.send_stats();
     }
 
@@ -341,31 +351,47 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
     }
 
-    /// Tells every page the view as texts.
-    fn tell_texts(&mut self) {
-        let (command, scene) = self.texts();
-        let text = text_of(&TextsMessage { command: &command, scene: &scene });
+    /// Sends every page the view as texts.
+    fn send_texts(&mut self) {
+        let texts = self.texts();
+        let text = texts.message();
         self.shared.clients().iter().for_each(|client| client.send_text(text.clone()));
-        self.shared.keep_texts(command, scene);
+        self.shared.keep_texts(texts);
     }
 
-    /// The view as command line and as scene.
-    pub(crate) fn texts(&self) -> (String, String) {
+    /// The view as command line and, unless it is long, as scene.
+    pub(crate) fn texts(&self) -> TextsText {
+        let viewed = self.viewed();
+        let scene_bytes = texts::scene_bytes(&viewed);
+        let scene = (scene_bytes <= SCENE_BYTES_MAX).then(|| texts::scene(&viewed, scene_bytes));
+        TextsText { command: texts::command(&viewed), scene, scene_bytes }
+    }
+
+    /// What texts are made of.
+    pub(crate) fn viewed(&self) -> texts::Viewed<'_> {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
-        let materials = texts::edits(self.around.file_materials, &model.materials);
         let is_by_flags = view.lights == self.input_lights
-            && model.materials == self.input_materials
+            && fingerprint(&model.materials) == self.input_fingerprint
             && (view.settings.bake || !self.input_bakes);
-        let viewed = texts::Viewed {
+        texts::Viewed {
             input: self.around.input,
             model: self.around.model_path,
             camera: &view.camera,
             lights: &view.lights,
-            materials: &materials,
+            materials: [self.around.file_materials, &model.materials],
             keys: &view.settings,
             is_by_flags,
-        };
-        (texts::command(&viewed), texts::scene(&viewed))
+        }
+    }
+
+    /// Gives the room of files that have been sent back to the frames of pages.
+    fn remake_room(&mut self) {
+        let bytes = self.files.now();
+        if bytes != self.file_bytes
+            && (self.around.make_room)(&[self.room(self.session().view().settings)]).is_ok()
+        {
+            self.file_bytes = bytes;
+        }
     }
 }

@@ -10,12 +10,12 @@ use crate::client::Client;
 use crate::connections::{CONNECTIONS_MAX, Connections};
 use crate::guard::{Hosts, Token};
 use crate::http::HEAD_BYTES_MAX;
-use crate::mailbox::Mailbox;
+use crate::mailbox::{MAILBOX_BYTES, Mailbox};
 use crate::message::{MESSAGE_BYTES_MAX, Role};
 use crate::outbox::{File, Outbox, TEXT_BYTES_MAX};
 use crate::picture::{Changed, Picture, Settled};
 use crate::renderer::Stamps;
-use crate::state::{State, Stats};
+use crate::state::{State, Stats, TextsText};
 use crate::surroundings::ServeOptions;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -58,12 +58,14 @@ pub(crate) struct Shared {
 }
 
 /// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are
-/// encoded, the settled picture, and for each client its frame and its texts.
+/// encoded, the settled picture, what waits in the mailbox, and for each client its frame and its texts.
 pub fn view_bytes(full: [u32; 2]) -> u64 {
     let clients = CLIENTS_MAX * (frame_bytes(full) + TEXT_BYTES_MAX + CLIENT_BYTES);
     let connections = (CONNECTIONS_MAX - CLIENTS_MAX) * CONNECTION_BYTES;
+    // What is kept for those who come later, and a text in the making.
+    let texts = 2 * TEXT_BYTES_MAX + MAILBOX_BYTES;
     let pictures = Picture::bytes(full) + Stamps::bytes(full) + Atlas::bytes(full) + png_bytes(full);
-    pictures + (clients + connections) as u64
+    pictures + (clients + connections + texts) as u64
 }
 
 /// Most bytes of a settled picture.
@@ -229,8 +231,8 @@ impl Shared {
     }
 
     /// Keeps the view as texts for those who come later.
-    pub(crate) fn keep_texts(&self, command: String, scene: String) {
-        lock(&self.greeting).merge(State { command: Some(command), scene: Some(scene), ..State::default() });
+    pub(crate) fn keep_texts(&self, texts: TextsText) {
+        lock(&self.greeting).merge(State { texts: Some(texts), ..State::default() });
     }
 
     /// Clients that ever were.

@@ -50,9 +50,9 @@ pub struct Room {
 }
 
 impl Room {
-    /// For a picture on show.
-    pub fn of(settings: RenderSettings) -> Room {
-        Room { settings, copies_bytes: view_bytes(settings.resolution) }
+    /// For a picture on show, while files of so many bytes are made or wait to be sent.
+    pub fn of(settings: RenderSettings, file_bytes: u64) -> Room {
+        Room { settings, copies_bytes: view_bytes(settings.resolution) + file_bytes }
     }
 }
 

@@ -1,9 +1,11 @@
 //! The view as texts: a command line that makes the same picture, and a scene file.
 //!
 //! Invariants: 1. numbers are written so that they are read back bit by bit; 2. a command line names the scene file
-//! where flags cannot say what has been edited.
+//! where flags cannot say what has been edited; 3. a scene is written as it is made: its length is known before it is
+//! kept, with 65,536 edited materials as with none.
 
-use std::fmt::{Display, Write};
+use crate::materials::name_of;
+use std::fmt::{self, Display, Write};
 use trex_render::{Camera, Filter, Fov, Light, MaterialEdit, Near, Occluders, RenderKeys};
 use trex_store::Material;
 
@@ -19,16 +21,16 @@ pub(crate) struct Viewed<'a> {
     pub(crate) model: &'a str,
     pub(crate) camera: &'a Camera,
     pub(crate) lights: &'a [Light],
-    /// Edits of materials, by name; those of the scene that was opened are among them.
-    pub(crate) materials: &'a [(String, MaterialEdit)],
+    /// Materials of the file, and what they are now: edits of the scene that was opened are among those of pages.
+    pub(crate) materials: [&'a [Material]; 2],
     pub(crate) keys: &'a RenderKeys,
     /// Flags can say it: lights and materials are those of `input`.
     pub(crate) is_by_flags: bool,
 }
 
-/// What has been edited of materials: `then` are those of the file, `now` what they have become.
-pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, MaterialEdit)> {
-    let edit = |(then, now): (&Material, &Material)| {
+/// What has been edited of materials, by index: `then` are those of the file, `now` what they have become.
+fn edits<'a>([then, now]: [&'a [Material]; 2]) -> impl Iterator<Item = (usize, MaterialEdit)> + 'a {
+    let edit = |(index, (then, now)): (usize, (&Material, &Material))| {
         let reflects_alike = (then.kd, then.ks) == (now.kd, now.ks);
         let edit = MaterialEdit {
             kd: (!reflects_alike).then_some(now.kd),
@@ -37,9 +39,9 @@ pub(crate) fn edits(then: &[Material], now: &[Material]) -> Vec<(String, Materia
             ke: (then.ke != now.ke).then_some(now.ke),
             mirror: (then.mirror != now.mirror).then_some(now.mirror),
         };
-        (edit != MaterialEdit::default()).then(|| (now.name.clone(), edit))
+        (edit != MaterialEdit::default()).then_some((index, edit))
     };
-    then.iter().zip(now).filter_map(edit).collect()
+    then.iter().zip(now).enumerate().filter_map(edit)
 }
 
 /// The command line.
@@ -80,50 +82,65 @@ pub(crate) fn command(viewed: &Viewed<'_>) -> String {
     text
 }
 
-/// The scene file.
-pub(crate) fn scene(viewed: &Viewed<'_>) -> String {
-    let Camera { position, target, up, fov } = viewed.camera;
-    let keys = viewed.keys;
-    let mut text = format!("model = {}\n\n[camera]\n", string(viewed.model));
-    let mut line = |key: &str, value: &dyn Display| {
-        let _ = writeln!(text, "{key} = {value}");
-    };
-    line("position", &format_args!("{position:?}"));
-    line("target", &format_args!("{target:?}"));
-    line("up", &format_args!("{up:?}"));
-    match fov {
-        Fov::X(degrees) => line("fov_x", &format_args!("{degrees:?}")),
-        Fov::Y(degrees) => line("fov_y", &format_args!("{degrees:?}")),
+/// Counts bytes of what is written.
+struct Counting(usize);
+
+impl Write for Counting {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0 += text.len();
+        Ok(())
     }
-    for light in viewed.lights {
-        write_light(light, &mut text);
-    }
-    for (name, edit) in viewed.materials {
-        write_material(name, edit, &mut text);
-    }
-    text.push_str("\n[render]\n");
-    let mut line = |key: &str, value: &dyn Display| {
-        let _ = writeln!(text, "{key} = {value}");
-    };
-    line("integrator", &string(keys.integrator.as_str()));
-    line("resolution", &format_args!("{:?}", keys.resolution));
-    line("spp", &keys.spp);
-    line("n_shadow", &keys.n_shadow);
-    line("n_gather", &keys.n_gather);
-    line("photons", &keys.photons);
-    line("k_nearest", &keys.k_nearest);
-    line("near", &string(near(keys.near)));
-    line("occluders", &string(occluders(keys.occluders)));
-    line("lod_error", &format_args!("{:?}", keys.lod_error));
-    line("bake", &keys.bake);
-    line("filter", &string(filter(keys.filter)));
-    line("exposure", &format_args!("{:?}", keys.exposure));
-    line("seed", &keys.seed);
+}
+
+/// Bytes of the scene file.
+pub(crate) fn scene_bytes(viewed: &Viewed<'_>) -> usize {
+    let mut counting = Counting(0);
+    write_scene(viewed, &mut counting).expect("counting does not fail");
+    counting.0
+}
+
+/// The scene file, of so many bytes.
+pub(crate) fn scene(viewed: &Viewed<'_>, bytes: usize) -> String {
+    let mut text = String::with_capacity(bytes);
+    write_scene(viewed, &mut text).expect("a string takes what is written");
     text
 }
 
-fn write_light(light: &Light, text: &mut String) {
-    let _ = match light {
+fn write_scene(viewed: &Viewed<'_>, text: &mut dyn Write) -> fmt::Result {
+    let Camera { position, target, up, fov } = viewed.camera;
+    let keys = viewed.keys;
+    write!(text, "model = {}\n\n[camera]\n", string(viewed.model))?;
+    writeln!(text, "position = {position:?}\ntarget = {target:?}\nup = {up:?}")?;
+    match fov {
+        Fov::X(degrees) => writeln!(text, "fov_x = {degrees:?}")?,
+        Fov::Y(degrees) => writeln!(text, "fov_y = {degrees:?}")?,
+    }
+    for light in viewed.lights {
+        write_light(light, text)?;
+    }
+    for (index, edit) in edits(viewed.materials) {
+        write_material(name_of(viewed.materials[1], index), &edit, text)?;
+    }
+    text.write_str("\n[render]\n")?;
+    let mut line = |key: &str, value: &dyn Display| writeln!(text, "{key} = {value}");
+    line("integrator", &string(keys.integrator.as_str()))?;
+    line("resolution", &format_args!("{:?}", keys.resolution))?;
+    line("spp", &keys.spp)?;
+    line("n_shadow", &keys.n_shadow)?;
+    line("n_gather", &keys.n_gather)?;
+    line("photons", &keys.photons)?;
+    line("k_nearest", &keys.k_nearest)?;
+    line("near", &string(near(keys.near)))?;
+    line("occluders", &string(occluders(keys.occluders)))?;
+    line("lod_error", &format_args!("{:?}", keys.lod_error))?;
+    line("bake", &keys.bake)?;
+    line("filter", &string(filter(keys.filter)))?;
+    line("exposure", &format_args!("{:?}", keys.exposure))?;
+    line("seed", &keys.seed)
+}
+
+fn write_light(light: &Light, text: &mut dyn Write) -> fmt::Result {
+    match light {
         Light::Point { position, intensity } => writeln!(
             text,
             "\n[[light]]\ntype = \"point\"\nposition = {position:?}\nintensity = {intensity:?}"
@@ -138,23 +155,24 @@ fn write_light(light: &Light, text: &mut String) {
              radiance = {radiance:?}"
         ),
         Light::Sky { radiance } => writeln!(text, "\n[[light]]\ntype = \"sky\"\nradiance = {radiance:?}"),
-    };
+    }
 }
 
-fn write_material(name: &str, edit: &MaterialEdit, text: &mut String) {
+fn write_material(name: &str, edit: &MaterialEdit, text: &mut dyn Write) -> fmt::Result {
     let MaterialEdit { kd, ks, ns, ke, mirror } = *edit;
-    let _ = writeln!(text, "\n[material.{}]", string(name));
+    writeln!(text, "\n[material.{}]", string(name))?;
     for (key, rgb) in [("kd", kd), ("ks", ks), ("ke", ke)] {
         if let Some(rgb) = rgb {
-            let _ = writeln!(text, "{key} = {rgb:?}");
+            writeln!(text, "{key} = {rgb:?}")?;
         }
     }
     if let Some(ns) = ns {
-        let _ = writeln!(text, "ns = {ns:?}");
+        writeln!(text, "ns = {ns:?}")?;
     }
     if let Some(mirror) = mirror {
-        let _ = writeln!(text, "mirror = {mirror}");
+        writeln!(text, "mirror = {mirror}")?;
     }
+    Ok(())
 }
 
 fn near(near: Near) -> &'static str {
@@ -228,8 +246,11 @@ mod tests {
             },
             Light::Sky { radiance: [0.3; 3] },
         ];
-        let edit = MaterialEdit { kd: Some([0.1, 0.2, 0.3]), mirror: Some(true), ..MaterialEdit::default() };
-        let materials = [("odd \"name\" \\ \n".to_owned(), edit)];
+        let name = "odd \"name\" \\ \n";
+        let then = [Material::default(), Material { name: name.into(), ..Material::default() }];
+        let now = [then[0].clone(), Material { kd: [0.1, 0.2, 0.3], mirror: true, ..then[1].clone() }];
+        let (kd, ks) = (Some([0.1, 0.2, 0.3]), Some([0.0; 3]));
+        let edit = MaterialEdit { kd, ks, mirror: Some(true), ..MaterialEdit::default() };
         let keys = RenderKeys {
             integrator: Method::FullGi,
             exposure: 0.1,
@@ -243,16 +264,18 @@ mod tests {
             model: "it's.trex",
             camera: &camera,
             lights: &lights,
-            materials: &materials,
+            materials: [&then, &now],
             keys: &keys,
             is_by_flags: false,
         };
-        let read = Scene::parse(&scene(&viewed), Path::new("view.toml")).unwrap();
+        let text = scene(&viewed, 0);
+        assert_eq!(scene_bytes(&viewed), text.len());
+        let read = Scene::parse(&text, Path::new("view.toml")).unwrap();
         assert_eq!(
             (read.model.as_str(), read.lights.as_slice(), read.render),
             ("it's.trex", &lights[..], keys)
         );
-        assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), materials);
+        assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), [(name.to_owned(), edit)]);
         let keys_of_camera = (read.camera.position, read.camera.target, read.camera.fov_y);
         assert_eq!(keys_of_camera, (Some(camera.position), Some(camera.target), Some(39.999_999_999_999_99)));
         assert_eq!(command(&viewed), "trex render view.toml -o picture.png");

@@ -10,6 +10,8 @@ mod ending;
 mod guard;
 #[path = "it/hostile.rs"]
 mod hostile;
+#[path = "it/materials.rs"]
+mod materials;
 #[path = "it/stage.rs"]
 mod stage;
 #[path = "it/stream.rs"]

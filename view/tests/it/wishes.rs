@@ -18,10 +18,7 @@ fn edits_are_seen_by_those_who_watch_and_in_the_texts() {
     while states.iter().all(|state: &serde_json::Value| state["lights"].is_null()) {
         states.push(watcher.text("state"));
     }
-    assert!(
-        states.iter().any(|state| state["materials"][0]["kd"] == json!([0.5, 0.25, 0.125])),
-        "{states:?}"
-    );
+    assert!(states.iter().any(|state| state["material"]["kd"] == json!([0.5, 0.25, 0.125])), "{states:?}");
     assert_eq!(states.last().unwrap()["lights"][0]["radiance"], json!([1.0, 0.5, 0.25]));
     page.frame_until(|frame| frame.seq == 2 && frame.kind == 2);
     let texts = page.text("texts");
