@@ -98,7 +98,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let damage = Damage::of(&stage);
     damage.report(ctx);
     let is_whole = damage.page_count == 0;
-    ctx.done(&Viewed {
+    ctx.done(&ViewReport {
         scene: path.display().to_string(),
         address: address.to_string(),
         time_ms: begin.elapsed().as_millis() as u64,
@@ -271,7 +271,7 @@ fn damage_figures(damage: &Damage) -> DamageFigures {
 }
 
 #[derive(Serialize)]
-struct Viewed {
+struct ViewReport {
     scene: String,
     address: String,
     time_ms: u64,
@@ -283,7 +283,7 @@ struct Viewed {
     memory: Memory,
 }
 
-impl fmt::Display for Viewed {
+impl fmt::Display for ViewReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Served { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
         writeln!(

@@ -10,11 +10,12 @@
 import { extent, is_camera, project, same } from "./camera.js";
 import { Connection } from "./connection.js";
 import { Input } from "./input.js";
-import { KIND_FILE, Picture } from "./picture.js";
+import { Picture } from "./picture.js";
 import { Notices } from "./notices.js";
 import { Panels } from "./panels.js";
 import { keep_status } from "./status.js";
 import { Views } from "./views.js";
+import { BLOCK_SIDE, KIND_FILE, PICTURE_SIDE_MAX } from "./wire.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "light_count",
@@ -23,7 +24,7 @@ const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
 /** Least and greatest side of a picture that is asked for, pixels. */
-const SIDES = [16, 8192];
+const SIDES = [BLOCK_SIDE, PICTURE_SIDE_MAX];
 /** A window that changes its size is at rest after this, ms. */
 const RESIZE_REST_MS = 180;
 /** A pick that is not answered by then is given up, ms. */

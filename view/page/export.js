@@ -5,12 +5,15 @@
 
 import { to_text } from "./camera.js";
 import { button, bytes, choice_row, element, number_row, row } from "./widgets.js";
+import { FILE_EXR, FILE_HEAD_BYTES, FILE_PNG, FILE_SCENE } from "./wire.js";
 
-/** Kind, format, two bytes, and the number of the picture. */
-const HEADER_BYTES = 8;
 const FORMATS = [["png", "PNG"], ["exr", "EXR: linear light"]];
 /** Endings and media types of files, by the number that the server gives them. */
-const FILES = [["png", "image/png"], ["exr", "image/x-exr"], ["toml", "application/toml"]];
+const FILES = {
+  [FILE_PNG]: ["png", "image/png"],
+  [FILE_EXR]: ["exr", "image/x-exr"],
+  [FILE_SCENE]: ["toml", "application/toml"],
+};
 /** A blob's address lives this long, ms: the download has begun by then. */
 const ADDRESS_MS = 60_000;
 
@@ -82,18 +85,18 @@ export class Export {
 
   received(buffer) {
     const view = new DataView(buffer);
-    const [[format, type], id] = [FILES[view.getUint8(1)] ?? FILES[0], view.getUint32(4, true)];
+    const [[format, type], id] = [FILES[view.getUint8(1)] ?? FILES[FILE_PNG], view.getUint32(4, true)];
     if (format !== "toml" && this.under_way?.id !== id) {
       return;
     }
     if (format !== "toml") {
       this.ended();
     }
-    const address = URL.createObjectURL(new Blob([new Uint8Array(buffer, HEADER_BYTES)], { type }));
+    const address = URL.createObjectURL(new Blob([new Uint8Array(buffer, FILE_HEAD_BYTES)], { type }));
     const stem = String(this.app.state.name ?? "picture").replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "-");
     element("a", { href: address, download: `${stem || "picture"}.${format}` }).click();
     setTimeout(() => URL.revokeObjectURL(address), ADDRESS_MS);
-    this.app.tell("saved", { format, byte_count: buffer.byteLength - HEADER_BYTES });
+    this.app.tell("saved", { format, byte_count: buffer.byteLength - FILE_HEAD_BYTES });
   }
 
   ended() {

@@ -8,6 +8,7 @@
 // it shows, and the material that is chosen; 3. an answer that is not the one to the last question is dropped.
 
 import { button, colour_row, element, once_a_frame, slider_row, swatch, switch_row } from "./widgets.js";
+import { LIST_MAX } from "./wire.js";
 
 /** From so many materials on there is a search. */
 const SEARCH_FROM = 9;
@@ -126,7 +127,7 @@ export class Materials {
     const last = from + items.length;
     const step = (text, at, label) => button(text, () => this.ask({ from: at }),
       { "aria-label": label, disabled: at < 0 || at >= found });
-    const back = from > 0 ? Math.max(0, from - items.length) : -1;
+    const back = from > 0 ? Math.max(0, from - LIST_MAX) : -1;
     const text = found === 0 ? "No material has such a name" : `${from + 1} to ${last} of ${found}`;
     const both = [step("‹", back, "Materials before"), step("›", last, "Materials after")];
     const arrows = found > items.length ? both : [];

@@ -3,9 +3,10 @@
 //! Invariants: 1. neither the atlas nor a frame takes more than it says; 2. a block that the picture's edge cuts is
 //! filled up with its last pixels, which no one sees.
 
-use crate::blocks::{BLOCK_SIDE, Layout};
+use crate::blocks::Layout;
 use crate::bounded::Bounded;
 use crate::picture::Picture;
+use crate::wire::{BLOCK_SIDE, FRAME_HEAD_BYTES, KIND_BLOCKS, KIND_WHOLE, PART_HEAD_BYTES};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use tungstenite::protocol::frame::FrameHeader;
 use tungstenite::protocol::frame::coding::{Data, OpCode};
@@ -18,13 +19,6 @@ const PIXELS_PER_BYTE: usize = 2;
 const FRAME_FIXED_BYTES: usize = 32 << 10;
 /// Most bytes of the header of a message from a server.
 const HEADER_BYTES_MAX: usize = 10;
-/// Kinds of binary messages.
-const KIND_BLOCKS: u8 = 1;
-const KIND_WHOLE: u8 = 2;
-/// Bytes in front of the indices of blocks.
-const HEAD_BYTES: usize = 20;
-/// Bytes after that in front of a part of a settled picture.
-const PART_HEAD_BYTES: usize = 8;
 
 const BLOCK_PIXELS: usize = (BLOCK_SIDE * BLOCK_SIDE) as usize;
 
@@ -134,7 +128,7 @@ impl Atlas {
 /// What goes before `length` bytes, from byte `from` on, of a settled picture of `total` bytes.
 pub(crate) fn part_head(head: FrameHead, from: usize, length: usize, total: usize) -> Vec<u8> {
     let head = FrameHead { scale: 1, ..head };
-    let mut bytes = header(HEAD_BYTES + PART_HEAD_BYTES + length);
+    let mut bytes = header(FRAME_HEAD_BYTES + PART_HEAD_BYTES + length);
     head.write(KIND_WHOLE, 0, &[], &mut bytes);
     bytes.extend([from, total].into_iter().flat_map(|number| (number as u32).to_le_bytes()));
     bytes
@@ -150,7 +144,7 @@ impl FrameHead {
 /// The header of a binary message of so many bytes.
 pub(crate) fn header(length: usize) -> Vec<u8> {
     let header = FrameHeader { opcode: OpCode::Data(Data::Binary), ..FrameHeader::default() };
-    let mut bytes = Vec::with_capacity(HEADER_BYTES_MAX + HEAD_BYTES + PART_HEAD_BYTES);
+    let mut bytes = Vec::with_capacity(HEADER_BYTES_MAX + FRAME_HEAD_BYTES + PART_HEAD_BYTES);
     header.format(length as u64, &mut bytes).expect("a vector takes what is written");
     bytes
 }

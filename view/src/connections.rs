@@ -1,7 +1,7 @@
 //! `Connections`: those that are open, so that the end of the server ends each of them, whatever it waits for.
 //!
-//! Invariants: 1. there are never more than [`CONNECTIONS_MAX`]; 2. once they are refused none is added; 3. a connection
-//! leaves the list with its owner.
+//! Invariants: 1. there are never more than [`CONNECTIONS_MAX`]; 2. once they are refused none is added; 3. a
+//! connection leaves the list with its owner.
 
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard};

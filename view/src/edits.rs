@@ -2,21 +2,21 @@
 //!
 //! Invariant: what is refused changes nothing; who asked is told, and what is true instead.
 
-use crate::blocks::BLOCK_SIDE;
-use crate::mailbox::{ClientId, Edit, Mail, Question};
+use crate::mail::{ClientId, Edit, Mail, Question};
 use crate::materials::{cut, list, material_text, name_of};
 use crate::message::{CameraText, Notice, text_of};
 use crate::outbox::{File, FileFormat};
 use crate::session_loop::SessionLoop;
 use crate::settings::SettingsText;
-use crate::state::{BoundsText, HitText, LightsText, LimitText, Picked, Smaller, State};
+use crate::state::{BoundsText, HitText, LightsText, LimitText, PickAnswer, Smaller, State};
 use crate::surroundings::Room;
 use crate::texts;
+use crate::wire::{BLOCK_SIDE, PICTURE_SIDE_MAX};
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Code, Error, Result};
 
 /// Most pixels on a side of a picture that follows a page.
-pub const SIDE_MAX: u32 = 16_384;
+pub const SIDE_MAX: u32 = PICTURE_SIDE_MAX;
 /// Most pixels of a picture that follows a page: those whose blocks have numbers.
 const PIXELS_MAX: u64 = 65_000 * (BLOCK_SIDE * BLOCK_SIDE) as u64;
 
@@ -76,7 +76,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let asked = self.smaller.filter(|_| limit_bytes.is_some()).map(|smaller| smaller.asked);
         if let Some(size) = size.or(asked).filter(|_| self.options.follows_page) {
             let changed = self.set_size(fitting(size));
-            self.tell_change(changed, since);
+            self.publish_change(changed, since);
         }
         for edit in edits {
             let material = if let Edit::Material(index, _) = edit { Some(index) } else { None };
@@ -85,7 +85,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 let material = material_text(&self.session().model().materials, index);
                 self.shared.send_state(State { material, ..State::default() }, None);
             }
-            self.tell_change(changed, since);
+            self.publish_change(changed, since);
         }
         if let Some(camera) = camera {
             let changed = self
@@ -93,7 +93,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 .apply(Event::Camera(camera.camera()))
                 .map(|()| State { camera: Some(camera), ..State::default() });
             self.motion.event();
-            self.tell_change(changed, since);
+            self.publish_change(changed, since);
         }
         if rest {
             self.motion.rest();
@@ -169,7 +169,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             let _ = (self.around.make_room)(&[self.room(old)]);
         })?;
         if let Err(error) = (self.around.make_room)(&[self.room(settings)]) {
-            self.tell_error(&error);
+            self.send_error(&error);
         }
         self.frame_again(old.resolution, settings.resolution)?;
         self.tone.set_exposure(settings.exposure);
@@ -214,17 +214,17 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 self.shared.send_state(update, None);
                 self.send_stats();
             }
-            Err(error) => self.tell_error(&error),
+            Err(error) => self.send_error(&error),
         }
     }
 
     /// Tells who watches what has changed; or who drives that it has not.
-    fn tell_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
+    fn publish_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
         match changed {
             Ok(update) => {
                 if !update.is_empty() {
                     self.figures.event(since);
-                    self.begin_picture();
+                    self.restart_picture();
                     // Who drives knows, but not what the renderer makes of it.
                     let knows = update.camera.is_some() && update.size.is_none();
                     let driver = self.shared.mailbox.driver().filter(|_| knows || update.lights.is_some());
@@ -232,7 +232,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 }
             }
             Err(error) => {
-                self.tell_error(&error);
+                self.send_error(&error);
                 let update = self.whole_state();
                 self.shared.send_state(update, None);
             }
@@ -240,7 +240,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     /// Tells who drives what went wrong.
-    pub(crate) fn tell_error(&self, error: &Error) {
+    pub(crate) fn send_error(&self, error: &Error) {
         if let Some(driver) = self.shared.mailbox.driver() {
             self.shared.send_text(driver, || text_of(&Notice::error(error)));
         }
@@ -269,13 +269,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// The scene's text as a file.
     fn scene_file(&self, id: u32) -> Result<File> {
         let session = self.session();
-        let (settings, viewed) = (session.view().settings, self.viewed());
-        let bytes = texts::scene_bytes(&viewed);
+        let (settings, sources) = (session.view().settings, self.text_sources());
+        let bytes = texts::scene_bytes(&sources);
         let on_show = self.room(settings);
         let copies_bytes = on_show.copies_bytes + bytes as u64;
         (self.around.make_room)(&[Room { settings, copies_bytes }])?;
         let room = self.files.lease(self.around.budget, "the scene's text", bytes as u64)?;
-        Ok(File::new(FileFormat::Scene, id, texts::scene(&viewed, bytes).into_bytes(), room))
+        Ok(File::new(FileFormat::Scene, id, texts::scene(&sources, bytes).into_bytes(), room))
     }
 
     /// Says what is at a pixel.
@@ -294,7 +294,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             distance: hit.t,
             page: hit.page,
         });
-        self.shared.send_text(client, || text_of(&Picked { id, hit }));
+        self.shared.send_text(client, || text_of(&PickAnswer { id, hit }));
     }
 }
 

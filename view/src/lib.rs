@@ -11,9 +11,10 @@
 //! tone guard page http     radiance to bytes; who may ask; what is there; how it is asked
 //! blocks picture atlas     which blocks have changed; what is shown; how it is sent
 //! bounded connections      bytes that an encoder may write; connections that are open
-//! message settings         what pages say
+//! wire message settings    numbers of the protocol; what pages say
 //! materials                parts of the list of materials
 //! state texts reports      what they are told; the view as command and scene; figures of the command
+//! mail                     what waits for the session
 //! mailbox client shared    from reader to session; from session to writer; both
 //! outbox                   what goes to a page next, and when it was heard
 //! window                   how much a frame may hold
@@ -34,6 +35,7 @@ mod edits;
 mod figures;
 mod guard;
 mod http;
+mod mail;
 mod mailbox;
 mod materials;
 mod message;
@@ -55,6 +57,7 @@ mod surroundings;
 mod texts;
 mod tone;
 mod window;
+mod wire;
 
 pub use edits::SIDE_MAX;
 pub use guard::Token;

@@ -10,99 +10,19 @@
 //! One client drives, the others watch. Who drives is decided here, so that no watcher's event gets further.
 //!
 //! Invariants: 1. it never grows past its bounds: what does not fit is refused, and who sent it is told; 2. events are
-//! of the one who drives; 3. `has_event` is true exactly while there is something to take; 4. a screenshot of a page that
-//! has gone is not wanted.
+//! of the one who drives; 3. `has_event` is true exactly while there is something to take; 4. a screenshot of a page
+//! that has gone is not wanted.
 
+use crate::mail::{ClientId, Mail, PostOutcome, Question, SHOTS_MAX, Shot, push};
 use crate::materials::{ListWish, cut};
-use crate::message::{CameraText, Format, FromClient, LIGHTS_MAX, Role};
+use crate::message::{FromClient, Role};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
-use trex_render::{MaterialEdit, RenderEdit};
 
-/// Most edits that wait.
-const EDITS_MAX: usize = 64;
-/// Most questions that wait for an answer.
-const QUESTIONS_MAX: usize = 64;
-/// Most screenshots that wait, each of which takes seconds.
-const SHOTS_MAX: usize = 4;
 /// Who has not sent a thing for so long loses the wheel to whom asks for it.
 const WHEEL_IDLE: Duration = Duration::from_secs(10);
-
-/// Bytes of what waits, at most: edits with the lights of one of them, questions with the longest names, and twice that
-/// while it is handed out.
-pub(crate) const MAILBOX_BYTES: usize = 2
-    * (EDITS_MAX * size_of::<Edit>()
-        + 2 * LIGHTS_MAX * size_of::<trex_render::Light>()
-        + QUESTIONS_MAX * (size_of::<(ClientId, Question)>() + 256));
-
-/// A client, by its number.
-pub(crate) type ClientId = u32;
-
-/// A change that is applied in order with others.
-#[derive(Clone, Debug)]
-pub(crate) enum Edit {
-    Lights(Vec<trex_render::Light>),
-    Material(usize, MaterialEdit),
-    Settings(RenderEdit),
-    /// Pixels from one to the next while the picture moves.
-    Moving(u32),
-}
-
-/// Something that any page may ask, and that changes nothing.
-#[derive(Clone, Debug)]
-pub(crate) enum Question {
-    /// What is at a pixel?
-    Pick { id: u32, pixel: [u32; 2] },
-    /// A part of the list of materials.
-    Materials(ListWish),
-    /// The scene's text as a file, of this number.
-    Scene(u32),
-}
-
-/// A picture to be made into a file.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Shot {
-    pub(crate) client: ClientId,
-    pub(crate) id: u32,
-    pub(crate) format: Format,
-    pub(crate) size: [u32; 2],
-    pub(crate) spp: u32,
-}
-
-/// All that came since the last time.
-#[derive(Debug, Default)]
-pub(crate) struct Mail {
-    pub(crate) camera: Option<CameraText>,
-    pub(crate) size: Option<[u32; 2]>,
-    pub(crate) limit_bytes: Option<u64>,
-    pub(crate) edits: VecDeque<Edit>,
-    pub(crate) questions: VecDeque<(ClientId, Question)>,
-    /// Until [`Mailbox::end_shot`] it is the one under way.
-    pub(crate) shot: Option<Shot>,
-    /// The last event of the driver.
-    pub(crate) seq: Option<u32>,
-    pub(crate) rest: bool,
-    /// Clients have come or gone, or another drives.
-    pub(crate) roles: bool,
-    /// When the oldest of it came.
-    pub(crate) since: Option<Instant>,
-}
-
-/// The answer to a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Posted {
-    Taken,
-    /// Who watches does not change things.
-    Watching,
-    /// Too many wait.
-    Full,
-    /// Somebody else drives, and is not idle.
-    Driven,
-    /// A screenshot that waited waits no more.
-    Cancelled,
-}
 
 /// See the module's description.
 #[derive(Debug, Default)]
@@ -175,7 +95,7 @@ impl Mailbox {
     }
 
     /// Takes a message of a client.
-    pub(crate) fn post(&self, client: ClientId, message: FromClient) -> Posted {
+    pub(crate) fn post(&self, client: ClientId, message: FromClient) -> PostOutcome {
         let mut inner = self.lock();
         let drives = inner.driver == Some(client);
         if drives {
@@ -193,10 +113,10 @@ impl Mailbox {
                 inner.mail.ask(client, Question::Materials(ListWish { id, find, from, index }))
             }
             FromClient::Scene { id } => inner.mail.ask(client, Question::Scene(id)),
-            _ if !drives => Posted::Watching,
+            _ if !drives => PostOutcome::Watching,
             message => inner.mail.add_event(message),
         };
-        if posted == Posted::Taken {
+        if posted == PostOutcome::Accepted {
             self.ring(inner);
         }
         posted
@@ -235,13 +155,13 @@ impl Mailbox {
         self.is_shot_wanted.swap(false, Ordering::AcqRel)
     }
 
-    fn cancel(&self, inner: &mut Inner, client: ClientId, id: u32) -> Posted {
+    fn cancel(&self, inner: &mut Inner, client: ClientId, id: u32) -> PostOutcome {
         if inner.under_way == Some((client, id)) {
             self.is_shot_wanted.store(false, Ordering::Release);
         }
         let count = inner.shots.len();
         inner.shots.retain(|shot| (shot.client, shot.id) != (client, id));
-        if inner.shots.len() < count { Posted::Cancelled } else { Posted::Taken }
+        if inner.shots.len() < count { PostOutcome::Cancelled } else { PostOutcome::Accepted }
     }
 
     /// Waits until there is something to take, or `longest` has passed.
@@ -252,88 +172,21 @@ impl Mailbox {
 }
 
 impl Inner {
-    fn give_wheel(&mut self, client: ClientId) -> Posted {
+    fn give_wheel(&mut self, client: ClientId) -> PostOutcome {
         let is_idle = self.heard.is_none_or(|heard| heard.elapsed() >= WHEEL_IDLE);
         if self.driver.is_some_and(|driver| driver != client) && !is_idle {
-            return Posted::Driven;
+            return PostOutcome::Driven;
         }
         (self.driver, self.heard) = (Some(client), Some(Instant::now()));
         self.mail.roles = true;
-        Posted::Taken
+        PostOutcome::Accepted
     }
-}
-
-impl Mail {
-    /// Adds an event of the one who drives.
-    fn add_event(&mut self, message: FromClient) -> Posted {
-        let (seq, posted) = match message {
-            FromClient::Camera { seq, position, target, up, fov_y } => {
-                self.camera = Some(CameraText { position, target, up, fov_y });
-                (Some(seq), Posted::Taken)
-            }
-            FromClient::Size { seq, size } => {
-                self.size = Some(size);
-                (Some(seq), Posted::Taken)
-            }
-            FromClient::Limit { seq, bytes } => {
-                self.limit_bytes = Some(bytes);
-                (Some(seq), Posted::Taken)
-            }
-            FromClient::Rest {} => {
-                self.rest = true;
-                (None, Posted::Taken)
-            }
-            FromClient::Lights { seq, lights } => (Some(seq), self.push_edit(Edit::Lights(lights))),
-            FromClient::Material { seq, index, edit } => {
-                (Some(seq), self.push_edit(Edit::Material(index, edit)))
-            }
-            FromClient::Settings { seq, settings } => (Some(seq), self.push_edit(Edit::Settings(settings))),
-            FromClient::Moving { scale } => (None, self.push_edit(Edit::Moving(scale))),
-            // These are no events.
-            FromClient::Hello { .. } | FromClient::Ack { .. } | FromClient::Drive {} => (None, Posted::Taken),
-            FromClient::Pick { .. } | FromClient::Materials { .. } | FromClient::Scene { .. } => {
-                (None, Posted::Taken)
-            }
-            FromClient::Screenshot { .. } | FromClient::Cancel { .. } => (None, Posted::Taken),
-        };
-        if posted == Posted::Taken {
-            self.seq = seq.or(self.seq);
-        }
-        posted
-    }
-
-    /// Adds a question. Of parts of the list of materials a page wants the last that it asked for.
-    fn ask(&mut self, client: ClientId, question: Question) -> Posted {
-        if matches!(question, Question::Materials(_)) {
-            self.questions.retain(|(from, old)| *from != client || !matches!(old, Question::Materials(_)));
-        }
-        push(&mut self.questions, QUESTIONS_MAX, (client, question))
-    }
-
-    /// All lights come each time, and nothing else depends on them: the latest take the place of those that wait.
-    fn push_edit(&mut self, edit: Edit) -> Posted {
-        let is_lights = |edit: &Edit| matches!(edit, Edit::Lights(_));
-        if is_lights(&edit)
-            && let Some(waiting) = self.edits.iter_mut().find(|edit| is_lights(edit))
-        {
-            *waiting = edit;
-            return Posted::Taken;
-        }
-        push(&mut self.edits, EDITS_MAX, edit)
-    }
-}
-
-fn push<T>(queue: &mut VecDeque<T>, most: usize, item: T) -> Posted {
-    if queue.len() >= most {
-        return Posted::Full;
-    }
-    queue.push_back(item);
-    Posted::Taken
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mail::{EDITS_MAX, Edit, QUESTIONS_MAX};
 
     fn message(text: &str) -> FromClient {
         serde_json::from_str(text).unwrap()
@@ -355,8 +208,8 @@ mod tests {
         mailbox.join(1, [64, 64]);
         assert!(mailbox.has_event());
         for seq in 0..10 {
-            assert_eq!(mailbox.post(1, camera(2 * seq)), Posted::Taken);
-            assert_eq!(mailbox.post(1, material(2 * seq + 1)), Posted::Taken);
+            assert_eq!(mailbox.post(1, camera(2 * seq)), PostOutcome::Accepted);
+            assert_eq!(mailbox.post(1, material(2 * seq + 1)), PostOutcome::Accepted);
         }
         let mail = mailbox.collect();
         assert!(!mailbox.has_event() && mail.roles && mail.since.is_some());
@@ -380,13 +233,13 @@ mod tests {
         for (most, make) in
             [(EDITS_MAX, &(|| material(3)) as &dyn Fn() -> FromClient), (QUESTIONS_MAX, &pick)]
         {
-            (0..most).for_each(|_| assert_eq!(mailbox.post(1, make()), Posted::Taken));
-            assert_eq!(mailbox.post(1, make()), Posted::Full);
+            (0..most).for_each(|_| assert_eq!(mailbox.post(1, make()), PostOutcome::Accepted));
+            assert_eq!(mailbox.post(1, make()), PostOutcome::Full);
         }
-        (0..SHOTS_MAX).for_each(|_| assert_eq!(mailbox.post(1, shot()), Posted::Taken));
-        assert_eq!(mailbox.post(1, shot()), Posted::Full);
+        (0..SHOTS_MAX).for_each(|_| assert_eq!(mailbox.post(1, shot()), PostOutcome::Accepted));
+        assert_eq!(mailbox.post(1, shot()), PostOutcome::Full);
         assert_eq!(mailbox.collect().edits.len(), EDITS_MAX);
-        assert_eq!(mailbox.post(1, material(3)), Posted::Taken);
+        assert_eq!(mailbox.post(1, material(3)), PostOutcome::Accepted);
         // What was asked by who has gone is for nobody.
         mailbox.leave(1);
         assert!(mailbox.collect().shot.is_none() && !mailbox.has_event());
@@ -401,8 +254,8 @@ mod tests {
             let lights = format!(
                 r#"{{"type":"lights","seq":{seq},"lights":[{{"type":"sky","radiance":[{seq},0,0]}}]}}"#
             );
-            assert_eq!(mailbox.post(1, message(&lights)), Posted::Taken);
-            assert_eq!(mailbox.post(1, material(seq)), Posted::Taken);
+            assert_eq!(mailbox.post(1, message(&lights)), PostOutcome::Accepted);
+            assert_eq!(mailbox.post(1, material(seq)), PostOutcome::Accepted);
         }
         let edits = mailbox.collect().edits;
         assert_eq!(edits.len(), 21);
@@ -416,7 +269,7 @@ mod tests {
         let mailbox = Mailbox::default();
         for (client, find) in [(1, "b"), (2, "bo"), (1, "bol"), (1, &"x".repeat(60_000))] {
             let text = format!(r#"{{"type":"materials","id":3,"find":"{find}"}}"#);
-            assert_eq!(mailbox.post(client, message(&text)), Posted::Taken);
+            assert_eq!(mailbox.post(client, message(&text)), PostOutcome::Accepted);
         }
         let waiting: Vec<_> = mailbox.collect().questions.into_iter().collect();
         let [(2, Question::Materials(second)), (1, Question::Materials(first))] = &waiting[..] else {
@@ -438,13 +291,13 @@ mod tests {
         };
         let shot = r#"{"type":"screenshot","id":ID,"format":"png","size":[64,64],"spp":4}"#;
         let cancel = r#"{"type":"cancel","id":ID}"#;
-        assert_eq!(say(2, 1, shot), Posted::Watching);
-        (1..=4).for_each(|id| assert_eq!(say(1, id, shot), Posted::Taken));
+        assert_eq!(say(2, 1, shot), PostOutcome::Watching);
+        (1..=4).for_each(|id| assert_eq!(say(1, id, shot), PostOutcome::Accepted));
         assert_eq!(mailbox.collect().shot.unwrap().id, 1);
         assert!(mailbox.wants_shot() && mailbox.has_event());
-        assert_eq!((say(2, 1, cancel), say(1, 2, cancel)), (Posted::Taken, Posted::Cancelled));
+        assert_eq!((say(2, 1, cancel), say(1, 2, cancel)), (PostOutcome::Accepted, PostOutcome::Cancelled));
         assert!(mailbox.wants_shot());
-        assert_eq!(say(1, 1, cancel), Posted::Taken);
+        assert_eq!(say(1, 1, cancel), PostOutcome::Accepted);
         assert!(!mailbox.wants_shot() && !mailbox.end_shot());
         assert_eq!(mailbox.collect().shot.unwrap().id, 3);
         mailbox.leave(1);
@@ -459,12 +312,12 @@ mod tests {
         mailbox.join(2, [32, 32]);
         assert_eq!((mailbox.role(1), mailbox.role(2)), (Role::Drive, Role::Watch));
         assert_eq!(mailbox.collect().size, Some([64, 64]));
-        assert_eq!(mailbox.post(2, camera(1)), Posted::Watching);
+        assert_eq!(mailbox.post(2, camera(1)), PostOutcome::Watching);
         assert!(!mailbox.has_event());
-        assert_eq!(mailbox.post(2, FromClient::Drive {}), Posted::Driven);
+        assert_eq!(mailbox.post(2, FromClient::Drive {}), PostOutcome::Driven);
         // Who has been idle for long enough.
         mailbox.lock().heard = Instant::now().checked_sub(WHEEL_IDLE);
-        assert_eq!(mailbox.post(2, FromClient::Drive {}), Posted::Taken);
+        assert_eq!(mailbox.post(2, FromClient::Drive {}), PostOutcome::Accepted);
         assert_eq!((mailbox.role(1), mailbox.role(2)), (Role::Watch, Role::Drive));
         mailbox.leave(2);
         assert_eq!(mailbox.driver(), None);

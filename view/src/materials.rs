@@ -8,12 +8,11 @@
 //! Invariants: 1. a part of the list is bounded, in materials and in the bytes of each: it fits beside what else may
 //! wait for a page; 2. names are looked up in [`name_of`] alone.
 
+use crate::wire::LIST_MAX;
 use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use trex_store::Material;
 
-/// Materials of a part of the list.
-pub(crate) const LIST_MAX: usize = 24;
 /// Most bytes of a name, and of what is searched for; the rest of a longer one is cut off.
 pub(crate) const NAME_BYTES_MAX: usize = 255;
 

@@ -3,15 +3,13 @@
 //! Invariants: 1. what comes in has no key that is unknown, and is checked by who gets it, not here; 2. names and units
 //! are those of scene files where there are such.
 
+use crate::wire::LIGHTS_MAX;
 use serde::{Deserialize, Deserializer, Serialize};
 use trex_render::{Camera, Fov, Light, MaterialEdit, RenderEdit};
 use trex_store::Error;
 
 /// Longest message from a client, bytes.
 pub(crate) const MESSAGE_BYTES_MAX: usize = 64 << 10;
-
-/// Most lights of a message, from a page or to it: a scene may have more, which pages do not show.
-pub(crate) const LIGHTS_MAX: usize = 128;
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Deserialize)]

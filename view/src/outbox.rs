@@ -16,6 +16,7 @@ use crate::blocks::Marks;
 use crate::picture::Settled;
 use crate::state::Stats;
 use crate::window::Window;
+use crate::wire::{FILE_EXR, FILE_HEAD_BYTES, FILE_PNG, FILE_SCENE, KIND_FILE};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -29,10 +30,6 @@ pub(crate) const TEXT_BYTES_MAX: usize = 128 << 10;
 /// Bytes of a part of a settled picture: 0.1 s of 2.5 Mbit/s. With its head it stays below 32 KiB.
 pub(crate) const PART_BYTES: usize = (32 << 10) - 64;
 
-/// The kind of message that a file goes in, and the bytes in front of the file.
-const KIND_FILE: u8 = 3;
-const FILE_HEAD_BYTES: usize = 8;
-
 /// Codes of closing.
 pub(crate) mod close {
     /// All is well.
@@ -42,7 +39,7 @@ pub(crate) mod close {
     /// It broke a rule.
     pub(crate) const POLICY: u16 = 1008;
     /// It said a wrong token.
-    pub(crate) const BAD_TOKEN: u16 = 4401;
+    pub(crate) const BAD_TOKEN: u16 = crate::wire::CLOSE_BAD_TOKEN;
 }
 
 /// See the module's description.
@@ -76,10 +73,11 @@ pub(crate) struct File {
 
 /// The formats of files, with their numbers in messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub(crate) enum FileFormat {
-    Png = 0,
-    Exr = 1,
-    Scene = 2,
+    Png = FILE_PNG,
+    Exr = FILE_EXR,
+    Scene = FILE_SCENE,
 }
 
 /// Bytes of files that are made or wait for their pages: so much less is there for frames of pages.

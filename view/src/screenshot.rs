@@ -11,7 +11,7 @@
 //! takes at most [`SAMPLES_MAX`] samples.
 
 use crate::bounded::Bounded;
-use crate::mailbox::Shot;
+use crate::mail::Shot;
 use crate::message::{Format, Notice, text_of};
 use crate::outbox::{File, FileBytes, FileFormat};
 use crate::session_loop::SessionLoop;

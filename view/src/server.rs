@@ -120,7 +120,7 @@ fn serve(shared: &Shared, connection: &Connection<'_>) {
             }
         },
         Ok((head, _)) => match page::find(&head.path) {
-            Some(file) => http::answer(Status::Ok, file.media_type, file.bytes, head.is_bodiless),
+            Some(file) => http::answer(Status::Ok, file.media_type, &file.bytes, head.is_bodiless),
             None => http::refusal(Status::NotFound),
         },
     };

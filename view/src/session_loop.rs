@@ -18,7 +18,7 @@ use crate::figures::Figures;
 use crate::materials::fingerprint;
 use crate::motion::Motion;
 use crate::outbox::FileBytes;
-use crate::picture::{Changed, Picture, Settled, flag};
+use crate::picture::{Changed, Picture, Settled};
 use crate::renderer::Stamps;
 use crate::reports::DAMAGE_LISTED_MAX;
 use crate::shared::{Shared, png_bytes};
@@ -27,6 +27,7 @@ use crate::state::{RaysText, Smaller, State, Stats, TextsText, progress_name};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
+use crate::wire::{FLAG_COMPLETE, FLAG_DONE, FLAG_MOVING, FLAG_PREVIEW};
 use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{FrameProgress, FrameReport, Light, LiveSession, PagedTracer, write_png};
@@ -149,7 +150,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     pub(crate) fn put_session(&mut self, session: LiveSession<T>, samples: u32) {
         self.session = Some(session);
         self.shared.picture().forget();
-        self.begin_picture();
+        self.restart_picture();
         self.shown_samples = samples;
     }
 
@@ -167,8 +168,8 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             self.remake_room();
             match self.rests_for() {
                 Some(time) => self.shared.mailbox.wait(time),
-                None if self.ending == Ending::Done => self.settle(),
-                None => self.go_on(),
+                None if self.ending == Ending::Done => self.finish_picture(),
+                None => self.advance(),
             }
         }
         Ok(Served { events: self.figures.events, ..self.served })
@@ -193,12 +194,12 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     }
 
     /// Another picture begins.
-    pub(crate) fn begin_picture(&mut self) {
+    pub(crate) fn restart_picture(&mut self) {
         (self.is_fresh, self.step, self.ending, self.shown_samples) = (true, None, Ending::No, 0);
     }
 
     /// Makes a frame, and shows it.
-    fn go_on(&mut self) {
+    fn advance(&mut self) {
         let is_first = std::mem::take(&mut self.is_fresh);
         let (stop, mailbox) = (self.around.stop, &self.shared.mailbox);
         let session = self.session.as_mut().expect("a screenshot gives the session back");
@@ -222,14 +223,14 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             return;
         }
         let is_preview = report.progress == FrameProgress::Preview;
-        let mut flags = if report.preview_tiles > 0 { flag::PREVIEW } else { 0 };
+        let mut flags = if report.preview_tiles > 0 { FLAG_PREVIEW } else { 0 };
         let step = report.sample_step;
         let scale = if self.motion.moves_for().is_some() {
             // A picture that is not whole is none.
             let Some(step) = step.filter(|_| is_preview || report.progress >= FrameProgress::Complete) else {
                 return;
             };
-            flags |= flag::MOVING;
+            flags |= FLAG_MOVING;
             self.motion.scale(step)
         } else if is_preview {
             let Some(step) = step else { return };
@@ -241,7 +242,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             1
         };
         if report.progress >= FrameProgress::Complete {
-            flags |= flag::COMPLETE;
+            flags |= FLAG_COMPLETE;
         }
         self.refresh(scale, flags, step.is_some());
     }
@@ -277,9 +278,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     }
 
     /// The last step of a picture: all of it, and once more without loss.
-    fn settle(&mut self) {
+    fn finish_picture(&mut self) {
         self.ending = Ending::Settled;
-        self.refresh(1, flag::COMPLETE | flag::DONE, true);
+        self.refresh(1, FLAG_COMPLETE | FLAG_DONE, true);
         if self.shared.picture().settled.is_none() {
             self.png = Arc::new(self.write_png());
         }
@@ -361,20 +362,20 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
 
     /// The view as command line and, unless it is long, as scene.
     pub(crate) fn texts(&self) -> TextsText {
-        let viewed = self.viewed();
-        let scene_bytes = texts::scene_bytes(&viewed);
-        let scene = (scene_bytes <= SCENE_BYTES_MAX).then(|| texts::scene(&viewed, scene_bytes));
-        TextsText { command: texts::command(&viewed), scene, scene_bytes }
+        let sources = self.text_sources();
+        let scene_bytes = texts::scene_bytes(&sources);
+        let scene = (scene_bytes <= SCENE_BYTES_MAX).then(|| texts::scene(&sources, scene_bytes));
+        TextsText { command: texts::command(&sources), scene, scene_bytes }
     }
 
     /// What texts are made of.
-    pub(crate) fn viewed(&self) -> texts::Viewed<'_> {
+    pub(crate) fn text_sources(&self) -> texts::TextSources<'_> {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
         let is_by_flags = view.lights == self.input_lights
             && fingerprint(&model.materials) == self.input_fingerprint
             && (view.settings.bake || !self.input_bakes);
-        texts::Viewed {
+        texts::TextSources {
             input: self.around.input,
             model: self.around.model_path,
             camera: &view.camera,

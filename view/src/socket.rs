@@ -13,7 +13,7 @@
 use crate::atlas::{FrameHead, frame_bytes, part_head};
 use crate::client::Client;
 use crate::http::{HEAD_TIME_MAX, Incoming};
-use crate::mailbox::Posted;
+use crate::mail::PostOutcome;
 use crate::message::{FromClient, MESSAGE_BYTES_MAX, Notice, text_of};
 use crate::outbox::{Next, PART_BYTES, close};
 use crate::picture::Settled;
@@ -115,16 +115,18 @@ fn read(shared: &Shared, client: &Client, socket: &mut Socket) -> u16 {
 }
 
 /// Answers a message that changed nothing.
-fn answer(client: &Client, posted: Posted) {
+fn answer(client: &Client, posted: PostOutcome) {
     let notice = match posted {
-        Posted::Taken => return,
-        Posted::Watching => Notice::info("watching", "somebody else drives", "ask for the wheel"),
-        Posted::Driven => {
+        PostOutcome::Accepted => return,
+        PostOutcome::Watching => Notice::info("watching", "somebody else drives", "ask for the wheel"),
+        PostOutcome::Driven => {
             let next = "wait until the driver has been idle for 10 s, and ask again";
             Notice::info("driven", "the wheel is not free", next)
         }
-        Posted::Full => Notice::info("busy", "too much waits to be done; this was left out", "wait a little"),
-        Posted::Cancelled => Notice::cancelled(),
+        PostOutcome::Full => {
+            Notice::info("busy", "too much waits to be done; this was left out", "wait a little")
+        }
+        PostOutcome::Cancelled => Notice::cancelled(),
     };
     client.send_text(text_of(&notice));
 }

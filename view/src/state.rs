@@ -3,9 +3,10 @@
 //! Invariant: a page that has had the welcome and every `state` since knows all of the state.
 
 use crate::materials::MaterialText;
-use crate::message::{CameraText, LIGHTS_MAX, Role, text_of};
+use crate::message::{CameraText, Role, text_of};
 use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::SettingsText;
+use crate::wire::LIGHTS_MAX;
 use serde::Serialize;
 use trex_render::{FrameProgress, RayCounts};
 
@@ -214,7 +215,7 @@ pub(crate) fn progress_name(progress: FrameProgress) -> &'static str {
 /// The answer to a pick.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "type", rename = "picked")]
-pub(crate) struct Picked {
+pub(crate) struct PickAnswer {
     pub(crate) id: u32,
     pub(crate) hit: Option<HitText>,
 }

@@ -14,7 +14,7 @@ const SCENE_NAME: &str = "view.toml";
 
 /// What texts are made of.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Viewed<'a> {
+pub(crate) struct TextSources<'a> {
     /// The file that was opened, as typed.
     pub(crate) input: &'a str,
     /// Path of the model.
@@ -45,13 +45,13 @@ fn edits<'a>([then, now]: [&'a [Material]; 2]) -> impl Iterator<Item = (usize, M
 }
 
 /// The command line.
-pub(crate) fn command(viewed: &Viewed<'_>) -> String {
-    if !viewed.is_by_flags {
+pub(crate) fn command(sources: &TextSources<'_>) -> String {
+    if !sources.is_by_flags {
         return format!("trex render {SCENE_NAME} -o picture.png");
     }
-    let Camera { position, target, up, fov } = viewed.camera;
-    let keys = viewed.keys;
-    let mut text = format!("trex render {} -o picture.png", quoted(viewed.input));
+    let Camera { position, target, up, fov } = sources.camera;
+    let keys = sources.keys;
+    let mut text = format!("trex render {} -o picture.png", quoted(sources.input));
     let mut flag = |name: &str, value: &dyn Display| {
         let _ = write!(text, " --{name} {value}");
     };
@@ -93,33 +93,33 @@ impl Write for Counting {
 }
 
 /// Bytes of the scene file.
-pub(crate) fn scene_bytes(viewed: &Viewed<'_>) -> usize {
+pub(crate) fn scene_bytes(sources: &TextSources<'_>) -> usize {
     let mut counting = Counting(0);
-    write_scene(viewed, &mut counting).expect("counting does not fail");
+    write_scene(sources, &mut counting).expect("counting does not fail");
     counting.0
 }
 
 /// The scene file, of so many bytes.
-pub(crate) fn scene(viewed: &Viewed<'_>, bytes: usize) -> String {
+pub(crate) fn scene(sources: &TextSources<'_>, bytes: usize) -> String {
     let mut text = String::with_capacity(bytes);
-    write_scene(viewed, &mut text).expect("a string takes what is written");
+    write_scene(sources, &mut text).expect("a string takes what is written");
     text
 }
 
-fn write_scene(viewed: &Viewed<'_>, text: &mut dyn Write) -> fmt::Result {
-    let Camera { position, target, up, fov } = viewed.camera;
-    let keys = viewed.keys;
-    write!(text, "model = {}\n\n[camera]\n", string(viewed.model))?;
+fn write_scene(sources: &TextSources<'_>, text: &mut dyn Write) -> fmt::Result {
+    let Camera { position, target, up, fov } = sources.camera;
+    let keys = sources.keys;
+    write!(text, "model = {}\n\n[camera]\n", string(sources.model))?;
     writeln!(text, "position = {position:?}\ntarget = {target:?}\nup = {up:?}")?;
     match fov {
         Fov::X(degrees) => writeln!(text, "fov_x = {degrees:?}")?,
         Fov::Y(degrees) => writeln!(text, "fov_y = {degrees:?}")?,
     }
-    for light in viewed.lights {
+    for light in sources.lights {
         write_light(light, text)?;
     }
-    for (index, edit) in edits(viewed.materials) {
-        write_material(name_of(viewed.materials[1], index), &edit, text)?;
+    for (index, edit) in edits(sources.materials) {
+        write_material(name_of(sources.materials[1], index), &edit, text)?;
     }
     text.write_str("\n[render]\n")?;
     let mut line = |key: &str, value: &dyn Display| writeln!(text, "{key} = {value}");
@@ -259,7 +259,7 @@ mod tests {
             photons: 12345,
             ..RenderKeys::default()
         };
-        let viewed = Viewed {
+        let sources = TextSources {
             input: "a b.toml",
             model: "it's.trex",
             camera: &camera,
@@ -268,8 +268,8 @@ mod tests {
             keys: &keys,
             is_by_flags: false,
         };
-        let text = scene(&viewed, 0);
-        assert_eq!(scene_bytes(&viewed), text.len());
+        let text = scene(&sources, 0);
+        assert_eq!(scene_bytes(&sources), text.len());
         let read = Scene::parse(&text, Path::new("view.toml")).unwrap();
         assert_eq!(
             (read.model.as_str(), read.lights.as_slice(), read.render),
@@ -278,8 +278,8 @@ mod tests {
         assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), [(name.to_owned(), edit)]);
         let keys_of_camera = (read.camera.position, read.camera.target, read.camera.fov_y);
         assert_eq!(keys_of_camera, (Some(camera.position), Some(camera.target), Some(39.999_999_999_999_99)));
-        assert_eq!(command(&viewed), "trex render view.toml -o picture.png");
-        let by_flags = command(&Viewed { is_by_flags: true, ..viewed });
+        assert_eq!(command(&sources), "trex render view.toml -o picture.png");
+        let by_flags = command(&TextSources { is_by_flags: true, ..sources });
         assert!(
             by_flags.starts_with("trex render 'a b.toml' -o picture.png --resolution 1024x1024"),
             "{by_flags}"

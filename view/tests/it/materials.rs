@@ -72,7 +72,8 @@ fn a_long_scene_comes_as_a_file() {
     let mut page = Page::new(&server, SIZE);
     page.settle();
     for index in 1..=EDITS {
-        page.say(&json!({"type": "material", "seq": index, "index": index, "edit": {"mirror": true, "ks": [0.5, 0.5, 0.5]}}));
+        let edit = json!({"mirror": true, "ks": [0.5, 0.5, 0.5]});
+        page.say(&json!({"type": "material", "seq": index, "index": index, "edit": edit}));
         while page.text("state")["material"]["index"] != index {}
     }
     page.frame_until(|frame| frame.kind == 2 && frame.seq as usize == EDITS);
