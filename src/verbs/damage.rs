@@ -64,7 +64,7 @@ impl Damage {
         }
         let others = self.page_count.saturating_sub(NAMED_MAX as u64);
         if others > 0 {
-            ctx.console.note(&format!("and {others} damaged pages more; `trex verify` lists them all"));
+            ctx.console.note(&format!("damaged pages beyond these: {others}; `trex verify` lists all"));
         }
     }
 }

@@ -14,7 +14,7 @@ const PLOTS = [
   ["fps", "Pictures/s", (s) => s.fps, (x) => x.toFixed(1)],
   ["rate", "Bytes/s", (s) => s.bytes_per_s, bytes],
   ["rays", "Rays/s", (s) => sum(s.rays_per_s), short],
-  ["misses", "Misses/s", (s) => s.misses_per_s, short],
+  ["misses", "Page misses/s", (s) => s.misses_per_s, short],
   ["error", "Pixel error", (s) => s.pixel_error?.in_force, (x) => `${Number(x.toPrecision(3))} px`,
     (s) => s.pixel_error?.asked],
 ];
@@ -44,7 +44,7 @@ const FACTS = [
     ["Frames", (s) => given(s.pool?.frames, short)],
     ["Pages in them", (s) => given(s.pool?.resident, short)],
     ["Pages read", (s) => given(s.pool?.pages_read, short)],
-    ["Misses", (s) => given(s.pool?.misses, short)],
+    ["Look-ups that found their page missing", (s) => given(s.pool?.misses, short)],
     ["Evictions", (s) => given(s.pool?.evictions, short)],
     ["Bytes read", (s) => given(s.pool?.bytes_read, bytes)],
   ]],

@@ -41,7 +41,9 @@ export function keep_status(app) {
     const others = (app.state.clients ?? 1) - 1;
     const name = is_open ? role : LINKS[app.link] ?? "connecting";
     document.body.dataset.link = is_open ? role : app.link;
-    byId("role").textContent = others > 0 && is_open ? `${name}, ${others} more here` : name;
+    // Who is alone drives, and has nobody to tell from.
+    const together = others > 0 ? `${name}, ${others} more here` : "";
+    byId("role").textContent = is_open ? together : name;
     byId("drive").hidden = !is_open || app.state.role === "drive";
   };
   byId("drive").addEventListener("click", () => app.connection.send({ type: "drive" }));
