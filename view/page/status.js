@@ -56,7 +56,9 @@ export function keep_status(app) {
   const show_damage = () => {
     const count = app.state.damage?.page_count ?? 0;
     byId("damage").hidden = count === 0;
-    byId("damage").textContent = count === 1 ? "1 page is damaged" : `${count} pages are damaged`;
+    const text = count === 1 ? "1 page of the file is damaged" : `${count} pages of the file are damaged`;
+    byId("damage").textContent = text;
+    byId("damage").setAttribute("aria-label", `${text}: show which`);
   };
   byId("damage").addEventListener("click", () => app.panels.open("statistics"));
   app.listen("damage", show_damage);
