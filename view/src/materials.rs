@@ -61,7 +61,9 @@ pub(crate) fn name_of(materials: &[Material], index: usize) -> &str {
 
 /// The beginning of a text, of at most [`NAME_BYTES_MAX`] bytes.
 pub(crate) fn cut(text: &str) -> &str {
-    &text[..text.floor_char_boundary(NAME_BYTES_MAX)]
+    let most = text.len().min(NAME_BYTES_MAX);
+    let end = (0..=most).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0);
+    &text[..end]
 }
 
 /// The material with this index, if there is one.

@@ -3,7 +3,7 @@
 use crate::guard::Hosts;
 use crate::server;
 use crate::session_loop::SessionLoop;
-use crate::shared::Shared;
+use crate::shared::{Admission, Shared};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
 use std::net::TcpListener;
 use std::sync::atomic::Ordering;
@@ -43,7 +43,8 @@ pub fn serve<T: PagedTracer + Send>(
     let address = listener.local_addr().map_err(|error| refused("the socket has no address", &error))?;
     let hosts = Hosts::new(address.ip(), &options.hosts);
     let resolution = session.view().settings.resolution;
-    let shared = Shared::new(options, hosts, resolution, around.budget)?;
+    let admission = Admission { token: options.token.clone(), hosts, silence_max: options.silence_max };
+    let shared = Shared::new(admission, resolution, around.budget)?;
     let shared = &shared;
     let session_loop = SessionLoop::new(session, shared, options, around);
     let served = thread::scope(|scope| {

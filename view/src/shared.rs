@@ -17,7 +17,6 @@ use crate::outbox::{File, Outbox, TEXT_BYTES_MAX};
 use crate::picture::{Changed, Picture, Settled};
 use crate::renderer::Stamps;
 use crate::state::{State, Stats, TextsText};
-use crate::surroundings::ServeOptions;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -33,6 +32,14 @@ const CONNECTION_BYTES: usize = HEAD_BYTES_MAX + (16 << 10);
 /// A settled picture takes at most so much, and this share of its pixels' bytes more.
 const PNG_FIXED_BYTES: u64 = 64 << 10;
 const PNG_MORE: u64 = 50;
+
+/// Who is let in, and how long a page may be silent that something was sent to.
+#[derive(Debug)]
+pub(crate) struct Admission {
+    pub(crate) token: Token,
+    pub(crate) hosts: Hosts,
+    pub(crate) silence_max: Duration,
+}
 
 /// See the module's description.
 #[derive(Debug)]
@@ -84,15 +91,11 @@ impl Shared {
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`view_bytes`].
-    pub(crate) fn new(
-        options: &ServeOptions,
-        hosts: Hosts,
-        full: [u32; 2],
-        budget: &Budget,
-    ) -> Result<Shared> {
+    pub(crate) fn new(admission: Admission, full: [u32; 2], budget: &Budget) -> Result<Shared> {
+        let Admission { token, hosts, silence_max } = admission;
         let lease = budget.lease("the viewer", view_bytes(full))?;
         Ok(Shared {
-            token: options.token.clone(),
+            token,
             hosts,
             mailbox: Mailbox::default(),
             greeting: Mutex::default(),
@@ -101,7 +104,7 @@ impl Shared {
             picture: Mutex::new(Picture::new(full)),
             clients: Mutex::default(),
             connections: Connections::default(),
-            silence_max: options.silence_max,
+            silence_max,
             places: AtomicUsize::new(0),
             last_id: AtomicU32::new(0),
             gone_bytes: AtomicU64::new(0),
@@ -258,22 +261,15 @@ impl Shared {
 mod tests {
     use super::*;
     use std::net::TcpListener;
-    use trex_render::FrameOptions;
 
     /// A hello that came after the interrupt was let in: its threads waited for ever, and the viewer with them.
     #[test]
     fn nobody_is_let_in_once_the_server_ends() {
-        let options = ServeOptions {
-            token: Token::random().unwrap(),
-            hosts: vec![],
-            frames: FrameOptions::default(),
-            follows_page: true,
-            silence_max: Duration::from_secs(60),
-        };
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let hosts = Hosts::new(address.ip(), &[]);
-        let shared = Shared::new(&options, hosts, [64, 64], &Budget::unlimited()).unwrap();
+        let (token, hosts) = (Token::random().unwrap(), Hosts::new(address.ip(), &[]));
+        let admission = Admission { token, hosts, silence_max: Duration::from_secs(60) };
+        let shared = Shared::new(admission, [64, 64], &Budget::unlimited()).unwrap();
         let admit = || shared.admit(Arc::new(TcpStream::connect(address).unwrap()), [64, 64]);
         let first = admit().unwrap();
         shared.dismiss(&first);
