@@ -26,7 +26,7 @@ fn a_damaged_file_is_never_called_done() {
             assert!(least < lo && lo < hi && hi < most, "axis {axis}: {page}");
         }
     }
-    page.settle();
+    // The picture may have come before the list: what is waited for is the last of the two.
     let last = loop {
         let stats = page.text("stats");
         if ["done", "damaged"].contains(&stats["progress"].as_str().unwrap()) {
