@@ -25,6 +25,9 @@ pub struct ViewArgs {
     /// Do not open a browser
     #[arg(long)]
     pub no_open: bool,
+    /// Exit with 0 also when pages of the file were damaged and left out
+    #[arg(long)]
+    pub allow_damage: bool,
     #[command(flatten)]
     pub picture: PictureArgs,
     #[command(flatten)]
@@ -40,6 +43,8 @@ pub struct ViewArgs {
 const AFTER_VIEW: &str = "\
 The model in a browser page, live: turn it, change lights and materials, watch memory and times. The page
 is served by this process alone, to who knows the token in the address. Ctrl-C ends it.
+
+Exit status 1 when pages of the file that the picture asked for are damaged: it is shown without them, and says so.
 
 A page file without a scene is seen with photon, --lod-error 1, and as large as the page.
 

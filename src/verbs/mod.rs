@@ -6,6 +6,7 @@
 mod bench;
 mod build;
 mod command_line;
+mod damage;
 mod demo;
 mod generate;
 mod image_diff;

@@ -4,6 +4,7 @@
 //! check the output -> open the stage -> photons -> a picture from each viewpoint -> what is to be told
 //! ```
 
+use super::damage::Damage;
 use super::picture_file::PictureFile;
 use super::rendered::{Image, Picture, Rendered};
 use super::show::Show;
@@ -22,9 +23,6 @@ use trex_render::{
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result};
-
-/// Damaged pages that are told one by one.
-const DAMAGE_TOLD: usize = 10;
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -151,11 +149,12 @@ impl Job<'_> {
         let mut show = Show::new(session, self.live)?;
         let shown = self.make_pictures(&mut show, &shots, &clock)?;
         self.tell_what_is_missing(&shown, shots.len(), ctx);
-        tell_damage(&stage, ctx);
+        let damage = Damage::of(&stage);
+        report_stage(&stage, &damage, ctx);
         let passed = clock.start.elapsed();
         let (total_s, passed_ms) = ((passed - shown.finishing).as_secs_f64(), passed.as_millis() as u64);
         let times = Times { photons, photons_s, total_s, passed_ms };
-        Ok(self.rendered(show, shown, &stage, &times, ctx))
+        Ok(Rendered { damage, ..self.rendered(show, shown, &stage, &times, ctx) })
     }
 
     fn check(&self, path: &Path) -> Result<PictureFile> {
@@ -273,6 +272,7 @@ impl Job<'_> {
             exact: pool.stats().damaged == 0 && stats.spp > 0 && keys.lod_error == 0.0,
             lod_error_px: keys.lod_error,
             damaged_pages: pool.damage().iter().map(|(page, _)| *page).collect(),
+            damage: Damage::default(),
             image,
             waits: stats.total.waits,
             narrow_samples: stats.total.narrow_samples,
@@ -304,14 +304,11 @@ fn tell_samples(keys: &RenderKeys, ctx: &Context, done: Done) {
 }
 
 /// A backend that gave way to another, and what could not be drawn as it is.
-fn tell_damage(stage: &Stage, ctx: &Context) {
+fn report_stage(stage: &Stage, damage: &Damage, ctx: &Context) {
     if let Some(notice) = &stage.pool.io().notice {
         ctx.console.note(&format!("note: {notice}"));
     }
-    for (page, error) in stage.pool.damage().iter().take(DAMAGE_TOLD) {
-        let drawn = if stage.model.file().has_units(*page) { "by coarser voxels" } else { "as empty" };
-        ctx.console.note(&format!("damaged page {page}, drawn {drawn}: {} {}", error.what(), error.place()));
-    }
+    damage.report(ctx);
 }
 
 /// Name of a picture of a path: `turn.png` gives `turn-0001.png` and so on.

@@ -1,5 +1,6 @@
 //! `Rendered`: what a render tells, as text and as JSON.
 
+use super::damage::Damage;
 use super::show::Frames;
 use crate::memory::Memory;
 use crate::size;
@@ -37,6 +38,8 @@ pub struct Rendered {
     pub exact: bool,
     pub lod_error_px: f64,
     pub damaged_pages: Vec<u32>,
+    /// The first of them, with what was drawn in their place.
+    pub damage: Damage,
     pub image: Image,
     pub waits: u64,
     pub narrow_samples: u64,

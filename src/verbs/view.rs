@@ -5,6 +5,7 @@
 //! ```
 
 use super::command_line::render_line;
+use super::damage::Damage;
 use super::stage::{Play, Stage, io_options, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
@@ -24,8 +25,8 @@ use trex_render::{Filter, FrameOptions, Layers, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
-    MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, ServeOptions, Served, Surroundings, Token,
-    serve, view_bytes,
+    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX,
+    ServeOptions, Served, Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -64,10 +65,12 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let session = session.go_live(frames)?;
 
-    let options = ServeOptions { token: Token::random()?, hosts: args.host.clone(), frames, follows_page };
+    let (token, hosts) = (Token::random()?, args.host.clone());
+    let options = ServeOptions { token, hosts, frames, follows_page, silence_max: SILENCE_MAX };
     let address = listener.local_addr().map_err(|error| refused(args, &error))?;
     say_where(args, address, &options.token, ctx);
-    let on_show = Cell::new(session.view().settings);
+    // What frames of pages make room for.
+    let now = Cell::new(Room::of(session.view().settings, 0));
     let needs = |room: &Room| picture_needs(room, ctx.threads);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
@@ -83,11 +86,12 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
-        set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&Room::of(on_show.get()))),
+        damage: &|| damage_figures(&Damage::of(&stage)),
+        set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&now.get())),
         make_room: &|rooms| {
             stage.model.make_room(&rooms.iter().map(needs).collect::<Vec<_>>())?;
             if let [only] = rooms {
-                on_show.set(only.settings);
+                now.set(*only);
             }
             Ok(())
         },
@@ -95,14 +99,20 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let begin = std::time::Instant::now();
     let served = serve(session, &listener, &options, &around)?;
-    ctx.done(&Viewed {
+    let damage = Damage::of(&stage);
+    damage.report(ctx);
+    let is_whole = damage.page_count == 0;
+    ctx.done(&ViewReport {
         scene: path.display().to_string(),
         address: address.to_string(),
         time_ms: begin.elapsed().as_millis() as u64,
         served,
+        damaged_pages: stage.pool.damage().iter().map(|(page, _)| *page).collect(),
+        damage,
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
-    })
+    })?;
+    Ok(if is_whole || args.allow_damage { Exit::Done } else { Exit::No })
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.
@@ -212,21 +222,30 @@ fn pool_figures(stage: &Stage) -> PoolFigures {
         misses: stats.misses,
         evictions: stats.evictions,
         bytes_read: stats.bytes_read,
+        damaged: stats.damaged,
     }
 }
 
+fn damage_figures(damage: &Damage) -> DamageFigures {
+    let pages = damage.pages.iter();
+    let page = pages.map(|page| DamagedPage { page: page.page, drawn: page.drawn, bounds: page.bounds });
+    DamageFigures { page_count: damage.page_count, pages: page.collect() }
+}
+
 #[derive(Serialize)]
-struct Viewed {
+struct ViewReport {
     scene: String,
     address: String,
     time_ms: u64,
     #[serde(flatten)]
     served: Served,
+    damaged_pages: Vec<u32>,
+    damage: Damage,
     pool: trex_store::pool::PoolStats,
     memory: Memory,
 }
 
-impl fmt::Display for Viewed {
+impl fmt::Display for ViewReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Served { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
         writeln!(
@@ -235,6 +254,10 @@ impl fmt::Display for Viewed {
             Duration::from_millis(self.time_ms).as_secs_f64(),
             size::bytes(sent_bytes)
         )?;
+        if self.damage.page_count > 0 {
+            let count = self.damage.page_count;
+            writeln!(f, "not whole: {count} damaged pages, left out; see `trex verify`")?;
+        }
         write!(
             f,
             "pages: {} read; memory limit {}, peak {}",

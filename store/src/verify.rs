@@ -26,6 +26,7 @@ use crate::geom::Aabb;
 use crate::io::Staging;
 use crate::layout::{FRAME_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES};
 use pace::Pace;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU64;
 use std::path::Path;
 
@@ -299,20 +300,36 @@ impl Verdict {
 
 /// Box of each page of the mesh, from the top tree (8-bit boxes: a little larger than the triangles).
 pub fn page_boxes(file: &PageFile) -> Vec<Aabb> {
-    let block = file.superblock();
     let mesh_count = file.pages().partition_point(|entry| entry.kind == PageKind::Mesh);
     let mut boxes = vec![Aabb::EMPTY; mesh_count];
+    each_child_box(file, |page, child| boxes[page as usize].join(&child));
+    boxes
+}
+
+/// Boxes of some pages, as [`page_boxes`] has them; pages of units are not among them.
+pub fn boxes_of(file: &PageFile, pages: &BTreeSet<u32>) -> BTreeMap<u32, Aabb> {
+    let mut boxes = BTreeMap::new();
+    each_child_box(file, |page, child| {
+        if pages.contains(&page) {
+            boxes.entry(page).or_insert(Aabb::EMPTY).join(&child);
+        }
+    });
+    boxes
+}
+
+/// Gives each box of the top tree that leads to a page of the mesh: one page may have several.
+fn each_child_box(file: &PageFile, mut found: impl FnMut(u32, Aabb)) {
+    let block = file.superblock();
     if let TopRef::Page { page, .. } = TopRef::from_word(block.root) {
-        boxes[page as usize] = block.bounds;
+        found(page, block.bounds);
     }
     for node in file.top() {
         for i in 0..usize::from(node.child_count) {
             if let TopRef::Page { page, .. } = TopRef::from_word(node.child[i]) {
                 let child = node.child_box(i, block.node_shift);
                 let (lo, hi) = (block.lattice.position(child.lo), block.lattice.position(child.hi));
-                boxes[page as usize].join(&Aabb { lo, hi });
+                found(page, Aabb { lo, hi });
             }
         }
     }
-    boxes
 }

@@ -294,6 +294,8 @@ fn edits_change_the_picture(tab: &mut Tab) {
     };
     let before = means(tab);
     open_panel(tab, "materials");
+    // The list is the server's; what was picked is chosen in it.
+    tab.wait_for("document.querySelector('#panel-body legend')?.textContent === 'tent'");
     act(tab, |tab| fill(tab, "Diffuse, colour", "#ff2000", "input"));
     let red = means(tab);
     assert!(red[0] - red[1] > before[0] - before[1] + 5.0, "a red tent: {before:?}, then {red:?}");
@@ -315,6 +317,8 @@ fn edits_change_the_picture(tab: &mut Tab) {
     tab.wait_for("trex.app.state.stats.samples === 6");
     open_panel(tab, "statistics");
     tab.wait_for("document.getElementById('panel-body').innerText.includes('MiB')");
+    // A page that is alone need not be told who drives.
+    assert_eq!(tab.value("document.getElementById('role').innerText"), "");
 }
 
 fn a_lost_connection_comes_back(tab: &mut Tab) {

@@ -299,7 +299,9 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
     let text = run_in(victim.folder(), &format!("{} --overwrite", line("bad.trex", "bad.png")));
     text.expect(1);
     assert!(text.stdout.contains("not whole: 1 damaged page"), "{}", text.stdout);
-    assert!(text.stderr.contains(&format!("damaged page {page}")), "{}", text.stderr);
+    assert!(text.stderr.contains(&format!("damaged page {page}, drawn as empty")), "{}", text.stderr);
+    let [lo, hi] = [boxes[page].lo, boxes[page].hi].map(|corner| format!("{corner:?}"));
+    assert!(text.stderr.contains(&format!("box {lo} to {hi}")), "{}", text.stderr);
 
     let ((width, _, whole), (_, _, bad)) =
         (pixels(&victim.folder().join("whole.png")), pixels(&victim.folder().join("bad.png")));

@@ -103,7 +103,7 @@ fn a_viewer_leaves_pages_half_of_a_small_limit_and_a_third_beside_a_large_pictur
     for (resolution, part) in [([1280, 720], 2), ([1920, 1080], 3)] {
         let settings = RenderSettings::new(RenderKeys { resolution, ..RenderKeys::default() }).unwrap();
         let copies_bytes = view_bytes(resolution);
-        let layers = Layers { filter: true, ..Layers::default() };
+        let layers = Layers::default();
         let needs = PictureNeeds { settings, layers, workers: 2, is_live: true, copies_bytes };
         let plan = MemoryPlan::new(&built.file, &needs, LIMIT).unwrap();
         let frames = LIMIT - OTHERS - plan.film_bytes;

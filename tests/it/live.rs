@@ -172,7 +172,7 @@ fn what_cannot_be_live_is_refused() {
     ] {
         let ran = run_in(inside.path(), &format!("{line} --json -q"));
         assert!(
-            ran.expect_error(3, "scene-format")["next_step"].as_str().unwrap().contains("with voxels"),
+            ran.expect_error(3, "scene-format")["next_step"].as_str().unwrap().contains("--no-asvo"),
             "{line}"
         );
     }

@@ -10,15 +10,17 @@
 import { extent, is_camera, project, same } from "./camera.js";
 import { Connection } from "./connection.js";
 import { Input } from "./input.js";
-import { KIND_FILE, Picture } from "./picture.js";
+import { Picture } from "./picture.js";
 import { Notices } from "./notices.js";
 import { Panels } from "./panels.js";
-import { keep_status } from "./statistics.js";
+import { keep_status } from "./status.js";
 import { Views } from "./views.js";
+import { KIND_FILE } from "./wire.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
-const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "materials",
-  "settings", "keys", "sides", "model", "memory", "t_max_ms", "command", "scene", "follows_page", "smaller"];
+const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "light_count",
+  "material", "material_count", "settings", "keys", "sides", "model", "memory", "t_max_ms", "command", "scene",
+  "scene_bytes", "follows_page", "smaller", "damage"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;
 /** A window that changes its size is at rest after this, ms. */
@@ -31,7 +33,7 @@ const byId = (id) => document.getElementById(id);
 
 class App {
   constructor() {
-    this.state = { lights: [], materials: [], views: [], settings: {}, keys: [], role: "watch" };
+    this.state = { lights: [], views: [], settings: {}, keys: [], role: "watch" };
     this.listeners = new Map();
     this.painters = [];
     this.sent = [];
@@ -104,8 +106,8 @@ class App {
       this.tell("stats", rest);
     } else if (type === "picked") {
       this.picks.get(rest.id)?.(rest.hit);
-    } else if (type === "progress") {
-      this.tell("progress", rest);
+    } else if (type === "progress" || type === "materials") {
+      this.tell(type, rest);
     } else if (type === "notice") {
       this.notices.show(rest);
       this.tell("notice", rest);
@@ -120,6 +122,8 @@ class App {
     for (const key of keys) {
       this.state[key] = values[key];
     }
+    // More than a message holds are not sent.
+    this.state.lights ??= [];
     if (is_camera(values.camera)) {
       this.take_camera(values.camera, is_welcome);
     }
@@ -229,7 +233,7 @@ class App {
 
   set_lights(lights) {
     if (this.edit({ type: "lights", lights })) {
-      this.state.lights = lights;
+      [this.state.lights, this.state.light_count] = [lights, lights.length];
       this.paint();
     }
   }

@@ -3,11 +3,11 @@
 // Invariants: 1. the token is in sessionStorage and in the hello, never in the visible address; 2. `seq` rises with
 // each event of this page; 3. at most one wait to reconnect runs; 4. a server that refuses the token is asked no more.
 
+import { CLOSE_BAD_TOKEN } from "./wire.js";
+
 /** Waits before a new try, ms: at once, then longer and longer. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000];
 const TOKEN_KEY = "trex-token";
-/** Close code of a token that is not the server's. */
-const BAD_TOKEN = 4401;
 /** Most of what may wait in the socket before further cameras are held back, bytes. */
 const BACKLOG_MAX_BYTES = 64 * 1024;
 
@@ -96,7 +96,7 @@ export class Connection {
       return;
     }
     this.socket = null;
-    if (event.code === BAD_TOKEN) {
+    if (event.code === CLOSE_BAD_TOKEN) {
       this.handlers.state("refused");
       return;
     }

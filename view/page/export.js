@@ -4,11 +4,16 @@
 // by a blob's address, which is given back.
 
 import { to_text } from "./camera.js";
-import { button, choice_row, element, number_row, row } from "./widgets.js";
+import { button, bytes, choice_row, element, number_row, row } from "./widgets.js";
+import { FILE_EXR, FILE_HEAD_BYTES, FILE_PNG, FILE_SCENE } from "./wire.js";
 
-/** Kind, format, two bytes, and the number of the picture. */
-const HEADER_BYTES = 8;
 const FORMATS = [["png", "PNG"], ["exr", "EXR: linear light"]];
+/** Endings and media types of files, by the number that the server gives them. */
+const FILES = {
+  [FILE_PNG]: ["png", "image/png"],
+  [FILE_EXR]: ["exr", "image/x-exr"],
+  [FILE_SCENE]: ["toml", "application/toml"],
+};
 /** A blob's address lives this long, ms: the download has begun by then. */
 const ADDRESS_MS = 60_000;
 
@@ -61,6 +66,13 @@ export class Export {
     this.take("png", this.app.state.size, this.app.state.settings.spp ?? 16);
   }
 
+  /** Asks for no picture, after all; the server answers with a notice. */
+  cancel() {
+    if (this.under_way !== null) {
+      this.app.connection.send({ type: "cancel", id: this.under_way.id });
+    }
+  }
+
   progressed({ id, done, total }) {
     if (this.under_way?.id === id) {
       Object.assign(this.under_way, { done, total });
@@ -73,17 +85,18 @@ export class Export {
 
   received(buffer) {
     const view = new DataView(buffer);
-    const [format, id] = [view.getUint8(1) === 1 ? "exr" : "png", view.getUint32(4, true)];
-    if (this.under_way?.id !== id) {
+    const [[format, type], id] = [FILES[view.getUint8(1)] ?? FILES[FILE_PNG], view.getUint32(4, true)];
+    if (format !== "toml" && this.under_way?.id !== id) {
       return;
     }
-    this.ended();
-    const type = format === "png" ? "image/png" : "image/x-exr";
-    const address = URL.createObjectURL(new Blob([new Uint8Array(buffer, HEADER_BYTES)], { type }));
+    if (format !== "toml") {
+      this.ended();
+    }
+    const address = URL.createObjectURL(new Blob([new Uint8Array(buffer, FILE_HEAD_BYTES)], { type }));
     const stem = String(this.app.state.name ?? "picture").replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "-");
     element("a", { href: address, download: `${stem || "picture"}.${format}` }).click();
     setTimeout(() => URL.revokeObjectURL(address), ADDRESS_MS);
-    this.app.tell("saved", { format, byte_count: buffer.byteLength - HEADER_BYTES });
+    this.app.tell("saved", { format, byte_count: buffer.byteLength - FILE_HEAD_BYTES });
   }
 
   ended() {
@@ -98,9 +111,22 @@ export class Export {
       element("h3", {}, "This view"),
       this.text("Link", this.app.camera ? this.link : "", "link to this view", 2),
       this.text("Command line", state.command ?? "", "command line", 4),
-      this.text("Scene file", state.scene ?? "", "scene file", 8),
+      ...this.scene(),
       element("h3", {}, "Picture"),
       ...this.picture(),
+    ];
+  }
+
+  /** The scene's text; a long one is saved, not shown. */
+  scene() {
+    const { scene, scene_bytes } = this.app.state;
+    if (scene !== null || !scene_bytes) {
+      return [this.text("Scene file", scene ?? "", "scene file", 8)];
+    }
+    const ask = () => this.app.connection.send({ type: "scene", id: this.app.next_id() });
+    return [
+      element("p", { class: "hint" }, `The scene file has ${bytes(scene_bytes)}: too long to be shown here.`),
+      element("div", { class: "buttons" }, button("Save the scene file", ask)),
     ];
   }
 
@@ -130,7 +156,9 @@ export class Export {
       number_row("Width", size[0], { ...sides, step: 1 }, side(0)),
       number_row("Height", size[1], { ...sides, step: 1 }, side(1)),
       number_row(samples.title, spp, { ...samples, step: 1 }, (value) => { this.spp = value; }),
-      element("div", { class: "buttons" }, button("Render and save", take, { disabled: done !== null })),
+      element("div", { class: "buttons" }, button("Render and save", take, { disabled: done !== null }),
+        done ? button("Cancel", () => this.cancel()) : null),
+      done ? element("p", { class: "hint" }, "Changes of the view wait until it is done.") : null,
       done ? element("progress", { max: Math.max(1, done.total), value: done.done, "aria-label": "Picture" }) : null,
     ];
   }

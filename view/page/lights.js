@@ -6,6 +6,7 @@
 import { frame } from "./camera.js";
 import { add, across, cross, distance, length, scale, subtract, unit } from "./vector.js";
 import { button, choice_row, colour_row, element, once_a_frame, swatch, switch_row, vector_row } from "./widgets.js";
+import { LIGHTS_MAX } from "./wire.js";
 
 const KINDS = [["point", "Lamp"], ["directional", "Sun"], ["rect", "Area light"], ["sky", "Sky"]];
 const NAMES = Object.fromEntries(KINDS);
@@ -115,8 +116,14 @@ export class Lights {
 
   /** The panel. */
   panel() {
+    const { light_count = 0 } = this.app.state;
+    if (light_count > 0 && this.lights.length === 0) {
+      const text = `The scene has ${light_count} lights, more than a page can change. Its file has them all.`;
+      return [element("p", { class: "hint" }, text)];
+    }
     this.handles.toggle(true);
-    const adds = KINDS.map(([kind, text]) => button(`+ ${text}`, () => this.add(kind)));
+    const is_full = this.lights.length >= LIGHTS_MAX;
+    const adds = KINDS.map(([kind, text]) => button(`+ ${text}`, () => this.add(kind), { disabled: is_full }));
     const at = Math.min(this.handles.selected, this.lights.length - 1);
     const items = this.lights.map((light, index) => this.item(light, index, index === at));
     const none = element("p", { class: "hint" }, "None: a sun and a pale sky of the renderer's own, or what glows.");

@@ -25,10 +25,10 @@ const TITLES = {
 const SHOWS = {
   views: ["views"],
   lights: ["lights"],
-  materials: ["materials"],
+  materials: [],
   measure: [],
   settings: ["settings", "memory", "size"],
-  statistics: ["model"],
+  statistics: ["model", "damage"],
   export: ["command", "scene"],
 };
 /** Time that what is said in passing stays, ms. */
@@ -186,9 +186,7 @@ export class Panels {
       return;
     }
     this.materials.select(hit.material);
-    if (this.open_name === "materials") {
-      this.rebuild();
-    } else {
+    if (this.open_name !== "materials") {
       this.open("measure", false);
     }
   }

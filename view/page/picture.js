@@ -8,16 +8,13 @@
 // frame after it was drawn, or after it is known that it cannot be: a page that nobody sees asks for none; 3. what a
 // message says of its length is checked before it is used; 4. parts of a picture that is no longer sent are dropped.
 
-const HEADER_BYTES = 20;
-const BLOCK = 16;
-const KIND_BLOCKS = 1;
-const KIND_WHOLE = 2;
-/** Bytes after the header in front of a part of a whole picture: where it begins, and how long that is. */
-const PART_HEADER_BYTES = 8;
+import {
+  BLOCK_SIDE, FLAG_DONE, FLAG_MOVING, FRAME_HEAD_BYTES, KIND_BLOCKS, KIND_WHOLE, PART_HEAD_BYTES,
+} from "./wire.js";
+
 /** A whole picture takes at most so many bytes a pixel, and so many more. */
 const WHOLE_PIXEL_BYTES = 4;
 const WHOLE_FIXED_BYTES = 1 << 17;
-export const KIND_FILE = 3;
 /** How the pixels come: as they are, no colour management between the server's picture and ours. */
 const AS_SENT = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 /** Times kept for measuring. */
@@ -25,7 +22,7 @@ const TIMES_MAX = 4096;
 
 /** The header of a frame; null for what is none. */
 export function parse(buffer) {
-  if (buffer.byteLength < HEADER_BYTES) {
+  if (buffer.byteLength < FRAME_HEAD_BYTES) {
     return null;
   }
   const view = new DataView(buffer);
@@ -41,9 +38,9 @@ export function parse(buffer) {
     count: view.getUint16(18, true),
   };
   const { kind, scale, width, height, columns, count } = header;
-  header.data_at = HEADER_BYTES + 2 * count + (kind === KIND_WHOLE ? PART_HEADER_BYTES : 0);
-  header.is_moving = (header.flags & 2) !== 0;
-  header.is_done = (header.flags & 8) !== 0;
+  header.data_at = FRAME_HEAD_BYTES + 2 * count + (kind === KIND_WHOLE ? PART_HEAD_BYTES : 0);
+  header.is_moving = (header.flags & FLAG_MOVING) !== 0;
+  header.is_done = (header.flags & FLAG_DONE) !== 0;
   const has_size = width > 0 && height > 0 && scale > 0;
   const is_blocks = kind === KIND_BLOCKS && columns > 0 && count > 0;
   const is_whole = kind === KIND_WHOLE && count === 0;
@@ -51,14 +48,14 @@ export function parse(buffer) {
     return null;
   }
   if (is_whole) {
-    [header.from, header.total] = [view.getUint32(HEADER_BYTES, true), view.getUint32(HEADER_BYTES + 4, true)];
+    [header.from, header.total] = [view.getUint32(FRAME_HEAD_BYTES, true), view.getUint32(FRAME_HEAD_BYTES + 4, true)];
     if (header.total > width * height * WHOLE_PIXEL_BYTES + WHOLE_FIXED_BYTES) {
       return null;
     }
   }
   header.blocks = [];
   for (let at = 0; at < count; at += 1) {
-    header.blocks.push(view.getUint16(HEADER_BYTES + 2 * at, true));
+    header.blocks.push(view.getUint16(FRAME_HEAD_BYTES + 2 * at, true));
   }
   return header;
 }
@@ -230,9 +227,10 @@ export class Picture {
 }
 
 function copy_blocks(context, bitmap, header, width) {
-  const picture_columns = Math.ceil(width / BLOCK);
+  const picture_columns = Math.ceil(width / BLOCK_SIDE);
   for (const [from_x, from_y, to_x, to_y, length] of runs(header.blocks, header.columns, picture_columns)) {
-    const [w, h] = [length * BLOCK, BLOCK];
-    context.drawImage(bitmap, from_x * BLOCK, from_y * BLOCK, w, h, to_x * BLOCK, to_y * BLOCK, w, h);
+    const [w, h] = [length * BLOCK_SIDE, BLOCK_SIDE];
+    const [from, to] = [[from_x, from_y], [to_x, to_y]].map((place) => place.map((at) => at * BLOCK_SIDE));
+    context.drawImage(bitmap, ...from, w, h, ...to, w, h);
   }
 }

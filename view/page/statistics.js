@@ -1,5 +1,5 @@
-// The panel of the statistics: every number that the system promises, as it is now, with small plots; and the line of
-// progress at the bottom of the page.
+// The panel of the statistics: every number that the system promises, as it is now, with small plots; and the pages of
+// the file that are damaged.
 //
 // Invariants: 1. what the server does not say is not shown; 2. plots go on while the panel is closed, so that it opens
 // with what has been.
@@ -7,23 +7,14 @@
 import { Plot } from "./plot.js";
 import { bytes, element, short } from "./widgets.js";
 
-const byId = (id) => document.getElementById(id);
 const MS = (number) => (Number.isFinite(number) ? `${number < 10 ? number.toFixed(1) : Math.round(number)} ms` : "-");
-const STAGES = {
-  preview: "Preview",
-  part: "Sharpening",
-  block: "Sharpening",
-  complete: "Converging",
-  done: "Done",
-};
-
 /** Rows with a plot: [key, label, value of the statistics, text, limit]. */
 const PLOTS = [
   ["memory", "Memory", (s) => s.memory?.used_bytes, bytes, (s) => s.memory?.limit_bytes],
   ["fps", "Pictures/s", (s) => s.fps, (x) => x.toFixed(1)],
   ["rate", "Bytes/s", (s) => s.bytes_per_s, bytes],
   ["rays", "Rays/s", (s) => sum(s.rays_per_s), short],
-  ["misses", "Misses/s", (s) => s.misses_per_s, short],
+  ["misses", "Page misses/s", (s) => s.misses_per_s, short],
   ["error", "Pixel error", (s) => s.pixel_error?.in_force, (x) => `${Number(x.toPrecision(3))} px`,
     (s) => s.pixel_error?.asked],
 ];
@@ -53,7 +44,7 @@ const FACTS = [
     ["Frames", (s) => given(s.pool?.frames, short)],
     ["Pages in them", (s) => given(s.pool?.resident, short)],
     ["Pages read", (s) => given(s.pool?.pages_read, short)],
-    ["Misses", (s) => given(s.pool?.misses, short)],
+    ["Look-ups that found their page missing", (s) => given(s.pool?.misses, short)],
     ["Evictions", (s) => given(s.pool?.evictions, short)],
     ["Bytes read", (s) => given(s.pool?.bytes_read, bytes)],
   ]],
@@ -86,7 +77,6 @@ export class Statistics {
       }
     }
     this.fill(stats);
-    show_progress(stats);
   }
 
   /** The panel. */
@@ -108,7 +98,7 @@ export class Statistics {
     });
     requestAnimationFrame(() => this.plots.forEach((plot) => plot.draw()));
     queueMicrotask(() => this.fill(stats));
-    return [...plots, ...tables, ...this.model()];
+    return [...damage_list(this.app.state.damage), ...plots, ...tables, ...this.model()];
   }
 
   /** What the model says of itself. */
@@ -138,48 +128,20 @@ export class Statistics {
   }
 }
 
-/** The line at the bottom: what is under way. */
-function show_progress(stats) {
-  const share = stats.progress === "done" ? 1 : Math.min(1, (stats.samples ?? 0) / Math.max(1, stats.spp ?? 1));
-  byId("bar").style.transform = `scaleX(${share})`;
-  byId("progress").textContent = stats.progress === "done" || !Number.isFinite(stats.samples)
-    ? STAGES[stats.progress] ?? ""
-    : `${STAGES[stats.progress] ?? ""} ${stats.samples} of ${stats.spp}`;
-  const { used_bytes, limit_bytes } = stats.memory ?? {};
-  byId("memory").textContent = Number.isFinite(used_bytes) ? `${bytes(used_bytes)} of ${bytes(limit_bytes)}` : "";
-  byId("rate").textContent = stats.fps >= 1 && stats.progress !== "done" ? `${stats.fps.toFixed(0)}/s` : "";
-}
-
-/** The line at the bottom: who drives, and whether the server is there; and the model's name at the top. */
-export function keep_status(app) {
-  const LINKS = { connecting: "connecting", reconnecting: "lost, trying again", lost: "lost", refused: "refused" };
-  const show = () => {
-    const is_open = app.connection.is_open && app.link === "open";
-    const role = app.state.role === "drive" ? "driving" : "watching";
-    const others = (app.state.clients ?? 1) - 1;
-    const name = is_open ? role : LINKS[app.link] ?? "connecting";
-    document.body.dataset.link = is_open ? role : app.link;
-    byId("role").textContent = others > 0 && is_open ? `${name}, ${others} more here` : name;
-    byId("drive").hidden = !is_open || app.state.role === "drive";
-  };
-  byId("drive").addEventListener("click", () => app.connection.send({ type: "drive" }));
-  const show_size = () => {
-    const { smaller, size } = app.state;
-    const limit = smaller?.limit_bytes ? `: ${bytes(smaller.limit_bytes)} would do` : "";
-    byId("smaller").textContent = smaller ? `${size.join("×")} of ${smaller.asked.join("×")}${limit}` : "";
-    byId("smaller").title = smaller ? "The memory limit has no room for a picture as large as the page." : "";
-  };
-  app.listen("smaller", show_size);
-  app.listen("size", show_size);
-  app.listen("link", show);
-  app.listen("role", show);
-  app.listen("clients", show);
-  app.listen("welcome", (state) => {
-    app.link = "open";
-    show();
-    document.title = `${state.name} · trex`;
-    byId("name").textContent = state.name;
-    const count = state.model?.triangle_count;
-    byId("count").textContent = Number.isFinite(count) ? `${short(count)} triangles` : "";
-  });
+/** The pages of the file that are damaged: how many, and of the first of them where they are and what is drawn. */
+function damage_list(damage) {
+  if (!damage?.page_count) {
+    return [];
+  }
+  const corner = (point) => point.map((x) => Number(x.toPrecision(5))).join(", ");
+  const place = ({ bounds }) => (bounds ? `(${corner(bounds.lo)}) to (${corner(bounds.hi)})` : "in the voxels");
+  const items = damage.pages.map((page) =>
+    element("li", {}, `Page ${page.page}, drawn ${page.drawn}: ${place(page)}`));
+  const others = damage.page_count - damage.pages.length;
+  const more = others > 0 ? [element("li", { class: "hint" }, `and ${others} more: trex verify lists them all`)] : [];
+  return [
+    element("h3", {}, "Damaged pages of the file"),
+    element("p", { class: "hint" }, `${damage.page_count} cannot be read. Boxes are in units of the model.`),
+    element("ul", { class: "list damage", "aria-label": "Damaged pages" }, ...items, ...more),
+  ];
 }

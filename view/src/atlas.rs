@@ -3,10 +3,11 @@
 //! Invariants: 1. neither the atlas nor a frame takes more than it says; 2. a block that the picture's edge cuts is
 //! filled up with its last pixels, which no one sees.
 
-use crate::blocks::{BLOCK_SIDE, Layout};
+use crate::blocks::Layout;
+use crate::bounded::Bounded;
 use crate::picture::Picture;
+use crate::wire::{BLOCK_SIDE, FRAME_HEAD_BYTES, KIND_BLOCKS, KIND_WHOLE, PART_HEAD_BYTES};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
-use std::io::{self, Write};
 use tungstenite::protocol::frame::FrameHeader;
 use tungstenite::protocol::frame::coding::{Data, OpCode};
 
@@ -19,13 +20,6 @@ const PIXELS_PER_BYTE: usize = 3;
 const FRAME_FIXED_BYTES: usize = 32 << 10;
 /// Most bytes of the header of a message from a server.
 const HEADER_BYTES_MAX: usize = 10;
-/// Kinds of binary messages.
-const KIND_BLOCKS: u8 = 1;
-const KIND_WHOLE: u8 = 2;
-/// Bytes in front of the indices of blocks.
-const HEAD_BYTES: usize = 20;
-/// Bytes after that in front of a part of a settled picture.
-const PART_HEAD_BYTES: usize = 8;
 
 const BLOCK_PIXELS: usize = (BLOCK_SIDE * BLOCK_SIDE) as usize;
 
@@ -120,7 +114,7 @@ impl Atlas {
         bytes.clear();
         bytes.resize(HEADER_BYTES_MAX, 0);
         self.head.write(KIND_BLOCKS, self.columns, &self.blocks, bytes);
-        let mut encoder = Encoder::new(Bounded { bytes, most }, QUALITY);
+        let mut encoder = Encoder::new(Bounded::new(bytes, most, &|| false), QUALITY);
         encoder.set_sampling_factor(SamplingFactor::F_1_1);
         encoder.encode(&self.rgb, width, height, ColorType::Rgb).ok()?;
         Some(finish(bytes))
@@ -135,7 +129,7 @@ impl Atlas {
 /// What goes before `length` bytes, from byte `from` on, of a settled picture of `total` bytes.
 pub(crate) fn part_head(head: FrameHead, from: usize, length: usize, total: usize) -> Vec<u8> {
     let head = FrameHead { scale: 1, ..head };
-    let mut bytes = header(HEAD_BYTES + PART_HEAD_BYTES + length);
+    let mut bytes = header(FRAME_HEAD_BYTES + PART_HEAD_BYTES + length);
     head.write(KIND_WHOLE, 0, &[], &mut bytes);
     bytes.extend([from, total].into_iter().flat_map(|number| (number as u32).to_le_bytes()));
     bytes
@@ -151,7 +145,7 @@ impl FrameHead {
 /// The header of a binary message of so many bytes.
 pub(crate) fn header(length: usize) -> Vec<u8> {
     let header = FrameHeader { opcode: OpCode::Data(Data::Binary), ..FrameHeader::default() };
-    let mut bytes = Vec::with_capacity(HEADER_BYTES_MAX + HEAD_BYTES + PART_HEAD_BYTES);
+    let mut bytes = Vec::with_capacity(HEADER_BYTES_MAX + FRAME_HEAD_BYTES + PART_HEAD_BYTES);
     header.format(length as u64, &mut bytes).expect("a vector takes what is written");
     bytes
 }
@@ -162,32 +156,6 @@ fn finish(bytes: &mut [u8]) -> usize {
     let start = HEADER_BYTES_MAX - header.len();
     bytes[start..HEADER_BYTES_MAX].copy_from_slice(&header);
     start
-}
-
-/// A vector that takes so much and no more.
-pub(crate) struct Bounded<'a> {
-    pub(crate) bytes: &'a mut Vec<u8>,
-    pub(crate) most: usize,
-}
-
-impl Write for Bounded<'_> {
-    fn write(&mut self, more: &[u8]) -> io::Result<usize> {
-        let wanted = self.bytes.len() + more.len();
-        if wanted > self.most {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        // Doubling would take up to twice the bound.
-        if wanted > self.bytes.capacity() {
-            let room = (2 * self.bytes.capacity()).clamp(wanted, self.most.max(wanted));
-            self.bytes.reserve_exact(room - self.bytes.len());
-        }
-        self.bytes.extend_from_slice(more);
-        Ok(more.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
 }
 
 #[cfg(test)]

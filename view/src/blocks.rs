@@ -11,8 +11,8 @@
 //!
 //! Invariant: marks know the blocks of one layout, and no others.
 
-/// Side of a block, pixels: two tiles of the renderer; a JPEG's blocks of 8 fit it.
-pub(crate) const BLOCK_SIDE: u32 = 16;
+use crate::wire::BLOCK_SIDE;
+
 /// Most blocks of a picture: their count has 16 bits.
 pub(crate) const BLOCKS_MAX: u32 = (1 << 16) - 1;
 

@@ -2,13 +2,16 @@
 //!
 //! Invariant: what is refused changes nothing; who asked is told, and what is true instead.
 
-use crate::blocks::BLOCK_SIDE;
-use crate::mailbox::{ClientId, Edit, Mail};
-use crate::message::{CameraText, MaterialText, Notice, text_of};
+use crate::mail::{ClientId, Edit, Mail, Question};
+use crate::materials::{list, material_text, name_of};
+use crate::message::{CameraText, Notice, text_of};
+use crate::outbox::{File, FileFormat};
 use crate::session_loop::SessionLoop;
 use crate::settings::{KeyText, SettingsText};
-use crate::state::{BoundsText, HitText, LimitText, Picked, Smaller, State};
+use crate::state::{BoundsText, HitText, LightsText, LimitText, PickAnswer, Smaller, State};
 use crate::surroundings::Room;
+use crate::texts;
+use crate::wire::BLOCK_SIDE;
 use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Code, Error, Result};
 
@@ -28,7 +31,6 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let resolution = view.settings.resolution;
         let camera = CameraText::of(&view.camera, resolution);
         let views = self.around.views.iter().map(|camera| CameraText::of(camera, resolution)).collect();
-        let (command, scene) = self.texts();
         let state = State {
             name: Some(self.around.name.to_owned()),
             smaller: Some(None),
@@ -42,22 +44,21 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             model: Some(self.around.model),
             t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
             memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),
-            command: Some(command),
-            scene: Some(scene),
+            material_count: Some(model.materials.len()),
+            texts: Some(self.texts()),
             ..self.whole_state()
         };
         self.shared.set_greeting(state);
     }
 
-    /// All that events may change.
+    /// All that events may change, but materials: who asks for a part of their list gets them as they are.
     fn whole_state(&self) -> State {
         let session = self.session();
-        let (view, model) = (session.view(), session.model());
+        let view = session.view();
         State {
             size: Some(view.settings.resolution),
             camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
-            lights: Some(view.lights.clone()),
-            materials: Some(MaterialText::all(model)),
+            lights: Some(LightsText::of(&view.lights)),
             settings: Some(SettingsText::from(&*view.settings)),
             ..State::default()
         }
@@ -67,8 +68,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     ///
     /// # Errors
     /// The session cannot go on.
-    pub(crate) fn take_mail(&mut self, mail: Mail) -> Result<()> {
-        let Mail { camera, size, limit_bytes, edits, picks, screenshots, seq, rest, roles, since } = mail;
+    pub(crate) fn apply_mail(&mut self, mail: Mail) -> Result<()> {
+        let Mail { camera, size, limit_bytes, edits, questions, shot, seq, rest, roles, since } = mail;
         self.seq = seq.unwrap_or(self.seq);
         if let Some(bytes) = limit_bytes {
             self.set_limit(bytes);
@@ -77,11 +78,16 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let asked = self.smaller.filter(|_| limit_bytes.is_some()).map(|smaller| smaller.asked);
         if let Some(size) = size.or(asked).filter(|_| self.options.follows_page) {
             let changed = self.set_size(fitting(size));
-            self.tell_change(changed, since);
+            self.publish_change(changed, since);
         }
         for edit in edits {
+            let material = if let Edit::Material(index, _) = edit { Some(index) } else { None };
             let changed = self.edit(edit);
-            self.tell_change(changed, since);
+            if let (Err(_), Some(index)) = (&changed, material) {
+                let material = material_text(self.session().model(), index);
+                self.shared.send_state(State { material, ..State::default() }, None);
+            }
+            self.publish_change(changed, since);
         }
         if let Some(camera) = camera {
             let changed = self
@@ -89,19 +95,19 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 .apply(Event::Camera(camera.camera()))
                 .map(|()| State { camera: Some(camera), ..State::default() });
             self.motion.event();
-            self.tell_change(changed, since);
+            self.publish_change(changed, since);
         }
         if rest {
             self.motion.rest();
         }
-        for (client, id, pixel) in picks {
-            self.pick(client, id, pixel);
-        }
-        for shot in screenshots {
-            self.take_screenshot(shot)?;
+        for (client, question) in questions {
+            self.answer(client, question);
         }
         if roles {
-            self.shared.tell_state(State::default(), None);
+            self.shared.send_state(State::default(), None);
+        }
+        if let Some(shot) = shot {
+            self.make_screenshot(shot)?;
         }
         Ok(())
     }
@@ -115,14 +121,15 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             }
             Edit::Lights(lights) => {
                 self.motion.event();
-                self.session_mut().apply(Event::Lights(lights.clone()))?;
-                Ok(State { lights: Some(lights), ..State::default() })
+                let told = LightsText::of(&lights);
+                self.session_mut().apply(Event::Lights(lights))?;
+                Ok(State { lights: Some(told), ..State::default() })
             }
             Edit::Material(index, edit) => {
                 self.motion.event();
                 self.session_mut().apply(Event::Material { index, edit })?;
-                let materials = Some(MaterialText::all(self.session().model()));
-                Ok(State { materials, ..State::default() })
+                let material = material_text(self.session().model(), index);
+                Ok(State { material, ..State::default() })
             }
             Edit::Settings(edit) => {
                 let keys = edit.apply(&self.session().view().settings);
@@ -148,7 +155,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         };
         if refused != self.smaller {
             self.smaller = refused;
-            self.shared.tell_state(State { smaller: Some(refused), ..State::default() }, None);
+            self.shared.send_state(State { smaller: Some(refused), ..State::default() }, None);
         }
         Ok(changed)
     }
@@ -161,10 +168,10 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
         self.change_settings(old, settings).inspect_err(|_| {
             // As it was: there was room for it.
-            let _ = (self.around.make_room)(&[Room::of(old)]);
+            let _ = (self.around.make_room)(&[self.room(old)]);
         })?;
-        if let Err(error) = (self.around.make_room)(&[Room::of(settings)]) {
-            self.tell_error(&error);
+        if let Err(error) = (self.around.make_room)(&[self.room(settings)]) {
+            self.send_error(&error);
         }
         self.frame_again(old.resolution, settings.resolution)?;
         self.tone.set_exposure(settings.exposure);
@@ -192,7 +199,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {
-        (self.around.make_room)(&[Room::of(old), Room::of(new)])?;
+        (self.around.make_room)(&[self.room(old), self.room(new)])?;
         self.shared.make_room(new.resolution)?;
         let changed = self.session_mut().apply(Event::Settings(new));
         // The one that is on show then.
@@ -206,57 +213,90 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             Ok(()) => {
                 let limit_bytes = self.around.budget.limit_bytes();
                 let update = State { memory: Some(LimitText { limit_bytes }), ..State::default() };
-                self.shared.tell_state(update, None);
-                self.tell_stats();
+                self.shared.send_state(update, None);
+                self.send_stats();
             }
-            Err(error) => self.tell_error(&error),
+            Err(error) => self.send_error(&error),
         }
     }
 
     /// Tells who watches what has changed; or who drives that it has not.
-    fn tell_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
+    fn publish_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
         match changed {
             Ok(update) => {
                 if !update.is_empty() {
                     self.figures.event(since);
-                    self.begin_picture();
+                    self.restart_picture();
                     // Who drives knows, but not what the renderer makes of it.
                     let knows = update.camera.is_some() && update.size.is_none();
                     let driver = self.shared.mailbox.driver().filter(|_| knows || update.lights.is_some());
-                    self.shared.tell_state(update, driver);
+                    self.shared.send_state(update, driver);
                 }
             }
             Err(error) => {
-                self.tell_error(&error);
+                self.send_error(&error);
                 let update = self.whole_state();
-                self.shared.tell_state(update, None);
+                self.shared.send_state(update, None);
             }
         }
     }
 
     /// Tells who drives what went wrong.
-    pub(crate) fn tell_error(&self, error: &Error) {
+    pub(crate) fn send_error(&self, error: &Error) {
         if let Some(driver) = self.shared.mailbox.driver() {
-            self.shared.tell(driver, || text_of(&Notice::error(error)));
+            self.shared.send_text(driver, || text_of(&Notice::error(error)));
         }
+    }
+
+    /// The room for a picture on show, beside files that are not sent yet.
+    pub(crate) fn room(&self, settings: RenderSettings) -> Room {
+        Room::of(settings, self.files.now())
+    }
+
+    /// Answers what a page asks.
+    fn answer(&mut self, client: ClientId, question: Question) {
+        match question {
+            Question::Pick { id, pixel } => self.pick(client, id, pixel),
+            Question::Materials(wish) => {
+                let model = self.session().model();
+                self.shared.send_text(client, || text_of(&list(model, &wish)));
+            }
+            Question::Scene(id) => match self.scene_file(id) {
+                Ok(file) => self.shared.send_file(client, file),
+                Err(error) => self.shared.send_text(client, || text_of(&Notice::error(&error).of("scene"))),
+            },
+        }
+    }
+
+    /// The scene's text as a file.
+    fn scene_file(&self, id: u32) -> Result<File> {
+        let session = self.session();
+        let (settings, sources) = (session.view().settings, self.text_sources());
+        let bytes = texts::scene_bytes(&sources);
+        let on_show = self.room(settings);
+        let copies_bytes = on_show.copies_bytes + bytes as u64;
+        (self.around.make_room)(&[Room { settings, copies_bytes }])?;
+        let room = self.files.lease(self.around.budget, "the scene's text", bytes as u64)?;
+        Ok(File::new(FileFormat::Scene, id, texts::scene(&sources, bytes).into_bytes(), room))
     }
 
     /// Says what is at a pixel.
     fn pick(&mut self, client: ClientId, id: u32, pixel: [u32; 2]) {
         let [width, height] = self.session().view().settings.resolution;
         let is_inside = pixel[0] < width && pixel[1] < height;
-        let hit = if is_inside { self.session_mut().pick(pixel) } else { None };
-        let names = &self.session().model().names;
+        let stop = self.around.stop;
+        let hit = if is_inside { self.session_mut().pick_until(pixel, &stop) } else { None };
+        let model = self.session().model();
         let hit = hit.map(|Pick { hit, position }| HitText {
             triangle: hit.triangle,
             material: hit.material,
-            name: names.get(hit.material as usize).unwrap_or_default().to_owned(),
+            name: name_of(model, hit.material as usize).to_owned(),
             position,
             normal: hit.normal,
             distance: hit.t,
             page: hit.page,
         });
-        self.shared.tell(client, || text_of(&Picked { id, hit }));
+        self.shared.send_text(client, || text_of(&PickAnswer { id, hit }));
     }
 }
 

@@ -6,6 +6,7 @@
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Longest head.
@@ -57,7 +58,7 @@ impl Status {
             Status::Ok => "200 OK",
             Status::BadRequest => "400 Bad Request",
             Status::Forbidden => "403 Forbidden",
-            Status::NotFound => "404 Not Found",
+            Status::NotFound => "404 Not PageAnswer",
             Status::MethodNotAllowed => "405 Method Not Allowed",
             Status::MisdirectedRequest => "421 Misdirected Request",
             Status::UpgradeRequired => "426 Upgrade Required",
@@ -70,7 +71,7 @@ impl Status {
 /// A stream that is read up to a time, if there is one, and not written to.
 #[derive(Debug)]
 pub(crate) struct Incoming {
-    pub(crate) stream: TcpStream,
+    pub(crate) stream: Arc<TcpStream>,
     pub(crate) deadline: Option<Instant>,
 }
 
@@ -84,7 +85,7 @@ impl Read for Incoming {
                 }
                 self.stream.set_read_timeout(Some(left))?;
             }
-            match self.stream.read(bytes) {
+            match (&*self.stream).read(bytes) {
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 read => return read,
             }

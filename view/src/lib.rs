@@ -10,9 +10,13 @@
 //! ```text
 //! tone guard page http     radiance to bytes; who may ask; what is there; how it is asked
 //! blocks picture atlas     which blocks have changed; what is shown; how it is sent
-//! message settings         what pages say
-//! state texts              what they are told; the view as command and scene
+//! bounded connections      bytes that an encoder may write; connections that are open
+//! wire message settings    numbers of the protocol; what pages say
+//! materials                parts of the list of materials
+//! state texts reports      what they are told; the view as command and scene; figures of the command
+//! mail                     what waits for the session
 //! mailbox client shared    from reader to session; from session to writer; both
+//! outbox                   what goes to a page next, and when it was heard
 //! window                   how much a frame may hold
 //! socket server serve      two threads a page; connections; the beginning and the end
 //! session_loop edits       frames; events
@@ -24,17 +28,23 @@
 
 mod atlas;
 mod blocks;
+mod bounded;
 mod client;
+mod connections;
 mod edits;
 mod figures;
 mod guard;
 mod http;
+mod mail;
 mod mailbox;
+mod materials;
 mod message;
 mod motion;
+mod outbox;
 mod page;
 mod picture;
 mod renderer;
+mod reports;
 mod screenshot;
 mod serve;
 mod server;
@@ -47,10 +57,11 @@ mod surroundings;
 mod texts;
 mod tone;
 mod window;
+mod wire;
 
 pub use edits::SIDE_MAX;
 pub use guard::Token;
+pub use reports::{DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
-pub use state::{MemoryFigures, ModelFigures, PoolFigures};
-pub use surroundings::{Recipe, Room, ServeOptions, Served, Surroundings};
+pub use surroundings::{Recipe, Room, SILENCE_MAX, ServeOptions, Served, Surroundings};

@@ -2,83 +2,27 @@
 //!
 //! ```text
 //! camera, size, limit     the latest counts
-//! edits                   in order, at most 64
-//! picks, screenshots      in order, few
+//! edits                   in order, at most 64; of lights the latest alone
+//! questions               in order, few; of parts of the list of materials a page's latest alone
+//! screenshots             in order, few; one is handed out at a time, and is wanted until its page goes or cancels it
 //! ```
 //!
 //! One client drives, the others watch. Who drives is decided here, so that no watcher's event gets further.
 //!
 //! Invariants: 1. it never grows past its bounds: what does not fit is refused, and who sent it is told; 2. events are
-//! of the one who drives; 3. `has_event` is true exactly while there is something to take.
+//! of the one who drives; 3. `has_event` is true exactly while there is something to take; 4. a screenshot of a page
+//! that has gone is not wanted.
 
-use crate::message::{CameraText, Format, FromClient, Role};
+use crate::mail::{ClientId, Mail, PostOutcome, Question, SHOTS_MAX, Shot, push};
+use crate::materials::{ListWish, cut};
+use crate::message::{FromClient, Role};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
-use trex_render::{MaterialEdit, RenderEdit};
 
-/// Most edits that wait.
-const EDITS_MAX: usize = 64;
-/// Most pixels that wait to be looked at.
-const PICKS_MAX: usize = 64;
-/// Most screenshots that wait, each of which takes seconds.
-const SCREENSHOTS_MAX: usize = 4;
 /// Who has not sent a thing for so long loses the wheel to whom asks for it.
 const WHEEL_IDLE: Duration = Duration::from_secs(10);
-
-/// A client, by its number.
-pub(crate) type ClientId = u32;
-
-/// A change that is applied in order with others.
-#[derive(Clone, Debug)]
-pub(crate) enum Edit {
-    Lights(Vec<trex_render::Light>),
-    Material(usize, MaterialEdit),
-    Settings(RenderEdit),
-    /// Pixels from one to the next while the picture moves.
-    Moving(u32),
-}
-
-/// A picture to be made into a file.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Shot {
-    pub(crate) client: ClientId,
-    pub(crate) id: u32,
-    pub(crate) format: Format,
-    pub(crate) size: [u32; 2],
-    pub(crate) spp: u32,
-}
-
-/// All that came since the last time.
-#[derive(Debug, Default)]
-pub(crate) struct Mail {
-    pub(crate) camera: Option<CameraText>,
-    pub(crate) size: Option<[u32; 2]>,
-    pub(crate) limit_bytes: Option<u64>,
-    pub(crate) edits: VecDeque<Edit>,
-    pub(crate) picks: VecDeque<(ClientId, u32, [u32; 2])>,
-    pub(crate) screenshots: VecDeque<Shot>,
-    /// The last event of the driver.
-    pub(crate) seq: Option<u32>,
-    pub(crate) rest: bool,
-    /// Clients have come or gone, or another drives.
-    pub(crate) roles: bool,
-    /// When the oldest of it came.
-    pub(crate) since: Option<Instant>,
-}
-
-/// The answer to a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Posted {
-    Taken,
-    /// Who watches does not change things.
-    Watching,
-    /// Too many wait.
-    Full,
-    /// Somebody else drives, and is not idle.
-    Driven,
-}
 
 /// See the module's description.
 #[derive(Debug, Default)]
@@ -86,11 +30,17 @@ pub(crate) struct Mailbox {
     inner: Mutex<Inner>,
     bell: Condvar,
     has_event: AtomicBool,
+    /// The screenshot under way is wanted; asked by many threads.
+    is_shot_wanted: AtomicBool,
 }
 
 #[derive(Debug, Default)]
 struct Inner {
     mail: Mail,
+    /// Screenshots that wait.
+    shots: VecDeque<Shot>,
+    /// Client and number of the screenshot under way.
+    under_way: Option<(ClientId, u32)>,
     driver: Option<ClientId>,
     /// When the driver was heard last.
     heard: Option<Instant>,
@@ -125,8 +75,11 @@ impl Mailbox {
         if inner.driver == Some(client) {
             inner.driver = None;
         }
-        inner.mail.picks.retain(|(from, ..)| *from != client);
-        inner.mail.screenshots.retain(|shot| shot.client != client);
+        inner.mail.questions.retain(|(from, _)| *from != client);
+        inner.shots.retain(|shot| shot.client != client);
+        if inner.under_way.is_some_and(|(of, _)| of == client) {
+            self.is_shot_wanted.store(false, Ordering::Release);
+        }
         inner.mail.roles = true;
         self.ring(inner);
     }
@@ -142,7 +95,7 @@ impl Mailbox {
     }
 
     /// Takes a message of a client.
-    pub(crate) fn post(&self, client: ClientId, message: FromClient) -> Posted {
+    pub(crate) fn post(&self, client: ClientId, message: FromClient) -> PostOutcome {
         let mut inner = self.lock();
         let drives = inner.driver == Some(client);
         if drives {
@@ -150,11 +103,20 @@ impl Mailbox {
         }
         let posted = match message {
             FromClient::Drive {} => inner.give_wheel(client),
-            FromClient::Pick { id, pixel } => push(&mut inner.mail.picks, PICKS_MAX, (client, id, pixel)),
-            _ if !drives => Posted::Watching,
-            message => inner.mail.take_event(client, message),
+            FromClient::Cancel { id } => self.cancel(&mut inner, client, id),
+            FromClient::Screenshot { id, format, size, spp } if drives => {
+                push(&mut inner.shots, SHOTS_MAX, Shot { client, id, format, size, spp })
+            }
+            FromClient::Pick { id, pixel } => inner.mail.ask(client, Question::Pick { id, pixel }),
+            FromClient::Materials { id, find, from, index } => {
+                let find = cut(&find).to_owned();
+                inner.mail.ask(client, Question::Materials(ListWish { id, find, from, index }))
+            }
+            FromClient::Scene { id } => inner.mail.ask(client, Question::Scene(id)),
+            _ if !drives => PostOutcome::Watching,
+            message => inner.mail.add_event(message),
         };
-        if posted == Posted::Taken {
+        if posted == PostOutcome::Accepted {
             self.ring(inner);
         }
         posted
@@ -165,11 +127,41 @@ impl Mailbox {
         self.has_event.load(Ordering::Acquire)
     }
 
-    /// Takes all there is.
-    pub(crate) fn take(&self) -> Mail {
+    /// Hands out all there is, but of screenshots the first alone.
+    pub(crate) fn collect(&self) -> Mail {
         let mut inner = self.lock();
-        self.has_event.store(false, Ordering::Release);
-        std::mem::take(&mut inner.mail)
+        let shot = inner.shots.pop_front();
+        if let Some(shot) = &shot {
+            inner.under_way = Some((shot.client, shot.id));
+            self.is_shot_wanted.store(true, Ordering::Release);
+        }
+        self.has_event.store(!inner.shots.is_empty(), Ordering::Release);
+        Mail { shot, ..std::mem::take(&mut inner.mail) }
+    }
+
+    /// True once after clients have come or gone, or another drives; all else stays.
+    pub(crate) fn collect_roles(&self) -> bool {
+        std::mem::take(&mut self.lock().mail.roles)
+    }
+
+    /// True while the screenshot under way is wanted.
+    pub(crate) fn wants_shot(&self) -> bool {
+        self.is_shot_wanted.load(Ordering::Acquire)
+    }
+
+    /// No screenshot is under way any more. True when it was wanted to its end.
+    pub(crate) fn end_shot(&self) -> bool {
+        self.lock().under_way = None;
+        self.is_shot_wanted.swap(false, Ordering::AcqRel)
+    }
+
+    fn cancel(&self, inner: &mut Inner, client: ClientId, id: u32) -> PostOutcome {
+        if inner.under_way == Some((client, id)) {
+            self.is_shot_wanted.store(false, Ordering::Release);
+        }
+        let count = inner.shots.len();
+        inner.shots.retain(|shot| (shot.client, shot.id) != (client, id));
+        if inner.shots.len() < count { PostOutcome::Cancelled } else { PostOutcome::Accepted }
     }
 
     /// Waits until there is something to take, or `longest` has passed.
@@ -180,78 +172,21 @@ impl Mailbox {
 }
 
 impl Inner {
-    fn give_wheel(&mut self, client: ClientId) -> Posted {
+    fn give_wheel(&mut self, client: ClientId) -> PostOutcome {
         let is_idle = self.heard.is_none_or(|heard| heard.elapsed() >= WHEEL_IDLE);
         if self.driver.is_some_and(|driver| driver != client) && !is_idle {
-            return Posted::Driven;
+            return PostOutcome::Driven;
         }
         (self.driver, self.heard) = (Some(client), Some(Instant::now()));
         self.mail.roles = true;
-        Posted::Taken
+        PostOutcome::Accepted
     }
-}
-
-impl Mail {
-    /// Takes an event of the one who drives.
-    fn take_event(&mut self, client: ClientId, message: FromClient) -> Posted {
-        let (seq, posted) = match message {
-            FromClient::Camera { seq, position, target, up, fov_y } => {
-                self.camera = Some(CameraText { position, target, up, fov_y });
-                (Some(seq), Posted::Taken)
-            }
-            FromClient::Size { seq, size } => {
-                self.size = Some(size);
-                (Some(seq), Posted::Taken)
-            }
-            FromClient::Limit { seq, bytes } => {
-                self.limit_bytes = Some(bytes);
-                (Some(seq), Posted::Taken)
-            }
-            FromClient::Rest {} => {
-                self.rest = true;
-                (None, Posted::Taken)
-            }
-            FromClient::Lights { seq, lights } => (Some(seq), self.push_edit(Edit::Lights(lights))),
-            FromClient::Material { seq, index, edit } => {
-                (Some(seq), self.push_edit(Edit::Material(index, edit)))
-            }
-            FromClient::Settings { seq, settings } => (Some(seq), self.push_edit(Edit::Settings(settings))),
-            FromClient::Moving { scale } => (None, self.push_edit(Edit::Moving(scale))),
-            FromClient::Screenshot { id, format, size, spp } => {
-                let shot = Shot { client, id, format, size, spp };
-                (None, push(&mut self.screenshots, SCREENSHOTS_MAX, shot))
-            }
-            // These are no events.
-            FromClient::Hello { .. } | FromClient::Ack { .. } => (None, Posted::Taken),
-            FromClient::Pick { .. } | FromClient::Drive {} => (None, Posted::Taken),
-        };
-        if posted == Posted::Taken {
-            self.seq = seq.or(self.seq);
-        }
-        posted
-    }
-
-    /// Edits of one kind that follow each other are as good as the last: all lights come each time.
-    fn push_edit(&mut self, edit: Edit) -> Posted {
-        if let (Some(last @ Edit::Lights(_)), Edit::Lights(_)) = (self.edits.back_mut(), &edit) {
-            *last = edit;
-            return Posted::Taken;
-        }
-        push(&mut self.edits, EDITS_MAX, edit)
-    }
-}
-
-fn push<T>(queue: &mut VecDeque<T>, most: usize, item: T) -> Posted {
-    if queue.len() >= most {
-        return Posted::Full;
-    }
-    queue.push_back(item);
-    Posted::Taken
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mail::{EDITS_MAX, Edit, QUESTIONS_MAX};
 
     fn message(text: &str) -> FromClient {
         serde_json::from_str(text).unwrap()
@@ -273,10 +208,10 @@ mod tests {
         mailbox.join(1, [64, 64]);
         assert!(mailbox.has_event());
         for seq in 0..10 {
-            assert_eq!(mailbox.post(1, camera(2 * seq)), Posted::Taken);
-            assert_eq!(mailbox.post(1, material(2 * seq + 1)), Posted::Taken);
+            assert_eq!(mailbox.post(1, camera(2 * seq)), PostOutcome::Accepted);
+            assert_eq!(mailbox.post(1, material(2 * seq + 1)), PostOutcome::Accepted);
         }
-        let mail = mailbox.take();
+        let mail = mailbox.collect();
         assert!(!mailbox.has_event() && mail.roles && mail.since.is_some());
         assert_eq!(mail.camera.unwrap().camera().position, [18.0, 0.0, 0.0]);
         assert_eq!((mail.seq, mail.size), (Some(19), Some([64, 64])));
@@ -295,18 +230,79 @@ mod tests {
         mailbox.join(1, [64, 64]);
         let pick = || message(r#"{"type":"pick","id":9,"pixel":[3,4]}"#);
         let shot = || message(r#"{"type":"screenshot","id":9,"format":"exr","size":[64,64],"spp":4}"#);
-        for (most, make) in [(EDITS_MAX, &(|| material(3)) as &dyn Fn() -> FromClient), (PICKS_MAX, &pick)] {
-            (0..most).for_each(|_| assert_eq!(mailbox.post(1, make()), Posted::Taken));
-            assert_eq!(mailbox.post(1, make()), Posted::Full);
+        for (most, make) in
+            [(EDITS_MAX, &(|| material(3)) as &dyn Fn() -> FromClient), (QUESTIONS_MAX, &pick)]
+        {
+            (0..most).for_each(|_| assert_eq!(mailbox.post(1, make()), PostOutcome::Accepted));
+            assert_eq!(mailbox.post(1, make()), PostOutcome::Full);
         }
-        (0..SCREENSHOTS_MAX).for_each(|_| assert_eq!(mailbox.post(1, shot()), Posted::Taken));
-        assert_eq!(mailbox.post(1, shot()), Posted::Full);
-        assert_eq!(mailbox.take().edits.len(), EDITS_MAX);
-        assert_eq!(mailbox.post(1, material(3)), Posted::Taken);
+        (0..SHOTS_MAX).for_each(|_| assert_eq!(mailbox.post(1, shot()), PostOutcome::Accepted));
+        assert_eq!(mailbox.post(1, shot()), PostOutcome::Full);
+        assert_eq!(mailbox.collect().edits.len(), EDITS_MAX);
+        assert_eq!(mailbox.post(1, material(3)), PostOutcome::Accepted);
         // What was asked by who has gone is for nobody.
-        mailbox.post(1, shot());
         mailbox.leave(1);
-        assert!(mailbox.take().screenshots.is_empty());
+        assert!(mailbox.collect().shot.is_none() && !mailbox.has_event());
+    }
+
+    /// The lights of 64 messages that alternated with other edits waited all at once: megabytes that nobody had leased.
+    #[test]
+    fn of_lights_the_latest_wait_alone() {
+        let mailbox = Mailbox::default();
+        mailbox.join(1, [64, 64]);
+        for seq in 0..20 {
+            let lights = format!(
+                r#"{{"type":"lights","seq":{seq},"lights":[{{"type":"sky","radiance":[{seq},0,0]}}]}}"#
+            );
+            assert_eq!(mailbox.post(1, message(&lights)), PostOutcome::Accepted);
+            assert_eq!(mailbox.post(1, material(seq)), PostOutcome::Accepted);
+        }
+        let edits = mailbox.collect().edits;
+        assert_eq!(edits.len(), 21);
+        assert!(matches!(&edits[0], Edit::Lights(lights)
+            if lights[..] == [trex_render::Light::Sky { radiance: [19.0, 0.0, 0.0] }]));
+    }
+
+    /// Who types into the search asks for the list with each letter.
+    #[test]
+    fn of_lists_a_page_gets_the_last_that_it_asked_for() {
+        let mailbox = Mailbox::default();
+        for (client, find) in [(1, "b"), (2, "bo"), (1, "bol"), (1, &"x".repeat(60_000))] {
+            let text = format!(r#"{{"type":"materials","id":3,"find":"{find}"}}"#);
+            assert_eq!(mailbox.post(client, message(&text)), PostOutcome::Accepted);
+        }
+        let waiting: Vec<_> = mailbox.collect().questions.into_iter().collect();
+        let [(2, Question::Materials(second)), (1, Question::Materials(first))] = &waiting[..] else {
+            panic!("{waiting:?}")
+        };
+        assert_eq!((second.find.as_str(), second.from, second.index), ("bo", 0, None));
+        assert_eq!(first.find, "x".repeat(255));
+    }
+
+    /// One goes out at a time, so that all others can still be withdrawn; a page that cancels its own, or goes, makes
+    /// the one under way unwanted, and no other page does.
+    #[test]
+    fn a_screenshot_is_wanted_until_its_page_goes_or_cancels_it() {
+        let mailbox = Mailbox::default();
+        mailbox.join(1, [64, 64]);
+        mailbox.join(2, [64, 64]);
+        let say = |client: ClientId, id: u32, text: &str| {
+            mailbox.post(client, message(&text.replace("ID", &id.to_string())))
+        };
+        let shot = r#"{"type":"screenshot","id":ID,"format":"png","size":[64,64],"spp":4}"#;
+        let cancel = r#"{"type":"cancel","id":ID}"#;
+        assert_eq!(say(2, 1, shot), PostOutcome::Watching);
+        (1..=4).for_each(|id| assert_eq!(say(1, id, shot), PostOutcome::Accepted));
+        assert_eq!(mailbox.collect().shot.unwrap().id, 1);
+        assert!(mailbox.wants_shot() && mailbox.has_event());
+        assert_eq!((say(2, 1, cancel), say(1, 2, cancel)), (PostOutcome::Accepted, PostOutcome::Cancelled));
+        assert!(mailbox.wants_shot());
+        assert_eq!(say(1, 1, cancel), PostOutcome::Accepted);
+        assert!(!mailbox.wants_shot() && !mailbox.end_shot());
+        assert_eq!(mailbox.collect().shot.unwrap().id, 3);
+        mailbox.leave(1);
+        assert!(!mailbox.wants_shot() && mailbox.collect_roles() && !mailbox.collect_roles());
+        assert!(!mailbox.end_shot() && mailbox.collect().shot.is_none());
     }
 
     #[test]
@@ -315,13 +311,13 @@ mod tests {
         mailbox.join(1, [64, 64]);
         mailbox.join(2, [32, 32]);
         assert_eq!((mailbox.role(1), mailbox.role(2)), (Role::Drive, Role::Watch));
-        assert_eq!(mailbox.take().size, Some([64, 64]));
-        assert_eq!(mailbox.post(2, camera(1)), Posted::Watching);
+        assert_eq!(mailbox.collect().size, Some([64, 64]));
+        assert_eq!(mailbox.post(2, camera(1)), PostOutcome::Watching);
         assert!(!mailbox.has_event());
-        assert_eq!(mailbox.post(2, FromClient::Drive {}), Posted::Driven);
+        assert_eq!(mailbox.post(2, FromClient::Drive {}), PostOutcome::Driven);
         // Who has been idle for long enough.
         mailbox.lock().heard = Instant::now().checked_sub(WHEEL_IDLE);
-        assert_eq!(mailbox.post(2, FromClient::Drive {}), Posted::Taken);
+        assert_eq!(mailbox.post(2, FromClient::Drive {}), PostOutcome::Accepted);
         assert_eq!((mailbox.role(1), mailbox.role(2)), (Role::Watch, Role::Drive));
         mailbox.leave(2);
         assert_eq!(mailbox.driver(), None);

@@ -3,9 +3,10 @@
 //! Invariants: 1. what comes in has no key that is unknown, and is checked by who gets it, not here; 2. names and units
 //! are those of scene files where there are such.
 
+use crate::wire::LIGHTS_MAX;
 use serde::{Deserialize, Deserializer, Serialize};
-use trex_render::{Camera, Fov, Light, MaterialEdit, Model, RenderEdit};
-use trex_store::{Error, Material};
+use trex_render::{Camera, Fov, Light, MaterialEdit, RenderEdit};
+use trex_store::Error;
 
 /// Longest message from a client, bytes.
 pub(crate) const MESSAGE_BYTES_MAX: usize = 64 << 10;
@@ -23,7 +24,11 @@ pub(crate) enum FromClient {
     /// The hand has let go.
     Rest {},
     /// All lights.
-    Lights { seq: u32, lights: Vec<Light> },
+    Lights {
+        seq: u32,
+        #[serde(deserialize_with = "few_lights")]
+        lights: Vec<Light>,
+    },
     /// Changes to a material.
     Material { seq: u32, index: usize, edit: MaterialEdit },
     /// Changes to the numbers of the picture.
@@ -40,8 +45,22 @@ pub(crate) enum FromClient {
     Moving { scale: u32 },
     /// What is at a pixel?
     Pick { id: u32, pixel: [u32; 2] },
+    /// A part of the list of materials: of those whose name holds `find`, from the `from`-th on; or the part in which
+    /// `index` is.
+    Materials {
+        id: u32,
+        #[serde(default)]
+        find: String,
+        #[serde(default)]
+        from: usize,
+        index: Option<usize>,
+    },
+    /// The scene's text as a file.
+    Scene { id: u32 },
     /// A picture as a file.
     Screenshot { id: u32, format: Format, size: [u32; 2], spp: u32 },
+    /// No picture as a file, after all.
+    Cancel { id: u32 },
     /// Asks to be the one who drives.
     Drive {},
 }
@@ -53,6 +72,16 @@ fn without_size<'de, D: Deserializer<'de>>(deserializer: D) -> Result<RenderEdit
         None => Ok(edit),
         Some(_) => Err(serde::de::Error::custom("the size is no setting")),
     }
+}
+
+/// Lights that pages can show and send.
+fn few_lights<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Light>, D::Error> {
+    let lights = Vec::<Light>::deserialize(deserializer)?;
+    if lights.len() > LIGHTS_MAX {
+        let count = lights.len();
+        return Err(serde::de::Error::custom(format!("{count} lights, at most {LIGHTS_MAX} from a page")));
+    }
+    Ok(lights)
 }
 
 /// Format of a screenshot.
@@ -91,30 +120,6 @@ impl CameraText {
     pub(crate) fn camera(&self) -> Camera {
         let CameraText { position, target, up, fov_y } = *self;
         Camera { position, target, up, fov: Fov::Y(fov_y) }
-    }
-}
-
-/// A material.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct MaterialText {
-    name: String,
-    kd: [f32; 3],
-    ks: [f32; 3],
-    ns: f32,
-    ke: [f32; 3],
-    mirror: bool,
-    emits: bool,
-}
-
-impl MaterialText {
-    /// All materials of a model.
-    pub(crate) fn all(model: &Model) -> Vec<MaterialText> {
-        let text = |(index, material): (usize, &Material)| {
-            let Material { kd, ks, ns, ke, mirror, .. } = *material;
-            let name = model.names.get(index).unwrap_or_default().to_owned();
-            MaterialText { name, kd, ks, ns, ke, mirror, emits: material.emits() }
-        };
-        model.materials.iter().enumerate().map(text).collect()
     }
 }
 
@@ -168,6 +173,11 @@ impl Notice {
         }
     }
 
+    /// A screenshot that nobody wants any more.
+    pub(crate) fn cancelled() -> Notice {
+        Notice::info("screenshot", "the picture was cancelled", "")
+    }
+
     /// Something to know.
     pub(crate) fn info(code: &str, text: &str, next: &str) -> Notice {
         Notice {
@@ -194,7 +204,7 @@ mod tests {
     use rand_pcg::rand_core::{Rng, SeedableRng};
 
     /// One of each.
-    const GOOD: [&str; 14] = [
+    const GOOD: [&str; 18] = [
         r#"{"type":"hello","token":"00","size":[1280,720]}"#,
         r#"{"type":"hello","token":"00","size":[1280,720],"frame":7}"#,
         r#"{"type":"ack","frame":3}"#,
@@ -208,6 +218,10 @@ mod tests {
         r#"{"type":"moving","scale":4}"#,
         r#"{"type":"pick","id":9,"pixel":[3,4]}"#,
         r#"{"type":"screenshot","id":9,"format":"exr","size":[64,64],"spp":4}"#,
+        r#"{"type":"cancel","id":9}"#,
+        r#"{"type":"materials","id":9,"find":"bolt","from":24}"#,
+        r#"{"type":"materials","id":9,"index":7}"#,
+        r#"{"type":"scene","id":9}"#,
         r#"{"type":"drive"}"#,
     ];
 
@@ -220,6 +234,17 @@ mod tests {
         for text in GOOD {
             read(text).unwrap_or_else(|error| panic!("{text}: {error}"));
         }
+    }
+
+    #[test]
+    fn lights_are_bounded() {
+        let lights = |count: usize| {
+            let sky = r#"{"type":"sky","radiance":[1,1,1]}"#;
+            format!(r#"{{"type":"lights","seq":2,"lights":[{}]}}"#, vec![sky; count].join(","))
+        };
+        assert!(read(&lights(LIGHTS_MAX)).is_ok());
+        let error = read(&lights(LIGHTS_MAX + 1)).unwrap_err().to_string();
+        assert!(error.contains("129 lights, at most 128"), "{error}");
     }
 
     #[test]

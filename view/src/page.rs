@@ -1,11 +1,23 @@
-//! The page: its files, embedded. What is not in this table is not there.
+//! The page: its files, embedded, and the numbers of the protocol as a module. What is not in this table is not there.
+
+use crate::wire;
+use std::borrow::Cow;
 
 /// A file of the page.
-pub(crate) struct PageFile {
+struct PageFile {
     path: &'static str,
-    pub(crate) media_type: &'static str,
-    pub(crate) bytes: &'static [u8],
+    media_type: &'static str,
+    bytes: &'static [u8],
 }
+
+/// The answer to a path that is there.
+pub(crate) struct PageAnswer {
+    pub(crate) media_type: &'static str,
+    pub(crate) bytes: Cow<'static, [u8]>,
+}
+
+/// Where the numbers of the protocol are.
+const WIRE_PATH: &str = "/wire.js";
 
 const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
@@ -40,14 +52,19 @@ const FILES: &[PageFile] = &page! {
     "/plot.js", "plot.js", SCRIPT;
     "/settings.js", "settings.js", SCRIPT;
     "/statistics.js", "statistics.js", SCRIPT;
+    "/status.js", "status.js", SCRIPT;
     "/vector.js", "vector.js", SCRIPT;
     "/views.js", "views.js", SCRIPT;
     "/widgets.js", "widgets.js", SCRIPT;
 };
 
-/// The file at `path`, if there is one.
-pub(crate) fn find(path: &str) -> Option<&'static PageFile> {
-    FILES.iter().find(|file| file.path == path)
+/// What is at `path`, if there is something.
+pub(crate) fn find(path: &str) -> Option<PageAnswer> {
+    if path == WIRE_PATH {
+        return Some(PageAnswer { media_type: SCRIPT, bytes: wire::module().into_bytes().into() });
+    }
+    let file = FILES.iter().find(|file| file.path == path)?;
+    Some(PageAnswer { media_type: file.media_type, bytes: file.bytes.into() })
 }
 
 #[cfg(test)]
@@ -72,5 +89,29 @@ mod tests {
         {
             assert!(find(path).is_none(), "{path}");
         }
+    }
+
+    /// Kinds, lengths and limits stood in both languages, alike by care alone.
+    #[test]
+    fn numbers_of_the_protocol_stand_in_the_server_alone() {
+        let module = String::from_utf8(find("/wire.js").unwrap().bytes.into_owned()).unwrap();
+        let lines = module.lines().filter_map(|line| line.strip_prefix("export const "));
+        let names: BTreeSet<&str> = lines.map(|line| line.split(' ').next().unwrap()).collect();
+        let mut imported = BTreeSet::new();
+        for file in FILES.iter().filter(|file| file.media_type == SCRIPT) {
+            let text = std::str::from_utf8(file.bytes).unwrap();
+            for name in &names {
+                let defines = format!("const {name} =");
+                assert!(!text.contains(&defines), "{} defines {name} itself", file.path);
+            }
+            for import in text.split("import {").skip(1) {
+                let (list, rest) = import.split_once("} from \"").unwrap();
+                if rest.starts_with("./wire.js\"") {
+                    imported.extend(list.split(',').map(str::trim).filter(|name| !name.is_empty()));
+                }
+            }
+        }
+        assert!(imported.is_subset(&names), "{imported:?} of {names:?}");
+        assert!(imported.len() >= 10, "{imported:?}");
     }
 }

@@ -3,8 +3,9 @@
 //! Invariants: 1. only tiles that may have changed are looked at, and only blocks whose bytes have changed are marked;
 //! 2. its memory does not grow after [`Picture::new`]; 3. `frame` grows with each change.
 
-use crate::blocks::{BLOCK_SIDE, BLOCKS_MAX, Layout, Marks};
+use crate::blocks::{BLOCKS_MAX, Layout, Marks};
 use crate::tone::Tone;
+use crate::wire::BLOCK_SIDE;
 use std::sync::Arc;
 
 /// Side of a tile of the renderer, pixels.
@@ -13,18 +14,6 @@ const TILE_SIDE: u32 = trex_render::TILE_SIDE_PIXELS;
 pub(crate) const SCALE_MAX: u32 = 8;
 
 const _: () = assert!(BLOCK_SIDE.is_multiple_of(TILE_SIDE) && TILE_SIDE.is_multiple_of(SCALE_MAX));
-
-/// Bits of the flags of a frame.
-pub(crate) mod flag {
-    /// Some of it is a preview.
-    pub(crate) const PREVIEW: u8 = 1;
-    /// It is one of many that follow each other fast.
-    pub(crate) const MOVING: u8 = 2;
-    /// Every pixel has a sample of the present state.
-    pub(crate) const COMPLETE: u8 = 4;
-    /// It will not change by itself any more.
-    pub(crate) const DONE: u8 = 8;
-}
 
 /// A PNG of the settled picture; it goes in parts, so that what is newer never waits for long.
 #[derive(Clone, Debug)]
@@ -49,7 +38,7 @@ pub(crate) struct Picture {
     pub(crate) frame: u32,
     /// The driver's last event that is in it.
     pub(crate) seq: u32,
-    /// See [`flag`].
+    /// Flags of [`crate::wire`].
     pub(crate) flags: u8,
     /// The same without loss, once it stands still.
     pub(crate) settled: Option<Settled>,

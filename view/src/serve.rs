@@ -3,9 +3,9 @@
 use crate::guard::Hosts;
 use crate::server;
 use crate::session_loop::SessionLoop;
-use crate::shared::Shared;
+use crate::shared::{Admission, Shared};
 use crate::surroundings::{ServeOptions, Served, Surroundings};
-use std::net::{SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::sync::atomic::Ordering;
 use std::thread;
 use trex_render::{LiveSession, PagedTracer};
@@ -14,17 +14,17 @@ use trex_store::{Code, Error, Result};
 /// Ends the server when it goes.
 struct Ending<'a> {
     shared: &'a Shared,
-    address: SocketAddr,
+    listener: &'a TcpListener,
 }
 
 impl Drop for Ending<'_> {
     fn drop(&mut self) {
-        server::end(self.shared, self.address);
+        server::end(self.shared, self.listener);
     }
 }
 
-/// Shows `session` to the pages that connect to `listener`, until `around.stop` says so. The session is worked on by
-/// the calling thread and its pool.
+/// Shows `session` to the pages that connect to `listener`, until `around.stop` says so; then it ends within a second,
+/// whatever pages do, and `listener` listens no more. The session is worked on by the calling thread and its pool.
 ///
 /// # Errors The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has
 /// no room for [`crate::view_bytes`]; the session cannot go on.
@@ -43,7 +43,8 @@ pub fn serve<T: PagedTracer + Send>(
     let address = listener.local_addr().map_err(|error| refused("the socket has no address", &error))?;
     let hosts = Hosts::new(address.ip(), &options.hosts);
     let resolution = session.view().settings.resolution;
-    let shared = Shared::new(options.token.clone(), hosts, resolution, around.budget)?;
+    let admission = Admission { token: options.token.clone(), hosts, silence_max: options.silence_max };
+    let shared = Shared::new(admission, resolution, around.budget)?;
     let shared = &shared;
     let session_loop = SessionLoop::new(session, shared, options, around);
     let served = thread::scope(|scope| {
@@ -53,7 +54,7 @@ pub fn serve<T: PagedTracer + Send>(
             return Err(refused("the system refused a thread", &error));
         }
         // Also when the session panics: who waits for a connection would wait for ever.
-        let _end = Ending { shared, address };
+        let _end = Ending { shared, listener };
         session_loop.run()
     })?;
     Ok(Served {

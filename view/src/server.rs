@@ -6,13 +6,16 @@
 //! ```
 //!
 //! Invariants: 1. connections and clients are bounded: who comes beyond is sent away at once; 2. a connection answers
-//! one request; 3. when it ends, so do all of its threads.
+//! one request; 3. the server ends within [`GOODBYE`] and what an encoder takes for its present bytes, whatever its
+//! connections do: none is added from then on, and each that is left is shut down; its threads end with it.
 
+use crate::connections::Connection;
 use crate::http::{self, HEAD_TIME_MAX, Head, Incoming, Status};
+use crate::outbox::close;
 use crate::page;
-use crate::shared::{CLIENTS_MAX, CONNECTIONS_MAX, Shared};
+use crate::shared::{CLIENTS_MAX, Shared};
 use crate::socket::{self, WRITE_TIME_MAX};
-use rustix::net::sockopt;
+use rustix::net::{Shutdown, shutdown, sockopt};
 use std::io::{self, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -57,44 +60,48 @@ pub(crate) fn accept<'scope>(
     shared: &'scope Shared,
 ) {
     for stream in listener.incoming() {
-        if shared.is_closing.load(Ordering::Acquire) {
+        if shared.connections.are_refused() {
             return;
         }
         let Ok(stream) = stream else {
             thread::sleep(ACCEPT_AGAIN);
             continue;
         };
-        let Some(place) = Place::take(&shared.connections, CONNECTIONS_MAX) else { continue };
+        let Some(connection) = shared.connections.add(stream) else { continue };
         let thread = thread::Builder::new().name("view-read".into()).stack_size(STACK_BYTES);
         // Where the system has no thread left the connection closes.
-        let _ = thread.spawn_scoped(scope, move || {
-            let _place = place;
-            serve(shared, stream);
-        });
+        let _ = thread.spawn_scoped(scope, move || serve(shared, &connection));
     }
 }
 
-/// Ends the server that listens at `address`, and all connections.
-pub(crate) fn end(shared: &Shared, address: SocketAddr) {
-    shared.is_closing.store(true, Ordering::Release);
+/// Ends the server that listens at `listener`, and all connections.
+pub(crate) fn end(shared: &Shared, listener: &TcpListener) {
+    shared.connections.refuse();
     let clients = shared.clients();
-    clients.iter().for_each(|client| client.close(crate::client::close::GOING_AWAY));
+    clients.iter().for_each(|client| client.close(close::GOING_AWAY));
     let begin = Instant::now();
     while !shared.clients().is_empty() && begin.elapsed() < GOODBYE {
         thread::sleep(GOODBYE / 20);
     }
     shared.clients().iter().for_each(|client| client.hang_up());
-    // What waits for a connection gets one.
-    let ip = match address.ip() {
-        IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
-        IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
-        ip => ip,
-    };
-    let _ = TcpStream::connect_timeout(&SocketAddr::new(ip, address.port()), WRITE_TIME_MAX);
+    shared.connections.shut_down();
+    // Ends the wait for a connection; systems that do not end it so give it one.
+    let ended = shutdown(listener, Shutdown::Both);
+    if let Ok(address) = listener.local_addr() {
+        let ip = match address.ip() {
+            IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+            IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+            ip => ip,
+        };
+        let is_needed = ended.is_err() || cfg!(not(target_os = "linux"));
+        let connect = || TcpStream::connect_timeout(&SocketAddr::new(ip, address.port()), GOODBYE);
+        let _ = is_needed.then(connect);
+    }
 }
 
 /// Answers a connection.
-fn serve(shared: &Shared, stream: TcpStream) {
+fn serve(shared: &Shared, connection: &Connection<'_>) {
+    let stream = connection.stream.clone();
     if prepare(&stream).is_err() {
         return;
     }
@@ -106,19 +113,19 @@ fn serve(shared: &Shared, stream: TcpStream) {
         Ok((head, rest)) if head.path == SOCKET_PATH => match grant(shared, head) {
             Err(status) => http::refusal(status),
             Ok((key, _place)) => {
-                if incoming.stream.write_all(&http::upgrade(key)).is_ok() {
+                if (&*incoming.stream).write_all(&http::upgrade(key)).is_ok() {
                     socket::serve(shared, incoming, rest.clone());
                 }
                 return;
             }
         },
         Ok((head, _)) => match page::find(&head.path) {
-            Some(file) => http::answer(Status::Ok, file.media_type, file.bytes, head.is_bodiless),
+            Some(file) => http::answer(Status::Ok, file.media_type, &file.bytes, head.is_bodiless),
             None => http::refusal(Status::NotFound),
         },
     };
     // Who has gone needs no answer.
-    let _ = incoming.stream.write_all(&answer);
+    let _ = (&*incoming.stream).write_all(&answer);
 }
 
 /// Has the system send at once, give up writes, and find out whether the peer is still there: nothing is sent to a page

@@ -13,26 +13,36 @@
 //! or a picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and
 //! nothing is sent.
 
-use crate::atlas::Bounded;
+use crate::bounded::Bounded;
 use crate::figures::Figures;
-use crate::message::text_of;
+use crate::materials::fingerprint;
 use crate::motion::Motion;
-use crate::picture::{Changed, Picture, Settled, flag};
+use crate::outbox::FileBytes;
+use crate::picture::{Changed, Picture, Settled};
 use crate::renderer::Stamps;
+use crate::reports::DAMAGE_LISTED_MAX;
 use crate::shared::{Shared, png_bytes};
-use crate::state::{Smaller, Stats, TextsMessage, progress_name};
+use crate::state::{RaysText, Smaller, State, Stats, TextsText, progress_name};
 use crate::surroundings::{Recipe, ServeOptions, Served, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
+use crate::wire::{FLAG_COMPLETE, FLAG_DONE, FLAG_MOVING, FLAG_PREVIEW};
 use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{FrameProgress, FrameReport, Light, LiveSession, PagedTracer, write_png};
-use trex_store::{Material, Result};
+use trex_store::Result;
 
 /// Longest sleep: after so long it is asked whether the viewer is to end.
 const SLEEP: Duration = Duration::from_millis(200);
 /// Finest grid of a preview, pixels: after it come tiles.
 const PREVIEW_STEP_LEAST: u32 = 2;
+/// The progress of a picture that has all its samples, and lacks what damaged pages hold.
+const DAMAGED: &str = "damaged";
+/// The progress while a screenshot is made.
+const SCREENSHOT: &str = "screenshot";
+
+/// Longest scene file that goes to every page, bytes; a longer one goes as a file to who asks for it.
+const SCENE_BYTES_MAX: usize = 16 << 10;
 
 /// A session on show.
 pub(crate) struct SessionLoop<'a, T> {
@@ -47,9 +57,9 @@ pub(crate) struct SessionLoop<'a, T> {
     pub(crate) served: Served,
     /// The driver's last event.
     pub(crate) seq: u32,
-    /// Lights and materials of the file that was opened.
+    /// Lights of the file that was opened, and what its materials come to.
     pub(crate) input_lights: Vec<Light>,
-    pub(crate) input_materials: Vec<Material>,
+    input_fingerprint: u64,
     /// No frame has been made since the last event.
     is_fresh: bool,
     /// Pixels between samples of the last frame.
@@ -61,6 +71,13 @@ pub(crate) struct SessionLoop<'a, T> {
     png: Arc<Vec<u8>>,
     /// A size that was asked for, and does not fit.
     pub(crate) smaller: Option<Smaller>,
+    /// Damaged pages that the browser pages know of.
+    damaged: u64,
+    /// The last statistics of the picture on show.
+    stats: Stats,
+    pub(crate) files: FileBytes,
+    /// Bytes of files when room was made last.
+    file_bytes: u64,
 }
 
 /// How far the end of a picture is.
@@ -86,7 +103,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let mut this = SessionLoop {
             tone: Tone::new(view.settings.exposure),
             input_lights: view.lights.clone(),
-            input_materials: session.model().materials.clone(),
+            input_fingerprint: fingerprint(&session.model().materials),
             session: Some(session),
             shared,
             around,
@@ -102,6 +119,10 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             stamps: Stamps::default(),
             png: Arc::default(),
             smaller: None,
+            damaged: 0,
+            stats: Stats::default(),
+            files: FileBytes::default(),
+            file_bytes: 0,
         };
         this.greet();
         this
@@ -126,7 +147,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     pub(crate) fn put_session(&mut self, session: LiveSession<T>, samples: u32) {
         self.session = Some(session);
         self.shared.picture().forget();
-        self.begin_picture();
+        self.restart_picture();
         self.shown_samples = samples;
     }
 
@@ -136,12 +157,16 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     /// The session cannot go on; what pages ask for in vain is told to them alone.
     pub(crate) fn run(mut self) -> Result<Served> {
         while !(self.around.stop)() {
-            let mail = self.shared.mailbox.take();
-            self.take_mail(mail)?;
+            let mail = self.shared.mailbox.collect();
+            self.apply_mail(mail)?;
+            if (self.around.stop)() {
+                break;
+            }
+            self.remake_room();
             match self.rests_for() {
                 Some(time) => self.shared.mailbox.wait(time),
-                None if self.ending == Ending::Done => self.settle(),
-                None => self.go_on(),
+                None if self.ending == Ending::Done => self.finish_picture(),
+                None => self.advance(),
             }
         }
         Ok(Served { events: self.figures.events, ..self.served })
@@ -166,12 +191,12 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     }
 
     /// Another picture begins.
-    pub(crate) fn begin_picture(&mut self) {
+    pub(crate) fn restart_picture(&mut self) {
         (self.is_fresh, self.step, self.ending, self.shown_samples) = (true, None, Ending::No, 0);
     }
 
     /// Makes a frame, and shows it.
-    fn go_on(&mut self) {
+    fn advance(&mut self) {
         let is_first = std::mem::take(&mut self.is_fresh);
         let (stop, mailbox) = (self.around.stop, &self.shared.mailbox);
         let session = self.session.as_mut().expect("a screenshot gives the session back");
@@ -185,7 +210,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
         self.publish(&report);
         if self.figures.is_due() {
-            self.tell_stats();
+            self.send_stats();
         }
     }
 
@@ -195,14 +220,14 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             return;
         }
         let is_preview = report.progress == FrameProgress::Preview;
-        let mut flags = if report.preview_tiles > 0 { flag::PREVIEW } else { 0 };
+        let mut flags = if report.preview_tiles > 0 { FLAG_PREVIEW } else { 0 };
         let step = report.sample_step;
         let scale = if self.motion.moves_for().is_some() {
             // A picture that is not whole is none.
             let Some(step) = step.filter(|_| is_preview || report.progress >= FrameProgress::Complete) else {
                 return;
             };
-            flags |= flag::MOVING;
+            flags |= FLAG_MOVING;
             self.motion.scale(step)
         } else if is_preview {
             let Some(step) = step else { return };
@@ -214,7 +239,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             1
         };
         if report.progress >= FrameProgress::Complete {
-            flags |= flag::COMPLETE;
+            flags |= FLAG_COMPLETE;
         }
         self.refresh(scale, flags, step.is_some());
     }
@@ -250,9 +275,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     }
 
     /// The last step of a picture: all of it, and once more without loss.
-    fn settle(&mut self) {
+    fn finish_picture(&mut self) {
         self.ending = Ending::Settled;
-        self.refresh(1, flag::COMPLETE | flag::DONE, true);
+        self.refresh(1, FLAG_COMPLETE | FLAG_DONE, true);
         if self.shared.picture().settled.is_none() {
             self.png = Arc::new(self.write_png());
         }
@@ -264,8 +289,8 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             };
             self.shared.settle(Settled { frame, png: self.png.clone() });
         }
-        self.tell_texts();
-        self.tell_stats();
+        self.send_texts();
+        self.send_stats();
     }
 
     /// The film as PNG; nothing where it does not fit.
@@ -274,19 +299,21 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let session = self.session();
         let most = png_bytes(session.view().settings.resolution) as usize;
         let mut bytes = Vec::new();
-        let writer = Bounded { bytes: &mut bytes, most };
+        let writer = Bounded::new(&mut bytes, most, &self.around.stop);
         match write_png(session.film(), self.tone.exposure(), session.thread_pool(), writer) {
             Ok(()) => bytes,
             Err(_) => Vec::new(),
         }
     }
 
-    /// Tells every page how it goes.
-    pub(crate) fn tell_stats(&mut self) {
+    /// Sends every page statistics.
+    pub(crate) fn send_stats(&mut self) {
         let keys = *self.session().view().settings;
         let rays_per_s = self.figures.rays_per_s();
-        self.shared.tell_stats(Stats {
-            progress: progress_name(self.figures.progress),
+        let pool = (self.around.pool)();
+        let is_damaged = pool.damaged > 0 && self.figures.progress == FrameProgress::Done;
+        let stats = Stats {
+            progress: if is_damaged { DAMAGED } else { progress_name(self.figures.progress) },
             samples: self.session().film().samples(),
             spp: keys.spp,
             light_share: self.figures.light_share,
@@ -294,33 +321,80 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             times_ms: self.figures.times,
             rays_per_s,
             memory: (self.around.memory)(),
-            pool: (self.around.pool)(),
-        });
+            pool,
+        };
+        self.stats = stats;
+        self.send_damage(pool.damaged);
+        self.shared.send_stats(stats);
     }
 
-    /// Tells every page the view as texts.
-    fn tell_texts(&mut self) {
-        let (command, scene) = self.texts();
-        let text = text_of(&TextsMessage { command: &command, scene: &scene });
-        self.shared.clients().iter().for_each(|client| client.tell(text.clone()));
-        self.shared.keep_texts(command, scene);
+    /// What pages hear while a screenshot is made: who comes and goes, memory and pool as they are now.
+    pub(crate) fn beat(&mut self) {
+        if self.shared.mailbox.collect_roles() {
+            self.shared.send_state(State::default(), None);
+        }
+        let (memory, pool) = ((self.around.memory)(), (self.around.pool)());
+        self.send_damage(pool.damaged);
+        let rays_per_s = RaysText::default();
+        self.shared.send_stats(Stats { progress: SCREENSHOT, rays_per_s, memory, pool, ..self.stats });
     }
 
-    /// The view as command line and as scene.
-    pub(crate) fn texts(&self) -> (String, String) {
+    /// Sends every page the list of damaged pages of the file, when it has grown.
+    fn send_damage(&mut self, damaged: u64) {
+        if damaged != self.damaged {
+            self.damaged = damaged;
+            let mut damage = (self.around.damage)();
+            damage.pages.truncate(DAMAGE_LISTED_MAX);
+            self.shared.send_state(State { damage: Some(damage), ..State::default() }, None);
+        }
+    }
+
+    /// Sends every page the view as texts.
+    fn send_texts(&mut self) {
+        let texts = self.texts();
+        let text = texts.message();
+        self.shared.clients().iter().for_each(|client| client.send_text(text.clone()));
+        self.shared.keep_texts(texts);
+    }
+
+    /// The view as command line and, unless it is long, as scene.
+    pub(crate) fn texts(&self) -> TextsText {
+        let sources = self.text_sources();
+        let scene_bytes = texts::scene_bytes(&sources);
+        let scene = (scene_bytes <= SCENE_BYTES_MAX).then(|| texts::scene(&sources, scene_bytes));
+        TextsText { command: (self.around.command_line)(&self.recipe()), scene, scene_bytes }
+    }
+
+    /// What texts are made of.
+    pub(crate) fn text_sources(&self) -> texts::TextSources<'_> {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
-        let materials = texts::edits(self.around.file_materials, model);
-        let (camera, keys) = (&view.camera, &*view.settings);
-        let is_opened = view.lights == self.input_lights && model.materials == self.input_materials;
-        let recipe = if is_opened { Recipe::Opened { camera, keys } } else { Recipe::Saved };
-        let viewed = texts::Viewed {
+        texts::TextSources {
             model: self.around.model_path,
-            camera,
+            camera: &view.camera,
             lights: &view.lights,
-            materials: &materials,
-            keys,
-        };
-        ((self.around.command_line)(&recipe), texts::scene(&viewed))
+            materials: self.around.file_materials,
+            edited: model,
+            keys: &view.settings,
+        }
+    }
+
+    /// What makes the picture on show.
+    fn recipe(&self) -> Recipe<'_> {
+        let session = self.session();
+        let (view, model) = (session.view(), session.model());
+        let is_opened =
+            view.lights == self.input_lights && fingerprint(&model.materials) == self.input_fingerprint;
+        if is_opened { Recipe::Opened { camera: &view.camera, keys: &view.settings } } else { Recipe::Saved }
+    }
+
+    /// Gives the room of files that have been sent back to the frames of pages.
+    fn remake_room(&mut self) {
+        let bytes = self.files.now();
+        if bytes != self.file_bytes
+            && (self.around.make_room)(&[self.room(self.session().view().settings)]).is_ok()
+        {
+            self.file_bytes = bytes;
+        }
     }
 }

@@ -6,23 +6,25 @@
 //! Invariant: a client that is in the list has had, or has waiting, a welcome of the state at that moment.
 
 use crate::atlas::{Atlas, frame_bytes};
-use crate::client::{Client, File, TEXT_BYTES_MAX};
+use crate::client::Client;
+use crate::connections::{CONNECTIONS_MAX, Connections};
 use crate::guard::{Hosts, Token};
 use crate::http::HEAD_BYTES_MAX;
+use crate::mail::MAILBOX_BYTES;
 use crate::mailbox::Mailbox;
 use crate::message::{MESSAGE_BYTES_MAX, Role};
+use crate::outbox::{File, Outbox, TEXT_BYTES_MAX};
 use crate::picture::{Changed, Picture, Settled};
 use crate::renderer::Stamps;
-use crate::state::{State, Stats};
+use crate::state::{State, Stats, TextsText};
 use std::net::TcpStream;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
 use trex_store::{Budget, Lease, Result};
 
 /// Most pages that are connected.
 pub(crate) const CLIENTS_MAX: usize = 8;
-/// Most connections of any kind.
-pub(crate) const CONNECTIONS_MAX: usize = 32;
 /// Bytes of a client beside frames and texts that go out: what is read, and parts of two stacks.
 const CLIENT_BYTES: usize = MESSAGE_BYTES_MAX + (32 << 10);
 /// Bytes of a connection that is no client: a head, and a part of the stack.
@@ -30,6 +32,14 @@ const CONNECTION_BYTES: usize = HEAD_BYTES_MAX + (16 << 10);
 /// A settled picture takes at most so much, and this share of its pixels' bytes more.
 const PNG_FIXED_BYTES: u64 = 64 << 10;
 const PNG_MORE: u64 = 50;
+
+/// Who is let in, and how long a page may be silent that something was sent to.
+#[derive(Debug)]
+pub(crate) struct Admission {
+    pub(crate) token: Token,
+    pub(crate) hosts: Hosts,
+    pub(crate) silence_max: Duration,
+}
 
 /// See the module's description.
 #[derive(Debug)]
@@ -43,8 +53,9 @@ pub(crate) struct Shared {
     atlas: Mutex<Atlas>,
     picture: Mutex<Picture>,
     clients: Mutex<Vec<Arc<Client>>>,
-    pub(crate) is_closing: AtomicBool,
-    pub(crate) connections: AtomicUsize,
+    pub(crate) connections: Connections,
+    /// How long a page may be silent that something was sent to.
+    silence_max: Duration,
     /// Clients that have a place, whether they have said hello or not.
     pub(crate) places: AtomicUsize,
     last_id: AtomicU32,
@@ -55,12 +66,14 @@ pub(crate) struct Shared {
 }
 
 /// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are
-/// encoded, the settled picture, and for each client its frame and its texts.
+/// encoded, the settled picture, what waits in the mailbox, and for each client its frame and its texts.
 pub fn view_bytes(full: [u32; 2]) -> u64 {
     let clients = CLIENTS_MAX * (frame_bytes(full) + TEXT_BYTES_MAX + CLIENT_BYTES);
     let connections = (CONNECTIONS_MAX - CLIENTS_MAX) * CONNECTION_BYTES;
+    // What is kept for those who come later, and a text in the making.
+    let texts = 2 * TEXT_BYTES_MAX + MAILBOX_BYTES;
     let pictures = Picture::bytes(full) + Stamps::bytes(full) + Atlas::bytes(full) + png_bytes(full);
-    pictures + (clients + connections) as u64
+    pictures + (clients + connections + texts) as u64
 }
 
 /// Most bytes of a settled picture.
@@ -78,7 +91,8 @@ impl Shared {
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`view_bytes`].
-    pub(crate) fn new(token: Token, hosts: Hosts, full: [u32; 2], budget: &Budget) -> Result<Shared> {
+    pub(crate) fn new(admission: Admission, full: [u32; 2], budget: &Budget) -> Result<Shared> {
+        let Admission { token, hosts, silence_max } = admission;
         let lease = budget.lease("the viewer", view_bytes(full))?;
         Ok(Shared {
             token,
@@ -89,8 +103,8 @@ impl Shared {
             atlas: Mutex::default(),
             picture: Mutex::new(Picture::new(full)),
             clients: Mutex::default(),
-            is_closing: AtomicBool::new(false),
-            connections: AtomicUsize::new(0),
+            connections: Connections::default(),
+            silence_max,
             places: AtomicUsize::new(0),
             last_id: AtomicU32::new(0),
             gone_bytes: AtomicU64::new(0),
@@ -138,21 +152,34 @@ impl Shared {
         lock(&self.clients).iter().for_each(|client| client.begin(picture.unseen()));
     }
 
-    /// Takes a client in, with a page of `size` pixels.
-    pub(crate) fn admit(&self, stream: TcpStream, size: [u32; 2]) -> Arc<Client> {
+    /// Takes a client in, with a page of `size` pixels; `None` once the server ends.
+    pub(crate) fn admit(&self, stream: Arc<TcpStream>, size: [u32; 2]) -> Option<Arc<Client>> {
         let id = self.last_id.fetch_add(1, Ordering::Relaxed) + 1;
         self.mailbox.join(id, size);
+        let client = self.admit_as(id, stream);
+        if client.is_none() {
+            self.mailbox.leave(id);
+        }
+        client
+    }
+
+    fn admit_as(&self, id: u32, stream: Arc<TcpStream>) -> Option<Arc<Client>> {
         let role = self.mailbox.role(id);
         let greeting = lock(&self.greeting);
         let picture = self.picture();
         let mut clients = lock(&self.clients);
-        let client = Arc::new(Client::new(id, stream, picture.unseen(), picture.settled.clone()));
-        clients.push(client.clone());
-        client.tell(greeting.welcome(role, clients.len()));
-        if let Some(stats) = &*lock(&self.stats) {
-            client.tell_stats(stats);
+        // Whoever ends the server asks for the list after that is known: nobody comes in between.
+        if self.connections.are_refused() {
+            return None;
         }
-        client
+        let outbox = Outbox::new(picture.unseen(), picture.settled.clone(), self.silence_max);
+        let client = Arc::new(Client::new(id, stream, outbox));
+        clients.push(client.clone());
+        client.send_text(greeting.welcome(role, clients.len()));
+        if let Some(stats) = &*lock(&self.stats) {
+            client.send_stats(stats);
+        }
+        Some(client)
     }
 
     /// Lets a client go.
@@ -169,17 +196,17 @@ impl Shared {
         lock(&self.clients).clone()
     }
 
-    /// Tells every client how it goes.
-    pub(crate) fn tell_stats(&self, stats: Stats) {
+    /// Sends statistics to every client, and keeps them for those who come later.
+    pub(crate) fn send_stats(&self, stats: Stats) {
         let stats = Arc::new(stats);
-        lock(&self.clients).iter().for_each(|client| client.tell_stats(&stats));
+        lock(&self.clients).iter().for_each(|client| client.send_stats(&stats));
         *lock(&self.stats) = Some(stats);
     }
 
     /// Sends a text to one client, if it is still there.
-    pub(crate) fn tell(&self, id: u32, text: impl FnOnce() -> String) {
+    pub(crate) fn send_text(&self, id: u32, text: impl FnOnce() -> String) {
         if let Some(client) = lock(&self.clients).iter().find(|client| client.id == id) {
-            client.tell(text());
+            client.send_text(text());
         }
     }
 
@@ -190,14 +217,14 @@ impl Shared {
         }
     }
 
-    /// Tells all clients but one what has changed of the state, and keeps it for those who come later.
-    pub(crate) fn tell_state(&self, update: State, but: Option<u32>) {
+    /// Sends what has changed of the state to all clients but one, and keeps it for those who come later.
+    pub(crate) fn send_state(&self, update: State, but: Option<u32>) {
         let mut greeting = lock(&self.greeting);
         let driver = self.mailbox.driver();
         let clients = lock(&self.clients);
         for client in clients.iter().filter(|client| Some(client.id) != but) {
             let role = if driver == Some(client.id) { Role::Drive } else { Role::Watch };
-            client.tell(update.update(role, clients.len()));
+            client.send_text(update.update(role, clients.len()));
         }
         greeting.merge(update);
     }
@@ -208,8 +235,8 @@ impl Shared {
     }
 
     /// Keeps the view as texts for those who come later.
-    pub(crate) fn keep_texts(&self, command: String, scene: String) {
-        lock(&self.greeting).merge(State { command: Some(command), scene: Some(scene), ..State::default() });
+    pub(crate) fn keep_texts(&self, texts: TextsText) {
+        lock(&self.greeting).merge(State { texts: Some(texts), ..State::default() });
     }
 
     /// Clients that ever were.
@@ -227,5 +254,27 @@ impl Shared {
         let mut picture = self.picture();
         lock(&self.clients).iter().for_each(|client| client.settle(&settled));
         picture.settled = Some(settled);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    /// A hello that came after the interrupt was let in: its threads waited for ever, and the viewer with them.
+    #[test]
+    fn nobody_is_let_in_once_the_server_ends() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let (token, hosts) = (Token::random().unwrap(), Hosts::new(address.ip(), &[]));
+        let admission = Admission { token, hosts, silence_max: Duration::from_secs(60) };
+        let shared = Shared::new(admission, [64, 64], &Budget::unlimited()).unwrap();
+        let admit = || shared.admit(Arc::new(TcpStream::connect(address).unwrap()), [64, 64]);
+        let first = admit().unwrap();
+        shared.dismiss(&first);
+        shared.connections.refuse();
+        assert!(admit().is_none() && shared.clients().is_empty());
+        assert_eq!(shared.mailbox.driver(), None);
     }
 }

@@ -6,13 +6,16 @@
 //! ```
 //!
 //! Invariants: 1. nothing but a close goes to who has not said the token; 2. a message is bounded before it is kept; 3.
-//! a page that takes nothing for [`WRITE_TIME_MAX`] is let go; 4. the reader ends the writer, and the other way round.
+//! a page that takes nothing of what is written for [`WRITE_TIME_MAX`], or gives no sign of life for the time that its
+//! outbox allows, is let go; 4. the reader ends the writer, and the other way round; 5. a shutdown of the stream ends
+//! both at once.
 
 use crate::atlas::{FrameHead, frame_bytes, part_head};
-use crate::client::{Client, Next, PART_BYTES, close};
+use crate::client::Client;
 use crate::http::{HEAD_TIME_MAX, Incoming};
-use crate::mailbox::Posted;
+use crate::mail::PostOutcome;
 use crate::message::{FromClient, MESSAGE_BYTES_MAX, Notice, text_of};
+use crate::outbox::{Next, PART_BYTES, close};
 use crate::picture::Settled;
 use crate::shared::Shared;
 use std::io::{self, Write};
@@ -50,8 +53,10 @@ pub(crate) fn serve(shared: &Shared, mut incoming: Incoming, rest: Vec<u8>) {
     let incoming = socket.get_mut();
     incoming.deadline = None;
     let Ok(()) = incoming.stream.set_read_timeout(None) else { return };
-    let Ok(stream) = incoming.stream.try_clone() else { return };
-    let client = shared.admit(stream, size);
+    let stream = incoming.stream.clone();
+    let Some(client) = shared.admit(stream.clone(), size) else {
+        return say_goodbye(&stream, close::GOING_AWAY);
+    };
     thread::scope(|scope| {
         let writer = thread::Builder::new().name("view-write".into()).stack_size(WRITER_STACK_BYTES);
         if writer.spawn_scoped(scope, || write(shared, &client)).is_ok() {
@@ -81,7 +86,9 @@ fn hello(shared: &Shared, socket: &mut Socket) -> Result<[u32; 2], u16> {
 fn read(shared: &Shared, client: &Client, socket: &mut Socket) -> u16 {
     let mut wrong = 0;
     loop {
-        let text = match socket.read() {
+        let message = socket.read();
+        client.outbox().hear();
+        let text = match message {
             Ok(Message::Text(text)) => text,
             Ok(Message::Ping(payload)) => {
                 client.pong(payload.to_vec());
@@ -95,39 +102,33 @@ fn read(shared: &Shared, client: &Client, socket: &mut Socket) -> u16 {
             Ok(FromClient::Ack { frame }) => client.acknowledge(frame),
             // Once is enough.
             Ok(FromClient::Hello { .. }) => return close::POLICY,
-            Ok(message) => tell_posted(client, shared.mailbox.post(client.id, message)),
+            Ok(message) => answer(client, shared.mailbox.post(client.id, message)),
             Err(error) => {
                 wrong += 1;
                 if wrong > WRONG_MAX {
                     return close::POLICY;
                 }
-                tell(client, &Notice::wrong(&error.to_string()));
+                client.send_text(text_of(&Notice::wrong(&error.to_string())));
             }
         }
     }
 }
 
-fn tell(client: &Client, notice: &Notice) {
-    client.tell(text_of(notice));
-}
-
-fn tell_posted(client: &Client, posted: Posted) {
-    match posted {
-        Posted::Taken => {}
-        Posted::Watching => {
-            tell(client, &Notice::info("watching", "somebody else drives", "ask for the wheel"));
-        }
-        Posted::Driven => {
+/// Answers a message that changed nothing.
+fn answer(client: &Client, posted: PostOutcome) {
+    let notice = match posted {
+        PostOutcome::Accepted => return,
+        PostOutcome::Watching => Notice::info("watching", "somebody else drives", "ask for the wheel"),
+        PostOutcome::Driven => {
             let next = "wait until the driver has been idle for 10 s, and ask again";
-            tell(client, &Notice::info("driven", "the wheel is not free", next));
+            Notice::info("driven", "the wheel is not free", next)
         }
-        Posted::Full => {
-            tell(
-                client,
-                &Notice::info("busy", "too much waits to be done; this was left out", "wait a little"),
-            );
+        PostOutcome::Full => {
+            Notice::info("busy", "too much waits to be done; this was left out", "wait a little")
         }
-    }
+        PostOutcome::Cancelled => Notice::cancelled(),
+    };
+    client.send_text(text_of(&notice));
 }
 
 /// Writes until there is nothing more to write, or nobody who takes it.
@@ -143,6 +144,7 @@ fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Resul
     loop {
         match client.next() {
             Next::Text(text) => send(client, OpCode::Data(Data::Text), text.as_bytes())?,
+            Next::Ping => send(client, OpCode::Control(Control::Ping), &[])?,
             Next::Pong(payload) => send(client, OpCode::Control(Control::Pong), &payload)?,
             Next::Blocks => send_blocks(shared, client, frame)?,
             Next::Part(settled, from) => send_part(shared, client, &settled, from)?,
@@ -214,22 +216,21 @@ fn send_part(shared: &Shared, client: &Client, settled: &Settled, from: usize) -
 
 /// Sends a short message.
 fn send(client: &Client, opcode: OpCode, payload: &[u8]) -> io::Result<()> {
-    let bytes = message(opcode, payload);
-    put(client, &bytes)
+    put(client, &header(opcode, payload.len()))?;
+    put(client, payload)
 }
 
 fn put(client: &Client, bytes: &[u8]) -> io::Result<()> {
-    (&client.stream).write_all(bytes)?;
-    client.outbox().count_sent(bytes.len());
+    (&*client.stream).write_all(bytes)?;
+    client.outbox().count_sent(bytes.len(), Instant::now());
     Ok(())
 }
 
-/// A message with its header.
-fn message(opcode: OpCode, payload: &[u8]) -> Vec<u8> {
+/// The header of a message of so many bytes.
+fn header(opcode: OpCode, length: usize) -> Vec<u8> {
     let header = FrameHeader { opcode, ..FrameHeader::default() };
-    let mut bytes = Vec::with_capacity(header.len(payload.len() as u64) + payload.len());
-    header.format(payload.len() as u64, &mut bytes).expect("a vector takes what is written");
-    bytes.extend_from_slice(payload);
+    let mut bytes = Vec::with_capacity(header.len(length as u64));
+    header.format(length as u64, &mut bytes).expect("a vector takes what is written");
     bytes
 }
 
@@ -237,5 +238,6 @@ fn message(opcode: OpCode, payload: &[u8]) -> Vec<u8> {
 fn say_goodbye(mut stream: &TcpStream, code: u16) {
     // Who has gone hears nothing.
     let _ = stream.set_write_timeout(Some(WRITE_TIME_MAX));
-    let _ = stream.write_all(&message(OpCode::Control(Control::Close), &code.to_be_bytes()));
+    let code = code.to_be_bytes();
+    let _ = stream.write_all(&[header(OpCode::Control(Control::Close), code.len()), code.to_vec()].concat());
 }

@@ -2,53 +2,13 @@
 //!
 //! Invariant: a page that has had the welcome and every `state` since knows all of the state.
 
-use crate::message::{CameraText, MaterialText, Role, text_of};
+use crate::materials::MaterialText;
+use crate::message::{CameraText, Role, text_of};
+use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::{KeyText, SettingsText};
+use crate::wire::LIGHTS_MAX;
 use serde::Serialize;
 use trex_render::{FrameProgress, RayCounts};
-
-/// What is constant of a model, for the page.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct ModelFigures {
-    /// Triangles of the model.
-    pub triangle_count: u64,
-    /// Bytes of its file.
-    pub file_bytes: u64,
-    /// Pages of the file.
-    pub page_count: u64,
-    /// Materials of the model.
-    pub material_count: u64,
-}
-
-/// Memory, as the process and its ledger have it.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct MemoryFigures {
-    /// Leased now.
-    pub used_bytes: u64,
-    /// The limit of the process.
-    pub limit_bytes: u64,
-    /// Most that the process has held at once, as the system counts.
-    pub peak_rss_bytes: Option<u64>,
-    /// Frames of pages.
-    pub frames_bytes: u64,
-}
-
-/// The pool of pages.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct PoolFigures {
-    /// Frames that there are.
-    pub frames: u64,
-    /// Pages in them.
-    pub resident: u64,
-    /// Pages read since the file was opened.
-    pub pages_read: u64,
-    /// Look-ups that found no page.
-    pub misses: u64,
-    /// Pages that lost their frame.
-    pub evictions: u64,
-    /// Bytes read.
-    pub bytes_read: u64,
-}
 
 /// The state of the session; in an update, what has changed of it.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -73,10 +33,14 @@ pub(crate) struct State {
     pub(crate) home: Option<CameraText>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) views: Option<Vec<CameraText>>,
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub(crate) lights: Option<LightsText>,
+    /// How many materials the model has; pages ask for parts of their list.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) lights: Option<Vec<trex_render::Light>>,
+    pub(crate) material_count: Option<usize>,
+    /// A material that was edited. Who comes later asks for it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) materials: Option<Vec<MaterialText>>,
+    pub(crate) material: Option<MaterialText>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) settings: Option<SettingsText>,
     /// What is known of the keys of `settings`.
@@ -90,11 +54,27 @@ pub(crate) struct State {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) memory: Option<LimitText>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) damage: Option<DamageFigures>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) t_max_ms: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) command: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub(crate) texts: Option<TextsText>,
+}
+
+/// All lights; the list is null where there are more than a message may hold.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct LightsText {
+    light_count: usize,
+    lights: Option<Vec<trex_render::Light>>,
+}
+
+/// The view as texts.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct TextsText {
+    pub(crate) command: String,
+    /// The scene file; null where it is long: pages ask for it as a file.
     pub(crate) scene: Option<String>,
+    pub(crate) scene_bytes: usize,
 }
 
 /// The box of the model.
@@ -141,29 +121,28 @@ impl State {
 
     /// True when nothing has changed that events may change.
     pub(crate) fn is_empty(&self) -> bool {
-        let State { size, camera, lights, materials, settings, .. } = self;
-        size.is_none() && camera.is_none() && lights.is_none() && materials.is_none() && settings.is_none()
+        let State { size, camera, lights, material, settings, .. } = self;
+        size.is_none() && camera.is_none() && lights.is_none() && material.is_none() && settings.is_none()
     }
 
-    /// Takes over what `update` has.
+    /// Takes over what `update` has and who comes later is to be told.
     pub(crate) fn merge(&mut self, update: State) {
         let State { size, smaller, camera, home, .. } = update;
-        let State { lights, materials, settings, memory, command, scene, .. } = update;
+        let State { lights, settings, memory, damage, texts, .. } = update;
         self.smaller = smaller.or(self.smaller);
         self.home = home.or(self.home);
         self.size = size.or(self.size);
         self.camera = camera.or(self.camera);
         self.lights = lights.or(self.lights.take());
-        self.materials = materials.or(self.materials.take());
         self.settings = settings.or(self.settings);
         self.memory = memory.or(self.memory);
-        self.command = command.or(self.command.take());
-        self.scene = scene.or(self.scene.take());
+        self.damage = damage.or(self.damage.take());
+        self.texts = texts.or(self.texts.take());
     }
 }
 
 /// How the picture goes on.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 #[serde(tag = "type", rename = "stats")]
 pub(crate) struct Stats {
     pub(crate) progress: &'static str,
@@ -242,7 +221,7 @@ pub(crate) fn progress_name(progress: FrameProgress) -> &'static str {
 /// The answer to a pick.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "type", rename = "picked")]
-pub(crate) struct Picked {
+pub(crate) struct PickAnswer {
     pub(crate) id: u32,
     pub(crate) hit: Option<HitText>,
 }
@@ -268,12 +247,26 @@ pub(crate) struct ShotProgress {
     pub(crate) total: u64,
 }
 
-/// The view as texts.
-#[derive(Clone, Debug, Serialize)]
-#[serde(tag = "type", rename = "texts")]
-pub(crate) struct TextsMessage<'a> {
-    pub(crate) command: &'a str,
-    pub(crate) scene: &'a str,
+impl TextsText {
+    /// The message.
+    pub(crate) fn message(&self) -> String {
+        #[derive(Serialize)]
+        struct Message<'a> {
+            #[serde(rename = "type")]
+            kind: &'static str,
+            #[serde(flatten)]
+            texts: &'a TextsText,
+        }
+        text_of(&Message { kind: "texts", texts: self })
+    }
+}
+
+impl LightsText {
+    /// As pages are told of these.
+    pub(crate) fn of(lights: &[trex_render::Light]) -> LightsText {
+        let light_count = lights.len();
+        LightsText { light_count, lights: (light_count <= LIGHTS_MAX).then(|| lights.to_vec()) }
+    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
 use crate::guard::Token;
+use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
-use crate::state::{MemoryFigures, ModelFigures, PoolFigures};
 use serde::Serialize;
+use std::time::Duration;
 use trex_render::{Camera, CameraKeys, FrameOptions, RenderKeys, RenderSettings};
 use trex_store::{Budget, Material, Result};
 
@@ -29,6 +30,8 @@ pub struct Surroundings<'a> {
     pub memory: &'a dyn Fn() -> MemoryFigures,
     /// The pool of pages now.
     pub pool: &'a dyn Fn() -> PoolFigures,
+    /// Damaged pages that were met; asked for when their count has changed.
+    pub damage: &'a dyn Fn() -> DamageFigures,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
     /// Sets the memory for frames of pages to what each of these leaves: one takes the place of the other.
@@ -61,11 +64,14 @@ pub struct Room {
 }
 
 impl Room {
-    /// For a picture on show.
-    pub fn of(settings: RenderSettings) -> Room {
-        Room { settings, copies_bytes: view_bytes(settings.resolution) }
+    /// For a picture on show, while files of so many bytes are made or wait to be sent.
+    pub fn of(settings: RenderSettings, file_bytes: u64) -> Room {
+        Room { settings, copies_bytes: view_bytes(settings.resolution) + file_bytes }
     }
 }
+
+/// A page may be silent for so long, unless it is to be otherwise: a minute, as a machine that has gone without a word.
+pub const SILENCE_MAX: Duration = Duration::from_secs(60);
 
 /// How a session is served.
 #[derive(Clone, Debug)]
@@ -78,6 +84,9 @@ pub struct ServeOptions {
     pub frames: FrameOptions,
     /// True when the picture takes the size of the driver's page.
     pub follows_page: bool,
+    /// A page that something was sent to, and that gives no sign of life for so long (it neither acknowledges nor
+    /// answers a ping), loses its place.
+    pub silence_max: Duration,
 }
 
 /// What was served.

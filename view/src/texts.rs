@@ -1,25 +1,29 @@
 //! The view as a scene file.
 //!
-//! Invariant: numbers are written so that they are read back bit by bit.
+//! Invariants: 1. numbers are written so that they are read back bit by bit; 2. a scene is written as it is made: its
+//! length is known before it is kept, with 65,536 edited materials as with none.
 
-use std::fmt::{Display, Write};
+use crate::materials::name_of;
+use std::fmt::{self, Write};
 use trex_render::{Camera, Fov, Light, MaterialEdit, Model, RenderKeys};
 use trex_store::Material;
 
 /// What texts are made of.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Viewed<'a> {
+pub(crate) struct TextSources<'a> {
     /// Path of the model.
     pub(crate) model: &'a str,
     pub(crate) camera: &'a Camera,
     pub(crate) lights: &'a [Light],
-    /// Edits of materials, by name; those of the scene that was opened are among them.
-    pub(crate) materials: &'a [(String, MaterialEdit)],
+    /// Materials of the file; edits of the scene that was opened are among those of pages.
+    pub(crate) materials: &'a [Material],
+    /// The model, with the materials as they are now, and their names.
+    pub(crate) edited: &'a Model,
     pub(crate) keys: &'a RenderKeys,
 }
 
-/// What has been edited of materials: `then` are those of the file, `model` has what they have become.
-pub(crate) fn edits(then: &[Material], model: &Model) -> Vec<(String, MaterialEdit)> {
+/// What has been edited of materials, by index: `then` are those of the file, `now` what they have become.
+fn edits(then: &[Material], now: &[Material]) -> impl Iterator<Item = (usize, MaterialEdit)> {
     let edit = |(index, (then, now)): (usize, (&Material, &Material))| {
         let reflects_alike = (then.kd, then.ks) == (now.kd, now.ks);
         let edit = MaterialEdit {
@@ -29,41 +33,58 @@ pub(crate) fn edits(then: &[Material], model: &Model) -> Vec<(String, MaterialEd
             ke: (then.ke != now.ke).then_some(now.ke),
             mirror: (then.mirror != now.mirror).then_some(now.mirror),
         };
-        let name = || model.names.get(index).unwrap_or_default().to_owned();
-        (edit != MaterialEdit::default()).then(|| (name(), edit))
+        (edit != MaterialEdit::default()).then_some((index, edit))
     };
-    then.iter().zip(&model.materials).enumerate().filter_map(edit).collect()
+    then.iter().zip(now).enumerate().filter_map(edit)
 }
 
-/// The scene file.
-pub(crate) fn scene(viewed: &Viewed<'_>) -> String {
-    let Camera { position, target, up, fov } = viewed.camera;
-    let mut text = format!("model = {}\n\n[camera]\n", string(viewed.model));
-    let mut line = |key: &str, value: &dyn Display| {
-        let _ = writeln!(text, "{key} = {value}");
-    };
-    line("position", &format_args!("{position:?}"));
-    line("target", &format_args!("{target:?}"));
-    line("up", &format_args!("{up:?}"));
-    match fov {
-        Fov::X(degrees) => line("fov_x", &format_args!("{degrees:?}")),
-        Fov::Y(degrees) => line("fov_y", &format_args!("{degrees:?}")),
+/// Counts bytes of what is written.
+struct Counting(usize);
+
+impl Write for Counting {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0 += text.len();
+        Ok(())
     }
-    for light in viewed.lights {
-        write_light(light, &mut text);
-    }
-    for (name, edit) in viewed.materials {
-        write_material(name, edit, &mut text);
-    }
-    text.push_str("\n[render]\n");
-    for (key, value) in viewed.keys.values() {
-        let _ = writeln!(text, "{} = {value}", key.name);
-    }
+}
+
+/// Bytes of the scene file.
+pub(crate) fn scene_bytes(sources: &TextSources<'_>) -> usize {
+    let mut counting = Counting(0);
+    write_scene(sources, &mut counting).expect("counting does not fail");
+    counting.0
+}
+
+/// The scene file, of so many bytes.
+pub(crate) fn scene(sources: &TextSources<'_>, bytes: usize) -> String {
+    let mut text = String::with_capacity(bytes);
+    write_scene(sources, &mut text).expect("a string takes what is written");
     text
 }
 
-fn write_light(light: &Light, text: &mut String) {
-    let _ = match light {
+fn write_scene(sources: &TextSources<'_>, text: &mut dyn Write) -> fmt::Result {
+    let Camera { position, target, up, fov } = sources.camera;
+    write!(text, "model = {}\n\n[camera]\n", string(sources.model))?;
+    writeln!(text, "position = {position:?}\ntarget = {target:?}\nup = {up:?}")?;
+    match fov {
+        Fov::X(degrees) => writeln!(text, "fov_x = {degrees:?}")?,
+        Fov::Y(degrees) => writeln!(text, "fov_y = {degrees:?}")?,
+    }
+    for light in sources.lights {
+        write_light(light, text)?;
+    }
+    for (index, edit) in edits(sources.materials, &sources.edited.materials) {
+        write_material(name_of(sources.edited, index), &edit, text)?;
+    }
+    text.write_str("\n[render]\n")?;
+    for (key, value) in sources.keys.values() {
+        writeln!(text, "{} = {value}", key.name)?;
+    }
+    Ok(())
+}
+
+fn write_light(light: &Light, text: &mut dyn Write) -> fmt::Result {
+    match light {
         Light::Point { position, intensity } => writeln!(
             text,
             "\n[[light]]\ntype = \"point\"\nposition = {position:?}\nintensity = {intensity:?}"
@@ -78,23 +99,24 @@ fn write_light(light: &Light, text: &mut String) {
              radiance = {radiance:?}"
         ),
         Light::Sky { radiance } => writeln!(text, "\n[[light]]\ntype = \"sky\"\nradiance = {radiance:?}"),
-    };
+    }
 }
 
-fn write_material(name: &str, edit: &MaterialEdit, text: &mut String) {
+fn write_material(name: &str, edit: &MaterialEdit, text: &mut dyn Write) -> fmt::Result {
     let MaterialEdit { kd, ks, ns, ke, mirror } = *edit;
-    let _ = writeln!(text, "\n[material.{}]", string(name));
+    writeln!(text, "\n[material.{}]", string(name))?;
     for (key, rgb) in [("kd", kd), ("ks", ks), ("ke", ke)] {
         if let Some(rgb) = rgb {
-            let _ = writeln!(text, "{key} = {rgb:?}");
+            writeln!(text, "{key} = {rgb:?}")?;
         }
     }
     if let Some(ns) = ns {
-        let _ = writeln!(text, "ns = {ns:?}");
+        writeln!(text, "ns = {ns:?}")?;
     }
     if let Some(mirror) = mirror {
-        let _ = writeln!(text, "mirror = {mirror}");
+        writeln!(text, "mirror = {mirror}")?;
     }
+    Ok(())
 }
 
 /// A string of TOML.
@@ -116,6 +138,7 @@ fn string(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::materials::tests::model;
     use rand_pcg::Pcg64Mcg;
     use rand_pcg::rand_core::{Rng, SeedableRng};
     use std::path::Path;
@@ -140,8 +163,12 @@ mod tests {
             },
             Light::Sky { radiance: [0.3; 3] },
         ];
-        let edit = MaterialEdit { kd: Some([0.1, 0.2, 0.3]), mirror: Some(true), ..MaterialEdit::default() };
-        let materials = [("odd \"name\" \\ \n".to_owned(), edit)];
+        let name = "odd \"name\" \\ \n";
+        let then = [Material::default(); 2];
+        let now = vec![then[0], Material { kd: [0.1, 0.2, 0.3], mirror: true, ..then[1] }];
+        let edited = model(now, &["default", name]);
+        let (kd, ks) = (Some([0.1, 0.2, 0.3]), Some([0.0; 3]));
+        let edit = MaterialEdit { kd, ks, mirror: Some(true), ..MaterialEdit::default() };
         let keys = RenderKeys {
             integrator: Method::FullGi,
             exposure: 0.1,
@@ -150,19 +177,22 @@ mod tests {
             photons: 12345,
             ..RenderKeys::default()
         };
-        let viewed = Viewed {
+        let sources = TextSources {
             model: "it's.trex",
             camera: &camera,
             lights: &lights,
-            materials: &materials,
+            materials: &then,
+            edited: &edited,
             keys: &keys,
         };
-        let read = Scene::parse(&scene(&viewed), Path::new("view.toml")).unwrap();
+        let text = scene(&sources, 0);
+        assert_eq!(scene_bytes(&sources), text.len());
+        let read = Scene::parse(&text, Path::new("view.toml")).unwrap();
         assert_eq!(
             (read.model.as_str(), read.lights.as_slice(), read.render),
             ("it's.trex", &lights[..], keys)
         );
-        assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), materials);
+        assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), [(name.to_owned(), edit)]);
         let keys_of_camera = (read.camera.position, read.camera.target, read.camera.fov_y);
         assert_eq!(keys_of_camera, (Some(camera.position), Some(camera.target), Some(39.999_999_999_999_99)));
     }
@@ -211,9 +241,15 @@ mod tests {
         for _ in 0..3000 {
             let keys = random_keys(&mut random);
             RenderSettings::new(keys).unwrap_or_else(|error| panic!("{keys:?}: {error}"));
-            let viewed =
-                Viewed { model: "a.trex", camera: &camera, lights: &[], materials: &[], keys: &keys };
-            let text = scene(&viewed);
+            let sources = TextSources {
+                model: "a.trex",
+                camera: &camera,
+                lights: &[],
+                materials: &[],
+                edited: &model(vec![], &[]),
+                keys: &keys,
+            };
+            let text = scene(&sources, scene_bytes(&sources));
             let read =
                 Scene::parse(&text, Path::new("view.toml")).unwrap_or_else(|error| panic!("{error}: {text}"));
             assert_eq!(read.render, keys, "{text}");

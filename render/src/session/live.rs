@@ -238,9 +238,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.live.display.fill(&self.session.pool);
     }
 
-    /// What is seen at a pixel, as [`Session::pick`] says.
-    pub fn pick(&mut self, pixel: [u32; 2]) -> Option<Pick> {
-        self.session.pick(pixel)
+    /// What is seen at a pixel, as [`Session::pick_until`] says.
+    pub fn pick_until(&mut self, pixel: [u32; 2], stop: &dyn Fn() -> bool) -> Option<Pick> {
+        self.session.pick_until(pixel, stop)
     }
 
     /// The session from now on: its pictures are made at leisure again, the next from its first sample on. Photons of

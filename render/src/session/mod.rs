@@ -248,7 +248,12 @@ impl<T: PagedTracer + Send> Session<T> {
     }
 
     /// What is seen through the middle of a pixel (x, y) on the exact mesh; waits for its pages. `None` for nothing.
-    pub fn pick(&mut self, [x, y]: [u32; 2]) -> Option<Pick> {
+    pub fn pick(&mut self, pixel: [u32; 2]) -> Option<Pick> {
+        self.pick_until(pixel, &|| false)
+    }
+
+    /// As [`Session::pick`], but `None` once `stop` says so, which is asked before each wait for pages.
+    pub fn pick_until(&mut self, [x, y]: [u32; 2], stop: &dyn Fn() -> bool) -> Option<Pick> {
         let ray = self.world.projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let mut found = None;
         let ask = |tracer: &mut T| match tracer.intersect(&ray) {
@@ -258,7 +263,7 @@ impl<T: PagedTracer + Send> Session<T> {
             }
             Answer::Blocked => Advance::Blocked,
         };
-        Retry::default().alone(&mut self.tracers[0], || Some(WAIT), ask);
+        Retry::default().alone(&mut self.tracers[0], || (!stop()).then_some(WAIT), ask);
         found.map(|hit| Pick { hit, position: ray.at(hit.t).to_array() })
     }
 
@@ -306,11 +311,19 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the filter's work.
     pub fn smooth(&mut self) -> Result<()> {
+        self.smooth_until(&|| false)
+    }
+
+    /// As [`Session::smooth`], until `stop`, which is asked between rows: the film is as it was then.
+    ///
+    /// # Errors
+    /// Those of [`Session::smooth`].
+    pub fn smooth_until(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<()> {
         if !self.film.layers().filter {
             return Ok(());
         }
         let _lease = self.budget.lease("the filter", filter_bytes(self.film.resolution()))?;
-        smooth(&mut self.film, &self.world.projection, &self.pool, &|| false);
+        smooth(&mut self.film, &self.world.projection, &self.pool, stop);
         Ok(())
     }
 

@@ -4,10 +4,11 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::fmt::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use trex_render::{
     CameraKeys, CpuStage, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene,
     Session, SessionSetup, Voxels, pooled_tracers, write_png,
@@ -15,8 +16,12 @@ use trex_render::{
 use trex_store::build::{BuildOptions, Existing, Precision, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Budget, Interrupt, PageFile, Result};
-use trex_view::{MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings, Token, serve};
+use trex_store::verify::boxes_of;
+use trex_store::{Budget, Interrupt, Material, MaterialNames, PageFile, Result};
+use trex_view::{
+    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings,
+    Token, serve,
+};
 
 /// Squares along a side of the model.
 const SIDE: usize = 60;
@@ -71,28 +76,75 @@ pub(crate) fn keys() -> RenderKeys {
     }
 }
 
+/// A file as the model's with a bit flipped in every page.
+fn damaged_model() -> &'static PathBuf {
+    static MODEL: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = MODEL.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("damaged.trex");
+        let file = PageFile::open(model(), &Budget::unlimited()).unwrap();
+        let mut bytes = std::fs::read(model()).unwrap();
+        file.pages().iter().for_each(|page| bytes[page.offset as usize + 9] ^= 0x10);
+        std::fs::write(&path, bytes).unwrap();
+        (folder, path)
+    });
+    path
+}
+
+/// What a server shows, and how.
+#[derive(Clone, Copy)]
+pub(crate) struct Play {
+    pub(crate) keys: RenderKeys,
+    pub(crate) limit_bytes: u64,
+    pub(crate) is_damaged: bool,
+    /// Materials that the model has beside its own, which nothing is made of.
+    pub(crate) more_materials: usize,
+    pub(crate) silence_max: Duration,
+}
+
+impl Default for Play {
+    fn default() -> Play {
+        let (limit_bytes, silence_max) = (1 << 30, Duration::from_secs(60));
+        Play { keys: keys(), limit_bytes, is_damaged: false, more_materials: 0, silence_max }
+    }
+}
+
+impl Play {
+    fn path(&self) -> &'static PathBuf {
+        if self.is_damaged { damaged_model() } else { model() }
+    }
+}
+
+/// A name of a material as scenes of many have them: long, with a number.
+fn numbered_name(index: usize) -> String {
+    format!("{index:05} \u{1} {}", "Stahl".repeat(48))
+}
+
+/// A material of a colour of its own.
+fn numbered(index: usize) -> Material {
+    Material { kd: [0.1, 0.2, (index % 100) as f32 / 100.0], ..Material::default() }
+}
+
 type Tracer = PagedMesh<PooledPages>;
 
 /// Gives a session with `keys` to `then`.
-fn with_session<R>(
-    keys: RenderKeys,
-    budget: &Budget,
-    then: impl FnOnce(Session<Tracer>, &PagePool) -> R,
-) -> R {
-    let path = model();
+fn with_session<R>(play: &Play, budget: &Budget, then: impl FnOnce(Session<Tracer>, &PagePool) -> R) -> R {
+    let path = play.path();
     let file = Arc::new(PageFile::open(path, budget).unwrap());
     let options = PoolOptions { frames_bytes: 8 << 20, ..PoolOptions::default() };
     let pool = Arc::new(PagePool::open(file.clone(), path, budget, &options).unwrap());
     let voxels = Voxels::open(&file, budget).unwrap().map(Arc::new);
-    let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
-    let mut model =
-        Model { bounds, materials, names: file.material_names().clone(), emitters: vec![], voxels };
+    let (bounds, mut materials) = (file.superblock().bounds, file.materials().to_vec());
+    let mut names = MaterialNames::clone(file.material_names());
+    materials.extend((0..play.more_materials).map(numbered));
+    (0..play.more_materials).for_each(|index| names.push(&numbered_name(index)));
+    let mut model = Model { bounds, materials, names: Arc::new(names), emitters: vec![], voxels };
     let camera = CameraKeys {
         position: Some([1.5, 1.0, 2.0]),
         target: Some([0.5, 0.0, 0.5]),
         ..CameraKeys::default()
     };
-    let scene = Scene { render: keys, camera, ..Scene::default() };
+    let scene = Scene { render: play.keys, camera, ..Scene::default() };
     let view = scene.view(&mut model).unwrap();
     let tracers = pooled_tracers(&file, &pool, 2);
     let g_stage = Box::new(CpuStage::default());
@@ -104,13 +156,29 @@ fn with_session<R>(
 
 /// The picture that a session at leisure makes with `keys`, as PNG.
 pub(crate) fn rendered(keys: RenderKeys) -> Vec<u8> {
-    with_session(keys, &Budget::unlimited(), |mut session, _| {
+    with_session(&Play { keys, ..Play::default() }, &Budget::unlimited(), |mut session, _| {
         session.illuminate(&|| false, &mut |_, _| {}).unwrap();
         session.render(keys.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
         let mut png = vec![];
         write_png(session.film(), keys.exposure, session.thread_pool(), &mut png).unwrap();
         png
     })
+}
+
+fn pool_figures(pool: &PagePool) -> PoolFigures {
+    let stats = pool.stats();
+    PoolFigures { frames: stats.frames, damaged: stats.damaged, ..PoolFigures::default() }
+}
+
+fn damage_figures(pool: &PagePool, path: &Path) -> DamageFigures {
+    let file = PageFile::open(path, &Budget::unlimited()).unwrap();
+    let damage = pool.damage();
+    let boxes = boxes_of(&file, &damage.iter().map(|(page, _)| *page).collect());
+    let page = |page: u32| DamagedPage { page, drawn: "as empty", bounds: boxes.get(&page).copied() };
+    DamageFigures {
+        page_count: pool.stats().damaged,
+        pages: damage.iter().map(|(number, _)| page(*number)).collect(),
+    }
 }
 
 /// A server that runs.
@@ -126,11 +194,11 @@ pub(crate) struct Server {
 impl Server {
     /// A server of pictures with `keys`.
     pub(crate) fn new(keys: RenderKeys) -> Server {
-        Server::with_limit(keys, 1 << 30)
+        Server::start(Play { keys, ..Play::default() })
     }
 
-    /// As [`Server::new`], under a memory limit.
-    pub(crate) fn with_limit(keys: RenderKeys, limit_bytes: u64) -> Server {
+    /// A server that shows `play`.
+    pub(crate) fn start(play: Play) -> Server {
         static TURN: Mutex<()> = Mutex::new(());
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -138,12 +206,13 @@ impl Server {
         let stop = Arc::new(AtomicBool::new(false));
         let (stops, said) = (stop.clone(), token.clone());
         let work = move || {
-            let budget = Budget::new(limit_bytes);
-            with_session(keys, &budget, |session, pool| {
+            let budget = Budget::new(play.limit_bytes);
+            with_session(&play, &budget, |session, pool| {
                 let frames = FrameOptions::default();
                 let session = session.go_live(frames)?;
                 let hosts = vec!["render.lan".to_owned()];
-                let options = ServeOptions { token: said, hosts, frames, follows_page: true };
+                let silence_max = play.silence_max;
+                let options = ServeOptions { token: said, hosts, frames, follows_page: true, silence_max };
                 let materials = session.model().materials.clone();
                 let around = Surroundings {
                     name: "wave",
@@ -155,7 +224,8 @@ impl Server {
                     camera: CameraKeys::default(),
                     budget: &budget,
                     memory: &|| MemoryFigures { used_bytes: budget.used_bytes(), ..MemoryFigures::default() },
-                    pool: &|| PoolFigures { frames: pool.stats().frames, ..PoolFigures::default() },
+                    pool: &|| pool_figures(pool),
+                    damage: &|| damage_figures(pool, play.path()),
                     set_limit: &|bytes| pool.set_limit(bytes).map(drop),
                     make_room: &|_| Ok(()),
                     stop: &|| stops.load(Ordering::Relaxed),

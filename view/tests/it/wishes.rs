@@ -1,7 +1,7 @@
 //! What pages ask for: edits, sizes, picks, screenshots, the wheel.
 
 use crate::client::{Came, Page};
-use crate::stage::{SIZE, Server, keys, rendered};
+use crate::stage::{Play, SIZE, Server, keys, rendered};
 use crate::stream::camera;
 use serde_json::json;
 use std::time::Duration;
@@ -18,10 +18,7 @@ fn edits_are_seen_by_those_who_watch_and_in_the_texts() {
     while states.iter().all(|state: &serde_json::Value| state["lights"].is_null()) {
         states.push(watcher.text("state"));
     }
-    assert!(
-        states.iter().any(|state| state["materials"][0]["kd"] == json!([0.5, 0.25, 0.125])),
-        "{states:?}"
-    );
+    assert!(states.iter().any(|state| state["material"]["kd"] == json!([0.5, 0.25, 0.125])), "{states:?}");
     assert_eq!(states.last().unwrap()["lights"][0]["radiance"], json!([1.0, 0.5, 0.25]));
     page.frame_until(|frame| frame.seq == 2 && frame.kind == 2);
     let texts = page.text("texts");
@@ -71,7 +68,7 @@ fn settings_and_sizes_make_the_picture_that_they_say() {
 /// that would do.
 #[test]
 fn a_picture_that_is_too_large_becomes_smaller() {
-    let server = Server::with_limit(keys(), 128 << 20);
+    let server = Server::start(Play { limit_bytes: 128 << 20, ..Play::default() });
     let mut page = Page::new(&server, SIZE);
     page.settle();
     page.say(&json!({"type": "size", "seq": 2, "size": [4000, 4000]}));

@@ -1,0 +1,74 @@
+//! What the command reports of model, memory, pool and damage: figures that the viewer hands on to its pages.
+//!
+//! Invariant: plain numbers, no names of files.
+
+use serde::Serialize;
+use trex_store::Aabb;
+
+/// Most damaged pages that are listed one by one: the list goes to every browser page.
+pub(crate) const DAMAGE_LISTED_MAX: usize = 64;
+
+/// What is constant of a model, for the page.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ModelFigures {
+    /// Triangles of the model.
+    pub triangle_count: u64,
+    /// Bytes of its file.
+    pub file_bytes: u64,
+    /// Pages of the file.
+    pub page_count: u64,
+    /// Materials of the model.
+    pub material_count: u64,
+}
+
+/// Memory, as the process and its ledger have it.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct MemoryFigures {
+    /// Leased now.
+    pub used_bytes: u64,
+    /// The limit of the process.
+    pub limit_bytes: u64,
+    /// Most that the process has held at once, as the system counts.
+    pub peak_rss_bytes: Option<u64>,
+    /// Frames of pages.
+    pub frames_bytes: u64,
+}
+
+/// The pool of pages.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct PoolFigures {
+    /// Frames that there are.
+    pub frames: u64,
+    /// Pages in them.
+    pub resident: u64,
+    /// Pages read since the file was opened.
+    pub pages_read: u64,
+    /// Look-ups that found no page.
+    pub misses: u64,
+    /// Pages that lost their frame.
+    pub evictions: u64,
+    /// Bytes read.
+    pub bytes_read: u64,
+    /// Damaged pages that were met: nothing is drawn of them, or something coarser.
+    pub damaged: u64,
+}
+
+/// Damage of the model's file, as far as rays have met it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct DamageFigures {
+    /// Damaged pages.
+    pub page_count: u64,
+    /// The first of them; pages are sent [`DAMAGE_LISTED_MAX`].
+    pub pages: Vec<DamagedPage>,
+}
+
+/// A page that cannot be read.
+#[derive(Clone, Debug, Serialize)]
+pub struct DamagedPage {
+    /// Its number in the file.
+    pub page: u32,
+    /// What is shown in its place: `as empty`, `by coarser voxels`.
+    pub drawn: &'static str,
+    /// Where its triangles lie, model units, where that is known.
+    pub bounds: Option<Aabb>,
+}
