@@ -179,7 +179,11 @@ impl Model {
         let source = self.pool_source();
         let before = self.0.pool.shrink_to(&plan)?;
         match apply() {
-            Ok(()) => self.0.pool.fit(&plan, &source),
+            Ok(()) => {
+                // Frames that find no room yet, since others are still to go, come with what is planned next.
+                let _ = self.0.pool.fit(&plan, &source);
+                Ok(())
+            }
             Err(error) => {
                 // As it was: there was room for it.
                 let _ = self.0.pool.set_frames(before);

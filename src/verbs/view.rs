@@ -88,6 +88,11 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         pool: &|| pool_figures(&stage),
         damage: &|| damage_figures(&Damage::of(&stage)),
         set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&now.get())),
+        exchange: &|room, apply| {
+            stage.model.exchange(&needs(&room), apply)?;
+            now.set(room);
+            Ok(())
+        },
         make_room: &|rooms| {
             stage.model.make_room(&rooms.iter().map(needs).collect::<Vec<_>>())?;
             if let [only] = rooms {

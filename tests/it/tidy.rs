@@ -227,25 +227,6 @@ fn the_viewer_knows_no_files() {
     none(view.flat_map(|source| holding(&source.path, source.shipped_code(), &words)));
 }
 
-/// What a flag is called, and that there is a command at all, only the command knows.
-#[test]
-fn renderer_and_viewer_name_no_flags() {
-    let is_flag = |line: &str| {
-        let mut after = line.split("--").skip(1);
-        after.any(|rest| rest.starts_with(|c: char| c.is_ascii_lowercase()))
-    };
-    let verbs = ["trex render", "trex view", "trex build", "trex info"];
-    let sources = files("rs");
-    let inside = sources.iter().filter(|source| source.is_in("render/src/") || source.is_in("view/src/"));
-    none(inside.flat_map(|source| {
-        source
-            .shipped_code()
-            .filter(|(_, line)| is_flag(line) || verbs.iter().any(|verb| line.contains(verb)))
-            .map(|(number, _)| format!("{}:{number}: a flag or a verb of the command", source.path))
-            .collect::<Vec<_>>()
-    }));
-}
-
 #[test]
 fn libraries_do_not_print_exit_or_read_the_environment() {
     let sources = files("rs");

@@ -6,11 +6,12 @@ use crate::tidy::{files, none};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Library crates whose strings name no flag and no verb of the command. Other crates are added once theirs do not.
-const FLAGLESS: [&str; 4] = ["store/src/", "datasets-gen/src/", "render/src/", "image/src/"];
+const FLAGLESS: [&str; 6] =
+    ["store/src/", "datasets-gen/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
 /// Verbs of the command.
 const VERBS: [&str; 8] = ["build", "render", "view", "info", "verify", "gen", "demo", "image"];
 /// Crates in which no type name stands in two files. Other crates are added once none of theirs does.
-const ONE_NAME_ONE_FILE: [&str; 1] = ["store/src/"];
+const ONE_NAME_ONE_FILE: [&str; 2] = ["store/src/", "model/src/"];
 
 /// Whether words name a flag (`--flag`, `-o`) or a verb of the command (`trex build`).
 fn names_command_line(words: &str) -> bool {

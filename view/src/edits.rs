@@ -166,13 +166,8 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         if settings == old {
             return Ok(State::default());
         }
-        self.change_settings(old, settings).inspect_err(|_| {
-            // As it was: there was room for it.
-            let _ = (self.around.make_room)(&[self.room(old)]);
-        })?;
-        if let Err(error) = (self.around.make_room)(&[self.room(settings)]) {
-            self.send_error(&error);
-        }
+        let (room, exchange) = (self.room(settings), self.around.exchange);
+        exchange(room, &mut || self.change_settings(settings))?;
         self.frame_again(old.resolution, settings.resolution)?;
         self.tone.set_exposure(settings.exposure);
         self.shared.picture().forget();
@@ -198,8 +193,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         Ok(())
     }
 
-    fn change_settings(&mut self, old: RenderSettings, new: RenderSettings) -> Result<()> {
-        (self.around.make_room)(&[self.room(old), self.room(new)])?;
+    fn change_settings(&mut self, new: RenderSettings) -> Result<()> {
         self.shared.make_room(new.resolution)?;
         let changed = self.session_mut().apply(Event::Settings(new));
         // The one that is on show then.

@@ -53,7 +53,7 @@ fn settings_of(shot: &Shot, on_show: &RenderSettings) -> Result<RenderSettings> 
         return Err(Error::new(Code::Usage, "this picture takes too many samples for the viewer")
             .at_place("the screenshot")
             .numbers(format!("{width}x{height} by {} are {samples}, at most {SAMPLES_MAX}", shot.spp))
-            .next("ask for a smaller one or for fewer samples a pixel, or use trex render"));
+            .next("ask for a smaller one or for fewer samples a pixel, or render it outside of the viewer"));
     }
     Ok(settings)
 }

@@ -34,6 +34,9 @@ pub struct Surroundings<'a> {
     pub damage: &'a dyn Fn() -> DamageFigures,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
+    /// Has a picture put in the place of the one on show: frames that it needs go before, those that it leaves come
+    /// after. What memory is for is planned once.
+    pub exchange: &'a Exchange<'a>,
     /// Sets the memory for frames of pages to what each of these leaves: one takes the place of the other.
     pub make_room: &'a dyn Fn(&[Room]) -> Result<()>,
     /// True once the viewer is to end.
@@ -53,6 +56,9 @@ pub enum Recipe<'a> {
     /// The scene file that the page offers, once it is saved: lights or materials are not those of the file.
     Saved,
 }
+
+/// See [`Surroundings::exchange`].
+pub type Exchange<'a> = dyn Fn(Room, &mut dyn FnMut() -> Result<()>) -> Result<()> + 'a;
 
 /// What memory is wanted for.
 #[derive(Clone, Copy, Debug)]

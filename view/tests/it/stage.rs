@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -186,12 +186,19 @@ pub(crate) struct Server {
     pub(crate) address: SocketAddr,
     pub(crate) token: String,
     stop: Arc<AtomicBool>,
+    /// Times that pictures took each other's place.
+    exchanges: Arc<AtomicU64>,
     thread: Option<JoinHandle<Result<Served>>>,
     /// One runs at a time: tests count threads.
     _turn: MutexGuard<'static, ()>,
 }
 
 impl Server {
+    /// Times that pictures took each other's place: each is planned once.
+    pub(crate) fn exchanges(&self) -> u64 {
+        self.exchanges.load(Ordering::Relaxed)
+    }
+
     /// A server of pictures with `keys`.
     pub(crate) fn new(keys: RenderKeys) -> Server {
         Server::start(Play { keys, ..Play::default() })
@@ -203,7 +210,8 @@ impl Server {
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let (address, token) = (listener.local_addr().unwrap(), Token::random().unwrap());
-        let stop = Arc::new(AtomicBool::new(false));
+        let (stop, exchanges) = (Arc::new(AtomicBool::new(false)), Arc::<AtomicU64>::default());
+        let exchanged = exchanges.clone();
         let (stops, said) = (stop.clone(), token.clone());
         let work = move || {
             let budget = Budget::new(play.limit_bytes);
@@ -227,6 +235,10 @@ impl Server {
                     pool: &|| pool_figures(pool),
                     damage: &|| damage_figures(pool, play.path()),
                     set_limit: &|bytes| pool.set_limit(bytes).map(drop),
+                    exchange: &|_, apply| {
+                        exchanged.fetch_add(1, Ordering::Relaxed);
+                        apply()
+                    },
                     make_room: &|_| Ok(()),
                     stop: &|| stops.load(Ordering::Relaxed),
                 };
@@ -234,7 +246,14 @@ impl Server {
             })
         };
         let thread = std::thread::Builder::new().name("server".into()).spawn(work).unwrap();
-        Server { address, token: token.digits().to_owned(), stop, thread: Some(thread), _turn: turn }
+        Server {
+            address,
+            token: token.digits().to_owned(),
+            stop,
+            exchanges,
+            thread: Some(thread),
+            _turn: turn,
+        }
     }
 
     /// Ends the server; what it served.

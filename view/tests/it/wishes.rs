@@ -59,9 +59,11 @@ fn settings_and_sizes_make_the_picture_that_they_say() {
     let expected =
         RenderKeys { integrator: Method::Direct, spp: 2, exposure: 0.5, resolution: [96, 64], ..keys() };
     assert!(settled.body == rendered(expected));
+    let before = server.exchanges();
     page.say(&json!({"type": "size", "seq": 2, "size": [50, 40]}));
     let settled = page.frame_until(|frame| frame.kind == 2 && frame.seq == 2);
     assert!(settled.body == rendered(RenderKeys { resolution: [50, 40], ..expected }));
+    assert_eq!(server.exchanges(), before + 1, "memory is planned once for another size");
 }
 
 /// A page that asks for more than there is memory for gets the largest that fits, and is told so once, with the limit
