@@ -57,7 +57,7 @@ impl Model {
         let page_count = self.file().pages().len();
         let bytes = tracer_count as u64 * PooledPages::bytes(page_count, page_count)
             // In pieces, and together.
-            + 2 * size_of_val(rays) as u64 / size_of::<Ray>() as u64 * size_of::<A>() as u64;
+            + 2 * (rays.len() * size_of::<A>()) as u64;
         let _lease = self.shared_pool().lease("rays and their answers", bytes, self.budget())?;
         let tracers = self.shared_pool().tracers(self.file(), tracer_count)?;
 

@@ -4,18 +4,15 @@
 //! ```text
 //! rays -> by direction, neighbours of the tile after each other -> bundles of a packet
 //!      a bundle goes much the same way -> together
-//!      it is too small (sky), or its rays leave where bounces ended -> one by one, which costs less then
+//!      it is not full (sky), or its rays leave where bounces ended -> one by one, which costs less then
 //! ```
 //!
 //! Invariant: a ray gets the answer that it would get alone.
 
 use crate::trace::{Answer, Ray, Tracer};
 
-/// Rays of a bundle: those of a packet of the mesh tracer.
+/// Rays of a bundle: those of a packet of the mesh tracer. Fewer cost as much as all, and go one by one.
 const BUNDLE_RAYS: usize = 8;
-/// Fewer rays are no bundle: they would cost as much as all.
-const BUNDLE_RAYS_MIN: usize = 4;
-
 /// Parts of a face of the cube of directions, along an axis: each some 22 degrees wide.
 const FACE_PARTS: u8 = 4;
 /// The place in the order of rays that go alone, behind those of all directions.
@@ -77,7 +74,7 @@ impl MeshRays {
         let mut together = Vec::with_capacity(BUNDLE_RAYS);
         for alike in order.chunk_by(|&a, &b| keys[a as usize] == keys[b as usize]) {
             for places in alike.chunks(BUNDLE_RAYS) {
-                if keys[places[0] as usize] == ALONE || places.len() < BUNDLE_RAYS_MIN {
+                if keys[places[0] as usize] == ALONE || places.len() < BUNDLE_RAYS {
                     for &place in places {
                         answers[place as usize] = tracer.occluded(&rays[place as usize]);
                     }
@@ -86,7 +83,7 @@ impl MeshRays {
                 let mut bundle = [rays[places[0] as usize]; BUNDLE_RAYS];
                 places.iter().zip(&mut bundle).for_each(|(&place, ray)| *ray = rays[place as usize]);
                 together.clear();
-                tracer.occluded_coherent(&bundle[..places.len()], &mut together);
+                tracer.occluded_coherent(&bundle, &mut together);
                 places.iter().zip(&together).for_each(|(&place, answer)| answers[place as usize] = *answer);
             }
         }
