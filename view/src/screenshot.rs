@@ -53,7 +53,7 @@ fn settings_of(shot: &Shot, on_show: &RenderSettings) -> Result<RenderSettings> 
         return Err(Error::new(Code::Usage, "this picture takes too many samples for the viewer")
             .at_place("the screenshot")
             .numbers(format!("{width}x{height} by {} are {samples}, at most {SAMPLES_MAX}", shot.spp))
-            .next("ask for a smaller one or for fewer samples a pixel, or use trex render"));
+            .next("ask for a smaller one or for fewer samples a pixel, or render the scene file"));
     }
     Ok(settings)
 }
@@ -122,7 +122,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 Err(error) => Err(Error::new(Code::Io, "the system refused a thread")
                     .at_place("the screenshot")
                     .numbers(error.to_string())
-                    .next("try again; use trex render if it stays")),
+                    .next("try again; render the scene file if it stays")),
             }
         });
         if session.view().settings != old {
