@@ -115,7 +115,8 @@ export class Settings {
       };
       return button(title, choose, { "aria-pressed": String(name === quality), title: text });
     });
-    const rows = this.app.state.keys.filter(({ name, methods }) => !APART.includes(name) && methods.includes(integrator));
+    const is_row = ({ name, methods }) => !APART.includes(name) && methods.includes(integrator);
+    const rows = this.app.state.keys.filter(is_row);
     return [
       element("h3", {}, "Quality"),
       element("div", { class: "buttons", role: "group", "aria-label": "Quality" }, ...presets),

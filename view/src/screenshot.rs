@@ -122,7 +122,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 Err(error) => Err(Error::new(Code::Io, "the system refused a thread")
                     .at_place("the screenshot")
                     .numbers(error.to_string())
-                    .next("try again; use trex render if it stays")),
+                    .next("try again; render the scene file if it stays")),
             }
         });
         if session.view().settings != old {

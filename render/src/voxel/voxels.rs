@@ -23,7 +23,7 @@ impl Voxels {
         let lattice = file.superblock().lattice;
         let Some((octree, lease)) = file.upper(budget)? else { return Ok(None) };
         let links = file.lower(&octree, budget)?;
-        Ok(Some(Voxels { octree, links, lattice, lease: lease }))
+        Ok(Some(Voxels { octree, links, lattice, lease }))
     }
 
     /// Bytes that are leased for it.
