@@ -39,7 +39,7 @@ const SIDE_LEAST: u32 = 80;
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
-    let follows_page = args.picture.keys.edit().resolution.is_none() && scene.given.resolution.is_none();
+    let follows_page = follows_page(args, &scene);
     scene.begin_live();
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
@@ -51,18 +51,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let frames = FrameOptions { fills_while_moving: false, ..args.deadline.options(t_max) };
     let listener = listen(args)?;
 
-    let io = io_options(&args.disk);
-    let (stage, session) = loop {
-        let copies_bytes = view_bytes(scene.render.resolution);
-        let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-        match Stage::open(&Play { scene: &scene, file: &path, options, io: &io }, ctx) {
-            // A smaller picture is better than none.
-            Err(error) if error.code() == Code::MemoryLimit && follows_page => {
-                scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
-            }
-            opened => break opened?,
-        }
-    };
+    let (stage, session) = open_stage(args, &mut scene, &path, ctx)?;
     let session = session.go_live(frames)?;
 
     let (token, hosts) = (Token::random()?, args.host.clone());
@@ -118,6 +107,31 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         memory: Memory::new(&ctx.budget),
     })?;
     Ok(if is_whole || args.allow_damage { Exit::Done } else { Exit::No })
+}
+
+/// True when the picture is to be as large as the page.
+fn follows_page(args: &ViewArgs, scene: &Scene) -> bool {
+    args.picture.keys.edit().resolution.is_none() && scene.given.resolution.is_none()
+}
+
+/// Opens what is to be shown; where memory is short and the picture follows the page, at half of the sides, and again.
+fn open_stage(
+    args: &ViewArgs,
+    scene: &mut Scene,
+    path: &Path,
+    ctx: &Context,
+) -> Result<(Stage, trex_model::Session)> {
+    let io = io_options(&args.disk);
+    loop {
+        let copies_bytes = view_bytes(scene.render.resolution);
+        let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
+        match Stage::open(&Play { scene, file: path, options, io: &io }, ctx) {
+            Err(error) if error.code() == Code::MemoryLimit && follows_page(args, scene) => {
+                scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
+            }
+            opened => return opened,
+        }
+    }
 }
 
 /// A picture that is sent has fewer pixels on a side than one that is written.
