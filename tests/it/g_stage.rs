@@ -14,8 +14,11 @@ use trex_render::{
 use trex_store::octree::{Refinement, UnitsView, UpperOctree};
 use trex_store::{Budget, Result};
 
+/// Makes a stage.
+type NewStage = fn() -> Box<dyn GStage>;
+
 /// The stages, by name.
-const STAGES: [(&str, fn() -> Box<dyn GStage>); 3] = [
+const STAGES: [(&str, NewStage); 3] = [
     ("naive", || Box::new(Naive::default())),
     ("processor", || Box::new(CpuStage::default())),
     ("late", || Box::new(Late::new())),

@@ -206,6 +206,7 @@ fn toml_error(error: &toml::de::Error, text: &str, path: &Path) -> Error {
 mod tests {
     use super::*;
     use crate::shading::light::Lights;
+    use std::sync::Arc;
     use trex_store::{Aabb, Material};
 
     fn parse(text: &str) -> Result<Scene> {
@@ -222,7 +223,7 @@ mod tests {
         let mut model = Model {
             bounds,
             materials: vec![Material::default()],
-            names: Default::default(),
+            names: Arc::new(["default"].into_iter().collect()),
             emitters: vec![],
             voxels: None,
         };

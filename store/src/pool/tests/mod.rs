@@ -282,10 +282,12 @@ fn a_broken_range_costs_its_own_pages_only() {
 #[test]
 fn passing_faults_leave_no_trace_but_a_count() {
     let store = Synthetic::new(100, 10);
-    let plan = FaultPlan { seed: 3, error_per_1024: 30, short_per_1024: 200, ..FaultPlan::default() };
+    // Pages that lie side by side are read together, so there may be few reads.
+    let plan = FaultPlan { seed: 3, error_per_1024: 30, short_per_1024: 600, ..FaultPlan::default() };
     let pool = pool_of(&store, store.faulty(plan), 20);
     pool.fetch_blocking(&(0..100).collect::<Vec<_>>()).unwrap();
-    assert!(pool.stats().read_retries > 0 && pool.damage().is_empty());
+    assert!(pool.damage().is_empty(), "{:?}", pool.damage());
+    assert!(pool.stats().read_retries > 0);
 }
 
 #[test]
