@@ -141,7 +141,7 @@ mod tests {
     fn rays() -> Vec<Ray> {
         let ray = |i: u32| Ray {
             origin: [f64::from(i * 37 % 200) + 0.5, 0.5, f64::from(i) + 1.0],
-            direction: [0.0, 0.0, if i % 3 == 0 { 1.0 } else { -1.0 }],
+            direction: [0.0, 0.0, if i.is_multiple_of(3) { 1.0 } else { -1.0 }],
             t_max: f64::INFINITY,
         };
         (0..3000).map(ray).collect()
@@ -155,7 +155,7 @@ mod tests {
             assert!(intersect_all(&mut floor, &rays(), &|| false, &mut hits));
             assert!(occluded_all(&mut floor, &rays(), &|| false, &mut are_hit));
             for (i, (hit, is_hit)) in hits.iter().zip(&are_hit).enumerate() {
-                let expected = (i % 3 != 0).then_some((i as f64 + 1.0, i as u32 * 37 % 200));
+                let expected = (!i.is_multiple_of(3)).then_some((i as f64 + 1.0, i as u32 * 37 % 200));
                 assert_eq!(hit.map(|hit| (hit.t, hit.triangle)), expected, "{room}");
                 assert_eq!(*is_hit, expected.is_some());
             }
