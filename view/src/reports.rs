@@ -58,7 +58,7 @@ pub struct PoolFigures {
 pub struct DamageFigures {
     /// Damaged pages.
     pub page_count: u64,
-    /// The first of them; pages are sent [`DAMAGE_LISTED_MAX`].
+    /// The first of them, of which the page of the viewer gets some.
     pub pages: Vec<DamagedPage>,
 }
 
