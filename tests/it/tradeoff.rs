@@ -2,9 +2,22 @@
 
 use crate::command::{document_in, folder, hash_of, run_in};
 use serde_json::Value;
+use std::path::Path;
 
 const LINE: &str = "bench tradeoff gen:isosurface:20k -o trade --resolution 24x24 --reference-spp 4 \
                     --knobs quality,memory,grid-bits,no-asvo";
+
+/// Red, green and blue of all pixels of an EXR.
+fn radiance(path: &Path) -> Vec<f64> {
+    let picture = exr::prelude::read_all_flat_layers_from_file(path).unwrap();
+    let channel = |name: &str| {
+        let list = &picture.layer_data[0].channel_data.list;
+        let found = list.iter().find(|channel| channel.name.to_string() == name).unwrap();
+        found.sample_data.values_as_f32().map(f64::from).collect::<Vec<_>>()
+    };
+    let [r, g, b] = ["R", "G", "B"].map(channel);
+    r.into_iter().zip(g).zip(b).flat_map(|((r, g), b)| [r, g, b]).collect()
+}
 
 fn points(document: &Value) -> &Vec<Value> {
     document["points"].as_array().unwrap()
@@ -26,9 +39,23 @@ fn a_campaign_tells_what_pictures_cost_and_goes_on_where_it_was() {
             assert!(whole["relmse"].as_f64().unwrap() > 0.0, "{point:#}");
         }
     }
-    // More samples of the same light are less wrong, whatever the machine does meanwhile.
+    // More samples of the same light are less wrong, whatever the machine does meanwhile; and each error is the one
+    // that the pictures have, made again and compared here.
     let relmse = |quality: &str| first["qualities"][quality]["relmse"].as_f64().unwrap();
     assert!(relmse("reference") < relmse("normal"), "{:#}", first["qualities"]);
+    let at = |name: &str| radiance(&inside.path().join("trade").join(name));
+    let (a, b) = (at("reference-a.exr"), at("reference-b.exr"));
+    let mean: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+    for point in found("quality").into_iter().chain(found("no-asvo")) {
+        let command = point["render_command"].as_str().unwrap();
+        let words = command.strip_prefix("trex ").unwrap().split(" # ").next().unwrap();
+        run_in(inside.path(), &format!("{words} -o again.exr --overwrite -q")).expect(0);
+        let again = radiance(&inside.path().join("again.exr"));
+        let squares = again.iter().zip(&mean).map(|(x, r)| (x - r).powi(2) / (r * r + 0.01));
+        let expected = squares.sum::<f64>() / mean.len() as f64;
+        let told = point["errors"]["whole"]["relmse"].as_f64().unwrap();
+        assert!((told / expected - 1.0).abs() < 1e-4, "{command}: {told}, {expected} by the pictures");
+    }
     assert!(!first["front"].as_object().unwrap().is_empty());
     for plot in ["error-time.svg", "error-memory.svg"] {
         let svg = std::fs::read_to_string(inside.path().join("trade").join(plot)).unwrap();

@@ -99,6 +99,7 @@ pub struct SessionSetup<T> {
 ///
 /// ```
 /// use std::ops::ControlFlow;
+/// use std::sync::Arc;
 /// use trex_render::{CpuStage, Layers, Model, NaiveMesh, NaiveTriangle, Scene, Session, SessionSetup, write_png};
 /// use trex_store::{Aabb, Budget, Material};
 ///
