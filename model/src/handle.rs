@@ -9,7 +9,7 @@ use crate::options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSour
 use crate::scene_defaults::set_direct_without_voxels;
 use crate::shared_pool::{PoolSource, SharedPool};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use trex_render::{
     CpuStage, Emitter, FrameOptions, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels,
     WorkerThreads,
@@ -51,7 +51,7 @@ struct Opened {
     file: Arc<PageFile>,
     pool: SharedPool,
     voxels: Mutex<Option<Arc<Voxels>>>,
-    /// Of the latest session.
+    /// Of the latest session; locked while room is made and leased.
     plan: Mutex<Option<MemoryPlan>>,
     threads: WorkerThreads,
     budget: Budget,
@@ -134,14 +134,17 @@ impl Model {
         let mut scene = scene.clone();
         set_direct_without_voxels(&mut scene, self.0.file.superblock());
         let needs = options.picture_needs(&scene, self.worker_count())?;
-        self.make_room_for(&needs)?;
+        let mut latest = self.lock_room();
+        let plan = self.make_room_for(&needs)?;
         let voxels = if needs.asks_voxels() { self.voxels()? } else { None };
         let mut model = self.scene_model(voxels);
         let view = scene.view(&mut model)?;
         let tracers = self.0.pool.tracers(&self.0.file, self.worker_count())?;
         let (pool, g_stage) = (self.0.threads.clone(), Box::new(CpuStage::default()));
         let setup = SessionSetup { model, view, layers: needs.layers, tracers, pool, g_stage };
-        Session::new(setup, &self.0.budget)
+        let session = Session::new(setup, &self.0.budget)?;
+        *latest = Some(plan);
+        Ok(session)
     }
 
     /// A session on what `scene` describes, for pictures in frames with a deadline. Where the scene says nothing,
@@ -228,7 +231,7 @@ impl Model {
 
     /// How the limit was shared out for the session that was made last; `None` before the first.
     pub fn memory_plan(&self) -> Option<MemoryPlan> {
-        *self.0.plan.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.lock_room()
     }
 
     /// The ledger of the memory limit.
@@ -273,13 +276,18 @@ impl Model {
         self.0.budget.used_bytes().saturating_sub(ours)
     }
 
+    /// Held by who makes room until what it is for has been leased: two at a time would both count on it. Holds the
+    /// plan of the latest session.
+    pub(crate) fn lock_room(&self) -> MutexGuard<'_, Option<MemoryPlan>> {
+        self.0.plan.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Sets the frames to what a new picture leaves beside all that is leased.
-    fn make_room_for(&self, needs: &PictureNeeds) -> Result<()> {
+    fn make_room_for(&self, needs: &PictureNeeds) -> Result<MemoryPlan> {
         let beside = PictureNeeds { copies_bytes: needs.copies_bytes + self.foreign_bytes(), ..*needs };
         let plan = MemoryPlan::new(&self.0.file, &beside, self.0.budget.limit_bytes())?;
         self.0.pool.fit(&plan, &self.pool_source())?;
-        *self.0.plan.lock().unwrap_or_else(PoisonError::into_inner) = Some(plan);
-        Ok(())
+        Ok(plan)
     }
 
     /// The octree with its links, read by the first that asks; `None` for a file without.

@@ -70,15 +70,19 @@ impl SessionOptions {
     /// # Errors
     /// [`trex_store::Code::SceneFormat`] for settings that do not go together.
     pub fn picture_needs(&self, scene: &Scene, workers: usize) -> Result<PictureNeeds> {
-        let settings = RenderSettings::new(scene.render)?;
-        Ok(PictureNeeds {
+        Ok(self.needs_of(RenderSettings::new(scene.render)?, workers))
+    }
+
+    /// What a session with these settings by so many workers needs of memory.
+    pub fn needs_of(&self, settings: RenderSettings, workers: usize) -> PictureNeeds {
+        PictureNeeds {
             settings,
             // Smoothed light needs some.
             layers: Layers { filter: settings.filter == Filter::On, ..self.layers },
             workers,
             is_live: self.pace == Pace::InFrames,
             copies_bytes: self.copies_bytes,
-        })
+        }
     }
 }
 

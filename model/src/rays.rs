@@ -47,6 +47,7 @@ impl Model {
         answer_rays: AnswerRays<A>,
     ) -> Result<Vec<A>> {
         check(rays)?;
+        let room = self.lock_room();
         if self.pool().is_none() {
             let beside = self.foreign_bytes();
             let plan =
@@ -59,6 +60,7 @@ impl Model {
             // In pieces, and together.
             + 2 * (rays.len() * size_of::<A>()) as u64;
         let _lease = self.shared_pool().lease("rays and their answers", bytes, self.budget())?;
+        drop(room);
         let tracers = self.shared_pool().tracers(self.file(), tracer_count)?;
 
         let piece = rays.len().div_ceil(tracer_count).max(1);

@@ -5,8 +5,8 @@
 //! limit = reserve + tables + octree + sessions, rays, all else that is leased + staging + frames
 //! ```
 //!
-//! Invariants: 1. a pool is started once; 2. frames are set under one lock, so two that make room at a time do not both
-//! take it.
+//! Invariants: 1. a pool is started once; 2. frames are set under one lock. Who makes room for a session or for rays
+//! holds `Model::lock_room` until they are leased, so that two at a time do not both count on it.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -21,7 +21,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use trex_model::{Pace, SessionOptions};
-use trex_render::{Filter, FrameOptions, Layers, PictureNeeds, Scene};
+use trex_render::{FrameOptions, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
@@ -210,8 +210,8 @@ fn open_browser(url: &str, ctx: &Context) {
 /// What a picture in the viewer needs of memory.
 fn picture_needs(room: &Room, workers: usize) -> PictureNeeds {
     let Room { settings, copies_bytes } = *room;
-    let layers = Layers { filter: settings.filter == Filter::On, ..Layers::default() };
-    PictureNeeds { settings, layers, workers, is_live: true, copies_bytes }
+    let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
+    options.needs_of(settings, workers)
 }
 
 fn model_figures(stage: &Stage, path: &Path) -> ModelFigures {
