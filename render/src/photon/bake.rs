@@ -6,10 +6,10 @@
 use super::irradiance::{PhotonMap, PhotonPass};
 use super::mesh::{Deposit, MeshPhotons};
 use super::trace::send_in_passes;
+use super::tracers::PhotonTracers;
 use crate::scene::world::World;
 use crate::shading::light::PhotonSources;
 use crate::stats::PhotonStats;
-use crate::trace::PagedTracer;
 use crate::voxel::VoxelScene;
 use rayon::ThreadPool;
 use std::ops::{ControlFlow, Range};
@@ -32,10 +32,10 @@ impl Baking<'_> {
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
-    pub(crate) fn trace<T: PagedTracer + Send>(
+    pub(crate) fn trace(
         &self,
         map: &mut PhotonMap,
-        tracers: &mut [T],
+        tracers: &mut dyn PhotonTracers,
         target: u64,
         tell: &mut dyn FnMut(u64),
     ) -> Result<PhotonStats> {
@@ -49,7 +49,7 @@ impl Baking<'_> {
             let land = |_, deposits: &[Deposit]| self.deposit(&pass, deposits);
             let Baking { world, stop, pool, .. } = *self;
             let photons = MeshPhotons { world, sources: &sources, land: &land, stop, pool };
-            let Some(sent) = photons.trace(tracers, indices.clone()) else {
+            let Some(sent) = tracers.trace(&photons, indices.clone()) else {
                 return ControlFlow::Break(PhotonStats::default());
             };
             map.fold(&mut pass, indices.end - indices.start, facets, self.voxels.leaf_side());

@@ -5,4 +5,5 @@ pub(crate) mod irradiance;
 pub(crate) mod kd_tree;
 pub(crate) mod mesh;
 pub(crate) mod trace;
+pub(crate) mod tracers;
 pub(crate) mod voxel;

@@ -65,6 +65,11 @@ pub(crate) struct PassInWork {
 }
 
 impl PassInWork {
+    /// A pass over so many facets that is to be restarted before it is sent, in a lease of [`PhotonMap::bytes`].
+    pub(crate) fn in_lease(facets: usize, lease: Lease) -> PassInWork {
+        PassInWork { pass: PhotonPass::in_lease(facets, Vec3::ZERO, lease), done: 0 }
+    }
+
     /// The lease of its memory.
     pub(crate) fn lease_mut(&mut self) -> &mut Lease {
         self.pass.lease_mut()
@@ -79,12 +84,6 @@ impl VoxelPhotons<'_> {
     pub(crate) fn begin(&self) -> Result<PassInWork> {
         let pass = PhotonPass::new(self.voxels.octree().facets().count(), self.flux(), self.budget)?;
         Ok(PassInWork { pass, done: 0 })
-    }
-
-    /// As [`VoxelPhotons::begin`], in a lease of [`PhotonMap::bytes`].
-    pub(crate) fn begin_in_lease(&self, lease: Lease) -> PassInWork {
-        let facets = self.voxels.octree().facets().count();
-        PassInWork { pass: PhotonPass::in_lease(facets, self.flux(), lease), done: 0 }
     }
 
     /// Empties the sums, for lights that have changed.

@@ -12,8 +12,8 @@ use super::Session;
 use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
 use super::frame_report::{FrameProgress, FrameReport};
 use super::ladder::{ROUGH_STEP, Turn};
+use super::light::Arrival;
 use super::live::{Live, LiveSession};
-use super::next_light::{NextLight, irradiance};
 use crate::image::filter;
 use crate::integrate::RenderContext;
 use crate::schedule::{Grid, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
@@ -60,7 +60,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.fill_preview();
         let has_responded = self.live.first_block.is_some();
         // The response comes first, unless there is no light at all.
-        if has_responded || self.photon_map.as_ref().is_some_and(|map| map.photons() == 0) {
+        if has_responded || self.light.precedes_response() {
             let share = if self.is_complete() { PHOTON_SHARE_LATE } else { 1 };
             let photons_time = share * self.live.tiles_time;
             let photons_time = photons_time.clamp(t_max / PHOTON_PART_LEAST, t_max / PHOTON_PART);
@@ -71,7 +71,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.smooth(spp, stop);
         self.live.tiles_time = tiles_begin.elapsed();
         let progress = match self.live.first_block {
-            _ if self.film.samples() >= spp && self.live.is_lit() => FrameProgress::Done,
+            _ if self.film.samples() >= spp && self.light.is_whole() => FrameProgress::Done,
             _ if self.is_complete() => FrameProgress::Complete,
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
@@ -83,10 +83,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Shows what is resident by a sample at every `step`-th pixel, and at finer grids while the ladder has a rung for
     /// this frame.
     fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> RayCounts {
-        let Session { world, model, photon_map, film, tracers, pool, g_stage, .. } = &mut self.session;
-        let Live { next, display, ladder, options, .. } = &mut self.live;
-        let irradiance = irradiance(photon_map.as_ref(), next.as_ref());
-        let work = SampleWork::new(RenderContext::new(world, model, irradiance).for_preview(), &**g_stage);
+        let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
+        let Live { display, ladder, options, .. } = &mut self.live;
+        let ctx = RenderContext::new(world, model, light.irradiance()).for_preview();
+        let work = SampleWork::new(ctx, &**g_stage);
         let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
@@ -116,26 +116,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// Sends photons of changed light. Gives the count of their rays.
     fn illuminate_until(&mut self, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> u64 {
-        if let Some(next) = self.live.next_tree.take() {
-            let (built, rays) = next.go_on(&mut self.session, deadline, stop);
-            match built {
-                Ok(tree) => {
-                    self.session.photon_tree = Some(tree);
-                    self.begin_samples();
-                }
-                Err(next) => self.live.next_tree = Some(next),
-            }
-            return rays;
-        }
-        let Some(next) = &mut self.live.next else { return 0 };
-        let Some(mut map) = self.session.photon_map.take() else { return 0 };
-        let target = self.session.view.settings.photons;
-        let stop = || Instant::now() >= deadline || stop();
-        let done = self.session.voxel_photons().map(|photons| next.go_on(&photons, &mut map, target, &stop));
-        let (rays, has_changed) = done.unwrap_or_default();
-        self.session.photon_map = Some(map);
-        if has_changed {
-            self.begin_light();
+        let (light, mut work) = self.session.light_parts(stop);
+        let (rays, arrival) = light.advance(&mut work, deadline);
+        match arrival {
+            Arrival::Nothing => {}
+            Arrival::Blended => self.begin_light(),
+            Arrival::Replaced => self.begin_samples(),
         }
         rays
     }
@@ -167,12 +153,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let is_scarce = self.live.is_scarce(&self.session.tracers);
         // Where the pages of all tiles find no room together, each tile that is begun costs those that wait theirs.
         let full = if is_scarce { WhenFull::Wait } else { WhenFull::Defer };
-        let Session { world, model, photon_map, photon_tree, film, tiles, tracers, pool, g_stage, .. } =
-            &mut self.session;
-        let Live { next, pass, block, finished, first_block, .. } = &mut self.live;
-        let ctx = RenderContext::new(world, model, irradiance(photon_map.as_ref(), next.as_ref()))
+        let Session { world, model, light, film, tiles, tracers, pool, g_stage, .. } = &mut self.session;
+        let Live { pass, block, finished, first_block, .. } = &mut self.live;
+        let ctx = RenderContext::new(world, model, light.irradiance())
             .with_layers(film.layers())
-            .with_photon_tree(photon_tree.as_ref());
+            .with_photon_tree(light.photon_tree());
         let work = TileWork { samples: SampleWork::new(ctx, &**g_stage), tiles };
         let (begin, was_complete) = (Instant::now(), film.samples() > 0);
         let mut total = PassStats::default();
@@ -242,11 +227,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             stale_tiles += u32::from(is_stale);
         }
         let preview = live.display.step().filter(|_| live.display.state() >= Some(live.event_state));
-        let photons = self.view.settings.photons;
-        let light_share = match (&live.next_tree, &live.next) {
-            (Some(tree), _) => tree.share(photons),
-            (None, next) => next.as_ref().map_or(1.0, NextLight::share),
-        };
         FrameReport {
             progress,
             block_tiles: live.first_block.unwrap_or(live.block.tiles(Nth::First)),
@@ -254,7 +234,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             sample_step: if stale_tiles == 0 { Some(1) } else { preview },
             preview_tiles,
             hole_tiles: if live.display.state().is_none() { preview_tiles } else { 0 },
-            light_share,
+            light_share: self.light.share(),
             lod_error: self.view.settings.lod_error,
             pass,
             preview_rays: other.preview,

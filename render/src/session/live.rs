@@ -27,15 +27,12 @@
 
 use super::fetch_block::{Block, FetchBlock};
 use super::ladder::Ladder;
-use super::next_light::NextLight;
-use super::next_tree::NextTree;
 use super::{Change, Event, Pick, Session};
 use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
 use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder};
-use crate::scene::method::Method;
 use crate::schedule::Pass;
 use crate::trace::PagedTracer;
 use std::ops::Deref;
@@ -93,9 +90,6 @@ pub struct LiveSession<T> {
 pub(super) struct Live {
     pub(super) options: FrameOptions,
     pub(super) display: Display,
-    pub(super) next: Option<NextLight>,
-    /// Photons of `full-gi` on their way.
-    pub(super) next_tree: Option<NextTree>,
     pub(super) pass: Option<Pass>,
     pub(super) block: Block,
     pub(super) ladder: Ladder,
@@ -123,7 +117,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Errors
     /// [`Code::SceneFormat`] for a model without voxels: nothing could stand in for what is missing;
     /// [`Code::MemoryLimit`] when the budget has no room for the picture on show and the second map of photons.
-    pub fn go_live(self, options: FrameOptions) -> Result<LiveSession<T>> {
+    pub fn go_live(mut self, options: FrameOptions) -> Result<LiveSession<T>> {
         if self.model.voxels.is_none() {
             return Err(Error::new(
                 Code::SceneFormat,
@@ -135,24 +129,11 @@ impl<T: PagedTracer + Send> Session<T> {
         }
         let settings = self.view.settings;
         let leases = self.shares(&settings, self.film.layers(), true).lease_live(&self.budget)?;
-        let next = match (&self.photon_map, self.voxel_photons()) {
-            (Some(map), Some(photons)) => {
-                let mut next = NextLight::in_leases(&photons, map.irradiance().len(), leases.next);
-                if map.photons() == 0 && photons.is_lit() {
-                    next.begin(&photons);
-                }
-                Some(next)
-            }
-            _ => None,
-        };
-        let grows =
-            settings.integrator == Method::FullGi && self.photon_tree.is_none() && self.sends_photons();
-        let next_tree = if grows { Some(NextTree::new(&self)?) } else { None };
+        let (light, work) = self.light_parts(&|| false);
+        light.go_live(&work, leases.light)?;
         let live = Live {
             options,
             display: Display::in_lease(settings.resolution, leases.display),
-            next,
-            next_tree,
             pass: None,
             block: Block::new(options.fetch_block),
             ladder: Ladder::new(false),
@@ -246,10 +227,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// The session from now on: its pictures are made at leisure again, the next from its first sample on. Photons of
     /// light that has changed and are not all there are to be sent again.
     pub fn into_session(self) -> Session<T> {
-        let LiveSession { mut session, live } = self;
-        if !live.is_lit() {
-            session.forget_photons();
-        }
+        let LiveSession { mut session, .. } = self;
+        session.light.leave_frames();
         session.film.clear();
         session
     }
@@ -261,16 +240,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
         (live.finished, live.first_block, live.is_done, live.is_unordered) = (0, None, false, true);
         live.event_at = Instant::now();
-        if change == Change::Light
-            && let (Some(next), Some(photons)) = (&mut live.next, session.voxel_photons())
-        {
-            next.begin(&photons);
-        }
-        if change == Change::Light && session.view.settings.integrator == Method::FullGi {
-            live.next_tree = Some(NextTree::again(live.next_tree.take())).filter(|_| session.sends_photons());
-            if live.next_tree.is_none() {
-                session.photon_tree = None;
-            }
+        if change == Change::Light {
+            let (light, work) = session.light_parts(&|| false);
+            light.restart(&work);
         }
         for tracer in &mut session.tracers {
             tracer.forget_demand();
@@ -333,11 +305,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 }
 
 impl Live {
-    /// True when no photons of changed light are on their way.
-    pub(super) fn is_lit(&self) -> bool {
-        self.next.as_ref().is_none_or(NextLight::is_idle) && self.next_tree.is_none()
-    }
-
     /// True when the pages asked for since the event approach the frames there are.
     pub(super) fn is_scarce<T: PagedTracer>(&mut self, tracers: &[T]) -> bool {
         self.demand.fill(0);

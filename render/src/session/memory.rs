@@ -11,9 +11,6 @@ use crate::g_stage::CpuStage;
 use crate::image::encode::encoder_bytes;
 use crate::image::film::Layers;
 use crate::image::filter::filter_bytes;
-use crate::photon::kd_tree::PhotonTree;
-use crate::photon::mesh::flight_bytes;
-use crate::scene::method::Method;
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::trace::PooledPages;
 use serde::Serialize;
@@ -167,7 +164,7 @@ impl MemoryPlan {
                 Some(upper) => voxels_bytes(file, &upper, &session, is_live)?,
                 None => 0,
             },
-            photons_bytes: photons_bytes(needs),
+            photons_bytes: photons_bytes(&session, is_live),
             film_bytes: session.film_bytes + session.pass_bytes + copies_bytes + shown_bytes(needs, &session),
             staging_bytes: overhead + pins,
             frames_bytes: 0,
@@ -195,24 +192,17 @@ fn shown_bytes(needs: &PictureNeeds, session: &SessionShares) -> u64 {
 }
 
 /// Bytes that photons on the mesh take at most, with those under way.
-fn photons_bytes(needs: &PictureNeeds) -> u64 {
-    match needs.settings.integrator {
-        Method::FullGi => {
-            // In frames the light on show stays until what comes after it is there.
-            let trees = if needs.is_live { 2 } else { 1 };
-            trees * (PhotonTree::bytes(needs.settings.photons) + flight_bytes(needs.workers))
-        }
-        Method::Photon if needs.settings.bake => flight_bytes(needs.workers),
-        _ => 0,
-    }
+fn photons_bytes(session: &SessionShares, is_live: bool) -> u64 {
+    let light = &session.light_bytes;
+    if is_live { light.photons_in_frames } else { light.photons }
 }
 
 /// Bytes that the octree takes, with its light; or while it is read, with its stored form.
 fn voxels_bytes(file: &FileSizes, upper: &UpperSize, session: &SessionShares, is_live: bool) -> Result<u64> {
     let links = file.lower.clone()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
     // At leisure the sums of a pass come and go.
-    let pass = if is_live { 0 } else { session.map_bytes() };
-    let light = session.maps_bytes() + pass;
+    let pass = if is_live { 0 } else { session.light_bytes.pass };
+    let light = session.lit_bytes() + pass;
     Ok(upper.resident_bytes + links + light.max(upper.reading_bytes))
 }
 

@@ -16,12 +16,10 @@
 mod fetch_block;
 mod frame;
 mod frame_report;
-mod illuminate;
 mod ladder;
+mod light;
 mod live;
 mod memory;
-mod next_light;
-mod next_tree;
 mod resettle;
 mod shares;
 
@@ -30,6 +28,7 @@ pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
 pub use memory::{MemoryPlan, PictureNeeds};
 
+use light::{IndirectLight, LightRoom, LightWork};
 use shares::{SessionFacts, SessionShares};
 
 use crate::g_stage::{GNeeds, GStage};
@@ -37,14 +36,12 @@ use crate::image::film::{Film, Layers};
 use crate::image::filter::{filter_bytes, smooth};
 use crate::image::tile::Tiles;
 use crate::integrate::RenderContext;
-use crate::photon::irradiance::{Irradiance, PhotonMap};
-use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::Camera;
 use crate::scene::settings::RenderSettings;
 use crate::scene::world::{MaterialEdit, Model, View, World};
 use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::shading::light::Light;
-use crate::stats::PassStats;
+use crate::stats::{PassStats, PhotonStats};
 use crate::threads::WorkerThreads;
 use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
@@ -131,10 +128,7 @@ pub struct Session<T> {
     pub(super) tracers: Vec<T>,
     pub(super) tiles: Tiles,
     pub(super) film: Film,
-    /// Light in the voxels; of `photon` alone.
-    pub(super) photon_map: Option<PhotonMap>,
-    /// Photons one by one; of `full-gi` alone, once they were sent.
-    pub(super) photon_tree: Option<PhotonTree>,
+    pub(super) light: Box<dyn IndirectLight>,
     pub(super) pool: WorkerThreads,
     /// Has the octree of the model, where there is one.
     pub(super) g_stage: Box<dyn GStage>,
@@ -191,7 +185,6 @@ impl<T: PagedTracer + Send> Session<T> {
         if let Some(voxels) = &model.voxels {
             g_stage.set_octree(voxels)?;
         }
-        let map = |facets| PhotonMap::in_lease(facets, leases.map);
         Ok(Session {
             model,
             view,
@@ -199,8 +192,7 @@ impl<T: PagedTracer + Send> Session<T> {
             tracers,
             tiles: Tiles::z_curve(resolution),
             film: Film::in_lease(resolution, layers, leases.film),
-            photon_map: shares.map_facets.map(map),
-            photon_tree: None,
+            light: shares.light.light(LightRoom { lasting: leases.light, in_frames: None }),
             pool,
             g_stage,
             budget: budget.clone(),
@@ -223,7 +215,7 @@ impl<T: PagedTracer + Send> Session<T> {
         match self.change(event)? {
             Change::Nothing => return Ok(()),
             Change::View => {}
-            Change::Light => self.forget_photons(),
+            Change::Light => self.light.forget(),
         }
         self.film.clear();
         Ok(())
@@ -268,11 +260,27 @@ impl<T: PagedTracer + Send> Session<T> {
         found.map(|hit| Pick { hit, position: ray.at(hit.t).to_array() })
     }
 
-    fn forget_photons(&mut self) {
-        self.photon_tree = None;
-        if let Some(map) = &mut self.photon_map {
-            map.clear();
-        }
+    /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without.
+    /// `stop` is asked in between; `tell` hears how many are done, and of how many.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for a pass of photons, or for all of `full-gi`.
+    pub fn illuminate(
+        &mut self,
+        stop: &(dyn Fn() -> bool + Sync),
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        let (light, mut work) = self.light_parts(stop);
+        light.illuminate(&mut work, tell)
+    }
+
+    /// The light, and what its photons fly through; `stop` is asked in between.
+    pub(super) fn light_parts<'a>(
+        &'a mut self,
+        stop: &'a (dyn Fn() -> bool + Sync),
+    ) -> (&'a mut dyn IndirectLight, LightWork<'a>) {
+        let Session { model, world, tracers, light, pool, g_stage, budget, .. } = self;
+        (&mut **light, LightWork { world, model, g_stage: &**g_stage, tracers, pool, budget, stop })
     }
 
     /// Takes every pixel to `spp` samples, pass by pass: 1, 2, 4, then 4 more each. `photon` and `full-gi` have the
@@ -284,10 +292,9 @@ impl<T: PagedTracer + Send> Session<T> {
         stop: &(dyn Fn() -> bool + Sync),
         after_pass: &mut dyn FnMut(&Film, &RenderStats) -> ControlFlow<()>,
     ) -> RenderStats {
-        let irradiance = self.photon_map.as_ref().map_or(Irradiance::NONE, |map| Irradiance::new(map, None));
-        let ctx = RenderContext::new(&self.world, &self.model, irradiance)
+        let ctx = RenderContext::new(&self.world, &self.model, self.light.irradiance())
             .with_layers(self.film.layers())
-            .with_photon_tree(self.photon_tree.as_ref());
+            .with_photon_tree(self.light.photon_tree());
         let work = TileWork { samples: SampleWork::new(ctx, &*self.g_stage), tiles: &self.tiles };
         let mut stats = RenderStats { spp: self.film.samples(), ..RenderStats::default() };
         while stats.spp < spp && !stop() {

@@ -10,18 +10,16 @@
 //! Invariants: 1. settings that are refused, or for which there is no room, change nothing; 2. what goes makes room for
 //! what comes: its bytes are taken over in one step of the ledger, and its memory is gone before the other is taken.
 
+use super::light::{LightKind, LightRoom};
 use super::live::Live;
 use super::shares::SessionShares;
 use super::{Change, LiveSession, Session};
 use crate::image::display::Display;
 use crate::image::film::{Film, Layers};
 use crate::image::tile::Tiles;
-use crate::photon::irradiance::PhotonMap;
-use crate::photon::kd_tree::PhotonTree;
 use crate::scene::method::Filter;
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
-use crate::session::next_light::NextLight;
 use crate::trace::PagedTracer;
 use trex_store::{Lease, Result};
 
@@ -95,19 +93,13 @@ impl<T: PagedTracer + Send> Session<T> {
     ) -> Vec<&'a mut Lease> {
         let mut leases = vec![&mut self.lease];
         if exchange.has_other_light() {
-            leases.extend(self.photon_map.as_mut().map(PhotonMap::lease_mut));
-            leases.extend(self.photon_tree.as_mut().map(PhotonTree::lease_mut));
+            leases.extend(self.light.leases_mut());
         }
         if exchange.has_other_film() {
             leases.push(self.film.lease_mut());
         }
-        if let Some(Live { display, next, .. }) = live {
-            if exchange.has_other_film() {
-                leases.push(display.lease_mut());
-            }
-            if exchange.has_other_light() {
-                leases.extend(next.iter_mut().flat_map(NextLight::leases_mut));
-            }
+        if exchange.has_other_film() {
+            leases.extend(live.map(|live| live.display.lease_mut()));
         }
         leases
     }
@@ -116,7 +108,7 @@ impl<T: PagedTracer + Send> Session<T> {
     fn let_go(&mut self, exchange: &Exchange, live: Option<&mut Live>, room: &mut Lease) {
         let nothing = [0, 0];
         if exchange.has_other_light() {
-            (self.photon_map, self.photon_tree) = (None, None);
+            self.light = LightKind::None.light(LightRoom { lasting: room.split(0), in_frames: None });
         }
         if exchange.has_other_film() {
             self.film = Film::in_lease(nothing, Layers::default(), room.split(0));
@@ -126,31 +118,25 @@ impl<T: PagedTracer + Send> Session<T> {
             if exchange.has_other_film() {
                 live.display = Display::in_lease(nothing, room.split(0));
             }
-            if exchange.has_other_light() {
-                (live.next, live.next_tree) = (None, None);
-            }
         }
     }
 
     /// Makes it, in its `room`.
     fn make(&mut self, exchange: &Exchange, live: Option<&mut Live>, room: &mut Lease) {
         let (after, resolution) = (&exchange.after, self.view.settings.resolution);
-        let facets = after.map_facets.filter(|_| exchange.has_other_light());
         self.lease = room.split(after.pass_bytes);
         if exchange.has_other_film() {
             self.film = Film::in_lease(resolution, after.layers, room.split(after.film_bytes));
             self.tiles = Tiles::z_curve(resolution);
         }
-        if let Some(facets) = facets {
-            self.photon_map = Some(PhotonMap::in_lease(facets, room.split(after.map_bytes())));
+        if exchange.has_other_light() {
+            let lasting = room.split(after.light_bytes.lasting);
+            let in_frames = live.is_some().then(|| room.split(after.light_bytes.in_frames));
+            self.light = after.light.light(LightRoom { lasting, in_frames });
         }
         let Some(live) = live else { return };
         if exchange.has_other_film() {
             live.display = Display::in_lease(resolution, room.split(after.display_bytes));
-        }
-        if let (Some(photons), Some(facets)) = (self.voxel_photons(), facets) {
-            let leases = [room.split(after.map_bytes()), room.split(after.map_bytes())];
-            live.next = Some(NextLight::in_leases(&photons, facets, leases));
         }
     }
 }

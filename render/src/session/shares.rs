@@ -11,19 +11,15 @@
 //! Not in here, since it is leased while it is used alone: the octree and the tables, which the session borrows; sums
 //! of a pass of photons at leisure; photons of `full-gi`; filter and encoder.
 
+use super::light::{LightBytes, LightKind};
 use crate::g_stage::GNeeds;
 use crate::image::display::Display;
 use crate::image::film::{Layers, film_bytes};
 use crate::integrate::rays_asked;
-use crate::photon::irradiance::PhotonMap;
-use crate::scene::method::Method;
 use crate::scene::settings::RenderSettings;
 use crate::schedule::pass_bytes;
 use crate::shading::light::{Emitter, Emitters};
 use trex_store::{Budget, Lease, Material, Result};
-
-/// Maps of photons of a session in frames: that on show, the one that comes after an edit, and the sums of a pass.
-const MAPS_IN_FRAMES: u64 = 3;
 
 /// Copies of materials: of the caller, of the viewer, of the session and its world, and of both while an edit replaces
 /// them.
@@ -53,7 +49,6 @@ pub(super) struct SessionFacts {
 pub(super) struct SessionShares {
     resolution: [u32; 2],
     pub(super) layers: Layers,
-    integrator: Method,
     /// Copies of materials and emitters.
     pub(super) model_bytes: u64,
     pub(super) film_bytes: u64,
@@ -61,10 +56,10 @@ pub(super) struct SessionShares {
     pub(super) display_bytes: u64,
     /// Room of the passes over tiles.
     pub(super) pass_bytes: u64,
-    /// Facets of a map of photons; `None` for methods that keep none.
-    pub(super) map_facets: Option<usize>,
-    /// Maps of photons.
-    pub(super) map_count: u64,
+    /// How the indirect light is kept.
+    pub(super) light: LightKind,
+    /// What that takes; what comes beside in frames is 0 at leisure.
+    pub(super) light_bytes: LightBytes,
 }
 
 /// The leases that a session is made of.
@@ -72,15 +67,15 @@ pub(super) struct SessionLeases {
     pub(super) model: Lease,
     pub(super) film: Lease,
     pub(super) passes: Lease,
-    /// Of the map of photons; of no bytes where there is none.
-    pub(super) map: Lease,
+    /// Of the light; of no bytes where nothing of it lasts.
+    pub(super) light: Lease,
 }
 
 /// The leases by which a session goes live.
 pub(super) struct LiveLeases {
     pub(super) display: Lease,
-    /// Of the map after an edit, and of the sums of a pass.
-    pub(super) next: [Lease; 2],
+    /// Of what light takes in frames.
+    pub(super) light: Lease,
 }
 
 impl SessionShares {
@@ -88,35 +83,26 @@ impl SessionShares {
     pub(super) fn new(settings: &RenderSettings, facts: &SessionFacts) -> SessionShares {
         let SessionFacts { layers, workers, ref g_needs, is_live, facets, materials, emitters } = *facts;
         let resolution = settings.resolution;
-        let map_facets = facets.filter(|_| settings.integrator == Method::Photon);
+        let light = LightKind::new(settings, facets);
+        let light_bytes = light.bytes(settings, workers);
         // Which hold no names. What lights are drawn from is there twice while a state replaces the one before.
         let copies = MATERIAL_COPIES * materials * size_of::<Material>()
             + EMITTER_COPIES * emitters * size_of::<Emitter>();
         SessionShares {
             resolution,
             layers,
-            integrator: settings.integrator,
             model_bytes: copies as u64 + 2 * Emitters::bytes(emitters),
             film_bytes: film_bytes(resolution, layers),
             display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
             pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs),
-            map_facets,
-            map_count: match (map_facets, is_live) {
-                (Some(_), true) => MAPS_IN_FRAMES,
-                (Some(_), false) => 1,
-                (None, _) => 0,
-            },
+            light,
+            light_bytes: if is_live { light_bytes } else { LightBytes { in_frames: 0, ..light_bytes } },
         }
     }
 
-    /// Bytes of a map of photons.
-    pub(super) fn map_bytes(&self) -> u64 {
-        self.map_facets.map_or(0, PhotonMap::bytes)
-    }
-
-    /// Bytes of all maps of photons.
-    pub(super) fn maps_bytes(&self) -> u64 {
-        self.map_count * self.map_bytes()
+    /// Bytes of light that are leased for as long as the session lasts.
+    pub(super) fn lit_bytes(&self) -> u64 {
+        self.light_bytes.lasting + self.light_bytes.in_frames
     }
 
     /// True when the film of one is not that of the other.
@@ -126,13 +112,13 @@ impl SessionShares {
 
     /// True when the light of one is kept otherwise than that of the other.
     pub(super) fn has_other_light(&self, other: &SessionShares) -> bool {
-        self.integrator != other.integrator
+        self.light != other.light
     }
 
     /// Bytes of what is to be made anew where these take the place of `before`.
     pub(super) fn bytes_after(&self, before: &SessionShares) -> u64 {
         let film = if self.has_other_film(before) { self.film_bytes + self.display_bytes } else { 0 };
-        let light = if self.has_other_light(before) { self.maps_bytes() } else { 0 };
+        let light = if self.has_other_light(before) { self.lit_bytes() } else { 0 };
         self.pass_bytes + film + light
     }
 
@@ -141,13 +127,13 @@ impl SessionShares {
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for all of it.
     pub(super) fn lease(&self, budget: &Budget) -> Result<SessionLeases> {
-        let bytes = self.model_bytes + self.film_bytes + self.pass_bytes + self.map_bytes();
+        let bytes = self.model_bytes + self.film_bytes + self.pass_bytes + self.light_bytes.lasting;
         let mut room = budget.lease("the film, the light and the passes of a picture", bytes)?;
         Ok(SessionLeases {
             model: room.split(self.model_bytes),
             film: room.split(self.film_bytes),
             passes: room.split(self.pass_bytes),
-            map: room,
+            light: room,
         })
     }
 
@@ -156,8 +142,8 @@ impl SessionShares {
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for all of it.
     pub(super) fn lease_live(&self, budget: &Budget) -> Result<LiveLeases> {
-        let maps_bytes = self.maps_bytes() - self.map_bytes();
-        let mut room = budget.lease("the picture on show", self.display_bytes + maps_bytes)?;
-        Ok(LiveLeases { display: room.split(self.display_bytes), next: [room.split(maps_bytes / 2), room] })
+        let bytes = self.display_bytes + self.light_bytes.in_frames;
+        let mut room = budget.lease("the picture on show", bytes)?;
+        Ok(LiveLeases { display: room.split(self.display_bytes), light: room })
     }
 }

@@ -1,0 +1,26 @@
+//! `PhotonTracers`: the tracers of all workers as who sends photons sees them: what answers their rays is known where
+//! the session is made, not by what keeps the light. A call sends a slice of photons; their rays go without it.
+
+use super::mesh::MeshPhotons;
+use crate::stats::PhotonStats;
+use crate::trace::PagedTracer;
+use std::ops::Range;
+
+/// The tracers of all workers.
+pub(crate) trait PhotonTracers {
+    /// Count of workers.
+    fn count(&self) -> usize;
+
+    /// Sends the photons with these indices through the mesh: see [`MeshPhotons::trace`].
+    fn trace(&mut self, photons: &MeshPhotons<'_>, indices: Range<u64>) -> Option<PhotonStats>;
+}
+
+impl<T: PagedTracer + Send> PhotonTracers for Vec<T> {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn trace(&mut self, photons: &MeshPhotons<'_>, indices: Range<u64>) -> Option<PhotonStats> {
+        photons.trace(self, indices)
+    }
+}

@@ -1,0 +1,362 @@
+//! `MapLight`: the light of `photon`, irradiance by facet of the octree. Photons go through the voxels; where light is
+//! baked, those of a session at leisure through the exact mesh.
+//!
+//! ```text
+//! at leisure   photons of a pass -> sums -> map on show
+//! in frames    an edit -> second map, empty; its passes come in while the first one is on show
+//!              gather rays find  first + share * (second - first)
+//!              all are in -> the maps are swapped
+//! ```
+//!
+//! The first light of all has nothing to be blended with, and is found as it comes.
+
+use super::indirect::{Arrival, IndirectLight, LightBytes, LightRoom, LightWork};
+use crate::photon::bake::Baking;
+use crate::photon::irradiance::{Irradiance, PhotonMap};
+use crate::photon::mesh::flight_bytes;
+use crate::photon::voxel::{PassInWork, VoxelPhotons};
+use crate::scene::settings::{RenderKeys, RenderSettings};
+use crate::stats::PhotonStats;
+use std::time::Instant;
+use trex_store::{Lease, Result};
+
+/// Irradiance by facet, and in frames what comes after it.
+#[derive(Debug)]
+pub(super) struct MapLight {
+    shown: PhotonMap,
+    /// `None` at leisure.
+    next: Option<NextMap>,
+}
+
+/// The light that comes after a change, in a map of its own.
+#[derive(Debug)]
+struct NextMap {
+    map: PhotonMap,
+    work: PassInWork,
+    /// Share of its photons that are there, 0 to 1; `None` when nothing comes.
+    share: Option<f32>,
+}
+
+impl MapLight {
+    /// What light of so many facets takes: the map on show; in frames a second one, and the sums of a pass, which come
+    /// and go at leisure.
+    pub(super) fn bytes(facets: usize, settings: &RenderSettings, workers: usize) -> LightBytes {
+        let map = PhotonMap::bytes(facets);
+        let photons = if settings.bake { flight_bytes(workers) } else { 0 };
+        LightBytes { lasting: map, in_frames: 2 * map, pass: map, photons, photons_in_frames: photons }
+    }
+
+    /// Dark light of so many facets, in its `room`.
+    pub(super) fn new(facets: usize, room: LightRoom) -> MapLight {
+        let next = room.in_frames.map(|room| NextMap::new(facets, room));
+        MapLight { shown: PhotonMap::in_lease(facets, room.lasting), next }
+    }
+
+    /// Sends the photons that the facets still lack through the mesh.
+    fn bake(&mut self, work: &mut LightWork<'_>, tell: &mut dyn FnMut(u64, u64)) -> Result<PhotonStats> {
+        let LightWork { world, model, budget, pool, stop, .. } = *work;
+        let Some(voxels) = &model.voxels else { return Ok(PhotonStats::default()) };
+        let _flights = budget.lease("the photons under way", flight_bytes(work.tracers.count()))?;
+        let RenderKeys { photons: target, occluders, .. } = *world.settings;
+        let voxels = voxels.scene(occluders);
+        let baking = Baking { world, bounds: &model.bounds, voxels, budget, stop, pool };
+        baking.trace(&mut self.shown, work.tracers, target, &mut |done| tell(done, target))
+    }
+}
+
+impl IndirectLight for MapLight {
+    fn leases_mut(&mut self) -> Vec<&mut Lease> {
+        let next = self.next.iter_mut().flat_map(|next| [next.map.lease_mut(), next.work.lease_mut()]);
+        [self.shown.lease_mut()].into_iter().chain(next).collect()
+    }
+
+    fn forget(&mut self) {
+        self.shown.clear();
+    }
+
+    fn illuminate(
+        &mut self,
+        work: &mut LightWork<'_>,
+        tell: &mut dyn FnMut(u64, u64),
+    ) -> Result<PhotonStats> {
+        if work.world.settings.bake {
+            return self.bake(work, tell);
+        }
+        let target = work.world.settings.photons;
+        let Some(photons) = work.voxel_photons() else { return Ok(PhotonStats::default()) };
+        let mut pass = photons.begin()?;
+        Ok(photons.trace((&mut pass, &mut self.shown), target, work.stop, &mut |done| tell(done, target)))
+    }
+
+    fn go_live(&mut self, work: &LightWork<'_>, room: Lease) -> Result<()> {
+        let next = self.next.insert(NextMap::new(self.shown.irradiance().len(), room));
+        if self.shown.photons() == 0
+            && let Some(photons) = work.voxel_photons().filter(VoxelPhotons::is_lit)
+        {
+            next.restart(&photons);
+        }
+        Ok(())
+    }
+
+    fn leave_frames(&mut self) {
+        if !self.is_whole() {
+            self.forget();
+        }
+        self.next = None;
+    }
+
+    fn restart(&mut self, work: &LightWork<'_>) {
+        if let (Some(next), Some(photons)) = (&mut self.next, work.voxel_photons()) {
+            next.restart(&photons);
+        }
+    }
+
+    fn advance(&mut self, work: &mut LightWork<'_>, deadline: Instant) -> (u64, Arrival) {
+        let (Some(next), Some(photons)) = (&mut self.next, work.voxel_photons()) else {
+            return (0, Arrival::Nothing);
+        };
+        let stop = || Instant::now() >= deadline || (work.stop)();
+        next.advance(&photons, &mut self.shown, work.world.settings.photons, &stop)
+    }
+
+    fn share(&self) -> f64 {
+        self.next.as_ref().and_then(|next| next.share).map_or(1.0, f64::from)
+    }
+
+    fn is_whole(&self) -> bool {
+        self.next.as_ref().is_none_or(NextMap::is_idle)
+    }
+
+    fn precedes_response(&self) -> bool {
+        self.shown.photons() == 0
+    }
+
+    fn irradiance(&self) -> Irradiance<'_> {
+        let next = self.next.as_ref().and_then(|next| {
+            let is_first = self.shown.photons() == 0 && next.map.photons() > 0;
+            let share = next.share?;
+            Some((&next.map, if is_first { 1.0 } else { share }))
+        });
+        Irradiance::new(&self.shown, next)
+    }
+}
+
+impl NextMap {
+    /// The second map of so many facets and the sums of a pass, in a lease of both; nothing is on its way.
+    fn new(facets: usize, mut room: Lease) -> NextMap {
+        let map = PhotonMap::in_lease(facets, room.split(PhotonMap::bytes(facets)));
+        NextMap { map, work: PassInWork::in_lease(facets, room), share: None }
+    }
+
+    /// Begins anew: what was on its way is out of date.
+    fn restart(&mut self, photons: &VoxelPhotons<'_>) {
+        self.map.clear();
+        photons.restart(&mut self.work);
+        self.share = Some(0.0);
+    }
+
+    /// True when nothing is on its way.
+    fn is_idle(&self) -> bool {
+        self.share.is_none()
+    }
+
+    /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached.
+    fn advance(
+        &mut self,
+        photons: &VoxelPhotons<'_>,
+        shown: &mut PhotonMap,
+        target: u64,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> (u64, Arrival) {
+        if self.is_idle() {
+            return (0, Arrival::Nothing);
+        }
+        let before = self.map.photons();
+        let stats = photons.trace((&mut self.work, &mut self.map), target, stop, &mut |_| {});
+        self.share = Some((self.map.photons() as f64 / target as f64) as f32);
+        let has_more = self.map.photons() > before;
+        // Without any light there is nothing to wait for.
+        let is_done = self.map.photons() >= target || !photons.is_lit();
+        if is_done {
+            std::mem::swap(&mut self.map, shown);
+            self.share = None;
+        }
+        (stats.rays, if is_done || has_more { Arrival::Blended } else { Arrival::Nothing })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::photon::trace::PASS_PHOTONS;
+    use crate::scene::method::Method;
+    use crate::scene::settings::RenderKeys;
+    use crate::session::tests::{floor, sun};
+    use crate::session::{Event, Session};
+    use crate::trace::PagedTracer;
+    use glam::Vec3;
+    use std::sync::atomic::{AtomicU64, Ordering};
+    use std::time::Duration;
+
+    const TARGET: u64 = 3 * PASS_PHOTONS;
+    /// Batches that end within the second pass of three.
+    const BATCHES: u64 = 700;
+
+    fn session() -> Session<impl PagedTracer + Send> {
+        let integrator = Method::Photon;
+        floor(RenderKeys { integrator, resolution: [8, 8], photons: TARGET, ..RenderKeys::default() })
+    }
+
+    fn facets<T>(session: &Session<T>) -> usize {
+        session.model.voxels.as_ref().unwrap().facet_count()
+    }
+
+    /// The light of `session`, sent in one go.
+    fn whole<T: PagedTracer + Send>(session: &mut Session<T>, photons: u64) -> PhotonMap {
+        let mut map = PhotonMap::new(facets(session), &session.budget).unwrap();
+        let (_, work) = session.light_parts(&|| false);
+        let world = work.voxel_photons().unwrap();
+        world.trace((&mut world.begin().unwrap(), &mut map), photons, &|| false, &mut |_| {});
+        assert_eq!(map.photons(), photons);
+        map
+    }
+
+    /// Light in frames of which `shown` is on show, and nothing on its way.
+    fn in_frames<T: PagedTracer + Send>(session: &Session<T>, shown: PhotonMap) -> MapLight {
+        let facets = facets(session);
+        let lease = |maps| session.budget.lease("light", maps * PhotonMap::bytes(facets)).unwrap();
+        let room = LightRoom { lasting: lease(1), in_frames: Some(lease(2)) };
+        MapLight { shown, ..MapLight::new(facets, room) }
+    }
+
+    fn restart<T: PagedTracer + Send>(session: &mut Session<T>, light: &mut MapLight) {
+        light.restart(&session.light_parts(&|| false).1);
+        assert_eq!((light.is_whole(), light.share()), (false, 0.0));
+    }
+
+    /// Sends photons until `stop` says so. The count of rays, and true when the light on show has changed.
+    fn advance<T: PagedTracer + Send>(
+        session: &mut Session<T>,
+        light: &mut MapLight,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> (u64, bool) {
+        let deadline = Instant::now() + Duration::from_secs(3600);
+        let (rays, arrival) = light.advance(&mut session.light_parts(stop).1, deadline);
+        assert_ne!(arrival, Arrival::Replaced);
+        (rays, arrival == Arrival::Blended)
+    }
+
+    /// Sends the photons of some batches. True when the light on show has changed.
+    fn some<T: PagedTracer + Send>(session: &mut Session<T>, light: &mut MapLight) -> bool {
+        let asked = AtomicU64::new(0);
+        let stop = || asked.fetch_add(1, Ordering::Relaxed) >= BATCHES;
+        let (rays, has_changed) = advance(session, light, &stop);
+        assert!(rays > 0);
+        has_changed
+    }
+
+    /// Sends what is left.
+    fn rest<T: PagedTracer + Send>(session: &mut Session<T>, light: &mut MapLight) -> bool {
+        advance(session, light, &|| false).1
+    }
+
+    /// The light that gather rays find is `of` each facet.
+    fn check(light: &MapLight, of: impl Fn(usize) -> Vec3) {
+        let found = light.irradiance();
+        for facet in 0..light.shown.irradiance().len() {
+            let (found, expected) = (found.at(facet as u32), of(facet));
+            assert!(
+                found.abs_diff_eq(expected, 1e-5 * expected.max_element()),
+                "{facet}: {found} {expected}"
+            );
+        }
+    }
+
+    fn at(map: &PhotonMap) -> impl Fn(usize) -> Vec3 + '_ {
+        |facet| map.irradiance()[facet].into()
+    }
+
+    fn mean(map: &PhotonMap) -> f32 {
+        map.irradiance().iter().map(|rgb| rgb[0]).sum::<f32>() / map.irradiance().len() as f32
+    }
+
+    #[test]
+    fn the_first_light_of_all_is_there_in_full_with_its_first_pass() {
+        let mut session = session();
+        let dark = PhotonMap::new(facets(&session), &session.budget).unwrap();
+        let mut light = in_frames(&session, dark);
+        assert!(light.precedes_response());
+        restart(&mut session, &mut light);
+        check(&light, |_| Vec3::ZERO);
+        assert!(some(&mut session, &mut light));
+        assert_eq!(light.share() as f32, 1.0 / 3.0);
+        check(&light, at(&whole(&mut session, PASS_PHOTONS)));
+    }
+
+    #[test]
+    fn other_light_is_blended_in_by_its_share_and_swapped_when_it_is_whole() {
+        let mut session = session();
+        let before = whole(&mut session, PASS_PHOTONS);
+        let shown = whole(&mut session, PASS_PHOTONS);
+        let mut light = in_frames(&session, shown);
+        assert_eq!((light.is_whole(), light.share(), light.precedes_response()), (true, 1.0, false));
+        assert!(!rest(&mut session, &mut light));
+
+        session.change(Event::Lights(sun(5.0))).unwrap();
+        restart(&mut session, &mut light);
+        check(&light, at(&before));
+        assert!(some(&mut session, &mut light));
+        assert_eq!(light.share() as f32, 1.0 / 3.0);
+        let part = whole(&mut session, PASS_PHOTONS);
+        assert!(mean(&before) > 0.1 && (mean(&part) / mean(&before) - 5.0).abs() < 0.1);
+        check(&light, |facet| (2.0 * at(&before)(facet) + at(&part)(facet)) / 3.0);
+
+        assert!(rest(&mut session, &mut light));
+        assert_eq!((light.is_whole(), light.share()), (true, 1.0));
+        let all = whole(&mut session, TARGET);
+        assert_eq!(light.shown.irradiance(), all.irradiance());
+        check(&light, at(&all));
+        assert!(!rest(&mut session, &mut light));
+    }
+
+    /// What was on its way is half a pass of another sun: none of it may come in.
+    #[test]
+    fn an_edit_forgets_what_was_on_its_way() {
+        let mut session = session();
+        let before = whole(&mut session, PASS_PHOTONS);
+        let shown = whole(&mut session, PASS_PHOTONS);
+        let mut light = in_frames(&session, shown);
+        session.change(Event::Lights(sun(5.0))).unwrap();
+        restart(&mut session, &mut light);
+        some(&mut session, &mut light);
+
+        session.change(Event::Lights(sun(2.0))).unwrap();
+        restart(&mut session, &mut light);
+        assert_eq!(light.next.as_ref().unwrap().map.photons(), 0);
+        check(&light, at(&before));
+        rest(&mut session, &mut light);
+        assert_eq!(light.shown.irradiance(), whole(&mut session, TARGET).irradiance());
+
+        session.change(Event::Lights(sun(0.0))).unwrap();
+        restart(&mut session, &mut light);
+        assert!(rest(&mut session, &mut light) && light.is_whole());
+        check(&light, |_| Vec3::ZERO);
+    }
+
+    /// Light that is not whole when frames end is not that of the world: it is to be sent again.
+    #[test]
+    fn light_that_is_not_whole_goes_with_the_frames() {
+        let mut session = session();
+        for (is_whole, photons) in [(true, PASS_PHOTONS), (false, 0)] {
+            let shown = whole(&mut session, PASS_PHOTONS);
+            let mut light = in_frames(&session, shown);
+            if !is_whole {
+                restart(&mut session, &mut light);
+                some(&mut session, &mut light);
+            }
+            light.leave_frames();
+            assert_eq!((light.shown.photons(), light.is_whole()), (photons, true));
+            assert_eq!(light.leases_mut().len(), 1);
+        }
+    }
+}
