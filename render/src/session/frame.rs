@@ -9,17 +9,17 @@
 //! G-stage, a batch of photons a worker, the filter of a picture whose samples have doubled.
 
 use super::Session;
-use super::fetch_block::{BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Nth, RESPONSE_SHARE};
 use super::frame_report::{FrameProgress, FrameReport};
 use super::ladder::{ROUGH_STEP, Turn};
 use super::light::Arrival;
 use super::live::{Live, LiveSession};
+use super::tile_run::TileFrame;
 use crate::image::filter;
 use crate::integrate::RenderContext;
-use crate::schedule::{Grid, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
+use crate::schedule::{Grid, SampleWork, Workers};
 use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Photons take as long as tiles do while light changes; so many times as long when every tile has been taken anew,
 /// since what these show goes out of date with each photon.
@@ -27,16 +27,6 @@ const PHOTON_SHARE_LATE: u32 = 3;
 /// Parts of a frame that photons take at most, and at least.
 const PHOTON_PART: u32 = 2;
 const PHOTON_PART_LEAST: u32 = 50;
-
-/// The time that the tiles of a frame may take, and how many are wanted.
-struct FrameTimes {
-    nth: Nth,
-    deadline: Instant,
-    /// Time that a block should take.
-    allowed: Duration,
-    /// Tiles of the block.
-    whole: u32,
-}
 
 /// Rays of a frame that are on no film.
 #[derive(Clone, Copy, Default)]
@@ -53,30 +43,32 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let begin = Instant::now();
         let mut other = OtherRays::default();
         let t_max = self.live.options.t_max;
-        if let Some(step) = self.live.ladder.next(Turn::First, t_max) {
+        if let Some(step) = self.live.event.ladder.next(Turn::First, t_max) {
             other.preview = self.show_preview(step, stop);
             return self.report(FrameProgress::Preview, PassStats::default(), other);
         }
         self.fill_preview();
-        let has_responded = self.live.first_block.is_some();
+        let has_responded = self.live.event.first_block().is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.light.precedes_response() {
             let share = if self.is_complete() { PHOTON_SHARE_LATE } else { 1 };
-            let photons_time = share * self.live.tiles_time;
+            let photons_time = share * self.live.tiles.time();
             let photons_time = photons_time.clamp(t_max / PHOTON_PART_LEAST, t_max / PHOTON_PART);
             other.photon = self.illuminate_until(begin + photons_time, stop);
         }
         let tiles_begin = Instant::now();
-        let pass = self.run_tiles(spp, begin, stop);
+        self.put_in_order();
+        let LiveSession { session, live } = self;
+        let pass = live.tiles.run(session, &mut live.event, &TileFrame { spp, begin, t_max, stop });
         self.smooth(spp, stop);
-        self.live.tiles_time = tiles_begin.elapsed();
-        let progress = match self.live.first_block {
+        self.live.tiles.learn_time(tiles_begin.elapsed());
+        let progress = match self.live.event.first_block() {
             _ if self.film.samples() >= spp && self.light.is_whole() => FrameProgress::Done,
             _ if self.is_complete() => FrameProgress::Complete,
             Some(_) => FrameProgress::Block,
             None => FrameProgress::Part,
         };
-        self.live.is_done = progress == FrameProgress::Done;
+        self.live.event.note_progress(progress);
         self.report(progress, pass, other)
     }
 
@@ -84,7 +76,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// this frame.
     fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> RayCounts {
         let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
-        let Live { display, ladder, options, .. } = &mut self.live;
+        let Live { display, event, options, .. } = &mut self.live;
+        let ladder = &mut event.ladder;
         let ctx = RenderContext::new(world, model, light.irradiance()).for_preview();
         let work = SampleWork::new(ctx, &**g_stage);
         let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
@@ -126,77 +119,6 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         rays
     }
 
-    /// The plan of a frame that began at `begin`.
-    fn times(&self, begin: Instant) -> FrameTimes {
-        let live = &self.live;
-        let t_max = live.options.t_max;
-        let nth = if live.first_block.is_some() { Nth::Later } else { Nth::First };
-        let whole = live.block.tiles(nth);
-        if !live.block.is_adaptive() {
-            let deadline = (begin + t_max).max(Instant::now() + t_max / BLOCK_PART_LEAST);
-            return FrameTimes { nth, deadline, allowed: t_max, whole };
-        }
-        // The first block counts from the event.
-        let (passed, longest) = match nth {
-            Nth::First => (live.event_at.elapsed(), t_max.mul_f64(RESPONSE_SHARE)),
-            Nth::Later => (begin.elapsed(), t_max),
-        };
-        let least = t_max / BLOCK_PART_LEAST;
-        let deadline = Instant::now() + longest.saturating_sub(passed).max(least);
-        let allowed = (t_max / BLOCK_PART).saturating_sub(passed).max(least);
-        FrameTimes { nth, deadline, allowed, whole }
-    }
-
-    fn run_tiles(&mut self, spp: u32, begin: Instant, stop: &(dyn Fn() -> bool + Sync)) -> PassStats {
-        self.put_in_order();
-        let FrameTimes { nth, deadline, allowed, whole } = self.times(begin);
-        let is_scarce = self.live.is_scarce(&self.session.tracers);
-        // Where the pages of all tiles find no room together, each tile that is begun costs those that wait theirs.
-        let full = if is_scarce { WhenFull::Wait } else { WhenFull::Defer };
-        let Session { world, model, light, film, tiles, tracers, pool, g_stage, .. } = &mut self.session;
-        let Live { pass, block, finished, first_block, .. } = &mut self.live;
-        let ctx = RenderContext::new(world, model, light.irradiance())
-            .with_layers(film.layers())
-            .with_photon_tree(light.photon_tree());
-        let work = TileWork { samples: SampleWork::new(ctx, &**g_stage), tiles };
-        let (begin, was_complete) = (Instant::now(), film.samples() > 0);
-        let mut total = PassStats::default();
-        let mut has_become_complete = false;
-        let mut wanted = u64::from(whole);
-        if nth == Nth::First {
-            wanted = wanted.saturating_sub(*finished).max(1);
-        }
-        while wanted > 0 && Instant::now() < deadline && !stop() {
-            let samples = film.samples();
-            if pass.as_ref().is_none_or(|pass| pass.is_done(tiles)) {
-                // A picture that has become complete is shown at once.
-                has_become_complete = samples > 0 && !was_complete;
-                if samples >= spp || has_become_complete {
-                    break;
-                }
-                *pass = None;
-            }
-            let pass = pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len(), full));
-            pass.set_full(full);
-            let until = Until { stop, deadline: Some(deadline), tiles: wanted as u32 };
-            let stats = pass.run(&work, film, Workers { tracers, pool }, &until);
-            total.add(&stats);
-            wanted = wanted.saturating_sub(stats.tiles_finished);
-            *finished += stats.tiles_finished;
-        }
-        // What was left of the picture says nothing of how much a frame can do.
-        if !has_become_complete {
-            block.learn(nth, total.tiles_finished, begin.elapsed(), allowed);
-        }
-        // A block that follows the speed of late is past its time what there is.
-        let least = if block.is_adaptive() { BLOCK_TILES_MIN.min(whole) } else { whole };
-        if *finished >= u64::from(least.min(tiles.count())) {
-            let shown = (*finished).min(whole.into()) as u32;
-            first_block.get_or_insert(shown);
-        }
-        total
-    }
-
     /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all
     /// `spp` are there.
     fn smooth(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) {
@@ -214,23 +136,24 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// True when every tile has samples from after the event.
     fn is_complete(&self) -> bool {
-        (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(self.live.event_state))
+        (0..self.tiles.count()).all(|tile| self.film.tile_state(tile) >= Some(self.live.event.film_state))
     }
 
     fn report(&self, progress: FrameProgress, pass: PassStats, other: OtherRays) -> FrameReport {
         let live = &self.live;
-        let tiles = self.tiles.count();
+        let (tiles, event_state) = (self.tiles.count(), live.event.film_state);
+        let first_block = live.event.first_block();
         let (mut preview_tiles, mut stale_tiles) = (0, 0);
         for tile in 0..tiles {
-            let is_stale = self.film.tile_state(tile) < Some(live.event_state);
+            let is_stale = self.film.tile_state(tile) < Some(event_state);
             preview_tiles += u32::from(is_stale && !self.shows_samples(tile));
             stale_tiles += u32::from(is_stale);
         }
-        let preview = live.display.step().filter(|_| live.display.state() >= Some(live.event_state));
+        let preview = live.display.step().filter(|_| live.display.state() >= Some(event_state));
         FrameReport {
             progress,
-            block_tiles: live.first_block.unwrap_or(live.block.tiles(Nth::First)),
-            block_share: f64::from(live.first_block.unwrap_or(0)) / f64::from(tiles),
+            block_tiles: first_block.unwrap_or(live.tiles.first_block()),
+            block_share: f64::from(first_block.unwrap_or(0)) / f64::from(tiles),
             sample_step: if stale_tiles == 0 { Some(1) } else { preview },
             preview_tiles,
             hole_tiles: if live.display.state().is_none() { preview_tiles } else { 0 },

@@ -25,22 +25,20 @@
 //! stopped; 2. nothing of a preview is ever on the film; 3. once the view stands still, the film goes to the same bytes
 //! as [`super::Session::render`]'s.
 
-use super::fetch_block::{Block, FetchBlock};
+use super::event_state::EventState;
+use super::fetch_block::FetchBlock;
 use super::ladder::Ladder;
+use super::tile_run::TileRun;
 use super::{Change, Event, Pick, Session};
 use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
 use crate::image::saliency::Reduced;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder};
-use crate::schedule::Pass;
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
 use trex_store::{Code, Error, NextStep, Result, Setting};
-
-/// Share of the frames that pages asked for may take before frames are scarce.
-const DEMAND_MOST: f64 = 0.85;
 
 /// Options of frames with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,29 +84,13 @@ pub struct LiveSession<T> {
     pub(super) live: Live,
 }
 
-/// The state between frames, beside the session.
+/// The state between frames, beside the session. Each part is written by its own file; the session exchanges the
+/// display for another.
 pub(super) struct Live {
     pub(super) options: FrameOptions,
     pub(super) display: Display,
-    pub(super) pass: Option<Pass>,
-    pub(super) block: Block,
-    pub(super) ladder: Ladder,
-    /// Time of the event.
-    pub(super) event_at: Instant,
-    /// Time that the tiles of the last frame took.
-    pub(super) tiles_time: Duration,
-    /// Tiles done since the event.
-    pub(super) finished: u64,
-    /// Tiles of the first block since the event, once it is done.
-    pub(super) first_block: Option<u32>,
-    /// State of the film at the event.
-    pub(super) event_state: u32,
-    /// The tiles of the present state are still to be put in order.
-    pub(super) is_unordered: bool,
-    /// Every pixel has all samples that were asked for: no preview is mixed in.
-    pub(super) is_done: bool,
-    /// Pages in demand since the event, a bit each.
-    demand: Vec<u64>,
+    pub(super) event: EventState,
+    pub(super) tiles: TileRun,
 }
 
 impl<T: PagedTracer + Send> Session<T> {
@@ -134,17 +116,8 @@ impl<T: PagedTracer + Send> Session<T> {
         let live = Live {
             options,
             display: Display::in_lease(settings.resolution, leases.display),
-            pass: None,
-            block: Block::new(options.fetch_block),
-            ladder: Ladder::new(false),
-            event_at: Instant::now(),
-            tiles_time: Duration::ZERO,
-            finished: 0,
-            first_block: None,
-            event_state: 0,
-            is_unordered: true,
-            is_done: false,
-            demand: Vec::new(),
+            event: EventState::new(Instant::now(), 0, Ladder::new(false)),
+            tiles: TileRun::new(options.fetch_block),
         };
         let mut session = LiveSession { session: self, live };
         session.begin_state(Change::View);
@@ -179,13 +152,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// What the look of a tile depends on: another stamp when it may show something else.
     pub fn tile_stamp(&self, index: u32) -> TileStamp {
-        let Live { display, is_done, .. } = &self.live;
+        let Live { display, event, .. } = &self.live;
         let state = display.tile_state(index);
         let preview = state.zip(display.step());
         let samples =
             self.shows_samples(index).then(|| (self.film.tile_state(index), self.film.tile_samples(index)));
         // Samples of a later state, and all of them, have no preview in them.
-        let is_mixed = samples.is_none_or(|(of, _)| !is_done && of == state);
+        let is_mixed = samples.is_none_or(|(of, _)| !event.is_done() && of == state);
         TileStamp { samples, preview: preview.filter(|_| is_mixed), smoothed: self.film.smoothed_of() }
     }
 
@@ -200,7 +173,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         self.film.radiances(first, radiances);
         let is_alike = self.view.settings.integrator.has_own_preview();
-        if is_alike && !self.live.is_done && self.film.tile_state(index) == display.tile_state(index) {
+        if is_alike && !self.live.event.is_done() && self.film.tile_state(index) == display.tile_state(index)
+        {
             let worth = display.worth(index);
             let share = worth / (worth + self.film.tile_samples(index) as f32);
             for (shown, preview) in radiances.iter_mut().zip(preview) {
@@ -237,9 +211,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     fn begin_state(&mut self, change: Change) {
         let LiveSession { session, live } = self;
         // An event that comes before any tile is done finds a hand that moves.
-        live.ladder = Ladder::new(live.finished == 0 && live.display.state().is_some());
-        (live.finished, live.first_block, live.is_done, live.is_unordered) = (0, None, false, true);
-        live.event_at = Instant::now();
+        let ladder = Ladder::new(live.event.finished() == 0 && live.display.state().is_some());
+        let event_at = Instant::now();
         if change == Change::Light {
             let (light, work) = session.light_parts(&|| false);
             light.restart(&work);
@@ -248,13 +221,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             tracer.forget_demand();
         }
         self.begin_samples();
-        self.live.event_state = self.film.state();
+        self.live.event = EventState::new(event_at, self.film.state(), ladder);
     }
 
     /// Puts the tiles of the present state in order, the stalest first. Not before a preview of it is there: what
     /// catches the eye is asked of that, and while the hand moves no tile is begun.
     pub(super) fn put_in_order(&mut self) {
-        if !std::mem::take(&mut self.live.is_unordered) {
+        if !self.live.event.note_order() {
             return;
         }
         let (order, resolution) = (self.live.options.order, self.view.settings.resolution);
@@ -276,7 +249,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let state = self.film.state() + 1;
         for index in 0..self.tiles.count() {
             let of = self.live.display.tile_state(index);
-            if of < Some(self.live.event_state) {
+            if of < Some(self.live.event.film_state) {
                 continue;
             }
             let samples = if self.film.tile_state(index) == of { self.film.tile_samples(index) } else { 0 };
@@ -300,17 +273,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let LiveSession { session, live } = self;
         session.film.begin_state();
         session.tiles.sort_by_age(|tile| session.film.tile_state(tile));
-        live.pass = None;
-    }
-}
-
-impl Live {
-    /// True when the pages asked for since the event approach the frames there are.
-    pub(super) fn is_scarce<T: PagedTracer>(&mut self, tracers: &[T]) -> bool {
-        self.demand.fill(0);
-        let frames = tracers.iter().map(|tracer| tracer.demand(&mut self.demand)).max().unwrap_or(0);
-        let pages: u32 = self.demand.iter().map(|bits| bits.count_ones()).sum();
-        frames > 0 && f64::from(pages) > DEMAND_MOST * frames as f64
+        live.tiles.restart();
     }
 }
 

@@ -13,6 +13,7 @@
 //! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film of a session at leisure,
 //! so all of its samples are of one state; 3. film and passes are leased from the budget for the life of the session.
 
+mod event_state;
 mod fetch_block;
 mod frame;
 mod frame_report;
@@ -22,6 +23,7 @@ mod live;
 mod memory;
 mod resettle;
 mod shares;
+mod tile_run;
 
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use frame_report::{FrameProgress, FrameReport};

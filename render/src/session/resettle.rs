@@ -114,7 +114,7 @@ impl<T: PagedTracer + Send> Session<T> {
             self.film = Film::in_lease(nothing, Layers::default(), room.split(0));
         }
         if let Some(live) = live {
-            live.pass = None;
+            live.tiles.restart();
             if exchange.has_other_film() {
                 live.display = Display::in_lease(nothing, room.split(0));
             }

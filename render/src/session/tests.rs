@@ -186,7 +186,7 @@ fn frames_are_as_exact_as_was_asked_for_whatever_the_demand() {
             tiles += 1;
         }
         let LiveSession { session, live } = &mut live;
-        assert_eq!(live.is_scarce(&session.tracers), percent > 85);
+        assert_eq!(live.tiles.is_scarce(&session.tracers), percent > 85);
     }
 }
 

@@ -1,0 +1,86 @@
+//! `EventState`: how far the picture of a live session has come since the last event.
+//!
+//! ```text
+//! event -> rungs of the ladder -> tiles in order -> tiles finish -> the first block is done -> progress: Done
+//! ```
+//!
+//! Invariants: 1. an event begins another of these: nothing of it outlives the next event; 2. the first block is noted
+//! once.
+
+use super::fetch_block::Nth;
+use super::frame_report::FrameProgress;
+use super::ladder::Ladder;
+use std::time::Instant;
+
+/// The state of a picture since the event that it follows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct EventState {
+    /// How fine the preview is.
+    pub(super) ladder: Ladder,
+    /// Time of the event.
+    pub(super) at: Instant,
+    /// State of the film at the event.
+    pub(super) film_state: u32,
+    /// Tiles done.
+    finished: u64,
+    /// Tiles of the first block, once it is done.
+    first_block: Option<u32>,
+    /// The tiles are in order.
+    is_ordered: bool,
+    progress: FrameProgress,
+}
+
+impl EventState {
+    /// An event at a time, from which on the film is in `film_state`; its preview is as fine as `ladder` says.
+    pub(super) fn new(at: Instant, film_state: u32, ladder: Ladder) -> EventState {
+        EventState {
+            ladder,
+            at,
+            film_state,
+            finished: 0,
+            first_block: None,
+            is_ordered: false,
+            progress: FrameProgress::Preview,
+        }
+    }
+
+    /// Tiles done since the event.
+    pub(super) fn finished(&self) -> u64 {
+        self.finished
+    }
+
+    /// Tiles of the first block, once it is done.
+    pub(super) fn first_block(&self) -> Option<u32> {
+        self.first_block
+    }
+
+    /// The block that is made.
+    pub(super) fn nth(&self) -> Nth {
+        if self.first_block.is_some() { Nth::Later } else { Nth::First }
+    }
+
+    /// True when every pixel has all samples that were asked for: no preview is mixed in.
+    pub(super) fn is_done(&self) -> bool {
+        self.progress == FrameProgress::Done
+    }
+
+    /// Notes that the tiles are put in order. True the first time.
+    pub(super) fn note_order(&mut self) -> bool {
+        !std::mem::replace(&mut self.is_ordered, true)
+    }
+
+    /// Notes that so many more tiles are done.
+    pub(super) fn note_tiles(&mut self, count: u64) {
+        self.finished += count;
+    }
+
+    /// Notes that a block of so many tiles is done, where it is the first.
+    pub(super) fn note_block(&mut self, tiles: u32) {
+        self.first_block.get_or_insert(tiles);
+    }
+
+    /// Notes the state of the picture at the end of a frame.
+    pub(super) fn note_progress(&mut self, progress: FrameProgress) {
+        self.progress = progress;
+    }
+}
