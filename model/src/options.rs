@@ -3,7 +3,7 @@
 use rayon::ThreadPool;
 use std::num::NonZero;
 use std::sync::Arc;
-use trex_render::{Filter, Layers, PictureNeeds, RenderSettings, Scene};
+use trex_render::{CpuStage, Filter, Layers, PictureNeeds, RenderSettings, Scene};
 use trex_store::io::IoOptions;
 use trex_store::{Budget, Result};
 
@@ -80,6 +80,7 @@ impl SessionOptions {
             // Smoothed light needs some.
             layers: Layers { filter: settings.filter == Filter::On, ..self.layers },
             workers,
+            g_needs: CpuStage::NEEDS,
             is_live: self.pace == Pace::InFrames,
             copies_bytes: self.copies_bytes,
         }

@@ -8,10 +8,10 @@ use std::ops::ControlFlow;
 use std::sync::OnceLock;
 use std::thread;
 use tempfile::TempDir;
-use trex_model::{DamagePolicy, Model, OpenOptions};
+use trex_model::{DamagePolicy, Model, OpenOptions, Pace, SessionOptions};
 use trex_render::{
-    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Layers, Method, PagedMesh,
-    PictureNeeds, Ray, RenderKeys, RenderSettings, Scene, Tracer,
+    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Method, PagedMesh, Ray, RenderKeys,
+    RenderSettings, Scene, Tracer,
 };
 use trex_store::{Budget, Code, Error, Interrupt, PageFile, RESERVE_BYTES};
 
@@ -228,8 +228,8 @@ fn a_picture_takes_the_place_of_another_or_leaves_all_as_it_was() {
     let frames = || model.pool().unwrap().frames().frames;
     let needs = |resolution| {
         let settings = RenderSettings::new(RenderKeys { resolution, ..*live.view().settings }).unwrap();
-        let workers = 1;
-        PictureNeeds { settings, layers: Layers::default(), workers, is_live: true, copies_bytes: 0 }
+        let options = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
+        options.needs_of(settings, 1)
     };
     let (to_large, to_small) = (needs(large), needs(small));
     let before = frames();

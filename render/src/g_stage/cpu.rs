@@ -23,7 +23,7 @@ impl CpuStage {
     /// What it asks of who calls it. A batch of 512 samples that ask for eight rays each has 64 to 128 times as many
     /// rays as lanes have under way; twice as many are no faster, and take memory from pages. Through units, a ray
     /// takes its answer, what it found, and its place among all, among those that wait and those that are crowded out.
-    pub(crate) const NEEDS: GNeeds = GNeeds {
+    pub const NEEDS: GNeeds = GNeeds {
         batch_rays: 4096,
         ray_bytes: size_of::<GAnswer>() + LowerScene::FOUND_BYTES + size_of::<&GRay>() + 4 * size_of::<u32>(),
         calls: 1,

@@ -7,7 +7,7 @@
 //! ```
 
 use super::shares::{SessionFacts, SessionShares};
-use crate::g_stage::CpuStage;
+use crate::g_stage::{CpuStage, GNeeds};
 use crate::image::encode::encoder_bytes;
 use crate::image::film::Layers;
 use crate::image::filter::filter_bytes;
@@ -35,6 +35,8 @@ pub struct PictureNeeds {
     pub layers: Layers,
     /// Worker threads, at least 1.
     pub workers: usize,
+    /// What the G-stage asks that answers its rays ([`crate::GStage::needs`]): of the processor, [`CpuStage::NEEDS`].
+    pub g_needs: GNeeds,
     /// True when the picture is made in frames with a deadline.
     pub is_live: bool,
     /// Bytes that the caller leases beside the session, for copies of pictures.
@@ -115,8 +117,14 @@ impl MemoryPlan {
         beside_bytes: u64,
     ) -> Result<MemoryPlan> {
         let settings = RenderSettings::new(RenderKeys { resolution: [1, 1], ..RenderKeys::default() })?;
-        let layers = Layers::default();
-        let rays = PictureNeeds { settings, layers, workers, is_live: false, copies_bytes: beside_bytes };
+        let rays = PictureNeeds {
+            settings,
+            layers: Layers::default(),
+            workers,
+            g_needs: CpuStage::NEEDS,
+            is_live: false,
+            copies_bytes: beside_bytes,
+        };
         MemoryPlan::new(file, &rays, limit_bytes)
     }
 
@@ -142,7 +150,7 @@ impl MemoryPlan {
 
     /// The shares of all but the frames.
     fn fixed(file: &FileSizes, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
-        let PictureNeeds { settings, layers, workers, is_live, copies_bytes } = *needs;
+        let PictureNeeds { settings, layers, workers, g_needs, is_live, copies_bytes } = *needs;
         let overhead = PagePool::overhead_bytes(file.page_count, &pool_options(staging_slots))?;
         let page_count = file.page_count as usize;
         let pins = PooledPages::bytes(page_count, page_count) * workers as u64;
@@ -154,17 +162,17 @@ impl MemoryPlan {
             facets: upper.as_ref().map(|size| size.facet_count as usize),
             materials: file.material_count,
             emitters: file.emitter_count,
-            g_needs: CpuStage::NEEDS,
+            g_needs,
         };
         let session = SessionShares::new(&settings, &facts);
         Ok(MemoryPlan {
             reserve_bytes: RESERVE_BYTES,
             tables_bytes: file.kept_bytes + session.model_bytes,
             voxels_bytes: match upper {
-                Some(upper) => voxels_bytes(file, &upper, &session, is_live)?,
+                Some(upper) => voxels_bytes(file, &upper, &session)?,
                 None => 0,
             },
-            photons_bytes: photons_bytes(&session, is_live),
+            photons_bytes: session.light_bytes.photons,
             film_bytes: session.film_bytes + session.pass_bytes + copies_bytes + shown_bytes(needs, &session),
             staging_bytes: overhead + pins,
             frames_bytes: 0,
@@ -191,18 +199,10 @@ fn shown_bytes(needs: &PictureNeeds, session: &SessionShares) -> u64 {
     shown + encoder_bytes(resolution, needs.layers)
 }
 
-/// Bytes that photons on the mesh take at most, with those under way.
-fn photons_bytes(session: &SessionShares, is_live: bool) -> u64 {
-    let light = &session.light_bytes;
-    if is_live { light.photons_in_frames } else { light.photons }
-}
-
 /// Bytes that the octree takes, with its light; or while it is read, with its stored form.
-fn voxels_bytes(file: &FileSizes, upper: &UpperSize, session: &SessionShares, is_live: bool) -> Result<u64> {
+fn voxels_bytes(file: &FileSizes, upper: &UpperSize, session: &SessionShares) -> Result<u64> {
     let links = file.lower.clone()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
-    // At leisure the sums of a pass come and go.
-    let pass = if is_live { 0 } else { session.light_bytes.pass };
-    let light = session.lit_bytes() + pass;
+    let light = session.lit_bytes() + session.light_bytes.pass;
     Ok(upper.resident_bytes + links + light.max(upper.reading_bytes))
 }
 

@@ -58,7 +58,7 @@ pub(super) struct SessionShares {
     pub(super) pass_bytes: u64,
     /// How the indirect light is kept.
     pub(super) light: LightKind,
-    /// What that takes; what comes beside in frames is 0 at leisure.
+    /// What that takes, in frames or at leisure.
     pub(super) light_bytes: LightBytes,
 }
 
@@ -96,7 +96,7 @@ impl SessionShares {
             display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
             pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs),
             light,
-            light_bytes: if is_live { light_bytes } else { LightBytes { in_frames: 0, ..light_bytes } },
+            light_bytes: if is_live { light_bytes.live() } else { light_bytes.at_leisure() },
         }
     }
 

@@ -1,7 +1,7 @@
 //! Tests of the session: events, refusals, passes, memory, demand; and a floor with voxels for others.
 
 use super::*;
-use crate::g_stage::CpuStage;
+use crate::g_stage::{CpuStage, GCall, GTurn};
 use crate::image::film::film_bytes;
 use crate::integrate::rays_asked;
 use crate::scene::method::{Filter, Method};
@@ -9,7 +9,7 @@ use crate::scene::settings::RenderKeys;
 use crate::schedule::pass_bytes;
 use crate::shading::light::Emitters;
 use crate::testing::{pool, view};
-use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
+use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, Ray, Tracer};
 use crate::voxel::Voxels;
 use std::sync::Arc;
 use std::time::Duration;
@@ -53,6 +53,27 @@ impl PagedTracer for Demanding {
     }
 }
 
+/// The processor, as a stage that asks for more room.
+#[derive(Debug)]
+struct Hungry {
+    inner: CpuStage,
+    needs: GNeeds,
+}
+
+impl GStage for Hungry {
+    fn set_octree(&mut self, octree: &Arc<Voxels>) -> Result<()> {
+        self.inner.set_octree(octree)
+    }
+
+    fn needs(&self) -> GNeeds {
+        self.needs
+    }
+
+    fn submit(&self, call: GCall, pages: &mut dyn Pages) -> GTurn {
+        self.inner.submit(call, pages)
+    }
+}
+
 /// Light of `irradiance` from straight above [`FLOOR`].
 pub(super) fn sun(irradiance: f32) -> Vec<Light> {
     vec![Light::Directional { direction: [0.0, 0.0, -1.0], irradiance: [irradiance; 3] }]
@@ -64,6 +85,11 @@ pub(super) fn floor(keys: RenderKeys) -> Session<impl PagedTracer + Send> {
 }
 
 fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
+    floor_on(Box::new(CpuStage::default()), percent, keys).0
+}
+
+/// [`FLOOR`], whose G-rays are answered by `g_stage`, and its file.
+fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Session<Demanding>, PageFile) {
     let folder = tempfile::tempdir().unwrap();
     let (input, path) = (folder.path().join("floor.obj"), folder.path().join("floor.trex"));
     std::fs::write(&input, FLOOR).unwrap();
@@ -95,9 +121,8 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
     let tracers = vec![Demanding { mesh, percent }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
-    let g_stage = Box::new(CpuStage::default());
     let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into(), g_stage };
-    Session::new(setup, &budget).unwrap()
+    (Session::new(setup, &budget).unwrap(), file)
 }
 
 fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
@@ -327,4 +352,37 @@ fn a_film_that_does_not_fit_is_refused() {
     assert!(session(&Budget::new(limit)).is_ok());
     let error = session(&Budget::new(limit - 1)).unwrap_err();
     assert_eq!((error.code(), error.smallest_limit_bytes()), (Code::MemoryLimit, Some(limit)));
+}
+
+/// The plan once counted what the processor needs, whatever stage the session was made with: one with larger batches
+/// took what the plan had given to pages.
+#[test]
+fn the_plan_counts_the_needs_of_the_stage_that_the_session_is_made_with() {
+    const LIMIT: u64 = 1 << 40;
+    for (integrator, is_live) in [(Method::Photon, false), (Method::Photon, true), (Method::Ao, false)] {
+        let keys = RenderKeys { integrator, resolution: [40, 30], ..RenderKeys::default() };
+        let bytes = |needs: GNeeds| {
+            let (session, file) = floor_on(Box::new(Hungry { inner: CpuStage::default(), needs }), 0, keys);
+            let (settings, layers) = (session.view.settings, session.film.layers());
+            let picture =
+                PictureNeeds { settings, layers, workers: 1, g_needs: needs, is_live, copies_bytes: 0 };
+            let planned = MemoryPlan::new(&file, &picture, LIMIT).unwrap().film_bytes;
+            let budget = session.budget.clone();
+            if !is_live {
+                return (planned, budget.used_bytes());
+            }
+            let _live = session.go_live(FrameOptions::default()).unwrap();
+            (planned, budget.used_bytes())
+        };
+        let (planned, leased) = bytes(CpuStage::NEEDS);
+        for needs in [
+            GNeeds { batch_rays: 1 << 20, ..CpuStage::NEEDS },
+            GNeeds { ray_bytes: 4096, ..CpuStage::NEEDS },
+            GNeeds { calls: 3, ..CpuStage::NEEDS },
+        ] {
+            let (more_planned, more_leased) = bytes(needs);
+            assert!(more_planned > planned, "{integrator:?} {needs:?}");
+            assert_eq!(more_planned - planned, more_leased - leased, "{integrator:?} {needs:?}");
+        }
+    }
 }

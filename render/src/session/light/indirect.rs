@@ -130,6 +130,18 @@ pub(crate) struct LightBytes {
     pub(crate) photons_in_frames: u64,
 }
 
+impl LightBytes {
+    /// What it takes while pictures come at leisure.
+    pub(crate) fn at_leisure(self) -> LightBytes {
+        LightBytes { in_frames: 0, photons_in_frames: 0, ..self }
+    }
+
+    /// What it takes while pictures come in frames: sums of a pass last.
+    pub(crate) fn live(self) -> LightBytes {
+        LightBytes { pass: 0, photons: self.photons_in_frames, ..self }
+    }
+}
+
 /// The leases that a light is made in.
 pub(crate) struct LightRoom {
     /// Of [`LightBytes::lasting`].
