@@ -35,7 +35,7 @@ impl GStage for Naive {
     }
 
     fn needs(&self) -> GNeeds {
-        GNeeds { batch_rays: 1, ray_bytes: 0, calls: 1 }
+        GNeeds { batch_rays: 1, ray_bytes: 0, calls: 1, photons: 1 }
     }
 
     fn submit(&self, mut call: GCall, mut pages: &mut dyn Pages) -> GTurn {
@@ -295,8 +295,8 @@ fn calls_without_rays_come_back() {
     for (name, stage) in STAGES {
         let mut stage = stage();
         stage.set_octree(&setting.voxels).unwrap();
-        let GNeeds { batch_rays, calls, .. } = stage.needs();
-        assert!(batch_rays > 0 && calls > 0, "{name}");
+        let GNeeds { batch_rays, calls, photons, .. } = stage.needs();
+        assert!(batch_rays > 0 && calls > 0 && photons > 0, "{name}");
         each_view(&setting, |_, view, state, _| {
             for parts in [0, 1, 3] {
                 let parts = || (0..parts).map(|_| GRays::default()).collect();

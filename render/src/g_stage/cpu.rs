@@ -27,6 +27,7 @@ impl CpuStage {
         batch_rays: 4096,
         ray_bytes: size_of::<GAnswer>() + LowerScene::FOUND_BYTES + size_of::<&GRay>() + 4 * size_of::<u32>(),
         calls: 1,
+        photons: 512,
     };
 
     /// Answers the rays of all parts together by `answer`.

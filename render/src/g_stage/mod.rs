@@ -60,6 +60,9 @@ pub struct GNeeds {
     pub ray_bytes: usize,
     /// Calls that a worker should have under way, at least 1; more than 1 only for a stage that answers later.
     pub calls: usize,
+    /// Photons that a worker sends side by side, a ray of each in a call, at least 1: as many as it answers within some
+    /// milliseconds, the most that a deadline is passed by.
+    pub photons: usize,
 }
 
 /// What rays below the upper octree find.

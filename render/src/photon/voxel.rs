@@ -11,8 +11,8 @@
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
 use super::irradiance::{PhotonMap, PhotonPass};
-use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler, send_in_passes};
-use crate::g_stage::{GCall, GRays, GStage, GUnits, GView};
+use super::trace::{BOUNCES_MAX, PASS_PHOTONS, bounce, keeps_light, photon_sampler, send_in_passes};
+use crate::g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GUnits, GView};
 use crate::sampler::Sampler;
 use crate::scene::world::World;
 use crate::shading::bsdf::Bsdf;
@@ -25,9 +25,6 @@ use rayon::ThreadPool;
 use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
 use trex_store::{Aabb, Budget, Lease, Result};
-
-/// Photons that a worker takes at a time: some milliseconds, the most that a deadline is passed by.
-const BATCH: u64 = 512;
 
 /// The voxels that photons go through, and the world that sends them.
 #[derive(Clone, Copy, Debug)]
@@ -48,9 +45,8 @@ struct Photon {
     flux: Vec3,
 }
 
-/// Photons side by side, each with its ray and how far that starts from the cube; a worker's, at most [`BATCH`], too
-/// small for the ledger.
-#[derive(Debug, Default)]
+/// Photons side by side, each with its ray and how far that starts from the cube; a worker's.
+#[derive(Debug)]
 struct Flock {
     photons: Vec<(Photon, Ray, f64)>,
     rays: GRays,
@@ -62,6 +58,30 @@ pub(crate) struct PassInWork {
     pass: PhotonPass,
     /// Photons of the pass that are done.
     done: u64,
+}
+
+/// Photons that a worker takes at a time, for a stage with these needs.
+fn batch_photons(needs: &GNeeds) -> u64 {
+    (needs.photons as u64).min(PASS_PHOTONS)
+}
+
+/// Bytes that photons side by side take for so many workers and a stage with these needs, beyond those for the
+/// processor's, which are too small for the ledger.
+pub(crate) fn flock_bytes(workers: usize, needs: &GNeeds) -> u64 {
+    let flock = |needs: &GNeeds| {
+        let photon = size_of::<(Photon, Ray, f64)>() + GRays::RAY_BYTES + needs.ray_bytes;
+        batch_photons(needs) * photon as u64
+    };
+    workers as u64 * flock(needs).saturating_sub(flock(&CpuStage::NEEDS))
+}
+
+impl Flock {
+    /// No photons, with room for so many.
+    fn with_room(photons: u64) -> Flock {
+        let mut rays = GRays::default();
+        rays.reserve_exact(photons as usize);
+        Flock { photons: Vec::with_capacity(photons as usize), rays }
+    }
 }
 
 impl PassInWork {
@@ -137,14 +157,15 @@ impl VoxelPhotons<'_> {
     ) -> (PhotonStats, bool) {
         let count = indices.end - indices.start;
         let (next, pass) = (AtomicU64::new(work.done), &work.pass);
+        let photons = batch_photons(&self.g_stage.needs());
         let workers = self.pool.broadcast(|_| {
-            let (mut mine, mut flock) = (PhotonStats::default(), Flock::default());
+            let (mut mine, mut flock) = (PhotonStats::default(), Flock::with_room(photons.min(count)));
             while !stop() {
-                let from = next.fetch_add(BATCH, Ordering::Relaxed);
+                let from = next.fetch_add(photons, Ordering::Relaxed);
                 if from >= count {
                     break;
                 }
-                let batch = indices.start + from..indices.start + count.min(from + BATCH);
+                let batch = indices.start + from..indices.start + count.min(from + photons);
                 self.photons(batch, (sources, pass), &mut flock, &mut mine);
             }
             mine

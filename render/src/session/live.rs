@@ -84,8 +84,8 @@ pub struct LiveSession<T> {
     pub(super) live: Live,
 }
 
-/// The state between frames, beside the session. Each part is written by its own file; the session exchanges the
-/// display for another.
+/// The state between frames, beside the session. What changes within a part is written by that part's file alone; the
+/// display as a whole is exchanged by `resettle.rs`, and an event begins another [`EventState`].
 pub(super) struct Live {
     pub(super) options: FrameOptions,
     pub(super) display: Display,

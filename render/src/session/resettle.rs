@@ -97,8 +97,6 @@ impl<T: PagedTracer + Send> Session<T> {
         }
         if exchange.has_other_film() {
             leases.push(self.film.lease_mut());
-        }
-        if exchange.has_other_film() {
             leases.extend(live.map(|live| live.display.lease_mut()));
         }
         leases

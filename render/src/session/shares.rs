@@ -54,7 +54,7 @@ pub(super) struct SessionShares {
     pub(super) film_bytes: u64,
     /// The picture on show; 0 at leisure.
     pub(super) display_bytes: u64,
-    /// Room of the passes over tiles.
+    /// Room of the passes over tiles, and of photons side by side.
     pub(super) pass_bytes: u64,
     /// How the indirect light is kept.
     pub(super) light: LightKind,
@@ -84,7 +84,7 @@ impl SessionShares {
         let SessionFacts { layers, workers, ref g_needs, is_live, facets, materials, emitters } = *facts;
         let resolution = settings.resolution;
         let light = LightKind::new(settings, facets);
-        let light_bytes = light.bytes(settings, workers);
+        let light_bytes = light.bytes(settings, workers, g_needs);
         // Which hold no names. What lights are drawn from is there twice while a state replaces the one before.
         let copies = MATERIAL_COPIES * materials * size_of::<Material>()
             + EMITTER_COPIES * emitters * size_of::<Emitter>();
@@ -94,7 +94,7 @@ impl SessionShares {
             model_bytes: copies as u64 + 2 * Emitters::bytes(emitters),
             film_bytes: film_bytes(resolution, layers),
             display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
-            pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs),
+            pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs) + light_bytes.flocks,
             light,
             light_bytes: if is_live { light_bytes.live() } else { light_bytes.at_leisure() },
         }

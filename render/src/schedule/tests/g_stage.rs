@@ -88,12 +88,15 @@ struct Naive {
     voxels: Arc<Voxels>,
     needs: GNeeds,
     batches: AtomicU64,
+    /// Rays of the largest call.
+    largest: AtomicU64,
 }
 
 impl Naive {
     fn new(model: &Model, batch_samples: usize) -> Naive {
-        let needs = GNeeds { batch_rays: 8 * batch_samples, ray_bytes: 0, calls: 1 };
-        Naive { voxels: model.voxels.clone().unwrap(), needs, batches: AtomicU64::new(0) }
+        let needs = GNeeds { batch_rays: 8 * batch_samples, ray_bytes: 0, calls: 1, photons: 512 };
+        let (batches, largest) = (AtomicU64::new(0), AtomicU64::new(0));
+        Naive { voxels: model.voxels.clone().unwrap(), needs, batches, largest }
     }
 }
 
@@ -109,6 +112,8 @@ impl GStage for Naive {
 
     fn submit(&self, mut call: GCall, _pages: &mut dyn Pages) -> GTurn {
         self.batches.fetch_add(1, Ordering::Relaxed);
+        let rays: usize = call.parts.iter().map(|part| part.rays().len()).sum();
+        self.largest.fetch_max(rays as u64, Ordering::Relaxed);
         let voxels = self.voxels.scene(call.view.occluders);
         for part in &mut call.parts {
             let (rays, answers) = part.parts_mut();
@@ -133,7 +138,7 @@ struct Late {
 
 impl Late {
     fn new(model: &Model, calls: usize) -> Late {
-        let needs = GNeeds { batch_rays: 8 * 40, ray_bytes: 0, calls };
+        let needs = GNeeds { batch_rays: 8 * 40, ray_bytes: 0, calls, photons: 512 };
         let (naive, (sender, asked)) = (Naive::new(model, 40), channel::<Asked>());
         let answer_all = move || {
             let (mut waiting, mut overtaken) = (Vec::new(), 0);
@@ -197,15 +202,17 @@ fn world(model: &Model, (method, near): (Method, Near), lod_error: f64) -> World
     World::new(model, &View { camera, lights, settings: settings(keys) }).unwrap()
 }
 
-/// What some photons bring to the voxels.
-fn light(world: &World, model: &Model) -> PhotonMap {
+/// Count of photons that are sent.
+const PHOTONS: u64 = 10_000;
+
+/// What photons bring to the voxels, through a stage.
+fn light(world: &World, model: &Model, g_stage: &dyn GStage) -> PhotonMap {
     let (voxels, pool, budget) = (model.voxels.as_ref().unwrap(), pool(1), Budget::unlimited());
     let mut map = PhotonMap::new(voxels.facet_count(), &budget).unwrap();
     let voxels = voxels.scene(Occluders::On);
-    let g_stage = &Naive::new(model, 1);
     let photons =
         VoxelPhotons { world, bounds: &model.bounds, voxels, g_stage, pool: &pool, budget: &budget };
-    photons.trace((&mut photons.begin().unwrap(), &mut map), 10_000, &|| false, &mut |_| {});
+    photons.trace((&mut photons.begin().unwrap(), &mut map), PHOTONS, &|| false, &mut |_| {});
     map
 }
 
@@ -238,7 +245,7 @@ fn every_stage_and_batch_gives_the_samples_of_rays_asked_alone() {
         (Method::DebugOccluders, Near::Voxel, 0.0),
     ] {
         let world = world(&model, (method, near), lod_error);
-        let light = light(&world, &model);
+        let light = light(&world, &model, &Naive::new(&model, 1));
         let irradiance = Irradiance::new(&light, None);
         let integrator = SampleIntegrator::new(RenderContext::new(&world, &model, irradiance));
         let mut mesh = NaiveMesh::new(triangles.clone());
@@ -275,4 +282,23 @@ fn every_stage_and_batch_gives_the_samples_of_rays_asked_alone() {
         }
     }
     assert!(overtaken > 0, "no call was answered before an earlier one");
+}
+
+/// Photons came 512 at a time, whatever the stage: too few for a device that answers a million rays at once.
+#[test]
+fn photons_come_in_batches_that_the_stage_asks_for_and_bring_the_same_light() {
+    let (_, model, _file) = heap();
+    let world = world(&model, (Method::Photon, Near::Voxel), 0.0);
+    let mut cpu = CpuStage::default();
+    cpu.set_octree(model.voxels.as_ref().unwrap()).unwrap();
+    assert_eq!(cpu.needs().photons, 512);
+    let expected = light(&world, &model, &cpu);
+    assert!(expected.irradiance().iter().any(|rgb| rgb[0] > 0.0));
+    for photons in [1, 512, 7000, 1 << 40] {
+        let mut stage = Naive::new(&model, 1);
+        stage.needs.photons = photons;
+        let found = light(&world, &model, &stage);
+        assert_eq!(stage.largest.load(Ordering::Relaxed), PHOTONS.min(photons as u64), "{photons}");
+        assert_eq!(found.irradiance(), expected.irradiance(), "{photons}");
+    }
 }

@@ -124,6 +124,8 @@ pub(crate) struct LightBytes {
     pub(crate) in_frames: u64,
     /// While a pass of photons goes into the voxels at leisure.
     pub(crate) pass: u64,
+    /// Photons that workers send side by side through the voxels: a part of the room of passes, which lasts.
+    pub(crate) flocks: u64,
     /// For photons that are kept each by itself, and those under way on the mesh.
     pub(crate) photons: u64,
     /// The last, where light in frames stays until what comes after it is there.

@@ -11,10 +11,11 @@
 //! The first light of all has nothing to be blended with, and is found as it comes.
 
 use super::indirect::{Arrival, IndirectLight, LightBytes, LightRoom, LightWork};
+use crate::g_stage::GNeeds;
 use crate::photon::bake::Baking;
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::mesh::flight_bytes;
-use crate::photon::voxel::{PassInWork, VoxelPhotons};
+use crate::photon::voxel::{PassInWork, VoxelPhotons, flock_bytes};
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::stats::PhotonStats;
 use std::time::Instant;
@@ -40,10 +41,21 @@ struct NextMap {
 impl MapLight {
     /// What light of so many facets takes: the map on show; in frames a second one, and the sums of a pass, which come
     /// and go at leisure.
-    pub(super) fn bytes(facets: usize, settings: &RenderSettings, workers: usize) -> LightBytes {
+    pub(super) fn bytes(
+        facets: usize,
+        settings: &RenderSettings,
+        (workers, g_needs): (usize, &GNeeds),
+    ) -> LightBytes {
         let map = PhotonMap::bytes(facets);
         let photons = if settings.bake { flight_bytes(workers) } else { 0 };
-        LightBytes { lasting: map, in_frames: 2 * map, pass: map, photons, photons_in_frames: photons }
+        LightBytes {
+            lasting: map,
+            in_frames: 2 * map,
+            pass: map,
+            flocks: flock_bytes(workers, g_needs),
+            photons,
+            photons_in_frames: photons,
+        }
     }
 
     /// Dark light of so many facets, in its `room`.

@@ -15,6 +15,7 @@ mod tree;
 
 pub(super) use indirect::{Arrival, IndirectLight, LightBytes, LightRoom, LightWork};
 
+use crate::g_stage::GNeeds;
 use crate::scene::method::Method;
 use crate::scene::settings::RenderSettings;
 use map::MapLight;
@@ -42,11 +43,11 @@ impl LightKind {
         }
     }
 
-    /// Bytes that light of this kind takes by `settings`, with so many workers.
-    pub(super) fn bytes(self, settings: &RenderSettings, workers: usize) -> LightBytes {
+    /// Bytes that light of this kind takes by `settings`, with so many workers and a stage with these needs.
+    pub(super) fn bytes(self, settings: &RenderSettings, workers: usize, g_needs: &GNeeds) -> LightBytes {
         match self {
             LightKind::None => LightBytes::default(),
-            LightKind::Map { facets } => MapLight::bytes(facets, settings, workers),
+            LightKind::Map { facets } => MapLight::bytes(facets, settings, (workers, g_needs)),
             LightKind::Tree => TreeLight::bytes(settings, workers),
         }
     }
