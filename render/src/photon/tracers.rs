@@ -1,5 +1,5 @@
-//! `PhotonTracers`: the tracers of all workers as who sends photons sees them: what answers their rays is known where
-//! the session is made, not by what keeps the light. A call sends a slice of photons; their rays go without it.
+//! `PhotonTracers`: the tracers of all workers, of whatever type, so that the light of a session need not be generic
+//! over it. A call sends a slice of photons; each of their rays is answered by the tracer's own type.
 
 use super::mesh::MeshPhotons;
 use crate::stats::PhotonStats;

@@ -7,8 +7,9 @@
 //!              leave_frames
 //! ```
 //!
-//! Why a trait object: who sends photons, who shares out memory and who draws tiles ask the same few questions of every
-//! kind, and each kind answers them in one file. A call is made per frame or per slice of photons, never per ray.
+//! Why a trait object: frames, shares of memory and passes over tiles ask the same few questions of every kind of
+//! light, and each kind answers them in one file; an enum would repeat each question as a match. A call is made per
+//! frame or per slice of photons, never per ray.
 //!
 //! Invariants: 1. light that is whole depends on world and photon count alone; 2. a pass of photons counts whole or not
 //! at all; 3. in frames the light on show stays until what comes after it is there, or there is no room for both.
@@ -26,8 +27,8 @@ use std::fmt::Debug;
 use std::time::Instant;
 use trex_store::{Budget, Lease, Result};
 
-/// The indirect light of a session: see the top of the file. What a kind leaves out is that of a light which keeps
-/// nothing, and is always whole.
+/// The indirect light of a session: see the top of the file. The defaults are those of a light that keeps nothing and
+/// is always whole.
 pub(crate) trait IndirectLight: Debug + Send + Sync {
     /// The leases that go when light of another kind takes the place of this.
     fn leases_mut(&mut self) -> Vec<&mut Lease> {
@@ -46,7 +47,8 @@ pub(crate) trait IndirectLight: Debug + Send + Sync {
         Ok(PhotonStats::default())
     }
 
-    /// Comes in frames from now on, in a lease of [`LightBytes::in_frames`]; begins where nothing is there yet.
+    /// Begins to work in frames, in a lease of [`LightBytes::in_frames`]; where nothing is kept yet, photons are on
+    /// their way from then on.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for photons to begin with.
@@ -54,11 +56,10 @@ pub(crate) trait IndirectLight: Debug + Send + Sync {
         Ok(())
     }
 
-    /// Comes at leisure from now on. Light that has changed and is not whole is forgotten.
+    /// Ends the work in frames. Light that has changed and is not whole is forgotten.
     fn leave_frames(&mut self) {}
 
-    /// Begins to come anew, in frames: lights, materials or settings have changed, and what was on its way is out of
-    /// date.
+    /// Starts again, in frames: lights, materials or settings have changed, and photons on their way are out of date.
     fn restart(&mut self, _: &LightWork<'_>) {}
 
     /// Sends photons until `deadline` has passed or the work stops. Gives the count of rays, and their effect.
@@ -124,11 +125,11 @@ pub(crate) struct LightBytes {
     pub(crate) in_frames: u64,
     /// While a pass of photons goes into the voxels at leisure.
     pub(crate) pass: u64,
-    /// Photons that workers send side by side through the voxels: a part of the room of passes, which lasts.
+    /// For photons side by side in the voxels, beyond what is too small for the ledger: a part of the room of passes.
     pub(crate) flocks: u64,
-    /// For photons that are kept each by itself, and those under way on the mesh.
+    /// For photons that are kept each by itself, and those under way on the mesh; leased when they are sent.
     pub(crate) photons: u64,
-    /// The last, where light in frames stays until what comes after it is there.
+    /// As `photons`, in frames, where the light on show stays until what comes after it is there.
     pub(crate) photons_in_frames: u64,
 }
 
