@@ -60,7 +60,7 @@ for model in isosurface pipes units; do
     same $model-lod exr render $file -o OUT --integrator photon "${small[@]}" --lod-error 4 --layers id
     same $model-filter exr render $file -o OUT --integrator full-gi "${plain[@]}" --filter on
     same $model-frames exr render $file -o OUT --integrator photon "${small[@]}" --t-max 20 --tile-order saliency --saliency itti
-    same $model-frames-lod exr render $file -o OUT --integrator photon "${small[@]}" --t-max 20 --lod-error 2 --filter on --layers depth
+    same $model-frames-lod exr render $file -o OUT --integrator photon "${plain[@]}" --t-max 20 --lod-error 2 --filter on --layers depth
     same $model-frames-ao png render $file -o OUT --integrator ao "${small[@]}" --t-max 20 --tile-order row
 done
 
