@@ -134,12 +134,30 @@ impl PhotonStore {
         self.stored.truncate(count);
         self.stored.shrink_to_fit();
         drop(self.places);
-        self.lease.shrink_to(count as u64 * (size_of::<Stored>() as u64 + TREE_BYTES) + TREE_BYTES_LEAST);
-        PhotonTree { tree, stored: self.stored, center: self.center, photons, lease: self.lease }
+        let tree = PhotonTree {
+            tree,
+            stored: self.stored,
+            center: self.center,
+            photons,
+            lease: self.lease.split(0),
+        };
+        tree.in_lease(self.lease)
+    }
+
+    /// The lease of its memory, and of the tree's.
+    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+        &mut self.lease
     }
 }
 
 impl PhotonTree {
+    /// This tree in `lease`, which gives back what the tree does not take.
+    pub(crate) fn in_lease(self, mut lease: Lease) -> PhotonTree {
+        let hits = self.stored.len() as u64;
+        lease.shrink_to(hits * (size_of::<Stored>() as u64 + TREE_BYTES) + TREE_BYTES_LEAST);
+        PhotonTree { lease, ..self }
+    }
+
     /// The lease of its memory.
     pub(crate) fn lease_mut(&mut self) -> &mut Lease {
         &mut self.lease

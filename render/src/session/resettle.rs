@@ -272,6 +272,35 @@ mod tests {
         }
     }
 
+    /// Photons of `full-gi` on their way, and the thread that makes their tree, once kept their room while other
+    /// settings asked for it: under a limit that has room for either light they were refused.
+    #[test]
+    fn photons_on_their_way_make_room_for_another_light() {
+        const PHOTONS: u64 = 200_000;
+        let full = RenderKeys { integrator: Method::FullGi, photons: PHOTONS, ..keys() };
+        let other = RenderKeys { resolution: [200, 200], ..keys() };
+        let mut expected = floor(other).go_live(options()).unwrap();
+        let expected_film = done(&mut expected);
+        let whole = PHOTONS as f64 / (PHOTONS + 1) as f64;
+        for (share, event) in [(1e-9, None), (whole, None), (whole, Some(Event::Lights(sun(2.0))))] {
+            let t_max = Duration::from_millis(1);
+            let mut live = floor(full).go_live(FrameOptions { t_max, ..options() }).unwrap();
+            (0..10_000).find(|_| live.frame(SPP, &|| false).light_share >= share).unwrap();
+            assert!(live.light.share() < 1.0);
+            let is_lit_anew = event.is_some();
+            event.into_iter().for_each(|event| live.apply(event).unwrap());
+            let budget = live.session.budget.clone();
+            let (held, needed) = (budget.used_bytes(), expected.session.budget.used_bytes());
+            assert!(needed < held, "{needed} {held}");
+            budget.set_limit(RESERVE_BYTES + held);
+            live.apply(Event::Settings(settings(other))).unwrap();
+            budget.set_limit(u64::MAX);
+            live.apply(Event::Lights(sun(1.0))).unwrap();
+            assert!(done(&mut live) == expected_film, "{share} {is_lit_anew}");
+            assert_eq!(budget.used_bytes(), needed);
+        }
+    }
+
     #[test]
     fn samples_stay_where_they_are_the_same() {
         let (mut session, mut live) = (floor(keys()), floor(keys()).go_live(options()).unwrap());

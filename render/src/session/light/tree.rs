@@ -50,7 +50,11 @@ enum NextTree {
 
 /// A thread that builds a tree; joined at the latest when it is dropped.
 #[derive(Debug)]
-struct TreeThread(Option<JoinHandle<PhotonTree>>);
+struct TreeThread {
+    handle: Option<JoinHandle<PhotonTree>>,
+    /// The room of its photons and of their tree, which other light can take over.
+    room: Lease,
+}
 
 impl TreeLight {
     /// What the photons take at most, with those under way: in frames twice, since the light on show stays until what
@@ -63,7 +67,14 @@ impl TreeLight {
 
 impl IndirectLight for TreeLight {
     fn leases_mut(&mut self) -> Vec<&mut Lease> {
-        self.tree.as_mut().map(PhotonTree::lease_mut).into_iter().collect()
+        let next = match &mut self.next {
+            Some(NextTree::Growing { store, .. }) => Some(store.lease_mut()),
+            Some(NextTree::Building { thread, .. } | NextTree::Waiting(Some(thread))) => {
+                Some(&mut thread.room)
+            }
+            Some(NextTree::Waiting(None)) | None => None,
+        };
+        self.tree.as_mut().map(PhotonTree::lease_mut).into_iter().chain(next).collect()
     }
 
     fn forget(&mut self) {
@@ -194,18 +205,23 @@ impl NextTree {
         if sent < target {
             return (NextTree::Growing { store, sent, target }, stats.rays);
         }
-        // Not on the pool of the workers: frames would wait for it.
-        let build = move || store.into_tree(target);
-        let thread = Builder::new().name("trex-photon-tree".to_owned()).spawn(build);
-        let thread = TreeThread(Some(thread.expect("a thread can be begun")));
-        (NextTree::Building { thread, photons: target }, stats.rays)
+        (NextTree::Building { thread: TreeThread::start(store, target), photons: target }, stats.rays)
     }
 }
 
 impl TreeThread {
+    /// A thread that builds the tree of so many photons. Not on the pool of the workers: frames would wait for it.
+    fn start(mut store: PhotonStore, photons: u64) -> TreeThread {
+        let bytes = store.lease_mut().bytes();
+        let room = store.lease_mut().split(bytes);
+        let build = move || store.into_tree(photons);
+        let thread = Builder::new().name("trex-photon-tree".to_owned()).spawn(build);
+        TreeThread { handle: Some(thread.expect("a thread can be begun")), room }
+    }
+
     /// True when the tree is there, after a moment's wait.
     fn is_done(&self) -> bool {
-        let is_done = || self.0.as_ref().is_none_or(JoinHandle::is_finished);
+        let is_done = || self.handle.as_ref().is_none_or(JoinHandle::is_finished);
         if !is_done() {
             std::thread::sleep(BUILDING_WAIT);
         }
@@ -213,14 +229,15 @@ impl TreeThread {
     }
 
     fn join(mut self) -> PhotonTree {
-        let thread = self.0.take().expect("it is joined once");
-        thread.join().expect("the tree of photons was not built")
+        let thread = self.handle.take().expect("it is joined once");
+        let room = self.room.split(self.room.bytes());
+        thread.join().expect("the tree of photons was not built").in_lease(room)
     }
 }
 
 impl Drop for TreeThread {
     fn drop(&mut self) {
-        if let Some(thread) = self.0.take() {
+        if let Some(thread) = self.handle.take() {
             // Nobody wants its tree any more.
             let _ = thread.join();
         }
