@@ -102,12 +102,13 @@ pub(crate) fn smooth(
 ) {
     let [width, height] = film.resolution().map(|side| side as usize);
     let mut window = Window::new([width, height], film.samples().max(1));
-    let mut seen_to = 0;
-    for first in (0..height).step_by(STRIP_ROWS) {
-        let strip = first..height.min(first + STRIP_ROWS);
-        let rows = seen_to..height.min(strip.end + window.radius);
-        seen_to = rows.end;
-        pool.install(|| {
+    // All strips in one call of the pool: to go in and out for each wakes its threads hundreds of times.
+    pool.install(|| {
+        let mut seen_to = 0;
+        for first in (0..height).step_by(STRIP_ROWS) {
+            let strip = first..height.min(first + STRIP_ROWS);
+            let rows = seen_to..height.min(strip.end + window.radius);
+            seen_to = rows.end;
             window.see(film, projection, rows);
             let parts = film.smoothed_mut(strip).par_chunks_mut(PART_PIXELS).enumerate();
             parts.filter(|_| !stop()).for_each(|(part, out)| {
@@ -116,8 +117,8 @@ pub(crate) fn smooth(
                     *out = PackedLight::new(window.mean([at % width, at / width]).into());
                 });
             });
-        });
-    }
+        }
+    });
     if !stop() {
         film.set_smooth();
     }

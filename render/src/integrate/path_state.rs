@@ -151,6 +151,22 @@ impl Origin {
 }
 
 impl Path {
+    /// A sample of `pixel` (x, y) that begins with `stage`.
+    #[inline]
+    pub(super) fn new(pixel: [u32; 2], sampler: Sampler, stage: Stage) -> Path {
+        Path {
+            pixel,
+            sampler,
+            stage,
+            vertex: 0,
+            travelled: 0.0,
+            is_far: false,
+            throughput: Vec3::ONE,
+            origin: Origin::Camera,
+            sample: Sample::default(),
+        }
+    }
+
     /// Rays answered up to now: grows with every step forward.
     pub(crate) fn answered(&self) -> u64 {
         self.sample.rays.total()

@@ -17,7 +17,7 @@ use super::g_rays::FirstRays;
 use super::g_scene::GScene;
 use super::lod::{Closest, behind};
 use super::path::PathTracing;
-use super::path_state::{Origin, Path, Sample, Stage};
+use super::path_state::{Path, Sample, Stage};
 use super::photon::PhotonMapping;
 use super::together::Together;
 use super::{CRays, Integrator};
@@ -35,7 +35,8 @@ pub(crate) enum Step {
     Blocked,
     /// Rays are in the batch.
     Asks,
-    Done(Sample),
+    /// The sample is what it comes to.
+    Done,
 }
 
 /// The integrator that a world asks for, at work.
@@ -69,33 +70,16 @@ impl<'a> SampleIntegrator<'a> {
     /// A new sample of `pixel` (x, y).
     pub(crate) fn start(&self, pixel: [u32; 2], sample: u32) -> Path {
         let sampler = Sampler::new(self.ctx.world.settings.seed, pixel, sample);
-        let mut path = self.path(pixel, sampler);
-        if self.ctx.has_layers && sample == 0 {
-            path.stage = Stage::Layers;
-        }
-        path
+        let shows_layers = self.ctx.has_layers && sample == 0;
+        let stage = if shows_layers { Stage::Layers } else { Stage::CRay(self.primary_ray(pixel, &sampler)) };
+        Path::new(pixel, sampler, stage)
     }
 
     /// The sample of `pixel` (x, y) in a preview: together with those around it a set that is stratified, as the
     /// samples of one pixel are.
     pub(crate) fn start_preview(&self, pixel: [u32; 2]) -> Path {
-        self.path(pixel, Sampler::among(self.ctx.world.settings.seed, pixel))
-    }
-
-    fn path(&self, pixel: [u32; 2], sampler: Sampler) -> Path {
-        let mut path = Path {
-            pixel,
-            sampler,
-            stage: Stage::Done,
-            vertex: 0,
-            travelled: 0.0,
-            is_far: false,
-            throughput: Vec3::ONE,
-            origin: Origin::Camera,
-            sample: Sample::default(),
-        };
-        path.stage = Stage::CRay(self.primary_ray(&path));
-        path
+        let sampler = Sampler::among(self.ctx.world.settings.seed, pixel);
+        Path::new(pixel, sampler, Stage::CRay(self.primary_ray(pixel, &sampler)))
     }
 
     /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is
@@ -128,21 +112,22 @@ impl<'a> SampleIntegrator<'a> {
     /// When the sample is finished already.
     pub(crate) fn step<T: Tracer>(&self, path: &mut Path, tracer: &mut T, batches: &mut GBatches) -> Step {
         loop {
-            let stage = std::mem::replace(&mut path.stage, Stage::Done);
-            match self.next(path, &stage, tracer, batches) {
+            match self.next(path, tracer, batches) {
                 Answer::Blocked => {
-                    path.stage = match stage {
-                        Stage::TakeGRays(place) => self.ctx.ask_again(&place),
-                        Stage::TakeShown { ray, .. } => Stage::CRay(ray),
-                        stage => stage,
-                    };
+                    match &path.stage {
+                        Stage::TakeGRays(place) => path.stage = self.ctx.ask_again(place),
+                        Stage::TakeShown { ray, .. } => path.stage = Stage::CRay(*ray),
+                        _ => {}
+                    }
                     return Step::Blocked;
                 }
-                Answer::Exact(Stage::Done) => return Step::Done(path.sample),
+                Answer::Exact(Stage::Done) => {
+                    path.stage = Stage::Done;
+                    return Step::Done;
+                }
                 Answer::Exact(stage) => {
-                    let asks = stage.asks();
                     path.stage = stage;
-                    if asks {
+                    if path.stage.asks() {
                         return Step::Asks;
                     }
                 }
@@ -150,36 +135,33 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// The stage after `stage`.
-    fn next<T: Tracer>(
-        &self,
-        path: &mut Path,
-        stage: &Stage,
-        tracer: &mut T,
-        batches: &mut GBatches,
-    ) -> Answer<Stage> {
+    /// The stage after that of `path`, which stays in place: of a path that was blocked it is to be asked again.
+    fn next<T: Tracer>(&self, path: &mut Path, tracer: &mut T, batches: &mut GBatches) -> Answer<Stage> {
         let (ctx, integrator) = (&self.ctx, self.integrator);
-        Answer::Exact(match stage {
+        Answer::Exact(match path.stage {
             Stage::Layers => return self.layers_step(path, tracer, batches),
-            Stage::CRay(ray) => return self.c_ray_step(path, ray, tracer, batches),
-            Stage::Met { ray, cut, found } => self.c_ray_met(path, ray, behind(ray, *cut, *found), batches),
+            Stage::CRay(ray) => return self.c_ray_step(path, &ray, tracer, batches),
+            Stage::Met { ray, cut, found } => self.c_ray_met(path, &ray, behind(&ray, cut, found), batches),
             Stage::Shadow { surface, index } => {
-                let first = FirstRays { surface, shadow: *index, gather: 0 };
+                let first = FirstRays { surface: &surface, shadow: index, gather: 0 };
                 return ctx.ask(integrator, path, first, (batches, tracer));
             }
             Stage::Gather { surface, index } if ctx.g_scene().is_some() => {
-                let first = FirstRays { surface, shadow: ctx.n_shadow(), gather: *index };
+                let first = FirstRays { surface: &surface, shadow: ctx.n_shadow(), gather: index };
                 return ctx.ask(integrator, path, first, (batches, tracer));
             }
-            Stage::Gather { surface, index } => ctx.gather_step(path, surface, *index),
-            Stage::TakeFar { ray, far } => self.c_ray_end(path, ray, ctx.far_hit(far, batches)),
-            Stage::TakeLayer(far) => self.layers_end(path, ctx.far_hit(far, batches)),
+            Stage::Gather { surface, index } => ctx.gather_step(path, &surface, index),
+            Stage::TakeFar { ray, far } => self.c_ray_end(path, &ray, ctx.far_hit(&far, batches)),
+            Stage::TakeLayer(far) => self.layers_end(path, ctx.far_hit(&far, batches)),
             Stage::TakeShown { place, .. } => {
-                return ctx.take_shown(path, batches.answered.answer(*place));
+                return ctx.take_shown(path, batches.answered.answer(place));
             }
-            Stage::TakeGRays(place) => return ctx.take(integrator.shadow_kind(), path, place, batches),
-            Stage::GatherRay(gather) => return ctx.gather_ray_step(path, gather, tracer),
-            Stage::Bounce(surface) => integrator.bounce(ctx, path, surface),
+            Stage::TakeGRays(ref place) => {
+                let place = place.clone();
+                return ctx.take(integrator.shadow_kind(), path, &place, batches);
+            }
+            Stage::GatherRay(gather) => return ctx.gather_ray_step(path, &gather, tracer),
+            Stage::Bounce(surface) => integrator.bounce(ctx, path, &surface),
             Stage::Done => panic!("a finished sample was asked again"),
         })
     }
@@ -199,7 +181,7 @@ impl<'a> SampleIntegrator<'a> {
         loop {
             match self.step(path, tracer, &mut batches) {
                 Step::Blocked => return Answer::Blocked,
-                Step::Done(sample) => return Answer::Exact(sample),
+                Step::Done => return Answer::Exact(path.sample),
                 Step::Asks => {
                     batches.turn(tracer);
                     batches.ask_stage((g_stage, self.g_view()), tracer);
@@ -208,10 +190,10 @@ impl<'a> SampleIntegrator<'a> {
         }
     }
 
-    /// The ray from the camera that the path begins with.
-    fn primary_ray(&self, path: &Path) -> Ray {
-        let [dx, dy, ..] = path.sampler.draw(Decision::Pixel);
-        let [x, y] = path.pixel.map(f64::from);
+    /// The ray from the camera that a sample of `pixel` begins with.
+    fn primary_ray(&self, pixel: [u32; 2], sampler: &Sampler) -> Ray {
+        let [dx, dy, ..] = sampler.draw(Decision::Pixel);
+        let [x, y] = pixel.map(f64::from);
         self.ctx.world.projection.ray(x + f64::from(dx), y + f64::from(dy))
     }
 
@@ -234,7 +216,7 @@ impl<'a> SampleIntegrator<'a> {
     fn layers_end(&self, path: &mut Path, hit: Option<CRayHit>) -> Stage {
         path.sample.rays.count(RayKind::Primary);
         path.sample.layers = Some(self.layer_pixel(hit));
-        Stage::CRay(self.primary_ray(path))
+        Stage::CRay(self.primary_ray(path.pixel, &path.sampler))
     }
 
     /// What the layers show where a ray from the camera has ended.

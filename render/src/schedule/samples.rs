@@ -131,9 +131,9 @@ impl Samples {
             match step {
                 Step::Blocked => *is_blocked = true,
                 Step::Asks => *asks = true,
-                Step::Done(sample) => {
+                Step::Done => {
                     has_advanced = true;
-                    finish(*slot, &sample);
+                    finish(*slot, &path.sample);
                     return false;
                 }
             }

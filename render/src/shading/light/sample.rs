@@ -15,6 +15,9 @@ use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 
+/// Most estimates that are kept between their sum and the pick; of more sources all are made twice.
+const ESTIMATES_KEPT: usize = 16;
+
 /// One light sample, not yet tested for shadow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LightSample {
@@ -34,27 +37,32 @@ impl Lights {
     /// A light sample for `at` from four numbers in [0, 1); `None` when it can bring nothing (which counts as a
     /// sample of zero).
     pub(crate) fn sample(&self, at: &ShadingPoint<'_>, u: [f32; 4]) -> Option<LightSample> {
-        let total: f64 = self.sampled_sources().map(|source| source.estimate(at)).sum();
-        if total <= 0.0 || !total.is_finite() {
-            return None;
-        }
-        let mut left = f64::from(u[0]) * total;
-        let mut picked = None;
-        for source in self.sampled_sources() {
-            let estimate = source.estimate(at);
-            if estimate > 0.0 {
-                picked = Some((source, estimate / total));
-                left -= estimate;
-                if left < 0.0 {
-                    break;
-                }
-            }
-        }
-        let (source, share) = picked?;
+        let (source, share) = self.pick(at, u[0].into())?;
         let mut sample = source.sample(at, [u[1], u[2], u[3]])?;
         sample.weight = (1.0 / share) as f32 * sample.weight;
         sample.pdf *= share;
         (sample.wi.dot(at.bsdf.normal) > 0.0).then_some(sample)
+    }
+
+    /// The source that a number in [0, 1) picks for `at`, and its share of the estimates.
+    fn pick(&self, at: &ShadingPoint<'_>, number: f64) -> Option<(Source<'_>, f64)> {
+        let estimates = || self.sampled_sources().map(|source| source.estimate(at));
+        let (mut total, mut count, mut kept) = (0.0, 0, [0.0; ESTIMATES_KEPT]);
+        estimates().for_each(|estimate| {
+            total += estimate;
+            if let Some(kept) = kept.get_mut(count) {
+                *kept = estimate;
+            }
+            count += 1;
+        });
+        if total <= 0.0 || !total.is_finite() {
+            return None;
+        }
+        let (index, estimate) = match kept.get(..count) {
+            Some(kept) => picked(kept.iter().copied(), number * total),
+            None => picked(estimates(), number * total),
+        }?;
+        Some((self.sampled_sources().nth(index)?, estimate / total))
     }
 
     /// Radiance of all rectangles whose front `ray` crosses before `t_max`, and the density (per solid angle) with
@@ -94,6 +102,20 @@ impl Lights {
         let share = source.estimate(at) / total;
         if share.is_finite() { share } else { 0.0 }
     }
+}
+
+/// Index and size of the estimate in which `left` falls when all are laid one after the other; of the last one that is
+/// positive where rounding leaves it behind them.
+fn picked(estimates: impl Iterator<Item = f64>, mut left: f64) -> Option<(usize, f64)> {
+    let mut last = None;
+    for (index, estimate) in estimates.enumerate().filter(|&(_, estimate)| estimate > 0.0) {
+        last = Some((index, estimate));
+        left -= estimate;
+        if left < 0.0 {
+            break;
+        }
+    }
+    last
 }
 
 impl Source<'_> {
@@ -236,6 +258,8 @@ mod tests {
         check(&[sun], &[], 2.4);
         check(&[sky], &[], 0.5 * PI);
         check(&[sky, point, sun, sky], &[], 1.6 + 2.4 + PI);
+        // More sources than estimates are kept of: as many as there are numbers to pick by, so each is picked alike.
+        check(&[sun; 24], &[], 24.0 * 2.4);
     }
 
     #[test]
