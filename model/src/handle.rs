@@ -45,9 +45,9 @@ pub type LiveSession = trex_render::LiveSession<MeshTracer>;
 /// # Ok::<(), trex_store::Error>(())
 /// ```
 #[derive(Clone)]
-pub struct Model(Arc<Opened>);
+pub struct Model(Arc<ModelState>);
 
-struct Opened {
+struct ModelState {
     file: Arc<PageFile>,
     pool: SharedPool,
     voxels: Mutex<Option<Arc<Voxels>>>,
@@ -92,7 +92,7 @@ impl Model {
             }
             file => Arc::new(file?),
         };
-        Ok(Model(Arc::new(Opened {
+        Ok(Model(Arc::new(ModelState {
             file,
             pool: SharedPool::default(),
             voxels: Mutex::default(),
@@ -201,7 +201,7 @@ impl Model {
     /// # Errors
     /// [`Code::Usage`] for a greater one; those of [`Model::make_room`].
     pub fn set_limit(&self, limit_bytes: u64, picture: &PictureNeeds) -> Result<()> {
-        let Opened { budget, limit_bytes: most, .. } = &*self.0;
+        let ModelState { budget, limit_bytes: most, .. } = &*self.0;
         if limit_bytes > *most {
             return Err(Error::new(
                 Code::Usage,
@@ -262,7 +262,7 @@ impl Model {
     }
 
     pub(crate) fn pool_source(&self) -> PoolSource<'_> {
-        let Opened { file, budget, io, .. } = &*self.0;
+        let ModelState { file, budget, io, .. } = &*self.0;
         PoolSource { file, path: file.path(), budget, io }
     }
 

@@ -26,7 +26,7 @@ use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
     DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX,
-    ServeOptions, Served, Surroundings, Token, serve, view_bytes,
+    ServeOptions, ServeReport, Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -257,7 +257,7 @@ struct ViewReport {
     address: String,
     time_ms: u64,
     #[serde(flatten)]
-    served: Served,
+    served: ServeReport,
     damaged_pages: Vec<u32>,
     damage: Damage,
     pool: trex_store::pool::PoolStats,
@@ -266,7 +266,7 @@ struct ViewReport {
 
 impl fmt::Display for ViewReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Served { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
+        let ServeReport { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
         writeln!(
             f,
             "{:.0} s; {clients} pages, {events} events, {frames} frames, {frames_drawn} drawn, {} sent",

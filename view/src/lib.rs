@@ -64,4 +64,4 @@ pub use guard::Token;
 pub use reports::{DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
-pub use surroundings::{Exchange, Recipe, Room, SILENCE_MAX, ServeOptions, Served, Surroundings};
+pub use surroundings::{Exchange, Recipe, Room, SILENCE_MAX, ServeOptions, ServeReport, Surroundings};

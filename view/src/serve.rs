@@ -3,8 +3,8 @@
 use crate::guard::Hosts;
 use crate::server;
 use crate::session_loop::SessionLoop;
-use crate::shared::{Admission, Shared};
-use crate::surroundings::{ServeOptions, Served, Surroundings};
+use crate::shared::{Admission, SharedState};
+use crate::surroundings::{ServeOptions, ServeReport, Surroundings};
 use std::net::TcpListener;
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -12,12 +12,12 @@ use trex_render::{LiveSession, PagedTracer};
 use trex_store::{Code, Error, Result};
 
 /// Ends the server when it goes.
-struct Ending<'a> {
-    shared: &'a Shared,
+struct EndOnDrop<'a> {
+    shared: &'a SharedState,
     listener: &'a TcpListener,
 }
 
-impl Drop for Ending<'_> {
+impl Drop for EndOnDrop<'_> {
     fn drop(&mut self) {
         server::end(self.shared, self.listener);
     }
@@ -33,7 +33,7 @@ pub fn serve<T: PagedTracer + Send>(
     listener: &TcpListener,
     options: &ServeOptions,
     around: &Surroundings<'_>,
-) -> Result<Served> {
+) -> Result<ServeReport> {
     let refused = |what: &str, error: &std::io::Error| {
         Error::new(Code::Io, what)
             .at_place("the server of the viewer")
@@ -44,7 +44,7 @@ pub fn serve<T: PagedTracer + Send>(
     let hosts = Hosts::new(address.ip(), &options.hosts);
     let resolution = session.view().settings.resolution;
     let admission = Admission { token: options.token.clone(), hosts, silence_max: options.silence_max };
-    let shared = Shared::new(admission, resolution, around.budget)?;
+    let shared = SharedState::new(admission, resolution, around.budget)?;
     let shared = &shared;
     let session_loop = SessionLoop::new(session, shared, options, around);
     let served = thread::scope(|scope| {
@@ -54,10 +54,10 @@ pub fn serve<T: PagedTracer + Send>(
             return Err(refused("the system refused a thread", &error));
         }
         // Also when the session panics: who waits for a connection would wait for ever.
-        let _end = Ending { shared, listener };
+        let _end = EndOnDrop { shared, listener };
         session_loop.run()
     })?;
-    Ok(Served {
+    Ok(ServeReport {
         clients: shared.admitted(),
         frames_drawn: shared.gone_frames.load(Ordering::Relaxed),
         sent_bytes: shared.gone_bytes.load(Ordering::Relaxed),

@@ -97,7 +97,7 @@ pub struct ServeOptions {
 
 /// What was served.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Served {
+pub struct ServeReport {
     /// Pages that were connected.
     pub clients: u64,
     /// Events that were applied.

@@ -2,14 +2,14 @@
 
 use super::compare::{self, Agreement};
 use super::contender::{
-    Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, Pooled, RayAnswer, Resident,
+    Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, PooledContender, RayAnswer, Resident,
 };
 use super::falsehood;
 use super::figures::{PeerFigures, RayFigures, SetFigures};
 use super::options::{Peer, RayOptions};
 use super::peer::PeerSetup;
 use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space};
-use super::turns::{Ours, Turns, take_turns};
+use super::turns::{OwnContender, Turns, take_turns};
 use super::visits;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
@@ -93,7 +93,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         "a peer takes all of the mesh in memory, and the limit has no room for ours"
     );
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
-    let mut ours = Pooled { space, workers: pooled_tracers(&file, &pool, around.threads) };
+    let mut ours = PooledContender { space, workers: pooled_tracers(&file, &pool, around.threads) };
     let sets = make_sets(&file, model, options, [None; 2], |ray| ours.hit(ray))?;
     let ours_all = Contenders { single: &mut ours, packets: None, gray: [None, None] };
     let mut figures = compete(ours_all, &sets, &file, options, around)?;
@@ -185,17 +185,17 @@ fn compete(
     let Contenders { single, packets, gray } = ours;
     let (primary, shadow) = match packets {
         Some(packets) => {
-            let both = Ours { contender: packets, single: Some(single) };
+            let both = OwnContender { contender: packets, single: Some(single) };
             let primary = score.measure("primary", both, &sets.primary)?;
-            let both = Ours { contender: packets, single: Some(single) };
+            let both = OwnContender { contender: packets, single: Some(single) };
             (primary, score.measure("shadow", both, &sets.shadow)?)
         }
         None => {
-            let primary = score.measure("primary", Ours::alone(single), &sets.primary)?;
-            (primary, score.measure("shadow", Ours::alone(single), &sets.shadow)?)
+            let primary = score.measure("primary", OwnContender::alone(single), &sets.primary)?;
+            (primary, score.measure("shadow", OwnContender::alone(single), &sets.shadow)?)
         }
     };
-    let incoherent = score.measure("incoherent", Ours::alone(single), &sets.incoherent)?;
+    let incoherent = score.measure("incoherent", OwnContender::alone(single), &sets.incoherent)?;
 
     // Rays through the voxels.
     let mut through_voxels = [None, None, None, None];
@@ -203,7 +203,7 @@ fn compete(
     for (at, (gray, sets)) in gray.into_iter().zip(&sets.gray).enumerate() {
         let (Some([batch, single]), Some(sets)) = (gray, sets) else { continue };
         for (kind, set) in [&sets.gather, &sets.shadow].into_iter().enumerate() {
-            let ours = Ours { contender: batch, single: Some(single) };
+            let ours = OwnContender { contender: batch, single: Some(single) };
             through_voxels[2 * at + kind] = Some(score.measure(names[at][kind], ours, set)?);
         }
     }
@@ -245,7 +245,12 @@ fn resident_bytes(file: &PageFile, frame_count: usize) -> u64 {
 
 impl Score<'_> {
     /// Times all contenders on one set, and compares what they answered.
-    fn measure(&mut self, name: &'static str, ours: Ours<'_>, set: &RaySet) -> anyhow::Result<SetFigures> {
+    fn measure(
+        &mut self,
+        name: &'static str,
+        ours: OwnContender<'_>,
+        set: &RaySet,
+    ) -> anyhow::Result<SetFigures> {
         self.around.interrupt.check()?;
         let turn = take_turns(ours, self.peer.as_mut(), set, self.options.rounds);
         turn.ours.iter().for_each(|answer| self.hash.update(&answer.triangle.to_le_bytes()));

@@ -13,7 +13,7 @@ use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use crate::voxel::Voxels;
 use std::sync::Arc;
 use std::time::Duration;
-use trex_store::build::{self, BuildOptions, Existing, Precision};
+use trex_store::build::{self, BuildOptions, ExistingOutput, Precision};
 use trex_store::import::{ImportOptions, open};
 use trex_store::{Aabb, Code, Interrupt, Material, PageFile};
 
@@ -74,7 +74,7 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
         pool: pool(1),
         budget: budget.clone(),
         temp_dir: None,
-        existing: Existing::Keep,
+        existing: ExistingOutput::Keep,
         resume: None,
         interrupt: Interrupt::default(),
     };

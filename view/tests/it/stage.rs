@@ -13,14 +13,14 @@ use trex_render::{
     CameraKeys, CpuStage, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene,
     Session, SessionSetup, Voxels, pooled_tracers, write_png,
 };
-use trex_store::build::{BuildOptions, Existing, Precision, build};
+use trex_store::build::{BuildOptions, ExistingOutput, Precision, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::verify::boxes_of;
 use trex_store::{Budget, Interrupt, Material, MaterialNames, PageFile, Result};
 use trex_view::{
-    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings,
-    Token, serve,
+    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, ServeOptions, ServeReport,
+    Surroundings, Token, serve,
 };
 
 /// Squares along a side of the model.
@@ -50,7 +50,7 @@ fn model() -> &'static PathBuf {
             pool: threads(),
             budget: Budget::unlimited(),
             temp_dir: None,
-            existing: Existing::Keep,
+            existing: ExistingOutput::Keep,
             resume: None,
             interrupt: Interrupt::default(),
         };
@@ -188,7 +188,7 @@ pub(crate) struct Server {
     stop: Arc<AtomicBool>,
     /// Times that pictures took each other's place.
     exchanges: Arc<AtomicU64>,
-    thread: Option<JoinHandle<Result<Served>>>,
+    thread: Option<JoinHandle<Result<ServeReport>>>,
     /// One runs at a time: tests count threads.
     _turn: MutexGuard<'static, ()>,
 }
@@ -257,7 +257,7 @@ impl Server {
     }
 
     /// Ends the server; what it served.
-    pub(crate) fn end(mut self) -> Served {
+    pub(crate) fn end(mut self) -> ServeReport {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap().unwrap()
     }
