@@ -51,7 +51,7 @@ struct ModelState {
     file: Arc<PageFile>,
     pool: SharedPool,
     voxels: Mutex<Option<Arc<Voxels>>>,
-    /// Of the latest session; locked while room is made and leased.
+    /// Of the latest session; locked while room is made and leased, by whoever makes it.
     plan: Mutex<Option<MemoryPlan>>,
     threads: WorkerThreads,
     budget: Budget,
@@ -166,6 +166,7 @@ impl Model {
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works; nothing is changed then.
     pub fn make_room(&self, pictures: &[PictureNeeds]) -> Result<()> {
+        let _room = self.lock_room();
         let plan = |picture| MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes());
         let plans = pictures.iter().map(plan).collect::<Result<Vec<_>>>()?;
         let tightest = plans.iter().min_by_key(|plan| plan.frames_bytes + plan.staging_bytes);
@@ -173,11 +174,13 @@ impl Model {
     }
 
     /// Has `apply` put `picture` in the place of the one on show: frames of pages that it needs go before, those that
-    /// it leaves come after. How the limit is shared out is planned once.
+    /// it leaves come after. How the limit is shared out is planned once. Nobody else makes room meanwhile, so `apply`
+    /// asks this model for no session, no rays and no room: it would wait for itself.
     ///
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works; those of `apply`. Frames are as they were then.
     pub fn exchange(&self, picture: &PictureNeeds, apply: impl FnOnce() -> Result<()>) -> Result<()> {
+        let _room = self.lock_room();
         let plan = MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes())?;
         let source = self.pool_source();
         let before = self.0.pool.shrink_to(&plan)?;
@@ -211,6 +214,7 @@ impl Model {
             .numbers(format!("{} MiB asked, {} MiB at most", limit_bytes >> 20, most >> 20))
             .next("open the model again with a greater limit"));
         }
+        let _room = self.lock_room();
         let plan = MemoryPlan::new(&self.0.file, picture, limit_bytes)?;
         // Frames that go are leased until they have gone, those that come need the room first.
         budget.set_limit(limit_bytes.max(budget.limit_bytes()));
