@@ -119,9 +119,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                     Err(panic) => resume_unwind(panic),
                     Ok(()) => unreachable!("a worker that has not panicked has sent"),
                 }),
-                Err(error) => Err(Error::new(Code::Io, "the system refused a thread")
-                    .at_place("the screenshot")
-                    .numbers(error.to_string())
+                Err(error) => Err(Error::thread_refused("the screenshot", &error)
                     .next("try again; render the scene file if it stays")),
             }
         });

@@ -11,6 +11,9 @@ use std::thread;
 use trex_render::{LiveSession, PagedTracer};
 use trex_store::{Code, Error, Result};
 
+/// The place of errors.
+const SERVER: &str = "the server of the viewer";
+
 /// Ends the server when it goes.
 struct EndOnDrop<'a> {
     shared: &'a SharedState,
@@ -34,13 +37,12 @@ pub fn serve<T: PagedTracer + Send>(
     options: &ServeOptions,
     around: &Surroundings<'_>,
 ) -> Result<ServeReport> {
-    let refused = |what: &str, error: &std::io::Error| {
-        Error::new(Code::Io, what)
-            .at_place("the server of the viewer")
+    let address = listener.local_addr().map_err(|error| {
+        Error::new(Code::Io, "the socket has no address")
+            .at_place(SERVER)
             .numbers(error.to_string())
             .next("try again; listen on another port if it stays")
-    };
-    let address = listener.local_addr().map_err(|error| refused("the socket has no address", &error))?;
+    })?;
     let hosts = Hosts::new(address.ip(), &options.hosts);
     let resolution = session.view().settings.resolution;
     let admission = Admission { token: options.token.clone(), hosts, silence_max: options.silence_max };
@@ -51,7 +53,7 @@ pub fn serve<T: PagedTracer + Send>(
         let accept = thread::Builder::new().name("view-accept".into());
         let accepting = accept.spawn_scoped(scope, move || server::accept(scope, listener, shared));
         if let Err(error) = accepting {
-            return Err(refused("the system refused a thread", &error));
+            return Err(Error::thread_refused(SERVER, &error));
         }
         // Also when the session panics: who waits for a connection would wait for ever.
         let _end = EndOnDrop { shared, listener };

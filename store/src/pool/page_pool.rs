@@ -168,11 +168,7 @@ impl PagePool {
     fn start(&mut self, reader: Reader, options: &PoolOptions) -> Result<()> {
         let mut spawn = |name: String, work: Box<dyn FnOnce() + Send>| -> Result<()> {
             let thread = std::thread::Builder::new().name(name).spawn(work);
-            let thread = thread.map_err(|error| {
-                Error::new(Code::Io, "the system refuses a thread")
-                    .at_place("page pool")
-                    .numbers(error.to_string())
-            })?;
+            let thread = thread.map_err(|error| Error::thread_refused("the page pool", &error))?;
             self.threads.push(thread);
             Ok(())
         };
