@@ -21,12 +21,12 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use trex_model::{Pace, SessionOptions};
-use trex_render::{FrameOptions, PictureNeeds, Scene};
+use trex_render::{DamageList, FrameOptions, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
-    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX,
-    ServeOptions, ServeReport, Surroundings, Token, serve, view_bytes,
+    MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX, ServeOptions, ServeReport,
+    Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -75,7 +75,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
-        damage: &|| damage_figures(&Damage::of(&stage)),
+        damage: &|| DamageList::of(stage.model.file(), &stage.pool),
         set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&now.get())),
         exchange: &|room, apply| {
             stage.model.exchange(&needs(&room), apply)?;
@@ -243,12 +243,6 @@ fn pool_figures(stage: &Stage) -> PoolFigures {
         bytes_read: stats.bytes_read,
         damaged: stats.damaged,
     }
-}
-
-fn damage_figures(damage: &Damage) -> DamageFigures {
-    let pages = damage.pages.iter();
-    let page = pages.map(|page| DamagedPage { page: page.page, drawn: page.drawn, bounds: page.bounds });
-    DamageFigures { page_count: damage.page_count, pages: page.collect() }
 }
 
 #[derive(Serialize)]

@@ -20,7 +20,6 @@ use crate::motion::Motion;
 use crate::outbox::FileBytes;
 use crate::picture::{BlockChanges, Picture, SettledPng};
 use crate::renderer::Stamps;
-use crate::reports::DAMAGE_LISTED_MAX;
 use crate::shared::{SharedState, png_bytes};
 use crate::state::{RaysText, Smaller, State, Stats, TextsText, progress_name};
 use crate::surroundings::{Recipe, ServeOptions, ServeReport, Surroundings};
@@ -343,8 +342,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     fn send_damage(&mut self, damaged: u64) {
         if damaged != self.damaged {
             self.damaged = damaged;
-            let mut damage = (self.around.damage)();
-            damage.pages.truncate(DAMAGE_LISTED_MAX);
+            let damage = (self.around.damage)();
             self.shared.send_state(State { damage: Some(damage), ..State::default() }, None);
         }
     }

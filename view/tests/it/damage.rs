@@ -21,6 +21,8 @@ fn a_damaged_file_is_never_called_done() {
     // The model is a wave over the square from 0 to 1, less than 0.11 high; boxes are a little larger than triangles.
     for page in pages {
         assert_eq!(page["drawn"], "as empty", "{page}");
+        // The error would tell where the file is.
+        assert_eq!(page.as_object().unwrap().keys().collect::<Vec<_>>(), ["bounds", "drawn", "page"]);
         for (axis, (least, most)) in [(-0.1, 1.1), (-0.2, 0.2), (-0.1, 1.1)].into_iter().enumerate() {
             let [lo, hi] = ["lo", "hi"].map(|end| page["bounds"][end][axis].as_f64().unwrap());
             assert!(least < lo && lo < hi && hi < most, "axis {axis}: {page}");
