@@ -17,6 +17,7 @@ mod fio;
 
 pub use figures::{LatencyFigures, PageIoFigures, ReadStage, WayFigures};
 
+use crate::full_pool;
 use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::{Context, ensure};
@@ -298,17 +299,13 @@ impl Way {
         frames_bytes: u64,
         around: &Surroundings,
     ) -> anyhow::Result<PagePool> {
-        let defaults = PoolOptions {
+        let pool_options = PoolOptions {
             io: self.options(choice),
             decode_threads: around.threads.min(trex_store::pool::DECODE_THREADS_MAX),
             ..PoolOptions::default()
         };
-        let (overhead, smallest) = PagePool::smallest_bytes(&**pages.file, &defaults)?;
         let wanted = frames_bytes.min((pages.file.pages().len() * FRAME_BYTES) as u64);
-        let least = smallest - overhead;
-        let room = around.budget.free_bytes().saturating_sub(overhead).max(least);
-        let pool_options = PoolOptions { frames_bytes: wanted.clamp(least, room), ..defaults };
-        let pool = PagePool::open(pages.file.clone(), pages.file.path(), &around.budget, &pool_options)?;
+        let pool = full_pool::open(pages.file, pool_options, wanted, around)?;
         self.backend = (pool.io().backend, pool.io().direct);
         Ok(pool)
     }

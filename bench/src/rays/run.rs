@@ -11,6 +11,7 @@ use super::peer::PeerSetup;
 use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space};
 use super::turns::{OwnContender, Turns, take_turns};
 use super::visits;
+use crate::full_pool;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use std::sync::Arc;
@@ -110,19 +111,15 @@ fn open_pool(
     options: &RayOptions,
     around: &Surroundings,
 ) -> Result<(Arc<PagePool>, Lease)> {
-    let budget = &around.budget;
-    let defaults = PoolOptions {
+    let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * around.threads as u64;
+    let lease = around.budget.lease("the pins of the workers", pins)?;
+    let pool_options = PoolOptions {
         io: options.io.clone(),
         staging_slots: 8,
         merge_bytes: 128 << 10,
         ..PoolOptions::default()
     };
-    let (overhead, smallest) = PagePool::smallest_bytes(&**file, &defaults)?;
-    let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * around.threads as u64;
-    let lease = budget.lease("the pins of the workers", pins)?;
-    let frames_bytes = budget.free_bytes().saturating_sub(overhead).max(smallest - overhead);
-    let pool_options = PoolOptions { frames_bytes, ..defaults };
-    Ok((Arc::new(PagePool::open(file.clone(), file.path(), budget, &pool_options)?), lease))
+    Ok((Arc::new(full_pool::open(file, pool_options, u64::MAX, around)?), lease))
 }
 
 fn make_sets(
