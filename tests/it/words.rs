@@ -11,12 +11,13 @@ const FLAGLESS: [&str; 6] =
     ["store/src/", "datasets-gen/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
 /// Verbs of the command.
 const VERBS: [&str; 8] = ["build", "render", "view", "info", "verify", "gen", "demo", "image"];
-/// Crates whose type names are nouns, and in which none stands in two files. Other crates are added once theirs are.
-const NAMED_WELL: [&str; 10] = [
+/// Crates whose type names are nouns, and in which none stands in two files: all.
+const NAMED_WELL: [&str; 11] = [
     "store/",
     "datasets-gen/",
     "image/",
     "model/",
+    "render/",
     "view/",
     "bench/src/",
     "bench/benches/",
@@ -25,7 +26,9 @@ const NAMED_WELL: [&str; 10] = [
     "tests/it/",
 ];
 /// Nouns among the words that end as participles do.
-const NOUNS: [&str; 8] = ["Backing", "Binning", "Encoding", "Naming", "Packing", "Setting", "Speed", "Uring"];
+const NOUNS: [&str; 10] = [
+    "Backing", "Binning", "Encoding", "Mapping", "Naming", "Packing", "Setting", "Speed", "Tracing", "Uring",
+];
 /// Participles of other endings.
 const PARTICIPLES: [&str; 17] = [
     "Begun", "Done", "Given", "Gone", "Held", "Kept", "Known", "Left", "Made", "Put", "Said", "Seen", "Sent",

@@ -4,7 +4,7 @@
 //! Invariants: 1. a pass of photons counts whole or not at all; 2. the light depends on world and photon count alone.
 
 use super::Session;
-use crate::photon::bake::Baking;
+use crate::photon::bake::BakeJob;
 use crate::photon::kd_tree::PhotonStore;
 use crate::photon::mesh::{BATCH, Deposit, MeshPhotons, flight_bytes};
 use crate::photon::trace::{PASS_PHOTONS, send_in_passes};
@@ -77,7 +77,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let _flights = budget.lease("the photons under way", flight_bytes(tracers.len()))?;
         let RenderKeys { photons: target, occluders, .. } = *view.settings;
         let voxels = voxels.scene(occluders);
-        let baking = Baking { world, bounds: &model.bounds, voxels, budget, stop, pool };
+        let baking = BakeJob { world, bounds: &model.bounds, voxels, budget, stop, pool };
         baking.trace(map, tracers, target, &mut |done| tell(done, target))
     }
 

@@ -22,12 +22,12 @@ const FLOOR: &str = "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv -9 9 0\nf 1 2 3 4\n";
 
 /// A mesh that says that so many of 100 frames are in demand.
 #[derive(Clone, Debug)]
-struct Demanding {
+struct DemandMesh {
     mesh: NaiveMesh,
     percent: usize,
 }
 
-impl Tracer for Demanding {
+impl Tracer for DemandMesh {
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         self.mesh.intersect(ray)
     }
@@ -37,7 +37,7 @@ impl Tracer for Demanding {
     }
 }
 
-impl PagedTracer for Demanding {
+impl PagedTracer for DemandMesh {
     fn begin_tile(&mut self) {}
 
     fn request_missing(&mut self) -> usize {
@@ -63,7 +63,7 @@ pub(super) fn floor(keys: RenderKeys) -> Session<impl PagedTracer + Send> {
     floor_demanding(0, keys)
 }
 
-fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
+fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<DemandMesh> {
     let folder = tempfile::tempdir().unwrap();
     let (input, path) = (folder.path().join("floor.obj"), folder.path().join("floor.trex"));
     std::fs::write(&input, FLOOR).unwrap();
@@ -93,7 +93,7 @@ fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
     let half = |at: [usize; 3]| NaiveTriangle { corners: at.map(|corner| corners[corner]), material: 0 };
     let mesh = NaiveMesh::new(vec![half([0, 1, 2]), half([0, 2, 3])]);
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
-    let tracers = vec![Demanding { mesh, percent }];
+    let tracers = vec![DemandMesh { mesh, percent }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
     let g_stage = Box::new(CpuStage::default());
     let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into(), g_stage };
