@@ -1,15 +1,16 @@
 //! A pool of pages with the frames that the limit has room for, without a session on it.
 //!
-//! `trex_model::Model` puts file, pool, plan and session together. What is measured here is below it: single tracers, which
-//! take their rays one by one, and pools that are filled through a backend of their own. So both workloads take their
-//! pool from here.
+//! `trex_model::Model` puts file, pool, plan and session together. What is measured here is below it: single tracers,
+//! which take their rays one by one, and pools that are filled through a backend of their own. So both workloads take
+//! their pool from here.
 
 use crate::model::Surroundings;
 use std::sync::Arc;
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{PageFile, Result};
 
-/// A pool of `file` with frames of `wanted_bytes`, or of what the limit has room for, or the fewest that a pool can have.
+/// A pool of `file` with frames of `wanted_bytes`, or of what the limit has room for, or the fewest that a pool can
+/// have.
 ///
 /// # Errors
 /// Those of [`PagePool::open`].

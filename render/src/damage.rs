@@ -1,7 +1,7 @@
 //! `DamageList`: the pages of a file that could not be read while it was shown, and what was drawn in their place.
 //!
-//! Invariants: 1. every damaged page that rays have asked for is counted; 2. the list is bounded, and its first pages are
-//! the first that were met; 3. serialized, no page names a file: what goes wrong with it stays with its error.
+//! Invariants: 1. every damaged page that rays have asked for is counted; 2. the list is bounded, and its first pages
+//! are the first that were met; 3. serialized, no page names a file: what goes wrong with it stays with its error.
 
 use serde::Serialize;
 use trex_store::pool::PagePool;

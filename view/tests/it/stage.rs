@@ -127,8 +127,8 @@ type Tracer = PagedMesh<PooledPages>;
 
 /// Gives a session on `play` to `then`, with its file and its pool.
 ///
-/// Put together by hand, here and nowhere else: `trex_model::Model` stands beside this crate, not below it, and shows the
-/// materials of its file, not those that a test adds.
+/// Put together by hand, here and nowhere else: `trex_model::Model` stands beside this crate, not below it, and shows
+/// the materials of its file, not those that a test adds.
 fn with_session<R>(
     play: &Play,
     budget: &Budget,
