@@ -16,7 +16,7 @@ use std::num::NonZero;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::available_parallelism;
-use trex_store::{Budget, Code, Error, Interrupt, Progress, Result};
+use trex_store::{Budget, Error, Interrupt, Progress, Result};
 
 /// The surroundings of a verb.
 #[derive(Debug)]
@@ -63,12 +63,7 @@ impl Context {
             .num_threads(self.threads)
             .thread_name(|index| format!("worker-{index}"))
             .build();
-        pool.map(Arc::new).map_err(|error| {
-            Error::new(Code::Io, "the system refused a thread")
-                .at_place("the worker threads")
-                .numbers(format!("{} asked: {error}", self.threads))
-                .next("ask for fewer with --threads, or raise the limit of processes")
-        })
+        pool.map(Arc::new).map_err(|error| Error::threads_refused(self.threads, &error))
     }
 
     /// The receiver of progress, for calls that take a `Report`.

@@ -67,6 +67,7 @@ pub(crate) fn words(step: &NextStep) -> String {
         NextStep::BuildFromGenerator => {
             "ask for fewer triangles, or give the gen: spec to `trex build` directly"
         }
+        NextStep::FewerThreads => "ask for fewer --threads, or raise the limit on processes (ulimit -u)",
         NextStep::ListMaterials => "use a name that `trex info` lists",
         NextStep::Text(text) => text,
     };

@@ -76,7 +76,7 @@ impl Output {
             version: env!("CARGO_PKG_VERSION"),
             body,
         };
-        let mut escaped = Escaped(BufWriter::new(to));
+        let mut escaped = EscapingWriter(BufWriter::new(to));
         serde_json::to_writer_pretty(&mut escaped, &document)?;
         escaped.write_all(b"\n")?;
         escaped.flush()
@@ -84,9 +84,9 @@ impl Output {
 }
 
 /// A document in which what terminals obey stands by its number, as JSON has it: outside of strings there is none.
-struct Escaped<W>(W);
+struct EscapingWriter<W>(W);
 
-impl<W: Write> Write for Escaped<W> {
+impl<W: Write> Write for EscapingWriter<W> {
     /// Takes all of `text`, which is a piece of a document between two characters.
     fn write(&mut self, text: &[u8]) -> io::Result<usize> {
         let is_bad = |c: char| is_obeyed(c) && c != '\n';
@@ -136,11 +136,11 @@ mod tests {
     use super::*;
 
     #[derive(Serialize)]
-    struct Counted {
+    struct TriangleCount {
         triangle_count: u64,
     }
 
-    impl Display for Counted {
+    impl Display for TriangleCount {
         fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
             write!(f, "{} triangles", self.triangle_count)
         }
@@ -158,7 +158,7 @@ mod tests {
         }
     }
 
-    fn text_of(output: &Output, result: &Counted) -> String {
+    fn text_of(output: &Output, result: &TriangleCount) -> String {
         let mut bytes = Vec::new();
         output.write("info", result, &mut bytes).unwrap();
         String::from_utf8(bytes).unwrap()
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn text_is_one_line_and_json_one_document() {
-        let result = Counted { triangle_count: 7 };
+        let result = TriangleCount { triangle_count: 7 };
         assert_eq!(text_of(&Output::new(false, String::new()), &result), "7 triangles\n");
         let text = text_of(&Output::new(true, "trex info x".into()), &result);
         let document: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -178,7 +178,7 @@ mod tests {
     #[test]
     fn documents_keep_names_and_hide_them_from_terminals() {
         let name = "a\u{1b}[2J\u{9b}\u{202e}\u{feff}\n\"";
-        let text = text_of(&Output::new(true, name.into()), &Counted { triangle_count: 7 });
+        let text = text_of(&Output::new(true, name.into()), &TriangleCount { triangle_count: 7 });
         assert!(text.chars().all(|c| c == '\n' || c == '"' || !is_obeyed(c)), "{text:?}");
         let document: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(document["command"], name);
@@ -188,7 +188,8 @@ mod tests {
     fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
         for is_json in [false, true] {
             let output = Output::new(is_json, String::new());
-            let written = |kind| output.write("info", &Counted { triangle_count: 7 }, &mut Broken(kind));
+            let written =
+                |kind| output.write("info", &TriangleCount { triangle_count: 7 }, &mut Broken(kind));
             assert!(quietly(written(ErrorKind::BrokenPipe)).is_ok());
             assert!(quietly(written(ErrorKind::StorageFull)).is_err());
         }

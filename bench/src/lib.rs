@@ -12,6 +12,7 @@
 
 pub mod building;
 pub mod docs;
+mod full_pool;
 pub mod machine;
 pub mod median;
 pub mod model;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;
 use trex_render::{Camera, Fov};
-use trex_store::build::{BuildOptions, BuildReport, Existing, Precision, Voxels};
+use trex_store::build::{BuildOptions, BuildReport, ExistingOutput, Precision, Voxels};
 use trex_store::{Budget, Error, Interrupt};
 
 /// What a workload runs on.
@@ -100,7 +100,7 @@ pub(crate) fn build(
         pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?),
         budget,
         temp_dir: None,
-        existing: Existing::Keep,
+        existing: ExistingOutput::Keep,
         resume: None,
         interrupt,
     };

@@ -4,10 +4,10 @@
 //! nothing of a generator outlives it; 3. a job that panics ends alone: who waits for it has to be told by the job.
 
 use crate::Spec;
-use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::ops::Deref;
 use std::thread::{Builder, JoinHandle};
-use trex_store::{Code, Error, Result};
+use trex_store::{Error, Result};
 
 /// Most threads; more would only wait, and the window of a stream grows with them.
 const MAX_THREADS: usize = 16;
@@ -47,16 +47,9 @@ impl Pool {
             Err(error) => {
                 // Those that have started end by themselves.
                 threads.drain(..).for_each(join);
-                Err(Pool::refused(spec, count, &error))
+                Err(Error::threads_refused(count, &error).at_place(spec.to_string()))
             }
         }
-    }
-
-    fn refused(spec: &Spec, count: usize, error: &ThreadPoolBuildError) -> Error {
-        Error::new(Code::Io, "the system starts no more threads for a generator")
-            .at_place(spec.to_string())
-            .numbers(format!("{count} threads: {error}"))
-            .next("ask for fewer threads, or raise the limit on them (`ulimit -u`)")
     }
 }
 

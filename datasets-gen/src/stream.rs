@@ -61,10 +61,10 @@ pub(crate) struct Stream<R: Recipe> {
 }
 
 /// One pass over the tasks.
-struct Pass<R: Recipe>(Arc<Shared<R>>);
+struct Pass<R: Recipe>(Arc<PassState<R>>);
 
 /// What the jobs of a pass and its reader share.
-struct Shared<R: Recipe> {
+struct PassState<R: Recipe> {
     recipe: Arc<R>,
     tasks: Mutex<Tickets<R::Task>>,
     shelf: Mutex<Shelf<R::Scratch>>,
@@ -212,7 +212,7 @@ impl<R: Recipe> Pass<R> {
             stop: false,
             broken: false,
         };
-        let pass = Pass(Arc::new(Shared {
+        let pass = Pass(Arc::new(PassState {
             recipe: recipe.clone(),
             tasks: Mutex::new(Tickets { tasks: recipe.clone().tasks().fuse(), next: 0 }),
             shelf: Mutex::new(shelf),
@@ -263,7 +263,7 @@ impl<R: Recipe> Drop for Pass<R> {
     }
 }
 
-impl<R: Recipe> Shared<R> {
+impl<R: Recipe> PassState<R> {
     /// One job: the next task becomes a chunk on the shelf.
     fn work(&self) {
         let _end = JobEnd(self);
@@ -310,7 +310,7 @@ impl<R: Recipe> Shared<R> {
 }
 
 /// Tells the reader that a job has ended, by a panic too, so that it does not wait for ever.
-struct JobEnd<'a, R: Recipe>(&'a Shared<R>);
+struct JobEnd<'a, R: Recipe>(&'a PassState<R>);
 
 impl<R: Recipe> Drop for JobEnd<'_, R> {
     fn drop(&mut self) {

@@ -15,7 +15,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
-use trex_store::build::{self, BuildOptions, Existing, Precision, Resume, Voxels};
+use trex_store::build::{self, BuildOptions, ExistingOutput, Precision, Resume, Voxels};
 use trex_store::{
     Budget, Code, Interrupt, Material, MaterialList, PageFile, Progress, RESERVE_BYTES, Result, ScanHint,
     SourceStats, TriangleBatch, TriangleSource,
@@ -96,7 +96,7 @@ fn build_in(folder: &Path, is_end: impl Fn(&Progress) -> bool + Sync) -> Result<
         pool: Arc::clone(&THREADS),
         budget: budget.clone(),
         temp_dir: None,
-        existing: Existing::Replace,
+        existing: ExistingOutput::Replace,
         interrupt: Interrupt::default(),
         resume: Some(Resume { input: vec![("input".into(), "sheet".into())], every: Duration::ZERO }),
     };

@@ -55,17 +55,17 @@ pub(super) fn picture<R: BufRead + Seek>(source: &mut Source<'_, R>, head: &Head
 }
 
 /// What the header chunk says.
-struct Said {
+struct PngHeader {
     width: u32,
     height: u32,
     depth: BitDepth,
     color: ColorType,
 }
 
-fn said<R: BufRead + Seek>(source: &mut Source<'_, R>) -> Result<Said, String> {
+fn said<R: BufRead + Seek>(source: &mut Source<'_, R>) -> Result<PngHeader, String> {
     let mut decoder = decoder(source);
     let info = decoder.read_header_info().map_err(words)?;
-    Ok(Said { width: info.width, height: info.height, depth: info.bit_depth, color: info.color_type })
+    Ok(PngHeader { width: info.width, height: info.height, depth: info.bit_depth, color: info.color_type })
 }
 
 fn decoder<R: BufRead + Seek>(reader: R) -> Decoder<R> {

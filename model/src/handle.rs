@@ -45,13 +45,13 @@ pub type LiveSession = trex_render::LiveSession<MeshTracer>;
 /// # Ok::<(), trex_store::Error>(())
 /// ```
 #[derive(Clone)]
-pub struct Model(Arc<Opened>);
+pub struct Model(Arc<ModelState>);
 
-struct Opened {
+struct ModelState {
     file: Arc<PageFile>,
     pool: SharedPool,
     voxels: Mutex<Option<Arc<Voxels>>>,
-    /// Of the latest session; locked while room is made and leased.
+    /// Of the latest session; locked while room is made and leased, by whoever makes it.
     plan: Mutex<Option<MemoryPlan>>,
     threads: WorkerThreads,
     budget: Budget,
@@ -92,7 +92,7 @@ impl Model {
             }
             file => Arc::new(file?),
         };
-        Ok(Model(Arc::new(Opened {
+        Ok(Model(Arc::new(ModelState {
             file,
             pool: SharedPool::default(),
             voxels: Mutex::default(),
@@ -166,6 +166,7 @@ impl Model {
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works; nothing is changed then.
     pub fn make_room(&self, pictures: &[PictureNeeds]) -> Result<()> {
+        let _room = self.lock_room();
         let plan = |picture| MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes());
         let plans = pictures.iter().map(plan).collect::<Result<Vec<_>>>()?;
         let tightest = plans.iter().min_by_key(|plan| plan.frames_bytes + plan.staging_bytes);
@@ -173,11 +174,13 @@ impl Model {
     }
 
     /// Has `apply` put `picture` in the place of the one on show: frames of pages that it needs go before, those that
-    /// it leaves come after. How the limit is shared out is planned once.
+    /// it leaves come after. How the limit is shared out is planned once. Nobody else makes room meanwhile, so `apply`
+    /// asks this model for no session, no rays and no room: it would wait for itself.
     ///
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works; those of `apply`. Frames are as they were then.
     pub fn exchange(&self, picture: &PictureNeeds, apply: impl FnOnce() -> Result<()>) -> Result<()> {
+        let _room = self.lock_room();
         let plan = MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes())?;
         let source = self.pool_source();
         let before = self.0.pool.shrink_to(&plan)?;
@@ -201,7 +204,7 @@ impl Model {
     /// # Errors
     /// [`Code::Usage`] for a greater one; those of [`Model::make_room`].
     pub fn set_limit(&self, limit_bytes: u64, picture: &PictureNeeds) -> Result<()> {
-        let Opened { budget, limit_bytes: most, .. } = &*self.0;
+        let ModelState { budget, limit_bytes: most, .. } = &*self.0;
         if limit_bytes > *most {
             return Err(Error::new(
                 Code::Usage,
@@ -211,6 +214,7 @@ impl Model {
             .numbers(format!("{} MiB asked, {} MiB at most", limit_bytes >> 20, most >> 20))
             .next("open the model again with a greater limit"));
         }
+        let _room = self.lock_room();
         let plan = MemoryPlan::new(&self.0.file, picture, limit_bytes)?;
         // Frames that go are leased until they have gone, those that come need the room first.
         budget.set_limit(limit_bytes.max(budget.limit_bytes()));
@@ -262,7 +266,7 @@ impl Model {
     }
 
     pub(crate) fn pool_source(&self) -> PoolSource<'_> {
-        let Opened { file, budget, io, .. } = &*self.0;
+        let ModelState { file, budget, io, .. } = &*self.0;
         PoolSource { file, path: file.path(), budget, io }
     }
 

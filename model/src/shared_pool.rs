@@ -18,9 +18,9 @@ use trex_store::{Budget, Lease, PageFile, Result};
 
 /// The pool, once it is there.
 #[derive(Default)]
-pub(crate) struct SharedPool(Mutex<Option<Started>>);
+pub(crate) struct SharedPool(Mutex<Option<RunningPool>>);
 
-struct Started {
+struct RunningPool {
     pool: Arc<PagePool>,
     seats: Arc<Seats>,
     /// Staging and pins of the plan that it was started by: they stay.
@@ -35,7 +35,7 @@ pub(crate) struct PoolSource<'a> {
     pub(crate) io: &'a IoOptions,
 }
 
-impl Started {
+impl RunningPool {
     /// Bytes of frames under `plan`: the buffers between disk and frames stay as they were opened.
     fn frames_bytes(&self, plan: &MemoryPlan) -> u64 {
         (plan.frames_bytes + plan.staging_bytes).saturating_sub(self.staging_bytes)
@@ -43,7 +43,7 @@ impl Started {
 }
 
 impl SharedPool {
-    fn lock(&self) -> MutexGuard<'_, Option<Started>> {
+    fn lock(&self) -> MutexGuard<'_, Option<RunningPool>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -69,8 +69,11 @@ impl SharedPool {
         let PoolSource { file, path, budget, io } = *source;
         let options = PoolOptions { io: io.clone(), ..plan.pool_options() };
         let pool = PagePool::open(file.clone(), path, budget, &options)?;
-        *started =
-            Some(Started { pool: Arc::new(pool), seats: Arc::default(), staging_bytes: plan.staging_bytes });
+        *started = Some(RunningPool {
+            pool: Arc::new(pool),
+            seats: Arc::default(),
+            staging_bytes: plan.staging_bytes,
+        });
         Ok(())
     }
 
@@ -102,7 +105,7 @@ impl SharedPool {
     /// Those of [`Budget::lease`]: the frames are as few as they can be, or pinned.
     pub(crate) fn lease(&self, what: &str, bytes: u64, budget: &Budget) -> Result<Lease> {
         let started = self.lock();
-        let Some(Started { pool, .. }) = &*started else { return budget.lease(what, bytes) };
+        let Some(RunningPool { pool, .. }) = &*started else { return budget.lease(what, bytes) };
         let lacking = bytes.saturating_sub(budget.free_bytes());
         if lacking > 0 {
             let now = pool.frames().frames as u64;
@@ -122,7 +125,7 @@ impl SharedPool {
     /// When the pool was not started.
     pub(crate) fn tracers(&self, file: &Arc<PageFile>, workers: usize) -> Result<Vec<MeshTracer>> {
         let started = self.lock();
-        let Started { pool, seats, .. } = started.as_ref().expect("the pool was started");
+        let RunningPool { pool, seats, .. } = started.as_ref().expect("the pool was started");
         seated_tracers(file, pool, seats, workers)
     }
 }

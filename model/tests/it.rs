@@ -5,19 +5,22 @@
 mod built;
 
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::sync::OnceLock;
+use std::sync::mpsc::channel;
 use std::thread;
+use std::time::Duration;
 use tempfile::TempDir;
-use trex_model::{DamagePolicy, Model, OpenOptions, Pace, SessionOptions};
+use trex_model::{DamagePolicy, LiveSession, Model, OpenOptions, Pace, SessionOptions};
 use trex_render::{
-    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Method, PagedMesh, Ray, RenderKeys,
-    RenderSettings, Scene, Tracer,
+    AllResident, Answer, Event, Filter, FrameOptions, FrameProgress, Hit, Method, PagedMesh, PictureNeeds,
+    Ray, RenderKeys, RenderSettings, Scene, Tracer,
 };
 use trex_store::{Budget, Code, Error, Interrupt, PageFile, RESERVE_BYTES};
 
 struct Files {
     folder: TempDir,
-    path: std::path::PathBuf,
+    path: PathBuf,
 }
 
 /// A small iso-surface with voxels, built once.
@@ -208,38 +211,92 @@ fn a_limit_that_is_named_works() {
     }
 }
 
-/// Under a limit that has no room for all pages beside either picture.
-#[test]
-fn a_picture_takes_the_place_of_another_or_leaves_all_as_it_was() {
-    let path = files().folder.path().join("large.trex");
-    built::build_with(&path, "gen:isosurface:600k", trex_store::build::Voxels::Resolution(64));
-    let opened = |limit_bytes, resolution| {
+/// A live picture under a limit that has no room for all pages beside it, nor beside the one that takes its place.
+struct Swap {
+    limit_bytes: u64,
+    model: Model,
+    live: LiveSession,
+    to_small: PictureNeeds,
+    to_large: PictureNeeds,
+}
+
+const SMALL: [u32; 2] = [40, 30];
+const LARGE: [u32; 2] = [240, 180];
+
+impl Swap {
+    fn new() -> Swap {
+        let (small, large) = (SMALL, LARGE);
+        let limit_bytes = Swap::open(30 << 20, large).err().unwrap().smallest_limit_bytes().unwrap();
+        let (model, live) = Swap::open(limit_bytes, small).unwrap();
+        let needs = |resolution| {
+            let settings = RenderSettings::new(RenderKeys { resolution, ..*live.view().settings }).unwrap();
+            let options = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
+            options.needs_of(settings, 1)
+        };
+        let (to_small, to_large) = (needs(small), needs(large));
+        Swap { limit_bytes, model, live, to_small, to_large }
+    }
+
+    fn open(limit_bytes: u64, resolution: [u32; 2]) -> Result<(Model, LiveSession), Error> {
+        static PATH: OnceLock<PathBuf> = OnceLock::new();
+        let path = PATH.get_or_init(|| {
+            let path = files().folder.path().join("large.trex");
+            built::build_with(&path, "gen:isosurface:600k", trex_store::build::Voxels::Resolution(64));
+            path
+        });
         let mut scene = scene();
         scene.render.resolution = resolution;
         let threads = trex_model::ThreadSource::Start(1.try_into().unwrap());
         let options = OpenOptions { threads, ..OpenOptions::with_limit(limit_bytes) };
-        let model = Model::open(&path, &options)?;
+        let model = Model::open(path, &options)?;
         let live = model.live(&scene, FrameOptions::default())?;
-        Ok::<_, Error>((model, live))
-    };
-    let (small, large) = ([40, 30], [240, 180]);
-    let smallest = opened(30 << 20, large).err().unwrap().smallest_limit_bytes().unwrap();
-    let (model, mut live) = opened(smallest, small).unwrap();
-    let frames = || model.pool().unwrap().frames().frames;
-    let needs = |resolution| {
-        let settings = RenderSettings::new(RenderKeys { resolution, ..*live.view().settings }).unwrap();
-        let options = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
-        options.needs_of(settings, 1)
-    };
-    let (to_large, to_small) = (needs(large), needs(small));
-    let before = frames();
+        Ok((model, live))
+    }
+
+    fn frames(&self) -> usize {
+        self.model.pool().unwrap().frames().frames
+    }
+}
+
+#[test]
+fn a_picture_takes_the_place_of_another_or_leaves_all_as_it_was() {
+    let mut swap = Swap::new();
+    let (to_large, to_small, model) = (swap.to_large, swap.to_small, swap.model.clone());
+    let before = swap.frames();
     let refused = model.exchange(&to_large, || Err(Error::interrupted())).unwrap_err();
-    assert_eq!((refused.code(), frames()), (Code::Interrupted, before));
-    model.exchange(&to_large, || live.apply(Event::Settings(to_large.settings))).unwrap();
-    assert!(frames() < before && live.film().resolution() == large, "{} {before}", frames());
-    model.exchange(&to_small, || live.apply(Event::Settings(to_small.settings))).unwrap();
-    assert_eq!((frames(), live.film().resolution()), (before, small));
-    assert!(model.budget().peak_bytes() <= smallest - RESERVE_BYTES);
+    assert_eq!((refused.code(), swap.frames()), (Code::Interrupted, before));
+    model.exchange(&to_large, || swap.live.apply(Event::Settings(to_large.settings))).unwrap();
+    assert!(swap.frames() < before && swap.live.film().resolution() == LARGE, "{} {before}", swap.frames());
+    model.exchange(&to_small, || swap.live.apply(Event::Settings(to_small.settings))).unwrap();
+    assert_eq!((swap.frames(), swap.live.film().resolution()), (before, SMALL));
+    assert!(model.budget().peak_bytes() <= swap.limit_bytes - RESERVE_BYTES);
+}
+
+/// `exchange` had taken frames away for the larger picture; before that was leased, `make_room` of another thread
+/// gave its bytes to frames again, and the larger picture was refused under a limit that has room for it. Sessions
+/// took turns, the others did not.
+#[test]
+fn nobody_takes_the_room_that_was_made_for_another() {
+    let mut swap = Swap::new();
+    let (to_large, to_small, model) = (swap.to_large, swap.to_small, swap.model.clone());
+    let limit_bytes = swap.limit_bytes;
+    let makers: [&(dyn Fn() -> Result<(), Error> + Sync); 3] =
+        [&|| model.make_room(&[to_small]), &|| model.set_limit(limit_bytes, &to_small), &|| {
+            model.exchange(&to_small, || Ok(()))
+        }];
+    for (which, make) in makers.into_iter().enumerate() {
+        let (sender, receiver) = channel();
+        thread::scope(|scope| {
+            let exchanged = model.exchange(&to_large, || {
+                scope.spawn(move || sender.send(make()));
+                // Long enough for the other to make its room, if nothing held it up.
+                let _ = receiver.recv_timeout(Duration::from_millis(300));
+                swap.live.apply(Event::Settings(to_large.settings))
+            });
+            exchanged.unwrap_or_else(|error| panic!("beside maker {which}: {error}"));
+        });
+        model.exchange(&to_small, || swap.live.apply(Event::Settings(to_small.settings))).unwrap();
+    }
 }
 
 /// The answer is exact, or an error says that it may not be.

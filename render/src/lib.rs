@@ -8,7 +8,7 @@
 //! Floors: each folder imports those above it alone.
 //!
 //! ```text
-//! math sampler sampling stats threads
+//! math sampler sampling stats threads damage
 //! trace       C-rays on clusters
 //! voxel       G-rays on the voxel octree
 //! g_stage     the seam for what answers them in batches
@@ -23,6 +23,7 @@
 //!
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
+mod damage;
 mod g_stage;
 mod image;
 mod integrate;
@@ -41,6 +42,7 @@ mod threads;
 mod trace;
 mod voxel;
 
+pub use damage::{DamageList, DamagedPage};
 pub use g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GTurn, GUnits, GView};
 pub use image::display::Display;
 pub use image::encode::{Image, encoder_bytes, write_exr, write_png};

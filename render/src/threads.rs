@@ -8,7 +8,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
-use trex_store::{Code, Error, Result};
+use trex_store::{Error, Result};
 
 /// Threads of a rayon pool; clones share them.
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ impl WorkerThreads {
     /// Starts `count` threads, called `worker-0` and so on.
     ///
     /// # Errors
-    /// [`Code::Io`] when the system refuses a thread.
+    /// [`trex_store::Code::Io`] when the system refuses a thread.
     pub fn start(count: usize) -> Result<WorkerThreads> {
         let handles = Mutex::new(Vec::with_capacity(count));
         let pool = ThreadPoolBuilder::new()
@@ -39,12 +39,7 @@ impl WorkerThreads {
                 Ok(())
             })
             .build()
-            .map_err(|error| {
-                Error::new(Code::Io, "the system refused a thread")
-                    .at_place("the worker threads")
-                    .numbers(format!("{count} asked: {error}"))
-                    .next("ask for fewer threads, or raise the limit of processes")
-            })?;
+            .map_err(|error| Error::threads_refused(count, &error))?;
         Ok(WorkerThreads(Arc::new(Threads { pool: Some(Arc::new(pool)), handles })))
     }
 }

@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use trex_bench::building::{self, BuildFigures};
 use trex_bench::model::{Model, Surroundings};
-use trex_bench::page_io::{self, PageIoFigures, PageIoOptions, Stage};
+use trex_bench::page_io::{self, PageIoFigures, PageIoOptions, ReadStage};
 use trex_bench::rays::{self, RayFigures, RayOptions, SetFigures, VisitFigures};
 
 /// Runs `trex bench`.
@@ -37,7 +37,7 @@ fn run_rays(args: &BenchRaysArgs, ctx: &Context) -> anyhow::Result<Exit> {
         peer: None,
     };
     let figures = rays::run(&model, &options, &around)?;
-    ctx.done(&RaysMeasured { figures, memory: Memory::new(&ctx.budget) })
+    ctx.done(&RayBenchReport { figures, memory: Memory::new(&ctx.budget) })
 }
 
 fn run_io(args: &BenchIoArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -50,13 +50,13 @@ fn run_io(args: &BenchIoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         fio: false,
     };
     let figures = page_io::run(&model, &options, &around)?;
-    ctx.done(&IoMeasured { figures, memory: Memory::new(&ctx.budget) })
+    ctx.done(&IoBenchReport { figures, memory: Memory::new(&ctx.budget) })
 }
 
 fn run_build(args: &BenchBuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let around = surroundings(args.scratch.temp_dir.as_deref(), ctx);
     let figures = building::run(&args.spec, usize::from(args.rounds), &around)?;
-    ctx.done(&BuildMeasured { figures, memory: Memory::new(&ctx.budget) })
+    ctx.done(&BuildBenchReport { figures, memory: Memory::new(&ctx.budget) })
 }
 
 /// A bench has no output: its temporary folder is made where it runs.
@@ -70,13 +70,13 @@ fn surroundings(temp_dir: Option<&Path>, ctx: &Context) -> Surroundings {
 }
 
 #[derive(Serialize)]
-struct RaysMeasured {
+struct RayBenchReport {
     #[serde(flatten)]
     figures: RayFigures,
     memory: Memory,
 }
 
-impl fmt::Display for RaysMeasured {
+impl fmt::Display for RayBenchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = &self.figures;
         let line = |name: &str, set: &SetFigures| {
@@ -133,13 +133,13 @@ fn show_visits(visits: &VisitFigures, f: &mut fmt::Formatter<'_>) -> fmt::Result
 }
 
 #[derive(Serialize)]
-struct IoMeasured {
+struct IoBenchReport {
     #[serde(flatten)]
     figures: PageIoFigures,
     memory: Memory,
 }
 
-impl fmt::Display for IoMeasured {
+impl fmt::Display for IoBenchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = &self.figures;
         write!(
@@ -153,11 +153,11 @@ impl fmt::Display for IoMeasured {
         for way in figures.ways.values() {
             let how = if way.direct { "direct" } else { "cached" };
             let stage = match way.stage {
-                Stage::Raw => "raw",
-                Stage::Hashed => "hashed",
-                Stage::Ready => "ready to trace",
-                Stage::Waited => "waited for",
-                Stage::WaitedBusy => "waited for beside a full queue",
+                ReadStage::Raw => "raw",
+                ReadStage::Hashed => "hashed",
+                ReadStage::Ready => "ready to trace",
+                ReadStage::Waited => "waited for",
+                ReadStage::WaitedBusy => "waited for beside a full queue",
             };
             write!(
                 f,
@@ -177,13 +177,13 @@ impl fmt::Display for IoMeasured {
 }
 
 #[derive(Serialize)]
-struct BuildMeasured {
+struct BuildBenchReport {
     #[serde(flatten)]
     figures: BuildFigures,
     memory: Memory,
 }
 
-impl fmt::Display for BuildMeasured {
+impl fmt::Display for BuildBenchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = &self.figures;
         write!(

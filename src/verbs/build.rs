@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use trex_store::build::left_over::{self, LeftOver};
-use trex_store::build::{self, BuildOptions, BuildReport, Existing, Plan, Precision, Resume, Voxels};
+use trex_store::build::{self, BuildOptions, BuildReport, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
 use trex_store::{Error, Result, TriangleSource, stamp};
@@ -24,7 +24,7 @@ const JOURNAL_EVERY_MOST_S: f64 = 86_400.0;
 pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     if args.resume.clean {
         let unfinished = left_over::clean(&args.output)?;
-        ctx.output.result("build-clean", &Unfinished { is_cleaned: true, unfinished })?;
+        ctx.output.result("build-clean", &UnfinishedBuilds { is_cleaned: true, unfinished })?;
         return Ok(Exit::Done);
     }
     let precision = match (args.grid_bits, args.error) {
@@ -35,7 +35,7 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let work = Work {
         output: &args.output,
         temp_dir: args.scratch.temp_dir.as_deref(),
-        existing: Existing::replace_if(args.overwrite.overwrite),
+        existing: ExistingOutput::replace_if(args.overwrite.overwrite),
         precision,
         voxels: voxels(&args.voxels),
         resume: resume(args)?,
@@ -86,7 +86,7 @@ fn upper_bytes(args: &VoxelArgs) -> u64 {
 pub struct Work<'a> {
     pub output: &'a Path,
     pub temp_dir: Option<&'a Path>,
-    pub existing: Existing,
+    pub existing: ExistingOutput,
     pub precision: Precision,
     pub voxels: Voxels,
     pub resume: Option<Resume>,
@@ -100,7 +100,7 @@ impl Work<'_> {
     }
 
     /// Builds, telling the plan and what the source met.
-    pub fn build(&self, source: &mut dyn TriangleSource, ctx: &Context) -> Result<Built> {
+    pub fn build(&self, source: &mut dyn TriangleSource, ctx: &Context) -> Result<BuildSummary> {
         let options = BuildOptions {
             precision: self.precision,
             voxels: self.voxels,
@@ -144,7 +144,7 @@ impl Work<'_> {
             .iter()
             .for_each(|warning| ctx.console.note(&format!("note: {}", one_line(warning))));
         let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
-        Ok(Built {
+        Ok(BuildSummary {
             scene: source.name(),
             result_hash: report.file_id.clone(),
             triangles_per_s: report.input_triangle_count as f64 * 1e3 / report.phase_ms.total.max(1) as f64,
@@ -167,13 +167,13 @@ fn miss_rate(report: &BuildReport) -> Option<f64> {
 
 /// Unfinished builds that were listed or removed.
 #[derive(Debug, Serialize)]
-pub struct Unfinished {
+pub struct UnfinishedBuilds {
     #[serde(skip)]
     pub is_cleaned: bool,
     pub unfinished: Vec<LeftOver>,
 }
 
-impl fmt::Display for Unfinished {
+impl fmt::Display for UnfinishedBuilds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.unfinished.is_empty() {
             return f.write_str("no unfinished builds");
@@ -193,7 +193,7 @@ impl fmt::Display for Unfinished {
 
 /// The result of a build.
 #[derive(Debug, Serialize)]
-pub struct Built {
+pub struct BuildSummary {
     pub scene: String,
     pub result_hash: String,
     #[serde(flatten)]
@@ -209,7 +209,7 @@ pub struct Built {
     pub memory: Memory,
 }
 
-impl fmt::Display for Built {
+impl fmt::Display for BuildSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let report = &self.report;
         writeln!(

@@ -1,9 +1,9 @@
 //! `trex demo`: generate, build and render under a memory limit; the other verbs in a row.
 
-use super::build::{Built, Work};
+use super::build::{BuildSummary, Work};
 use super::inputs;
 use super::render::Job;
-use super::rendered::Rendered;
+use super::render_report::RenderReport;
 use super::stage::io_options;
 use crate::args::DemoArgs;
 use crate::context::Context;
@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use trex_render::{Layers, Scene};
-use trex_store::build::{self, Existing, Precision, Voxels};
+use trex_store::build::{self, ExistingOutput, Precision, Voxels};
 use trex_store::printable::one_line;
 use trex_store::{Code, Error};
 
@@ -41,7 +41,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let work = Work {
         output: &page_file,
         temp_dir: args.scratch.temp_dir.as_deref(),
-        existing: Existing::replace_if(overwrite),
+        existing: ExistingOutput::replace_if(overwrite),
         precision: Precision::Default,
         voxels: Voxels::default(),
         resume: None,
@@ -77,8 +77,8 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
 
 #[derive(Serialize)]
 struct Demo {
-    build: Built,
-    render: Rendered,
+    build: BuildSummary,
+    render: RenderReport,
     /// What `view` would show.
     #[serde(skip)]
     page_file: PathBuf,

@@ -7,7 +7,7 @@ use crate::failure::Exit;
 use crate::memory::Memory;
 use crate::size;
 use datasets_gen::Spec;
-use datasets_gen::write::{Existing, WriteOptions, smallest_bytes, write};
+use datasets_gen::write::{ExistingOutput, WriteOptions, smallest_bytes, write};
 use serde::Serialize;
 use std::fmt;
 use std::time::Instant;
@@ -20,14 +20,14 @@ pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let mut source = inputs::generate(&spec, smallest_bytes(&args.output), ctx)?;
     let show = ctx.report();
     let options = WriteOptions {
-        existing: Existing::replace_if(args.overwrite.overwrite),
+        existing: ExistingOutput::replace_if(args.overwrite.overwrite),
         budget: ctx.budget.clone(),
         interrupt: ctx.interrupt.clone(),
         report: Some(&show),
     };
     let written = write(&mut *source, &args.output, &options)?;
     let time_ms = start.elapsed().as_millis() as u64;
-    ctx.done(&Generated {
+    ctx.done(&GenerateReport {
         scene: source.name(),
         output: args.output.display().to_string(),
         triangle_count: written.triangle_count,
@@ -39,7 +39,7 @@ pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
 }
 
 #[derive(Serialize)]
-struct Generated {
+struct GenerateReport {
     scene: String,
     output: String,
     triangle_count: u64,
@@ -49,7 +49,7 @@ struct Generated {
     memory: Memory,
 }
 
-impl fmt::Display for Generated {
+impl fmt::Display for GenerateReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,

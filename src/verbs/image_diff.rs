@@ -25,7 +25,7 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let overwrite = args.overwrite.overwrite;
     let check = |path| PictureFile::check_png(path, overwrite, &[&args.a, &args.b]);
     let target = args.output.as_deref().map(check).transpose()?;
-    let (mut a, mut b) = (Input::open(&args.a, ctx)?, Input::open(&args.b, ctx)?);
+    let (mut a, mut b) = (PictureInput::open(&args.a, ctx)?, PictureInput::open(&args.b, ctx)?);
     check_sizes(&a, &b)?;
     let _lease = lease(&a, &b, target.is_some(), ctx)?;
     tell_what_to_know(&a, &b, ctx);
@@ -66,20 +66,20 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
 }
 
 /// One of the two pictures.
-struct Input<'a> {
+struct PictureInput<'a> {
     path: &'a Path,
     reader: BufReader<File>,
     file_bytes: u64,
     head: Head,
 }
 
-impl<'a> Input<'a> {
-    fn open(path: &'a Path, ctx: &Context) -> Result<Input<'a>> {
+impl<'a> PictureInput<'a> {
+    fn open(path: &'a Path, ctx: &Context) -> Result<PictureInput<'a>> {
         let file = open_regular(path)?;
         let about = file.metadata().map_err(|error| Error::io("open the picture", path, &error))?;
         let (mut reader, file_bytes) = (BufReader::new(file), about.len());
         let head = read_head(&mut reader, Origin { path, file_bytes, interrupt: &ctx.interrupt })?;
-        Ok(Input { path, reader, file_bytes, head })
+        Ok(PictureInput { path, reader, file_bytes, head })
     }
 
     fn read(&mut self, ctx: &Context) -> Result<Picture> {
@@ -88,12 +88,12 @@ impl<'a> Input<'a> {
     }
 }
 
-fn check_sizes(a: &Input<'_>, b: &Input<'_>) -> Result<()> {
-    let size = |input: &Input<'_>| (input.head.width, input.head.height);
+fn check_sizes(a: &PictureInput<'_>, b: &PictureInput<'_>) -> Result<()> {
+    let size = |input: &PictureInput<'_>| (input.head.width, input.head.height);
     if size(a) == size(b) {
         return Ok(());
     }
-    let said = |input: &Input<'_>| {
+    let said = |input: &PictureInput<'_>| {
         format!("{} is {}x{} pixels", input.path.display(), input.head.width, input.head.height)
     };
     Err(Error::new(Code::InputMismatch, "the pictures differ in size")
@@ -103,7 +103,7 @@ fn check_sizes(a: &Input<'_>, b: &Input<'_>) -> Result<()> {
 }
 
 /// Pays for both pictures and, one after the other, for their decoders and the false colours.
-fn lease(a: &Input<'_>, b: &Input<'_>, is_drawn: bool, ctx: &Context) -> Result<Lease> {
+fn lease(a: &PictureInput<'_>, b: &PictureInput<'_>, is_drawn: bool, ctx: &Context) -> Result<Lease> {
     let pictures = a.head.picture_bytes() + b.head.picture_bytes();
     let drawn = if is_drawn { false_colour::work_bytes(a.head.width, a.head.height) } else { 0 };
     let work = a.head.decoder_bytes.max(b.head.decoder_bytes).max(drawn);
@@ -126,7 +126,7 @@ fn lease(a: &Input<'_>, b: &Input<'_>, is_drawn: bool, ctx: &Context) -> Result<
     })
 }
 
-fn tell_what_to_know(a: &Input<'_>, b: &Input<'_>, ctx: &Context) {
+fn tell_what_to_know(a: &PictureInput<'_>, b: &PictureInput<'_>, ctx: &Context) {
     if a.head.format != b.head.format {
         ctx.console
             .note("note: a PNG holds steps up to white; what an EXR holds between and beyond is error here");
@@ -175,7 +175,7 @@ struct Size {
 }
 
 impl Side {
-    fn new(input: &Input<'_>) -> Side {
+    fn new(input: &PictureInput<'_>) -> Side {
         Side {
             path: input.path.display().to_string(),
             format: input.head.format.as_str(),

@@ -1,6 +1,6 @@
 //! `trex info`: what a mesh or a page file holds, without loading it.
 
-use super::build::Unfinished;
+use super::build::UnfinishedBuilds;
 use super::inputs;
 use super::view::FIRST_RESOLUTION;
 use crate::args::InfoArgs;
@@ -32,7 +32,7 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             let source = inputs::generate(&datasets_gen::Spec::parse(text)?, 0, ctx)?;
             let hint = source.hint().expect("generators know what they make");
             let bounds = hint.bounds;
-            ctx.done(&Generated {
+            ctx.done(&GeneratorInfo {
                 scene: source.name(),
                 triangle_count: hint.triangle_count,
                 median_edge: hint.median_edge,
@@ -41,7 +41,7 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         }
         Input::File(path) if !path.is_file() && has_unfinished(path) => {
             let unfinished = left_over::find(path)?;
-            ctx.done(&Unfinished { is_cleaned: false, unfinished })
+            ctx.done(&UnfinishedBuilds { is_cleaned: false, unfinished })
         }
         Input::File(path) if is_page_file(path) => {
             if has_unfinished(path) {
@@ -49,7 +49,7 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
                     "note: a build of this output did not end; trex build --clean removes what it left",
                 );
             }
-            ctx.done(&Stored::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
+            ctx.done(&FileInfo::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
         Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),
     }
@@ -92,14 +92,14 @@ fn has_voxels(file: &PageFile) -> bool {
 }
 
 #[derive(Serialize)]
-struct Generated {
+struct GeneratorInfo {
     scene: String,
     triangle_count: u64,
     median_edge: f64,
     bounds: Aabb,
 }
 
-impl fmt::Display for Generated {
+impl fmt::Display for GeneratorInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -181,14 +181,14 @@ struct Asvo {
 }
 
 #[derive(Serialize)]
-struct Rejected {
+struct RejectedCounts {
     degenerate: u64,
     collapsed: u64,
     non_finite: u64,
 }
 
 #[derive(Serialize)]
-struct Stored {
+struct FileInfo {
     scene: String,
     file_id: String,
     input_triangle_count: u64,
@@ -208,7 +208,7 @@ struct Stored {
     grid: Grid,
     asvo: Option<Asvo>,
     bounds: Aabb,
-    rejected: Rejected,
+    rejected: RejectedCounts,
     /// Of `render` with nothing said.
     smallest_limit_bytes: u64,
     /// Of `view` with nothing said; `null` for a file without voxels, which it does not show.
@@ -222,8 +222,8 @@ fn names<S: Serializer>(names: &MaterialNames, to: S) -> Result<S::Ok, S::Error>
     to.collect_seq(names.iter())
 }
 
-impl Stored {
-    fn new(file: &PageFile, ctx: &Context) -> trex_store::Result<Stored> {
+impl FileInfo {
+    fn new(file: &PageFile, ctx: &Context) -> trex_store::Result<FileInfo> {
         let block = file.superblock();
         let picture = render_needs(file, ctx)?;
         let smallest_limit_bytes = MemoryPlan::smallest_limit_bytes(file, &picture)?;
@@ -241,7 +241,7 @@ impl Stored {
         let tables = block.file_bytes - mesh_and_tree - top - upper_bytes - lower_bytes;
         let resident = (mesh_page_count * FRAME_BYTES) as u64 + file.resident_table_bytes();
         let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
-        Ok(Stored {
+        Ok(FileInfo {
             scene: file.path().display().to_string(),
             file_id: format!("{:016x}", block.file_id),
             input_triangle_count: block.input_triangle_count,
@@ -292,7 +292,7 @@ impl Stored {
                 }
             }),
             bounds: block.bounds,
-            rejected: Rejected {
+            rejected: RejectedCounts {
                 degenerate: block.rejected_degenerate,
                 collapsed: block.rejected_collapsed,
                 non_finite: block.rejected_non_finite,
@@ -304,7 +304,7 @@ impl Stored {
     }
 }
 
-impl fmt::Display for Stored {
+impl fmt::Display for FileInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,

@@ -23,7 +23,7 @@ pub fn open(
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
     let open_all = |budget: &Budget, caches_bytes: u64| {
-        let reading = Reading { budget, caches_bytes, naming: MaterialNaming::Names };
+        let reading = ReadOptions { budget, caches_bytes, naming: MaterialNaming::Names };
         open_all(inputs, temp_dir, &reading, ctx)
     };
     // Vertex caches fill while the files are read. All of them together take a quarter of the limit, and nothing of
@@ -38,7 +38,7 @@ pub fn open(
 }
 
 /// How inputs are read.
-struct Reading<'a> {
+struct ReadOptions<'a> {
     budget: &'a Budget,
     /// Most bytes of all vertex caches.
     caches_bytes: u64,
@@ -48,10 +48,10 @@ struct Reading<'a> {
 fn open_all(
     inputs: &[Input],
     temp_dir: &Path,
-    reading: &Reading<'_>,
+    reading: &ReadOptions<'_>,
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
-    let Reading { budget, caches_bytes, naming } = *reading;
+    let ReadOptions { budget, caches_bytes, naming } = *reading;
     let open_one = |input: &Input| match input {
         Input::Generated(text) => generate_in(&Spec::parse(text)?, budget, ctx),
         Input::File(path) => {
@@ -95,13 +95,13 @@ pub fn with_smallest_limit(error: Error, inputs: &[Input], temp_dir: &Path, ctx:
 fn smallest_limit(inputs: &[Input], temp_dir: &Path, ctx: &Context) -> Result<(String, u64)> {
     let opened_bytes = {
         let ledger = Budget::unlimited();
-        let reading = Reading { budget: &ledger, caches_bytes: 0, naming: MaterialNaming::Names };
+        let reading = ReadOptions { budget: &ledger, caches_bytes: 0, naming: MaterialNaming::Names };
         let _source = open_all(inputs, temp_dir, &reading, ctx)?;
         ledger.used_bytes()
     };
     let ledger = Budget::unlimited();
     let reading =
-        Reading { budget: &ledger, caches_bytes: COUNTING_CACHE_BYTES, naming: MaterialNaming::Hashes };
+        ReadOptions { budget: &ledger, caches_bytes: COUNTING_CACHE_BYTES, naming: MaterialNaming::Hashes };
     let mut source = open_all(inputs, temp_dir, &reading, ctx)?;
     let sizes = InputSizes::of(&mut *source, &ctx.interrupt)?;
     let vertex_bytes = sizes.vertex_count * VERTEX_BYTES;

@@ -14,7 +14,7 @@ mod info;
 mod inputs;
 mod picture_file;
 mod render;
-mod rendered;
+mod render_report;
 mod show;
 mod stage;
 mod stress;

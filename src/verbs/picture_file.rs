@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use trex_render::{Image, Layers, write_exr, write_png};
-use trex_store::output::{Existing, check_apart, draft};
+use trex_store::output::{ExistingOutput, check_apart, draft};
 use trex_store::{Code, Error, Result};
 
 /// Where a picture goes; checked before any work.
@@ -30,7 +30,7 @@ impl PictureFile {
         if layers.any() && !is_exr {
             return Err(Error::new(Code::Usage, "a PNG holds no layers").at(path).next("write an .exr"));
         }
-        Existing::replace_if(overwrite).check(path)?;
+        ExistingOutput::replace_if(overwrite).check(path)?;
         inputs.iter().try_for_each(|input| check_apart(path, input))?;
         Ok(PictureFile { path: path.to_path_buf(), is_exr })
     }

@@ -6,7 +6,7 @@
 
 use super::damage::Damage;
 use super::picture_file::PictureFile;
-use super::rendered::{Image, Picture, Rendered};
+use super::render_report::{Image, Picture, RenderReport};
 use super::show::Show;
 use super::stage::{Play, Stage, io_options, open_scene, read_views, suit_file};
 use crate::args::{Layer, RenderArgs};
@@ -112,7 +112,7 @@ struct Shot {
 }
 
 /// How much is done, for the progress.
-struct Done {
+struct SampleProgress {
     /// Pictures before this one, and of how many.
     place: usize,
     shots: usize,
@@ -121,7 +121,7 @@ struct Done {
 }
 
 /// What the pictures came to.
-struct Shown {
+struct PictureRun {
     pictures: Vec<Picture>,
     stats: RenderStats,
     first_picture_ms: Option<u64>,
@@ -131,7 +131,7 @@ struct Shown {
 
 impl Job<'_> {
     /// Renders and writes the pictures.
-    pub fn render(&self, ctx: &Context) -> Result<Rendered> {
+    pub fn render(&self, ctx: &Context) -> Result<RenderReport> {
         let clock = Clock { start: Instant::now(), time_limit: self.time_limit, ctx };
         if self.camera_path.is_none() {
             self.check(self.output)?;
@@ -154,7 +154,7 @@ impl Job<'_> {
         let passed = clock.start.elapsed();
         let (total_s, passed_ms) = ((passed - shown.finishing).as_secs_f64(), passed.as_millis() as u64);
         let times = Times { photons, photons_s, total_s, passed_ms };
-        Ok(Rendered { damage, ..self.rendered(show, shown, &stage, &times, ctx) })
+        Ok(RenderReport { damage, ..self.rendered(show, shown, &stage, &times, ctx) })
     }
 
     fn check(&self, path: &Path) -> Result<PictureFile> {
@@ -187,10 +187,11 @@ impl Job<'_> {
         show: &mut Show<T>,
         shots: &[Shot],
         clock: &Clock<'_>,
-    ) -> Result<Shown> {
+    ) -> Result<PictureRun> {
         let keys = &self.scene.render;
         let stats = RenderStats { complete: true, spp: u32::MAX, ..RenderStats::default() };
-        let mut shown = Shown { pictures: vec![], stats, first_picture_ms: None, finishing: Duration::ZERO };
+        let mut shown =
+            PictureRun { pictures: vec![], stats, first_picture_ms: None, finishing: Duration::ZERO };
         for (place, shot) in shots.iter().enumerate() {
             if let Some(camera) = shot.camera {
                 show.apply(Event::Camera(camera))?;
@@ -199,7 +200,7 @@ impl Job<'_> {
             let one = show.render(keys.spp, &|| clock.stops(), &mut |spp| {
                 let passed = clock.start.elapsed().as_millis() as u64;
                 shown.first_picture_ms.get_or_insert(passed);
-                tell_samples(keys, clock.ctx, Done { place, shots: shots.len(), spp });
+                tell_samples(keys, clock.ctx, SampleProgress { place, shots: shots.len(), spp });
             });
             clock.ctx.interrupt.check()?;
             let rendered = Instant::now();
@@ -220,7 +221,7 @@ impl Job<'_> {
     }
 
     /// What the time limit has cut off.
-    fn tell_what_is_missing(&self, shown: &Shown, shot_count: usize, ctx: &Context) {
+    fn tell_what_is_missing(&self, shown: &PictureRun, shot_count: usize, ctx: &Context) {
         if shown.pictures.len() < shot_count {
             ctx.console.note(&format!(
                 "note: the time limit came in picture {} of {shot_count}; the others are not made",
@@ -239,20 +240,20 @@ impl Job<'_> {
     fn rendered(
         &self,
         show: Show<MeshTracer>,
-        shown: Shown,
+        shown: PictureRun,
         stage: &Stage,
         times: &Times,
         ctx: &Context,
-    ) -> Rendered {
+    ) -> RenderReport {
         let (keys, pool) = (&self.scene.render, &stage.pool);
-        let Shown { pictures, stats, first_picture_ms, .. } = shown;
+        let PictureRun { pictures, stats, first_picture_ms, .. } = shown;
         let Times { photons, photons_s, total_s, passed_ms } = *times;
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let render_s = total_s - photons_s;
         let [width, height] = keys.resolution;
         let image = Image { mean: trex_render::Image::mean(&show), width, height };
         let arithmetic = show.session().tracers()[0].arithmetic().name();
-        Rendered {
+        RenderReport {
             scene: self.file.display().to_string(),
             output: pictures[0].output.clone(),
             pictures,
@@ -295,7 +296,7 @@ fn send_photons<T: PagedTracer + Send>(session: &mut Session<T>, clock: &Clock<'
     })
 }
 
-fn tell_samples(keys: &RenderKeys, ctx: &Context, done: Done) {
+fn tell_samples(keys: &RenderKeys, ctx: &Context, done: SampleProgress) {
     let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
     let whole = u64::from(keys.spp) * pixels;
     let (now, total) = (done.place as u64 * whole + u64::from(done.spp) * pixels, done.shots as u64 * whole);

@@ -68,7 +68,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         figures.failures.push("memory passed its limit".into());
     }
     let passed = figures.failures.is_empty();
-    let stressed = Stressed {
+    let stressed = StressReport {
         scene: path.display().to_string(),
         integrator: scene.render.integrator.as_str(),
         resolution,
@@ -158,7 +158,7 @@ fn references(
 }
 
 #[derive(Serialize)]
-struct Stressed {
+struct StressReport {
     scene: String,
     integrator: &'static str,
     resolution: [u32; 2],
@@ -179,7 +179,7 @@ struct Stressed {
     verdict: &'static str,
 }
 
-impl fmt::Display for Stressed {
+impl fmt::Display for StressReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = &self.figures;
         let mut line = |name: &str, times: &Times| {

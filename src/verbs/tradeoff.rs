@@ -30,18 +30,18 @@ pub fn run(args: &BenchTradeoffArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     let around = Around { budget: &ctx.budget, interrupt: &ctx.interrupt, tell: &tell };
     let figures = tradeoff::run(&options, &around)?;
-    ctx.done(&Traded { figures, folder: args.output.clone(), memory: Memory::new(&ctx.budget) })
+    ctx.done(&TradeoffReport { figures, folder: args.output.clone(), memory: Memory::new(&ctx.budget) })
 }
 
 #[derive(Serialize)]
-struct Traded {
+struct TradeoffReport {
     #[serde(flatten)]
     figures: TradeoffFigures,
     folder: PathBuf,
     memory: Memory,
 }
 
-impl fmt::Display for Traded {
+impl fmt::Display for TradeoffReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = &self.figures;
         let [width, height] = figures.resolution;

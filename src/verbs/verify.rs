@@ -26,7 +26,7 @@ pub fn run(args: &VerifyArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let options = verify::Options { level: args.level(), bytes_per_s };
     let verdict = verify::check(&args.file, &options, &ctx.budget, &report)?;
     let clean = verdict.damage_count == 0;
-    let answer = Verified {
+    let answer = VerifyReport {
         scene: args.file.display().to_string(),
         verdict: if clean { "clean" } else { "damaged" },
         found: verdict,
@@ -41,7 +41,7 @@ pub fn run(args: &VerifyArgs, ctx: &Context) -> anyhow::Result<Exit> {
 }
 
 #[derive(Debug, Serialize)]
-struct Verified {
+struct VerifyReport {
     scene: String,
     verdict: &'static str,
     #[serde(flatten)]
@@ -49,7 +49,7 @@ struct Verified {
     memory: Memory,
 }
 
-impl fmt::Display for Verified {
+impl fmt::Display for VerifyReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let found = &self.found;
         for damage in found.damage.iter().take(NAMED) {

@@ -21,12 +21,12 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use trex_model::{Pace, SessionOptions};
-use trex_render::{FrameOptions, PictureNeeds, Scene};
+use trex_render::{DamageList, FrameOptions, PictureNeeds, Scene};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
-    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX,
-    ServeOptions, Served, Surroundings, Token, serve, view_bytes,
+    MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX, ServeOptions, ServeReport,
+    Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -75,7 +75,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
-        damage: &|| damage_figures(&Damage::of(&stage)),
+        damage: &|| DamageList::of(stage.model.file(), &stage.pool),
         set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&now.get())),
         exchange: &|room, apply| {
             stage.model.exchange(&needs(&room), apply)?;
@@ -245,19 +245,13 @@ fn pool_figures(stage: &Stage) -> PoolFigures {
     }
 }
 
-fn damage_figures(damage: &Damage) -> DamageFigures {
-    let pages = damage.pages.iter();
-    let page = pages.map(|page| DamagedPage { page: page.page, drawn: page.drawn, bounds: page.bounds });
-    DamageFigures { page_count: damage.page_count, pages: page.collect() }
-}
-
 #[derive(Serialize)]
 struct ViewReport {
     scene: String,
     address: String,
     time_ms: u64,
     #[serde(flatten)]
-    served: Served,
+    served: ServeReport,
     damaged_pages: Vec<u32>,
     damage: Damage,
     pool: trex_store::pool::PoolStats,
@@ -266,7 +260,7 @@ struct ViewReport {
 
 impl fmt::Display for ViewReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Served { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
+        let ServeReport { clients, events, frames, frames_drawn, sent_bytes, .. } = self.served;
         writeln!(
             f,
             "{:.0} s; {clients} pages, {events} events, {frames} frames, {frames_drawn} drawn, {} sent",

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Instant;
 use trex_store::Error;
 use trex_store::io::{
-    DirectChoice, Extent, IoChoice, IoOptions, Reader, Staging, Wait, open, staging_bytes_for,
+    DirectChoice, Extent, IoChoice, IoOptions, Reader, StagingBuffer, Wait, open, staging_bytes_for,
 };
 
 fn main() -> Result<(), Error> {
@@ -29,7 +29,7 @@ fn main() -> Result<(), Error> {
             Ok(backend) => {
                 let mut reader = Reader::new(backend, path);
                 let mut random = rand_pcg::Pcg64Mcg::new(1);
-                let staging = || Staging::new(staging_bytes_for(stored_bytes as usize));
+                let staging = || StagingBuffer::new(staging_bytes_for(stored_bytes as usize));
                 let mut idle = (0..depth).map(|_| staging()).collect::<Result<Vec<_>, _>>()?;
                 let (mut sent, mut arrivals, start) = (0, Vec::new(), Instant::now());
                 while sent < reads || reader.in_flight() > 0 {

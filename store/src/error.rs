@@ -186,6 +186,20 @@ impl Error {
         failed
     }
 
+    /// The system did not start the thread of `place`.
+    pub fn thread_refused(place: &str, error: &dyn fmt::Display) -> Error {
+        Error::new(Code::Io, "the system refused a thread")
+            .at_place(place)
+            .numbers(error.to_string())
+            .next("raise the limit on processes (ulimit -u), or end some")
+    }
+
+    /// The system did not start `count` threads for data-parallel work.
+    pub fn threads_refused(count: usize, error: &dyn fmt::Display) -> Error {
+        Error::thread_refused("the worker threads", &format!("{count} asked: {error}"))
+            .next(NextStep::FewerThreads)
+    }
+
     /// The error of those who wait for a thread that panicked, with what it panicked with.
     pub(crate) fn panicked(thread: &str, payload: &(dyn std::any::Any + Send)) -> Error {
         let text = payload.downcast_ref::<&str>().copied();

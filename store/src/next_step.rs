@@ -67,6 +67,8 @@ pub enum NextStep {
     AutomaticIo,
     /// Ask for fewer triangles, or build from the generator itself.
     BuildFromGenerator,
+    /// Ask for fewer threads, or raise the system's limit on them.
+    FewerThreads,
     /// List the materials of the model.
     ListMaterials,
     /// Build the file with voxels, or do the other thing.
@@ -126,6 +128,7 @@ impl fmt::Display for NextStep {
             NextStep::Verify => "verify the file to see what else is damaged, and build it again",
             NextStep::AutomaticIo => "leave the backend and direct reading to their defaults",
             NextStep::BuildFromGenerator => "ask for fewer triangles, or build from the generator itself",
+            NextStep::FewerThreads => "ask for fewer threads, or raise the limit on processes (ulimit -u)",
             NextStep::ListMaterials => "list the materials of the model, and use one of their names",
             NextStep::Text(text) => text,
         };

@@ -15,7 +15,7 @@ const DRAFT_NAME_CHARS: usize = 40;
 
 /// What to do when the output exists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Existing {
+pub enum ExistingOutput {
     /// Refuse before any work.
     #[default]
     Keep,
@@ -23,10 +23,10 @@ pub enum Existing {
     Replace,
 }
 
-impl Existing {
-    /// [`Existing::Replace`] where that is allowed.
-    pub fn replace_if(is_allowed: bool) -> Existing {
-        if is_allowed { Existing::Replace } else { Existing::Keep }
+impl ExistingOutput {
+    /// [`ExistingOutput::Replace`] where that is allowed.
+    pub fn replace_if(is_allowed: bool) -> ExistingOutput {
+        if is_allowed { ExistingOutput::Replace } else { ExistingOutput::Keep }
     }
 
     /// Refuses an `output` that must not be written; gives its folder.
@@ -57,7 +57,7 @@ impl Existing {
                 .at(output)
                 .next(NextStep::NameOutputFile));
         }
-        if self == Existing::Keep { Err(Existing::exists(output)) } else { Ok(folder) }
+        if self == ExistingOutput::Keep { Err(ExistingOutput::exists(output)) } else { Ok(folder) }
     }
 
     /// The error of an output that is kept.
@@ -138,14 +138,14 @@ mod tests {
         let [file, link, missing] = ["file", "link", "missing"].map(|name| folder.path().join(name));
         std::fs::write(&file, "x").unwrap();
         std::os::unix::fs::symlink(&file, &link).unwrap();
-        for existing in [Existing::Keep, Existing::Replace] {
+        for existing in [ExistingOutput::Keep, ExistingOutput::Replace] {
             assert_eq!(existing.check(&missing).unwrap(), folder.path());
             for bad in [&link, Path::new("/dev/null"), folder.path(), &folder.path().join("none/file")] {
                 let error = existing.check(bad).unwrap_err();
                 assert_eq!(error.code(), Code::Usage, "{}", bad.display());
             }
         }
-        assert!(Existing::Keep.check(&file).is_err() && Existing::Replace.check(&file).is_ok());
+        assert!(ExistingOutput::Keep.check(&file).is_err() && ExistingOutput::Replace.check(&file).is_ok());
         assert!(check_apart(&link, &file).is_err() && check_apart(&file, &file).is_err());
         assert!(check_apart(&missing, &file).is_ok() && check_apart(&missing, &missing).is_ok());
     }

@@ -23,7 +23,7 @@ use crate::file::{
     upper_size,
 };
 use crate::geom::Aabb;
-use crate::io::Staging;
+use crate::io::StagingBuffer;
 use crate::layout::{FRAME_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES};
 use pace::Pace;
 use std::collections::{BTreeMap, BTreeSet};
@@ -234,7 +234,7 @@ impl Check<'_> {
 
     fn check_pages(&mut self, file: &PageFile) -> Result<()> {
         let mut boxes = None;
-        let (mut frame, mut buffers) = (Staging::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
+        let (mut frame, mut buffers) = (StagingBuffer::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
         for (page, entry) in (0..).zip(file.pages()) {
             let result = match self.pages {
                 PageCheck::Decoded => file.read_page(page, &mut frame, &mut buffers),

@@ -10,7 +10,7 @@ mod disk;
 use crate::command::{TREX, document_in, hash_of, listing, run_in, said};
 use crate::faults::traced_folder;
 use crate::random::Random;
-use disk::{Disk, Kept, Op, ops_of};
+use disk::{Disk, Op, PowerLoss, ops_of};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -59,8 +59,10 @@ fn after_any_loss_of_power_the_bytes_are_the_same() {
     for moment in (0..=ops.len()).filter(is_taken) {
         let mut disk = Disk::with(OUTPUT, before.clone());
         ops[..moment].iter().for_each(|op| disk.apply(op));
-        let whims = (0..RANDOM).map(|_| Kept::Some(random.bits()));
-        let all = [Kept::Nothing, Kept::Everything, Kept::Names, Kept::Bytes].into_iter().chain(whims);
+        let whims = (0..RANDOM).map(|_| PowerLoss::Some(random.bits()));
+        let all = [PowerLoss::Nothing, PowerLoss::Everything, PowerLoss::Names, PowerLoss::Bytes]
+            .into_iter()
+            .chain(whims);
         for kept in all {
             let image = disk.after_loss(kept);
             let place = format!("{kept:?} kept after {moment} of {} calls", ops.len());

@@ -22,7 +22,8 @@ const NOT_RUN: &str = "<!-- not run:";
 const TRIANGLES: &str = "20k";
 /// Flags that make a command quick, by its verb; no time is required of a machine that does other things, too.
 const QUICK: [(&str, &str); 6] = [
-    ("demo", "--triangles 20k --spp 1"),
+    // No page writes its size, and its own takes 12 s of processor time.
+    ("demo", "--triangles 20k --spp 1 --resolution 256x256"),
     ("render", "--spp 1 --photons 20k"),
     ("stress", "--switches 4 --hold 300 --resolution 96x72 --photons 20k --require frame.max=600000"),
     ("bench rays", "--rounds 1 --resolution 64x64"),
@@ -109,7 +110,7 @@ fn commands_are_found_and_made_small() {
     let found = commands(page);
     assert_eq!(found, ["gen scan --triangles 20M -o a.ply", "demo", "build gen:pipes:5M:7    -o b.trex"]);
     assert_eq!(small(&found[2]).trim(), "build gen:pipes:20k:7 -o b.trex");
-    assert_eq!(small("demo"), "demo --triangles 20k --spp 1");
+    assert_eq!(small("demo"), "demo --triangles 20k --spp 1 --resolution 256x256");
     assert!(
         small("render a.trex --memory-limit 256MiB")
             .starts_with("render a.trex --memory-limit 256MiB --spp 1")

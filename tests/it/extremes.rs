@@ -1,12 +1,12 @@
 //! The geometry path at the extremes of numbers: far coordinates, tiny and huge models, needles, mixed scales, rays
 //! along axes and in planes. The oracle decides in integers (`oracle/exact.rs`), so what fails here is the tracer.
 //!
-//! The bound on a hit, across the ray (`Traced::bound`): 8 u E for the kernel, where u is 2^-24, or 2^-53 on lattices
-//! of more than 24 bits, and E the model's extent (derived in `rays.rs`); and 2^-49 of the largest coordinate on the
-//! way for what is done in f64 before and after. A hit may lie that far beside its triangle; along the ray that
-//! makes bound / cos, cos being that between ray and normal. What a ray meets with more than that to the next
-//! edge, and that much in front of its answer, it must not overlook. A hit on a triangle that is met exactly lies
-//! within `Hit::error`.
+//! The bound on a hit, across the ray (`TraceCase::bound`): 8 u E for the kernel, where u is 2^-24, or 2^-53 on
+//! lattices of more than 24 bits, and E the model's extent (derived in `rays.rs`); and 2^-49 of the largest
+//! coordinate on the way for what is done in f64 before and after. A hit may lie that far beside its triangle;
+//! along the ray that makes bound / cos, cos being that between ray and normal. What a ray meets with more than
+//! that to the next edge, and that much in front of its answer, it must not overlook. A hit on a triangle that is
+//! met exactly lies within `Hit::error`.
 //!
 //! Invariants: 1. each case is data through one `check`; 2. every check says its worst error over the bound, and
 //! fails where too few rays were decided.
@@ -43,7 +43,7 @@ fn norm(v: [f64; 3]) -> f64 {
 }
 
 /// A built model as the lattice has it.
-struct Traced {
+struct TraceCase {
     built: Built,
     pages: AllResident,
     /// By store id.
@@ -52,8 +52,8 @@ struct Traced {
     hi: Q,
 }
 
-impl Traced {
-    fn of(source: &mut dyn TriangleSource, precision: Precision) -> Traced {
+impl TraceCase {
+    fn of(source: &mut dyn TriangleSource, precision: Precision) -> TraceCase {
         let built = build_source(source, &BuildOptions { precision, ..build_options() });
         let lattice = built.file.superblock().lattice;
         let point = |p: [f64; 3]| -> Q {
@@ -65,7 +65,7 @@ impl Traced {
         let along = |axis: usize| triangles.as_flattened().iter().map(move |q| q[axis]);
         let lo = std::array::from_fn(|axis| along(axis).min().unwrap());
         let hi = std::array::from_fn(|axis| along(axis).max().unwrap());
-        Traced { pages: AllResident::load(&built.file), built, triangles, lo, hi }
+        TraceCase { pages: AllResident::load(&built.file), built, triangles, lo, hi }
     }
 
     fn step(&self) -> f64 {
@@ -114,7 +114,7 @@ struct Worst {
 }
 
 /// Every arithmetic against the exact oracle.
-fn compare(name: &str, model: &Traced, aims: &[Aim]) -> Worst {
+fn compare(name: &str, model: &TraceCase, aims: &[Aim]) -> Worst {
     let mut worst = Worst::default();
     let mut tracers: Vec<_> = model.arithmetics().into_iter().map(|a| (a, model.tracer(a))).collect();
     for aim in aims {
@@ -139,7 +139,7 @@ fn compare(name: &str, model: &Traced, aims: &[Aim]) -> Worst {
 
 /// Whether the ray has an answer that is due, or what is wrong with ours.
 fn judge(
-    model: &Traced,
+    model: &TraceCase,
     (aim, ray): (&Aim, &Ray),
     truth: &[ExactHit],
     ours: Option<&Hit>,
@@ -194,7 +194,7 @@ struct Case {
 /// Decoded corners against the input within the stated bound, then rays of all ways.
 fn check(case: Case, ray_count: usize) {
     let mut shape = Mesh::new(case.name, case.triangles);
-    let model = Traced::of(&mut shape, case.precision);
+    let model = TraceCase::of(&mut shape, case.precision);
     let snapped = compare_corners(case.name, &shape.triangles, &model.built);
     assert!(!case.is_exact || model.built.file.superblock().error_bound == 0.0, "{}: not exact", case.name);
     let mut rng = Random::seeded(31);

@@ -3,50 +3,40 @@
 
 use crate::fixtures::model_with;
 use std::ops::ControlFlow;
-use std::sync::Arc;
-use trex_render::{
-    Camera, CpuStage, Layers, Method, Model, RenderKeys, RenderSettings, Session, SessionSetup, View, Voxels,
-    pooled_tracers,
-};
+use trex_model::{Model, OpenOptions};
+use trex_render::{Method, RenderKeys, Scene};
 use trex_store::build;
+use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::Refinement;
-use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Budget, PageFile};
+use trex_store::pool::FRAMES_MIN;
 
 const SIDE: u32 = 6;
 
-/// The samples of a picture from inside of the model by `method`, through a pool of `frames_bytes`; the fewest for
-/// `None`.
-fn picture(spec: &str, voxels: build::Voxels, method: Method, frames_bytes: Option<u64>) -> Vec<[f32; 3]> {
+/// The frames of a picture.
+#[derive(Clone, Copy, PartialEq)]
+enum Frames {
+    /// One for every page.
+    All,
+    /// The fewest that a pool can have.
+    Fewest,
+}
+
+/// The samples of a picture from inside of the model by `method`.
+fn picture(spec: &str, voxels: build::Voxels, method: Method, frames: Frames) -> Vec<[f32; 3]> {
     let built = model_with(spec, voxels);
-    let (path, budget) = (built.file.path(), Budget::unlimited());
-    let file = Arc::new(PageFile::open(path, &budget).unwrap());
-    let defaults = PoolOptions { staging_slots: 2, ..PoolOptions::default() };
-    let (overhead, smallest) = PagePool::smallest_bytes(&*file, &defaults).unwrap();
-    let frames_bytes = frames_bytes.unwrap_or(smallest - overhead);
-    let pool = Arc::new(
-        PagePool::open(file.clone(), path, &budget, &PoolOptions { frames_bytes, ..defaults }).unwrap(),
-    );
-    let (bounds, materials) = (file.superblock().bounds, file.materials().to_vec());
-    let voxels = Voxels::open(&file, &budget).unwrap().map(Arc::new);
-    let model = Model { bounds, materials, names: file.material_names().clone(), emitters: vec![], voxels };
-    let keys = RenderKeys { integrator: method, resolution: [SIDE; 2], n_shadow: 1, ..RenderKeys::default() };
-    let settings = RenderSettings::new(keys).unwrap();
-    let camera = Camera::framing(&bounds, [SIDE; 2], None, None);
-    let threads = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap());
-    let setup = SessionSetup {
-        model,
-        view: View { camera, lights: vec![], settings },
-        layers: Layers::default(),
-        tracers: pooled_tracers(&file, &pool, 2),
-        pool: threads.into(),
-        g_stage: Box::new(CpuStage::default()),
-    };
-    let mut session = Session::new(setup, &budget).unwrap();
+    let model = Model::open(built.file.path(), &OpenOptions::with_limit(2 << 30)).unwrap();
+    let render =
+        RenderKeys { integrator: method, resolution: [SIDE; 2], n_shadow: 1, ..RenderKeys::default() };
+    let mut session = model.session(&Scene { render, ..Scene::default() }).unwrap();
+    let pool = model.pool().unwrap();
+    if frames == Frames::Fewest {
+        // No limit of a model leaves so few: the room is taken from the pool itself.
+        pool.set_limit((FRAMES_MIN * FRAME_BYTES) as u64).unwrap();
+    }
     let stats = session.render(1, &|| false, &mut |_, _| ControlFlow::Continue(()));
     assert!(stats.complete);
     let (pages, stats) = (pool.frames(), pool.stats());
-    assert!(frames_bytes > smallest || stats.evictions > 0, "{spec}: {pages:?} {stats:?}");
+    assert!(frames == Frames::All || stats.evictions > 0, "{spec}: {pages:?} {stats:?}");
     let pixels = (0..SIDE * SIDE).map(|at| [at % SIDE, at / SIDE]);
     pixels.map(|pixel| session.film().radiance(pixel)).collect()
 }
@@ -59,8 +49,8 @@ fn a_ray_through_more_pages_than_there_are_frames_ends() {
         ("gen:soup:150k:2", build::Voxels::None, Method::Direct),
         ("gen:isosurface:50k:2", units, Method::DebugLower),
     ] {
-        let all = picture(spec, voxels, method, Some(1 << 30));
+        let all = picture(spec, voxels, method, Frames::All);
         assert!(all.iter().any(|rgb| *rgb != all[0]), "{spec}: nothing is seen");
-        assert!(picture(spec, voxels, method, None) == all, "{spec}");
+        assert!(picture(spec, voxels, method, Frames::Fewest) == all, "{spec}");
     }
 }

@@ -146,7 +146,7 @@ fn facet_areas(upper: &Upper, places: &[[i64; 3]]) -> Vec<f64> {
 
 /// What the triangles leave in a leaf. Areas in squares of its side.
 #[derive(Default)]
-pub(crate) struct Touched {
+pub(crate) struct LeafRecord {
     bitmap: u64,
     /// Per material.
     areas: BTreeMap<u64, f64>,
@@ -159,10 +159,10 @@ fn touched(
     model: &Model<'_>,
     upper: &Upper,
     is_asked: &dyn Fn([i64; 3]) -> bool,
-) -> BTreeMap<[i64; 3], Touched> {
+) -> BTreeMap<[i64; 3], LeafRecord> {
     let side = 2 * upper.subvoxel_steps as i64;
     let leaf_side = 4 * side;
-    let mut leaves: BTreeMap<[i64; 3], Touched> = BTreeMap::new();
+    let mut leaves: BTreeMap<[i64; 3], LeafRecord> = BTreeMap::new();
     for (corners, material) in &model.triangles {
         let triangle = corners.map(|q| [0, 1, 2].map(|a| 2 * (q[a] as i64 - upper.lo[a] as i64) + 1));
         let (lo, hi) = ends(&triangle);
@@ -177,10 +177,10 @@ fn touched(
 }
 
 /// What the triangles leave in the leaf at one place; nothing where they do not touch it.
-pub(crate) fn touched_at(model: &Model<'_>, upper: &Upper, at: [i64; 3]) -> Touched {
+pub(crate) fn touched_at(model: &Model<'_>, upper: &Upper, at: [i64; 3]) -> LeafRecord {
     let side = 2 * upper.subvoxel_steps as i64;
     let origin = at.map(|v| v * 4 * side);
-    let mut leaf = Touched::default();
+    let mut leaf = LeafRecord::default();
     for (corners, material) in &model.triangles {
         let triangle = corners.map(|q| [0, 1, 2].map(|a| 2 * (q[a] as i64 - upper.lo[a] as i64) + 1));
         if overlap(&triangle, origin, 4 * side) {
@@ -190,7 +190,7 @@ pub(crate) fn touched_at(model: &Model<'_>, upper: &Upper, at: [i64; 3]) -> Touc
     leaf
 }
 
-impl Touched {
+impl LeafRecord {
     /// A triangle that touches the leaf whose least corner is `origin`, of subvoxels of `side`.
     fn add(&mut self, triangle: &Triangle, material: u64, (origin, side): ([i64; 3], i64)) {
         for step in cells([0; 3], [3; 3]) {
@@ -269,7 +269,7 @@ fn check_store(spec: &str, built: &Built, upper: &Upper, facets: &[f64]) {
 }
 
 /// The area of a leaf and what the triangles say.
-fn check_area(leaf: &str, word: u64, truth: &Touched) {
+fn check_area(leaf: &str, word: u64, truth: &LeafRecord) {
     // Four bits behind the point: at most a 32nd of it off. The sums are kept in f32.
     let covered: f64 = truth.areas.values().sum();
     let (found, wanted) = (area(word), covered.clamp(area(0), area(255)));
@@ -281,7 +281,7 @@ pub(crate) fn check_leaf(
     leaf: &str,
     model: &Model<'_>,
     [bitmap, normal, material]: [u64; 3],
-    truth: &Touched,
+    truth: &LeafRecord,
 ) {
     assert_eq!(bitmap, truth.bitmap, "{leaf}: {bitmap:016x}, not {:016x}", truth.bitmap);
     let covered: f64 = truth.areas.values().sum();

@@ -17,7 +17,7 @@ pub(crate) struct Unit {
 pub(crate) type Leaf = [u64; 3];
 
 /// A leaf at its place, with the word of its node.
-type Placed = ([i64; 3], Leaf, Option<u64>);
+type LeafAt = ([i64; 3], Leaf, Option<u64>);
 
 /// The units of an unpacked page.
 pub(crate) fn read_units(page: &[u8], material_bytes: usize) -> Vec<Unit> {
@@ -77,7 +77,7 @@ struct Lower {
 impl Lower {
     /// The leaves of the unit behind `word`, whose nodes are leaves at these places with these bitmaps; with the
     /// words of their nodes.
-    fn leaves(&mut self, word: u64, above: &[([i64; 3], u64)]) -> Vec<Placed> {
+    fn leaves(&mut self, word: u64, above: &[([i64; 3], u64)]) -> Vec<LeafAt> {
         assert!(self.seen.insert(word, ()).is_none(), "two ways lead to one unit");
         let unit = &self.pages[&(word & 0x1ff_ffff)][(word >> 25) as usize];
         assert_eq!(unit.nodes.len(), above.len(), "nodes of a unit");
@@ -137,7 +137,7 @@ pub(crate) fn check(spec: &str, (built, model): (&Built, &Model<'_>), upper: &Up
 }
 
 /// One of `every` of these leaves.
-fn check_leaves(spec: &str, model: &Model<'_>, grid: &Upper, (leaves, every): (&[Placed], i64)) {
+fn check_leaves(spec: &str, model: &Model<'_>, grid: &Upper, (leaves, every): (&[LeafAt], i64)) {
     let is_asked = |at: [i64; 3]| (at[0] * 7919 + at[1] * 104_729 + at[2] * 1_299_709) % every == 0;
     for (at, leaf, _) in leaves.iter().filter(|leaf| is_asked(leaf.0)) {
         check_leaf(&format!("{spec}, leaf {at:?} of a unit"), model, *leaf, &touched_at(model, grid, *at));

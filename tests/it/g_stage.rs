@@ -3,7 +3,7 @@
 
 use crate::fixtures::model_with;
 use crate::voxels::rays_of_all_kinds;
-use crate::voxels_lower_batch::{Shelf, Stage as Setting, State, all_there, half_missing};
+use crate::voxels_lower_batch::{BatchStage as Setting, PartialPages, State, all_there, half_missing};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
@@ -116,13 +116,13 @@ impl Pages for NoPages {
 }
 
 /// What the answers of a call are held against: single rays in model space.
-struct Expected<'a> {
+struct SingleRays<'a> {
     octree: &'a UpperOctree,
     upper: VoxelScene<'a>,
     lower: Option<LowerScene<'a>>,
 }
 
-impl Expected<'_> {
+impl SingleRays<'_> {
     /// The ray as the stage takes it, and its distance to the cube.
     fn g_ray(&self, ray: &Ray, kind: GKind) -> (GRay, f64) {
         self.lower.map_or(self.upper.g_ray(ray, kind), |lower| lower.g_ray(ray, kind))
@@ -184,7 +184,7 @@ fn asked(setting: &Setting) -> Vec<(Ray, GKind)> {
 }
 
 /// A call of these rays, in parts of so many.
-fn call(expected: &Expected<'_>, view: GView, asked: &[(Ray, GKind)], part: usize) -> GCall {
+fn call(expected: &SingleRays<'_>, view: GView, asked: &[(Ray, GKind)], part: usize) -> GCall {
     let parts = asked.chunks(part).map(|asked| {
         let mut rays = GRays::default();
         for (ray, kind) in asked {
@@ -208,7 +208,7 @@ fn answers(answered: &GCall, of: &GCall) -> Vec<GAnswer> {
 }
 
 /// Every view of an octree, with pages that are all there and with some that are not.
-fn each_view(setting: &Setting, mut check: impl FnMut(&Expected<'_>, GView, fn(u32) -> State, &str)) {
+fn each_view(setting: &Setting, mut check: impl FnMut(&SingleRays<'_>, GView, fn(u32) -> State, &str)) {
     let octree = setting.voxels.octree();
     for occluders in [Occluders::On, Occluders::Off] {
         let upper = setting.voxels.scene(occluders);
@@ -220,7 +220,7 @@ fn each_view(setting: &Setting, mut check: impl FnMut(&Expected<'_>, GView, fn(u
                     setting.voxels.lower_scene(occluders).map(|lower| lower.on_missing(missing))
                 }
             };
-            let expected = Expected { octree, upper, lower };
+            let expected = SingleRays { octree, upper, lower };
             for state in [all_there, half_missing] as [fn(u32) -> State; 2] {
                 let name = format!("{} {occluders:?} {units:?}", setting.built.file.path().display());
                 check(&expected, GView { occluders, units }, state, &name);
@@ -248,9 +248,9 @@ fn answers_are_those_of_single_rays() {
             let mut outcomes = [0; 3];
             each_view(&setting, |expected, view, state, name| {
                 let name = format!("{stage_name} {name}");
-                let mut single = Shelf::new(&setting.all, state, usize::MAX);
+                let mut single = PartialPages::new(&setting.all, state, usize::MAX);
                 for part in [64, 1000, 1] {
-                    let mut pages = Shelf::new(&setting.all, state, usize::MAX);
+                    let mut pages = PartialPages::new(&setting.all, state, usize::MAX);
                     let asked = if part == 1 { &asked[..100] } else { &asked[..] };
                     let before = call(expected, view, asked, part);
                     let found = stage.submit(call(expected, view, asked, part), &mut pages).wait();
@@ -276,8 +276,8 @@ fn a_ray_alone_needs_room_for_one_page() {
         stage.set_octree(&setting.voxels).unwrap();
         each_view(&setting, |expected, view, state, view_name| {
             for asked in asked(&setting).chunks(1) {
-                let mut pages = Shelf::new(&setting.all, state, 1);
-                let mut single = Shelf::new(&setting.all, state, 1);
+                let mut pages = PartialPages::new(&setting.all, state, 1);
+                let mut single = PartialPages::new(&setting.all, state, 1);
                 let before = call(expected, view, asked, 1);
                 let found = stage.submit(call(expected, view, asked, 1), &mut pages).wait();
                 let (ray, kind) = &asked[0];
@@ -300,7 +300,7 @@ fn calls_without_rays_come_back() {
         each_view(&setting, |_, view, state, _| {
             for parts in [0, 1, 3] {
                 let parts = || (0..parts).map(|_| GRays::default()).collect();
-                let mut pages = Shelf::new(&setting.all, state, 4);
+                let mut pages = PartialPages::new(&setting.all, state, 4);
                 let found = stage.submit(GCall { view, parts: parts() }, &mut pages).wait();
                 assert!(answers(&found, &GCall { view, parts: parts() }).is_empty());
             }
@@ -314,7 +314,7 @@ fn calls_of_many_threads_keep_apart() {
     let setting = Setting::new("gen:pipes:30k:2", Refinement::By16, 2400);
     let octree = setting.voxels.octree();
     let upper = setting.voxels.scene(Occluders::On);
-    let expected = Expected { octree, upper, lower: setting.voxels.lower_scene(Occluders::On) };
+    let expected = SingleRays { octree, upper, lower: setting.voxels.lower_scene(Occluders::On) };
     let view = GView { occluders: Occluders::On, units: GUnits::On(MissingUnits::Block) };
     let all = asked(&setting);
     for (name, stage) in STAGES {
@@ -324,7 +324,7 @@ fn calls_of_many_threads_keep_apart() {
             for asked in all.chunks(all.len() / 3) {
                 let (stage, expected, setting) = (&stage, &expected, &setting);
                 scope.spawn(move || {
-                    let mut pages = Shelf::new(&setting.all, all_there, usize::MAX);
+                    let mut pages = PartialPages::new(&setting.all, all_there, usize::MAX);
                     let turns: Vec<_> = asked
                         .chunks(100)
                         .map(|asked| (asked, stage.submit(call(expected, view, asked, 30), &mut pages)))

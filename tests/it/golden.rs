@@ -17,22 +17,22 @@ const FILE: &[u8] = include_bytes!("golden/v3.page-file");
 const BUILD: &str = "build model.obj -o model.trex --voxels 64/256 --overwrite";
 
 /// A triangle, its least corner first, and the name of its material.
-type Stated = ([[f64; 3]; 3], String);
+type FileTriangle = ([[f64; 3]; 3], String);
 
-fn stated(corners: [[f64; 3]; 3], material: &str) -> Stated {
+fn stated(corners: [[f64; 3]; 3], material: &str) -> FileTriangle {
     let [a, b, c] = corners;
     let turns = [[a, b, c], [b, c, a], [c, a, b]];
     let least = turns.into_iter().min_by(|a, b| a.partial_cmp(b).unwrap()).unwrap();
     (least, material.to_owned())
 }
 
-fn sorted(mut triangles: Vec<Stated>) -> Vec<Stated> {
+fn sorted(mut triangles: Vec<FileTriangle>) -> Vec<FileTriangle> {
     triangles.sort_by(|a, b| a.partial_cmp(b).unwrap());
     triangles
 }
 
 /// The triangles of the input that can be drawn.
-fn input_triangles() -> Vec<Stated> {
+fn input_triangles() -> Vec<FileTriangle> {
     let (mut vertices, mut material, mut triangles) = (Vec::<[f64; 3]>::new(), "", Vec::new());
     for line in INPUT.lines() {
         let mut words = line.split(' ');
@@ -52,7 +52,7 @@ fn input_triangles() -> Vec<Stated> {
     sorted(triangles)
 }
 
-fn file_triangles(file: &PageFile) -> Vec<Stated> {
+fn file_triangles(file: &PageFile) -> Vec<FileTriangle> {
     let lattice = file.superblock().lattice;
     let (mut frame, mut buffers) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()]);
     let mut all = Vec::new();

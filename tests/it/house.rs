@@ -30,7 +30,7 @@ const ONE_TYPE: [&[&str]; 1] = [
 const SIGNPOSTS_MAX: usize = 8;
 
 /// A source file of a crate.
-struct File {
+struct SourceFile {
     /// Relative to the root.
     path: String,
     /// Its module path below the crate.
@@ -41,11 +41,11 @@ struct File {
 
 /// The files of a crate, by module path.
 struct Crate {
-    files: BTreeMap<Vec<String>, File>,
+    files: BTreeMap<Vec<String>, SourceFile>,
 }
 
 /// A path that a file names, and whether it only hands it on.
-struct Named {
+struct PathUse {
     segments: Vec<String>,
     is_signpost: bool,
 }
@@ -70,7 +70,7 @@ impl Crate {
             if !is_tests {
                 let code = shipped(&fs::read_to_string(&path).unwrap());
                 // The binary of a crate with a library is a file of its own.
-                files.entry(module.clone()).or_insert(File { path: shown, module, code });
+                files.entry(module.clone()).or_insert(SourceFile { path: shown, module, code });
             }
         }
         assert!(!files.is_empty(), "{folder} has no files: the walk is broken");
@@ -122,7 +122,7 @@ impl Crate {
 
     /// Who imports whom, by module.
     fn arrows(&self) -> BTreeMap<&[String], BTreeSet<Vec<String>>> {
-        let arrows_of = |file: &File| {
+        let arrows_of = |file: &SourceFile| {
             let named = file.named().into_iter().filter(|named| !named.is_signpost);
             let defined = named.filter_map(|named| self.definer(&file.module, &named.segments, 0));
             defined.filter(|module| *module != file.module).collect()
@@ -131,9 +131,9 @@ impl Crate {
     }
 }
 
-impl File {
+impl SourceFile {
     /// All paths that the file names.
-    fn named(&self) -> Vec<Named> {
+    fn named(&self) -> Vec<PathUse> {
         let mut all = Vec::new();
         let mut rest = self.code.as_str();
         while let Some(at) = rest.find("use ") {
@@ -143,7 +143,7 @@ impl File {
             if before.is_empty() || before.starts_with("pub") {
                 let text: String = rest[at + 4..end].split_whitespace().collect::<Vec<_>>().join(" ");
                 spread(&text, &[], &mut |segments| {
-                    all.push(Named { segments, is_signpost: before.starts_with("pub") });
+                    all.push(PathUse { segments, is_signpost: before.starts_with("pub") });
                 });
                 rest = &rest[end..];
             } else {
@@ -159,7 +159,7 @@ impl File {
                 if is_whole && !self.code[in_use..at].contains("use ") {
                     let segments =
                         path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
-                    all.push(Named { segments, is_signpost: false });
+                    all.push(PathUse { segments, is_signpost: false });
                 }
             }
         }
@@ -299,7 +299,7 @@ fn each_floor_imports_those_listed_before_it() {
 fn arrows_up_are_found_within_a_folder() {
     let file = |module: &[&str], code: &str| {
         let module: Vec<String> = module.iter().map(|part| (*part).to_owned()).collect();
-        (module.clone(), File { path: module.join("/"), module, code: code.to_owned() })
+        (module.clone(), SourceFile { path: module.join("/"), module, code: code.to_owned() })
     };
     let files = Crate {
         files: BTreeMap::from([
@@ -327,7 +327,7 @@ fn only_tests_written_out_end_what_is_shipped() {
 fn paths_are_followed_to_who_defines_the_name() {
     let file = |module: &[&str], code: &str| {
         let module: Vec<String> = module.iter().map(|part| (*part).to_owned()).collect();
-        (module.clone(), File { path: module.join("/"), module, code: code.to_owned() })
+        (module.clone(), SourceFile { path: module.join("/"), module, code: code.to_owned() })
     };
     let files = Crate {
         files: BTreeMap::from([

@@ -12,15 +12,15 @@ use trex_store::layout::{
 use trex_store::{Budget, PageFile};
 
 /// A model with units, in parts.
-struct Forger {
+struct UnitForger {
     inside: tempfile::TempDir,
     bytes: Vec<u8>,
     block: Superblock,
     entries: Vec<PageEntry>,
 }
 
-impl Forger {
-    fn new(voxels: &str) -> Forger {
+impl UnitForger {
+    fn new(voxels: &str) -> UnitForger {
         let inside = folder();
         // Many materials; where there are very many leaves, little surface.
         let spec = if voxels == "64/1024" { "gen:scan:10k" } else { "gen:pipes:10k" };
@@ -28,7 +28,7 @@ impl Forger {
         let path = inside.path().join("true.trex");
         let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
         let (block, entries) = (file.superblock().clone(), file.pages().to_vec());
-        Forger { bytes: std::fs::read(path).unwrap(), inside, block, entries }
+        UnitForger { bytes: std::fs::read(path).unwrap(), inside, block, entries }
     }
 
     fn path(&self) -> &Path {
@@ -146,12 +146,12 @@ fn arrays(raw: &[u8]) -> [usize; 6] {
 }
 
 /// What is told, and how.
-type Lie<'a> = (&'a str, &'a dyn Fn(&mut Vec<u8>));
+type UnitLie<'a> = (&'a str, &'a dyn Fn(&mut Vec<u8>));
 
 #[test]
 fn the_forger_seals_units_well() {
     for voxels in ["64/256", "64/1024"] {
-        let forger = Forger::new(voxels);
+        let forger = UnitForger::new(voxels);
         forger.seal(None, |_, _| {});
         assert_eq!(std::fs::read(forger.path().join("lie.trex")).unwrap(), forger.bytes, "{voxels}");
     }
@@ -159,9 +159,9 @@ fn the_forger_seals_units_well() {
 
 #[test]
 fn units_that_are_none() {
-    let forger = Forger::new("64/256");
+    let forger = UnitForger::new("64/256");
     let page = forger.seen();
-    let lies: [Lie<'_>; 12] = [
+    let lies: [UnitLie<'_>; 12] = [
         ("no units", &|raw| raw[0] = 0),
         ("a unit more", &|raw| raw[0] += 1),
         ("units beyond all", &|raw| raw[..4].fill(0xff)),
@@ -197,7 +197,7 @@ fn units_that_are_none() {
 #[test]
 fn units_that_are_others() {
     for (voxels, is_last) in [("64/256", false), ("64/1024", false), ("64/1024", true)] {
-        let forger = Forger::new(voxels);
+        let forger = UnitForger::new(voxels);
         let page = if is_last { forger.entries.len() - 1 } else { forger.first() };
         // Two nodes with other counts of leaves change places.
         let mut raw = forger.page(page);
@@ -217,7 +217,7 @@ fn units_that_are_others() {
 
 #[test]
 fn links_that_lead_astray() {
-    let forger = Forger::new("64/256");
+    let forger = UnitForger::new("64/256");
     let head = |bytes: &mut Vec<u8>, factor: u32| bytes[..4].copy_from_slice(&factor.to_le_bytes());
     for factor in [0, 1, 2, 16, 64, u32::MAX] {
         forger.seal(None, |bytes, _| head(bytes, factor));

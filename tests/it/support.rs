@@ -5,7 +5,7 @@ use crate::command::folder;
 use rayon::ThreadPoolBuilder;
 use std::path::Path;
 use std::sync::Arc;
-use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
+use trex_store::build::{BuildOptions, ExistingOutput, Precision, Voxels, build};
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{
@@ -29,7 +29,7 @@ pub(crate) fn build_options() -> BuildOptions {
         pool: Arc::new(ThreadPoolBuilder::new().num_threads(2).build().unwrap()),
         budget: Budget::new(1 << 30),
         temp_dir: None,
-        existing: Existing::Keep,
+        existing: ExistingOutput::Keep,
         resume: None,
         interrupt: Interrupt::default(),
     }

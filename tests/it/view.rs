@@ -21,23 +21,23 @@ const KIND_FILE: u8 = 3;
 const MATERIALS: usize = 65_535;
 
 /// A viewer that runs.
-struct Viewing {
+struct ViewProcess {
     line: String,
     child: Child,
     /// Its address, with the token.
     address: String,
 }
 
-impl Viewing {
+impl ViewProcess {
     #[track_caller]
-    fn start(inside: &Path, line: &str) -> Viewing {
+    fn start(inside: &Path, line: &str) -> ViewProcess {
         let line = format!("view {line} --no-open --json");
         let mut command = trex_in(inside, &line);
         command.env_remove("SSH_CONNECTION");
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let mut said = String::new();
         BufReader::new(child.stderr.as_mut().unwrap()).read_line(&mut said).unwrap();
-        Viewing { line, child, address: said.trim().to_owned() }
+        ViewProcess { line, child, address: said.trim().to_owned() }
     }
 
     /// A socket that has said hello.
@@ -98,7 +98,7 @@ fn text_until(page: &mut WebSocket<TcpStream>, is_it: impl Fn(&Value) -> bool) -
 /// Runs the viewer, asks for its page, interrupts it. Gives its address, the page's answer and the document.
 #[track_caller]
 fn view(inside: &Path, line: &str) -> (String, String, Value) {
-    let viewing = Viewing::start(inside, line);
+    let viewing = ViewProcess::start(inside, line);
     let address = viewing.address.clone();
     let host = address.trim_start_matches("http://").split('/').next().unwrap().to_owned();
     let mut stream = TcpStream::connect(&host).unwrap_or_else(|error| panic!("{address}: {error}"));
@@ -161,7 +161,7 @@ fn damage_is_reported_as_render_reports_it() {
     std::fs::write(inside.path().join("bad.trex"), bytes).unwrap();
     for (flag, exit) in [("", 1), (" --allow-damage", 0)] {
         let line = format!("bad.trex --memory-limit 128MiB --spp 1 --lod-error 0 --photons 1k{flag}");
-        let viewing = Viewing::start(inside.path(), &line);
+        let viewing = ViewProcess::start(inside.path(), &line);
         let mut page = viewing.page();
         let shown = text_until(&mut page, |text| !text["damage"].is_null())["damage"].clone();
         text_until(&mut page, |text| text["progress"] == "damaged");
@@ -194,7 +194,7 @@ fn as_many_materials_as_there_may_be_work_under_the_smallest_limit() {
     run_in(inside.path(), "build many.obj -o many.trex --voxels 64").expect(0);
     let line = "many.trex --spp 1 --photons 1k";
     let limit = smallest_limit_mib(inside.path(), line);
-    let viewing = Viewing::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
+    let viewing = ViewProcess::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
     let mut page = viewing.page();
     let welcome = text_until(&mut page, |text| text["type"] == "welcome");
     assert!(welcome["material_count"].as_u64().unwrap() >= MATERIALS as u64, "{welcome}");
@@ -223,7 +223,7 @@ fn a_screenshot_leaves_the_viewer_where_pages_take_all_memory() {
     built_in(inside.path(), "gen:scan:1M --voxels 64", "model.trex");
     let line = "model.trex --threads 1 --resolution 320x240 --spp 1 --photons 1k";
     let limit = smallest_limit_mib(inside.path(), line) + 2;
-    let viewing = Viewing::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
+    let viewing = ViewProcess::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
     let mut page = viewing.page();
     for id in 1..=3 {
         say(&mut page, &json!({"type": "screenshot", "id": id, "format": "png", "size": [64, 48], "spp": 1}));

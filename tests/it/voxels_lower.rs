@@ -19,20 +19,20 @@ use trex_store::octree::Refinement;
 use trex_store::{Budget, PageFile};
 
 /// Frames of some pages; what becomes of the others.
-struct Shelf {
+struct PageShelf {
     frames: BTreeMap<u32, Vec<u8>>,
     others: fn() -> Page<'static>,
 }
 
-impl Pages for Shelf {
+impl Pages for PageShelf {
     fn page(&mut self, page: u32) -> Page<'_> {
         self.frames.get(&page).map_or((self.others)(), |frame| Page::Ready(frame))
     }
 }
 
-impl Shelf {
+impl PageShelf {
     /// The pages of units for which `is_there`.
-    fn of(file: &PageFile, others: fn() -> Page<'static>, is_there: impl Fn(u32) -> bool) -> Shelf {
+    fn of(file: &PageFile, others: fn() -> Page<'static>, is_there: impl Fn(u32) -> bool) -> PageShelf {
         let mut buffers = [Vec::new(), Vec::new()];
         let mut frame = |page| {
             let mut frame = vec![0; FRAME_BYTES];
@@ -40,7 +40,7 @@ impl Shelf {
             (page, frame)
         };
         let pages = (0..file.pages().len() as u32).filter(|&page| file.has_units(page) && is_there(page));
-        Shelf { frames: pages.map(&mut frame).collect(), others }
+        PageShelf { frames: pages.map(&mut frame).collect(), others }
     }
 }
 
@@ -68,7 +68,7 @@ impl Oracle {
     }
 
     /// Per upper leaf the cubes in it, when these pages are there.
-    fn leaves(&self, occluders: Occluders, pages: &Shelf) -> Vec<([i64; 3], Vec<Cube>)> {
+    fn leaves(&self, occluders: Occluders, pages: &PageShelf) -> Vec<([i64; 3], Vec<Cube>)> {
         let places = self.upper.places();
         let (mut link, mut rank) = (usize::MAX, 0);
         let mut all = Vec::new();
@@ -87,7 +87,7 @@ impl Oracle {
         &self,
         (at, level, bitmap): ([i64; 3], i32, u64),
         (word, rank): (Option<u64>, usize),
-        how: (Occluders, &Shelf),
+        how: (Occluders, &PageShelf),
         out: &mut Vec<Cube>,
     ) {
         let places = (0..64).filter(|place| bitmap >> place & 1 == 1);
@@ -137,7 +137,7 @@ pub(crate) fn refined(spec: &str, refinement: Refinement) -> Arc<Built> {
 }
 
 /// Rays against all cubes, for one set of pages.
-fn check_rays(built: &Built, oracle: &Oracle, occluders: Occluders, pages: &mut Shelf) {
+fn check_rays(built: &Built, oracle: &Oracle, occluders: Occluders, pages: &mut PageShelf) {
     let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let scene = voxels.lower_scene(occluders).unwrap();
     let lattice = built.file.superblock().lattice;
@@ -190,7 +190,7 @@ fn rays_meet_what_all_voxels_of_units_say() {
         let oracle = Oracle::of(&built);
         for share in [0, 1, 2] {
             let is_there = |page: u32| page.wrapping_mul(0x9e37_79b9) >> 31 < share;
-            let mut pages = Shelf::of(&built.file, || Page::Damaged, is_there);
+            let mut pages = PageShelf::of(&built.file, || Page::Damaged, is_there);
             for occluders in [Occluders::On, Occluders::Off] {
                 check_rays(&built, &oracle, occluders, &mut pages);
             }
@@ -204,7 +204,7 @@ fn without_units_there_is_the_upper_octree() {
     let built = refined("gen:pipes:10k:2", Refinement::By4);
     let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let mut rng = Random::seeded(5);
-    let mut none = Shelf { frames: BTreeMap::new(), others: || Page::Damaged };
+    let mut none = PageShelf { frames: BTreeMap::new(), others: || Page::Damaged };
     for occluders in [Occluders::On, Occluders::Off] {
         let (upper, lower) = (voxels.scene(occluders), voxels.lower_scene(occluders).unwrap());
         for _ in 0..5000 {
@@ -247,7 +247,7 @@ fn missing_pages_block_and_change_nothing() {
     let voxels = Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap();
     let scene = voxels.lower_scene(Occluders::On).unwrap();
     let all = AllResident::load(&built.file);
-    let mut some = Shelf::of(&built.file, || Page::Missing, |page| page % 2 == 0);
+    let mut some = PageShelf::of(&built.file, || Page::Missing, |page| page % 2 == 0);
     let mut rng = Random::seeded(6);
     let mut counts = [0; 3];
     for _ in 0..5000 {

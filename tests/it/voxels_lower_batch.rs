@@ -25,7 +25,7 @@ pub(crate) enum State {
 }
 
 /// All pages of a file, of which some can be had, and few be held at a time.
-pub(crate) struct Shelf<'a> {
+pub(crate) struct PartialPages<'a> {
     all: &'a AllResident,
     state: fn(u32) -> State,
     room: usize,
@@ -35,13 +35,13 @@ pub(crate) struct Shelf<'a> {
     times_let_go: usize,
 }
 
-impl<'a> Shelf<'a> {
-    pub(crate) fn new(all: &'a AllResident, state: fn(u32) -> State, room: usize) -> Shelf<'a> {
-        Shelf { all, state, room, held: RefCell::default(), wanted: BTreeMap::new(), times_let_go: 0 }
+impl<'a> PartialPages<'a> {
+    pub(crate) fn new(all: &'a AllResident, state: fn(u32) -> State, room: usize) -> PartialPages<'a> {
+        PartialPages { all, state, room, held: RefCell::default(), wanted: BTreeMap::new(), times_let_go: 0 }
     }
 }
 
-impl Pages for Shelf<'_> {
+impl Pages for PartialPages<'_> {
     fn page(&mut self, page: u32) -> Page<'_> {
         if !self.held.borrow().contains(&page) && self.held.borrow().len() >= self.room {
             self.held.get_mut().clear();
@@ -76,22 +76,22 @@ impl Pages for Shelf<'_> {
 }
 
 /// A model, all pages, rays.
-pub(crate) struct Stage {
+pub(crate) struct BatchStage {
     pub(crate) built: Arc<Built>,
     pub(crate) voxels: Arc<Voxels>,
     pub(crate) all: AllResident,
     pub(crate) rays: Vec<Ray>,
 }
 
-impl Stage {
-    pub(crate) fn new(spec: &str, refinement: Refinement, ray_count: usize) -> Stage {
+impl BatchStage {
+    pub(crate) fn new(spec: &str, refinement: Refinement, ray_count: usize) -> BatchStage {
         let built = refined(spec, refinement);
         let budget = Budget::unlimited();
         let voxels = Arc::new(Voxels::open(&built.file, &budget).unwrap().unwrap());
         let all = AllResident::load(&built.file);
         let (octree, _lease) = built.file.upper(&budget).unwrap().unwrap();
         let rays = rays_of_all_kinds(&built, &octree, ray_count);
-        Stage { built, voxels, all, rays }
+        BatchStage { built, voxels, all, rays }
     }
 
     fn each_scene(&self, mut check: impl FnMut(LowerScene<'_>, &str)) {
@@ -110,10 +110,10 @@ impl Stage {
         name: &str,
         (state, room): (fn(u32) -> State, usize),
     ) -> [f64; 3] {
-        let mut shelf = Shelf::new(&self.all, state, usize::MAX);
+        let mut shelf = PartialPages::new(&self.all, state, usize::MAX);
         let single: Vec<_> = self.rays.iter().map(|ray| scene.intersect(ray, &mut shelf)).collect();
         for width in widths() {
-            let mut other = Shelf::new(&self.all, state, room);
+            let mut other = PartialPages::new(&self.all, state, room);
             let mut answers = vec![Answer::Blocked; self.rays.len()];
             scene.intersect_batch_with(width, &self.rays, &mut other, &mut answers);
             for ((answer, single), ray) in answers.iter().zip(&single).zip(&self.rays) {
@@ -174,7 +174,7 @@ fn lanes_meet_in_units_what_single_rays_meet() {
         cannot_run(&format!("the machine has no such lanes: {width:?}"));
     }
     for (spec, refinement) in STAGES {
-        let stage = Stage::new(spec, refinement, 4000);
+        let stage = BatchStage::new(spec, refinement, 4000);
         stage.each_scene(|scene, name| {
             let [blocked, hit, stands_in] = stage.compare(&scene, name, (all_there, usize::MAX));
             assert!(blocked == 0.0 && stands_in == 0.0 && (0.1..0.9).contains(&hit), "{name}: {hit}");
@@ -196,7 +196,7 @@ fn lanes_meet_in_units_what_single_rays_meet() {
 #[test]
 fn lanes_take_missing_and_damaged_units_as_single_rays_do() {
     for (spec, refinement) in STAGES {
-        let stage = Stage::new(spec, refinement, 4000);
+        let stage = BatchStage::new(spec, refinement, 4000);
         stage.each_scene(|scene, name| {
             let mut some_are_missing = 0.0;
             for state in [half_missing, some_damaged] {
@@ -212,7 +212,7 @@ fn lanes_take_missing_and_damaged_units_as_single_rays_do() {
 /// Where no more pages can be held, answers are the same.
 #[test]
 fn lanes_without_room_for_pages_answer_as_single_rays_do() {
-    let stage = Stage::new("gen:isosurface:50k:2", Refinement::By16, 4000);
+    let stage = BatchStage::new("gen:isosurface:50k:2", Refinement::By16, 4000);
     stage.each_scene(|scene, name| {
         for room in [1, 2, 7] {
             stage.compare(&scene, name, (all_there, room));
@@ -222,12 +222,12 @@ fn lanes_without_room_for_pages_answer_as_single_rays_do() {
 }
 
 /// Pages of a pool, and which of them were wanted.
-struct Wanting {
+struct WantRecorder {
     pages: PooledPages,
     wanted: BTreeSet<u32>,
 }
 
-impl Pages for Wanting {
+impl Pages for WantRecorder {
     fn page(&mut self, page: u32) -> Page<'_> {
         self.pages.page(page)
     }
@@ -248,7 +248,7 @@ impl Pages for Wanting {
 /// Batches through a pool of few frames, asked again until none is blocked: pages come and go in between.
 #[test]
 fn batches_end_while_pages_come_and_go() {
-    let stage = Stage::new("gen:isosurface:50k:2", Refinement::By16, 120);
+    let stage = BatchStage::new("gen:isosurface:50k:2", Refinement::By16, 120);
     let scene = stage.voxels.lower_scene(Occluders::On).unwrap();
     let whole: Vec<_> = stage.rays.iter().map(|ray| scene.intersect(ray, &mut &stage.all)).collect();
     let file = Arc::new(PageFile::open(stage.built.file.path(), &Budget::unlimited()).unwrap());
@@ -259,7 +259,7 @@ fn batches_end_while_pages_come_and_go() {
         let options = PoolOptions { frames_bytes: smallest - overhead + spare, ..defaults };
         let pool =
             Arc::new(PagePool::open(file.clone(), file.path(), &Budget::unlimited(), &options).unwrap());
-        let mut pages = Wanting {
+        let mut pages = WantRecorder {
             pages: PooledPages::new(&pool, Arc::new(Seats::default()).assign().unwrap()),
             wanted: BTreeSet::new(),
         };
@@ -287,9 +287,9 @@ fn batches_end_while_pages_come_and_go() {
 
 /// Asks these rays in a batch; gives those that are blocked.
 fn ask(
-    stage: &Stage,
+    stage: &BatchStage,
     scene: &LowerScene<'_>,
-    pages: &mut Wanting,
+    pages: &mut WantRecorder,
     waiting: &[usize],
     whole: &[Answer<Option<LowerHit>>],
 ) -> Vec<usize> {
@@ -304,7 +304,7 @@ fn ask(
     blocked.map(|(&at, _)| at).collect()
 }
 
-impl Wanting {
+impl WantRecorder {
     /// Waits until something has come of what is wanted.
     fn bring(&mut self, pool: &PagePool) {
         let wanted = std::mem::take(&mut self.wanted).into_iter().take(8);

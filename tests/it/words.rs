@@ -1,8 +1,9 @@
-//! The repository checks its words: libraries name no flags of the command, and a type name stands in one file.
+//! The repository checks its words: libraries name no flags of the command, a type name stands in one file, and it is
+//! a noun.
 //!
 //! Each test lists every violation at once, as `path:line: why`; crates are covered by a list, which grows.
 
-use crate::tidy::{files, none};
+use crate::tidy::{Source, files, none};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Library crates whose strings name no flag and no verb of the command. Other crates are added once theirs do not.
@@ -10,8 +11,29 @@ const FLAGLESS: [&str; 6] =
     ["store/src/", "datasets-gen/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
 /// Verbs of the command.
 const VERBS: [&str; 8] = ["build", "render", "view", "info", "verify", "gen", "demo", "image"];
-/// Crates in which no type name stands in two files. Other crates are added once none of theirs does.
-const ONE_NAME_ONE_FILE: [&str; 2] = ["store/src/", "model/src/"];
+/// Crates whose type names are nouns, and in which none stands in two files: all.
+const NAMED_WELL: [&str; 11] = [
+    "store/",
+    "datasets-gen/",
+    "image/",
+    "model/",
+    "render/",
+    "view/",
+    "bench/src/",
+    "bench/benches/",
+    "bench/view/",
+    "src/",
+    "tests/it/",
+];
+/// Nouns among the words that end as participles do.
+const NOUNS: [&str; 10] = [
+    "Backing", "Binning", "Encoding", "Mapping", "Naming", "Packing", "Setting", "Speed", "Tracing", "Uring",
+];
+/// Participles of other endings.
+const PARTICIPLES: [&str; 17] = [
+    "Begun", "Done", "Given", "Gone", "Held", "Kept", "Known", "Left", "Made", "Put", "Said", "Seen", "Sent",
+    "Shown", "Taken", "Told", "Written",
+];
 
 /// Whether words name a flag (`--flag`, `-o`) or a verb of the command (`trex build`).
 fn names_command_line(words: &str) -> bool {
@@ -60,9 +82,20 @@ fn declared_type(line: &str) -> Option<&str> {
     (is_type && name.starts_with(|c: char| c.is_ascii_uppercase())).then_some(name)
 }
 
-/// A reader who looks for a type finds one. Names that tests give count, too; types of a trait's `impl` do not.
+/// The types that the files of a folder declare, those of tests too, each with its file and line. Types of a trait's
+/// `impl` are the trait's.
+fn declared_types<'a>(
+    sources: &'a [Source],
+    folder: &str,
+) -> impl Iterator<Item = (&'a str, &'a Source, usize)> {
+    sources.iter().filter(move |source| source.is_in(folder)).flat_map(|source| {
+        let lines = source.code().filter(|(_, line)| !line.starts_with("    type "));
+        lines.filter_map(move |(number, line)| Some((declared_type(line)?, source, number)))
+    })
+}
+
 #[test]
-fn no_type_name_in_two_files_of_a_crate() {
+fn a_declared_type_is_read_off_its_line() {
     for (line, name) in [
         ("pub(in crate::build) struct Run<'a> {", Some("Run")),
         ("pub enum Code {", Some("Code")),
@@ -72,19 +105,41 @@ fn no_type_name_in_two_files_of_a_crate() {
     ] {
         assert_eq!(declared_type(line), name, "{line}");
     }
+}
+
+/// A reader who looks for a type finds one.
+#[test]
+fn no_type_name_in_two_files_of_a_crate() {
     let sources = files("rs");
     let mut bad = Vec::new();
-    for folder in ONE_NAME_ONE_FILE {
+    for folder in NAMED_WELL {
         let mut files_of: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
-        for source in sources.iter().filter(|source| source.is_in(folder)) {
-            let names = source.code().filter(|(_, line)| !line.starts_with("    type "));
-            for name in names.filter_map(|(_, line)| declared_type(line)) {
-                files_of.entry(name).or_default().insert(&source.path);
-            }
+        for (name, source, _) in declared_types(&sources, folder) {
+            files_of.entry(name).or_default().insert(&source.path);
         }
+        assert!(!files_of.is_empty(), "{folder} declares no type: it has moved");
         for (name, paths) in files_of.iter().filter(|(_, paths)| paths.len() > 1) {
             bad.push(format!("{name}: {}", paths.iter().copied().collect::<Vec<_>>().join(", ")));
         }
     }
     none(bad);
+}
+
+/// Whether a type is named by what was done to a thing, or what it does, and not by what it is.
+fn is_participle(name: &str) -> bool {
+    let last_word = name.rfind(|c: char| c.is_ascii_uppercase()).map_or(name, |at| &name[at..]);
+    let ends_as_one = last_word.ends_with("ed") || last_word.ends_with("ing");
+    ends_as_one && !NOUNS.contains(&last_word) || PARTICIPLES.contains(&last_word)
+}
+
+/// `Settled` was a picture, `Served` the figures of a server, `Changed` a list of blocks: a signature that named one
+/// said nothing of what it took.
+#[test]
+fn type_names_are_nouns() {
+    assert!(is_participle("Settled") && is_participle("RaysMeasured") && is_participle("ToBeSent"));
+    assert!(!is_participle("VertexPacking") && !is_participle("BoundedWriter") && !is_participle("Uring"));
+    let sources = files("rs");
+    let types = NAMED_WELL.iter().flat_map(|folder| declared_types(&sources, folder));
+    let bad = types.filter(|(name, ..)| is_participle(name));
+    none(bad.map(|(name, source, number)| format!("{}:{number}: {name} is no noun", source.path)));
 }

@@ -4,7 +4,7 @@
 //! filled up with its last pixels, which no one sees.
 
 use crate::blocks::Layout;
-use crate::bounded::Bounded;
+use crate::bounded::BoundedWriter;
 use crate::picture::Picture;
 use crate::wire::{BLOCK_SIDE, FRAME_HEAD_BYTES, KIND_BLOCKS, KIND_WHOLE, PART_HEAD_BYTES};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
@@ -114,7 +114,7 @@ impl Atlas {
         bytes.clear();
         bytes.resize(HEADER_BYTES_MAX, 0);
         self.head.write(KIND_BLOCKS, self.columns, &self.blocks, bytes);
-        let mut encoder = Encoder::new(Bounded::new(bytes, most, &|| false), QUALITY);
+        let mut encoder = Encoder::new(BoundedWriter::new(bytes, most, &|| false), QUALITY);
         encoder.set_sampling_factor(SamplingFactor::F_1_1);
         encoder.encode(&self.rgb, width, height, ColorType::Rgb).ok()?;
         Some(finish(bytes))
@@ -161,7 +161,7 @@ fn finish(bytes: &mut [u8]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::{Changed, Shown};
+    use crate::picture::{BlockChanges, TileSource};
     use crate::tone::Tone;
     use rand_pcg::Pcg64Mcg;
     use rand_pcg::rand_core::{Rng, SeedableRng};
@@ -173,8 +173,8 @@ mod tests {
             (x..).zip(radiances).for_each(|(x, radiance)| *radiance = [value([x, y]); 3]);
         };
         let changed =
-            picture.refresh(1, &Tone::new(1.0), &mut Shown { has_changed: &mut |_| true, show: &show });
-        assert_eq!(changed, Changed::All);
+            picture.refresh(1, &Tone::new(1.0), &mut TileSource { has_changed: &mut |_| true, show: &show });
+        assert_eq!(changed, BlockChanges::All);
         picture
     }
 

@@ -1,4 +1,4 @@
-//! `Bounded`: bytes in memory that an encoder writes, up to a bound, until it is told to stop.
+//! `BoundedWriter`: bytes in memory that an encoder writes, up to a bound, until it is told to stop.
 //!
 //! Invariants: 1. no more is allocated than the bound; 2. once `stop` says so nothing is written: the encoder's work
 //! ends with an error at its next bytes.
@@ -6,7 +6,7 @@
 use std::io::{self, Seek, SeekFrom, Write};
 
 /// See the module's description.
-pub(crate) struct Bounded<'a> {
+pub(crate) struct BoundedWriter<'a> {
     bytes: &'a mut Vec<u8>,
     /// Where the next bytes go.
     at: usize,
@@ -14,15 +14,15 @@ pub(crate) struct Bounded<'a> {
     stop: &'a dyn Fn() -> bool,
 }
 
-impl<'a> Bounded<'a> {
+impl<'a> BoundedWriter<'a> {
     /// Writes behind what `bytes` hold, until these are `most`.
-    pub(crate) fn new(bytes: &'a mut Vec<u8>, most: usize, stop: &'a dyn Fn() -> bool) -> Bounded<'a> {
+    pub(crate) fn new(bytes: &'a mut Vec<u8>, most: usize, stop: &'a dyn Fn() -> bool) -> BoundedWriter<'a> {
         let at = bytes.len();
-        Bounded { bytes, at, most, stop }
+        BoundedWriter { bytes, at, most, stop }
     }
 }
 
-impl Write for Bounded<'_> {
+impl Write for BoundedWriter<'_> {
     fn write(&mut self, more: &[u8]) -> io::Result<usize> {
         if (self.stop)() {
             return Err(io::ErrorKind::TimedOut.into());
@@ -51,7 +51,7 @@ impl Write for Bounded<'_> {
     }
 }
 
-impl Seek for Bounded<'_> {
+impl Seek for BoundedWriter<'_> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let (from, by) = match to {
             SeekFrom::Start(at) => (0, at as i128),
@@ -73,7 +73,7 @@ mod tests {
     #[test]
     fn writes_and_seeks_go_where_those_of_a_cursor_go() {
         let (mut ours, mut theirs) = (vec![], Cursor::new(vec![]));
-        let mut bounded = Bounded::new(&mut ours, 60, &|| false);
+        let mut bounded = BoundedWriter::new(&mut ours, 60, &|| false);
         for (to, text) in [
             (SeekFrom::Start(0), "magic and table"),
             (SeekFrom::Start(20), "behind a gap"),
@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn nothing_is_written_once_it_is_to_stop() {
         let mut bytes = b"head".to_vec();
-        let mut bounded = Bounded::new(&mut bytes, 100, &|| true);
+        let mut bounded = BoundedWriter::new(&mut bytes, 100, &|| true);
         assert!(bounded.write_all(b"more").is_err());
         assert_eq!(bytes, b"head");
     }

@@ -5,7 +5,7 @@
 
 use crate::blocks::{Layout, Marks};
 use crate::outbox::{File, Next, Outbox, close};
-use crate::picture::{Changed, Settled};
+use crate::picture::{BlockChanges, SettledPng};
 use crate::state::Stats;
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -57,11 +57,11 @@ impl Client {
     }
 
     /// Marks what has changed in a picture of `layout`.
-    pub(crate) fn mark(&self, changed: &Changed, layout: Layout) {
+    pub(crate) fn mark(&self, changed: &BlockChanges, layout: Layout) {
         self.change(|outbox| {
             match changed {
-                Changed::All => outbox.marks = Marks::all(layout),
-                Changed::Some(marks) => outbox.marks.add(marks),
+                BlockChanges::All => outbox.marks = Marks::all(layout),
+                BlockChanges::Some(marks) => outbox.marks.add(marks),
             }
             outbox.set_settled(None);
         });
@@ -75,7 +75,7 @@ impl Client {
     }
 
     /// Sends the settled picture, once what is marked has gone.
-    pub(crate) fn settle(&self, settled: &Settled) {
+    pub(crate) fn settle(&self, settled: &SettledPng) {
         self.change(|outbox| outbox.set_settled(Some(settled.clone())));
     }
 
@@ -136,8 +136,8 @@ mod tests {
         let mut taken = vec![];
         client.outbox().marks.take(usize::MAX, &mut taken);
         client.outbox().fly(7, 1000, taken.len());
-        let settled = Settled { frame: 8, png: Arc::new(vec![]) };
-        client.mark(&Changed::All, Layout::new([64, 64], 4));
+        let settled = SettledPng { frame: 8, png: Arc::new(vec![]) };
+        client.mark(&BlockChanges::All, Layout::new([64, 64], 4));
         client.settle(&settled);
         assert!(client.outbox().next(Instant::now()).is_none());
         client.acknowledge(6);
@@ -155,7 +155,7 @@ mod tests {
     fn a_settled_picture_goes_in_parts_until_another_comes() {
         let client = client();
         client.outbox().marks = Marks::none(Layout::new([64, 64], 1));
-        let settled = Settled { frame: 8, png: Arc::new(vec![0; 3 * PART_BYTES - 1]) };
+        let settled = SettledPng { frame: 8, png: Arc::new(vec![0; 3 * PART_BYTES - 1]) };
         client.settle(&settled);
         let mut froms = vec![];
         let next = || client.outbox().next(Instant::now());
@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(client.outbox().sent().1, 1);
         client.settle(&settled);
         assert!(matches!(client.next(), Next::Part(..)));
-        client.mark(&Changed::All, Layout::new([64, 64], 1));
+        client.mark(&BlockChanges::All, Layout::new([64, 64], 1));
         assert!(matches!(client.next(), Next::Blocks));
         client.outbox().marks = Marks::none(Layout::new([64, 64], 1));
         assert!(client.outbox().next(Instant::now()).is_none());

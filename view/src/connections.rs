@@ -12,11 +12,11 @@ pub(crate) const CONNECTIONS_MAX: usize = 32;
 /// See the module's description.
 #[derive(Debug, Default)]
 pub(crate) struct Connections {
-    inner: Mutex<Inner>,
+    inner: Mutex<OpenConnections>,
 }
 
 #[derive(Debug, Default)]
-struct Inner {
+struct OpenConnections {
     open: Vec<(u64, Arc<TcpStream>)>,
     /// Number of the last one.
     last: u64,
@@ -32,7 +32,7 @@ pub(crate) struct Connection<'a> {
 }
 
 impl Connections {
-    fn lock(&self) -> MutexGuard<'_, Inner> {
+    fn lock(&self) -> MutexGuard<'_, OpenConnections> {
         self.inner.lock().expect("a thread of the viewer panicked")
     }
 

@@ -70,12 +70,12 @@ impl Status {
 
 /// A stream that is read up to a time, if there is one, and not written to.
 #[derive(Debug)]
-pub(crate) struct Incoming {
+pub(crate) struct DeadlineStream {
     pub(crate) stream: Arc<TcpStream>,
     pub(crate) deadline: Option<Instant>,
 }
 
-impl Read for Incoming {
+impl Read for DeadlineStream {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         loop {
             if let Some(deadline) = self.deadline {
@@ -94,7 +94,7 @@ impl Read for Incoming {
 }
 
 /// What reads answers to pings by itself; they are sent by who writes, or frames would be torn.
-impl Write for Incoming {
+impl Write for DeadlineStream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         Ok(bytes.len())
     }

@@ -27,7 +27,7 @@ const WHEEL_IDLE: Duration = Duration::from_secs(10);
 /// See the module's description.
 #[derive(Debug, Default)]
 pub(crate) struct Mailbox {
-    inner: Mutex<Inner>,
+    inner: Mutex<MailboxState>,
     bell: Condvar,
     has_event: AtomicBool,
     /// The screenshot under way is wanted; asked by many threads.
@@ -35,7 +35,7 @@ pub(crate) struct Mailbox {
 }
 
 #[derive(Debug, Default)]
-struct Inner {
+struct MailboxState {
     mail: Mail,
     /// Screenshots that wait.
     shots: VecDeque<Shot>,
@@ -47,11 +47,11 @@ struct Inner {
 }
 
 impl Mailbox {
-    fn lock(&self) -> MutexGuard<'_, Inner> {
+    fn lock(&self) -> MutexGuard<'_, MailboxState> {
         self.inner.lock().expect("a thread of the viewer panicked")
     }
 
-    fn ring(&self, mut inner: MutexGuard<'_, Inner>) {
+    fn ring(&self, mut inner: MutexGuard<'_, MailboxState>) {
         inner.mail.since.get_or_insert_with(Instant::now);
         self.has_event.store(true, Ordering::Release);
         drop(inner);
@@ -155,7 +155,7 @@ impl Mailbox {
         self.is_shot_wanted.swap(false, Ordering::AcqRel)
     }
 
-    fn cancel(&self, inner: &mut Inner, client: ClientId, id: u32) -> PostOutcome {
+    fn cancel(&self, inner: &mut MailboxState, client: ClientId, id: u32) -> PostOutcome {
         if inner.under_way == Some((client, id)) {
             self.is_shot_wanted.store(false, Ordering::Release);
         }
@@ -166,12 +166,12 @@ impl Mailbox {
 
     /// Waits until there is something to take, or `longest` has passed.
     pub(crate) fn wait(&self, longest: Duration) {
-        let waits = |_: &mut Inner| !self.has_event();
+        let waits = |_: &mut MailboxState| !self.has_event();
         let _ = self.bell.wait_timeout_while(self.lock(), longest, waits);
     }
 }
 
-impl Inner {
+impl MailboxState {
     fn give_wheel(&mut self, client: ClientId) -> PostOutcome {
         let is_idle = self.heard.is_none_or(|heard| heard.elapsed() >= WHEEL_IDLE);
         if self.driver.is_some_and(|driver| driver != client) && !is_idle {

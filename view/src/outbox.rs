@@ -13,7 +13,7 @@
 
 use crate::atlas::header;
 use crate::blocks::Marks;
-use crate::picture::Settled;
+use crate::picture::SettledPng;
 use crate::state::Stats;
 use crate::window::Window;
 use crate::wire::{FILE_EXR, FILE_HEAD_BYTES, FILE_PNG, FILE_SCENE, KIND_FILE};
@@ -48,7 +48,7 @@ pub(crate) struct Outbox {
     pub(crate) marks: Marks,
     pub(crate) window: Window,
     /// The settled picture, and how many of its bytes have gone.
-    settled: Option<(Settled, usize)>,
+    settled: Option<(SettledPng, usize)>,
     in_flight: Option<InFlight>,
     texts: VecDeque<String>,
     /// Of texts that wait, and of the one that is being written.
@@ -58,7 +58,7 @@ pub(crate) struct Outbox {
     files: VecDeque<File>,
     pong: Option<Vec<u8>>,
     close: Option<u16>,
-    sent: Sent,
+    sent: SendCounts,
     debt: Debt,
 }
 
@@ -143,7 +143,7 @@ struct InFlight {
 
 /// What has been sent.
 #[derive(Clone, Copy, Debug)]
-struct Sent {
+struct SendCounts {
     bytes: u64,
     frames: u64,
     /// Bytes and frames when statistics went last, and when that was.
@@ -168,7 +168,7 @@ pub(crate) enum Next {
     /// Marked blocks.
     Blocks,
     /// The part of a settled picture from this byte on.
-    Part(Settled, usize),
+    Part(SettledPng, usize),
     File(File),
     Ping,
     Pong(Vec<u8>),
@@ -177,7 +177,7 @@ pub(crate) enum Next {
 
 impl Outbox {
     /// For a page that has seen nothing of a picture whose blocks are all marked, and may be silent for `silence_max`.
-    pub(crate) fn new(marks: Marks, settled: Option<Settled>, silence_max: Duration) -> Outbox {
+    pub(crate) fn new(marks: Marks, settled: Option<SettledPng>, silence_max: Duration) -> Outbox {
         Outbox {
             marks,
             window: Window::default(),
@@ -190,7 +190,7 @@ impl Outbox {
             files: VecDeque::new(),
             pong: None,
             close: None,
-            sent: Sent { bytes: 0, frames: 0, before: (0, 0), at: Instant::now() },
+            sent: SendCounts { bytes: 0, frames: 0, before: (0, 0), at: Instant::now() },
             debt: Debt { since: None, has_asked: false, longest: silence_max },
         }
     }
@@ -266,7 +266,7 @@ impl Outbox {
     }
 
     /// Has the settled picture sent once what is marked has gone; `None` for no such picture.
-    pub(crate) fn set_settled(&mut self, settled: Option<Settled>) {
+    pub(crate) fn set_settled(&mut self, settled: Option<SettledPng>) {
         self.settled = settled.map(|settled| (settled, 0));
     }
 
@@ -326,7 +326,7 @@ impl Debt {
     }
 }
 
-impl Sent {
+impl SendCounts {
     /// Statistics as a message, with those of this client.
     fn text(&mut self, stats: &Stats) -> String {
         let seconds = self.at.elapsed().as_secs_f64().max(1e-3);

@@ -17,7 +17,7 @@ const _: () = assert!(BLOCK_SIDE.is_multiple_of(TILE_SIDE) && TILE_SIDE.is_multi
 
 /// A PNG of the settled picture; it goes in parts, so that what is newer never waits for long.
 #[derive(Clone, Debug)]
-pub(crate) struct Settled {
+pub(crate) struct SettledPng {
     /// The frame that it is of.
     pub(crate) frame: u32,
     pub(crate) png: Arc<Vec<u8>>,
@@ -41,7 +41,7 @@ pub(crate) struct Picture {
     /// Flags of [`crate::wire`].
     pub(crate) flags: u8,
     /// The same without loss, once it stands still.
-    pub(crate) settled: Option<Settled>,
+    pub(crate) settled: Option<SettledPng>,
     /// Nothing has been taken over yet: there is nothing to be sent.
     is_blank: bool,
     /// Every tile is to be looked at the next time.
@@ -50,7 +50,7 @@ pub(crate) struct Picture {
 
 /// The blocks that have changed.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Changed {
+pub(crate) enum BlockChanges {
     /// These.
     Some(Marks),
     /// All of them: there are others than before.
@@ -61,7 +61,7 @@ pub(crate) enum Changed {
 pub(crate) type Show<'a> = dyn Fn([u32; 2], &mut [[f32; 3]]) + 'a;
 
 /// What the renderer shows: whether a tile may have changed since this was asked last, and what it shows.
-pub(crate) struct Shown<'a> {
+pub(crate) struct TileSource<'a> {
     pub(crate) has_changed: &'a mut dyn FnMut(u32) -> bool,
     pub(crate) show: &'a Show<'a>,
 }
@@ -109,7 +109,7 @@ impl Picture {
     }
 
     /// Takes over what has changed, at every `scale`-th pixel.
-    pub(crate) fn refresh(&mut self, scale: u32, tone: &Tone, shown: &mut Shown<'_>) -> Changed {
+    pub(crate) fn refresh(&mut self, scale: u32, tone: &Tone, shown: &mut TileSource<'_>) -> BlockChanges {
         let is_other = std::mem::take(&mut self.is_blank) || scale != self.scale;
         if is_other {
             self.scale = scale;
@@ -127,7 +127,7 @@ impl Picture {
                 }
             }
         }
-        if is_other { Changed::All } else { Changed::Some(marks) }
+        if is_other { BlockChanges::All } else { BlockChanges::Some(marks) }
     }
 
     /// Takes over the tile that begins at `first`; true when any byte has changed.
@@ -174,19 +174,19 @@ mod tests {
             (self.values[tile], self.changed[tile]) = (value, true);
         }
 
-        fn refresh(&mut self, picture: &mut Picture, scale: u32) -> Changed {
+        fn refresh(&mut self, picture: &mut Picture, scale: u32) -> BlockChanges {
             let show = |[x, y]: [u32; 2], radiances: &mut [[f32; 3]]| {
                 self.looked.set(self.looked.get() + 1);
                 radiances.fill([self.values[(y / 8 * self.columns + x / 8) as usize]; 3]);
             };
             let mut has_changed = |tile: u32| std::mem::take(&mut self.changed[tile as usize]);
-            let mut shown = Shown { has_changed: &mut has_changed, show: &show };
+            let mut shown = TileSource { has_changed: &mut has_changed, show: &show };
             picture.refresh(scale, &Tone::new(1.0), &mut shown)
         }
     }
 
-    fn taken(changed: Changed) -> Vec<u16> {
-        let Changed::Some(mut marks) = changed else { panic!("all of them") };
+    fn taken(changed: BlockChanges) -> Vec<u16> {
+        let BlockChanges::Some(mut marks) = changed else { panic!("all of them") };
         let mut taken = vec![];
         marks.take(usize::MAX, &mut taken);
         taken
@@ -197,7 +197,7 @@ mod tests {
         let size = [100, 50];
         let (mut source, mut picture) = (Source::new(size), Picture::new(size));
         assert!(picture.unseen().is_empty());
-        assert_eq!(source.refresh(&mut picture, 1), Changed::All);
+        assert_eq!(source.refresh(&mut picture, 1), BlockChanges::All);
         assert_eq!(picture.unseen(), Marks::all(picture.layout));
         let looked = source.looked.get();
         assert_eq!(taken(source.refresh(&mut picture, 1)), [0; 0]);
@@ -215,12 +215,12 @@ mod tests {
         let size = [100, 50];
         let (mut source, mut picture) = (Source::new(size), Picture::new(size));
         source.set(12, 1.0);
-        assert_eq!(source.refresh(&mut picture, 4), Changed::All);
+        assert_eq!(source.refresh(&mut picture, 4), BlockChanges::All);
         assert_eq!((picture.layout.size, picture.rgb.len()), ([25, 13], 25 * 13));
         assert_eq!((picture.rgb[24], picture.rgb[23], picture.rgb[49]), ([255; 3], [0; 3], [255; 3]));
         source.set(12, 0.0);
         assert_eq!(taken(source.refresh(&mut picture, 4)), [1]);
-        assert_eq!(source.refresh(&mut picture, 1), Changed::All);
+        assert_eq!(source.refresh(&mut picture, 1), BlockChanges::All);
         assert_eq!(picture.rgb.len(), 5000);
     }
 

@@ -1,6 +1,6 @@
 //! What a live session shows, as the picture takes it over.
 
-use crate::picture::Shown;
+use crate::picture::TileSource;
 use trex_render::{LiveSession, PagedTracer, TILE_SIDE_PIXELS, TileStamp};
 
 /// What the session said of each tile when it was looked at last.
@@ -20,7 +20,7 @@ impl Stamps {
     pub(crate) fn with_shown<T: PagedTracer + Send, R>(
         &mut self,
         session: &LiveSession<T>,
-        then: impl FnOnce(&mut Shown<'_>) -> R,
+        then: impl FnOnce(&mut TileSource<'_>) -> R,
     ) -> R {
         let full = session.view().settings.resolution;
         let count = full.iter().map(|side| side.div_ceil(TILE_SIDE_PIXELS) as usize).product();
@@ -33,6 +33,6 @@ impl Stamps {
             std::mem::replace(&mut self.stamps[tile as usize], stamp) != stamp
         };
         let show = |first: [u32; 2], radiances: &mut [[f32; 3]]| session.show(first, radiances);
-        then(&mut Shown { has_changed: &mut has_changed, show: &show })
+        then(&mut TileSource { has_changed: &mut has_changed, show: &show })
     }
 }

@@ -1,12 +1,8 @@
-//! What the command reports of model, memory, pool and damage: figures that the viewer hands on to its pages.
+//! What the command reports of model, memory and pool: figures that the viewer hands on to its pages.
 //!
 //! Invariant: plain numbers, no names of files.
 
 use serde::Serialize;
-use trex_store::Aabb;
-
-/// Most damaged pages that are listed one by one: the list goes to every browser page.
-pub(crate) const DAMAGE_LISTED_MAX: usize = 64;
 
 /// What is constant of a model, for the page.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -51,24 +47,4 @@ pub struct PoolFigures {
     pub bytes_read: u64,
     /// Damaged pages that were met: nothing is drawn of them, or something coarser.
     pub damaged: u64,
-}
-
-/// Damage of the model's file, as far as rays have met it.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct DamageFigures {
-    /// Damaged pages.
-    pub page_count: u64,
-    /// The first of them, of which the page of the viewer gets some.
-    pub pages: Vec<DamagedPage>,
-}
-
-/// A page that cannot be read.
-#[derive(Clone, Debug, Serialize)]
-pub struct DamagedPage {
-    /// Its number in the file.
-    pub page: u32,
-    /// What is shown in its place: `as empty`, `by coarser voxels`.
-    pub drawn: &'static str,
-    /// Where its triangles lie, model units, where that is known.
-    pub bounds: Option<Aabb>,
 }

@@ -10,12 +10,12 @@
 //! while it is made and until it is sent; 3. it ends when its page goes or cancels it, and when the viewer ends; 4. it
 //! takes at most [`SAMPLES_MAX`] samples.
 
-use crate::bounded::Bounded;
+use crate::bounded::BoundedWriter;
 use crate::mail::Shot;
 use crate::message::{Format, Notice, text_of};
 use crate::outbox::{File, FileBytes, FileFormat};
 use crate::session_loop::SessionLoop;
-use crate::shared::{Shared, png_bytes};
+use crate::shared::{SharedState, png_bytes};
 use crate::state::ShotProgress;
 use crate::surroundings::Room;
 use std::ops::ControlFlow;
@@ -119,9 +119,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                     Err(panic) => resume_unwind(panic),
                     Ok(()) => unreachable!("a worker that has not panicked has sent"),
                 }),
-                Err(error) => Err(Error::new(Code::Io, "the system refused a thread")
-                    .at_place("the screenshot")
-                    .numbers(error.to_string())
+                Err(error) => Err(Error::thread_refused("the screenshot", &error)
                     .next("try again; render the scene file if it stays")),
             }
         });
@@ -149,7 +147,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
 struct ShotWork<'a> {
     shot: Shot,
     settings: RenderSettings,
-    shared: &'a Shared,
+    shared: &'a SharedState,
     budget: &'a Budget,
     files: &'a FileBytes,
     stop: &'a (dyn Fn() -> bool + Sync),
@@ -174,7 +172,7 @@ impl ShotWork<'_> {
         }
         // Room that is never written to takes none.
         let mut bytes = Vec::with_capacity(most as usize);
-        let mut writer = Bounded::new(&mut bytes, most as usize, &stop);
+        let mut writer = BoundedWriter::new(&mut bytes, most as usize, &stop);
         let film = session.film();
         let written = match shot.format {
             Format::Png => write_png(film, settings.exposure, session.thread_pool(), writer),

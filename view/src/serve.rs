@@ -3,21 +3,24 @@
 use crate::guard::Hosts;
 use crate::server;
 use crate::session_loop::SessionLoop;
-use crate::shared::{Admission, Shared};
-use crate::surroundings::{ServeOptions, Served, Surroundings};
+use crate::shared::{Admission, SharedState};
+use crate::surroundings::{ServeOptions, ServeReport, Surroundings};
 use std::net::TcpListener;
 use std::sync::atomic::Ordering;
 use std::thread;
 use trex_render::{LiveSession, PagedTracer};
 use trex_store::{Code, Error, Result};
 
+/// The place of errors.
+const SERVER: &str = "the server of the viewer";
+
 /// Ends the server when it goes.
-struct Ending<'a> {
-    shared: &'a Shared,
+struct EndOnDrop<'a> {
+    shared: &'a SharedState,
     listener: &'a TcpListener,
 }
 
-impl Drop for Ending<'_> {
+impl Drop for EndOnDrop<'_> {
     fn drop(&mut self) {
         server::end(self.shared, self.listener);
     }
@@ -33,31 +36,30 @@ pub fn serve<T: PagedTracer + Send>(
     listener: &TcpListener,
     options: &ServeOptions,
     around: &Surroundings<'_>,
-) -> Result<Served> {
-    let refused = |what: &str, error: &std::io::Error| {
-        Error::new(Code::Io, what)
-            .at_place("the server of the viewer")
+) -> Result<ServeReport> {
+    let address = listener.local_addr().map_err(|error| {
+        Error::new(Code::Io, "the socket has no address")
+            .at_place(SERVER)
             .numbers(error.to_string())
             .next("try again; listen on another port if it stays")
-    };
-    let address = listener.local_addr().map_err(|error| refused("the socket has no address", &error))?;
+    })?;
     let hosts = Hosts::new(address.ip(), &options.hosts);
     let resolution = session.view().settings.resolution;
     let admission = Admission { token: options.token.clone(), hosts, silence_max: options.silence_max };
-    let shared = Shared::new(admission, resolution, around.budget)?;
+    let shared = SharedState::new(admission, resolution, around.budget)?;
     let shared = &shared;
     let session_loop = SessionLoop::new(session, shared, options, around);
     let served = thread::scope(|scope| {
         let accept = thread::Builder::new().name("view-accept".into());
         let accepting = accept.spawn_scoped(scope, move || server::accept(scope, listener, shared));
         if let Err(error) = accepting {
-            return Err(refused("the system refused a thread", &error));
+            return Err(Error::thread_refused(SERVER, &error));
         }
         // Also when the session panics: who waits for a connection would wait for ever.
-        let _end = Ending { shared, listener };
+        let _end = EndOnDrop { shared, listener };
         session_loop.run()
     })?;
-    Ok(Served {
+    Ok(ServeReport {
         clients: shared.admitted(),
         frames_drawn: shared.gone_frames.load(Ordering::Relaxed),
         sent_bytes: shared.gone_bytes.load(Ordering::Relaxed),

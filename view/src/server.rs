@@ -10,10 +10,10 @@
 //! connections do: none is added from then on, and each that is left is shut down; its threads end with it.
 
 use crate::connections::Connection;
-use crate::http::{self, HEAD_TIME_MAX, Head, Incoming, Status};
+use crate::http::{self, DeadlineStream, HEAD_TIME_MAX, Head, Status};
 use crate::outbox::close;
 use crate::page;
-use crate::shared::{CLIENTS_MAX, Shared};
+use crate::shared::{CLIENTS_MAX, SharedState};
 use crate::socket::{self, WRITE_TIME_MAX};
 use rustix::net::{Shutdown, shutdown, sockopt};
 use std::io::{self, Write};
@@ -57,7 +57,7 @@ impl Drop for Place<'_> {
 pub(crate) fn accept<'scope>(
     scope: &'scope Scope<'scope, '_>,
     listener: &TcpListener,
-    shared: &'scope Shared,
+    shared: &'scope SharedState,
 ) {
     for stream in listener.incoming() {
         if shared.connections.are_refused() {
@@ -75,7 +75,7 @@ pub(crate) fn accept<'scope>(
 }
 
 /// Ends the server that listens at `listener`, and all connections.
-pub(crate) fn end(shared: &Shared, listener: &TcpListener) {
+pub(crate) fn end(shared: &SharedState, listener: &TcpListener) {
     shared.connections.refuse();
     let clients = shared.clients();
     clients.iter().for_each(|client| client.close(close::GOING_AWAY));
@@ -100,12 +100,12 @@ pub(crate) fn end(shared: &Shared, listener: &TcpListener) {
 }
 
 /// Answers a connection.
-fn serve(shared: &Shared, connection: &Connection<'_>) {
+fn serve(shared: &SharedState, connection: &Connection<'_>) {
     let stream = connection.stream.clone();
     if prepare(&stream).is_err() {
         return;
     }
-    let mut incoming = Incoming { stream, deadline: Some(Instant::now() + HEAD_TIME_MAX) };
+    let mut incoming = DeadlineStream { stream, deadline: Some(Instant::now() + HEAD_TIME_MAX) };
     let Some(read) = http::read_head(&mut incoming) else { return };
     let answer = match &read {
         Err(status) => http::refusal(*status),
@@ -143,7 +143,7 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
 }
 
 /// The key of a request to become a socket, and its place among the clients; else why not.
-fn grant<'a>(shared: &'a Shared, head: &'a Head) -> Result<(&'a str, Place<'a>), Status> {
+fn grant<'a>(shared: &'a SharedState, head: &'a Head) -> Result<(&'a str, Place<'a>), Status> {
     if head.origin.as_ref().is_some_and(|origin| !shared.hosts.has_origin(origin)) {
         return Err(Status::Forbidden);
     }

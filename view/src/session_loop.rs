@@ -13,17 +13,16 @@
 //! or a picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and
 //! nothing is sent.
 
-use crate::bounded::Bounded;
+use crate::bounded::BoundedWriter;
 use crate::figures::Figures;
 use crate::materials::fingerprint;
 use crate::motion::Motion;
 use crate::outbox::FileBytes;
-use crate::picture::{Changed, Picture, Settled};
+use crate::picture::{BlockChanges, Picture, SettledPng};
 use crate::renderer::Stamps;
-use crate::reports::DAMAGE_LISTED_MAX;
-use crate::shared::{Shared, png_bytes};
+use crate::shared::{SharedState, png_bytes};
 use crate::state::{RaysText, Smaller, State, Stats, TextsText, progress_name};
-use crate::surroundings::{Recipe, ServeOptions, Served, Surroundings};
+use crate::surroundings::{Recipe, ServeOptions, ServeReport, Surroundings};
 use crate::texts;
 use crate::tone::Tone;
 use crate::wire::{FLAG_COMPLETE, FLAG_DONE, FLAG_MOVING, FLAG_PREVIEW};
@@ -40,7 +39,6 @@ const PREVIEW_STEP_LEAST: u32 = 2;
 const DAMAGED: &str = "damaged";
 /// The progress while a screenshot is made.
 const SCREENSHOT: &str = "screenshot";
-
 /// Longest scene file that goes to every page, bytes; a longer one goes as a file to who asks for it.
 const SCENE_BYTES_MAX: usize = 16 << 10;
 
@@ -48,13 +46,13 @@ const SCENE_BYTES_MAX: usize = 16 << 10;
 pub(crate) struct SessionLoop<'a, T> {
     /// Always there, but while a screenshot is made of it.
     session: Option<LiveSession<T>>,
-    pub(crate) shared: &'a Shared,
+    pub(crate) shared: &'a SharedState,
     pub(crate) around: &'a Surroundings<'a>,
     pub(crate) options: &'a ServeOptions,
     pub(crate) tone: Tone,
     pub(crate) motion: Motion,
     pub(crate) figures: Figures,
-    pub(crate) served: Served,
+    pub(crate) served: ServeReport,
     /// The driver's last event.
     pub(crate) seq: u32,
     /// Lights of the file that was opened, and what its materials come to.
@@ -64,7 +62,7 @@ pub(crate) struct SessionLoop<'a, T> {
     is_fresh: bool,
     /// Pixels between samples of the last frame.
     step: Option<u32>,
-    ending: Ending,
+    stage: PictureStage,
     /// Samples that the picture on show has, while a session that begins anew makes them again.
     shown_samples: u32,
     stamps: Stamps,
@@ -82,11 +80,11 @@ pub(crate) struct SessionLoop<'a, T> {
 
 /// How far the end of a picture is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Ending {
-    /// Frames go on.
-    No,
+enum PictureStage {
+    /// Frames are being made.
+    Sampling,
     /// All is sampled; the settled picture is still to be made.
-    Done,
+    Sampled,
     /// All is sent.
     Settled,
 }
@@ -95,7 +93,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     /// A loop that shows `session`.
     pub(crate) fn new(
         session: LiveSession<T>,
-        shared: &'a Shared,
+        shared: &'a SharedState,
         options: &'a ServeOptions,
         around: &'a Surroundings<'a>,
     ) -> SessionLoop<'a, T> {
@@ -110,11 +108,11 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             options,
             motion: Motion::new(),
             figures: Figures::new(),
-            served: Served::default(),
+            served: ServeReport::default(),
             seq: 0,
             is_fresh: true,
             step: None,
-            ending: Ending::No,
+            stage: PictureStage::Sampling,
             shown_samples: 0,
             stamps: Stamps::default(),
             png: Arc::default(),
@@ -155,7 +153,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     ///
     /// # Errors
     /// The session cannot go on; what pages ask for in vain is told to them alone.
-    pub(crate) fn run(mut self) -> Result<Served> {
+    pub(crate) fn run(mut self) -> Result<ServeReport> {
         while !(self.around.stop)() {
             let mail = self.shared.mailbox.collect();
             self.apply_mail(mail)?;
@@ -165,23 +163,24 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             self.remake_room();
             match self.rests_for() {
                 Some(time) => self.shared.mailbox.wait(time),
-                None if self.ending == Ending::Done => self.finish_picture(),
+                None if self.stage == PictureStage::Sampled => self.finish_picture(),
                 None => self.advance(),
             }
         }
-        Ok(Served { events: self.figures.events, ..self.served })
+        Ok(ServeReport { events: self.figures.events, ..self.served })
     }
 
     /// How long there is nothing to do, if there is not.
     fn rests_for(&self) -> Option<Duration> {
-        match self.ending {
-            Ending::Settled => Some(SLEEP),
+        let has_preview = self.step.is_some_and(|step| step <= PREVIEW_STEP_LEAST);
+        match self.stage {
+            PictureStage::Settled => Some(SLEEP),
             // A page is still being sent the picture before.
-            Ending::Done if self.is_still_sending() => Some(SLEEP / 10),
-            Ending::Done => None,
+            PictureStage::Sampled if self.is_still_sending() => Some(SLEEP / 10),
+            PictureStage::Sampled => None,
             // What is finer than that would be late, and stand in the way of the next event.
-            Ending::No if self.is_fresh || self.step.is_none_or(|step| step > PREVIEW_STEP_LEAST) => None,
-            Ending::No => self.motion.moves_for().map(|time| time.min(SLEEP)),
+            PictureStage::Sampling if self.is_fresh || !has_preview => None,
+            PictureStage::Sampling => self.motion.moves_for().map(|time| time.min(SLEEP)),
         }
     }
 
@@ -192,7 +191,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
 
     /// Another picture begins.
     pub(crate) fn restart_picture(&mut self) {
-        (self.is_fresh, self.step, self.ending, self.shown_samples) = (true, None, Ending::No, 0);
+        (self.is_fresh, self.step, self.stage, self.shown_samples) = (true, None, PictureStage::Sampling, 0);
     }
 
     /// Makes a frame, and shows it.
@@ -206,7 +205,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         self.step = report.sample_step;
         self.figures.learn(&report, keys.lod_error);
         if report.progress == FrameProgress::Done {
-            self.ending = Ending::Done;
+            self.stage = PictureStage::Sampled;
         }
         self.publish(&report);
         if self.figures.is_due() {
@@ -254,7 +253,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let session = self.session.as_ref().expect("a screenshot gives the session back");
         let mut changed = self.stamps.with_shown(session, |shown| picture.refresh(scale, &self.tone, shown));
         let seq = if is_whole { self.seq } else { picture.seq };
-        if let Changed::Some(marks) = &mut changed
+        if let BlockChanges::Some(marks) = &mut changed
             && marks.is_empty()
         {
             if (seq, flags) == (picture.seq, picture.flags) {
@@ -265,7 +264,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
         if scale > 1 {
             // Small pictures go whole: pages smooth them over the place of the large one.
-            changed = Changed::All;
+            changed = BlockChanges::All;
         }
         picture.frame = picture.frame.wrapping_add(1);
         (picture.seq, picture.flags, picture.settled) = (seq, flags, None);
@@ -276,7 +275,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
 
     /// The last step of a picture: all of it, and once more without loss.
     fn finish_picture(&mut self) {
-        self.ending = Ending::Settled;
+        self.stage = PictureStage::Settled;
         self.refresh(1, FLAG_COMPLETE | FLAG_DONE, true);
         if self.shared.picture().settled.is_none() {
             self.png = Arc::new(self.write_png());
@@ -287,7 +286,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
                 picture.frame = picture.frame.wrapping_add(1);
                 picture.frame
             };
-            self.shared.settle(Settled { frame, png: self.png.clone() });
+            self.shared.settle(SettledPng { frame, png: self.png.clone() });
         }
         self.send_texts();
         self.send_stats();
@@ -299,7 +298,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let session = self.session();
         let most = png_bytes(session.view().settings.resolution) as usize;
         let mut bytes = Vec::new();
-        let writer = Bounded::new(&mut bytes, most, &self.around.stop);
+        let writer = BoundedWriter::new(&mut bytes, most, &self.around.stop);
         match write_png(session.film(), self.tone.exposure(), session.thread_pool(), writer) {
             Ok(()) => bytes,
             Err(_) => Vec::new(),
@@ -343,8 +342,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     fn send_damage(&mut self, damaged: u64) {
         if damaged != self.damaged {
             self.damaged = damaged;
-            let mut damage = (self.around.damage)();
-            damage.pages.truncate(DAMAGE_LISTED_MAX);
+            let damage = (self.around.damage)();
             self.shared.send_state(State { damage: Some(damage), ..State::default() }, None);
         }
     }

@@ -1,4 +1,4 @@
-//! `Shared`: what the threads of the viewer have in common.
+//! `SharedState`: what the threads of the viewer have in common.
 //!
 //! Locks, in the order in which they may be held together: greeting, atlas, picture, the list of clients, statistics,
 //! an outbox. The mailbox is held alone.
@@ -14,7 +14,7 @@ use crate::mail::MAILBOX_BYTES;
 use crate::mailbox::Mailbox;
 use crate::message::{MESSAGE_BYTES_MAX, Role};
 use crate::outbox::{File, Outbox, TEXT_BYTES_MAX};
-use crate::picture::{Changed, Picture, Settled};
+use crate::picture::{BlockChanges, Picture, SettledPng};
 use crate::renderer::Stamps;
 use crate::state::{State, Stats, TextsText};
 use std::net::TcpStream;
@@ -43,7 +43,7 @@ pub(crate) struct Admission {
 
 /// See the module's description.
 #[derive(Debug)]
-pub(crate) struct Shared {
+pub(crate) struct SharedState {
     pub(crate) token: Token,
     pub(crate) hosts: Hosts,
     pub(crate) mailbox: Mailbox,
@@ -86,15 +86,15 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().expect("a thread of the viewer panicked")
 }
 
-impl Shared {
+impl SharedState {
     /// What is shared while pictures have `full` pixels.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`view_bytes`].
-    pub(crate) fn new(admission: Admission, full: [u32; 2], budget: &Budget) -> Result<Shared> {
+    pub(crate) fn new(admission: Admission, full: [u32; 2], budget: &Budget) -> Result<SharedState> {
         let Admission { token, hosts, silence_max } = admission;
         let lease = budget.lease("the viewer", view_bytes(full))?;
-        Ok(Shared {
+        Ok(SharedState {
             token,
             hosts,
             mailbox: Mailbox::default(),
@@ -123,8 +123,8 @@ impl Shared {
         lock(&self.atlas)
     }
 
-    /// Leases what pictures of `full` pixels take more than those on show; [`Shared::resize`] takes it, or gives it
-    /// back.
+    /// Leases what pictures of `full` pixels take more than those on show; [`SharedState::resize`] takes it, or
+    /// gives it back.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`]; all is as it was then.
@@ -245,12 +245,12 @@ impl Shared {
     }
 
     /// Marks what has changed with every client. The picture is held meanwhile, so that none comes in between.
-    pub(crate) fn mark(&self, picture: &Picture, changed: &Changed) {
+    pub(crate) fn mark(&self, picture: &Picture, changed: &BlockChanges) {
         lock(&self.clients).iter().for_each(|client| client.mark(changed, picture.layout));
     }
 
     /// Sends the settled picture to every client.
-    pub(crate) fn settle(&self, settled: Settled) {
+    pub(crate) fn settle(&self, settled: SettledPng) {
         let mut picture = self.picture();
         lock(&self.clients).iter().for_each(|client| client.settle(&settled));
         picture.settled = Some(settled);
@@ -269,7 +269,7 @@ mod tests {
         let address = listener.local_addr().unwrap();
         let (token, hosts) = (Token::random().unwrap(), Hosts::new(address.ip(), &[]));
         let admission = Admission { token, hosts, silence_max: Duration::from_secs(60) };
-        let shared = Shared::new(admission, [64, 64], &Budget::unlimited()).unwrap();
+        let shared = SharedState::new(admission, [64, 64], &Budget::unlimited()).unwrap();
         let admit = || shared.admit(Arc::new(TcpStream::connect(address).unwrap()), [64, 64]);
         let first = admit().unwrap();
         shared.dismiss(&first);

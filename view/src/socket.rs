@@ -12,12 +12,12 @@
 
 use crate::atlas::{FrameHead, frame_bytes, part_head};
 use crate::client::Client;
-use crate::http::{HEAD_TIME_MAX, Incoming};
+use crate::http::{DeadlineStream, HEAD_TIME_MAX};
 use crate::mail::PostOutcome;
 use crate::message::{FromClient, MESSAGE_BYTES_MAX, Notice, text_of};
 use crate::outbox::{Next, PART_BYTES, close};
-use crate::picture::Settled;
-use crate::shared::Shared;
+use crate::picture::SettledPng;
+use crate::shared::SharedState;
 use std::io::{self, Write};
 use std::net::{Shutdown, TcpStream};
 use std::thread;
@@ -36,10 +36,10 @@ const WRITER_STACK_BYTES: usize = 512 << 10;
 /// Most messages that cannot be read before who sends them is let go.
 const WRONG_MAX: u32 = 16;
 
-type Socket = WebSocket<Incoming>;
+type Socket = WebSocket<DeadlineStream>;
 
 /// Serves a page whose request to become a socket has been granted; `rest` is what came after its head.
-pub(crate) fn serve(shared: &Shared, mut incoming: Incoming, rest: Vec<u8>) {
+pub(crate) fn serve(shared: &SharedState, mut incoming: DeadlineStream, rest: Vec<u8>) {
     incoming.deadline = Some(Instant::now() + HEAD_TIME_MAX);
     let config = WebSocketConfig::default()
         .read_buffer_size(READ_BYTES)
@@ -67,7 +67,7 @@ pub(crate) fn serve(shared: &Shared, mut incoming: Incoming, rest: Vec<u8>) {
 }
 
 /// The size that a page says it has, once it has said the token; else the code to close with.
-fn hello(shared: &Shared, socket: &mut Socket) -> Result<[u32; 2], u16> {
+fn hello(shared: &SharedState, socket: &mut Socket) -> Result<[u32; 2], u16> {
     let text = loop {
         match socket.read() {
             Ok(Message::Text(text)) => break text,
@@ -83,7 +83,7 @@ fn hello(shared: &Shared, socket: &mut Socket) -> Result<[u32; 2], u16> {
 }
 
 /// Reads until the page has gone. Gives the code to close with.
-fn read(shared: &Shared, client: &Client, socket: &mut Socket) -> u16 {
+fn read(shared: &SharedState, client: &Client, socket: &mut Socket) -> u16 {
     let mut wrong = 0;
     loop {
         let message = socket.read();
@@ -132,14 +132,14 @@ fn answer(client: &Client, posted: PostOutcome) {
 }
 
 /// Writes until there is nothing more to write, or nobody who takes it.
-fn write(shared: &Shared, client: &Client) {
+fn write(shared: &SharedState, client: &Client) {
     let mut frame = Vec::new();
     // The reader learns of the end by the stream's.
     let _ = write_all(shared, client, &mut frame);
     let _ = client.stream.shutdown(Shutdown::Both);
 }
 
-fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
+fn write_all(shared: &SharedState, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
     client.stream.set_write_timeout(Some(WRITE_TIME_MAX))?;
     loop {
         match client.next() {
@@ -161,7 +161,7 @@ fn write_all(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Resul
 }
 
 /// Sends what is marked, or as much of it as the line bears.
-fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
+fn send_blocks(shared: &SharedState, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
     let mut atlas = shared.atlas();
     let mut most_blocks = usize::MAX;
     let start = loop {
@@ -199,7 +199,7 @@ fn send_blocks(shared: &Shared, client: &Client, frame: &mut Vec<u8>) -> io::Res
 }
 
 /// Sends the part of a settled picture from a byte on, unless another picture has begun meanwhile.
-fn send_part(shared: &Shared, client: &Client, settled: &Settled, from: usize) -> io::Result<()> {
+fn send_part(shared: &SharedState, client: &Client, settled: &SettledPng, from: usize) -> io::Result<()> {
     let head = {
         let picture = shared.picture();
         if picture.frame != settled.frame {

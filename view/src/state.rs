@@ -4,11 +4,11 @@
 
 use crate::materials::MaterialText;
 use crate::message::{CameraText, Role, text_of};
-use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
+use crate::reports::{MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::{KeyText, SettingsText};
 use crate::wire::LIGHTS_MAX;
 use serde::Serialize;
-use trex_render::{FrameProgress, RayCounts};
+use trex_render::{DamageList, FrameProgress, RayCounts};
 
 /// The state of the session; in an update, what has changed of it.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -54,7 +54,7 @@ pub(crate) struct State {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) memory: Option<LimitText>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) damage: Option<DamageFigures>,
+    pub(crate) damage: Option<DamageList>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) t_max_ms: Option<f64>,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]

@@ -1,11 +1,11 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
 use crate::guard::Token;
-use crate::reports::{DamageFigures, MemoryFigures, ModelFigures, PoolFigures};
+use crate::reports::{MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
 use std::time::Duration;
-use trex_render::{Camera, CameraKeys, FrameOptions, RenderKeys, RenderSettings};
+use trex_render::{Camera, CameraKeys, DamageList, FrameOptions, RenderKeys, RenderSettings};
 use trex_store::{Budget, Material, Result};
 
 /// The surroundings of a session on show.
@@ -31,7 +31,7 @@ pub struct Surroundings<'a> {
     /// The pool of pages now.
     pub pool: &'a dyn Fn() -> PoolFigures,
     /// Damaged pages that were met; asked for when their count has changed.
-    pub damage: &'a dyn Fn() -> DamageFigures,
+    pub damage: &'a dyn Fn() -> DamageList,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
     /// Has a picture put in the place of the one on show: frames that it needs go before, those that it leaves come
@@ -97,7 +97,7 @@ pub struct ServeOptions {
 
 /// What was served.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Served {
+pub struct ServeReport {
     /// Pages that were connected.
     pub clients: u64,
     /// Events that were applied.

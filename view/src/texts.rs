@@ -39,9 +39,9 @@ fn edits(then: &[Material], now: &[Material]) -> impl Iterator<Item = (usize, Ma
 }
 
 /// Counts bytes of what is written.
-struct Counting(usize);
+struct ByteCounter(usize);
 
-impl Write for Counting {
+impl Write for ByteCounter {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         self.0 += text.len();
         Ok(())
@@ -50,7 +50,7 @@ impl Write for Counting {
 
 /// Bytes of the scene file.
 pub(crate) fn scene_bytes(sources: &TextSources<'_>) -> usize {
-    let mut counting = Counting(0);
+    let mut counting = ByteCounter(0);
     write_scene(sources, &mut counting).expect("counting does not fail");
     counting.0
 }

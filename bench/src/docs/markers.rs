@@ -13,7 +13,7 @@ const FIGURE_END: &str = "<!-- -->";
 
 /// The kinds of blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum BlockKind {
     /// A row per record.
     Table,
     /// A row per pattern.
@@ -26,15 +26,15 @@ pub(super) enum Kind {
     Keys,
 }
 
-impl Kind {
+impl BlockKind {
     /// The kind of the block whose marker begins with `line`.
-    pub(super) fn of(line: &str) -> Option<(Kind, &str)> {
+    pub(super) fn of(line: &str) -> Option<(BlockKind, &str)> {
         let kinds = [
-            ("<!-- record:", Kind::Table),
-            ("<!-- compare:", Kind::Comparison),
-            ("<!-- plot:", Kind::Plot),
-            ("<!-- commands:", Kind::Commands),
-            ("<!-- keys", Kind::Keys),
+            ("<!-- record:", BlockKind::Table),
+            ("<!-- compare:", BlockKind::Comparison),
+            ("<!-- plot:", BlockKind::Plot),
+            ("<!-- commands:", BlockKind::Commands),
+            ("<!-- keys", BlockKind::Keys),
         ];
         kinds.into_iter().find_map(|(prefix, kind)| Some((kind, line.strip_prefix(prefix)?)))
     }

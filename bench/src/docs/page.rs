@@ -4,7 +4,7 @@ use super::commands;
 use super::comparison::Comparison;
 use super::figure::{self, Figure};
 use super::keys;
-use super::markers::{CLOSE, END, Kind, fill_line, quoted, words};
+use super::markers::{BlockKind, CLOSE, END, fill_line, quoted, words};
 use super::table::{self, Column};
 use crate::plot::{self, Line};
 use anyhow::{Context, bail, ensure};
@@ -33,7 +33,7 @@ impl<'a> Page<'a> {
         let mut lines = text.lines().enumerate();
         while let Some((index, line)) = lines.next() {
             let place = || format!("line {}", index + 1);
-            let Some((kind, first)) = Kind::of(line) else {
+            let Some((kind, first)) = BlockKind::of(line) else {
                 filled += &fill_line(line, |words| self.value(words)).with_context(place)?;
                 filled.push('\n');
                 continue;
@@ -79,13 +79,13 @@ impl<'a> Page<'a> {
         figures
     }
 
-    fn block(&mut self, kind: Kind, marker: &str) -> anyhow::Result<String> {
+    fn block(&mut self, kind: BlockKind, marker: &str) -> anyhow::Result<String> {
         match kind {
-            Kind::Table => self.table(marker),
-            Kind::Comparison => self.comparison(marker),
-            Kind::Plot => self.plot(marker),
-            Kind::Commands => self.commands(marker),
-            Kind::Keys => Ok(keys::render()),
+            BlockKind::Table => self.table(marker),
+            BlockKind::Comparison => self.comparison(marker),
+            BlockKind::Plot => self.plot(marker),
+            BlockKind::Commands => self.commands(marker),
+            BlockKind::Keys => Ok(keys::render()),
         }
     }
 

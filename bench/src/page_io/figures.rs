@@ -30,7 +30,7 @@ pub struct PageIoFigures {
 /// How far pages come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stage {
+pub enum ReadStage {
     /// Their bytes are there.
     Raw,
     /// And their hash is right.
@@ -51,7 +51,7 @@ pub struct WayFigures {
     /// Past the page cache.
     pub direct: bool,
     /// How far pages come.
-    pub stage: Stage,
+    pub stage: ReadStage,
     /// Reads in flight, at most.
     pub depth: usize,
     /// Pages per second of wall time, median.

@@ -15,8 +15,9 @@ mod demand;
 mod figures;
 mod fio;
 
-pub use figures::{LatencyFigures, PageIoFigures, Stage, WayFigures};
+pub use figures::{LatencyFigures, PageIoFigures, ReadStage, WayFigures};
 
+use crate::full_pool;
 use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::{Context, ensure};
@@ -30,7 +31,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::PageFile;
 use trex_store::io::{
-    DirectChoice, Extent, IoChoice, IoOptions, Reader, Staging, Wait, open, staging_bytes_for,
+    DirectChoice, Extent, IoChoice, IoOptions, Reader, StagingBuffer, Wait, open, staging_bytes_for,
 };
 use trex_store::layout::{FRAME_BYTES, PageKind, STORED_BYTES, page_hash};
 use trex_store::pool::{PagePool, PoolOptions};
@@ -67,7 +68,7 @@ struct Way {
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
-    Ours(Stage, IoChoice, DirectChoice),
+    Ours(ReadStage, IoChoice, DirectChoice),
     Fio,
 }
 
@@ -188,10 +189,12 @@ impl Way {
             [(IoChoice::Uring, Auto), (IoChoice::Uring, Off), (IoChoice::Pread, Auto), (IoChoice::Mmap, Off)];
         let mut kinds = vec![Kind::Fio];
         kinds.retain(|_| fio);
-        kinds.extend(reads.map(|(io, direct)| Kind::Ours(Stage::Raw, io, direct)));
-        kinds.push(Kind::Ours(Stage::Hashed, IoChoice::Auto, Auto));
-        kinds.push(Kind::Ours(Stage::Ready, IoChoice::Auto, Auto));
-        kinds.extend([Stage::Waited, Stage::WaitedBusy].map(|stage| Kind::Ours(stage, IoChoice::Auto, Auto)));
+        kinds.extend(reads.map(|(io, direct)| Kind::Ours(ReadStage::Raw, io, direct)));
+        kinds.push(Kind::Ours(ReadStage::Hashed, IoChoice::Auto, Auto));
+        kinds.push(Kind::Ours(ReadStage::Ready, IoChoice::Auto, Auto));
+        kinds.extend(
+            [ReadStage::Waited, ReadStage::WaitedBusy].map(|stage| Kind::Ours(stage, IoChoice::Auto, Auto)),
+        );
         let way = |kind| Way {
             kind,
             depth,
@@ -207,14 +210,14 @@ impl Way {
     fn name(&self) -> String {
         let name = match self.kind {
             Kind::Fio => "fio",
-            Kind::Ours(Stage::Hashed, ..) => "hashed",
-            Kind::Ours(Stage::Ready, ..) => "ready",
-            Kind::Ours(Stage::Waited, ..) => "waited",
-            Kind::Ours(Stage::WaitedBusy, ..) => "waited_busy",
-            Kind::Ours(Stage::Raw, IoChoice::Mmap, _) => "mmap",
-            Kind::Ours(Stage::Raw, IoChoice::Pread, _) => "pread",
-            Kind::Ours(Stage::Raw, _, DirectChoice::Off) => "uring_cached",
-            Kind::Ours(Stage::Raw, ..) => "uring",
+            Kind::Ours(ReadStage::Hashed, ..) => "hashed",
+            Kind::Ours(ReadStage::Ready, ..) => "ready",
+            Kind::Ours(ReadStage::Waited, ..) => "waited",
+            Kind::Ours(ReadStage::WaitedBusy, ..) => "waited_busy",
+            Kind::Ours(ReadStage::Raw, IoChoice::Mmap, _) => "mmap",
+            Kind::Ours(ReadStage::Raw, IoChoice::Pread, _) => "pread",
+            Kind::Ours(ReadStage::Raw, _, DirectChoice::Off) => "uring_cached",
+            Kind::Ours(ReadStage::Raw, ..) => "uring",
         };
         format!("{name}_{}", self.depth)
     }
@@ -225,17 +228,17 @@ impl Way {
         let all = pages.order.len();
         let (count, (wall, cpu)) = match self.kind {
             Kind::Fio => (all, fio::read((pages.file.path(), &pages.extents), self.depth, &around.folder)?),
-            Kind::Ours(Stage::Ready, io, direct) => {
+            Kind::Ours(ReadStage::Ready, io, direct) => {
                 let pool = self.pool(pages, (io, direct), u64::MAX, around)?;
                 let clock = Clock::start();
                 pool.fetch_blocking(&pages.order)?;
                 (all, clock.spent())
             }
-            Kind::Ours(stage @ (Stage::Waited | Stage::WaitedBusy), io, direct) => {
+            Kind::Ours(stage @ (ReadStage::Waited | ReadStage::WaitedBusy), io, direct) => {
                 // Room for a part: what is asked for ahead never comes to an end.
                 let frames_bytes = (all * FRAME_BYTES / PAGES_A_FRAME) as u64;
                 let pool = self.pool(pages, (io, direct), frames_bytes, around)?;
-                demand::wait_for_some(&pool, pages, stage == Stage::WaitedBusy, &mut self.latencies)?
+                demand::wait_for_some(&pool, pages, stage == ReadStage::WaitedBusy, &mut self.latencies)?
             }
             Kind::Ours(stage, io, direct) => (all, self.read(pages, (io, direct), stage, around)?),
         };
@@ -252,7 +255,7 @@ impl Way {
         &mut self,
         pages: &Pages<'_>,
         choice: (IoChoice, DirectChoice),
-        stage: Stage,
+        stage: ReadStage,
         around: &Surroundings,
     ) -> anyhow::Result<(Duration, Duration)> {
         let slot_bytes = staging_bytes_for(STORED_BYTES);
@@ -260,7 +263,7 @@ impl Way {
         let mut reader = Reader::new(open(pages.file.path(), &self.options(choice))?, pages.file.path());
         let mut slots = Vec::new();
         for _ in 0..self.depth.min(pages.order.len()) {
-            slots.push(Staging::new(slot_bytes)?);
+            slots.push(StagingBuffer::new(slot_bytes)?);
         }
         let mut begun = vec![Instant::now(); pages.order.len()];
         let (mut next, mut arrivals) = (0, Vec::new());
@@ -276,7 +279,7 @@ impl Way {
             for arrival in arrivals.drain(..) {
                 let (place, bytes) = (arrival.tag as usize, arrival.result?);
                 let stored = &arrival.staging[bytes];
-                let is_sound = stage == Stage::Raw || pages.is_sound(place, stored);
+                let is_sound = stage == ReadStage::Raw || pages.is_sound(place, stored);
                 ensure!(is_sound, "page {} is damaged: run trex verify", pages.order[place]);
                 self.latencies.saturating_record(begun[place].elapsed().as_micros() as u64);
                 slots.push(arrival.staging);
@@ -296,17 +299,13 @@ impl Way {
         frames_bytes: u64,
         around: &Surroundings,
     ) -> anyhow::Result<PagePool> {
-        let defaults = PoolOptions {
+        let pool_options = PoolOptions {
             io: self.options(choice),
             decode_threads: around.threads.min(trex_store::pool::DECODE_THREADS_MAX),
             ..PoolOptions::default()
         };
-        let (overhead, smallest) = PagePool::smallest_bytes(&**pages.file, &defaults)?;
         let wanted = frames_bytes.min((pages.file.pages().len() * FRAME_BYTES) as u64);
-        let least = smallest - overhead;
-        let room = around.budget.free_bytes().saturating_sub(overhead).max(least);
-        let pool_options = PoolOptions { frames_bytes: wanted.clamp(least, room), ..defaults };
-        let pool = PagePool::open(pages.file.clone(), pages.file.path(), &around.budget, &pool_options)?;
+        let pool = full_pool::open(pages.file, pool_options, wanted, around)?;
         self.backend = (pool.io().backend, pool.io().direct);
         Ok(pool)
     }
@@ -326,7 +325,7 @@ impl Way {
             direct: self.backend.1,
             stage: match self.kind {
                 Kind::Ours(stage, ..) => stage,
-                Kind::Fio => Stage::Raw,
+                Kind::Fio => ReadStage::Raw,
             },
             depth: self.depth,
             pages_per_s,

@@ -135,7 +135,7 @@ unsafe extern "C" {
 
 /// Counts what Embree allocates and frees.
 extern "C" fn count_memory(user: *mut c_void, bytes: isize, _post: bool) -> bool {
-    // SAFETY: `user` is the counter of the device's `Tree`, which lives until the device has been released.
+    // SAFETY: `user` is the counter of the device's `EmbreeScene`, which lives until the device has been released.
     let counter = unsafe { &*user.cast::<AtomicI64>() };
     counter.fetch_add(bytes as i64, Ordering::Relaxed);
     true
@@ -171,7 +171,7 @@ impl Mesh {
 }
 
 /// A device with one committed scene.
-struct Tree {
+struct EmbreeScene {
     device: Handle,
     scene: Handle,
     allocated: Box<AtomicI64>,
@@ -180,16 +180,16 @@ struct Tree {
 
 // SAFETY: queries of a committed scene may run on any number of threads (Embree API documentation, `rtcIntersect1`);
 // nothing else is done with the handles until the last owner drops them.
-unsafe impl Send for Tree {}
+unsafe impl Send for EmbreeScene {}
 // SAFETY: as above.
-unsafe impl Sync for Tree {}
+unsafe impl Sync for EmbreeScene {}
 
-impl Tree {
-    fn build(mesh: &Arc<Mesh>, flags: u32, threads: usize) -> anyhow::Result<Tree> {
+impl EmbreeScene {
+    fn build(mesh: &Arc<Mesh>, flags: u32, threads: usize) -> anyhow::Result<EmbreeScene> {
         let config = CString::new(format!("threads={threads}")).expect("no zero in it");
         let allocated = Box::new(AtomicI64::new(0));
-        // SAFETY: arguments are as the headers ask; the buffers and the counter live as long as the scene, since `Tree`
-        // owns them; counts are those of the buffers, the last position serving as padding.
+        // SAFETY: arguments are as the headers ask; the buffers and the counter live as long as the scene, since
+        // `EmbreeScene` owns them; counts are those of the buffers, the last position serving as padding.
         unsafe {
             let device = rtcNewDevice(config.as_ptr());
             ensure!(
@@ -227,7 +227,7 @@ impl Tree {
             rtcAttachGeometry(scene, geometry);
             rtcReleaseGeometry(geometry);
             rtcCommitScene(scene);
-            let tree = Tree { device, scene, allocated, _mesh: mesh.clone() };
+            let tree = EmbreeScene { device, scene, allocated, _mesh: mesh.clone() };
             let error = rtcGetDeviceError(device);
             ensure!(error == 0, "Embree cannot build: error {error}");
             Ok(tree)
@@ -241,7 +241,7 @@ impl Tree {
     }
 }
 
-impl Drop for Tree {
+impl Drop for EmbreeScene {
     fn drop(&mut self) {
         // SAFETY: each handle is owned here and released once, the scene before its device.
         unsafe {
@@ -254,7 +254,7 @@ impl Drop for Tree {
 /// A mode as contender.
 struct Mode {
     label: String,
-    tree: Arc<Tree>,
+    tree: Arc<EmbreeScene>,
     is_packet: bool,
     threads: usize,
 }
@@ -283,7 +283,7 @@ impl Contender for Mode {
     }
 }
 
-fn single(tree: &Tree, context: &mut QueryContext, query: Query, ray: &BenchRay) -> RayAnswer {
+fn single(tree: &EmbreeScene, context: &mut QueryContext, query: Query, ray: &BenchRay) -> RayAnswer {
     let mut asked = RayHit1 {
         ray: RtcRay {
             origin: ray.origin,
@@ -315,7 +315,7 @@ fn single(tree: &Tree, context: &mut QueryContext, query: Query, ray: &BenchRay)
 }
 
 fn packet(
-    tree: &Tree,
+    tree: &EmbreeScene,
     context: &mut QueryContext,
     query: Query,
     rays: &[BenchRay],
@@ -381,8 +381,9 @@ pub(crate) fn set_up(file: &PageFile, threads: usize) -> anyhow::Result<PeerSetu
     let mut version = String::new();
     for (name, flags) in [("robust", SCENE_ROBUST), ("default", 0), ("compact", SCENE_COMPACT)] {
         let start = Instant::now();
-        let tree =
-            Arc::new(Tree::build(&mesh, flags, threads).with_context(|| format!("Embree, mode {name}"))?);
+        let tree = Arc::new(
+            EmbreeScene::build(&mesh, flags, threads).with_context(|| format!("Embree, mode {name}"))?,
+        );
         let figures = ModeFigures {
             tree_bytes: tree.allocated.load(Ordering::Relaxed).max(0) as u64,
             build_ms: start.elapsed().as_secs_f64() * 1e3,

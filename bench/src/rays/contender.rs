@@ -177,12 +177,12 @@ impl Resident<'_> {
 }
 
 /// Ours, through the pool.
-pub(super) struct Pooled {
+pub(super) struct PooledContender {
     pub(super) space: Space,
     pub(super) workers: Vec<PagedMesh<PooledPages>>,
 }
 
-impl Contender for Pooled {
+impl Contender for PooledContender {
     fn label(&self) -> &str {
         "trex"
     }
@@ -214,7 +214,7 @@ impl Contender for Pooled {
     }
 }
 
-impl Pooled {
+impl PooledContender {
     /// The closest hit.
     pub(super) fn hit(&mut self, ray: &BenchRay) -> Option<Hit> {
         let (tracer, ray) = (&mut self.workers[0], self.space.to_model(ray));

@@ -2,15 +2,16 @@
 
 use super::compare::{self, Agreement};
 use super::contender::{
-    Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, Pooled, RayAnswer, Resident,
+    Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, PooledContender, RayAnswer, Resident,
 };
 use super::falsehood;
 use super::figures::{PeerFigures, RayFigures, SetFigures};
 use super::options::{Peer, RayOptions};
 use super::peer::PeerSetup;
 use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space};
-use super::turns::{Ours, Turns, take_turns};
+use super::turns::{OwnContender, Turns, take_turns};
 use super::visits;
+use crate::full_pool;
 use crate::model::{Model, Surroundings};
 use anyhow::ensure;
 use std::sync::Arc;
@@ -93,7 +94,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         "a peer takes all of the mesh in memory, and the limit has no room for ours"
     );
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
-    let mut ours = Pooled { space, workers: pooled_tracers(&file, &pool, around.threads) };
+    let mut ours = PooledContender { space, workers: pooled_tracers(&file, &pool, around.threads) };
     let sets = make_sets(&file, model, options, [None; 2], |ray| ours.hit(ray))?;
     let ours_all = Contenders { single: &mut ours, packets: None, gray: [None, None] };
     let mut figures = compete(ours_all, &sets, &file, options, around)?;
@@ -110,19 +111,15 @@ fn open_pool(
     options: &RayOptions,
     around: &Surroundings,
 ) -> Result<(Arc<PagePool>, Lease)> {
-    let budget = &around.budget;
-    let defaults = PoolOptions {
+    let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * around.threads as u64;
+    let lease = around.budget.lease("the pins of the workers", pins)?;
+    let pool_options = PoolOptions {
         io: options.io.clone(),
         staging_slots: 8,
         merge_bytes: 128 << 10,
         ..PoolOptions::default()
     };
-    let (overhead, smallest) = PagePool::smallest_bytes(&**file, &defaults)?;
-    let pins = PooledPages::bytes(file.pages().len(), file.pages().len()) * around.threads as u64;
-    let lease = budget.lease("the pins of the workers", pins)?;
-    let frames_bytes = budget.free_bytes().saturating_sub(overhead).max(smallest - overhead);
-    let pool_options = PoolOptions { frames_bytes, ..defaults };
-    Ok((Arc::new(PagePool::open(file.clone(), file.path(), budget, &pool_options)?), lease))
+    Ok((Arc::new(full_pool::open(file, pool_options, u64::MAX, around)?), lease))
 }
 
 fn make_sets(
@@ -185,17 +182,17 @@ fn compete(
     let Contenders { single, packets, gray } = ours;
     let (primary, shadow) = match packets {
         Some(packets) => {
-            let both = Ours { contender: packets, single: Some(single) };
+            let both = OwnContender { contender: packets, single: Some(single) };
             let primary = score.measure("primary", both, &sets.primary)?;
-            let both = Ours { contender: packets, single: Some(single) };
+            let both = OwnContender { contender: packets, single: Some(single) };
             (primary, score.measure("shadow", both, &sets.shadow)?)
         }
         None => {
-            let primary = score.measure("primary", Ours::alone(single), &sets.primary)?;
-            (primary, score.measure("shadow", Ours::alone(single), &sets.shadow)?)
+            let primary = score.measure("primary", OwnContender::alone(single), &sets.primary)?;
+            (primary, score.measure("shadow", OwnContender::alone(single), &sets.shadow)?)
         }
     };
-    let incoherent = score.measure("incoherent", Ours::alone(single), &sets.incoherent)?;
+    let incoherent = score.measure("incoherent", OwnContender::alone(single), &sets.incoherent)?;
 
     // Rays through the voxels.
     let mut through_voxels = [None, None, None, None];
@@ -203,7 +200,7 @@ fn compete(
     for (at, (gray, sets)) in gray.into_iter().zip(&sets.gray).enumerate() {
         let (Some([batch, single]), Some(sets)) = (gray, sets) else { continue };
         for (kind, set) in [&sets.gather, &sets.shadow].into_iter().enumerate() {
-            let ours = Ours { contender: batch, single: Some(single) };
+            let ours = OwnContender { contender: batch, single: Some(single) };
             through_voxels[2 * at + kind] = Some(score.measure(names[at][kind], ours, set)?);
         }
     }
@@ -245,7 +242,12 @@ fn resident_bytes(file: &PageFile, frame_count: usize) -> u64 {
 
 impl Score<'_> {
     /// Times all contenders on one set, and compares what they answered.
-    fn measure(&mut self, name: &'static str, ours: Ours<'_>, set: &RaySet) -> anyhow::Result<SetFigures> {
+    fn measure(
+        &mut self,
+        name: &'static str,
+        ours: OwnContender<'_>,
+        set: &RaySet,
+    ) -> anyhow::Result<SetFigures> {
         self.around.interrupt.check()?;
         let turn = take_turns(ours, self.peer.as_mut(), set, self.options.rounds);
         turn.ours.iter().for_each(|answer| self.hash.update(&answer.triangle.to_le_bytes()));

@@ -8,15 +8,15 @@ use crate::median::median;
 use std::time::Instant;
 
 /// Ours, and where it takes batches, the same for single rays.
-pub(super) struct Ours<'a> {
+pub(super) struct OwnContender<'a> {
     pub(super) contender: &'a mut dyn Contender,
     pub(super) single: Option<&'a mut dyn Contender>,
 }
 
-impl<'a> Ours<'a> {
+impl<'a> OwnContender<'a> {
     /// Rays that go one by one.
-    pub(super) fn alone(contender: &'a mut dyn Contender) -> Ours<'a> {
-        Ours { contender, single: None }
+    pub(super) fn alone(contender: &'a mut dyn Contender) -> OwnContender<'a> {
+        OwnContender { contender, single: None }
     }
 }
 
@@ -33,12 +33,12 @@ pub(super) struct Turns {
 
 /// One round to warm up, then measured rounds; in each, ours and every mode in turn.
 pub(super) fn take_turns(
-    ours: Ours<'_>,
+    ours: OwnContender<'_>,
     mut peer: Option<&mut PeerSetup>,
     set: &RaySet,
     rounds: usize,
 ) -> Turns {
-    let Ours { contender: ours, mut single } = ours;
+    let OwnContender { contender: ours, mut single } = ours;
     let mode_count = peer.as_ref().map_or(0, |peer| peer.modes.len());
     let mut first = vec![RayAnswer::NONE; set.rays.len()];
     let mut answers = first.clone();

@@ -2,7 +2,7 @@
 
 use super::errors::ERROR_TIMES_MS;
 use super::hold::{LIVELOCK, Log, Switch};
-use super::options::{Figure, Requirement, Scenario, StressOptions};
+use super::options::{Requirement, Scenario, StressFigure, StressOptions};
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -176,15 +176,15 @@ impl StressFigures {
     }
 
     /// The time that is called so.
-    pub fn times(&self, figure: Figure) -> &Times {
+    pub fn times(&self, figure: StressFigure) -> &Times {
         match figure {
-            Figure::First => &self.first_picture_ms,
-            Figure::Rough => &self.rough_ms,
-            Figure::Whole => &self.whole_ms,
-            Figure::Response => &self.response_ms,
-            Figure::Complete => &self.complete_ms,
-            Figure::Converged => &self.converged_ms,
-            Figure::Frame => &self.frame_ms,
+            StressFigure::First => &self.first_picture_ms,
+            StressFigure::Rough => &self.rough_ms,
+            StressFigure::Whole => &self.whole_ms,
+            StressFigure::Response => &self.response_ms,
+            StressFigure::Complete => &self.complete_ms,
+            StressFigure::Converged => &self.converged_ms,
+            StressFigure::Frame => &self.frame_ms,
         }
     }
 
@@ -203,8 +203,8 @@ impl StressFigures {
             let times = self.times(*figure);
             let (ms, name) = (times.percentile(*percentile), figure.name());
             let of = match figure {
-                Figure::Frame => times.count(),
-                Figure::Converged => changes_of_light,
+                StressFigure::Frame => times.count(),
+                StressFigure::Converged => changes_of_light,
                 _ => self.switches,
             };
             let (came, wanted) = (times.count() as f64, of as f64 * percentile / 100.0);

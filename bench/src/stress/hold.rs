@@ -9,7 +9,7 @@
 //! it; 3. while a picture is copied for its error the clock stands still.
 
 use super::errors::{ERROR_TIMES_MS, Snapshots};
-use super::options::Figure;
+use super::options::StressFigure;
 use serde::Serialize;
 use std::time::{Duration, Instant};
 use trex_render::{FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts, Times};
@@ -53,7 +53,7 @@ pub struct Switch {
 #[derive(Default)]
 pub(super) struct Log {
     pub(super) switches: Vec<Switch>,
-    pub(super) times: [Times; Figure::NAMED.len()],
+    pub(super) times: [Times; StressFigure::NAMED.len()],
     /// Events that changed light.
     pub(super) changes_of_light: u64,
     /// Time in which clocks stood still.
@@ -78,12 +78,12 @@ pub(super) struct Hold<'a> {
 }
 
 /// The time since an event, less that in which it was stopped.
-struct Clock {
+struct Stopwatch {
     event: Instant,
     stopped: Duration,
 }
 
-impl Clock {
+impl Stopwatch {
     fn elapsed(&self) -> Duration {
         self.event.elapsed() - self.stopped
     }
@@ -106,7 +106,7 @@ impl Log {
         hold: &Hold<'_>,
         mut snapshots: Option<&mut Snapshots>,
     ) -> Result<()> {
-        let mut clock = Clock { event, stopped: Duration::ZERO };
+        let mut clock = Stopwatch { event, stopped: Duration::ZERO };
         let mut switch = Switch::default();
         let mut changes_light = false;
         loop {
@@ -117,7 +117,7 @@ impl Log {
             }
             let begin = Instant::now();
             let report = session.frame(u32::MAX, &|| hold.interrupt.is_raised());
-            self.times[Figure::Frame as usize].add(begin.elapsed());
+            self.times[StressFigure::Frame as usize].add(begin.elapsed());
             let time = clock.elapsed();
             if let Some(snapshots) = &mut snapshots {
                 clock.stop(|| snapshots.after_frame(time));
@@ -132,7 +132,7 @@ impl Log {
             let is_converged = is_complete && report.light_share == 1.0 && session.film().samples() > 0;
             if is_converged && changes_light {
                 switch.light_share.get_or_insert(1.0);
-                self.reached(Figure::Converged, &mut switch.converged_ms, time);
+                self.reached(StressFigure::Converged, &mut switch.converged_ms, time);
             }
             self.livelock |= switch.response_ms.is_none() && time > LIVELOCK;
             let is_over = match switch.response_ms {
@@ -153,28 +153,28 @@ impl Log {
     fn note(&mut self, switch: &mut Switch, report: &FrameReport, time: Duration) {
         let is_finer = |step: u32| report.sample_step.is_some_and(|shown| shown <= step);
         if report.sample_step.is_some() {
-            self.reached(Figure::First, &mut switch.first_ms, time);
+            self.reached(StressFigure::First, &mut switch.first_ms, time);
         }
         if is_finer(ROUGH_STEP) {
-            self.reached(Figure::Rough, &mut switch.rough_ms, time);
+            self.reached(StressFigure::Rough, &mut switch.rough_ms, time);
         }
-        if is_finer(WHOLE_STEP) && self.reached(Figure::Whole, &mut switch.whole_ms, time) {
+        if is_finer(WHOLE_STEP) && self.reached(StressFigure::Whole, &mut switch.whole_ms, time) {
             switch.whole_step = report.sample_step;
         }
         if report.progress >= FrameProgress::Block
-            && self.reached(Figure::Response, &mut switch.response_ms, time)
+            && self.reached(StressFigure::Response, &mut switch.response_ms, time)
         {
             self.block_tiles += u64::from(report.block_tiles);
             self.block_share += report.block_share;
             self.stalls += u64::from(time > STALL);
         }
         if report.progress >= FrameProgress::Complete
-            && self.reached(Figure::Complete, &mut switch.complete_ms, time)
+            && self.reached(StressFigure::Complete, &mut switch.complete_ms, time)
         {}
     }
 
     /// Sets a time that has no value yet: true when it did.
-    fn reached(&mut self, figure: Figure, place: &mut Option<f64>, time: Duration) -> bool {
+    fn reached(&mut self, figure: StressFigure, place: &mut Option<f64>, time: Duration) -> bool {
         let is_new = place.is_none();
         if is_new {
             *place = Some((time.as_secs_f64() * 1e6).round() / 1e3);

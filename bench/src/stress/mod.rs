@@ -20,7 +20,7 @@ mod scenario;
 pub use errors::{ERROR_TIMES_MS, References, Snapshots};
 pub use figures::{PixelError, StressFigures};
 pub use hold::Switch;
-pub use options::{Figure, Requirement, Scenario, StressOptions};
+pub use options::{Requirement, Scenario, StressFigure, StressOptions};
 
 use hold::{Hold, Log};
 use scenario::{Script, Step};

@@ -65,7 +65,7 @@ pub struct StressOptions {
 /// A time that is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Figure {
+pub enum StressFigure {
     /// Event to the first picture of the new state.
     First,
     /// Event to a lit C-ray at every fourth pixel.
@@ -82,21 +82,21 @@ pub enum Figure {
     Frame,
 }
 
-impl Figure {
+impl StressFigure {
     /// All of them, by name.
-    pub const NAMED: [(&str, Figure); 7] = [
-        ("first", Figure::First),
-        ("rough", Figure::Rough),
-        ("whole", Figure::Whole),
-        ("response", Figure::Response),
-        ("complete", Figure::Complete),
-        ("converged", Figure::Converged),
-        ("frame", Figure::Frame),
+    pub const NAMED: [(&str, StressFigure); 7] = [
+        ("first", StressFigure::First),
+        ("rough", StressFigure::Rough),
+        ("whole", StressFigure::Whole),
+        ("response", StressFigure::Response),
+        ("complete", StressFigure::Complete),
+        ("converged", StressFigure::Converged),
+        ("frame", StressFigure::Frame),
     ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        Figure::NAMED[self as usize].0
+        StressFigure::NAMED[self as usize].0
     }
 }
 
@@ -104,7 +104,7 @@ impl Figure {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Requirement {
     /// The time.
-    pub figure: Figure,
+    pub figure: StressFigure,
     /// The percentile, above 0, at most 100.
     pub percentile: f64,
     /// Its limit, ms.
@@ -115,7 +115,7 @@ impl Requirement {
     /// What a run is judged by when nothing else is asked: in 99 of 100 events the picture is whole after a frame of
     /// `t_max`.
     pub fn default_for(t_max: Duration) -> Requirement {
-        Requirement { figure: Figure::Whole, percentile: 99.0, ms: t_max.as_secs_f64() * 1e3 }
+        Requirement { figure: StressFigure::Whole, percentile: 99.0, ms: t_max.as_secs_f64() * 1e3 }
     }
 }
 
@@ -127,7 +127,7 @@ impl FromStr for Requirement {
         let parsed = || {
             let (name, ms) = text.split_once('=')?;
             let (figure, percentile) = name.trim().split_once('.')?;
-            let (_, figure) = Figure::NAMED.into_iter().find(|(name, _)| *name == figure)?;
+            let (_, figure) = StressFigure::NAMED.into_iter().find(|(name, _)| *name == figure)?;
             let percentile = match percentile {
                 "max" => 100.0,
                 percentile => percentile.strip_prefix('p')?.parse().ok()?,
@@ -138,7 +138,7 @@ impl FromStr for Requirement {
             is_sound.then_some(Requirement { figure, percentile, ms })
         };
         parsed().ok_or_else(|| {
-            let names = Figure::NAMED.map(|(name, _)| name).join(", ");
+            let names = StressFigure::NAMED.map(|(name, _)| name).join(", ");
             format!("accepted are times like whole.p99=33 or frame.max=100, of {names}; in milliseconds")
         })
     }
@@ -152,9 +152,9 @@ mod tests {
     fn requirements_are_read_and_refused() {
         let read = |text: &str| text.parse::<Requirement>();
         let expected = |figure, percentile, ms| Ok(Requirement { figure, percentile, ms });
-        assert_eq!(read("whole.p99=33"), expected(Figure::Whole, 99.0, 33.0));
-        assert_eq!(read("frame.max = 100ms"), expected(Figure::Frame, 100.0, 100.0));
-        assert_eq!(read("complete.p50=0.5"), expected(Figure::Complete, 50.0, 0.5));
+        assert_eq!(read("whole.p99=33"), expected(StressFigure::Whole, 99.0, 33.0));
+        assert_eq!(read("frame.max = 100ms"), expected(StressFigure::Frame, 100.0, 100.0));
+        assert_eq!(read("complete.p50=0.5"), expected(StressFigure::Complete, 50.0, 0.5));
         for text in [
             "",
             "whole",
@@ -167,7 +167,7 @@ mod tests {
         ] {
             assert!(read(text).unwrap_err().contains("whole.p99=33"), "{text}");
         }
-        for (name, figure) in Figure::NAMED {
+        for (name, figure) in StressFigure::NAMED {
             assert_eq!(figure.name(), name);
         }
     }

@@ -54,7 +54,7 @@ pub(super) struct Ran {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Line<T> {
+struct JournalLine<T> {
     key: String,
     value: T,
 }
@@ -90,7 +90,7 @@ impl<'a> Campaign<'a> {
         }
         // A last line that a kill has cut is no line.
         for line in lines {
-            if let Ok(Line { key, value }) = serde_json::from_str(line) {
+            if let Ok(JournalLine { key, value }) = serde_json::from_str(line) {
                 campaign.kept.insert(key, value);
             }
         }
@@ -122,7 +122,7 @@ impl<'a> Campaign<'a> {
             return Ok(value);
         }
         let value = run(self)?;
-        let line = Line { key: key.to_owned(), value: serde_json::to_value(&value)? };
+        let line = JournalLine { key: key.to_owned(), value: serde_json::to_value(&value)? };
         // What was cut has no end of line: an own one is no harm.
         self.append(&serde_json::to_string(&line)?)?;
         self.kept.insert(line.key, line.value);

@@ -68,7 +68,7 @@ pub struct PointFigures {
     pub refused: Option<String>,
     /// What the picture cost and how wrong it is; `None` where there is none.
     #[serde(flatten)]
-    pub measured: Option<Measured>,
+    pub measured: Option<Measurement>,
     /// True when no point is as fast and less wrong.
     pub is_on_time_front: bool,
     /// True when no point takes as little memory and is less wrong.
@@ -79,7 +79,7 @@ pub struct PointFigures {
 
 /// What a picture cost, and how wrong it is.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Measured {
+pub struct Measurement {
     /// From the start of the process to its end, milliseconds.
     pub picture_ms: f64,
     /// Rays of all kinds, a second of rendering.
@@ -96,7 +96,7 @@ pub struct Measured {
 
 /// Marks what is on the fronts.
 pub(super) fn mark(points: &mut [PointFigures]) {
-    let costs = |cost: fn(&Measured) -> f64| {
+    let costs = |cost: fn(&Measurement) -> f64| {
         let cost = |(at, point): (usize, &PointFigures)| {
             let measured = point.measured.as_ref()?;
             Some((at, (cost(measured), measured.relmse()?)))
@@ -113,7 +113,7 @@ pub(super) fn mark(points: &mut [PointFigures]) {
     }
 }
 
-impl Measured {
+impl Measurement {
     /// relMSE of the whole picture.
     pub fn relmse(&self) -> Option<f64> {
         self.errors["whole"].relmse
@@ -153,15 +153,15 @@ pub(super) fn by_time(points: &[PointFigures]) -> BTreeMap<u64, Summary> {
 impl TradeoffFigures {
     /// Writes `error-time.svg` and `error-memory.svg`.
     pub(super) fn plot(&self, folder: &Path) -> anyhow::Result<()> {
-        let line = |label: &str, is_in: &dyn Fn(&PointFigures) -> bool, cost: fn(&Measured) -> f64| {
+        let line = |label: &str, is_in: &dyn Fn(&PointFigures) -> bool, cost: fn(&Measurement) -> f64| {
             let point = |point: &PointFigures| {
                 let measured = point.measured.as_ref().filter(|_| is_in(point))?;
                 Some((cost(measured), measured.relmse().filter(|error| *error > 0.0)?))
             };
             Line::new(label, self.points.iter().filter_map(point).collect())
         };
-        let time = |m: &Measured| m.picture_ms / 1e3;
-        let memory = |m: &Measured| m.peak_rss_bytes as f64 / MIB as f64;
+        let time = |m: &Measurement| m.picture_ms / 1e3;
+        let memory = |m: &Measurement| m.peak_rss_bytes as f64 / MIB as f64;
         let of = |names: &[&'static str], cost| {
             names.iter().map(|&name| line(name, &|point| point.knob == name, cost)).collect::<Vec<_>>()
         };

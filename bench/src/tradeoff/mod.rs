@@ -18,10 +18,10 @@ mod regions;
 use crate::median::median;
 use campaign::{Campaign, Subject, refusal};
 use datasets_gen::{Spec, views};
-pub use figures::{Measured, PointFigures, Summary, TradeoffFigures};
+pub use figures::{Measurement, PointFigures, Summary, TradeoffFigures};
 pub use knobs::names;
 use knobs::{KNOBS, Point};
-use regions::Reference;
+use regions::ReferencePicture;
 pub use regions::RegionError;
 use serde_json::Value;
 use std::fs;
@@ -67,7 +67,7 @@ pub struct Around<'a> {
 }
 
 /// What points are rendered of.
-struct Stage<'a> {
+struct PointSubject<'a> {
     options: &'a TradeoffOptions,
     /// The page file or scene.
     model: String,
@@ -87,7 +87,7 @@ pub fn run(options: &TradeoffOptions, around: &Around<'_>) -> anyhow::Result<Tra
     let limit_bytes = around.budget.limit_bytes() - around.budget.used_bytes() - trex_store::RESERVE_BYTES;
     let subject = subject(options, limit_bytes)?;
     let mut campaign = Campaign::open(&options.program, &options.folder, &subject, around.interrupt)?;
-    let stage = Stage::open(options, limit_bytes, &campaign)?;
+    let stage = PointSubject::open(options, limit_bytes, &campaign)?;
     let reference = stage.reference(&campaign)?;
 
     let is_asked = |name: &str| options.knobs.is_empty() || options.knobs.iter().any(|asked| asked == name);
@@ -146,12 +146,12 @@ fn is_mesh(input: &str) -> bool {
     input.starts_with("gen:") || ending.is_some_and(|e| ["ply", "obj", "stl"].iter().any(|mesh| e == *mesh))
 }
 
-impl<'a> Stage<'a> {
+impl<'a> PointSubject<'a> {
     fn open(
         options: &'a TradeoffOptions,
         limit_bytes: u64,
         campaign: &Campaign<'_>,
-    ) -> anyhow::Result<Stage<'a>> {
+    ) -> anyhow::Result<PointSubject<'a>> {
         let [width, height] = options.resolution;
         let mut common = vec!["--resolution".to_owned(), format!("{width}x{height}")];
         if options.input.starts_with("gen:")
@@ -167,7 +167,7 @@ impl<'a> Stage<'a> {
             common.extend(flags.into_iter().flat_map(|(flag, value)| [flag.to_owned(), value]));
         }
         let source = is_mesh(&options.input).then(|| options.input.clone());
-        let mut stage = Stage { options, model: options.input.clone(), common, source, limit_bytes };
+        let mut stage = PointSubject { options, model: options.input.clone(), common, source, limit_bytes };
         if stage.source.is_some() {
             stage.model = stage.built("model", &[], campaign)?;
         }
@@ -197,7 +197,7 @@ impl<'a> Stage<'a> {
         [words, vec!["--memory-limit".to_owned(), format!("{}B", self.limit_bytes)]].concat()
     }
 
-    fn reference(&self, campaign: &Campaign<'_>) -> anyhow::Result<Reference> {
+    fn reference(&self, campaign: &Campaign<'_>) -> anyhow::Result<ReferencePicture> {
         let picture = |name: &str, flags: &str| {
             let flags: Vec<String> = flags.split_whitespace().map(str::to_owned).collect();
             campaign.picture(name, &self.words(&self.model, &flags))
@@ -207,7 +207,7 @@ impl<'a> Stage<'a> {
         let a = picture("reference-a.exr", &(of_path(REFERENCE_SEEDS[0]) + " --layers depth,normal,albedo"))?;
         let b = picture("reference-b.exr", &of_path(REFERENCE_SEEDS[1]))?;
         let flags = format!("--integrator direct --spp {DIRECT_SPP} --n-shadow 4 --lod-error 0");
-        Reference::read(&a, &b, &picture("direct.exr", &flags)?)
+        ReferencePicture::read(&a, &b, &picture("direct.exr", &flags)?)
     }
 
     /// The memory limits that are tried: the smallest, and some above it.
@@ -228,7 +228,7 @@ impl<'a> Stage<'a> {
     fn point(
         &self,
         point: &Point,
-        reference: &Reference,
+        reference: &ReferencePicture,
         campaign: &mut Campaign<'_>,
     ) -> anyhow::Result<PointFigures> {
         let variant = format!("{}-{}", point.knob, point.value.replace('/', "-"));
@@ -243,7 +243,7 @@ impl<'a> Stage<'a> {
             words.join(" "),
             if build.is_empty() { build } else { format!(" #{build}") }
         );
-        let measured: Result<Measured, String> = campaign.once(&key, |campaign| {
+        let measured: Result<Measurement, String> = campaign.once(&key, |campaign| {
             if let Some(flags) = &point.build {
                 self.built(&variant, flags, campaign)?;
             }
@@ -276,9 +276,9 @@ impl<'a> Stage<'a> {
         &self,
         words: &[String],
         model: &str,
-        reference: &Reference,
+        reference: &ReferencePicture,
         campaign: &Campaign<'_>,
-    ) -> anyhow::Result<Measured> {
+    ) -> anyhow::Result<Measurement> {
         let path = campaign.folder.join("point.exr");
         let output = ["-o".to_owned(), path.display().to_string(), "--overwrite".to_owned()];
         let words = [words, &output[..]].concat();
@@ -293,7 +293,7 @@ impl<'a> Stage<'a> {
         fs::remove_file(&path).map_err(|error| Error::io("remove", &path, &error))?;
         let rates = last["rays_per_s"].as_object().into_iter().flatten();
         let model = last["scene"].as_str().unwrap_or(model);
-        Ok(Measured {
+        Ok(Measurement {
             picture_ms: median(&walls),
             rays_per_s: rates.filter_map(|(kind, rate)| Some((kind.clone(), rate.as_f64()?))).collect(),
             peak_rss_bytes: last["memory"]["peak_rss_bytes"].as_u64().unwrap_or(0),

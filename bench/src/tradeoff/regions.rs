@@ -39,7 +39,7 @@ pub struct RegionError {
 }
 
 /// The reference of a campaign.
-pub(super) struct Reference {
+pub(super) struct ReferencePicture {
     pub(super) picture: Picture,
     /// The relMSE that its own noise comes to.
     pub(super) floor: f64,
@@ -99,9 +99,9 @@ pub(super) fn bytes(resolution: [u32; 2]) -> u64 {
     u64::from(resolution[0]) * u64::from(resolution[1]) * (2 * 2 * (3 + 8) * 4 + 5 * 12 + 3)
 }
 
-impl Reference {
+impl ReferencePicture {
     /// The mean of two pictures with different noise, the first with its layers, and `direct` light alone.
-    pub(super) fn read(a: &Path, b: &Path, direct: &Path) -> anyhow::Result<Reference> {
+    pub(super) fn read(a: &Path, b: &Path, direct: &Path) -> anyhow::Result<ReferencePicture> {
         let (layers, b, direct) = (Channels::read(a)?, picture_of(b)?, picture_of(direct)?);
         let a = layers.picture()?;
         let floor = compare(&a, &b, constants()).all.relmse.unwrap_or(0.0) / 4.0;
@@ -109,7 +109,7 @@ impl Reference {
         let pixels = a.pixels.iter().zip(&b.pixels).map(mean).collect();
         let picture = Picture { pixels, ..a };
         let masks = masks(&picture, &direct, &Surfaces::of(&layers)?);
-        Ok(Reference { picture, floor, masks })
+        Ok(ReferencePicture { picture, floor, masks })
     }
 
     /// The errors of `picture`: of the whole, by the name `whole`, and of each region.
@@ -233,7 +233,7 @@ mod tests {
             assert_eq!(told("indirect", x, y), y >= 4, "{x} {y}");
         }
 
-        let reference = Reference { picture: all.clone(), floor: 0.0, masks };
+        let reference = ReferencePicture { picture: all.clone(), floor: 0.0, masks };
         // An error in the lit half alone.
         let mut wrong = all;
         wrong.pixels[..32].iter_mut().for_each(|pixel| pixel.iter_mut().for_each(|value| *value += 0.12));

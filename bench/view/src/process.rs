@@ -7,7 +7,7 @@ pub(crate) struct Process(pub(crate) u64);
 
 /// What a process holds.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Held {
+pub(crate) struct ProcessUse {
     pub(crate) resident_bytes: u64,
     pub(crate) threads: u64,
     pub(crate) files: u64,
@@ -28,13 +28,13 @@ impl Process {
         Ok(tasks.filter_map(|task| nanoseconds(task.ok()?)).sum::<f64>() * 1e-9)
     }
 
-    pub(crate) fn held(&self) -> Result<Held, Failure> {
+    pub(crate) fn held(&self) -> Result<ProcessUse, Failure> {
         let status = self.read("status")?;
         let number = |key: &str| -> Result<u64, Failure> {
             let line = status.lines().find(|line| line.starts_with(key)).ok_or("no such line in /proc")?;
             Ok(line.split_whitespace().nth(1).ok_or("no number in /proc")?.parse()?)
         };
         let files = std::fs::read_dir(format!("/proc/{}/fd", self.0))?.count() as u64;
-        Ok(Held { resident_bytes: number("VmRSS:")? << 10, threads: number("Threads:")?, files })
+        Ok(ProcessUse { resident_bytes: number("VmRSS:")? << 10, threads: number("Threads:")?, files })
     }
 }

@@ -2,7 +2,7 @@
 //! as a server takes: where it has not noticed yet that one left, the next is refused, and comes again later.
 
 use crate::page::{Failure, Page, SIZE};
-use crate::process::{Held, Process};
+use crate::process::{Process, ProcessUse};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
@@ -48,7 +48,7 @@ pub(crate) fn soak(url: &str, process: &Process, time: Duration) -> Result<Value
     }
     let warm = &samples[(samples.len() as f64 * WARM) as usize..];
     let last = samples.last().ok_or("no time for a sample")?.1;
-    let span = |of: fn(&Held) -> u64| {
+    let span = |of: fn(&ProcessUse) -> u64| {
         let values = warm.iter().map(|(_, held)| of(held));
         [values.clone().min(), values.max()]
     };

@@ -51,7 +51,7 @@ const ROUNDS: usize = 4;
 /// `Code::Interrupted`.
 pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<Size> {
     let asked = spec.triangles as f64;
-    let mut counts = Counts { seed: spec.seed, pool, interrupt, known: HashMap::new() };
+    let mut counts = LayerCounts { seed: spec.seed, pool, interrupt, known: HashMap::new() };
     let mut per_column = TYPICAL_PER_COLUMN;
     // A layer's density changes by a twentieth while its side doubles, by more where it is small: this settles it.
     for _ in 0..ROUNDS {
@@ -83,14 +83,14 @@ pub(super) fn choose(spec: &Spec, pool: &Pool, interrupt: &Interrupt) -> Result<
 }
 
 /// Layers of one seed, each counted once: the search comes back to the same sides.
-struct Counts<'a> {
+struct LayerCounts<'a> {
     seed: u64,
     pool: &'a Pool,
     interrupt: &'a Interrupt,
     known: HashMap<[u64; 2], u64>,
 }
 
-impl Counts<'_> {
+impl LayerCounts<'_> {
     /// Triangles of a layer.
     fn triangles(&mut self, cells: [u64; 2]) -> Result<u64> {
         if let Some(&count) = self.known.get(&cells) {

@@ -84,12 +84,12 @@ impl Pipes {
     /// Finds the detail between whose counts the asked one lies, and how many parts get one step more.
     fn new(spec: &Spec) -> Result<Pipes> {
         let mut plant = plant_of(spec);
-        let mut counts = Counts::new(&plant);
+        let mut counts = DetailCounts::new(&plant);
         // Bays differ by seed: a plant that is too rich for the count loses a row or a column.
         while counts.at[0] > spec.triangles && plant.bays[0] * plant.bays[1] > 1 {
             let longer = usize::from(plant.bays[1] > plant.bays[0]);
             plant.bays[longer] -= 1;
-            counts = Counts::new(&plant);
+            counts = DetailCounts::new(&plant);
         }
         let fits = (0..MAX_DETAIL as usize).rev().find(|&detail| counts.at[detail] <= spec.triangles);
         let detail = fits.unwrap_or(0) as u32;
@@ -148,14 +148,14 @@ impl Pipes {
 }
 
 /// Triangles of a plant at each detail, and its parts.
-struct Counts {
+struct DetailCounts {
     at: [u64; MAX_DETAIL as usize + 1],
     parts: u64,
 }
 
-impl Counts {
-    fn new(plant: &Plant) -> Counts {
-        let mut counts = Counts { at: [0; MAX_DETAIL as usize + 1], parts: 0 };
+impl DetailCounts {
+    fn new(plant: &Plant) -> DetailCounts {
+        let mut counts = DetailCounts { at: [0; MAX_DETAIL as usize + 1], parts: 0 };
         let mut parts = Vec::new();
         for group in 0..plant.group_count() {
             plant.group(group, &mut parts);

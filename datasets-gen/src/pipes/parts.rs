@@ -68,22 +68,24 @@ impl Part {
             }
             Shape::Pipe { from, axis, length, radius } => {
                 let rings = 1 + detail / 4;
-                pen.turned(Turned { from, axis, around: around(detail) }, rings, |ring| {
+                pen.turned(Revolution { from, axis, around: around(detail) }, rings, |ring| {
                     [radius, length * ring as f64 / rings as f64]
                 });
             }
             Shape::Disc { from, axis, length, radius } => {
                 let profile = [[0.0, 0.0], [radius, 0.0], [radius, length], [0.0, length]];
-                pen.turned(Turned { from, axis, around: around(detail) }, 3, |ring| profile[ring as usize]);
+                pen.turned(Revolution { from, axis, around: around(detail) }, 3, |ring| {
+                    profile[ring as usize]
+                });
             }
             Shape::Bolt { from, axis, size } => {
                 let profile = [[size, 0.0], [size, size], [0.0, size]];
-                pen.turned(Turned { from, axis, around: 6 }, 2, |ring| profile[ring as usize]);
+                pen.turned(Revolution { from, axis, around: 6 }, 2, |ring| profile[ring as usize]);
             }
             Shape::Tank { from, axis, length, radius } => {
                 let dome = 3 + detail;
                 let rings = tank_rings(detail);
-                pen.turned(Turned { from, axis, around: around(detail) }, rings, |ring| {
+                pen.turned(Revolution { from, axis, around: around(detail) }, rings, |ring| {
                     let low = FRAC_PI_2 * ring as f64 / dome as f64;
                     let high = FRAC_PI_2 * (rings - ring) as f64 / dome as f64;
                     if ring == 0 || ring == rings {
@@ -114,7 +116,7 @@ fn tank_rings(detail: u64) -> u64 {
 }
 
 /// Where a body of revolution stands: the point on its axis, the axis (x, y or z), the count of sectors.
-struct Turned {
+struct Revolution {
     from: [f64; 3],
     axis: usize,
     around: u64,
@@ -147,7 +149,7 @@ impl Pen<'_> {
 
     /// A body of revolution; `profile` gives `[radius, place along the axis]` for rings `0..=rings`, with the
     /// outside on the right hand of its way. Where a radius is 0 the ring is a point.
-    fn turned(&mut self, turned: Turned, rings: u64, profile: impl Fn(u64) -> [f64; 2]) {
+    fn turned(&mut self, turned: Revolution, rings: u64, profile: impl Fn(u64) -> [f64; 2]) {
         let [u, v] = [(turned.axis + 1) % 3, (turned.axis + 2) % 3];
         let point = |ring: [f64; 2], sector: u64| {
             let angle = TAU * (sector % turned.around) as f64 / turned.around as f64;

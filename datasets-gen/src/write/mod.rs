@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Invariants: 1. the output appears whole or not at all; on an error or an interrupt nothing is left behind;
-//! 2. an existing output is refused unless [`Existing::Replace`]; 3. memory is bounded and leased: buffers and
+//! 2. an existing output is refused unless [`ExistingOutput::Replace`]; 3. memory is bounded and leased: buffers and
 //! one window of recent vertices; 4. coordinates are written without loss, except to `.stl`, which has f32
 //! only; 5. materials go to `.obj` only.
 
@@ -15,7 +15,7 @@ mod ply;
 mod stl;
 mod window;
 
-pub use trex_store::output::Existing;
+pub use trex_store::output::ExistingOutput;
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
@@ -32,7 +32,7 @@ use trex_store::{
 #[derive(Clone)]
 pub struct WriteOptions<'a> {
     /// What to do when the output exists.
-    pub existing: Existing,
+    pub existing: ExistingOutput,
     /// Where the writer's memory is leased.
     pub budget: Budget,
     /// Stops the work.
@@ -45,7 +45,7 @@ impl Default for WriteOptions<'_> {
     /// Refuse, no limit, no report.
     fn default() -> Self {
         WriteOptions {
-            existing: Existing::Keep,
+            existing: ExistingOutput::Keep,
             budget: Budget::unlimited(),
             interrupt: Interrupt::default(),
             report: None,
@@ -55,7 +55,7 @@ impl Default for WriteOptions<'_> {
 
 /// What has been written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Written {
+pub struct WriteReport {
     /// Triangles in the file.
     pub triangle_count: u64,
     /// Bytes of all files written.
@@ -72,7 +72,7 @@ const REPORT_EVERY: Duration = Duration::from_millis(100);
 /// # Errors
 /// `Code::Usage` for an unknown ending, an existing output, or more than the format can hold;
 /// `Code::DiskFull`, `Code::Io`; what the source says; `Code::Interrupted`; `Code::MemoryLimit`.
-pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOptions) -> Result<Written> {
+pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOptions) -> Result<WriteReport> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     let job = Job { path, options };
     match ending.as_deref() {
@@ -137,12 +137,12 @@ impl Job<'_> {
 struct Draft {
     out: BufWriter<NamedTempFile>,
     path: PathBuf,
-    existing: Existing,
+    existing: ExistingOutput,
 }
 
 impl Draft {
     /// Opens the temporary file beside `path`.
-    fn create(path: &Path, existing: Existing) -> Result<Draft> {
+    fn create(path: &Path, existing: ExistingOutput) -> Result<Draft> {
         existing.check(path)?;
         let file = draft(path).map_err(|error| Error::writing("create the output", path, &error))?;
         Ok(Draft { out: BufWriter::with_capacity(BUFFER_BYTES, file), path: path.to_path_buf(), existing })
@@ -163,33 +163,33 @@ impl Draft {
     }
 
     /// Everything to the disk, under the temporary name. The count of bytes.
-    fn finish(self) -> Result<Finished> {
+    fn finish(self) -> Result<CompleteFile> {
         let Draft { out, path, existing } = self;
         let failed = |error: &std::io::Error| Error::writing("write the output", &path, error);
         let file = out.into_inner().map_err(|error| failed(error.error()))?;
         file.as_file().sync_all().map_err(|error| failed(&error))?;
         let bytes = file.as_file().metadata().map_err(|error| failed(&error))?.len();
-        Ok(Finished { file, path, existing, bytes })
+        Ok(CompleteFile { file, path, existing, bytes })
     }
 }
 
 /// A complete file that waits for its name.
-struct Finished {
+struct CompleteFile {
     file: NamedTempFile,
     path: PathBuf,
-    existing: Existing,
+    existing: ExistingOutput,
     bytes: u64,
 }
 
-impl Finished {
+impl CompleteFile {
     /// Gives the file its name. Bytes of the file.
     fn publish(self) -> Result<u64> {
         let kept = match self.existing {
-            Existing::Replace => self.file.persist(&self.path),
-            Existing::Keep => self.file.persist_noclobber(&self.path),
+            ExistingOutput::Replace => self.file.persist(&self.path),
+            ExistingOutput::Keep => self.file.persist_noclobber(&self.path),
         };
         kept.map_err(|error| match error.error.kind() {
-            std::io::ErrorKind::AlreadyExists => Existing::exists(&self.path),
+            std::io::ErrorKind::AlreadyExists => ExistingOutput::exists(&self.path),
             _ => Error::writing("name the output", &self.path, &error.error),
         })?;
         File::open(folder_of(&self.path))

@@ -3,12 +3,12 @@
 //! Numbers are the shortest text that reads back as the same value. The `.mtl` gets its name first, so that an
 //! `.obj` never stands without its materials.
 
-use super::window::{Place, Window};
-use super::{Draft, Job, Written};
+use super::window::{Window, WindowEntry};
+use super::{Draft, Job, WriteReport};
 use std::fmt::Write;
 use trex_store::{MaterialList, Result, TriangleSource};
 
-pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Written> {
+pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteReport> {
     let library = job.path.with_extension("mtl");
     let mut draft = Draft::create(job.path, job.options.existing)?;
     let mut materials = Draft::create(&library, job.options.existing)?;
@@ -19,7 +19,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Writte
     materials.write(materials_text(source.materials()).as_bytes())?;
     let (draft, materials) = (draft.finish()?, materials.finish()?);
     let bytes = materials.publish()? + draft.publish()?;
-    Ok(Written { triangle_count, bytes })
+    Ok(WriteReport { triangle_count, bytes })
 }
 
 fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) -> Result<u64> {
@@ -39,7 +39,7 @@ fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft
             }
             let indices = corners.map(|corner| {
                 let place = window.place(corner);
-                if let Place::New(_) = place {
+                if let WindowEntry::New(_) = place {
                     push_vertex(&mut text, corner);
                 }
                 place.index() + 1

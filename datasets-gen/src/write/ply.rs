@@ -4,8 +4,8 @@
 //! (count, vertices, faces), which needs neither memory nor scratch space, and a generator is several times
 //! faster than a disk.
 
-use super::window::{Place, Window};
-use super::{Draft, Job, Written};
+use super::window::{Window, WindowEntry};
+use super::{Draft, Job, WriteReport};
 use trex_store::{Code, Error, Result, TriangleSource};
 
 /// What the first pass finds.
@@ -16,7 +16,7 @@ struct Survey {
     single: bool,
 }
 
-pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Written> {
+pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteReport> {
     let mut draft = Draft::create(job.path, job.options.existing)?;
     let _lease = job.options.budget.lease("the writer's vertex window", Window::BYTES)?;
     let survey = survey(source, job)?;
@@ -34,7 +34,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Writte
             .next("do not change the input while it is read"));
     }
     let bytes = draft.finish()?.publish()?;
-    Ok(Written { triangle_count: written, bytes })
+    Ok(WriteReport { triangle_count: written, bytes })
 }
 
 fn survey(source: &mut dyn TriangleSource, job: &Job) -> Result<Survey> {
@@ -42,7 +42,7 @@ fn survey(source: &mut dyn TriangleSource, job: &Job) -> Result<Survey> {
     job.for_each_batch(source, "survey", |_, batch| {
         triangle_count += batch.len() as u64;
         for &corner in batch.corners.as_flattened() {
-            if let Place::New(_) = window.place(corner) {
+            if let WindowEntry::New(_) = window.place(corner) {
                 single &= corner.iter().all(|&value| f64::from(value as f32).to_bits() == value.to_bits());
             }
         }
@@ -72,7 +72,7 @@ fn write_vertices(
     let mut window = Window::new();
     job.for_each_batch(source, "vertices", |_, batch| {
         for &corner in batch.corners.as_flattened() {
-            if let Place::New(_) = window.place(corner) {
+            if let WindowEntry::New(_) = window.place(corner) {
                 if survey.single {
                     draft.write(corner.map(|value| (value as f32).to_le_bytes()).as_flattened())?;
                 } else {

@@ -1,12 +1,12 @@
 //! STL, binary: 80 bytes of header, a u32 count (written last), 50 bytes a triangle. Coordinates are f32.
 
-use super::{Draft, Job, Written};
+use super::{Draft, Job, WriteReport};
 use trex_store::{Result, TriangleSource};
 
 const HEADER_BYTES: usize = 80;
 const TRIANGLE_BYTES: usize = 50;
 
-pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Written> {
+pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteReport> {
     let mut draft = Draft::create(job.path, job.options.existing)?;
     // Not `solid` at the start: readers take that for the text form.
     let title: Vec<u8> = format!("binary {}", source.name()).into_bytes();
@@ -24,7 +24,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<Writte
     })?;
     draft.patch(HEADER_BYTES as u64, &(count as u32).to_le_bytes())?;
     let bytes = draft.finish()?.publish()?;
-    Ok(Written { triangle_count: count, bytes })
+    Ok(WriteReport { triangle_count: count, bytes })
 }
 
 /// Normal, three corners, and a word of zero.

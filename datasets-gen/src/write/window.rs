@@ -22,7 +22,7 @@ struct Slot {
 }
 
 /// What the window says about a position.
-pub(super) enum Place {
+pub(super) enum WindowEntry {
     /// Never met, or forgotten: it has this new index.
     New(u64),
     /// Met with this index.
@@ -43,25 +43,25 @@ impl Window {
     }
 
     /// Looks `position` up, and remembers it.
-    pub(super) fn place(&mut self, position: [f64; 3]) -> Place {
+    pub(super) fn place(&mut self, position: [f64; 3]) -> WindowEntry {
         let bits = position.map(f64::to_bits);
         let key = mix(bits[0] ^ bits[1].rotate_left(21) ^ bits[2].rotate_left(42));
         let slot = &mut self.slots[key as usize % SLOTS];
         if slot.index != u64::MAX && slot.bits == bits {
-            return Place::Known(slot.index);
+            return WindowEntry::Known(slot.index);
         }
         let index = self.next;
         *slot = Slot { bits, index };
         self.next += 1;
-        Place::New(index)
+        WindowEntry::New(index)
     }
 }
 
-impl Place {
+impl WindowEntry {
     /// The index, new or not.
     pub(super) fn index(&self) -> u64 {
         match *self {
-            Place::New(index) | Place::Known(index) => index,
+            WindowEntry::New(index) | WindowEntry::Known(index) => index,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What is written is what was streamed, as other readers see it; and nothing is left behind.
 
 use super::{collect, open};
-use datasets_gen::write::{Existing, WriteOptions};
+use datasets_gen::write::{ExistingOutput, WriteOptions};
 use datasets_gen::{Kind, write};
 use ply_rs_bw::ply::{DefaultElement, Property};
 use std::path::Path;
@@ -114,7 +114,7 @@ fn an_existing_output_is_kept_unless_replaced() {
         let refused = write(&mut *source, &path, &WriteOptions::default()).unwrap_err();
         assert_eq!(refused.code(), Code::Usage);
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
-        let options = WriteOptions { existing: Existing::Replace, ..WriteOptions::default() };
+        let options = WriteOptions { existing: ExistingOutput::Replace, ..WriteOptions::default() };
         write(&mut *source, &path, &options).unwrap();
         assert!(path.metadata().unwrap().len() > 100_000);
     }

@@ -23,7 +23,7 @@ pub(crate) fn build_with(path: &Path, spec: &str, voxels: trex_store::build::Vox
         pool,
         budget,
         temp_dir: None,
-        existing: build::Existing::Keep,
+        existing: build::ExistingOutput::Keep,
         resume: None,
         interrupt,
     };

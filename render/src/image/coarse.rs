@@ -59,7 +59,7 @@ pub(super) struct Coarse {
 
 /// The samples that a picture is made of: every `stride`-th of every `stride`-th row of those kept.
 #[derive(Clone, Copy)]
-struct Picked<'a> {
+struct SampleGrid<'a> {
     surfaces: &'a [Surface],
     /// Samples in a row of those kept.
     pitch: usize,
@@ -134,7 +134,7 @@ impl Coarse {
             self.work = vec![0.0; work_count(self.resolution)];
         }
         let Coarse { resolution, surfaces, light, work } = self;
-        let picked = Picked::new(surfaces, *resolution, step);
+        let picked = SampleGrid::new(surfaces, *resolution, step);
         let numbers = 3 * picked.count();
         let (mut from, mut to) = if step == KEPT_STEP {
             (&mut light[..], &mut work[..numbers])
@@ -154,8 +154,8 @@ impl Coarse {
     }
 
     /// The samples at every `step`-th pixel that were smoothed last, and their light.
-    fn smoothed(&self, step: u32) -> (Picked<'_>, Planes<'_>) {
-        let picked = Picked::new(&self.surfaces, self.resolution, step);
+    fn smoothed(&self, step: u32) -> (SampleGrid<'_>, Planes<'_>) {
+        let picked = SampleGrid::new(&self.surfaces, self.resolution, step);
         let numbers = 3 * picked.count();
         // After an odd number of passes.
         let first = if step == KEPT_STEP { 0 } else { numbers };
@@ -182,11 +182,11 @@ impl Coarse {
 
 const _: () = assert!(STRIDES.len() % 2 == 1, "the last pass writes where the first one did");
 
-impl<'a> Picked<'a> {
-    fn new(surfaces: &'a [Surface], resolution: [u32; 2], step: u32) -> Picked<'a> {
+impl<'a> SampleGrid<'a> {
+    fn new(surfaces: &'a [Surface], resolution: [u32; 2], step: u32) -> SampleGrid<'a> {
         let size = grid_size(resolution, step).map(|side| side as usize);
         let pitch = grid_size(resolution, KEPT_STEP)[0] as usize;
-        Picked { surfaces, pitch, stride: (step / KEPT_STEP) as usize, size }
+        SampleGrid { surfaces, pitch, stride: (step / KEPT_STEP) as usize, size }
     }
 
     fn count(&self) -> usize {
@@ -195,7 +195,7 @@ impl<'a> Picked<'a> {
 
     /// Where the samples stand among those kept, by rows.
     fn places(&self) -> impl Iterator<Item = usize> + use<> {
-        let Picked { pitch, stride, size: [columns, rows], .. } = *self;
+        let SampleGrid { pitch, stride, size: [columns, rows], .. } = *self;
         (0..rows).flat_map(move |y| (0..columns).map(move |x| (y * pitch + x) * stride))
     }
 

@@ -28,7 +28,7 @@ const BEFORE_WORTH_MOST: f32 = 4.0;
 
 /// What the display shows of a tile: the state that it is of, and samples of a pixel that it is worth.
 #[derive(Clone, Copy, Debug)]
-struct Standing {
+struct TileWorth {
     state: u32,
     worth: f32,
 }
@@ -44,7 +44,7 @@ pub struct Display {
     /// The state of the first rays on show and the step of their grid; `None` before the first picture.
     shown: Option<(u32, u32)>,
     /// Per tile; says nothing before the first picture.
-    standings: Vec<Standing>,
+    standings: Vec<TileWorth>,
     /// Only the pixels of samples show it yet.
     is_sparse: bool,
     lease: Lease,
@@ -59,7 +59,7 @@ impl Display {
             .max(saliency::work_bytes(tile_count(resolution)))
             .max(filter_bytes(resolution));
         pixels * size_of::<PackedLight>() as u64
-            + u64::from(tile_count(resolution)) * size_of::<Standing>() as u64
+            + u64::from(tile_count(resolution)) * size_of::<TileWorth>() as u64
             + Coarse::bytes(resolution)
             + work
     }
@@ -72,7 +72,7 @@ impl Display {
             radiance,
             coarse: Coarse::new(resolution),
             shown: None,
-            standings: vec![Standing { state: 0, worth: FIRST_WORTH }; tile_count(resolution) as usize],
+            standings: vec![TileWorth { state: 0, worth: FIRST_WORTH }; tile_count(resolution) as usize],
             is_sparse: false,
             lease,
         }
@@ -116,7 +116,7 @@ impl Display {
     pub(crate) fn stand(&mut self, index: u32, state: u32, samples: u32) {
         let standing = &mut self.standings[index as usize];
         let worth = (standing.worth + samples as f32).min(BEFORE_WORTH_MOST);
-        *standing = Standing { state, worth };
+        *standing = TileWorth { state, worth };
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.
@@ -140,7 +140,7 @@ impl Display {
     pub(crate) fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
         self.coarse.smooth(step, pool);
         (self.shown, self.is_sparse) = (Some((state, step)), true);
-        self.standings.fill(Standing { state, worth: FIRST_WORTH });
+        self.standings.fill(TileWorth { state, worth: FIRST_WORTH });
         if is_sparse {
             self.coarse.set_samples(step, &mut self.radiance);
         } else {

@@ -61,12 +61,12 @@ const EXPONENT_LEAST: f32 = -15.0;
 /// Bytes that the filter takes at `resolution` (width, height; pixels) while it works, film not counted.
 pub fn filter_bytes([width, height]: [u32; 2]) -> u64 {
     let rows = (height as usize).min(STRIP_ROWS + 2 * RADIUS_MOST);
-    (width as usize * rows * size_of::<Seen>() + (RADIUS_MOST + 1) * size_of::<f32>()) as u64
+    (width as usize * rows * size_of::<GuidePixel>() + (RADIUS_MOST + 1) * size_of::<f32>()) as u64
 }
 
 /// A pixel as the filter sees it.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct GuidePixel {
     /// Place from the camera, model units; zero where nothing is seen.
     place: Vec3,
     normal: Vec3,
@@ -78,7 +78,7 @@ struct Seen {
 
 /// The rows around a strip: row y at the place y % rows.
 struct Window {
-    seen: Vec<Seen>,
+    seen: Vec<GuidePixel>,
     /// Width of the picture and rows of the ring.
     width: usize,
     rows: usize,
@@ -132,7 +132,7 @@ impl Window {
         assert!(radius <= RADIUS_MOST, "a window of {radius} pixels is not leased");
         let near = (0..=radius).map(|d| (-0.5 * (d as f64 / reach).powi(2)) as f32).collect();
         let rows = height.min(STRIP_ROWS + 2 * radius);
-        Window { seen: vec![Seen::NOTHING; width * rows], width, rows, height, radius, near }
+        Window { seen: vec![GuidePixel::NOTHING; width * rows], width, rows, height, radius, near }
     }
 
     /// Sees these rows of `film`, in the places of the oldest.
@@ -146,13 +146,13 @@ impl Window {
                 let pixels = (0..).map(|x| [x, y as u32]);
                 seen.iter_mut()
                     .zip(pixels)
-                    .for_each(|(seen, pixel)| *seen = Seen::of(film, projection, pixel));
+                    .for_each(|(seen, pixel)| *seen = GuidePixel::of(film, projection, pixel));
             }
         });
     }
 
     /// Row `y`, one of those seen last.
-    fn row(&self, y: usize) -> &[Seen] {
+    fn row(&self, y: usize) -> &[GuidePixel] {
         &self.seen[y % self.rows * self.width..][..self.width]
     }
 
@@ -178,18 +178,23 @@ impl Window {
     }
 }
 
-impl Seen {
-    const NOTHING: Seen =
-        Seen { place: Vec3::ZERO, normal: Vec3::ZERO, albedo: Vec3::ZERO, width: 0.0, indirect: Vec3::ZERO };
+impl GuidePixel {
+    const NOTHING: GuidePixel = GuidePixel {
+        place: Vec3::ZERO,
+        normal: Vec3::ZERO,
+        albedo: Vec3::ZERO,
+        width: 0.0,
+        indirect: Vec3::ZERO,
+    };
 
     /// A pixel (x, y) of `film`.
-    fn of(film: &Film, projection: &Projection, pixel: [u32; 2]) -> Seen {
+    fn of(film: &Film, projection: &Projection, pixel: [u32; 2]) -> GuidePixel {
         let Guide { depth, normal, albedo } = film.guide(pixel);
         let depth = f64::from(depth);
         let [x, y] = pixel.map(|x| f64::from(x) + 0.5);
         let is_hit = depth.is_finite();
         let place = if is_hit { depth } else { 0.0 } * DVec3::from(projection.ray(x, y).direction);
-        Seen {
+        GuidePixel {
             place: place.as_vec3(),
             normal: normal.normal(),
             albedo: albedo.albedo().into(),
@@ -199,7 +204,7 @@ impl Seen {
     }
 
     /// Weight of the light at `there` for the light here, 0 to 1; `near`: the exponent of their distance.
-    fn weight(&self, there: &Seen, near: f32) -> f32 {
+    fn weight(&self, there: &GuidePixel, near: f32) -> f32 {
         let cos = self.normal.dot(there.normal);
         if there.width == 0.0 || cos <= 0.0 {
             return 0.0;

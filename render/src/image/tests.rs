@@ -4,7 +4,7 @@ use super::coarse::STEPS;
 use super::display::Display;
 use super::film::{Film, LayerPixel, Layers, film_bytes};
 use super::filter::{filter_bytes, smooth};
-use super::saliency::{self, Reduced, Saliency};
+use super::saliency::{self, ReducedPicture, Saliency};
 use super::tile::{tile, tile_count};
 use crate::scene::camera::{Camera, Fov};
 use crate::testing::pool;
@@ -110,8 +110,9 @@ fn saliency_takes_what_is_leased_for_it() {
     for resolution in [[640, 360], [1280, 720]] {
         let most = [Saliency::Achanta, Saliency::Itti].map(|metric| {
             let work = measure(|| {
-                let picture =
-                    Reduced::of(resolution, |[x, y]| [x as f32 / 1280.0, 0.5, (x ^ y) as f32 / 2048.0]);
+                let picture = ReducedPicture::of(resolution, |[x, y]| {
+                    [x as f32 / 1280.0, 0.5, (x ^ y) as f32 / 2048.0]
+                });
                 assert_eq!(metric.tiles(&picture).len(), tile_count(resolution) as usize);
             });
             work.bytes_max

@@ -3,7 +3,7 @@
 //! Invariants: 1. the tiles cover each pixel once; 2. a tile has fewer than 100 pixels; 3. the index of a tile is
 //! its place in rows, whatever the order of work.
 
-use crate::image::saliency::{Reduced, SIDE_PIXELS, Saliency};
+use crate::image::saliency::{ReducedPicture, SIDE_PIXELS, Saliency};
 use crate::sampler::mix;
 
 /// Side of a tile, pixels. 64 pixels: small enough that its rays want few pages, a whole number of SIMD packets.
@@ -79,7 +79,7 @@ impl Tiles {
     }
 
     /// The tiles of the picture in `order`; `eye` is the last picture, reduced, for saliency.
-    pub(crate) fn ordered(&self, order: TileOrder, eye: &Reduced) -> Tiles {
+    pub(crate) fn ordered(&self, order: TileOrder, eye: &ReducedPicture) -> Tiles {
         let mut tiles = Tiles::z_curve(self.resolution);
         match order {
             TileOrder::ZCurve => {}
@@ -196,9 +196,9 @@ mod tests {
     const RESOLUTIONS: [[u32; 2]; 5] = [[64, 64], [128, 40], [101, 75], [5, 300], [8, 8]];
 
     /// A picture of colours by chance.
-    fn picture(resolution: [u32; 2]) -> Reduced {
+    fn picture(resolution: [u32; 2]) -> ReducedPicture {
         let chance = |[x, y]: [u32; 2]| [1, 2, 3].map(|c| (mix(u64::from(x * y + c)) % 256) as f32 / 255.0);
-        Reduced::of(resolution, chance)
+        ReducedPicture::of(resolution, chance)
     }
 
     /// The indices of the tiles in the order of work, for a picture of colours by chance.
@@ -272,7 +272,7 @@ mod tests {
 
     #[test]
     fn rows_are_from_left_to_right_and_then_down() {
-        let tiles = Tiles::z_curve([20, 17]).ordered(TileOrder::Row, &Reduced::default());
+        let tiles = Tiles::z_curve([20, 17]).ordered(TileOrder::Row, &ReducedPicture::default());
         let first: Vec<_> = (0..tiles.count()).map(|turn| tiles.nth(turn).first).collect();
         assert_eq!(first, [[0, 0], [8, 0], [16, 0], [0, 8], [8, 8], [16, 8], [0, 16], [8, 16], [16, 16]]);
     }
@@ -318,7 +318,10 @@ mod tests {
             let order = |value: f32| {
                 let is_odd = |pixel: [u32; 2]| pixel.map(|x| x / TILE_SIDE_PIXELS) == [7, 5];
                 let picture =
-                    Reduced::of(resolution, |pixel| if is_odd(pixel) { [value; 3] } else { [0.25; 3] });
+                    ReducedPicture::of(
+                        resolution,
+                        |pixel| if is_odd(pixel) { [value; 3] } else { [0.25; 3] },
+                    );
                 Tiles::z_curve(resolution).ordered(TileOrder::Saliency(metric), &picture).order
             };
             assert_eq!(order(0.25), z_curve, "{metric:?}");

@@ -25,7 +25,7 @@ pub(crate) const RAYS_ASKED_MAX: usize = 8;
 
 /// Most rays that paths ask for at a time.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct RaysAsked {
+pub(crate) struct RayNeeds {
     /// In the voxels.
     pub(crate) voxel: usize,
     /// Shadow and gather rays, wherever they are asked.
@@ -36,13 +36,13 @@ pub(crate) struct RaysAsked {
 }
 
 /// Most rays that a path asks for at a time, by what the view asks for at a surface.
-pub(crate) fn rays_asked(keys: &RenderKeys) -> RaysAsked {
+pub(crate) fn rays_asked(keys: &RenderKeys) -> RayNeeds {
     let RenderKeys { integrator, near, n_shadow, n_gather, .. } = *keys;
     let most = |count: u32| (count as usize).min(RAYS_ASKED_MAX);
     let asks_voxels = integrator.asks_voxels();
     let shadow = most(n_shadow);
     let gather = if asks_voxels { most(n_gather) } else { 0 };
-    RaysAsked {
+    RayNeeds {
         // Others ask for the rest of a C-ray behind the cut.
         voxel: if asks_voxels { (shadow + gather).clamp(1, RAYS_ASKED_MAX) } else { 1 },
         shadow,
@@ -69,7 +69,7 @@ pub(crate) struct GBatch {
     rays: GRays,
     on_mesh: MeshRays,
     /// Rays that may come, for vectors that do not grow past them; `None` once there is room for them.
-    room: Option<RaysAsked>,
+    room: Option<RayNeeds>,
 }
 
 /// The batch that is asked, and the one before, whose answers are taken meanwhile.
@@ -77,7 +77,7 @@ pub(crate) struct GBatch {
 pub(crate) struct GBatches {
     pub(super) asked: GBatch,
     pub(super) answered: GBatch,
-    room: RaysAsked,
+    room: RayNeeds,
     /// Most rays of a path at a time.
     pub(super) most: usize,
 }
@@ -104,11 +104,11 @@ impl Part {
     }
 }
 
-impl RaysAsked {
+impl RayNeeds {
     /// The rays of so many paths.
-    pub(crate) fn times(self, paths: usize) -> RaysAsked {
-        let RaysAsked { voxel, shadow, gather, mesh } = self;
-        RaysAsked { voxel: paths * voxel, shadow: paths * shadow, gather: paths * gather, mesh: paths * mesh }
+    pub(crate) fn times(self, paths: usize) -> RayNeeds {
+        let RayNeeds { voxel, shadow, gather, mesh } = self;
+        RayNeeds { voxel: paths * voxel, shadow: paths * shadow, gather: paths * gather, mesh: paths * mesh }
     }
 
     /// Bytes of a batch of them.
@@ -121,7 +121,7 @@ impl RaysAsked {
 }
 
 impl GBatch {
-    fn with_room(room: RaysAsked) -> GBatch {
+    fn with_room(room: RayNeeds) -> GBatch {
         GBatch { room: Some(room), ..GBatch::default() }
     }
 
@@ -195,7 +195,7 @@ impl GBatch {
 
     #[inline]
     fn make_room(&mut self) {
-        if let Some(RaysAsked { voxel, shadow, gather, mesh }) = self.room.take() {
+        if let Some(RayNeeds { voxel, shadow, gather, mesh }) = self.room.take() {
             self.rays.reserve_exact(voxel);
             self.shadows.reserve_exact(shadow);
             self.gathers.reserve_exact(gather);
@@ -206,20 +206,20 @@ impl GBatch {
 
 impl Default for GBatches {
     fn default() -> GBatches {
-        GBatches::with_room(RaysAsked::default())
+        GBatches::with_room(RayNeeds::default())
     }
 }
 
 impl GBatches {
     /// Batches of paths that ask for these rays at most, all together.
-    pub(crate) fn with_room(room: RaysAsked) -> GBatches {
+    pub(crate) fn with_room(room: RayNeeds) -> GBatches {
         let (asked, answered) = (GBatch::with_room(room), GBatch::default());
         GBatches { asked, answered, room, most: RAYS_ASKED_MAX }
     }
 
     /// Batches of a path alone, which asks for one ray at a time: its retries need the pages of that ray alone.
     pub(crate) fn of_one() -> GBatches {
-        let room = RaysAsked { voxel: 1, shadow: 1, gather: 1, mesh: 1 };
+        let room = RayNeeds { voxel: 1, shadow: 1, gather: 1, mesh: 1 };
         GBatches { most: 1, ..GBatches::with_room(room) }
     }
 

@@ -12,7 +12,7 @@
 
 use super::context::RenderContext;
 use super::g_scene::GScene;
-use super::gather_leg::Gathered;
+use super::gather_leg::GatherYield;
 use super::mirrors::Mirrors;
 use super::path_state::{GatherRay, Path, Stage};
 use crate::sampler::Decision;
@@ -59,10 +59,10 @@ impl RenderContext<'_> {
         surface: &SurfaceInteraction,
         mut direction: DVec3,
         tracer: &mut T,
-    ) -> Answer<(Gathered, Mirrors, Option<Ray>)> {
+    ) -> Answer<(GatherYield, Mirrors, Option<Ray>)> {
         let mut mirrors = voxels.no_mirrors();
         let (world, mut surface) = (self.world, *surface);
-        let mut gathered = Gathered::NOTHING;
+        let mut gathered = GatherYield::NOTHING;
         while let Some(near) = voxels.near_length(&surface, direction) {
             let ray = surface.ray_to(direction, near, None);
             let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };

@@ -9,7 +9,7 @@ use glam::Vec3;
 
 /// The yield of a gather ray.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Gathered {
+pub(crate) struct GatherYield {
     /// Radiance; lamps that no mirror shows are left out.
     pub(crate) radiance: Vec3,
     pub(crate) rays: u32,
@@ -28,14 +28,14 @@ pub(super) struct GatherLeg {
     pub(super) weight: Vec3,
     pub(super) mirrors: Mirrors,
     /// What it brought from the mesh, before it came to the voxels.
-    pub(super) near: Gathered,
+    pub(super) near: GatherYield,
     /// What it has brought from the voxels.
-    pub(super) gathered: Gathered,
+    pub(super) gathered: GatherYield,
 }
 
-impl Gathered {
+impl GatherYield {
     /// Of a ray of which nothing is left.
-    pub(super) const NOTHING: Gathered = Gathered { radiance: Vec3::ZERO, rays: 0 };
+    pub(super) const NOTHING: GatherYield = GatherYield { radiance: Vec3::ZERO, rays: 0 };
 
     /// Adds radiance that one more ray has brought.
     pub(super) fn add(&mut self, radiance: Vec3) {
@@ -46,8 +46,8 @@ impl Gathered {
 
 impl GatherLeg {
     /// A ray that has brought this much, behind these mirrors, before it comes to the voxels.
-    pub(super) fn new(weight: Vec3, mirrors: Mirrors, near: Gathered) -> GatherLeg {
+    pub(super) fn new(weight: Vec3, mirrors: Mirrors, near: GatherYield) -> GatherLeg {
         let ray = Ray { origin: [0.0; 3], direction: [0.0; 3], t_max: 0.0 };
-        GatherLeg { asked: None, ray, t_in: 0.0, weight, mirrors, near, gathered: Gathered::NOTHING }
+        GatherLeg { asked: None, ray, t_in: 0.0, weight, mirrors, near, gathered: GatherYield::NOTHING }
     }
 }

@@ -136,13 +136,13 @@ mod tests {
     use crate::trace::{Hit, NaiveMesh, NaiveTriangle};
 
     /// Counts rays that go alone and together.
-    struct Counting {
+    struct RayCounter {
         mesh: NaiveMesh,
         alone: usize,
         together: usize,
     }
 
-    impl Tracer for Counting {
+    impl Tracer for RayCounter {
         fn intersect(&mut self, _: &Ray) -> Answer<Option<Hit>> {
             unreachable!("these rays ask whether anything is hit")
         }
@@ -171,7 +171,7 @@ mod tests {
             Ray { origin: corner(7 * key), direction, t_max: 1.0 }
         };
         for start in [Start::Near, Start::Scattered] {
-            let mut tracer = Counting { mesh: mesh.clone(), alone: 0, together: 0 };
+            let mut tracer = RayCounter { mesh: mesh.clone(), alone: 0, together: 0 };
             let mut rays = MeshRays::default();
             (0..203).for_each(|key| assert_eq!(rays.push(ray(key), start), key as u32));
             rays.truncate(200);

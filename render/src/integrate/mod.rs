@@ -30,7 +30,7 @@ mod sample_integrator;
 mod together;
 
 pub(crate) use context::RenderContext;
-pub(crate) use g_batch::{GBatches, RAYS_ASKED_MAX, RaysAsked, rays_asked};
+pub(crate) use g_batch::{GBatches, RAYS_ASKED_MAX, RayNeeds, rays_asked};
 pub(crate) use path_state::{Path, Sample};
 pub(crate) use sample_integrator::{SampleIntegrator, Step};
 pub(crate) use together::Together;

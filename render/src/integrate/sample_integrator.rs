@@ -12,7 +12,7 @@ use super::context::RenderContext;
 use super::debug::{DebugPages, DebugVoxels};
 use super::direct::Direct;
 use super::final_gather::FullGi;
-use super::g_batch::{GBatches, RaysAsked, rays_asked};
+use super::g_batch::{GBatches, RayNeeds, rays_asked};
 use super::g_rays::FirstRays;
 use super::g_scene::GScene;
 use super::lod::{Closest, behind};
@@ -96,7 +96,7 @@ impl<'a> SampleIntegrator<'a> {
     }
 
     /// Most rays that a sample asks for at a time.
-    pub(crate) fn rays_asked(&self) -> RaysAsked {
+    pub(crate) fn rays_asked(&self) -> RayNeeds {
         rays_asked(&self.ctx.world.settings)
     }
 

@@ -17,7 +17,7 @@ use trex_store::{Aabb, Budget, Result};
 
 /// The mesh's light, and the voxels that take it.
 #[derive(Clone, Copy)]
-pub(crate) struct Baking<'a> {
+pub(crate) struct BakeJob<'a> {
     pub(crate) world: &'a World,
     pub(crate) bounds: &'a Aabb,
     pub(crate) voxels: VoxelScene<'a>,
@@ -27,7 +27,7 @@ pub(crate) struct Baking<'a> {
     pub(crate) pool: &'a ThreadPool,
 }
 
-impl Baking<'_> {
+impl BakeJob<'_> {
     /// Sends photons until `map` has those of `target`, pass by pass; `tell` hears how many are done.
     ///
     /// # Errors
@@ -47,7 +47,7 @@ impl Baking<'_> {
         let first = map.photons();
         let send = |indices: Range<u64>| {
             let land = |_, deposits: &[Deposit]| self.deposit(&pass, deposits);
-            let Baking { world, stop, pool, .. } = *self;
+            let BakeJob { world, stop, pool, .. } = *self;
             let photons = MeshPhotons { world, sources: &sources, land: &land, stop, pool };
             let Some(sent) = tracers.trace(&photons, indices.clone()) else {
                 return ControlFlow::Break(PhotonStats::default());

@@ -48,7 +48,7 @@ const DIRECTION_UNITS: f64 = 32767.0;
 
 /// A hit, but for its place.
 #[derive(Clone, Copy, Debug, Default)]
-struct Stored {
+struct StoredHit {
     flux: [f32; 3],
     normal: [i16; 3],
     from: [i16; 3],
@@ -59,7 +59,7 @@ struct Stored {
 pub(crate) struct PhotonStore {
     /// Places of hits, model units from `center`; room for each batch.
     places: Vec<[f32; 3]>,
-    stored: Vec<Stored>,
+    stored: Vec<StoredHit>,
     /// Hits of each batch.
     counts: Vec<u32>,
     center: DVec3,
@@ -70,7 +70,7 @@ pub(crate) struct PhotonStore {
 #[derive(Debug)]
 pub(crate) struct PhotonTree {
     tree: ImmutableKdTree<f32, u32, 3, LEAF_PHOTONS>,
-    stored: Vec<Stored>,
+    stored: Vec<StoredHit>,
     center: DVec3,
     /// Photons sent.
     photons: u64,
@@ -100,7 +100,7 @@ impl PhotonStore {
         let counts = vec![0; photons.div_ceil(BATCH) as usize];
         Ok(PhotonStore {
             places: vec![[0.0; 3]; room],
-            stored: vec![Stored::default(); room],
+            stored: vec![StoredHit::default(); room],
             counts,
             center,
             lease,
@@ -112,7 +112,7 @@ impl PhotonStore {
         let from = (batch * deposits_max(BATCH)) as usize;
         for (index, deposit) in deposits.iter().enumerate() {
             self.places[from + index] = local(deposit.point, self.center);
-            self.stored[from + index] = Stored {
+            self.stored[from + index] = StoredHit {
                 flux: deposit.flux.into(),
                 normal: packed(deposit.normal),
                 from: packed(deposit.from.as_dvec3()),
@@ -154,7 +154,7 @@ impl PhotonTree {
     /// This tree in `lease`, which gives back what the tree does not take.
     pub(crate) fn in_lease(self, mut lease: Lease) -> PhotonTree {
         let hits = self.stored.len() as u64;
-        lease.shrink_to(hits * (size_of::<Stored>() as u64 + TREE_BYTES) + TREE_BYTES_LEAST);
+        lease.shrink_to(hits * (size_of::<StoredHit>() as u64 + TREE_BYTES) + TREE_BYTES_LEAST);
         PhotonTree { lease, ..self }
     }
 
@@ -165,7 +165,7 @@ impl PhotonTree {
 
     /// Bytes that the photons take at most, while their tree is built.
     pub(crate) fn bytes(photons: u64) -> u64 {
-        let hit = (size_of::<[f32; 3]>() + size_of::<Stored>()) as u64 + BUILD_BYTES;
+        let hit = (size_of::<[f32; 3]>() + size_of::<StoredHit>()) as u64 + BUILD_BYTES;
         room(photons) * hit + photons.div_ceil(BATCH) * size_of::<u32>() as u64 + TREE_BYTES_LEAST
     }
 

@@ -93,7 +93,7 @@ struct Batch<'a> {
     stats: PhotonStats,
 }
 
-struct Worker<'a, T> {
+struct MeshWorker<'a, T> {
     tracer: &'a mut T,
     retry: Retry,
     flights: Vec<Flight>,
@@ -115,7 +115,7 @@ impl MeshPhotons<'_> {
         self.pool.scope(|scope| {
             for tracer in tracers {
                 scope.spawn(|_| {
-                    let mut worker = Worker::new(self, tracer);
+                    let mut worker = MeshWorker::new(self, tracer);
                     let is_whole = worker.work(&next, indices.end);
                     is_stopped.fetch_or(!is_whole, Ordering::Relaxed);
                     let mine = PhotonStats { waits: worker.retry.waits, ..worker.batch.stats };
@@ -127,12 +127,12 @@ impl MeshPhotons<'_> {
     }
 }
 
-impl<'a, T: PagedTracer> Worker<'a, T> {
-    fn new(photons: &'a MeshPhotons<'a>, tracer: &'a mut T) -> Worker<'a, T> {
+impl<'a, T: PagedTracer> MeshWorker<'a, T> {
+    fn new(photons: &'a MeshPhotons<'a>, tracer: &'a mut T) -> MeshWorker<'a, T> {
         let deposits = Vec::with_capacity(deposits_max(BATCH) as usize);
         let batch = Batch { photons, first: 0, deposits, stats: PhotonStats::default() };
         let flights = Vec::with_capacity(BATCH as usize);
-        Worker { tracer, retry: Retry::default(), flights, batch }
+        MeshWorker { tracer, retry: Retry::default(), flights, batch }
     }
 
     /// Batches from `next` to `end`; false when it was stopped before.
@@ -150,7 +150,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
 
     /// One batch, to its end; false when it was stopped before.
     fn send(&mut self, indices: Range<u64>) -> bool {
-        let Worker { tracer, retry, flights, batch } = self;
+        let MeshWorker { tracer, retry, flights, batch } = self;
         let stop = batch.photons.stop;
         batch.first = indices.start;
         batch.deposits.clear();

@@ -22,11 +22,11 @@ pub(super) fn batch_samples(needs: &GNeeds) -> usize {
 /// Tiles whose G-rays wait.
 #[derive(Default)]
 pub(super) struct GQueue {
-    waiting: Mutex<Waiting>,
+    waiting: Mutex<JobBacklog>,
 }
 
 #[derive(Default)]
-struct Waiting {
+struct JobBacklog {
     jobs: VecDeque<Job>,
     samples: usize,
     peak: usize,
@@ -81,7 +81,7 @@ impl GQueue {
         taken
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Waiting> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, JobBacklog> {
         self.waiting.lock().expect("a worker panicked")
     }
 }

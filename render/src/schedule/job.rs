@@ -1,6 +1,6 @@
 //! `Job`: a tile in work: its samples on their way, and what those that are finished came to.
 
-use super::samples::{Pending, Samples};
+use super::samples::{OpenSample, Samples};
 use crate::image::film::LayerPixel;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
 use crate::integrate::{Sample, SampleIntegrator};
@@ -34,7 +34,7 @@ pub(super) struct Job {
 impl Job {
     /// Bytes that a job takes at most.
     pub(super) fn bytes() -> u64 {
-        let samples = JOB_SAMPLES_MAX * (size_of::<Pending>() + 2 * size_of::<[f32; 3]>());
+        let samples = JOB_SAMPLES_MAX * (size_of::<OpenSample>() + 2 * size_of::<[f32; 3]>());
         let pixels = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize * size_of::<([u32; 2], LayerPixel)>();
         (samples + pixels) as u64
     }
@@ -49,7 +49,7 @@ impl Job {
         let (count, pixels) = ((target - from).min(PASS_SAMPLES_MAX), tile.pixel_count());
         let pending = |slot: u32| {
             let path = integrator.start(tile.pixel(slot % pixels), from + slot / pixels);
-            Pending::new(slot, path)
+            OpenSample::new(slot, path)
         };
         // The samples of a pixel together: rays that are alike are neighbours.
         let pending: Vec<_> = (0..count * pixels).map(|i| pending(i % count * pixels + i / count)).collect();

@@ -27,7 +27,7 @@ use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
 use crate::g_stage::GNeeds;
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
-use crate::integrate::{RaysAsked, Together};
+use crate::integrate::{RayNeeds, Together};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use rayon::ThreadPool;
@@ -134,7 +134,7 @@ impl Pass {
 pub(crate) fn pass_bytes(
     resolution: [u32; 2],
     worker_count: usize,
-    rays_asked: RaysAsked,
+    rays_asked: RayNeeds,
     needs: &GNeeds,
 ) -> u64 {
     let batch = batch_samples(needs);

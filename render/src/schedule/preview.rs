@@ -11,7 +11,7 @@
 
 use super::job::JOB_SAMPLES_MAX;
 use super::pass::Workers;
-use super::samples::{Pending, SampleWork, Samples};
+use super::samples::{OpenSample, SampleWork, Samples};
 use crate::image::coarse::{STEPS, grid_size};
 use crate::image::display::Display;
 use crate::image::film::LayerPixel;
@@ -27,13 +27,13 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 const PART_TILES: u32 = JOB_SAMPLES_MAX as u32 / (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS);
 
 /// A pixel, and what its sample came to.
-type Taken = ([u32; 2], (Vec3, LayerPixel));
+type SampledPixel = ([u32; 2], (Vec3, LayerPixel));
 
 /// Room of a worker.
 #[derive(Default)]
 struct Room {
     together: Together,
-    taken: Vec<Taken>,
+    taken: Vec<SampledPixel>,
     rays: RayCounts,
 }
 
@@ -109,9 +109,10 @@ impl Grid {
         tracer.begin_tile();
         taken.clear();
         taken.extend(self.pixels(index).map(|pixel| (pixel, (Vec3::ZERO, LayerPixel::NOTHING))));
-        let start =
-            |(slot, (pixel, _)): (u32, &Taken)| Pending::new(slot, work.integrator.start_preview(*pixel));
-        let pending: Vec<Pending> = (0..).zip(&*taken).map(start).collect();
+        let start = |(slot, (pixel, _)): (u32, &SampledPixel)| {
+            OpenSample::new(slot, work.integrator.start_preview(*pixel))
+        };
+        let pending: Vec<OpenSample> = (0..).zip(&*taken).map(start).collect();
         Samples::new(pending, work.integrator.rays_asked()).finish(work, tracer, together, |slot, sample| {
             rays.add(&sample.rays);
             let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3::ZERO };

@@ -9,7 +9,7 @@
 //! Invariant: a sample comes to the same bytes as alone.
 
 use crate::g_stage::GStage;
-use crate::integrate::{GBatches, Path, RaysAsked, RenderContext, Sample, SampleIntegrator, Step, Together};
+use crate::integrate::{GBatches, Path, RayNeeds, RenderContext, Sample, SampleIntegrator, Step, Together};
 use crate::trace::Tracer;
 
 /// What takes samples: the integrator, and what answers its G-rays.
@@ -27,7 +27,7 @@ impl<'a> SampleWork<'a> {
 }
 
 /// A sample on its way.
-pub(super) struct Pending {
+pub(super) struct OpenSample {
     /// Its place among those of its tile.
     pub(super) slot: u32,
     pub(super) path: Path,
@@ -35,17 +35,17 @@ pub(super) struct Pending {
     pub(super) is_blocked: bool,
 }
 
-impl Pending {
+impl OpenSample {
     /// A sample that begins.
-    pub(super) fn new(slot: u32, path: Path) -> Pending {
-        Pending { slot, path, is_blocked: false }
+    pub(super) fn new(slot: u32, path: Path) -> OpenSample {
+        OpenSample { slot, path, is_blocked: false }
     }
 }
 
 /// Samples on their way, and what they ask of the G-stage.
 #[derive(Default)]
 pub(super) struct Samples {
-    pub(super) pending: Vec<Pending>,
+    pub(super) pending: Vec<OpenSample>,
     pub(super) batches: GBatches,
     /// True when any of them waits for the G-stage.
     pub(super) asks: bool,
@@ -53,7 +53,7 @@ pub(super) struct Samples {
 
 impl Samples {
     /// Samples that ask for `rays` at most each.
-    pub(super) fn new(pending: Vec<Pending>, rays: RaysAsked) -> Samples {
+    pub(super) fn new(pending: Vec<OpenSample>, rays: RayNeeds) -> Samples {
         let batches = GBatches::with_room(rays.times(pending.len()));
         Samples { pending, batches, asks: false }
     }
@@ -121,7 +121,7 @@ impl Samples {
         let Samples { pending, batches, asks } = self;
         *asks = false;
         let mut has_advanced = false;
-        pending.retain_mut(|Pending { slot, path, is_blocked }| {
+        pending.retain_mut(|OpenSample { slot, path, is_blocked }| {
             if *is_blocked {
                 return true;
             }

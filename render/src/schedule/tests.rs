@@ -266,7 +266,7 @@ fn check_room(method: Method) {
     let mut frame_count = 0;
     let mut roomy = Scarce::new(usize::MAX);
     roomy.resident = (0..roomy.boxes.len()).collect();
-    let mut counting = Counting { inner: roomy, most: 0 };
+    let mut counting = TouchCounter { inner: roomy, most: 0 };
     render(method, std::slice::from_mut(&mut counting), &[2]);
     frame_count = frame_count.max(counting.most);
     assert!(frame_count >= 4 && frame_count < counting.inner.boxes.len(), "{frame_count}");
@@ -278,19 +278,19 @@ fn check_room(method: Method) {
 }
 
 /// Counts the pages that single rays touch.
-struct Counting {
+struct TouchCounter {
     inner: Scarce,
     most: usize,
 }
 
-impl Counting {
+impl TouchCounter {
     fn count(&mut self) {
         self.most = self.most.max(self.inner.pinned.len());
         self.inner.pinned.clear();
     }
 }
 
-impl Tracer for Counting {
+impl Tracer for TouchCounter {
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         let answer = self.inner.intersect(ray);
         self.count();
@@ -304,7 +304,7 @@ impl Tracer for Counting {
     }
 }
 
-impl PagedTracer for Counting {
+impl PagedTracer for TouchCounter {
     fn begin_tile(&mut self) {}
     fn request_missing(&mut self) -> usize {
         0

@@ -15,7 +15,7 @@
 
 use super::g_queue::{GQueue, batch_samples};
 use super::job::Job;
-use super::samples::{Pending, SampleWork};
+use super::samples::{OpenSample, SampleWork};
 use crate::g_stage::{GCall, GTurn};
 use crate::image::film::Film;
 use crate::image::tile::Tiles;
@@ -312,7 +312,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         let Worker { piece, tracer, lane, retry, stats, .. } = self;
         lane.is_narrow = false;
         let Some(job) = lane.parked.front_mut() else { return };
-        let Pending { slot, mut path, .. } = job.samples.pending.remove(0);
+        let OpenSample { slot, mut path, .. } = job.samples.pending.remove(0);
         let SampleWork { integrator, g_stage } = &piece.work.samples;
         let advance = |tracer: &mut T| {
             let before = path.answered();
@@ -327,7 +327,7 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         };
         let longest = || (!piece.is_over()).then(|| piece.longest_wait());
         if !retry.alone(*tracer, longest, advance) {
-            job.samples.pending.insert(0, Pending::new(slot, path));
+            job.samples.pending.insert(0, OpenSample::new(slot, path));
             lane.is_narrow = true;
             return;
         }

@@ -33,7 +33,7 @@ use super::{Change, Event, Pick, Session};
 use crate::image::display::Display;
 use crate::image::encode::Image;
 use crate::image::film::Film;
-use crate::image::saliency::Reduced;
+use crate::image::saliency::ReducedPicture;
 use crate::image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
@@ -234,9 +234,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let eye = match order {
             TileOrder::Saliency(_) => {
                 self.live.display.release_work(&self.session.pool);
-                Reduced::new(resolution, |first, radiances| self.show(first, radiances))
+                ReducedPicture::new(resolution, |first, radiances| self.show(first, radiances))
             }
-            _ => Reduced::default(),
+            _ => ReducedPicture::default(),
         };
         let Session { tiles, film, .. } = &mut self.session;
         *tiles = tiles.ordered(order, &eye);

@@ -13,7 +13,7 @@ use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, Ray, Tracer};
 use crate::voxel::Voxels;
 use std::sync::Arc;
 use std::time::Duration;
-use trex_store::build::{self, BuildOptions, Existing, Precision};
+use trex_store::build::{self, BuildOptions, ExistingOutput, Precision};
 use trex_store::import::{ImportOptions, open};
 use trex_store::{Aabb, Code, Interrupt, Material, PageFile};
 
@@ -22,12 +22,12 @@ const FLOOR: &str = "v -9 -9 0\nv 9 -9 0\nv 9 9 0\nv -9 9 0\nf 1 2 3 4\n";
 
 /// A mesh that says that so many of 100 frames are in demand.
 #[derive(Clone, Debug)]
-struct Demanding {
+struct DemandMesh {
     mesh: NaiveMesh,
     percent: usize,
 }
 
-impl Tracer for Demanding {
+impl Tracer for DemandMesh {
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         self.mesh.intersect(ray)
     }
@@ -37,7 +37,7 @@ impl Tracer for Demanding {
     }
 }
 
-impl PagedTracer for Demanding {
+impl PagedTracer for DemandMesh {
     fn begin_tile(&mut self) {}
 
     fn request_missing(&mut self) -> usize {
@@ -84,12 +84,12 @@ pub(super) fn floor(keys: RenderKeys) -> Session<impl PagedTracer + Send> {
     floor_demanding(0, keys)
 }
 
-fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<Demanding> {
+fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<DemandMesh> {
     floor_on(Box::new(CpuStage::default()), percent, keys).0
 }
 
 /// [`FLOOR`], whose G-rays are answered by `g_stage`, and its file.
-fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Session<Demanding>, PageFile) {
+fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Session<DemandMesh>, PageFile) {
     let folder = tempfile::tempdir().unwrap();
     let (input, path) = (folder.path().join("floor.obj"), folder.path().join("floor.trex"));
     std::fs::write(&input, FLOOR).unwrap();
@@ -100,7 +100,7 @@ fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Sess
         pool: pool(1),
         budget: budget.clone(),
         temp_dir: None,
-        existing: Existing::Keep,
+        existing: ExistingOutput::Keep,
         resume: None,
         interrupt: Interrupt::default(),
     };
@@ -119,7 +119,7 @@ fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Sess
     let half = |at: [usize; 3]| NaiveTriangle { corners: at.map(|corner| corners[corner]), material: 0 };
     let mesh = NaiveMesh::new(vec![half([0, 1, 2]), half([0, 2, 3])]);
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
-    let tracers = vec![Demanding { mesh, percent }];
+    let tracers = vec![DemandMesh { mesh, percent }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
     let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into(), g_stage };
     (Session::new(setup, &budget).unwrap(), file)

@@ -21,9 +21,9 @@
 
 use super::Ray;
 use super::kernel::{Kernel, TrianglesMet};
-use super::lattice_ray::{LatticeFrame, Refined, Span};
+use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::{Page, Pages};
-use super::stack::{Entry, Pending, Stack};
+use super::stack::{Stack, StackEntry, VisitStack};
 use std::sync::Arc;
 use trex_store::PageFile;
 use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterView, FrameRef, FrameView, LEAF_PLANES, TopRef};
@@ -41,32 +41,32 @@ pub(super) trait Goal {
 }
 
 /// The closest hit.
-pub(super) struct Closest;
+pub(super) struct ClosestHit;
 
 /// Any hit.
-pub(super) struct Any;
+pub(super) struct AnyHit;
 
-impl Goal for Closest {
+impl Goal for ClosestHit {
     const IS_ANY: bool = false;
 }
 
-impl Goal for Any {
+impl Goal for AnyHit {
     const IS_ANY: bool = true;
 }
 
 /// Pages that a ray met and that were not there: id and where the box begins.
 #[derive(Clone, Debug)]
-pub(super) struct Missing {
+pub(super) struct MissingPages {
     pub(super) pages: [(u32, f64); MISSING_PER_RAY],
     pub(super) count: usize,
     /// Least entry of all.
     pub(super) nearest: f64,
 }
 
-impl Missing {
+impl MissingPages {
     /// An empty list.
-    pub(super) fn none() -> Missing {
-        Missing { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
+    pub(super) fn none() -> MissingPages {
+        MissingPages { pages: [(0, 0.0); MISSING_PER_RAY], count: 0, nearest: f64::INFINITY }
     }
 
     /// Empties the list for the next ray.
@@ -91,7 +91,7 @@ impl Missing {
 }
 
 /// The scene that is traced: the tables of a file, and its lattice as rays see it.
-pub(super) struct Scene {
+pub(super) struct LatticeScene {
     pub(super) file: Arc<PageFile>,
     pub(super) frame: LatticeFrame,
 }
@@ -113,7 +113,7 @@ impl Best {
 
 /// A ray that came to the model's box, and what it found.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ended {
+pub(super) struct RayEnd {
     pub(super) span: Span,
     pub(super) found: Option<Found>,
 }
@@ -122,32 +122,32 @@ pub(super) struct Ended {
 /// exact.
 #[inline(always)]
 pub(super) fn trace_ray<K: Kernel, P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     stack: &mut Stack,
     ray: &Ray,
-    missing: &mut Missing,
-) -> Option<Ended> {
+    missing: &mut MissingPages,
+) -> Option<RayEnd> {
     let (span, kernel) = K::enter(&scene.frame, ray)?;
-    let mut pending = Pending { entries: &mut stack.entries, len: 0 };
+    let mut pending = VisitStack { entries: &mut stack.entries, len: 0 };
     let mut best = Best::new(&span);
-    let root = Entry::new(0.0, scene.file.superblock().root);
+    let root = StackEntry::new(0.0, scene.file.superblock().root);
     walk::<K, P, G>(scene, pages, &kernel, &span, root, &mut pending, &mut best, missing);
-    Some(Ended { span, found: best.found })
+    Some(RayEnd { span, found: best.found })
 }
 
 /// Traverses what is under an entry of the top tree.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // Of one ray, all of it in registers.
 pub(super) fn walk<K: Kernel, P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     kernel: &K,
     span: &Span,
-    from: Entry,
-    pending: &mut Pending<'_>,
+    from: StackEntry,
+    pending: &mut VisitStack<'_>,
     best: &mut Best,
-    missing: &mut Missing,
+    missing: &mut MissingPages,
 ) {
     let mut next = Some(from);
     while let Some(at) = next.or_else(|| pending.pop_above(0, best.t)) {
@@ -164,7 +164,7 @@ pub(super) fn walk<K: Kernel, P: Pages, G: Goal>(
                     let frame = FrameView::new(frame);
                     let page = OpenPage { frame, page, first_triangle };
                     let visit = PageVisit { page, span };
-                    let root = Entry::new(at.t(), frame.root(slot as usize).0);
+                    let root = StackEntry::new(at.t(), frame.root(slot as usize).0);
                     visit.under::<K, G>(kernel, root, pending, best);
                     if G::IS_ANY && best.found.is_some() {
                         pending.len = 0;
@@ -186,7 +186,7 @@ pub(super) fn t_above(t: f64) -> f32 {
 /// A hit of a kernel, refined.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
-    pub(super) refined: Refined,
+    pub(super) refined: RefinedHit,
     pub(super) page: u32,
     /// Store id of the triangle.
     pub(super) triangle: u32,
@@ -195,8 +195,12 @@ pub(super) struct Found {
 
 impl Found {
     /// A hit of which nothing is asked.
-    const UNTOLD: Found =
-        Found { refined: Refined { t: 0.0, normal: [0.0; 3], size: 0.0 }, page: 0, triangle: 0, material: 0 };
+    const UNTOLD: Found = Found {
+        refined: RefinedHit { t: 0.0, normal: [0.0; 3], size: 0.0 },
+        page: 0,
+        triangle: 0,
+        material: 0,
+    };
 }
 
 /// A page that is there.
@@ -221,8 +225,8 @@ impl PageVisit<'_> {
     pub(super) fn under<K: Kernel, G: Goal>(
         &self,
         kernel: &K,
-        from: Entry,
-        pending: &mut Pending<'_>,
+        from: StackEntry,
+        pending: &mut VisitStack<'_>,
         best: &mut Best,
     ) {
         let floor = pending.len;
@@ -250,7 +254,7 @@ impl PageVisit<'_> {
         &self,
         kernel: &K,
         cluster: ClusterView<'_>,
-        pending: &mut Pending<'_>,
+        pending: &mut VisitStack<'_>,
         best: &mut Best,
     ) {
         let floor = pending.len;
@@ -298,7 +302,7 @@ mod tests {
 
     #[test]
     fn of_many_missing_pages_the_nearest_are_kept() {
-        let mut missing = Missing::none();
+        let mut missing = MissingPages::none();
         for page in 0..100 {
             missing.add(page, f64::from(page * 37 % 100));
         }

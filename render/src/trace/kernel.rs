@@ -16,7 +16,7 @@
 //! a triangle is met at all in the ray's range is sure where the volume's error is next to nothing.
 
 use super::Ray;
-use super::lattice_ray::{LatticeFrame, Refined, Span};
+use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
@@ -55,5 +55,5 @@ pub(super) trait Kernel: Sized {
     fn triangles(&self, cluster: &ClusterView<'_>, leaf: usize, t: (f32, f32)) -> TrianglesMet;
 
     /// One of these, in f64: the same bits from every kernel.
-    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> Refined;
+    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> RefinedHit;
 }

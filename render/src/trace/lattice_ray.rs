@@ -75,7 +75,7 @@ pub(super) struct Span {
 
 /// A triangle that a ray meets, as f64 tells it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Refined {
+pub(super) struct RefinedHit {
     /// Lattice t of the entry's ray.
     pub(super) t: f64,
     /// The triangle's normal, as long as twice its area.
@@ -210,11 +210,11 @@ impl LatticeRay {
     /// A triangle that a kernel has reported, in f64. Where the ray passes beside it (the kernel's rounding, at an
     /// edge): at the point of its edges that is nearest to the ray.
     #[inline(never)]
-    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> Refined {
+    pub(super) fn refine(&self, q: [[i64; 3]; 3]) -> RefinedHit {
         let n = normal(q);
         let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
         let size = edges.fold(0.0f64, |most, x| most.max(x.abs() as f64));
-        Refined { t: self.t_on(q, n), normal: n.to_array(), size }
+        RefinedHit { t: self.t_on(q, n), normal: n.to_array(), size }
     }
 
     /// t on a triangle whose normal is `n`.

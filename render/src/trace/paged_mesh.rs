@@ -8,8 +8,8 @@
 //! pages of each missing page that could change its answer, once.
 
 use super::arithmetic::Arithmetic;
-use super::bvh::{Any, Closest, Ended, Found, Goal, Missing, Scene, trace_ray};
-use super::lattice_ray::{LatticeFrame, Refined, Span};
+use super::bvh::{AnyHit, ClosestHit, Found, Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
+use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
 #[cfg(target_arch = "x86_64")]
@@ -22,14 +22,14 @@ use trex_store::PageFile;
 
 /// Traces rays against the clusters of a file, through whatever gives it pages.
 pub struct PagedMesh<P> {
-    scene: Scene,
+    scene: LatticeScene,
     pages: P,
     arithmetic: Arithmetic,
     stack: Stack,
     #[cfg(target_arch = "x86_64")]
     packet: Box<PacketRoom>,
     /// Of the last ray.
-    missing: Missing,
+    missing: MissingPages,
 }
 
 /// Share of a triangle's size that a surface point may be off its plane for the f32 test.
@@ -49,7 +49,7 @@ impl<P: Pages> PagedMesh<P> {
     /// For f32 on a lattice of more than 24 bits, and for AVX2 where the machine has none.
     pub fn with_arithmetic(file: &Arc<PageFile>, pages: P, arithmetic: Arithmetic) -> PagedMesh<P> {
         arithmetic.check(file);
-        let scene = Scene { file: file.clone(), frame: LatticeFrame::new(file) };
+        let scene = LatticeScene { file: file.clone(), frame: LatticeFrame::new(file) };
         PagedMesh {
             scene,
             pages,
@@ -57,7 +57,7 @@ impl<P: Pages> PagedMesh<P> {
             stack: Stack::new(),
             #[cfg(target_arch = "x86_64")]
             packet: Default::default(),
-            missing: Missing::none(),
+            missing: MissingPages::none(),
         }
     }
 
@@ -76,7 +76,7 @@ impl<P: Pages> PagedMesh<P> {
         &mut self.pages
     }
 
-    fn run<G: Goal>(&mut self, ray: &Ray) -> Option<Ended> {
+    fn run<G: Goal>(&mut self, ray: &Ray) -> Option<RayEnd> {
         let PagedMesh { scene, pages, stack, missing, .. } = self;
         missing.clear();
         match self.arithmetic {
@@ -93,7 +93,7 @@ impl<P: Pages> PagedMesh<P> {
         &mut self,
         rays: &[Ray],
         (outside, answers): (A, &mut Vec<A>),
-        answer: impl Fn(&mut P, &Ray, &Ended, &Missing) -> A,
+        answer: impl Fn(&mut P, &Ray, &RayEnd, &MissingPages) -> A,
     ) {
         let PagedMesh { scene, pages, stack, packet, .. } = self;
         for rays in rays.chunks(PACKET_RAYS) {
@@ -111,8 +111,8 @@ impl<P: Pages> PagedMesh<P> {
 fn closest(
     pages: &mut impl Pages,
     (frame, ray): (&LatticeFrame, &Ray),
-    Ended { span, found }: &Ended,
-    missing: &Missing,
+    RayEnd { span, found }: &RayEnd,
+    missing: &MissingPages,
 ) -> Answer<Option<Hit>> {
     let hit_t = found.as_ref().map_or(f64::INFINITY, |f| f.refined.t);
     if missing.count > 0 && missing.nearest <= hit_t {
@@ -124,7 +124,7 @@ fn closest(
 }
 
 /// The answer of a ray that asked for any.
-fn any(pages: &mut impl Pages, ended: &Ended, missing: &Missing) -> Answer<bool> {
+fn any(pages: &mut impl Pages, ended: &RayEnd, missing: &MissingPages) -> Answer<bool> {
     if ended.found.is_some() {
         return Answer::Exact(true);
     }
@@ -136,14 +136,14 @@ fn any(pages: &mut impl Pages, ended: &Ended, missing: &Missing) -> Answer<bool>
 }
 
 /// Tells of the missing pages that begin before a hit.
-fn want(pages: &mut impl Pages, missing: &Missing, before: f64) {
+fn want(pages: &mut impl Pages, missing: &MissingPages, before: f64) {
     for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
         pages.want(page);
     }
 }
 
 fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
-    let Refined { t, normal, size } = found.refined;
+    let RefinedHit { t, normal, size } = found.refined;
     let t = span.model_t(t);
     let n = DVec3::from(normal);
     let length = n.length();
@@ -165,14 +165,14 @@ impl<P: Pages> Tracer for PagedMesh<P> {
     }
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
-        match self.run::<Closest>(ray) {
+        match self.run::<ClosestHit>(ray) {
             Some(ended) => closest(&mut self.pages, (&self.scene.frame, ray), &ended, &self.missing),
             None => Answer::Exact(None),
         }
     }
 
     fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
-        match self.run::<Any>(ray) {
+        match self.run::<AnyHit>(ray) {
             Some(ended) => any(&mut self.pages, &ended, &self.missing),
             None => Answer::Exact(false),
         }
@@ -183,7 +183,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(None);
             let frame = self.scene.frame;
-            return self.packets::<_, Closest>(rays, (outside, answers), |pages, ray, ended, missing| {
+            return self.packets::<_, ClosestHit>(rays, (outside, answers), |pages, ray, ended, missing| {
                 closest(pages, (&frame, ray), ended, missing)
             });
         }
@@ -194,7 +194,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(false);
-            return self.packets::<_, Any>(rays, (outside, answers), |pages, _, ended, missing| {
+            return self.packets::<_, AnyHit>(rays, (outside, answers), |pages, _, ended, missing| {
                 any(pages, ended, missing)
             });
         }

@@ -3,7 +3,7 @@
 
 use super::Ray;
 use super::kernel::{Kernel, Lanes, TrianglesMet};
-use super::lattice_ray::{LatticeFrame, LatticeRay, Refined, Span};
+use super::lattice_ray::{LatticeFrame, LatticeRay, RefinedHit, Span};
 use trex_store::cluster::{ClusterView, Node};
 use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH};
 
@@ -207,7 +207,7 @@ impl<T: Real> Kernel for Scalar<T> {
         all
     }
 
-    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> Refined {
+    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> RefinedHit {
         self.ray.refine(cluster.triangle(leaf, place))
     }
 }

@@ -11,13 +11,13 @@ pub(super) const STACK: usize = (2 * TREE_DEPTH * (NODE_WIDTH - 1) + 2 + CLUSTER
 
 /// An entry of the stack: where to go on, and the t where its box begins, in one number that is ordered by t.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Entry(u64);
+pub(super) struct StackEntry(u64);
 
-impl Entry {
+impl StackEntry {
     /// `t >= 0`: the bits of such numbers are ordered as they are.
     #[inline(always)]
-    pub(super) fn new(t: f32, word: u32) -> Entry {
-        Entry(u64::from(t.to_bits()) << 32 | u64::from(word))
+    pub(super) fn new(t: f32, word: u32) -> StackEntry {
+        StackEntry(u64::from(t.to_bits()) << 32 | u64::from(word))
     }
 
     #[inline(always)]
@@ -33,35 +33,35 @@ impl Entry {
 
 impl<const N: usize> Lanes<N> {
     #[inline(always)]
-    pub(super) fn entry(&self, lane: usize, word: u32) -> Entry {
-        Entry::new(self.t[lane % N], word)
+    pub(super) fn entry(&self, lane: usize, word: u32) -> StackEntry {
+        StackEntry::new(self.t[lane % N], word)
     }
 }
 
 /// Room for the entries of one ray at a time.
 pub(super) struct Stack {
-    pub(super) entries: Box<[Entry; STACK]>,
+    pub(super) entries: Box<[StackEntry; STACK]>,
 }
 
 impl Stack {
     /// An empty stack.
     pub(super) fn new() -> Stack {
-        Stack { entries: Box::new([Entry(0); STACK]) }
+        Stack { entries: Box::new([StackEntry(0); STACK]) }
     }
 }
 
 /// The stack of what is left to visit; the nearest of a node on top. One for top tree, page and cluster together:
 /// each level works above the `floor` where it began.
-pub(super) struct Pending<'a> {
-    pub(super) entries: &'a mut [Entry; STACK],
+pub(super) struct VisitStack<'a> {
+    pub(super) entries: &'a mut [StackEntry; STACK],
     pub(super) len: usize,
 }
 
-impl Pending<'_> {
+impl VisitStack<'_> {
     /// The topmost entry that begins before `t_max`.
     #[inline(always)]
-    pub(super) fn pop_above(&mut self, floor: usize, t_max: f32) -> Option<Entry> {
-        let last = Entry::new(t_max, u32::MAX);
+    pub(super) fn pop_above(&mut self, floor: usize, t_max: f32) -> Option<StackEntry> {
+        let last = StackEntry::new(t_max, u32::MAX);
         while self.len > floor {
             self.len -= 1;
             let entry = self.entries[self.len % STACK];
@@ -73,7 +73,7 @@ impl Pending<'_> {
     }
 
     #[inline(always)]
-    fn put(&mut self, entry: Entry) {
+    fn put(&mut self, entry: StackEntry) {
         debug_assert!(self.len < STACK, "depth was checked when the tables were read");
         self.entries[self.len % STACK] = entry;
         self.len += 1;
@@ -81,7 +81,7 @@ impl Pending<'_> {
 
     /// Gives the nearest of the lanes that are set and puts the others, farthest first.
     #[inline(always)]
-    pub(super) fn push(&mut self, mut mask: u32, entry: impl Fn(usize) -> Entry) -> Option<Entry> {
+    pub(super) fn push(&mut self, mut mask: u32, entry: impl Fn(usize) -> StackEntry) -> Option<StackEntry> {
         let count = mask.count_ones();
         let mut take = || {
             let lane = mask.trailing_zeros() as usize;

@@ -5,7 +5,7 @@ use rayon::ThreadPoolBuilder;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use trex_store::build::{BuildOptions, Existing, Precision, Voxels, build};
+use trex_store::build::{BuildOptions, ExistingOutput, Precision, Voxels, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::{Budget, Code, Error, Interrupt};
 
@@ -45,7 +45,7 @@ pub(crate) fn model() -> Result<Model, Error> {
         pool: Arc::new(pool),
         budget: Budget::unlimited(),
         temp_dir: None,
-        existing: Existing::Keep,
+        existing: ExistingOutput::Keep,
         resume: None,
         interrupt: Interrupt::default(),
     };

@@ -1,7 +1,7 @@
 //! `Draft`: a temporary file beside the output, written once, read back, renamed.
 //!
 //! ```text
-//! Existing::check -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
+//! ExistingOutput::check -> Draft::create -> append* -> fsync -> read back -> rename -> fsync folder
 //! ```
 //!
 //! Invariants: 1. the output's name holds either the old file or the whole new one; 2. a draft that is not
@@ -12,7 +12,7 @@ use super::report::PhaseReport;
 use super::scratch::drop_cache;
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
-use crate::output::{Existing, draft, draft_at};
+use crate::output::{ExistingOutput, draft, draft_at};
 use crate::scratch::Place;
 use crate::verify;
 use rustix::fs::fdatasync;
@@ -78,13 +78,13 @@ impl Draft {
                 .next("check the disk; nothing was published"));
         }
         let failed = |e: tempfile::PersistError| match e.error.kind() {
-            ErrorKind::AlreadyExists => Existing::exists(output),
+            ErrorKind::AlreadyExists => ExistingOutput::exists(output),
             _ => Error::writing("rename the finished file", output, &e.error),
         };
         match options.existing {
-            Existing::Replace => self.file.persist(output).map_err(failed)?,
+            ExistingOutput::Replace => self.file.persist(output).map_err(failed)?,
             // Somebody may have made the file meanwhile.
-            Existing::Keep => self.file.persist_noclobber(output).map_err(failed)?,
+            ExistingOutput::Keep => self.file.persist_noclobber(output).map_err(failed)?,
         };
         let folder = File::open(&self.folder).map_err(|e| Error::io("open the folder", &self.folder, &e))?;
         folder.sync_all().map_err(|e| {

@@ -34,7 +34,7 @@ impl InputSizes {
         if let Some(hint) = source.hint().filter(|_| !source.materials().iter().any(Material::emits)) {
             return Ok(InputSizes { triangle_count: hint.triangle_count, ..InputSizes::default() });
         }
-        let (mut counted, mut batch) = (Counted::new(source), TriangleBatch::default());
+        let (mut counted, mut batch) = (CountingSource::new(source), TriangleBatch::default());
         while counted.next_batch(&mut batch)? {
             interrupt.check()?;
         }
@@ -43,15 +43,15 @@ impl InputSizes {
 }
 
 /// A source that counts its triangles by material.
-pub(super) struct Counted<'a> {
+pub(super) struct CountingSource<'a> {
     source: &'a mut dyn TriangleSource,
     /// By index of the material.
     triangle_counts: Vec<u64>,
 }
 
-impl<'a> Counted<'a> {
-    pub(super) fn new(source: &'a mut dyn TriangleSource) -> Counted<'a> {
-        Counted { source, triangle_counts: Vec::new() }
+impl<'a> CountingSource<'a> {
+    pub(super) fn new(source: &'a mut dyn TriangleSource) -> CountingSource<'a> {
+        CountingSource { source, triangle_counts: Vec::new() }
     }
 
     /// What came so far; emissive triangles are known once the stream has ended.
@@ -71,7 +71,7 @@ impl<'a> Counted<'a> {
     }
 }
 
-impl TriangleSource for Counted<'_> {
+impl TriangleSource for CountingSource<'_> {
     fn name(&self) -> String {
         self.source.name()
     }

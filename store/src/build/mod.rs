@@ -33,7 +33,7 @@ mod scratch;
 #[cfg(test)]
 mod tests;
 
-pub use crate::output::Existing;
+pub use crate::output::ExistingOutput;
 pub use input_sizes::InputSizes;
 pub use journal::left_over;
 pub use options::{BuildOptions, Precision, Resume, Voxels};
@@ -50,7 +50,7 @@ use crate::source::{SourceStats, TriangleSource};
 use checkpoint::{Checkpoint, FilePlaces};
 use draft::Draft;
 use emit::voxels;
-use input_sizes::Counted;
+use input_sizes::CountingSource;
 use journal::{FileKind, Journal};
 use model_materials::ModelMaterials;
 use partition::outcome::PartitionOutcome;
@@ -213,7 +213,7 @@ impl Site<'_> {
         out.resumed_sorted_count = start.sorted_count();
         let (options, report) = (self.options, self.report);
         let work = PartitionWork { start, journal: journal.as_deref_mut(), options, report };
-        let mut source = Counted::new(source);
+        let mut source = CountingSource::new(source);
         let partition = partition::partition(&mut source, work)?;
         out.phase_ms.generate += partition.wait_ms;
         let materials = ModelMaterials::of(source.materials(), &options.budget)?;

@@ -4,7 +4,7 @@
 
 use crate::budget::Budget;
 use crate::octree::Refinement;
-use crate::output::Existing;
+use crate::output::ExistingOutput;
 use crate::progress::Interrupt;
 use rayon::ThreadPool;
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ pub struct BuildOptions {
     /// Folder of the scratch file; `None` = the output's folder.
     pub temp_dir: Option<PathBuf>,
     /// Whether an output that exists is kept or replaced.
-    pub existing: Existing,
+    pub existing: ExistingOutput,
     /// Stops the build when raised.
     pub interrupt: Interrupt,
     /// How a build that is killed or interrupted resumes when it is started again; `None`: it leaves nothing.

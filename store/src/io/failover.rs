@@ -11,7 +11,7 @@
 //! buffers, is the same before and after; 3. the description says what happened, from the next completion on.
 
 use super::uring::GLANCE;
-use super::{Backend, IoDescription, Pread, RawDone, RawRead, Source, Uring, Wait};
+use super::{Backend, IoDescription, Pread, RawCompletion, RawRead, Source, Uring, Wait};
 
 /// A ring with `pread` behind it.
 pub struct Failover {
@@ -70,7 +70,7 @@ impl Backend for Failover {
         }
     }
 
-    fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
+    fn complete(&mut self, wait: Wait, done: &mut Vec<RawCompletion>) {
         let before = done.len();
         loop {
             self.ring.complete(wait, done);

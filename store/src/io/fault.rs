@@ -3,7 +3,7 @@
 //! Invariant: what goes wrong depends on the seed, the read's offset and how often that offset was read, never on time;
 //! a read of a `broken` range fails every time.
 
-use super::{Backend, IoDescription, RawDone, RawRead, Wait};
+use super::{Backend, IoDescription, RawCompletion, RawRead, Wait};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::time::Duration;
@@ -39,7 +39,7 @@ pub struct Fault {
     plan: FaultPlan,
     seen: HashMap<u64, u64>,
     /// Reads that are held back.
-    late: Vec<RawDone>,
+    late: Vec<RawCompletion>,
     /// Reads that completed.
     completed: u64,
     description: IoDescription,
@@ -55,9 +55,9 @@ impl Fault {
 
     /// Holds back some of what came, and gives what was held back before in another order; where that is waited for and
     /// nothing else comes, at once.
-    fn hold_back(&mut self, first: usize, wait: Wait, done: &mut Vec<RawDone>) {
+    fn hold_back(&mut self, first: usize, wait: Wait, done: &mut Vec<RawCompletion>) {
         let mut dice = Dice(self.plan.seed ^ mix(self.completed));
-        let mut all: Vec<RawDone> = self.late.drain(..).chain(done.drain(first..)).collect();
+        let mut all: Vec<RawCompletion> = self.late.drain(..).chain(done.drain(first..)).collect();
         while !all.is_empty() {
             let one = all.swap_remove(dice.below(all.len() as u64) as usize);
             if dice.hits(self.plan.late_per_1024) { self.late.push(one) } else { done.push(one) }
@@ -67,7 +67,7 @@ impl Fault {
         }
     }
 
-    fn disturb(&mut self, done: &mut RawDone) {
+    fn disturb(&mut self, done: &mut RawCompletion) {
         let read = &mut done.read;
         let Ok(got) = done.result else { return };
         if let Some((numbers, errno)) = &self.plan.failing
@@ -142,7 +142,7 @@ impl Backend for Fault {
         self.inner.submit(read);
     }
 
-    fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
+    fn complete(&mut self, wait: Wait, done: &mut Vec<RawCompletion>) {
         if wait == Wait::One && !self.plan.delay.is_zero() {
             std::thread::sleep(self.plan.delay);
         }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: reads complete in the order of their submission, with what a file of these bytes would give.
 
-use super::{Backend, IoDescription, RawDone, RawRead, Wait, check_read};
+use super::{Backend, IoDescription, RawCompletion, RawRead, Wait, check_read};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -45,12 +45,12 @@ impl Backend for Memory {
         self.queue.push_back(read);
     }
 
-    fn complete(&mut self, _wait: Wait, done: &mut Vec<RawDone>) {
+    fn complete(&mut self, _wait: Wait, done: &mut Vec<RawCompletion>) {
         for mut read in self.queue.drain(..) {
             let start = usize::try_from(read.offset).unwrap_or(usize::MAX).min(self.bytes.len());
             let end = start.saturating_add(read.bytes).min(self.bytes.len());
             read.target()[..end - start].copy_from_slice(&self.bytes[start..end]);
-            done.push(RawDone { result: Ok(end - start), read });
+            done.push(RawCompletion { result: Ok(end - start), read });
         }
     }
 }

@@ -10,7 +10,7 @@
 #![allow(unsafe_code)]
 
 use super::page_cache::drop_cached;
-use super::{ALIGN_BYTES, Backend, IoDescription, RawDone, RawRead, Wait, check_read};
+use super::{ALIGN_BYTES, Backend, IoDescription, RawCompletion, RawRead, Wait, check_read};
 use crate::error::{Code, Error, Result};
 use crate::next_step::NextStep;
 use memmap2::{Advice, UncheckedAdvice};
@@ -104,7 +104,7 @@ impl Backend for Mmap {
         self.queue.push_back(read);
     }
 
-    fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
+    fn complete(&mut self, wait: Wait, done: &mut Vec<RawCompletion>) {
         // One copy a call: a page fault is a wait, and the caller has decoding to hand out in between.
         if wait == Wait::No {
             return;
@@ -113,7 +113,7 @@ impl Backend for Mmap {
             let start = usize::try_from(read.offset).unwrap_or(usize::MAX).min(self.map.len());
             let result = self.copy(start, read.target());
             self.forget(start, read.bytes.min(self.map.len() - start));
-            done.push(RawDone { read, result });
+            done.push(RawCompletion { read, result });
         }
     }
 }

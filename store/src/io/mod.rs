@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Invariants
-//! 1. A [`Staging`] buffer moves into the backend with its read and moves out with the completion. Nobody else can
+//! 1. A [`StagingBuffer`] moves into the backend with its read and moves out with the completion. Nobody else can
 //!    touch or free it while the kernel may write, since nobody else has it.
 //! 2. Every read that was submitted completes exactly once, or the backend is dropped, which waits for it.
 //! 3. A backend reports what the system said. Only [`Reader`] judges, retries and gives up.
@@ -63,26 +63,26 @@ impl Extent {
 }
 
 /// A buffer for reads: anonymous memory of its own, aligned to [`ALIGN_BYTES`].
-pub struct Staging(Region);
+pub struct StagingBuffer(Region);
 
-impl Staging {
+impl StagingBuffer {
     /// A zeroed buffer of at least `bytes`, rounded up to whole [`ALIGN_BYTES`].
     ///
     /// # Errors
     /// [`Code::MemoryLimit`](crate::Code::MemoryLimit) when the system refuses.
-    pub fn new(bytes: usize) -> crate::Result<Staging> {
-        Region::reserve(bytes.next_multiple_of(ALIGN_BYTES).max(ALIGN_BYTES)).map(Staging)
+    pub fn new(bytes: usize) -> crate::Result<StagingBuffer> {
+        Region::reserve(bytes.next_multiple_of(ALIGN_BYTES).max(ALIGN_BYTES)).map(StagingBuffer)
     }
 }
 
-impl Deref for Staging {
+impl Deref for StagingBuffer {
     type Target = [u8];
     fn deref(&self) -> &[u8] {
         self.0.bytes()
     }
 }
 
-impl DerefMut for Staging {
+impl DerefMut for StagingBuffer {
     fn deref_mut(&mut self) -> &mut [u8] {
         self.0.bytes_mut()
     }
@@ -99,7 +99,7 @@ pub struct RawRead {
     /// How many bytes.
     pub bytes: usize,
     /// The buffer, owned by the read.
-    pub staging: Staging,
+    pub staging: StagingBuffer,
 }
 
 impl RawRead {
@@ -113,7 +113,7 @@ impl RawRead {
 }
 
 /// A read that has come back.
-pub struct RawDone {
+pub struct RawCompletion {
     /// The read with its buffer.
     pub read: RawRead,
     /// Bytes that arrived, fewer than asked at the end of the file and whenever the system likes; or its error.
@@ -150,7 +150,7 @@ pub trait Backend: Send {
     fn submit(&mut self, read: RawRead);
 
     /// Starts what was submitted and appends what has completed to `done`, in any order.
-    fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>);
+    fn complete(&mut self, wait: Wait, done: &mut Vec<RawCompletion>);
 }
 
 /// The checks that every backend makes on a read it takes over.

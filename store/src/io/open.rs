@@ -10,7 +10,7 @@
 //! file systems accept the flag and refuse the read).
 
 use super::source::Source;
-use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, Staging, Uring};
+use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, StagingBuffer, Uring};
 use crate::error::{Code, Error, Result};
 use crate::next_step::NextStep;
 use rustix::fs::OFlags;
@@ -167,7 +167,7 @@ pub(super) fn open_source(path: &Path, choice: DirectChoice) -> Result<(Source, 
 fn open_direct(path: &Path) -> std::io::Result<File> {
     let flags = OFlags::DIRECT.bits() as i32;
     let file = std::fs::OpenOptions::new().read(true).custom_flags(flags).open(path)?;
-    let mut block = Staging::new(ALIGN_BYTES).map_err(std::io::Error::other)?;
+    let mut block = StagingBuffer::new(ALIGN_BYTES).map_err(std::io::Error::other)?;
     rustix::io::retry_on_intr(|| rustix::io::pread(&file, &mut block[..], 0))?;
     Ok(file)
 }

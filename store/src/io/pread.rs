@@ -6,7 +6,7 @@
 //! page cache once copied.
 
 use super::page_cache::drop_cached;
-use super::{Backend, IoDescription, RawDone, RawRead, Source, Wait, check_read};
+use super::{Backend, IoDescription, RawCompletion, RawRead, Source, Wait, check_read};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
@@ -16,7 +16,7 @@ const STACK_BYTES: usize = 64 << 10;
 
 /// Reads with a pool of threads.
 pub struct Pread {
-    shared: Arc<PreadShared>,
+    shared: Arc<PreadState>,
     threads: Vec<JoinHandle<()>>,
     depth: usize,
     in_flight: usize,
@@ -24,7 +24,7 @@ pub struct Pread {
     pub(super) description: IoDescription,
 }
 
-struct PreadShared {
+struct PreadState {
     source: Source,
     queues: Mutex<Queues>,
     work: Condvar,
@@ -33,7 +33,7 @@ struct PreadShared {
 
 struct Queues {
     waiting: VecDeque<RawRead>,
-    done: Vec<RawDone>,
+    done: Vec<RawCompletion>,
     stop: bool,
 }
 
@@ -44,7 +44,7 @@ impl Pread {
         let align_bytes = source.align_bytes();
         let queues =
             Queues { waiting: VecDeque::with_capacity(depth), done: Vec::with_capacity(depth), stop: false };
-        let shared = Arc::new(PreadShared {
+        let shared = Arc::new(PreadState {
             source,
             queues: Mutex::new(queues),
             work: Condvar::new(),
@@ -61,7 +61,7 @@ impl Pread {
     }
 }
 
-impl PreadShared {
+impl PreadState {
     fn lock(&self) -> MutexGuard<'_, Queues> {
         self.queues.lock().expect("a reading thread panicked")
     }
@@ -79,7 +79,7 @@ impl PreadShared {
             drop(queues);
             let result = self.read(&mut read);
             queues = self.lock();
-            queues.done.push(RawDone { read, result });
+            queues.done.push(RawCompletion { read, result });
             self.done.notify_one();
         }
     }
@@ -118,12 +118,12 @@ impl Backend for Pread {
         self.shared.work.notify_one();
     }
 
-    fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
+    fn complete(&mut self, wait: Wait, done: &mut Vec<RawCompletion>) {
         let mut queues = self.shared.lock();
         if self.threads.is_empty() {
             while let Some(mut read) = queues.waiting.pop_front() {
                 let result = self.shared.read(&mut read);
-                queues.done.push(RawDone { read, result });
+                queues.done.push(RawCompletion { read, result });
             }
         }
         while wait == Wait::One && queues.done.is_empty() && self.in_flight > 0 {

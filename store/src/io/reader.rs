@@ -12,7 +12,7 @@
 //! 2. Work on one read is bounded: [`INTERRUPTIONS_MAX`] short reads and interruptions, [`FAILURES_MAX`] failures.
 //! 3. Nothing is allocated or copied per read.
 
-use super::{Backend, Extent, IoDescription, RawDone, RawRead, Staging, Wait};
+use super::{Backend, Extent, IoDescription, RawCompletion, RawRead, StagingBuffer, Wait};
 use crate::error::{Code, Error, Result};
 use std::io::ErrorKind;
 use std::ops::Range;
@@ -36,14 +36,14 @@ pub struct Arrival {
     /// The tag of its `submit`.
     pub tag: u32,
     /// The buffer, back from the backend.
-    pub staging: Staging,
+    pub staging: StagingBuffer,
     /// Where in the buffer the extent lies; or why it does not.
     pub result: Result<Range<usize>>,
 }
 
 /// State of a read in flight. The slot index is the tag of the raw read.
 #[derive(Clone)]
-struct Pending {
+struct ReadInFlight {
     tag: u32,
     offset: u64,
     head: usize,
@@ -70,9 +70,9 @@ pub struct ReaderStats {
 pub struct Reader {
     backend: Box<dyn Backend>,
     path: PathBuf,
-    pending: Vec<Option<Pending>>,
+    pending: Vec<Option<ReadInFlight>>,
     free: Vec<u32>,
-    done: Vec<RawDone>,
+    done: Vec<RawCompletion>,
     stats: ReaderStats,
 }
 
@@ -115,14 +115,14 @@ impl Reader {
     /// # Panics
     /// When there is no [`Reader::room`], the extent is empty, or `staging` is shorter than
     /// [`staging_bytes_for`] the extent.
-    pub fn submit(&mut self, tag: u32, extent: Extent, staging: Staging) {
+    pub fn submit(&mut self, tag: u32, extent: Extent, staging: StagingBuffer) {
         let align = self.backend.align_bytes() as u64;
         let start = extent.offset / align * align;
         let raw_bytes = (extent.end().next_multiple_of(align) - start) as usize;
         assert!(extent.stored_bytes > 0, "read of an empty extent");
         assert!(raw_bytes <= staging.len(), "{raw_bytes} bytes into staging of {}", staging.len());
         let index = self.free.pop().expect("more reads than the depth allows");
-        self.pending[index as usize] = Some(Pending {
+        self.pending[index as usize] = Some(ReadInFlight {
             tag,
             offset: start,
             head: (extent.offset - start) as usize,
@@ -160,8 +160,8 @@ impl Reader {
     }
 
     /// Done, failed, or once more?
-    fn judge(&mut self, raw: RawDone) -> Option<Arrival> {
-        let RawDone { mut read, result } = raw;
+    fn judge(&mut self, raw: RawCompletion) -> Option<Arrival> {
+        let RawCompletion { mut read, result } = raw;
         let index = read.tag as usize;
         let pending = self.pending[index].as_mut().expect("a completion without a read");
         let error = match result {
@@ -211,7 +211,7 @@ impl Reader {
     }
 }
 
-fn ends_early(path: &Path, pending: &Pending, have: usize) -> Error {
+fn ends_early(path: &Path, pending: &ReadInFlight, have: usize) -> Error {
     let offset = pending.offset + pending.head as u64;
     Error::new(Code::Damaged, "the file ends early")
         .at_byte(path, offset)
@@ -219,7 +219,7 @@ fn ends_early(path: &Path, pending: &Pending, have: usize) -> Error {
         .next("copy or build the file again")
 }
 
-fn gives_up(path: &Path, pending: &Pending, error: Option<std::io::Error>) -> Error {
+fn gives_up(path: &Path, pending: &ReadInFlight, error: Option<std::io::Error>) -> Error {
     let cause = error.map_or("the reads stay short".to_owned(), |error| error.to_string());
     let tries = pending.failures + pending.interruptions;
     Error::new(Code::Io, "cannot read")

@@ -52,8 +52,8 @@ fn read_all(backend: Box<dyn Backend>, path: &Path, extents: &[Extent]) -> Vec<R
 }
 
 fn read_all_of(reader: &mut Reader, extents: &[Extent]) -> Vec<Result<Vec<u8>>> {
-    let mut idle: Vec<Staging> =
-        (0..reader.room()).map(|_| Staging::new(staging_bytes_for(66 << 10)).unwrap()).collect();
+    let mut idle: Vec<StagingBuffer> =
+        (0..reader.room()).map(|_| StagingBuffer::new(staging_bytes_for(66 << 10)).unwrap()).collect();
     let mut results: Vec<Option<Result<Vec<u8>>>> = vec![None; extents.len()];
     let (mut next, mut arrivals) = (0, Vec::new());
     while next < extents.len() || reader.in_flight() > 0 {
@@ -226,7 +226,7 @@ fn dropping_with_reads_in_flight_waits_for_them() {
     for io in [IoChoice::Auto, IoChoice::Pread, IoChoice::Mmap] {
         let mut backend = open(file.path(), &IoOptions { io, depth: 16, ..IoOptions::default() }).unwrap();
         for index in 0..16_u32 {
-            let staging = Staging::new(64 << 10).unwrap();
+            let staging = StagingBuffer::new(64 << 10).unwrap();
             let offset = u64::from(index) * (64 << 10);
             backend.submit(RawRead { tag: index, offset, at: 0, bytes: 64 << 10, staging });
         }
@@ -291,7 +291,7 @@ fn buffers_that_the_kernel_keeps_are_not_given_to_others() {
     let mut failover = failing_ring(Source { file, direct: false }, 4, 1);
     let mut done = Vec::new();
     let submit = |failover: &mut Failover, tag| {
-        let staging = Staging::new(ALIGN_BYTES).unwrap();
+        let staging = StagingBuffer::new(ALIGN_BYTES).unwrap();
         failover.submit(RawRead { tag, offset: 0, at: 0, bytes: ALIGN_BYTES, staging });
     };
     submit(&mut failover, 0);
@@ -304,7 +304,7 @@ fn buffers_that_the_kernel_keeps_are_not_given_to_others() {
     failover.complete(Wait::One, &mut done);
     // The other one, after a second, with another buffer.
     assert_eq!((done.len(), failover.in_flight(), failover.ring.in_flight()), (2, 0, 0));
-    let RawDone { read, result } = done.pop().unwrap();
+    let RawCompletion { read, result } = done.pop().unwrap();
     assert_eq!((read.tag, result.is_err()), (0, true));
     sender.write_all(&[9; ALIGN_BYTES]).unwrap();
     std::thread::sleep(Duration::from_millis(20));

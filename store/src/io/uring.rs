@@ -23,7 +23,7 @@
 #![allow(unsafe_code)]
 
 use super::page_cache::drop_cached;
-use super::{Backend, IoDescription, RawDone, RawRead, Source, Staging, Wait, check_read};
+use super::{Backend, IoDescription, RawCompletion, RawRead, Source, StagingBuffer, Wait, check_read};
 use io_uring::{IoUring, opcode, types};
 use std::collections::VecDeque;
 use std::io::{Error, ErrorKind, Result};
@@ -97,7 +97,7 @@ impl Uring {
     /// One read, to see that opcode and flags work (kernels before 5.6 have rings without plain reads).
     fn probe(&mut self) -> Result<()> {
         for _ in 0..2 {
-            let staging = Staging::new(super::ALIGN_BYTES).map_err(Error::other)?;
+            let staging = StagingBuffer::new(super::ALIGN_BYTES).map_err(Error::other)?;
             let mut done = Vec::with_capacity(1);
             self.submit(RawRead { tag: 0, offset: 0, at: 0, bytes: super::ALIGN_BYTES, staging });
             self.complete(Wait::One, &mut done);
@@ -133,7 +133,7 @@ impl Uring {
         Err(ErrorKind::TimedOut.into())
     }
 
-    fn reap(&mut self, done: &mut Vec<RawDone>) {
+    fn reap(&mut self, done: &mut Vec<RawCompletion>) {
         for entry in self.ring.completion() {
             let index = entry.user_data() as usize;
             let Flight { read, is_set_aside } =
@@ -150,7 +150,7 @@ impl Uring {
             if !self.source.direct && !self.uncached {
                 drop_cached(&self.source.file, read.offset, read.bytes as u64);
             }
-            done.push(RawDone { read, result });
+            done.push(RawCompletion { read, result });
         }
     }
 }
@@ -194,7 +194,7 @@ impl Backend for Uring {
         assert!(pushed.is_ok(), "the ring has fewer entries than the depth");
     }
 
-    fn complete(&mut self, wait: Wait, done: &mut Vec<RawDone>) {
+    fn complete(&mut self, wait: Wait, done: &mut Vec<RawCompletion>) {
         let before = done.len();
         self.reap(done);
         if self.in_flight() == 0 || self.failed.is_some() {
@@ -235,7 +235,7 @@ impl Uring {
         for flight in self.flights.iter_mut().flatten().filter(|flight| !flight.is_set_aside) {
             let RawRead { tag, offset, at, bytes, ref staging } = flight.read;
             // Without memory the old buffer goes on waiting.
-            let Ok(staging) = Staging::new(staging.len()) else { return };
+            let Ok(staging) = StagingBuffer::new(staging.len()) else { return };
             reads.push(RawRead { tag, offset, at, bytes, staging });
             flight.is_set_aside = true;
             self.set_aside += 1;

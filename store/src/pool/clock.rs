@@ -21,7 +21,7 @@
 #![allow(unsafe_code)]
 
 use super::frames::FrameArena;
-use super::word::{Cooled, Word};
+use super::word::{CoolOutcome, Word};
 use crate::budget::Lease;
 
 const NOBODY: u32 = u32::MAX;
@@ -136,12 +136,12 @@ impl Clock {
             let at = if self.hand < count { self.hand } else { 0 };
             self.hand = at + 1;
             match words[self.owner[self.ring[at] as usize] as usize].cool() {
-                Cooled::Evicted => {
+                CoolOutcome::Evicted => {
                     self.evicted += 1;
                     return Some(at);
                 }
-                Cooled::Warm => busy_in_a_row = 0,
-                Cooled::Busy => {
+                CoolOutcome::Warm => busy_in_a_row = 0,
+                CoolOutcome::Busy => {
                     busy_in_a_row += 1;
                     if busy_in_a_row == count {
                         return None;

@@ -1,7 +1,7 @@
 //! `Failure`: the panic of one of the pool's threads, told to all who wait for pages.
 //!
 //! ```text
-//! thread: Shared::guard(work) --panic--> Failure::set -> stop -> everybody wakes
+//! thread: PoolState::guard(work) --panic--> Failure::set -> stop -> everybody wakes
 //!                                                         pin_blocking: Err(bug)   wait_for_progress: panics, too
 //! ```
 //!

@@ -5,7 +5,7 @@
 use super::signal::lock_always;
 use super::sync::{Condvar, Mutex};
 use crate::error::Result;
-use crate::io::Staging;
+use crate::io::StagingBuffer;
 use std::collections::VecDeque;
 use std::sync::PoisonError;
 
@@ -23,7 +23,7 @@ pub(super) struct Part {
 pub(super) struct Slot {
     pub(super) id: u32,
     /// `None` while the backend has it.
-    pub(super) staging: Option<Staging>,
+    pub(super) staging: Option<StagingBuffer>,
     /// Where the read begins in the file.
     pub(super) offset: u64,
     /// Where it begins in `staging`, once it has arrived.
@@ -37,7 +37,7 @@ pub(super) struct Slot {
 
 impl Slot {
     pub(super) fn new(id: u32, bytes: usize) -> Result<Slot> {
-        let staging = Some(Staging::new(bytes)?);
+        let staging = Some(StagingBuffer::new(bytes)?);
         let parts = Vec::with_capacity(PARTS_MAX);
         Ok(Slot { id, staging, offset: 0, start: 0, parts, done: 0, is_ahead: false })
     }

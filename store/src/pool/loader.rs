@@ -22,7 +22,7 @@
 
 use super::jobs::{PARTS_MAX, Part, Slot};
 use super::requests::Requests;
-use super::shared::Shared;
+use super::shared::PoolState;
 use super::signal::lock;
 use super::stats::count;
 use crate::error::{Code, Result};
@@ -46,7 +46,7 @@ pub(super) const DAMAGE_MAX: usize = 1024;
 
 /// The I/O thread.
 pub(super) struct Loader<'a> {
-    shared: &'a Shared,
+    shared: &'a PoolState,
     reader: Reader,
     /// Slots being read, by id.
     reading: Vec<Option<Slot>>,
@@ -66,7 +66,7 @@ enum Fill {
 }
 
 impl<'a> Loader<'a> {
-    pub(super) fn new(shared: &'a Shared, reader: Reader, slots: usize, merge_bytes: u64) -> Loader<'a> {
+    pub(super) fn new(shared: &'a PoolState, reader: Reader, slots: usize, merge_bytes: u64) -> Loader<'a> {
         Loader {
             shared,
             reader,
@@ -206,7 +206,7 @@ fn join(a: Extent, b: Extent, max_bytes: u64) -> Option<Extent> {
     near.then_some(Extent { offset: first.offset, stored_bytes: bytes as u32 })
 }
 
-impl Shared {
+impl PoolState {
     /// QUEUED to READING.
     fn begin(&self, requests: &mut Requests, slot: &mut Slot, part: Part) {
         requests.take(part.page, part.frame, &self.words);

@@ -14,10 +14,10 @@ use super::clock::Clock;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::requests::Requests;
-use super::signal::{ArrivalCount, Bell, Starved, lock};
+use super::signal::{ArrivalCount, Bell, StarvationFlag, lock};
 use super::sync::{AtomicBool, AtomicU64, Mutex, Ordering};
 use super::want::Want;
-use super::word::{Cooled, PageState, SCORE_FIRST, Word};
+use super::word::{CoolOutcome, PageState, SCORE_FIRST, Word};
 use crate::budget::Budget;
 use crate::io::ALIGN_BYTES;
 use loom::cell::UnsafeCell;
@@ -62,7 +62,7 @@ fn shared_with_page_0() -> Arc<TwoPages> {
     let shared = Arc::new(TwoPages { words: [Word::absent(), Word::absent()], frame: UnsafeCell::new(9) });
     load(&shared, 0);
     for _ in 0..SCORE_FIRST {
-        assert_eq!(shared.words[0].cool(), Cooled::Warm);
+        assert_eq!(shared.words[0].cool(), CoolOutcome::Warm);
     }
     shared
 }
@@ -80,7 +80,7 @@ fn loom_pin_against_evict_against_install() {
             .into_iter()
             .collect();
         // Twice: a pin may have raised the score from 0 to 1.
-        let evicted = (0..2).any(|_| shared.words[0].cool() == Cooled::Evicted);
+        let evicted = (0..2).any(|_| shared.words[0].cool() == CoolOutcome::Evicted);
         if evicted {
             load(&shared, 1);
         }
@@ -96,8 +96,8 @@ fn loom_two_evictions_give_one_frame() {
     loom::model(|| {
         let shared = shared_with_page_0();
         let other = Arc::clone(&shared);
-        let theirs = thread::spawn(move || other.words[0].cool() == Cooled::Evicted);
-        let ours = shared.words[0].cool() == Cooled::Evicted;
+        let theirs = thread::spawn(move || other.words[0].cool() == CoolOutcome::Evicted);
+        let ours = shared.words[0].cool() == CoolOutcome::Evicted;
         assert!(ours ^ theirs.join().unwrap());
     });
 }
@@ -202,11 +202,11 @@ fn loom_a_page_that_two_want_is_read_once() {
 }
 
 /// What owes a frame, and who holds it.
-struct Owing {
+struct FrameDebt {
     words: [Word; 2],
     clock: Mutex<Clock>,
     arena: FrameArena,
-    starved: Starved,
+    starved: StarvationFlag,
     bell: Bell,
 }
 
@@ -226,7 +226,13 @@ fn loom_an_unpin_wakes_who_owes_frames() {
         }
         words[0].try_pin().unwrap();
         let clock = Mutex::new(clock);
-        let owing = Arc::new(Owing { words, clock, arena, starved: Starved::new(), bell: Bell::default() });
+        let owing = Arc::new(FrameDebt {
+            words,
+            clock,
+            arena,
+            starved: StarvationFlag::new(),
+            bell: Bell::default(),
+        });
         let other = Arc::clone(&owing);
         let holder = thread::spawn(move || {
             if other.words[0].unpin() && other.starved.is_set() {

@@ -7,8 +7,8 @@ use super::jobs::{JobQueue, Slot};
 use super::loader::Loader;
 use super::options::{FRAMES_MIN, PoolOptions, PoolPlan};
 use super::requests::Requests;
-use super::shared::Shared;
-use super::signal::{ArrivalCount, Bell, Starved, lock};
+use super::shared::PoolState;
+use super::signal::{ArrivalCount, Bell, StarvationFlag, lock};
 use super::stats::{Counters, PoolStats};
 use super::sync::Mutex;
 use super::want::{PageStore, Want};
@@ -80,7 +80,7 @@ pub struct FrameCount {
 /// # Ok::<(), trex_store::Error>(())
 /// ```
 pub struct PagePool {
-    pub(super) shared: Arc<Shared>,
+    pub(super) shared: Arc<PoolState>,
     budget: Budget,
     threads: Vec<JoinHandle<()>>,
     tables: Lease,
@@ -120,7 +120,7 @@ impl PagePool {
         let slots: Result<Vec<Slot>> =
             (0..options.staging_slots).map(|id| Slot::new(id as u32, plan.slot_bytes)).collect();
         let clock = Clock::new(plan.frames_max, frames_lease);
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(PoolState {
             words: (0..store.page_count()).map(|_| Word::absent()).collect(),
             arena: FrameArena::reserve(plan.frames_max, store.frame_bytes())?,
             requests: Mutex::new(Requests::new(options.queue_capacity)),
@@ -134,7 +134,7 @@ impl PagePool {
             failure: Failure::default(),
             counters: Counters::default(),
             ahead: AtomicUsize::new(0),
-            starved: Starved::new(),
+            starved: StarvationFlag::new(),
             saturated: AtomicBool::new(false),
             stop: AtomicBool::new(false),
             store,
@@ -168,11 +168,7 @@ impl PagePool {
     fn start(&mut self, reader: Reader, options: &PoolOptions) -> Result<()> {
         let mut spawn = |name: String, work: Box<dyn FnOnce() + Send>| -> Result<()> {
             let thread = std::thread::Builder::new().name(name).spawn(work);
-            let thread = thread.map_err(|error| {
-                Error::new(Code::Io, "the system refuses a thread")
-                    .at_place("page pool")
-                    .numbers(error.to_string())
-            })?;
+            let thread = thread.map_err(|error| Error::thread_refused("the page pool", &error))?;
             self.threads.push(thread);
             Ok(())
         };

@@ -8,7 +8,7 @@
 #![allow(unsafe_code)]
 
 use super::page_pool::PagePool;
-use super::shared::Shared;
+use super::shared::PoolState;
 use std::ops::Deref;
 use std::sync::Arc;
 
@@ -121,7 +121,7 @@ impl PagePool {
     }
 }
 
-impl Shared {
+impl PoolState {
     fn unpin(&self, page: u32) {
         if self.words[page as usize].unpin() && self.starved.is_set() {
             self.bell.ring();

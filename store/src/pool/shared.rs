@@ -1,11 +1,11 @@
-//! `Shared`: what the pool's threads and its callers share.
+//! `PoolState`: what the pool's threads and its callers share.
 
 use super::clock::Clock;
 use super::failure::Failure;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::requests::Requests;
-use super::signal::{ArrivalCount, Bell, Starved};
+use super::signal::{ArrivalCount, Bell, StarvationFlag};
 use super::stats::Counters;
 use super::sync::Mutex;
 use super::want::PageStore;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// What the pool's threads and its callers share.
-pub(super) struct Shared {
+pub(super) struct PoolState {
     pub(super) store: Arc<dyn PageStore>,
     pub(super) words: Box<[Word]>,
     pub(super) arena: FrameArena,
@@ -35,13 +35,13 @@ pub(super) struct Shared {
     pub(super) failure: Failure,
     pub(super) counters: Counters,
     /// The loader waits for an unpin: demand finds every frame busy, or frames are owed. `unpin` rings then.
-    pub(super) starved: Starved,
+    pub(super) starved: StarvationFlag,
     /// Demand finds every frame busy.
     pub(super) saturated: AtomicBool,
     pub(super) stop: AtomicBool,
 }
 
-impl Shared {
+impl PoolState {
     /// Does the work of one of the pool's threads; a panic in it ends the pool.
     pub(super) fn guard(&self, work: impl FnOnce()) {
         // What the work leaves half done is never looked at again, but by those who are told of the failure.

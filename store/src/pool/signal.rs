@@ -57,11 +57,11 @@ impl Bell {
 }
 
 /// Whether the loader waits for an unpin: `unpin` rings the bell then.
-pub(super) struct Starved(AtomicBool);
+pub(super) struct StarvationFlag(AtomicBool);
 
-impl Starved {
-    pub(super) fn new() -> Starved {
-        Starved(AtomicBool::new(false))
+impl StarvationFlag {
+    pub(super) fn new() -> StarvationFlag {
+        StarvationFlag(AtomicBool::new(false))
     }
 
     pub(super) fn set(&self, is_starved: bool) {

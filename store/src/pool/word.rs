@@ -97,7 +97,7 @@ impl View {
 
 /// What the clock hand did to a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Cooled {
+pub(super) enum CoolOutcome {
     /// Evicted: the frame is the caller's.
     Evicted,
     /// Its score went down by one.
@@ -183,7 +183,7 @@ impl Word {
     }
 
     /// The clock hand passes: RESIDENT without pins loses one score, or at score 0 goes to ABSENT.
-    pub(super) fn cool(&self) -> Cooled {
+    pub(super) fn cool(&self) -> CoolOutcome {
         let before = self.change(|view| {
             if view.state != PageState::Resident || view.pins > 0 {
                 return None;
@@ -199,9 +199,9 @@ impl Word {
             })
         });
         match before {
-            Ok(view) if view.score == 0 => Cooled::Evicted,
-            Ok(_) => Cooled::Warm,
-            Err(_) => Cooled::Busy,
+            Ok(view) if view.score == 0 => CoolOutcome::Evicted,
+            Ok(_) => CoolOutcome::Warm,
+            Err(_) => CoolOutcome::Busy,
         }
     }
 

@@ -13,7 +13,7 @@ use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
 use crate::file::PageFile;
 use crate::geom::Aabb;
-use crate::io::Staging;
+use crate::io::StagingBuffer;
 use crate::layout::{FRAME_BYTES, Section, SectionKind};
 use crate::octree::{NODE_SIDE, Refinement, UnitNode, UnitRef, UnitsView, UpperOctree};
 
@@ -143,7 +143,7 @@ impl Verdict {
 struct CachedPage {
     page: Option<u32>,
     is_whole: bool,
-    bytes: Staging,
+    bytes: StagingBuffer,
     buffers: [Vec<u8>; 2],
 }
 
@@ -216,7 +216,7 @@ fn nested_leaves(
 
 impl CachedPage {
     fn new() -> Result<CachedPage> {
-        let (bytes, buffers) = (Staging::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
+        let (bytes, buffers) = (StagingBuffer::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
         Ok(CachedPage { page: None, is_whole: false, bytes, buffers })
     }
 

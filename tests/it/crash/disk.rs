@@ -42,7 +42,7 @@ pub(super) enum Op {
 
 /// What a loss of power leaves of what was not synced.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Kept {
+pub(super) enum PowerLoss {
     Nothing,
     Everything,
     /// All names, no bytes; and the other way.
@@ -68,7 +68,7 @@ enum NameChange {
 }
 
 #[derive(Clone, Default)]
-struct File {
+struct DiskFile {
     synced: Vec<u8>,
     /// What a reader sees.
     seen: Vec<u8>,
@@ -78,7 +78,7 @@ struct File {
 /// The folder and its files.
 #[derive(Clone, Default)]
 pub(super) struct Disk {
-    files: Vec<File>,
+    files: Vec<DiskFile>,
     synced: BTreeMap<String, usize>,
     seen: BTreeMap<String, usize>,
     pending: Vec<NameChange>,
@@ -128,7 +128,7 @@ impl Disk {
     /// A disk with one file.
     pub(super) fn with(name: &str, bytes: Vec<u8>) -> Disk {
         let names = BTreeMap::from([(name.to_owned(), 0)]);
-        let file = File { synced: bytes.clone(), seen: bytes, pending: Vec::new() };
+        let file = DiskFile { synced: bytes.clone(), seen: bytes, pending: Vec::new() };
         Disk { files: vec![file], synced: names.clone(), seen: names, pending: Vec::new() }
     }
 
@@ -138,7 +138,7 @@ impl Disk {
                 Some(_) if *is_emptied => self.change(name, Change::Resize(0)),
                 Some(_) => {}
                 None => {
-                    self.files.push(File::default());
+                    self.files.push(DiskFile::default());
                     self.rename(NameChange::Set(name.clone(), self.files.len() - 1));
                 }
             },
@@ -174,22 +174,22 @@ impl Disk {
     }
 
     /// What the folder holds after a loss of power.
-    pub(super) fn after_loss(&self, kept: Kept) -> BTreeMap<String, Vec<u8>> {
+    pub(super) fn after_loss(&self, kept: PowerLoss) -> BTreeMap<String, Vec<u8>> {
         let (has_names, has_bytes, seed) = match kept {
-            Kept::Nothing => (false, false, 0),
-            Kept::Everything => (true, true, 0),
-            Kept::Names => (true, false, 0),
-            Kept::Bytes => (false, true, 0),
-            Kept::Some(seed) => (true, true, seed),
+            PowerLoss::Nothing => (false, false, 0),
+            PowerLoss::Everything => (true, true, 0),
+            PowerLoss::Names => (true, false, 0),
+            PowerLoss::Bytes => (false, true, 0),
+            PowerLoss::Some(seed) => (true, true, seed),
         };
-        let mut random = matches!(kept, Kept::Some(_)).then(|| Random::seeded(seed));
+        let mut random = matches!(kept, PowerLoss::Some(_)).then(|| Random::seeded(seed));
         let mut names = self.synced.clone();
         for change in self.pending.iter().filter(|_| has_names) {
             if random.as_mut().is_none_or(|random| random.below(2) == 0) {
                 change.apply(&mut names);
             }
         }
-        let mut bytes_of = |file: &File| {
+        let mut bytes_of = |file: &DiskFile| {
             let mut bytes = file.synced.clone();
             for change in file.pending.iter().filter(|_| has_bytes) {
                 match random.as_mut().map(|random| (random.below(3), random)) {

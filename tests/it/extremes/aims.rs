@@ -1,6 +1,6 @@
 //! Rays on the lattice of a model: how they are aimed at it.
 
-use super::Traced;
+use super::TraceCase;
 use crate::oracle::exact::{self, Q};
 use crate::random::Random;
 
@@ -32,7 +32,7 @@ pub(super) enum Way {
 pub(super) const WAYS: [Way; 6] =
     [Way::Anywhere, Way::AtTriangles, Way::AlongAxis, Way::InBoxPlane, Way::InTriangle, Way::Tiny];
 
-pub(super) fn aim(model: &Traced, way: Way, i: usize, rng: &mut Random) -> Aim {
+pub(super) fn aim(model: &TraceCase, way: Way, i: usize, rng: &mut Random) -> Aim {
     let side: Q = exact::sub(model.hi, model.lo);
     let mut inside = || -> Q { std::array::from_fn(|a| model.lo[a] + rng.below(side[a] + 1)) };
     let (mut origin, mut target) = (inside(), inside());

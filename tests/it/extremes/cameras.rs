@@ -4,7 +4,7 @@
 //! The bound is that of `extremes.rs`, and once more 2^-49 of the largest coordinate for the oracle's own rounding.
 
 use super::shapes::{cube_surface, placed, star};
-use super::{Traced, exact, norm};
+use super::{TraceCase, exact, norm};
 use crate::command::said;
 use crate::oracle::mesh::{OracleMesh, cross, distance, dot, sub};
 use crate::random::Random;
@@ -17,7 +17,7 @@ const RESOLUTION: [u32; 2] = [64, 48];
 
 /// Cameras of this angle: one that frames the model, one in its middle, and many that its
 /// middle more than fills.
-fn cameras(model: &Traced, degrees: f64) -> Vec<Camera> {
+fn cameras(model: &TraceCase, degrees: f64) -> Vec<Camera> {
     let bounds = model.built.file.superblock().bounds;
     let framing = Camera::framing(&bounds, RESOLUTION, None, Some(Fov::X(degrees)));
     let away = 0.2 * bounds.extent() / (0.5 * degrees).to_radians().tan() + bounds.extent();
@@ -36,7 +36,7 @@ fn cameras(model: &Traced, degrees: f64) -> Vec<Camera> {
 }
 
 fn check(name: &str, shape: &mut Mesh, precision: Precision) {
-    let model = Traced::of(shape, precision);
+    let model = TraceCase::of(shape, precision);
     let oracle = OracleMesh::new(model.built.decode());
     let step = model.step();
     let (mut hits, mut worst) = (0, 0.0f64);
@@ -105,7 +105,7 @@ fn the_narrowest_and_the_widest_picture_show_the_model() {
 #[test]
 fn the_first_wall_is_met_from_any_distance() {
     let mut cube = placed("cube", &cube_surface(2, |q| q.map(|x| x << 30)), [0.0; 3], 2f64.powi(-30));
-    let model = Traced::of(&mut cube, Precision::GridBits(40));
+    let model = TraceCase::of(&mut cube, Precision::GridBits(40));
     let mut tracer = model.tracer(model.arithmetics()[0]);
     let mut rng = Random::seeded(7);
     let (mut worst, mut count) = (0.0f64, 0);

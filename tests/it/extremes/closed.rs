@@ -8,7 +8,7 @@
 //! own.
 
 use super::shapes::{graded_box, placed, star};
-use super::{Traced, exact, norm};
+use super::{TraceCase, exact, norm};
 use crate::command::said;
 use crate::oracle::exact::{Q, met, sub, volume};
 use crate::oracle::mesh::dot;
@@ -32,7 +32,7 @@ fn check(name: &str, triangles: &[[Q; 3]], center: Q, ray_count: usize) {
     assert!(triangles.iter().all(|t| volume(t, center) > 0), "{name}: not star-shaped");
     let unit = 2f64.powi(-7);
     let mut shape = placed(name, triangles, [64.0; 3], unit);
-    let model = Traced::of(&mut shape, Precision::Error(unit / 2.0));
+    let model = TraceCase::of(&mut shape, Precision::Error(unit / 2.0));
     // The lattice begins at the least corner.
     let least: Q = std::array::from_fn(|a| triangles.as_flattened().iter().map(|q| q[a]).min().unwrap());
     let center = sub(center, least);
@@ -96,7 +96,7 @@ fn no_ray_at_an_edge_or_a_vertex_leaks() {
 }
 
 /// Lattice points inside of a closed mesh: a ray from there that meets no edge crosses it an odd number of times.
-fn inside(model: &Traced, count: usize, rng: &mut Random) -> Vec<Q> {
+fn inside(model: &TraceCase, count: usize, rng: &mut Random) -> Vec<Q> {
     let mut found = Vec::new();
     while found.len() < count {
         let p = std::array::from_fn(|a| model.lo[a] + 1 + rng.below(model.hi[a] - model.lo[a] - 1));
@@ -110,7 +110,7 @@ fn inside(model: &Traced, count: usize, rng: &mut Random) -> Vec<Q> {
 }
 
 /// Rays from inside at the edges and vertices of a closed mesh, on two threads; leaks are counted.
-fn count_leaks(model: &Traced, name: &str, ray_count: usize) -> usize {
+fn count_leaks(model: &TraceCase, name: &str, ray_count: usize) -> usize {
     const THREADS: usize = 2;
     let origins = inside(model, 64, &mut Random::seeded(3));
     let (leaks, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
@@ -139,7 +139,7 @@ fn count_leaks(model: &Traced, name: &str, ray_count: usize) -> usize {
 fn no_ray_leaks_out_of_a_scan() {
     let mut scan = source("gen:scan:20k:2");
     for precision in [Precision::Default, Precision::GridBits(24)] {
-        let model = Traced::of(&mut *scan, precision);
+        let model = TraceCase::of(&mut *scan, precision);
         assert_eq!(count_leaks(&model, "scan", 50_000), 0, "{precision:?}");
         scan.rewind().unwrap();
     }
@@ -149,7 +149,7 @@ fn no_ray_leaks_out_of_a_scan() {
 #[ignore = "10^8 rays take minutes: cargo test --release --test it -- --ignored --nocapture campaign"]
 fn campaign_of_rays_at_edges_and_vertices() {
     const RAYS: usize = 100_000_000;
-    let model = Traced::of(&mut *source("gen:scan:1M:1"), Precision::Default);
+    let model = TraceCase::of(&mut *source("gen:scan:1M:1"), Precision::Default);
     let name = "gen:scan:1M:1 at edges and vertices";
     let leaks = count_leaks(&model, name, RAYS);
     document(name, &json!({ "ray_count": RAYS, "leaks": leaks }));

@@ -6,7 +6,7 @@
 //! mix triangles of all sizes in one plane, since the small one's error is not the large one's.
 
 use super::shapes::{graded_box, placed};
-use super::{Traced, exact};
+use super::{TraceCase, exact};
 use crate::command::said;
 use crate::oracle::exact::Q;
 use crate::oracle::mesh::{cross, dot};
@@ -28,7 +28,7 @@ fn leaving(normal: [f64; 3], rng: &mut Random) -> [f64; 3] {
 }
 
 /// Where a ray from inside of the box leaves it.
-fn exit(model: &Traced, ray: &Ray) -> (f64, usize) {
+fn exit(model: &TraceCase, ray: &Ray) -> (f64, usize) {
     let lattice = model.built.file.superblock().lattice;
     let (lo, hi) = (lattice.position(model.lo), lattice.position(model.hi));
     let t = |a: usize| match ray.direction[a] {
@@ -42,7 +42,7 @@ fn exit(model: &Traced, ray: &Ray) -> (f64, usize) {
 
 fn check(name: &str, doublings: i64, unit_length: f64, ray_count: usize) {
     let mut shape = placed(name, &graded_box(doublings), [0.0; 3], unit_length);
-    let model = Traced::of(&mut shape, Precision::Error(unit_length / 2.0));
+    let model = TraceCase::of(&mut shape, Precision::Error(unit_length / 2.0));
     let side = 1i64 << doublings;
     let mut worst = 0.0f64;
     for (at, arithmetic) in model.arithmetics().into_iter().enumerate() {

@@ -12,6 +12,7 @@ pub(super) const HOUSES: [House; 3] = [
             "sampling",
             "stats",
             "threads",
+            "damage",
             "trace",
             "voxel",
             "g_stage",

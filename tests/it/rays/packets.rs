@@ -27,7 +27,7 @@ fn packets_answer_as_single_rays_do() {
             ray.t_max = built.file.superblock().bounds.diagonal() * (i % 11) as f64 / 10.0;
         }
         for hidden in [u32::MAX, 3, 2] {
-            let pages = || Hiding { resident: &resident, hidden, wanted: BTreeMap::new() };
+            let pages = || HiddenPages { resident: &resident, hidden, wanted: BTreeMap::new() };
             let [mut packets, mut singles] = [(); 2].map(|()| PagedMesh::new(&built.file, pages()));
             let (mut hits, mut occluded) = (Vec::new(), Vec::new());
             packets.intersect_coherent(&rays, &mut hits);
@@ -51,14 +51,14 @@ fn packets_answer_as_single_rays_do() {
 }
 
 /// Pages of which every so many is missing.
-struct Hiding<'a> {
+struct HiddenPages<'a> {
     resident: &'a AllResident,
     hidden: u32,
     /// How many rays each page has blocked.
     wanted: BTreeMap<u32, u32>,
 }
 
-impl Pages for Hiding<'_> {
+impl Pages for HiddenPages<'_> {
     fn page(&mut self, page: u32) -> Page<'_> {
         if page % self.hidden == self.hidden - 1 {
             Page::Missing

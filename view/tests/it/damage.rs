@@ -2,6 +2,7 @@
 
 use crate::client::Page;
 use crate::stage::{Play, SIZE, Server};
+use std::collections::BTreeSet;
 
 /// A file of which every page had a flipped bit was shown as finished: "done", all light there, not a word of what was
 /// missing. Pages are told how many, which and where, and the picture is never called done.
@@ -21,6 +22,9 @@ fn a_damaged_file_is_never_called_done() {
     // The model is a wave over the square from 0 to 1, less than 0.11 high; boxes are a little larger than triangles.
     for page in pages {
         assert_eq!(page["drawn"], "as empty", "{page}");
+        // The error would tell where the file is.
+        let keys: BTreeSet<&str> = page.as_object().unwrap().keys().map(String::as_str).collect();
+        assert_eq!(keys, ["bounds", "drawn", "page"].into());
         for (axis, (least, most)) in [(-0.1, 1.1), (-0.2, 0.2), (-0.1, 1.1)].into_iter().enumerate() {
             let [lo, hi] = ["lo", "hi"].map(|end| page["bounds"][end][axis].as_f64().unwrap());
             assert!(least < lo && lo < hi && hi < most, "axis {axis}: {page}");

@@ -4,23 +4,21 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::fmt::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use trex_render::{
-    CameraKeys, CpuStage, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene,
-    Session, SessionSetup, Voxels, pooled_tracers, write_png,
+    CameraKeys, CpuStage, DamageList, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages,
+    RenderKeys, Scene, Session, SessionSetup, Voxels, pooled_tracers, write_png,
 };
-use trex_store::build::{BuildOptions, Existing, Precision, build};
+use trex_store::build::{BuildOptions, ExistingOutput, Precision, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::verify::boxes_of;
 use trex_store::{Budget, Interrupt, Material, MaterialNames, PageFile, Result};
 use trex_view::{
-    DamageFigures, DamagedPage, MemoryFigures, ModelFigures, PoolFigures, ServeOptions, Served, Surroundings,
-    Token, serve,
+    MemoryFigures, ModelFigures, PoolFigures, ServeOptions, ServeReport, Surroundings, Token, serve,
 };
 
 /// Squares along a side of the model.
@@ -50,7 +48,7 @@ fn model() -> &'static PathBuf {
             pool: threads(),
             budget: Budget::unlimited(),
             temp_dir: None,
-            existing: Existing::Keep,
+            existing: ExistingOutput::Keep,
             resume: None,
             interrupt: Interrupt::default(),
         };
@@ -127,8 +125,15 @@ fn numbered(index: usize) -> Material {
 
 type Tracer = PagedMesh<PooledPages>;
 
-/// Gives a session with `keys` to `then`.
-fn with_session<R>(play: &Play, budget: &Budget, then: impl FnOnce(Session<Tracer>, &PagePool) -> R) -> R {
+/// Gives a session on `play` to `then`, with its file and its pool.
+///
+/// Put together by hand, here and nowhere else: `trex_model::Model` stands beside this crate, not below it, and shows
+/// the materials of its file, not those that a test adds.
+fn with_session<R>(
+    play: &Play,
+    budget: &Budget,
+    then: impl FnOnce(Session<Tracer>, &PageFile, &PagePool) -> R,
+) -> R {
     let path = play.path();
     let file = Arc::new(PageFile::open(path, budget).unwrap());
     let options = PoolOptions { frames_bytes: 8 << 20, ..PoolOptions::default() };
@@ -151,12 +156,12 @@ fn with_session<R>(play: &Play, budget: &Budget, then: impl FnOnce(Session<Trace
     let pool_of_threads = threads().into();
     let setup =
         SessionSetup { model, view, layers: Layers::default(), tracers, pool: pool_of_threads, g_stage };
-    then(Session::new(setup, budget).unwrap(), &pool)
+    then(Session::new(setup, budget).unwrap(), &file, &pool)
 }
 
 /// The picture that a session at leisure makes with `keys`, as PNG.
 pub(crate) fn rendered(keys: RenderKeys) -> Vec<u8> {
-    with_session(&Play { keys, ..Play::default() }, &Budget::unlimited(), |mut session, _| {
+    with_session(&Play { keys, ..Play::default() }, &Budget::unlimited(), |mut session, _, _| {
         session.illuminate(&|| false, &mut |_, _| {}).unwrap();
         session.render(keys.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
         let mut png = vec![];
@@ -170,17 +175,6 @@ fn pool_figures(pool: &PagePool) -> PoolFigures {
     PoolFigures { frames: stats.frames, damaged: stats.damaged, ..PoolFigures::default() }
 }
 
-fn damage_figures(pool: &PagePool, path: &Path) -> DamageFigures {
-    let file = PageFile::open(path, &Budget::unlimited()).unwrap();
-    let damage = pool.damage();
-    let boxes = boxes_of(&file, &damage.iter().map(|(page, _)| *page).collect());
-    let page = |page: u32| DamagedPage { page, drawn: "as empty", bounds: boxes.get(&page).copied() };
-    DamageFigures {
-        page_count: pool.stats().damaged,
-        pages: damage.iter().map(|(number, _)| page(*number)).collect(),
-    }
-}
-
 /// A server that runs.
 pub(crate) struct Server {
     pub(crate) address: SocketAddr,
@@ -188,7 +182,7 @@ pub(crate) struct Server {
     stop: Arc<AtomicBool>,
     /// Times that pictures took each other's place.
     exchanges: Arc<AtomicU64>,
-    thread: Option<JoinHandle<Result<Served>>>,
+    thread: Option<JoinHandle<Result<ServeReport>>>,
     /// One runs at a time: tests count threads.
     _turn: MutexGuard<'static, ()>,
 }
@@ -215,7 +209,7 @@ impl Server {
         let (stops, said) = (stop.clone(), token.clone());
         let work = move || {
             let budget = Budget::new(play.limit_bytes);
-            with_session(&play, &budget, |session, pool| {
+            with_session(&play, &budget, |session, file, pool| {
                 let frames = FrameOptions::default();
                 let session = session.go_live(frames)?;
                 let hosts = vec!["render.lan".to_owned()];
@@ -233,7 +227,7 @@ impl Server {
                     budget: &budget,
                     memory: &|| MemoryFigures { used_bytes: budget.used_bytes(), ..MemoryFigures::default() },
                     pool: &|| pool_figures(pool),
-                    damage: &|| damage_figures(pool, play.path()),
+                    damage: &|| DamageList::of(file, pool),
                     set_limit: &|bytes| pool.set_limit(bytes).map(drop),
                     exchange: &|_, apply| {
                         exchanged.fetch_add(1, Ordering::Relaxed);
@@ -257,7 +251,7 @@ impl Server {
     }
 
     /// Ends the server; what it served.
-    pub(crate) fn end(mut self) -> Served {
+    pub(crate) fn end(mut self) -> ServeReport {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap().unwrap()
     }

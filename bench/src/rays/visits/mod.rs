@@ -19,8 +19,8 @@ mod tree;
 use super::mesh::decode;
 use super::sets::{BenchRay, Query, RaySet};
 use glam::DVec3;
-use ours::Ours;
-use reference::Reference;
+use ours::FileTree;
+use reference::ReferenceTree;
 use serde::Serialize;
 use tree::{Box3, Level, Part, Tree, area, common};
 use trex_render::AllResident;
@@ -191,8 +191,8 @@ pub(super) fn visits(
     pages: &AllResident,
     sets: [&RaySet; 3],
 ) -> trex_store::Result<VisitFigures> {
-    let ours = Ours::tree(file, pages).visits(sets);
+    let ours = FileTree::tree(file, pages).visits(sets);
     let triangles = decode(file)?.into_iter().map(|corners| corners.map(|q| q.map(|q| q as f32)));
-    let reference = Reference::tree(triangles.collect()).visits(sets);
+    let reference = ReferenceTree::tree(triangles.collect()).visits(sets);
     Ok(VisitFigures { ours, reference })
 }

@@ -6,18 +6,18 @@ use trex_store::PageFile;
 use trex_store::cluster::{FrameRef, FrameView, Node, TopRef};
 
 /// The tree of a file, in the making.
-pub(super) struct Ours<'a> {
+pub(super) struct FileTree<'a> {
     file: &'a PageFile,
     pages: &'a AllResident,
     tree: Tree,
 }
 
-impl Ours<'_> {
+impl FileTree<'_> {
     /// The tree of `file`.
     pub(super) fn tree(file: &PageFile, pages: &AllResident) -> Tree {
         let nowhere = Part { bounds: NOTHING, level: Level::Top, first: 0, count: 0 };
         let tree = Tree { parts: vec![nowhere], triangles: Vec::new() };
-        let mut ours = Ours { file, pages, tree };
+        let mut ours = FileTree { file, pages, tree };
         let bounds = file.superblock().lattice_bounds.map(|corner| corner.map(|q| q as f32));
         ours.top(0, bounds, file.superblock().root);
         ours.tree
@@ -28,7 +28,7 @@ impl Ours<'_> {
         match TopRef::from_word(word) {
             TopRef::Node(index) => {
                 let node = self.file.top()[index as usize];
-                self.node((at, bounds, Level::Top), &node, Ours::top);
+                self.node((at, bounds, Level::Top), &node, FileTree::top);
             }
             TopRef::Page { page, slot } => {
                 let frame = FrameView::new(self.pages.frame(page));

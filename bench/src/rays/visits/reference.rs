@@ -10,7 +10,7 @@ use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH};
 const BINS: usize = 32;
 
 /// The reference: triangles by index, and their boxes and centres.
-pub(super) struct Reference {
+pub(super) struct ReferenceTree {
     tree: Tree,
     boxes: Vec<Box3>,
     order: Vec<u32>,
@@ -24,7 +24,7 @@ struct Span {
     bounds: Box3,
 }
 
-impl Reference {
+impl ReferenceTree {
     /// The tree over `triangles`.
     pub(super) fn tree(triangles: Vec<[[f32; 3]; 3]>) -> Tree {
         let boxes: Vec<Box3> = triangles.iter().map(box_of).collect();
@@ -32,10 +32,10 @@ impl Reference {
         let order = (0..triangles.len() as u32).collect();
         let nowhere = Part { bounds, level: Level::Node, first: 0, count: 0 };
         let tree = Tree { parts: vec![nowhere], triangles };
-        let mut reference = Reference { tree, boxes, order };
+        let mut reference = ReferenceTree { tree, boxes, order };
         let count = reference.order.len();
         reference.grow(0, Span { first: 0, count, bounds });
-        let Reference { mut tree, order, .. } = reference;
+        let ReferenceTree { mut tree, order, .. } = reference;
         tree.triangles = order.iter().map(|&i| tree.triangles[i as usize]).collect();
         tree
     }
@@ -73,7 +73,7 @@ impl Reference {
 
     /// Cuts a span in two where the surface area heuristic is least; a side costs a visit per eight triangles.
     fn split(&mut self, span: Span) -> [Span; 2] {
-        let Reference { boxes, order, .. } = self;
+        let ReferenceTree { boxes, order, .. } = self;
         let order = &mut order[span.first..][..span.count];
         let centre = |i: u32, a: usize| boxes[i as usize][0][a] + boxes[i as usize][1][a];
         let mut best = (f64::INFINITY, 0, 0.0f32);

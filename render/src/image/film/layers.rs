@@ -59,7 +59,7 @@ pub(super) struct LayerPlanes {
 }
 
 /// The planes that layers are kept in.
-struct Kept {
+struct KeptPlanes {
     depth: bool,
     guide_normal: bool,
     guide_albedo: bool,
@@ -78,14 +78,18 @@ impl Layers {
     }
 
     /// Planes that are kept beside those that are asked for.
-    fn kept(self) -> Kept {
+    fn kept(self) -> KeptPlanes {
         let Layers { depth, normal, albedo, filter, .. } = self;
-        Kept { depth: depth || filter, guide_normal: filter && !normal, guide_albedo: filter && !albedo }
+        KeptPlanes {
+            depth: depth || filter,
+            guide_normal: filter && !normal,
+            guide_albedo: filter && !albedo,
+        }
     }
 
     /// Bytes that the layers of a pixel take.
     pub(super) fn pixel_bytes(self) -> usize {
-        let Kept { depth, guide_normal, guide_albedo } = self.kept();
+        let KeptPlanes { depth, guide_normal, guide_albedo } = self.kept();
         let if_kept = |is_kept: bool, bytes: usize| if is_kept { bytes } else { 0 };
         if_kept(depth, size_of::<f32>())
             + if_kept(self.normal, size_of::<[f32; 3]>())
@@ -99,7 +103,7 @@ impl Layers {
 impl LayerPlanes {
     /// The layers of so many pixels, which saw nothing.
     pub(super) fn new(layers: Layers, pixels: usize) -> LayerPlanes {
-        let Kept { depth, guide_normal, guide_albedo } = layers.kept();
+        let KeptPlanes { depth, guide_normal, guide_albedo } = layers.kept();
         let if_kept = |is_kept: bool| if is_kept { pixels } else { 0 };
         let LayerPixel { depth: no_depth, normal, albedo, id } = LayerPixel::NOTHING;
         LayerPlanes {

@@ -1,13 +1,13 @@
 //! Achanta et al. 2009: distance in Lab to the mean colour of the picture.
 
-use super::Reduced;
+use super::ReducedPicture;
 use super::plane::Plane;
 
 /// D65, the white of sRGB.
 const WHITE: [f32; 3] = [0.950_47, 1.0, 1.088_83];
 
 /// Saliency of each sample. The blur of the paper is the mean that a sample is.
-pub(super) fn map(picture: &Reduced) -> Plane {
+pub(super) fn map(picture: &ReducedPicture) -> Plane {
     let lab: Vec<[f32; 3]> = picture.rgb.iter().map(|&rgb| to_lab(rgb)).collect();
     let mut sum = [0.0; 3];
     for lab in &lab {

@@ -19,7 +19,7 @@
 //! - Maxima of less than a tenth of the greatest do not count in N, as in the authors' program.
 
 use super::plane::Plane;
-use super::reduced::{Reduced, SAMPLE_PIXELS, SAMPLES_PER_SIDE};
+use super::reduced::{ReducedPicture, SAMPLE_PIXELS, SAMPLES_PER_SIDE};
 use std::f32::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 
 /// The scale of a sample of the reduced picture, and of a tile.
@@ -39,7 +39,7 @@ const WAVE: f32 = FRAC_PI_2;
 const _: () = assert!(FIRST_SCALE == CENTRES[0] && TILE_SCALE == CENTRES[1]);
 
 /// Saliency of each tile.
-pub(super) fn map(picture: &Reduced) -> Plane {
+pub(super) fn map(picture: &ReducedPicture) -> Plane {
     // One after the other: of what is as large as the picture, little is there at a time.
     let [red_green, blue_yellow] = [RED_GREEN, BLUE_YELLOW].map(|pair| {
         let scales = pyramid(colour_pair(picture, pair));
@@ -77,7 +77,7 @@ const BLUE_YELLOW: ColourPair =
     |[r, g, b]| (b - 0.5 * (r + g)).max(0.0) - (0.5 * (r + g) - 0.5 * (r - g).abs() - b).max(0.0);
 
 /// A colour pair of the hue of each sample.
-fn colour_pair(picture: &Reduced, pair: ColourPair) -> Plane {
+fn colour_pair(picture: &ReducedPicture, pair: ColourPair) -> Plane {
     let greatest = picture.rgb.iter().map(|&rgb| intensity(rgb)).fold(0.0, f32::max);
     picture.plane(|rgb| {
         let i = intensity(rgb);

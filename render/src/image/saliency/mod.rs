@@ -25,7 +25,7 @@ mod reduced;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use reduced::{Reduced, SIDE_PIXELS};
+pub(crate) use reduced::{ReducedPicture, SIDE_PIXELS};
 
 /// A measure of saliency.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,7 +49,7 @@ pub(crate) fn work_bytes(tile_count: u32) -> u64 {
 
 impl Saliency {
     /// Saliency of each tile, in rows.
-    pub(crate) fn tiles(self, picture: &Reduced) -> Vec<f32> {
+    pub(crate) fn tiles(self, picture: &ReducedPicture) -> Vec<f32> {
         match self {
             Saliency::Achanta => achanta::map(picture).means(reduced::SAMPLES_PER_SIDE).values,
             Saliency::Itti => itti::map(picture).values,

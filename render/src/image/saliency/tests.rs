@@ -3,7 +3,7 @@
 use super::achanta::{distance, to_lab};
 use super::itti::oriented;
 use super::plane::Plane;
-use super::{Reduced, SIDE_PIXELS, Saliency};
+use super::{ReducedPicture, SIDE_PIXELS, Saliency};
 use crate::sampler::mix;
 use std::f32::consts::FRAC_1_SQRT_2;
 
@@ -23,16 +23,16 @@ fn first(scores: &[f32], columns: u32) -> [u32; 2] {
 }
 
 /// A picture of 16 x 16 tiles, grey but for tile (5, 9), whose pixels (x, y) from its first are `odd`.
-fn odd_tile(odd: impl Fn([u32; 2]) -> [f32; 3]) -> Reduced {
-    Reduced::of([16 * SIDE_PIXELS; 2], |pixel| match pixel.map(|x| x / SIDE_PIXELS) {
+fn odd_tile(odd: impl Fn([u32; 2]) -> [f32; 3]) -> ReducedPicture {
+    ReducedPicture::of([16 * SIDE_PIXELS; 2], |pixel| match pixel.map(|x| x / SIDE_PIXELS) {
         [5, 9] => odd(pixel.map(|x| x % SIDE_PIXELS)),
         _ => GREY,
     })
 }
 
 /// Bars of one tile by three on grey, one a cell: whether it lies, and its colour, by cell (column, row).
-fn bars(bar: impl Fn([u32; 2]) -> (bool, [f32; 3])) -> Reduced {
-    Reduced::of([TILES * SIDE_PIXELS; 2], |pixel| {
+fn bars(bar: impl Fn([u32; 2]) -> (bool, [f32; 3])) -> ReducedPicture {
+    ReducedPicture::of([TILES * SIDE_PIXELS; 2], |pixel| {
         let tile = pixel.map(|x| x / SIDE_PIXELS);
         let (lies, colour) = bar(tile.map(|x| x / CELL_TILES));
         let [x, y] = tile.map(|x| x % CELL_TILES);
@@ -42,7 +42,7 @@ fn bars(bar: impl Fn([u32; 2]) -> (bool, [f32; 3])) -> Reduced {
 }
 
 /// The cell of the tile that a metric puts first among bars.
-fn first_bar(metric: Saliency, picture: &Reduced) -> [u32; 2] {
+fn first_bar(metric: Saliency, picture: &ReducedPicture) -> [u32; 2] {
     first(&metric.tiles(picture), TILES).map(|x| x / CELL_TILES)
 }
 
@@ -120,7 +120,7 @@ fn samples_are_means_of_their_pixels() {
     for [width, height] in [[16, 8], [9, 13], [1, 1], [30, 5]] {
         let value = |[x, y]: [u32; 2]| (mix(u64::from(y * width + x)) % 1000) as f32 / 800.0;
         let mut asked = vec![0; (width * height) as usize];
-        let picture = Reduced::of([width, height], |[x, y]| {
+        let picture = ReducedPicture::of([width, height], |[x, y]| {
             asked[(y * width + x) as usize] += 1;
             [value([x, y]), 0.5, -1.0]
         });
@@ -178,7 +178,7 @@ fn achanta_is_that_of_all_pixels() {
         }
     };
     let expected = achanta_of_all_pixels(side, rgb);
-    let found = Saliency::Achanta.tiles(&Reduced::of([side; 2], rgb));
+    let found = Saliency::Achanta.tiles(&ReducedPicture::of([side; 2], rgb));
     assert_eq!(first(&found, 16), first(&expected, 16));
     let greatest = expected.iter().copied().fold(0.0, f32::max);
     let off = found.iter().zip(&expected).map(|(a, b)| (a - b).abs() / greatest);

@@ -124,14 +124,14 @@ impl GStage for Naive {
 }
 
 /// A call, and where its answers are waited for.
-type Asked = (GCall, Sender<GCall>);
+type PendingCall = (GCall, Sender<GCall>);
 
 /// Answers on a thread of its own, which keeps calls until two or more wait, or none has come for a while, and answers
 /// the latest first: late, and out of order.
 #[derive(Debug)]
 struct Late {
     needs: GNeeds,
-    calls: Option<Sender<Asked>>,
+    calls: Option<Sender<PendingCall>>,
     /// Gives how many calls were answered before an earlier one.
     thread: Option<JoinHandle<u64>>,
 }
@@ -139,7 +139,7 @@ struct Late {
 impl Late {
     fn new(model: &Model, calls: usize) -> Late {
         let needs = GNeeds { batch_rays: 8 * 40, ray_bytes: 0, calls, photons: 512 };
-        let (naive, (sender, asked)) = (Naive::new(model, 40), channel::<Asked>());
+        let (naive, (sender, asked)) = (Naive::new(model, 40), channel::<PendingCall>());
         let answer_all = move || {
             let (mut waiting, mut overtaken) = (Vec::new(), 0);
             loop {

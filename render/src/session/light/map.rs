@@ -12,7 +12,7 @@
 
 use super::indirect::{Arrival, IndirectLight, LightBytes, LightRoom, LightWork};
 use crate::g_stage::GNeeds;
-use crate::photon::bake::Baking;
+use crate::photon::bake::BakeJob;
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::mesh::flight_bytes;
 use crate::photon::voxel::{PassInWork, VoxelPhotons, flock_bytes};
@@ -71,7 +71,7 @@ impl MapLight {
         let _flights = budget.lease("the photons under way", flight_bytes(work.tracers.count()))?;
         let RenderKeys { photons: target, occluders, .. } = *world.settings;
         let voxels = voxels.scene(occluders);
-        let baking = Baking { world, bounds: &model.bounds, voxels, budget, stop, pool };
+        let baking = BakeJob { world, bounds: &model.bounds, voxels, budget, stop, pool };
         baking.trace(&mut self.shown, work.tracers, target, &mut |done| tell(done, target))
     }
 }

@@ -23,7 +23,7 @@ pub struct Emitter {
 /// The triangles that give light, ready to draw from.
 #[derive(Clone, Debug)]
 pub struct Emitters {
-    kept: Vec<Kept>,
+    kept: Vec<EmitterTriangle>,
     /// Share of the power in the triangles up to and with this one.
     cumulated: Vec<f64>,
     /// Sum of radiance * area, linear RGB.
@@ -36,7 +36,7 @@ pub struct Emitters {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Kept {
+struct EmitterTriangle {
     corner: DVec3,
     /// Edges from there to the other two corners.
     edges: [DVec3; 2],
@@ -93,7 +93,7 @@ impl Emitters {
             let power = area * brightness(radiance);
             if power > 0.0 && power.is_finite() {
                 total += power;
-                all.kept.push(Kept { corner, edges, normal: 0.5 / area * doubled, radiance });
+                all.kept.push(EmitterTriangle { corner, edges, normal: 0.5 / area * doubled, radiance });
                 all.cumulated.push(total);
                 all.radiance_area += area as f32 * radiance;
                 let mut bounds = Aabb::EMPTY;
@@ -117,7 +117,7 @@ impl Emitters {
     /// Bytes on the heap for `emitter_count` triangles.
     pub fn bytes(emitter_count: usize) -> u64 {
         let boxes = emitter_count * (size_of::<Aabb>() + size_of::<f64>());
-        (boxes + emitter_count * (size_of::<Kept>() + size_of::<f64>())) as u64
+        (boxes + emitter_count * (size_of::<EmitterTriangle>() + size_of::<f64>())) as u64
             + BoxTree::bytes(emitter_count)
     }
 
@@ -184,7 +184,7 @@ impl Emitters {
     }
 }
 
-impl Kept {
+impl EmitterTriangle {
     fn area(&self) -> f64 {
         0.5 * self.edges[0].cross(self.edges[1]).length()
     }
@@ -202,7 +202,7 @@ impl Kept {
 
     /// The point at `u`, which is drawn with density `pdf`.
     fn sample(&self, u: [f32; 2], pdf: f64) -> EmitterSample {
-        let Kept { corner, edges, normal, radiance } = *self;
+        let EmitterTriangle { corner, edges, normal, radiance } = *self;
         // The square folded to the triangle keeps strata whole: P. Shirley and K. Chiu (1997).
         let root = f64::from(u[0]).sqrt();
         let (s, t) = (root * (1.0 - f64::from(u[1])), root * f64::from(u[1]));
@@ -271,7 +271,7 @@ mod tests {
         let all = Emitters::new(&emitters, &materials);
         let place = DVec3::new(4.0, 5.0, -1.0);
         let fronts = all.kept.iter().filter(|kept| (place - kept.corner).dot(kept.normal) > 0.0);
-        let expected: f64 = fronts.map(Kept::area).sum();
+        let expected: f64 = fronts.map(EmitterTriangle::area).sum();
         let (mut area, mut near) = (0.0, 0);
         for i in 0..DRAWS {
             let [u, v, ..] = numbers(1000 + i).map(|x| x as f32);

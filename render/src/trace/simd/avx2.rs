@@ -16,7 +16,7 @@ mod tests;
 
 use crate::trace::Ray;
 use crate::trace::kernel::{Kernel, Lanes, TrianglesMet};
-use crate::trace::lattice_ray::{LatticeFrame, Refined, Span};
+use crate::trace::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use crate::trace::scalar::Real;
 use enter::{Order, Rows};
 use refine::Exact;
@@ -47,7 +47,7 @@ pub(in crate::trace) struct Avx2 {
 }
 
 /// Boxes with planes `q * scale + lo` and `q * scale + hi`, lattice steps from the ray's cell; the fourth is not used.
-struct Boxes {
+struct PlaneRegisters {
     lo: __m128i,
     hi: __m128i,
     scale: __m128,
@@ -63,7 +63,7 @@ struct SeenBoxes {
 impl Avx2 {
     /// The boxes as the ray sees them: see `Slabs::meet`.
     #[inline(always)]
-    fn see(&self, boxes: &Boxes) -> SeenBoxes {
+    fn see(&self, boxes: &PlaneRegisters) -> SeenBoxes {
         // SAFETY: registers only; the caller runs with AVX2 and FMA.
         unsafe {
             let at_near = _mm_blendv_epi8(boxes.lo, boxes.hi, self.negative);
@@ -369,7 +369,7 @@ impl Kernel for Avx2 {
             let exponents = _mm_srli_epi32::<1>(_mm_shuffle_epi8(head, exponents));
             let scale = _mm_castsi128_ps(_mm_add_epi32(exponents, _mm_castps_si128(_mm_set1_ps(1.0))));
             let base = _mm_sub_epi32(head, self.cell);
-            let seen = self.see(&Boxes { lo: base, hi: base, scale });
+            let seen = self.see(&PlaneRegisters { lo: base, hi: base, scale });
             let [near, far] = self.rows(rows, 2 * NODE_WIDTH);
             let (mask, t) = self.meet(&seen, near, far, t_max, |row| eight_words(row));
             _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
@@ -392,7 +392,7 @@ impl Kernel for Avx2 {
             let lo = _mm_sub_epi32(base(head), self.cell);
             // Upper planes are cells: no vertex lies beyond the last step of one.
             let hi = _mm_add_epi32(lo, _mm_sub_epi32(cell, _mm_set1_epi32(1)));
-            let seen = self.see(&Boxes { lo, hi, scale: _mm_cvtepi32_ps(cell) });
+            let seen = self.see(&PlaneRegisters { lo, hi, scale: _mm_cvtepi32_ps(cell) });
             let [near, far] = self.rows(rows, leaf_count);
             let (mask, t) = self.meet(&seen, near, far, t_max, |row| eight(row));
             _mm256_storeu_ps(lanes.t.as_mut_ptr(), t);
@@ -488,7 +488,7 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
-    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> Refined {
+    fn refine(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> RefinedHit {
         // SAFETY: the caller runs with AVX2, FMA and the others.
         unsafe { self.refine_triangle(cluster, leaf, place) }
     }

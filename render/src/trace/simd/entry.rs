@@ -6,7 +6,7 @@
 use super::avx2::Avx2;
 use super::packet::{PacketRoom, trace_packet};
 use crate::trace::Ray;
-use crate::trace::bvh::{Ended, Goal, Missing, Scene, trace_ray};
+use crate::trace::bvh::{Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
 use crate::trace::pages::Pages;
 use crate::trace::stack::Stack;
 
@@ -17,30 +17,30 @@ pub(in crate::trace) fn is_available() -> bool {
 
 /// [`trace_ray`] with this kernel.
 pub(in crate::trace) fn trace<P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     stack: &mut Stack,
     ray: &Ray,
-    missing: &mut Missing,
-) -> Option<Ended> {
+    missing: &mut MissingPages,
+) -> Option<RayEnd> {
     // SAFETY: `PagedMesh` chooses this arithmetic only where `is_available`.
     unsafe { trace_with_features::<P, G>(scene, pages, stack, ray, missing) }
 }
 
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn trace_with_features<P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     stack: &mut Stack,
     ray: &Ray,
-    missing: &mut Missing,
-) -> Option<Ended> {
+    missing: &mut MissingPages,
+) -> Option<RayEnd> {
     trace_ray::<Avx2, P, G>(scene, pages, stack, ray, missing)
 }
 
 /// [`trace_packet`] with this kernel.
 pub(in crate::trace) fn packet<P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     stack: &mut Stack,
     rays: &[Ray],
@@ -52,7 +52,7 @@ pub(in crate::trace) fn packet<P: Pages, G: Goal>(
 
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn packet_with_features<P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     stack: &mut Stack,
     rays: &[Ray],

@@ -14,11 +14,11 @@
 
 use super::avx2::Avx2;
 use crate::trace::Ray;
-use crate::trace::bvh::{Best, Ended, Goal, Missing, OpenPage, PageVisit, Scene, t_above, walk};
+use crate::trace::bvh::{Best, Goal, LatticeScene, MissingPages, OpenPage, PageVisit, RayEnd, t_above, walk};
 use crate::trace::kernel::Kernel;
 use crate::trace::pages::{Page, Pages};
 use crate::trace::scalar::Real;
-use crate::trace::stack::{Entry, Pending, STACK, Stack};
+use crate::trace::stack::{STACK, Stack, StackEntry, VisitStack};
 use std::arch::x86_64::*;
 use trex_store::cluster::{FrameRef, FrameView, Node, TopRef};
 use trex_store::layout::NODE_WIDTH;
@@ -29,12 +29,12 @@ pub(in crate::trace) const PACKET_RAYS: usize = 8;
 const SPLIT: u32 = 2;
 
 /// A number per ray.
-type Row = [f32; PACKET_RAYS];
+type RayRow = [f32; PACKET_RAYS];
 
 /// An entry of the stack: where to go on with which rays, and where its box begins for each.
 #[derive(Clone, Copy)]
-struct Waiting {
-    t: Row,
+struct PacketEntry {
+    t: RayRow,
     word: u32,
     /// A bit a ray.
     rays: u32,
@@ -42,29 +42,29 @@ struct Waiting {
 
 /// Room for a packet; and what came of the last one, for the rays that reached the model's box, in their order.
 pub(in crate::trace) struct PacketRoom {
-    waiting: Box<[Waiting; STACK]>,
+    waiting: Box<[PacketEntry; STACK]>,
     kernels: Vec<Avx2>,
     /// Rays and what they found.
-    pub(in crate::trace) ended: Vec<Ended>,
+    pub(in crate::trace) ended: Vec<RayEnd>,
     /// Index of each among the rays that were asked.
     pub(in crate::trace) places: Vec<usize>,
-    pub(in crate::trace) missing: [Missing; PACKET_RAYS],
+    pub(in crate::trace) missing: [MissingPages; PACKET_RAYS],
 }
 
 impl Default for PacketRoom {
     fn default() -> PacketRoom {
         PacketRoom {
-            waiting: Box::new([Waiting { t: [0.0; PACKET_RAYS], word: 0, rays: 0 }; STACK]),
+            waiting: Box::new([PacketEntry { t: [0.0; PACKET_RAYS], word: 0, rays: 0 }; STACK]),
             kernels: Vec::with_capacity(PACKET_RAYS),
             ended: Vec::with_capacity(PACKET_RAYS),
             places: Vec::with_capacity(PACKET_RAYS),
-            missing: std::array::from_fn(|_| Missing::none()),
+            missing: std::array::from_fn(|_| MissingPages::none()),
         }
     }
 }
 
 /// Rays as box tests see them: see `Slabs`; a row an axis.
-struct Boxes {
+struct PacketRays {
     cell: [__m256i; 3],
     inverse: [__m256; 3],
     start_near: [__m256; 3],
@@ -74,15 +74,15 @@ struct Boxes {
 }
 
 /// The packet under way.
-struct Packet<'a> {
-    boxes: Boxes,
+struct PacketWalk<'a> {
+    boxes: PacketRays,
     /// As many as there are rays.
     kernels: &'a [Avx2],
     /// The t of the best hit of each; below all where one is enough and found.
-    t_max: Row,
-    ended: &'a mut [Ended],
-    missing: &'a mut [Missing; PACKET_RAYS],
-    waiting: &'a mut [Waiting; STACK],
+    t_max: RayRow,
+    ended: &'a mut [RayEnd],
+    missing: &'a mut [MissingPages; PACKET_RAYS],
+    waiting: &'a mut [PacketEntry; STACK],
     len: usize,
 }
 
@@ -92,7 +92,7 @@ struct Packet<'a> {
 /// The caller runs with AVX2 and FMA.
 #[inline(always)]
 pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
-    scene: &Scene,
+    scene: &LatticeScene,
     pages: &mut P,
     stack: &mut Stack,
     rays: &[Ray],
@@ -104,7 +104,7 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
     kernels.clear();
     for (place, ray) in rays.iter().take(PACKET_RAYS).enumerate() {
         if let Some((span, kernel)) = Avx2::enter(&scene.frame, ray) {
-            ended.push(Ended { span, found: None });
+            ended.push(RayEnd { span, found: None });
             places.push(place);
             kernels.push(kernel);
         }
@@ -116,11 +116,11 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
         together |= u32::from(kernel.goes_with(first)) << i;
         t_max[i] = t_above(ended[i].span.t_max);
     }
-    missing[..count].iter_mut().for_each(Missing::clear);
-    let mut pending = Pending { entries: &mut stack.entries, len: 0 };
-    let mut packet = Packet {
+    missing[..count].iter_mut().for_each(MissingPages::clear);
+    let mut pending = VisitStack { entries: &mut stack.entries, len: 0 };
+    let mut packet = PacketWalk {
         // SAFETY: by the contract.
-        boxes: unsafe { Boxes::new(kernels) },
+        boxes: unsafe { PacketRays::new(kernels) },
         kernels,
         t_max,
         ended,
@@ -129,7 +129,7 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
         len: 0,
     };
     let root = scene.file.superblock().root;
-    packet.put(Waiting { t: [0.0; PACKET_RAYS], word: root, rays: together });
+    packet.put(PacketEntry { t: [0.0; PACKET_RAYS], word: root, rays: together });
     while let Some(at) = packet.pop_above(0) {
         if at.rays.count_ones() <= SPLIT {
             packet.alone::<P, G>(scene, pages, &mut pending, at);
@@ -158,26 +158,26 @@ pub(in crate::trace) unsafe fn trace_packet<P: Pages, G: Goal>(
             scene,
             pages,
             &mut pending,
-            Waiting { t: [0.0; PACKET_RAYS], word: root, rays: others },
+            PacketEntry { t: [0.0; PACKET_RAYS], word: root, rays: others },
         );
     }
 }
 
-impl Packet<'_> {
+impl PacketWalk<'_> {
     /// Rays that go on by themselves.
     #[inline(always)]
     fn alone<P: Pages, G: Goal>(
         &mut self,
-        scene: &Scene,
+        scene: &LatticeScene,
         pages: &mut P,
-        pending: &mut Pending<'_>,
-        at: Waiting,
+        pending: &mut VisitStack<'_>,
+        at: PacketEntry,
     ) {
         for i in bits(at.rays) {
             let kernel = &self.kernels[i];
-            let Ended { span, found } = &mut self.ended[i];
+            let RayEnd { span, found } = &mut self.ended[i];
             let mut best = Best { t: self.t_max[i], found: *found };
-            let from = Entry::new(at.t[i], at.word);
+            let from = StackEntry::new(at.t[i], at.word);
             walk::<_, P, G>(scene, pages, kernel, span, from, pending, &mut best, &mut self.missing[i]);
             *found = best.found;
             self.settle::<G>(i, best.t);
@@ -190,12 +190,12 @@ impl Packet<'_> {
         &mut self,
         page: &OpenPage<'_>,
         slot: u32,
-        scene: &Scene,
-        pending: &mut Pending<'_>,
-        at: Waiting,
+        scene: &LatticeScene,
+        pending: &mut VisitStack<'_>,
+        at: PacketEntry,
     ) {
         let floor = self.len;
-        self.put(Waiting { word: page.frame.root(slot as usize).0, ..at });
+        self.put(PacketEntry { word: page.frame.root(slot as usize).0, ..at });
         while let Some(at) = self.pop_above(floor) {
             let word = FrameRef(at.word);
             if !word.is_cluster() && at.rays.count_ones() > SPLIT {
@@ -204,10 +204,10 @@ impl Packet<'_> {
             }
             for i in bits(at.rays) {
                 let kernel = &self.kernels[i];
-                let Ended { span, found } = &mut self.ended[i];
+                let RayEnd { span, found } = &mut self.ended[i];
                 let mut best = Best { t: self.t_max[i], found: *found };
                 let visit = PageVisit { page: *page, span };
-                visit.under::<_, G>(kernel, Entry::new(at.t[i], at.word), pending, &mut best);
+                visit.under::<_, G>(kernel, StackEntry::new(at.t[i], at.word), pending, &mut best);
                 *found = best.found;
                 self.settle::<G>(i, best.t);
             }
@@ -223,7 +223,7 @@ impl Packet<'_> {
 
     /// The topmost that still matters to some of its rays, and to which.
     #[inline(always)]
-    fn pop_above(&mut self, floor: usize) -> Option<Waiting> {
+    fn pop_above(&mut self, floor: usize) -> Option<PacketEntry> {
         while self.len > floor {
             self.len -= 1;
             let mut at = self.waiting[self.len % STACK];
@@ -240,7 +240,7 @@ impl Packet<'_> {
     }
 
     #[inline(always)]
-    fn put(&mut self, at: Waiting) {
+    fn put(&mut self, at: PacketEntry) {
         debug_assert!(self.len < STACK, "depth was checked when the tables were read");
         self.waiting[self.len % STACK] = at;
         self.len += 1;
@@ -248,7 +248,7 @@ impl Packet<'_> {
 
     /// Puts the children of a node that some of `rays` meet, the nearest on top.
     #[inline(always)]
-    fn node(&mut self, node: &Node, scene: &Scene, rays: u32) {
+    fn node(&mut self, node: &Node, scene: &LatticeScene, rays: u32) {
         let mut t = [[0.0; PACKET_RAYS]; NODE_WIDTH];
         // SAFETY: the caller runs with AVX2 and FMA.
         let met = unsafe { self.boxes.meet(node, scene.frame.node_shift, &self.t_max, &mut t) };
@@ -273,25 +273,26 @@ impl Packet<'_> {
         debug_assert!(first + count <= STACK, "depth was checked when the tables were read");
         for new in &order[..count] {
             let child = *new as usize % NODE_WIDTH;
-            let waiting = Waiting { t: t[child], word: node.child[child], rays: (*new >> 8) as u32 & 0xff };
+            let waiting =
+                PacketEntry { t: t[child], word: node.child[child], rays: (*new >> 8) as u32 & 0xff };
             self.put(waiting);
         }
     }
 }
 
-impl Boxes {
+impl PacketRays {
     /// Of one to eight rays; lanes behind the last mean nothing.
     ///
     /// # Safety
     /// The caller runs with AVX2.
     #[inline(always)]
-    unsafe fn new(rays: &[Avx2]) -> Boxes {
+    unsafe fn new(rays: &[Avx2]) -> PacketRays {
         // SAFETY: registers only; the caller runs with AVX2.
         unsafe {
             let rows = |part: fn(&Avx2) -> __m128| {
                 columns(std::array::from_fn(|i| part(&rays[i.min(rays.len() - 1)])))
             };
-            Boxes {
+            PacketRays {
                 cell: rows(|ray| _mm_castsi128_ps(ray.cell)).map(|row| _mm256_castps_si256(row)),
                 inverse: rows(|ray| ray.inverse),
                 start_near: rows(|ray| ray.start_near),
@@ -310,8 +311,8 @@ impl Boxes {
         &self,
         node: &Node,
         shift: u32,
-        t_max: &Row,
-        t: &mut [Row; NODE_WIDTH],
+        t_max: &RayRow,
+        t: &mut [RayRow; NODE_WIDTH],
     ) -> [u32; NODE_WIDTH] {
         let mut planes = [[0.0f32; NODE_WIDTH]; 6];
         let mut met = [0; NODE_WIDTH];

@@ -44,7 +44,7 @@ fn prefetch(address: u64) {
 }
 
 /// The child of each lane's node or leaf that holds the lane's cell.
-struct Child {
+struct Child8 {
     /// Place of the child among the 64.
     place: __m256i,
     /// Twice the height: cells of the child along an axis, as a shift.
@@ -59,7 +59,7 @@ struct Child {
 }
 
 /// The way of each lane out of the empty cube around its cell.
-struct Exit {
+struct Exit8 {
     /// Parameter where it leaves, subvoxels from the entry; not before the lane's own t.
     t: __m256,
     /// Axis of the face by which it leaves.
@@ -84,7 +84,7 @@ fn visit<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
 /// Step 1: which child, and whether it is there.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child {
+fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child8 {
     let (height, at): (__m256i, __m256i) = (cast(packet.height.0), cast(packet.at.0));
     let cell: [__m256i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let address: [__m256i; 2] = cast(packet.address.0);
@@ -115,13 +115,13 @@ fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child {
     let is_there = _mm256_srai_epi32::<31>(narrow::<0xdd>(up));
     let before = up.map(|up| count_ones(_mm256_add_epi64(up, up)));
     let index = _mm256_add_epi32(first, narrow::<0x88>(before));
-    Child { place, shift, bits, index, is_there, is_unknown }
+    Child8 { place, shift, bits, index, is_there, is_unknown }
 }
 
 /// Step 2: out of the empty cube, which is the child's, or the eighth of the node around it.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
+fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child8) -> Exit8 {
     let floats = |row: Row<f32, LANES>| _mm256_castsi256_ps(cast(row.0));
     let cell: [__m256i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let (zeros, ones, one) = (_mm256_setzero_si256(), _mm256_set1_epi32(-1), _mm256_set1_epi32(1));
@@ -162,13 +162,13 @@ fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
     let exponent = _mm256_castps_si256(_mm256_cvtepi32_ps(any_apart));
     let exponent = _mm256_srli_epi32::<24>(_mm256_add_epi32(exponent, _mm256_set1_epi32(1 << 23)));
     let above = _mm256_sub_epi32(exponent, _mm256_set1_epi32(64));
-    Exit { t, axis, apart, above, is_out }
+    Exit8 { t, axis, apart, above, is_out }
 }
 
 /// Step 3: what becomes of each lane.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -> Ends {
+fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child8, exit: &Exit8) -> Ends {
     let (zeros, ones) = (_mm256_setzero_si256(), _mm256_set1_epi32(-1));
     let (height, t_before): (__m256i, __m256) =
         (cast(packet.height.0), _mm256_castsi256_ps(cast(packet.t.0)));

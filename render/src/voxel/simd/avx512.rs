@@ -45,7 +45,7 @@ fn prefetch(address: u64) {
 }
 
 /// The child of each lane's node or leaf that holds the lane's cell.
-struct Child {
+struct Child16 {
     /// Place of the child among the 64.
     place: __m512i,
     /// Twice the height: cells of the child along an axis, as a shift.
@@ -60,7 +60,7 @@ struct Child {
 }
 
 /// The way of each lane out of the empty cube around its cell.
-struct Exit {
+struct Exit16 {
     /// Parameter where it leaves, subvoxels from the entry; not before the lane's own t.
     t: __m512,
     /// Axis of the face by which it leaves.
@@ -85,7 +85,7 @@ fn visit<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree) -> Ends {
 /// Step 1: which child, and whether it is there.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
-fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child {
+fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child16 {
     let (height, at): (__m512i, __m512i) = (cast(packet.height.0), cast(packet.at.0));
     let cell: [__m512i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let address: [__m512i; 2] = cast(packet.address.0);
@@ -116,13 +116,13 @@ fn look<Q: Queue>(packet: &Packet<LANES>, tree: &Tree) -> Child {
     let is_there = _mm512_movepi32_mask(narrow::<0xdd>(up));
     let before = up.map(|up| _mm512_popcnt_epi64(_mm512_add_epi64(up, up)));
     let index = _mm512_add_epi32(first, narrow::<0x88>(before));
-    Child { place, shift, bits, index, is_there, is_unknown }
+    Child16 { place, shift, bits, index, is_there, is_unknown }
 }
 
 /// Step 2: out of the empty cube, which is the child's, or the eighth of the node around it.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
-fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
+fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child16) -> Exit16 {
     let floats = |row: Row<f32, LANES>| _mm512_castsi512_ps(cast(row.0));
     let cell: [__m512i; 3] = std::array::from_fn(|a| cast(packet.cell[a].0));
     let one = _mm512_set1_epi32(1);
@@ -165,13 +165,13 @@ fn leave(packet: &Packet<LANES>, tree: &Tree, child: &Child) -> Exit {
         _mm512_srli_epi32::<1>(_mm512_sub_epi32(_mm512_set1_epi32(31), _mm512_lzcnt_epi32(any_apart)));
     let axis = _mm512_maskz_mov_epi32(is_y, one);
     let axis = _mm512_mask_mov_epi32(axis, is_z, _mm512_set1_epi32(2));
-    Exit { t, axis, next, above, is_out }
+    Exit16 { t, axis, next, above, is_out }
 }
 
 /// Step 3: what becomes of each lane.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512dq,avx512cd,avx512vpopcntdq")]
-fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child, exit: &Exit) -> Ends {
+fn settle<Q: Queue>(packet: &mut Packet<LANES>, tree: &Tree, child: &Child16, exit: &Exit16) -> Ends {
     let (height, t_before): (__m512i, __m512) =
         (cast(packet.height.0), _mm512_castsi512_ps(cast(packet.t.0)));
     let (zeros, one) = (_mm512_setzero_si512(), _mm512_set1_epi32(1));

@@ -61,7 +61,7 @@ pub(in crate::voxel) struct Note {
 
 /// A page of units that is held.
 #[derive(Clone, Copy)]
-struct Held<'a> {
+struct HeldPage<'a> {
     page: u32,
     view: UnitsView<'a>,
     /// Place of its first bitmap.
@@ -76,7 +76,7 @@ pub(in crate::voxel) struct LowerQueue<'a, E, A, const FINER: u32> {
     entry: &'a E,
     waiting: std::slice::Iter<'a, u32>,
     pages: &'a dyn Pages,
-    held: Vec<Option<Held<'a>>>,
+    held: Vec<Option<HeldPage<'a>>>,
     /// Address of place 0.
     base: Option<u64>,
     /// Index of the first linking node.
@@ -110,7 +110,7 @@ impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32
 
     /// The frame of a page, held, or what becomes of the ray without.
     #[inline(always)]
-    fn hold(&mut self, page: u32, tree: &mut Tree) -> Result<&Held<'a>, Without> {
+    fn hold(&mut self, page: u32, tree: &mut Tree) -> Result<&HeldPage<'a>, Without> {
         let slot = page as usize % SLOTS;
         if !matches!(&self.held[slot], Some(held) if held.page == page) {
             self.held[slot] = Some(self.look_up(page, tree)?);
@@ -119,7 +119,7 @@ impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32
     }
 
     #[inline(never)]
-    fn look_up(&mut self, page: u32, tree: &mut Tree) -> Result<Held<'a>, Without> {
+    fn look_up(&mut self, page: u32, tree: &mut Tree) -> Result<HeldPage<'a>, Without> {
         let frame = match self.pages.hold(page) {
             None => return Err(Without::Room),
             Some(Page::Missing) => return Err(Without::Page(page)),
@@ -140,7 +140,7 @@ impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32
         let end = place.map(|place| place + bitmaps.len() as u64 / WORD_BYTES);
         match (place, end) {
             (Some(place), Some(end)) if end < u64::from(UNKNOWN) => {
-                Ok(Held { page, view, zero: place as u32 })
+                Ok(HeldPage { page, view, zero: place as u32 })
             }
             _ => Err(Without::Room),
         }
@@ -166,7 +166,7 @@ impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32
             let outer = self.hold(note.page[height], tree)?;
             (unit, at - packet.below[height].0[lane], outer.view.bitmap(at - outer.zero))
         };
-        let Held { view, zero, .. } = *self.hold(unit.page(), tree)?;
+        let HeldPage { view, zero, .. } = *self.hold(unit.page(), tree)?;
         // A unit that is not what the leaf says is none.
         let node = view.node(unit.unit(), rank).filter(|node| node.leaf_count() == bits.count_ones());
         let node = node.ok_or(Without::Unit)?;

@@ -230,7 +230,7 @@ impl<'a> PageWriter<'a> {
         self.pages.iter().for_each(|entry| entry.write(&mut table));
         let tree: &[u8] = bytemuck::cast_slice(&nodes);
         self.block.file_id = self.file_id;
-        let mut write = |kind: SectionKind, count: usize, pieces: &dyn Fn(Put<'_>) -> Result<()>| {
+        let mut write = |kind: SectionKind, count: usize, pieces: &dyn Fn(PutBytes<'_>) -> Result<()>| {
             let (offset, mut hasher) = (file.bytes(), section_hasher(self.file_id, kind as u32));
             pieces(&mut |piece| {
                 hasher.update(piece);
@@ -295,7 +295,7 @@ impl<'a> PageWriter<'a> {
 }
 
 /// Takes the pieces of a section.
-type Put<'a> = &'a mut dyn FnMut(&[u8]) -> Result<()>;
+type PutBytes<'a> = &'a mut dyn FnMut(&[u8]) -> Result<()>;
 
 /// What the lists are called in messages.
 const TABLES: &str = "the tables of the file";

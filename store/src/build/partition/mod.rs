@@ -26,7 +26,7 @@ use crate::build::scan::rejected::{RejectedCounts, no_triangles};
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::run_writer::RunWriter;
 use crate::build::scratch::{LatticeTriangle, Scratch};
-use crate::error::{Code, Error, Result};
+use crate::error::{Error, Result};
 use crate::geom::Aabb;
 use crate::layout::{SECTIONS, Section, Superblock, node_shift};
 use crate::octree::Refinement;
@@ -206,12 +206,7 @@ impl Sorter<'_> {
                 }
             };
             let thread = std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader);
-            thread.map_err(|error| {
-                Error::new(Code::Io, "the system refused a thread")
-                    .at_place("the reader of the input")
-                    .numbers(error.to_string())
-                    .next("raise the limit of processes, or end some")
-            })?;
+            thread.map_err(|error| Error::thread_refused("the reader of the input", &error))?;
             report(0);
             loop {
                 if self.again.is_none() {

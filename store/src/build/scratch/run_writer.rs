@@ -4,7 +4,7 @@
 //! 3. an error comes back in the place of its run.
 
 use super::{Encoder, LatticeTriangle, Run, Scratch};
-use crate::error::{Code, Error, Result};
+use crate::error::{Error, Result};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -49,13 +49,8 @@ impl RunWriter {
                 }
             }
         };
-        let thread =
-            std::thread::Builder::new().name("trex-cells".into()).spawn(write_all).map_err(|error| {
-                Error::new(Code::Io, "the system refused a thread")
-                    .at_place("the writer of scratch")
-                    .numbers(error.to_string())
-                    .next("raise the limit of processes, or end some")
-            })?;
+        let thread = std::thread::Builder::new().name("trex-cells".into()).spawn(write_all);
+        let thread = thread.map_err(|error| Error::thread_refused("the writer of scratch", &error))?;
         Ok(RunWriter { scratch, jobs: Some(jobs), done, under_way: 0, thread: Some(thread) })
     }
 

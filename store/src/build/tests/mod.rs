@@ -70,7 +70,7 @@ fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
         pool: Arc::new(ThreadPoolBuilder::new().num_threads(threads).build().unwrap()),
         budget: Budget::new(limit_bytes),
         temp_dir: None,
-        existing: Existing::Keep,
+        existing: ExistingOutput::Keep,
         resume: None,
         interrupt: Interrupt::default(),
     }

@@ -69,9 +69,9 @@ proptest! {
                 }
                 Step::Unpin => prop_assert_eq!(word.unpin(), after.pins == 0),
                 Step::Cool => match word.cool() {
-                    Cooled::Evicted => prop_assert!(page.pins == 0 && after.state == PageState::Absent),
-                    Cooled::Warm => prop_assert_eq!(after.score + 1, page.score),
-                    Cooled::Busy => prop_assert_eq!(after, page),
+                    CoolOutcome::Evicted => prop_assert!(page.pins == 0 && after.state == PageState::Absent),
+                    CoolOutcome::Warm => prop_assert_eq!(after.score + 1, page.score),
+                    CoolOutcome::Busy => prop_assert_eq!(after, page),
                 },
             }
             page = after;

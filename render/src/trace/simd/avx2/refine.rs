@@ -6,7 +6,7 @@
 //! Invariant: the same bits as `LatticeRay::refine` makes, which is tested.
 
 use super::{Avx2, base};
-use crate::trace::lattice_ray::{LatticeRay, Refined, Shear};
+use crate::trace::lattice_ray::{LatticeRay, RefinedHit, Shear};
 use std::arch::x86_64::*;
 use trex_store::cluster::ClusterView;
 
@@ -25,7 +25,7 @@ impl Avx2 {
     /// [`LatticeRay::refine`] of a triangle of a leaf. Not inlined: the kernels need the registers.
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     #[inline(never)]
-    pub(super) fn refine_triangle(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> Refined {
+    pub(super) fn refine_triangle(&self, cluster: &ClusterView<'_>, leaf: usize, place: usize) -> RefinedHit {
         let q = if cluster.is_wide() { None } else { Some(self.corners(cluster, leaf, place)) };
         match q.and_then(|q| self.refine_inside(q)) {
             Some(refined) => refined,
@@ -61,7 +61,7 @@ impl Avx2 {
     /// `None` where the ray passes beside the triangle.
     #[target_feature(enable = "avx2")]
     #[inline]
-    pub(super) fn refine_inside(&self, q: [__m256d; 3]) -> Option<Refined> {
+    pub(super) fn refine_inside(&self, q: [__m256d; 3]) -> Option<RefinedHit> {
         let Exact { fraction, direction } = self.exact;
         let (e, f) = (_mm256_sub_pd(q[1], q[0]), _mm256_sub_pd(q[2], q[0]));
         let n = _mm256_sub_pd(
@@ -110,7 +110,7 @@ impl Avx2 {
         // SAFETY: four numbers.
         unsafe { _mm256_storeu_pd(normal.as_mut_ptr(), n) };
         let [x, y, z, _] = normal;
-        Some(Refined { t, normal: [x, y, z], size: sizes[0].max(sizes[1]).max(sizes[2]) })
+        Some(RefinedHit { t, normal: [x, y, z], size: sizes[0].max(sizes[1]).max(sizes[2]) })
     }
 
     /// The ray as the plain kernels have it.

@@ -103,7 +103,7 @@ proptest! {
         let Some((_, plain)) = Scalar::<f32>::enter(&frame, &ray) else { return Ok(()) };
         // SAFETY: the machine has what it takes.
         let (plain, ours) = (plain.ray.refine(corners), unsafe { refined(&frame, &ray, corners) });
-        let bits = |r: Refined| (r.t.to_bits(), r.normal.map(f64::to_bits), r.size.to_bits());
+        let bits = |r: RefinedHit| (r.t.to_bits(), r.normal.map(f64::to_bits), r.size.to_bits());
         prop_assert_eq!(bits(plain), bits(ours));
     }
 }
@@ -114,7 +114,7 @@ fn set_up(frame: &LatticeFrame, ray: &Ray) -> Option<(Span, Avx2)> {
 }
 
 #[target_feature(enable = "avx2,fma")]
-fn refined(frame: &LatticeFrame, ray: &Ray, corners: [[i64; 3]; 3]) -> Refined {
+fn refined(frame: &LatticeFrame, ray: &Ray, corners: [[i64; 3]; 3]) -> RefinedHit {
     let (_, kernel) = Avx2::enter(frame, ray).expect("the plain kernel enters");
     let cell: [i32; 4] = bytemuck::cast(kernel.cell);
     let q = corners.map(|q| {

@@ -1,4 +1,4 @@
-//! `Rendered`: what a render tells, as text and as JSON.
+//! `RenderReport`: what a render tells, as text and as JSON.
 
 use super::damage::Damage;
 use super::show::Frames;
@@ -14,7 +14,7 @@ use trex_store::printable::one_line;
 
 /// The result of a render.
 #[derive(Debug, Serialize)]
-pub struct Rendered {
+pub struct RenderReport {
     pub scene: String,
     pub output: String,
     /// Each picture, of a camera path one for each viewpoint.
@@ -66,7 +66,7 @@ pub struct Image {
     pub height: u32,
 }
 
-impl fmt::Display for Rendered {
+impl fmt::Display for RenderReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rays, pool) = (&self.rays, &self.pool);
         let total = rays.total();

@@ -1,0 +1,54 @@
+//! `DamageList`: the pages of a file that could not be read while it was shown, and what was drawn in their place.
+//!
+//! Invariants: 1. every damaged page that rays have asked for is counted; 2. the list is bounded, and its first pages
+//! are the first that were met; 3. serialized, no page names a file: what goes wrong with it stays with its error.
+
+use serde::Serialize;
+use trex_store::pool::PagePool;
+use trex_store::verify::boxes_of;
+use trex_store::{Aabb, Error, PageFile};
+
+/// Most damaged pages that are listed one by one.
+const LISTED_MAX: usize = 64;
+
+/// What is damaged of a file on show, as far as rays have asked for it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct DamageList {
+    /// All damaged pages.
+    pub page_count: u64,
+    /// The first of them, at most 64.
+    pub pages: Vec<DamagedPage>,
+}
+
+/// A page that could not be read.
+#[derive(Clone, Debug, Serialize)]
+pub struct DamagedPage {
+    /// Its number in the file.
+    pub page: u32,
+    /// What is shown in its place: `as empty`, `by coarser voxels`.
+    pub drawn: &'static str,
+    /// Where its triangles lie, model units; not known of pages of voxels.
+    pub bounds: Option<Aabb>,
+    /// The mismatch that was found, and its place in the file.
+    #[serde(skip)]
+    pub error: Error,
+}
+
+impl DamageList {
+    /// The damage that `pool` has met in `file`.
+    pub fn of(file: &PageFile, pool: &PagePool) -> DamageList {
+        let page_count = pool.stats().damaged;
+        if page_count == 0 {
+            return DamageList::default();
+        }
+        let errors: Vec<_> = pool.damage().into_iter().take(LISTED_MAX).collect();
+        let boxes = boxes_of(file, &errors.iter().map(|(page, _)| *page).collect());
+        let pages = errors.into_iter().map(|(page, error)| DamagedPage {
+            page,
+            drawn: if file.has_units(page) { "by coarser voxels" } else { "as empty" },
+            bounds: boxes.get(&page).copied(),
+            error,
+        });
+        DamageList { page_count, pages: pages.collect() }
+    }
+}
