@@ -22,7 +22,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 14] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
@@ -32,6 +32,8 @@ pub const TARGETS: [Target; 12] = [
     ("ply", ply),
     ("obj", obj),
     ("stl", stl),
+    ("gltf", gltf),
+    ("glb", glb),
     ("mtl", mtl),
     ("scene", scene),
     ("views", views),
@@ -132,6 +134,7 @@ fn check(error: &Error) {
         Code::InputTruncated,
         Code::InputRange,
         Code::InputEmpty,
+        Code::InputUnreadable,
         Code::Damaged,
         Code::Version,
         Code::MemoryLimit,
@@ -165,6 +168,16 @@ pub fn obj(bytes: &[u8]) {
 /// An STL file, text or records.
 pub fn stl(bytes: &[u8]) {
     import("fuzzed.stl", bytes);
+}
+
+/// A glTF file, whose buffers are in it.
+pub fn gltf(bytes: &[u8]) {
+    import("fuzzed.gltf", bytes);
+}
+
+/// A glTF container.
+pub fn glb(bytes: &[u8]) {
+    import("fuzzed.glb", bytes);
 }
 
 /// The materials of an OBJ file.

@@ -11,7 +11,7 @@ use trex_store::verify::Level;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
-    /// Meshes: .ply, .obj or .stl files, or gen:KIND:COUNT, also with :SEED; several become one model
+    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED; several become one model
     #[arg(value_name = "INPUT", required_unless_present = "clean", num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
@@ -78,6 +78,7 @@ const AFTER_BUILD: &str = "\
 The plan (memory, scratch and output size against the limit and the free space) is printed before work starts.
 The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same
 command runs again: a journal beside the output tells how far it was, and `trex info FOLDER` lists such builds.
+Camera and lights of glTF go to OUT.toml, a scene beside the output, unless a file of that name is there.
 
 Examples:
   trex build statue.ply -o statue.trex
@@ -90,7 +91,8 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
-    /// A page file, a mesh (.ply, .obj, .stl or gen:KIND:COUNT), or a folder or an output with unfinished builds
+    /// A page file, a mesh (.ply, .obj, .stl, .gltf, .glb or gen:KIND:COUNT), or a folder or an output with
+    /// unfinished builds
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
     #[command(flatten)]

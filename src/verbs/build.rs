@@ -1,6 +1,6 @@
 //! `trex build`: meshes to a page file.
 
-use super::inputs;
+use super::{beside, inputs};
 use crate::args::{BuildArgs, VoxelArgs};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -111,7 +111,15 @@ impl Work<'_> {
             interrupt: ctx.interrupt.clone(),
             resume: self.resume.clone(),
         };
+        let placed = source.stats();
         let tell_plan = |plan: &Plan| {
+            if placed.instance_count > 0 {
+                ctx.console.note(&format!(
+                    "plan: {} instances of {} meshes become triangles of their own",
+                    size::count(placed.instance_count),
+                    size::count(placed.instanced_mesh_count),
+                ));
+            }
             ctx.console.note(&format!(
                 "plan: {} triangles; memory {} of {}; scratch about {}, output about {}, free {}",
                 size::count(plan.triangle_count),
@@ -143,6 +151,9 @@ impl Work<'_> {
             .warnings
             .iter()
             .for_each(|warning| ctx.console.note(&format!("note: {}", one_line(warning))));
+        if let Some(line) = beside::write(&report.source.scene, self.output) {
+            ctx.console.note(&one_line(&line));
+        }
         let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
         Ok(BuildSummary {
             scene: source.name(),
@@ -153,6 +164,7 @@ impl Work<'_> {
             vertex_cache_miss_rate: miss_rate(&report),
             dropped_attribute_count: report.source.dropped_attribute_count,
             skipped_face_count: report.source.skipped_face_count,
+            instance_count: report.source.instance_count,
             transparent_material_count: report.source.transparent_material_count,
             memory: Memory::new(&ctx.budget),
             report,
@@ -205,6 +217,8 @@ pub struct BuildSummary {
     pub vertex_cache_miss_rate: Option<f64>,
     pub dropped_attribute_count: u64,
     pub skipped_face_count: u64,
+    /// Places of meshes that stand in more than one, each with triangles of its own.
+    pub instance_count: u64,
     pub transparent_material_count: u64,
     pub memory: Memory,
 }

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
-use trex_store::import::{self, Encoding, Format, InputInfo};
+use trex_store::import::{self, Encoding, Format, ImportOptions, InputInfo};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
@@ -51,7 +51,11 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             }
             ctx.done(&FileInfo::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
-        Input::File(path) => ctx.done(&Mesh { scene: path.display().to_string(), info: import::info(path)? }),
+        Input::File(path) => {
+            let options = ImportOptions::new(ctx.budget.clone(), Path::new("."));
+            let info = import::info(path, &options)?;
+            ctx.done(&Mesh { scene: path.display().to_string(), info })
+        }
     }
 }
 
@@ -130,6 +134,7 @@ impl fmt::Display for Mesh {
             Format::Ply => "PLY",
             Format::Obj => "OBJ",
             Format::Stl => "STL",
+            Format::Gltf | Format::Glb => "glTF",
         };
         write!(f, "{}: {format} ({encoding}), {}", one_line(&self.scene), size::bytes(info.file_bytes))?;
         for (what, count) in [("vertices", info.vertex_count), ("faces", info.face_count)] {

@@ -59,6 +59,11 @@ fn open_all(
             options.interrupt = ctx.interrupt.clone();
             options.vertex_cache_bytes = caches_bytes / inputs.len() as u64;
             options.naming = naming;
+            // Where the ledger only counts, the process still has its limit, of which other inputs have taken their
+            // part.
+            let is_counting = budget.limit_bytes() > ctx.budget.limit_bytes();
+            let counted_bytes = if is_counting { budget.used_bytes() } else { 0 };
+            options.held_bytes = ctx.budget.free_bytes().saturating_sub(counted_bytes);
             import::open(path, &options)
         }
     };

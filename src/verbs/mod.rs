@@ -4,6 +4,7 @@
 //! one struct, `Serialize` for scripts (units in the keys) and `Display` for people.
 
 mod bench;
+mod beside;
 mod build;
 mod command_line;
 mod damage;

@@ -119,6 +119,9 @@ impl TriangleSource for Chain {
             all.vertex_cache_misses += stats.vertex_cache_misses;
             all.transparent_material_count += stats.transparent_material_count;
             all.material_name_bytes += stats.material_name_bytes;
+            all.instanced_mesh_count += stats.instanced_mesh_count;
+            all.instance_count += stats.instance_count;
+            all.scene.join(stats.scene);
             all.warnings.extend(stats.warnings);
             all.named_files.extend(stats.named_files);
         }

@@ -33,6 +33,7 @@ pub mod printable;
 mod progress;
 mod scratch;
 mod source;
+mod source_scene;
 pub mod verify;
 
 pub use budget::{Budget, Lease, RESERVE_BYTES};
@@ -46,3 +47,4 @@ pub use material_names::{MaterialNames, stored_name};
 pub use next_step::{NextStep, Setting};
 pub use progress::{Interrupt, Progress, Report};
 pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource, stamp};
+pub use source_scene::{SourceCamera, SourceLight, SourceScene};

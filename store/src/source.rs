@@ -8,6 +8,7 @@
 use crate::error::Result;
 use crate::geom::Aabb;
 use crate::material_list::MaterialList;
+use crate::source_scene::SourceScene;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
@@ -87,10 +88,19 @@ pub struct SourceStats {
     /// Bytes of the names of all materials, as files hold them; 0 for inputs without names.
     #[serde(default)]
     pub material_name_bytes: u64,
+    /// Meshes that stand in more than one place, and in how many places all of these stand: each is delivered in each.
+    #[serde(default)]
+    pub instanced_mesh_count: u64,
+    /// See `instanced_mesh_count`.
+    #[serde(default)]
+    pub instance_count: u64,
+    /// Cameras and lights of the input.
+    #[serde(default)]
+    pub scene: SourceScene,
     /// Things worth telling the user, in plain words (a missing MTL, trailing bytes), bounded in number.
     pub warnings: Vec<String>,
-    /// Files that the input names and the source looked for (MTL), as the system writes their paths, each with its
-    /// [`stamp`] at that time.
+    /// Files that the input names and the source looked for (MTL, buffers), as the system writes their paths, each
+    /// with its [`stamp`] at that time.
     pub named_files: Vec<(Vec<u8>, String)>,
 }
 

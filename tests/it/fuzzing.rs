@@ -2,6 +2,7 @@
 //! moment, with the stable toolchain.
 
 use crate::command::{document_in, folder};
+use crate::gltf;
 use crate::random::Random;
 use std::fmt::Write;
 use std::fs;
@@ -144,6 +145,16 @@ fn stl() {
 }
 
 #[test]
+fn gltf() {
+    check("gltf");
+}
+
+#[test]
+fn glb() {
+    check("glb");
+}
+
+#[test]
 fn mtl() {
     check("mtl");
 }
@@ -259,12 +270,47 @@ fn fuzz_seeds() {
         put("ply", &format!("{name}.ply"), &bytes);
     }
     put_texts(&put);
+    put_gltf(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let facet =
         "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     put("stl", "text.stl", format!("solid a\n{facet}{facet}endsolid a\n").as_bytes());
     let records: Vec<u8> = (0..100u8).map(|i| i.wrapping_mul(37) & 0x3f).collect();
     put("stl", "records.stl", &[&[b'x'; 80][..], &2u32.to_le_bytes(), &records].concat());
+}
+
+/// Seeds of glTF: a strip with a replaced row, instances, a material, a camera and a light; in a data URI, and in a
+/// container.
+fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5f32, 3.0, 2.0, 1.0];
+    let mut bin: Vec<u8> = corners.iter().flat_map(|value| value.to_le_bytes()).collect();
+    bin.extend([0, 1, 2, 3, 2, 0, 0, 0]);
+    let views = [(0, 48, ""), (60, 4, ""), (48, 12, ""), (64, 1, "")];
+    let rows = |view: usize, kind: &str, count: usize, more: &str| {
+        format!("{{\"bufferView\":{view},\"componentType\":{kind},\"count\":{count}{more}}}")
+    };
+    let sparse = ",\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":3,\"componentType\":5121},\
+                  \"values\":{\"bufferView\":2}}";
+    let vector = "5126,\"type\":\"VEC3\"";
+    let accessors =
+        [rows(0, vector, 4, sparse), rows(1, "5121,\"type\":\"SCALAR\"", 4, ""), rows(2, vector, 1, "")];
+    let primitive = "\"attributes\":{\"POSITION\":0,\"NORMAL\":0},\"indices\":1,\"mode\":5,\"material\":0";
+    let node = ",\"scale\":[-1,2,1],\"rotation\":[0,0,1,1],\"camera\":0,\"children\":[1],\"extensions\":{\
+                \"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2}},\
+                \"KHR_lights_punctual\":{\"light\":0}}},{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]";
+    let text = gltf::document(&views, &accessors.join(","), primitive, node).replacen(
+        '{',
+        "{\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1]}],\"cameras\":[{\"type\":\"perspective\",\
+         \"perspective\":{\"yfov\":1}}],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\"}]}},",
+        1,
+    );
+    put("glb", "small.glb", &gltf::file(&text, &bin));
+    // A triangle, whose nine numbers are 48 letters.
+    let rows = rows(0, vector, 3, "");
+    let text = gltf::document(&[(0, 36, "")], &rows, "\"attributes\":{\"POSITION\":0}", "");
+    let uri = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let text = text.replace("BYTES", &format!("36,\"uri\":\"data:;base64,{uri}\""));
+    put("gltf", "small.gltf", text.as_bytes());
 }
 
 /// Seeds of materials, scenes and views.

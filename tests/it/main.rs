@@ -21,6 +21,7 @@ mod format_units;
 mod frames;
 mod fuzzing;
 mod g_stage;
+mod gltf;
 mod golden;
 mod house;
 mod image_diff;

@@ -49,7 +49,7 @@ impl Input {
         if kind.is_dir() {
             return Err(Error::new(Code::InputUnreadable, "the input is a folder")
                 .at(path)
-                .next("name a .ply, .obj or .stl file inside of it"));
+                .next("name a mesh file inside of it"));
         }
         if !kind.is_file() {
             return Err(Error::new(Code::InputUnreadable, "the input is not a regular file")

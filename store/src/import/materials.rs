@@ -33,7 +33,7 @@ const MAX_LIBRARIES: usize = 1024;
 const MATERIAL_BYTES: u64 = 320;
 
 /// Bytes that a table leases for `count` materials, whose names have so many bytes together.
-pub(super) fn table_bytes(count: u64, name_bytes: u64) -> u64 {
+pub(in crate::import) fn table_bytes(count: u64, name_bytes: u64) -> u64 {
     count * MATERIAL_BYTES + 2 * name_bytes
 }
 

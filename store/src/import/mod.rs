@@ -3,6 +3,7 @@
 //! ```text
 //! file -> Input (a window) -> Text (words) ----> ObjSource, StlTextSource, ascii PlySource
 //!                        `-> records ----------> StlSource, binary PlySource
+//!      `-> JSON, rows of accessors -----------> GltfSource
 //! vertices by index: VertexCache                 faces to triangles: Polygon
 //! ```
 //!
@@ -10,6 +11,7 @@
 //! leased before they are taken; 2. no count, length or index of the file is believed before it was compared with
 //! the file's length or with a constant here; 3. any bytes give triangles or an `Error`, never a panic.
 
+mod gltf;
 mod input;
 mod materials;
 mod mtl;
@@ -52,8 +54,9 @@ pub struct InputInfo {
     pub face_count: Option<u64>,
 }
 
-/// Opens a mesh file as a stream of triangles. The format comes from the file's ending (`.ply`, `.obj`, `.stl` in any
-/// case), which its content must not contradict; other endings are decided by content where that is unambiguous.
+/// Opens a mesh file as a stream of triangles. The format comes from the file's ending (`.ply`, `.obj`, `.stl`,
+/// `.gltf`, `.glb` in any case), which its content must not contradict; other endings are decided by content where
+/// that is unambiguous.
 ///
 /// # Errors
 /// `Code::Input*` with path and line or byte offset; [`crate::Code::MemoryLimit`] when the budget has no room for
@@ -75,6 +78,7 @@ pub struct InputInfo {
 pub fn open(path: &Path, options: &ImportOptions) -> Result<Box<dyn TriangleSource>> {
     let mut input = Input::open(path, options)?;
     Ok(match sniff::format(&mut input)? {
+        format @ (Format::Gltf | Format::Glb) => Box::new(gltf::open(input, format, options)?),
         Format::Ply => ply::open(input, options)?,
         Format::Obj => Box::new(obj::ObjSource::new(input, options)?),
         Format::Stl => match stl::form(&mut input)? {
@@ -84,15 +88,16 @@ pub fn open(path: &Path, options: &ImportOptions) -> Result<Box<dyn TriangleSour
     })
 }
 
-/// Reads what `path` declares, without loading it.
+/// Reads what `path` declares, without loading it. No scratch file is made.
 ///
 /// # Errors
 /// Those of [`open`].
-pub fn info(path: &Path) -> Result<InputInfo> {
-    let mut input = Input::open(path, &ImportOptions::unlimited(Path::new("")))?;
+pub fn info(path: &Path, options: &ImportOptions) -> Result<InputInfo> {
+    let mut input = Input::open(path, options)?;
     let format = sniff::format(&mut input)?;
     let file_bytes = input.length();
     let (encoding, vertex_count, face_count) = match format {
+        Format::Gltf | Format::Glb => gltf::declared(input, format, options)?,
         Format::Ply => ply::declared(&mut input)?,
         Format::Obj => (Encoding::Ascii, None, None),
         Format::Stl => match stl::form(&mut input)? {

@@ -26,6 +26,9 @@ pub struct ImportOptions {
     pub interrupt: Interrupt,
     /// Most bytes that the vertex cache takes. Less is taken where the array is smaller or the budget has less.
     pub vertex_cache_bytes: u64,
+    /// Most bytes that a description is held in which has to be parsed as a whole (the JSON of glTF), also where the
+    /// budget has no limit, as of those who only count.
+    pub held_bytes: u64,
     /// What is kept of the names of materials.
     pub naming: MaterialNaming,
 }
@@ -33,12 +36,13 @@ pub struct ImportOptions {
 impl ImportOptions {
     /// Options under `budget`, a quarter of which may go to the vertex cache.
     pub fn new(budget: Budget, temp_dir: &Path) -> ImportOptions {
-        let vertex_cache_bytes = budget.free_bytes() / 4;
+        let (vertex_cache_bytes, held_bytes) = (budget.free_bytes() / 4, budget.free_bytes());
         ImportOptions {
             budget,
             temp_dir: temp_dir.to_path_buf(),
             interrupt: Interrupt::default(),
             vertex_cache_bytes,
+            held_bytes,
             naming: MaterialNaming::default(),
         }
     }

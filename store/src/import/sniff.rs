@@ -22,6 +22,10 @@ pub enum Format {
     Obj,
     /// Stereolithography.
     Stl,
+    /// glTF as JSON, with buffers beside it or in it.
+    Gltf,
+    /// glTF in a container.
+    Glb,
 }
 
 /// How a file writes its numbers.
@@ -42,6 +46,8 @@ impl Format {
             "ply" => Some(Format::Ply),
             "obj" => Some(Format::Obj),
             "stl" => Some(Format::Stl),
+            "gltf" => Some(Format::Gltf),
+            "glb" => Some(Format::Glb),
             _ => None,
         }
     }
@@ -51,6 +57,8 @@ impl Format {
             Format::Ply => ".ply",
             Format::Obj => ".obj",
             Format::Stl => ".stl",
+            Format::Gltf => ".gltf",
+            Format::Glb => ".glb",
         }
     }
 }
@@ -86,15 +94,25 @@ pub(super) fn format(input: &mut Input) -> Result<Format> {
             .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
             .next("check the file's name and content"));
         }
+        (Some(Format::Glb), None) => {
+            return Err(Error::new(
+                Code::InputFormat,
+                "a GLB file begins with the letters `glTF`, this one does not",
+            )
+            .at_byte(input.path(), 0)
+            .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
+            .next("check the file's name and content"));
+        }
         (Some(named), _) => named,
         (None, Some(Certain(content))) => content,
         (None, None) if is_stl_by_length => Format::Stl,
         (None, None) if begins_like_obj(probe) => Format::Obj,
+        (None, None) if begins_like_gltf(probe) => Format::Gltf,
         (None, None) => {
             return Err(Error::new(Code::InputFormat, "this is no mesh file that can be read")
                 .at(input.path())
                 .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
-                .next("convert it to .ply, .obj or .stl"));
+                .next("convert it to .ply, .obj, .stl, .gltf or .glb"));
         }
     };
     if probe.starts_with(UTF8_MARK) && !is_stl_by_length {
@@ -113,6 +131,7 @@ fn of_content(probe: &[u8]) -> Option<Certain> {
     let facets = || text.windows(5).any(|word| word.eq_ignore_ascii_case(b"facet"));
     match text {
         [b'p', b'l', b'y', b'\n' | b'\r' | b' ' | b'\t', ..] => Some(Certain(Format::Ply)),
+        [b'g', b'l', b'T', b'F', ..] => Some(Certain(Format::Glb)),
         _ if stl::begins_with_solid(text) && facets() => Some(Certain(Format::Stl)),
         _ => None,
     }
@@ -131,9 +150,14 @@ fn begins_like_obj(probe: &[u8]) -> bool {
     matches!(word, "v" | "vn" | "vt" | "o" | "g" | "s" | "mtllib" | "usemtl")
 }
 
+fn begins_like_gltf(probe: &[u8]) -> bool {
+    let text = probe.strip_prefix(UTF8_MARK).unwrap_or(probe).trim_ascii_start();
+    text.starts_with(b"{") && memchr::memmem::find(text, b"\"asset\"").is_some()
+}
+
 fn refuse_other_files(probe: &[u8], named: Option<Format>, input: &Input) -> Result<()> {
-    // A PLY or binary STL file may hold any bytes behind its head.
-    let text_only = named != Some(Format::Stl) && !probe.starts_with(b"ply");
+    // A PLY, GLB or binary STL file may hold any bytes behind its head.
+    let text_only = named != Some(Format::Stl) && !probe.starts_with(b"ply") && !probe.starts_with(b"glTF");
     let (what, next) = match probe {
         [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => {
             ("the text is UTF-32", "convert it: iconv -t UTF-8")
@@ -142,7 +166,6 @@ fn refuse_other_files(probe: &[u8], named: Option<Format>, input: &Input) -> Res
         [0x1f, 0x8b, ..] => ("the file is packed with gzip", "unpack it: gunzip"),
         [b'P', b'K', 3, 4, ..] => ("the file is a zip archive", "unpack it: unzip"),
         [0x28, 0xb5, 0x2f, 0xfd, ..] => ("the file is packed with zstd", "unpack it: zstd -d"),
-        [b'g', b'l', b'T', b'F', ..] => ("the file is a glTF container", "convert it to .ply, .obj or .stl"),
         _ if probe.starts_with(&MAGIC) => {
             ("the file is a page file: it is built already", "name the mesh that it was built from")
         }

@@ -28,11 +28,11 @@ use std::path::PathBuf;
 
 /// Vertices of a block: 6 KiB of f32. Blocks of 2048 were 4 times dearer where triangles jump about, since a miss
 /// moves a whole block for one vertex, and no cheaper where they do not.
-pub(super) const BLOCK_VERTICES: usize = 512;
+pub(in crate::import) const BLOCK_VERTICES: usize = 512;
 
 /// Most bytes of a vertex in the input that is read in place; a block is then at most 128 KiB of input. Wider
 /// ones (some hundred properties) are appended like text.
-pub(super) const MAX_STRIDE_BYTES: u64 = 256;
+pub(in crate::import) const MAX_STRIDE_BYTES: u64 = 256;
 
 /// Frames that are kept whatever the cap says.
 const MIN_FRAMES: usize = 2;
@@ -52,17 +52,24 @@ const DIRECTORY_BYTES_PER_BLOCK: u64 = 8;
 
 /// Where the position lies in a vertex of fixed size.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct VertexLayout {
+pub(in crate::import) struct VertexLayout {
     /// Bytes from a vertex to the next.
-    pub(super) stride: usize,
+    pub(in crate::import) stride: usize,
     /// Offset and type of x, y and z.
-    pub(super) axes: [(usize, Scalar); 3],
+    pub(in crate::import) axes: [(usize, Scalar); 3],
     /// Order of the bytes.
-    pub(super) order: ByteOrder,
+    pub(in crate::import) order: ByteOrder,
+}
+
+impl VertexLayout {
+    /// Bytes of a vertex that are read. The last one of an array may end with them.
+    fn row_bytes(&self) -> usize {
+        self.axes.iter().map(|(offset, scalar)| offset + scalar.size()).max().unwrap_or(0)
+    }
 }
 
 /// Vertex positions by index.
-pub(super) struct VertexCache {
+pub(in crate::import) struct VertexCache {
     backing: Backing,
     count: u64,
     frame_of_block: Vec<u32>,
@@ -96,8 +103,9 @@ enum Positions {
 }
 
 impl VertexCache {
-    /// The `count` vertices that lie in `file` from `first_byte` on. The caller has checked that they fit in it.
-    pub(super) fn in_input(
+    /// The `count` vertices that lie in `file` from `first_byte` on. The caller has checked that they fit in it, up
+    /// to the end of the last one's position.
+    pub(in crate::import) fn in_input(
         file: (File, PathBuf),
         first_byte: u64,
         count: u64,
@@ -116,7 +124,7 @@ impl VertexCache {
     }
 
     /// An array that grows by [`VertexCache::push`].
-    pub(super) fn growing(options: &ImportOptions) -> Result<VertexCache> {
+    pub(in crate::import) fn growing(options: &ImportOptions) -> Result<VertexCache> {
         VertexCache::new(
             Backing::Spool { scratch: None, folder: options.temp_dir.clone() },
             SPOOL_BLOCK_BYTES,
@@ -145,23 +153,23 @@ impl VertexCache {
     }
 
     /// Vertices in the array.
-    pub(super) fn count(&self) -> u64 {
+    pub(in crate::import) fn count(&self) -> u64 {
         self.count
     }
 
     /// Look-ups so far, and those that read the disk.
-    pub(super) fn lookups_and_misses(&self) -> (u64, u64) {
+    pub(in crate::import) fn lookups_and_misses(&self) -> (u64, u64) {
         (self.lookups, self.misses)
     }
 
     /// Counts from zero again.
-    pub(super) fn reset_counters(&mut self) {
+    pub(in crate::import) fn reset_counters(&mut self) {
         (self.lookups, self.misses) = (0, 0);
     }
 
     /// The position of vertex `index`, which is below `count()`.
     #[inline]
-    pub(super) fn get(&mut self, index: u64) -> Result<[f64; 3]> {
+    pub(in crate::import) fn get(&mut self, index: u64) -> Result<[f64; 3]> {
         debug_assert!(index < self.count);
         self.lookups += 1;
         let frame = self.frame_of((index / BLOCK_VERTICES as u64) as usize)?;
@@ -171,7 +179,7 @@ impl VertexCache {
     }
 
     /// Appends a vertex.
-    pub(super) fn push(&mut self, position: [f64; 3]) -> Result<()> {
+    pub(in crate::import) fn push(&mut self, position: [f64; 3]) -> Result<()> {
         let (block, cell) =
             ((self.count / BLOCK_VERTICES as u64) as usize, self.count as usize % BLOCK_VERTICES);
         let frame = if cell == 0 { self.begin_block(block)? } else { self.frame_of(block)? };
@@ -210,7 +218,8 @@ impl VertexCache {
         match &self.backing {
             Backing::Input { file, path, first_byte, layout } => {
                 let first = (block * BLOCK_VERTICES) as u64;
-                let bytes = (self.count - first).min(BLOCK_VERTICES as u64) as usize * layout.stride;
+                let vertices = (self.count - first).min(BLOCK_VERTICES as u64) as usize;
+                let bytes = (vertices - 1) * layout.stride + layout.row_bytes();
                 let raw = &mut self.staging[..bytes];
                 let at = first_byte + first * layout.stride as u64;
                 file.read_exact_at(raw, at).map_err(|error| match error.kind() {
@@ -222,7 +231,7 @@ impl VertexCache {
                     }
                     _ => Error::io("read vertices of the input", path, &error),
                 })?;
-                cells.decode(raw, layout);
+                cells.decode(&self.staging[..vertices * layout.stride], layout);
             }
             Backing::Spool { scratch, .. } => {
                 let scratch = scratch.as_ref().expect("a block without a frame has been written");

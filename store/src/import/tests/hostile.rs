@@ -41,6 +41,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>, usize)> {
         ("a.ply", big, 4),
         ("a.stl", text.into(), 1),
         ("a.stl", records, 2),
+        ("a.glb", super::gltf::small_glb(), 2),
     ]
 }
 
@@ -78,7 +79,7 @@ proptest! {
 
     #[test]
     fn changed_at_random(
-        seed in 0usize..6,
+        seed in 0usize..7,
         changes in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>(), 0u8..4), 1..8),
     ) {
         let (name, mut content, _) = seeds().swap_remove(seed);
@@ -98,7 +99,10 @@ proptest! {
     }
 
     #[test]
-    fn noise(name in "a(\\.obj|\\.ply|\\.stl)?", content in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn noise(
+        name in "a(\\.obj|\\.ply|\\.stl|\\.glb|\\.gltf)?",
+        content in proptest::collection::vec(any::<u8>(), 0..300),
+    ) {
         let _ = survive(&name, &content);
     }
 

@@ -1,6 +1,7 @@
 //! Tests of the importers through `open`: what each variant of a format delivers, what damaged files say, and that
 //! no bytes make them panic. Oracles (`tobj`, `ply-rs-bw`, `stl_io`) share no code with the readers.
 
+mod gltf;
 mod hostile;
 mod models;
 mod obj;

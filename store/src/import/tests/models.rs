@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// The folder of models, or `None`, said aloud.
-fn models() -> Option<PathBuf> {
+pub(super) fn models() -> Option<PathBuf> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/models"));
     if !folder.is_dir() {
         let is_required = std::env::var_os("TREX_REQUIRE_ALL").is_some_and(|value| value == "1");
@@ -99,6 +99,22 @@ fn nasty_files() {
         ("igea.ply", Ok(268_686)),
         ("metadata.ply", Ok(2)),
         ("points_emptyface.ply", Ok(0)),
+        // glTF. A scene without nodes, none at all, and shapes with values that are no numbers.
+        ("gltf/TestNoRootNode/NoScene.gltf", Ok(0)),
+        ("gltf/TestNoRootNode/SceneWithoutNodes.gltf", Ok(0)),
+        ("gltf/RecursiveNodes/RecursiveNodes.gltf", Err(Code::InputFormat)),
+        ("gltf/MissingBin/BoxTextured.gltf", Err(Code::InputUnreadable)),
+        ("gltf/IndexOutOfRange/IndexOutOfRange.gltf", Err(Code::InputRange)),
+        ("gltf/IndexOutOfRange/AllIndicesOutOfRange.gltf", Err(Code::InputRange)),
+        ("gltf/BoxBadNormals-glTF-Binary/BoxBadNormals.glb", Ok(12)),
+        ("gltf/BoxWithInfinites-glTF-Binary/BoxWithInfinites.glb", Ok(12)),
+        // Of the wrong types only those of what is read matter.
+        ("gltf/wrongTypes/badArray.gltf", Err(Code::InputFormat)),
+        ("gltf/wrongTypes/badObject.gltf", Err(Code::InputFormat)),
+        ("gltf/wrongTypes/badExtension.gltf", Ok(12)),
+        ("gltf/wrongTypes/badNumber.gltf", Ok(12)),
+        ("gltf/wrongTypes/badString.gltf", Ok(12)),
+        ("gltf/wrongTypes/badUint.gltf", Ok(12)),
         // STL.
         ("Spider_binary.stl", Ok(1368)),
         ("gebco7510_55cl.stl", Ok(4998)),

@@ -347,7 +347,7 @@ fn a_small_cache_gives_the_same_triangles() {
 #[test]
 fn what_is_declared_is_known_without_loading() {
     let fixture = Fixture::new("a.ply", &write(Variant { format: "binary_big_endian", ..PLAIN }));
-    let info = super::super::info(&fixture.path).unwrap();
+    let info = super::super::info(&fixture.path, &fixture.options()).unwrap();
     assert_eq!((info.vertex_count, info.face_count), (Some(8), Some(4)));
     assert_eq!(info.encoding, super::super::Encoding::BinaryBigEndian);
 }

@@ -1,0 +1,211 @@
+//! The primitives of the meshes that are placed, in the order in which they are delivered, all of them checked.
+//!
+//! Invariants: 1. primitives that share their positions follow each other, so that a cache of these serves all of them;
+//! 2. the count of triangles to come is known before the first.
+
+use super::accessors::{AccessorUse, Accessors};
+use super::buffers::wrong;
+use super::json::JsonPrimitive;
+use super::nodes::Placement;
+use super::rows::{ElementRows, ViewPlace};
+use crate::budget::Lease;
+use crate::error::{Code, Error, Result};
+use crate::import::ImportOptions;
+use std::ops::Range;
+use std::path::Path;
+
+/// Bytes that a compressed view, and rows that are replaced, take beside the primitive.
+const PACKED_BYTES: u64 = 256;
+const SPARSE_BYTES: u64 = 512;
+
+/// How corners become triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PrimitiveShape {
+    /// Three corners each.
+    Triangles,
+    /// A corner each, with the two before it.
+    Strip,
+    /// A corner each, with the one before it and the first.
+    Fan,
+}
+
+/// Triangles of a mesh that share a material.
+#[derive(Clone, Debug)]
+pub(super) struct GltfPrimitive {
+    pub(super) positions: ElementRows,
+    pub(super) indices: Option<ElementRows>,
+    pub(super) topology: PrimitiveShape,
+    pub(super) material: u32,
+    /// Where the mesh stands, in the list of placements.
+    pub(super) placements: Range<u32>,
+}
+
+impl GltfPrimitive {
+    /// Triangles of one instance.
+    pub(super) fn triangle_count(&self) -> u64 {
+        let corners = self.indices.as_ref().unwrap_or(&self.positions).layout.count;
+        match self.topology {
+            PrimitiveShape::Triangles => corners / 3,
+            PrimitiveShape::Strip | PrimitiveShape::Fan => corners.saturating_sub(2),
+        }
+    }
+
+    fn beside_bytes(&self) -> u64 {
+        let rows = [Some(&self.positions), self.indices.as_ref()].into_iter().flatten();
+        rows.map(|rows| {
+            let packed = matches!(rows.view, Some(ViewPlace::Packed(_)));
+            u64::from(packed) * PACKED_BYTES + u64::from(rows.sparse.is_some()) * SPARSE_BYTES
+        })
+        .sum()
+    }
+}
+
+/// All primitives, and what they come to.
+pub(super) struct Primitives {
+    pub(super) list: Vec<GltfPrimitive>,
+    pub(super) triangle_count: u64,
+    pub(super) vertex_count: u64,
+    pub(super) dropped_attribute_count: u64,
+    /// Primitives of points and lines.
+    pub(super) skipped_count: u64,
+    pub(super) unplaced_mesh_count: u64,
+    pub(super) has_targets: bool,
+    /// Corners behind the last triangle of a list.
+    pub(super) loose_corner_count: u64,
+    /// Meshes that stand in more than one place, and how often all of them stand anywhere.
+    pub(super) instanced_mesh_count: u64,
+    pub(super) instance_count: u64,
+    pub(super) lease: Lease,
+}
+
+impl Primitives {
+    /// Reads the primitives of all placed meshes; placements come by mesh.
+    pub(super) fn read(
+        accessors: &mut Accessors<'_, '_>,
+        placements: &[Placement],
+        options: &ImportOptions,
+    ) -> Result<Primitives> {
+        let document = accessors.document;
+        let groups = || placements.chunk_by(|a, b| a.mesh == b.mesh);
+        let count: usize =
+            groups().map(|of_mesh| document.meshes[of_mesh[0].mesh as usize].primitives.len()).sum();
+        let bytes = count as u64 * size_of::<GltfPrimitive>() as u64;
+        let mut all = Primitives {
+            list: Vec::new(),
+            triangle_count: 0,
+            vertex_count: 0,
+            dropped_attribute_count: 0,
+            skipped_count: 0,
+            unplaced_mesh_count: (document.meshes.len() - groups().count()) as u64,
+            has_targets: false,
+            loose_corner_count: 0,
+            instanced_mesh_count: 0,
+            instance_count: 0,
+            lease: options.budget.lease("the primitives of a glTF file", bytes)?,
+        };
+        all.list.reserve_exact(count);
+        let mut at = 0;
+        for of_mesh in groups() {
+            let range = at..at + of_mesh.len() as u32;
+            at = range.end;
+            let times = of_mesh.iter().map(Placement::instance_count).fold(0u64, u64::saturating_add);
+            if times > 1 {
+                all.instanced_mesh_count += 1;
+                all.instance_count = all.instance_count.saturating_add(times);
+            }
+            let mesh = of_mesh[0].mesh;
+            for json in &document.meshes[mesh as usize].primitives {
+                all.add(json, mesh, range.clone(), times, accessors)?;
+            }
+        }
+        all.list.sort_by_key(|primitive| primitive.positions.accessor);
+        let mut last = None;
+        for primitive in &all.list {
+            if last.replace(primitive.positions.accessor) != Some(primitive.positions.accessor) {
+                all.vertex_count = all.vertex_count.saturating_add(primitive.positions.layout.count);
+            }
+        }
+        Ok(all)
+    }
+
+    fn add(
+        &mut self,
+        json: &JsonPrimitive,
+        mesh: u32,
+        placements: Range<u32>,
+        times: u64,
+        accessors: &mut Accessors<'_, '_>,
+    ) -> Result<()> {
+        let topology = match json.mode {
+            4 => PrimitiveShape::Triangles,
+            5 => PrimitiveShape::Strip,
+            6 => PrimitiveShape::Fan,
+            0..=3 => {
+                self.skipped_count += 1;
+                return Ok(());
+            }
+            mode => {
+                return Err(wrong(
+                    accessors.path,
+                    "meshes",
+                    mesh,
+                    "a primitive of the glTF file is of an unknown kind",
+                )
+                .numbers(format!("mode {mode}")));
+            }
+        };
+        let document = accessors.document;
+        let material_count = document.materials.len();
+        if json.material.is_some_and(|material| material as usize >= material_count) {
+            return Err(wrong(
+                accessors.path,
+                "meshes",
+                mesh,
+                "a primitive refers to a material that is not there",
+            )
+            .numbers(format!("materials[{}] of {material_count}", json.material.unwrap_or_default())));
+        }
+        let Some(position) = json.attributes.position else {
+            self.skipped_count += 1;
+            return Ok(());
+        };
+        let draco = json.extensions.as_ref().is_some_and(|extensions| extensions.draco.is_some());
+        let has_bytes = |index: u32| {
+            document
+                .accessors
+                .get(index as usize)
+                .is_none_or(|a| a.buffer_view.is_some() || a.sparse.is_some())
+        };
+        if draco && (!has_bytes(position) || json.indices.is_some_and(|indices| !has_bytes(indices))) {
+            return Err(draco_error(accessors.path));
+        }
+        let primitive = GltfPrimitive {
+            positions: accessors.rows(position, AccessorUse::Vectors)?,
+            indices: json.indices.map(|indices| accessors.rows(indices, AccessorUse::Indices)).transpose()?,
+            topology,
+            material: json.material.map_or(0, |material| material + 1),
+            placements,
+        };
+        self.lease.grow("the primitives of a glTF file", primitive.beside_bytes())?;
+        let corners = primitive.indices.as_ref().unwrap_or(&primitive.positions).layout.count;
+        if topology == PrimitiveShape::Triangles {
+            self.loose_corner_count += corners % 3;
+        }
+        let vertices = primitive.positions.layout.count;
+        let dropped = u64::from(json.attributes.other_count).saturating_mul(vertices);
+        self.dropped_attribute_count = self.dropped_attribute_count.saturating_add(dropped);
+        self.has_targets |= json.targets.is_some();
+        let triangles = primitive.triangle_count().saturating_mul(times);
+        self.triangle_count = self.triangle_count.saturating_add(triangles);
+        self.list.push(primitive);
+        Ok(())
+    }
+}
+
+/// The error of what Draco has compressed.
+pub(super) fn draco_error(path: &Path) -> Error {
+    Error::new(Code::InputFormat, "the glTF file is compressed with Draco, which is not read")
+        .at(path)
+        .numbers("KHR_draco_mesh_compression")
+        .next("unpack it with `gltf-transform copy IN OUT`, or compress it with `gltf-transform meshopt IN OUT`")
+}
