@@ -13,7 +13,7 @@
 //! ```
 //!
 //! Floors: each imports those before it alone: `options`, `info`, `scene_defaults`, `shared_pool`, `handle`, `rays`,
-//! `picture`.
+//! `picture`. Apart from these `times` and `ray_rates`: what a caller makes of reports of frames and counts of rays.
 //!
 //! This crate knows no flags and no terminal: it never prints, exits or reads the environment.
 
@@ -21,9 +21,11 @@ mod handle;
 mod info;
 mod options;
 mod picture;
+mod ray_rates;
 mod rays;
 mod scene_defaults;
 mod shared_pool;
+mod times;
 
 /// The example of the README is compiled with the others.
 #[cfg(doctest)]
@@ -34,4 +36,6 @@ pub use handle::{LiveSession, Model, Session};
 pub use info::ModelInfo;
 pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
 pub use picture::Picture;
+pub use ray_rates::RayRates;
 pub use scene_defaults::set_direct_without_voxels;
+pub use times::Times;

@@ -23,7 +23,6 @@
 //!
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
-mod damage;
 mod g_stage;
 mod image;
 mod integrate;
@@ -42,7 +41,6 @@ mod threads;
 mod trace;
 mod voxel;
 
-pub use damage::{DamageList, DamagedPage};
 pub use g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GTurn, GUnits, GView};
 pub use image::display::Display;
 pub use image::encode::{Image, encoder_bytes, write_exr, write_png};
@@ -67,7 +65,7 @@ pub use session::{
     Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
 };
 pub use shading::{Emitter, Emitters, Light};
-pub use stats::{GStats, PassStats, PhotonStats, RayCounts, RayRates, Times};
+pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
 pub use threads::WorkerThreads;
 pub use trace::{
     AllResident, Answer, Arithmetic, Hit, MeshTracer, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer,

@@ -2,12 +2,6 @@
 //!
 //! Invariant: counts of workers, passes and frames add up with `add`, all but `tiles_left`, which is the last one's.
 
-mod rates;
-mod times;
-
-pub use rates::RayRates;
-pub use times::Times;
-
 /// The purpose of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RayKind {
@@ -144,7 +138,7 @@ pub struct PhotonStats {
     pub photons: u64,
     /// Rays that the photons took.
     pub rays: u64,
-    /// Hits whose flux was kept: added to a facet, or stored as a photon of `full-gi`.
+    /// Hits whose flux was kept: added to a side of a facet, or stored as a photon of `full-gi`.
     pub deposits: u64,
     /// Hits whose flux found no place.
     pub lost: u64,

@@ -6,8 +6,8 @@ use super::stage::Stage;
 use crate::context::Context;
 use serde::Serialize;
 use std::fmt;
-use trex_render::{DamageList, DamagedPage};
 use trex_store::printable::one_line;
+use trex_store::{DamageList, DamagedPage};
 
 /// Most damaged pages that are named on stderr.
 const NAMED_MAX: usize = 10;

@@ -16,10 +16,11 @@ use crate::memory::Memory;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use trex_model::RayRates;
 use trex_model::{Pace, SessionOptions};
 use trex_render::{
-    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RayRates,
-    RenderKeys, RenderStats, Scene, Session,
+    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
+    RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result};

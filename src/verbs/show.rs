@@ -3,8 +3,9 @@
 use serde::Serialize;
 use std::ops::ControlFlow;
 use std::time::Instant;
+use trex_model::Times;
 use trex_render::{
-    Event, Film, FrameOptions, FrameProgress, Image, LiveSession, PagedTracer, RenderStats, Session, Times,
+    Event, Film, FrameOptions, FrameProgress, Image, LiveSession, PagedTracer, RenderStats, Session,
 };
 use trex_store::Result;
 

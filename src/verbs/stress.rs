@@ -13,8 +13,9 @@ use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
+use trex_model::Times;
 use trex_model::{Pace, SessionOptions};
-use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session, Times};
+use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
 

@@ -21,7 +21,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use trex_model::{Pace, SessionOptions};
-use trex_render::{DamageList, FrameOptions, PictureNeeds, Scene};
+use trex_render::{FrameOptions, PictureNeeds, Scene};
+use trex_store::DamageList;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{

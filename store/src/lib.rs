@@ -15,6 +15,7 @@ mod budget;
 pub mod build;
 mod chain;
 pub mod cluster;
+mod damage;
 mod error;
 mod file;
 pub mod geom;
@@ -38,6 +39,7 @@ pub mod verify;
 
 pub use budget::{Budget, Lease, RESERVE_BYTES};
 pub use chain::Chain;
+pub use damage::{DamageList, DamagedPage};
 pub use error::{Code, Error, Result};
 pub use file::{Emitter, FileSizes, PageFile, open_regular};
 pub use geom::{Aabb, Lattice};

@@ -26,8 +26,9 @@ const NAMED_WELL: [&str; 11] = [
     "tests/it/",
 ];
 /// Nouns among the words that end as participles do.
-const NOUNS: [&str; 10] = [
-    "Backing", "Binning", "Encoding", "Mapping", "Naming", "Packing", "Setting", "Speed", "Tracing", "Uring",
+const NOUNS: [&str; 11] = [
+    "Backing", "Binning", "Encoding", "Feed", "Mapping", "Naming", "Packing", "Setting", "Speed", "Tracing",
+    "Uring",
 ];
 /// Participles of other endings.
 const PARTICIPLES: [&str; 17] = [

@@ -8,7 +8,8 @@ use crate::reports::{MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::{KeyText, SettingsText};
 use crate::wire::LIGHTS_MAX;
 use serde::Serialize;
-use trex_render::{DamageList, FrameProgress, RayCounts};
+use trex_render::{FrameProgress, RayCounts};
+use trex_store::DamageList;
 
 /// The state of the session; in an update, what has changed of it.
 #[derive(Clone, Debug, Default, Serialize)]

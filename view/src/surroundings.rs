@@ -5,7 +5,8 @@ use crate::reports::{MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
 use std::time::Duration;
-use trex_render::{Camera, CameraKeys, DamageList, FrameOptions, RenderKeys, RenderSettings};
+use trex_render::{Camera, CameraKeys, FrameOptions, RenderKeys, RenderSettings};
+use trex_store::DamageList;
 use trex_store::{Budget, Material, Result};
 
 /// The surroundings of a session on show.

@@ -6,7 +6,8 @@ use super::options::{Requirement, Scenario, StressFigure, StressOptions};
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trex_render::{GStats, RayCounts, RayRates, Times};
+use trex_model::{RayRates, Times};
+use trex_render::{GStats, RayCounts};
 use trex_store::pool::PoolStats;
 
 /// Share of a run that warms up before memory is watched.

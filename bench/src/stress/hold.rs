@@ -12,7 +12,8 @@ use super::errors::{ERROR_TIMES_MS, Snapshots};
 use super::options::StressFigure;
 use serde::Serialize;
 use std::time::{Duration, Instant};
-use trex_render::{FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts, Times};
+use trex_model::Times;
+use trex_render::{FrameProgress, FrameReport, LiveSession, PagedTracer, PassStats, RayCounts};
 use trex_store::{Interrupt, Result};
 
 /// A view without a response for so long is a livelock.

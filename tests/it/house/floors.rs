@@ -12,7 +12,6 @@ pub(super) const HOUSES: [House; 3] = [
             "sampling",
             "stats",
             "threads",
-            "damage",
             "trace",
             "voxel",
             "g_stage",
@@ -28,7 +27,17 @@ pub(super) const HOUSES: [House; 3] = [
     House {
         of_crate: "model",
         folder: &[],
-        floors: &["options", "info", "scene_defaults", "shared_pool", "handle", "rays", "picture"],
+        floors: &[
+            "options",
+            "info",
+            "scene_defaults",
+            "shared_pool",
+            "handle",
+            "rays",
+            "picture",
+            "times",
+            "ray_rates",
+        ],
     },
     House {
         of_crate: "store",

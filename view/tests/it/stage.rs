@@ -10,9 +10,10 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use trex_render::{
-    CameraKeys, CpuStage, DamageList, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages,
-    RenderKeys, Scene, Session, SessionSetup, Voxels, pooled_tracers, write_png,
+    CameraKeys, CpuStage, FrameOptions, Layers, Method, Model, PagedMesh, PooledPages, RenderKeys, Scene,
+    Session, SessionSetup, Voxels, pooled_tracers, write_png,
 };
+use trex_store::DamageList;
 use trex_store::build::{BuildOptions, ExistingOutput, Precision, build};
 use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};

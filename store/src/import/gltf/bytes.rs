@@ -58,14 +58,14 @@ impl BufferPlace {
 /// A file without a name for what has to be decoded before it can be read. Made when the first byte is written.
 pub(super) struct Spool {
     scratch: Option<Arc<ScratchFile>>,
-    kept: Spooling,
+    kept: SpoolUse,
     next_block: u64,
     options: ImportOptions,
 }
 
 /// What becomes of what is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Spooling {
+pub(super) enum SpoolUse {
     /// It can be read back.
     Kept,
     /// Nothing: its length is all that is asked for, and no file is made.
@@ -74,7 +74,7 @@ pub(super) enum Spooling {
 
 impl Spool {
     /// An empty one, in the scratch folder of `options`.
-    pub(super) fn new(kept: Spooling, options: &ImportOptions) -> Spool {
+    pub(super) fn new(kept: SpoolUse, options: &ImportOptions) -> Spool {
         Spool { scratch: None, kept, next_block: 0, options: options.clone() }
     }
 
@@ -86,7 +86,7 @@ impl Spool {
     /// Begins to write a place of its own.
     pub(super) fn writer(&mut self) -> Result<SpoolWriter<'_>> {
         let lease = self.options.budget.lease("a block of the importer's scratch file", SOURCE_BYTES)?;
-        if self.scratch.is_none() && self.kept == Spooling::Kept {
+        if self.scratch.is_none() && self.kept == SpoolUse::Kept {
             self.scratch = Some(Arc::new(ScratchFile::create(&self.options.temp_dir)?));
         }
         let mut block = Vec::with_capacity(SEAL_BYTES + SPOOL_BLOCK_BYTES);
@@ -240,7 +240,7 @@ mod tests {
     fn places_of_the_spool_come_back_at_any_offset() {
         let folder = tempfile::tempdir().unwrap();
         let options = ImportOptions::unlimited(folder.path());
-        let mut spool = Spool::new(Spooling::Kept, &options);
+        let mut spool = Spool::new(SpoolUse::Kept, &options);
         let bytes = |count: usize, step: usize| (0..count).map(|i| (i * step) as u8).collect::<Vec<u8>>();
         let contents = [bytes(3, 1), bytes(50_000, 7), bytes(SPOOL_BLOCK_BYTES, 5), Vec::new()];
         let mut places = Vec::new();

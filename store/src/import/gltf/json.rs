@@ -95,7 +95,7 @@ pub(super) struct JsonNodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub(super) light: Option<Object<JsonLightIndex>>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
-    pub(super) instancing: Option<Object<JsonInstancing>>,
+    pub(super) instancing: Option<Object<JsonInstances>>,
     #[serde(rename = "KHR_node_visibility")]
     pub(super) visibility: Option<Object<JsonVisibility>>,
 }
@@ -112,7 +112,7 @@ pub(super) struct JsonVisibility {
 }
 
 #[derive(Debug, Deserialize)]
-pub(super) struct JsonInstancing {
+pub(super) struct JsonInstances {
     pub(super) attributes: Object<JsonInstanceAttributes>,
 }
 

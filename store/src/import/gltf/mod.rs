@@ -38,7 +38,7 @@ use crate::error::{Code, Error, Result};
 use crate::source::SourceStats;
 use accessors::Accessors;
 use buffers::Buffers;
-use bytes::{Spool, Spooling};
+use bytes::{Spool, SpoolUse};
 use container::Container;
 use dense::DenseStore;
 use json::JsonDocument;
@@ -68,10 +68,10 @@ const KNOWN_PREFIXES: [&str; 5] =
 
 /// Opens the file that `input` has found to be of `format`.
 pub(super) fn open(input: Input, format: Format, options: &ImportOptions) -> Result<GltfSource> {
-    open_with(input, format, Spooling::Kept, options)
+    open_with(input, format, SpoolUse::Kept, options)
 }
 
-fn open_with(input: Input, format: Format, kept: Spooling, options: &ImportOptions) -> Result<GltfSource> {
+fn open_with(input: Input, format: Format, kept: SpoolUse, options: &ImportOptions) -> Result<GltfSource> {
     let (path, length): (Arc<Path>, u64) = (input.path().into(), input.length());
     let file = input.second_handle()?;
     // Its window is of no use here.
@@ -105,7 +105,7 @@ pub(super) fn declared(
     format: Format,
     options: &ImportOptions,
 ) -> Result<(Encoding, Option<u64>, Option<u64>)> {
-    let source = open_with(input, format, Spooling::Counted, options)?;
+    let source = open_with(input, format, SpoolUse::Counted, options)?;
     let encoding = if format == Format::Glb { Encoding::BinaryLittleEndian } else { Encoding::Ascii };
     let (vertices, triangles) = source.declared();
     Ok((encoding, Some(vertices), Some(triangles)))

@@ -9,7 +9,7 @@
 use super::accessors::{AccessorUse, Accessors};
 use super::affine::Affine;
 use super::buffers::wrong;
-use super::json::{JsonDocument, JsonInstancing, JsonNode};
+use super::json::{JsonDocument, JsonInstances, JsonNode};
 use super::rows::ElementRows;
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
@@ -21,7 +21,7 @@ use std::sync::Arc;
 const WALK_BYTES: u64 = size_of::<(u32, Affine)>() as u64 + 2;
 /// Bytes of a placement, and more where it has instances of its own.
 const PLACEMENT_BYTES: u64 = size_of::<Placement>() as u64;
-const INSTANCING_BYTES: u64 = size_of::<Instancing>() as u64 + 64;
+const INSTANCING_BYTES: u64 = size_of::<InstanceRows>() as u64 + 64;
 /// Bytes of all lights.
 const LIGHT_BYTES: u64 = size_of::<SourceLight>() as u64;
 /// Range of a camera's angle in a scene, degrees.
@@ -33,7 +33,7 @@ pub(super) struct Placement {
     pub(super) mesh: u32,
     pub(super) world: Affine,
     /// Instances of the node, if it has some.
-    pub(super) instancing: Option<Arc<Instancing>>,
+    pub(super) instancing: Option<Arc<InstanceRows>>,
 }
 
 impl Placement {
@@ -45,7 +45,7 @@ impl Placement {
 
 /// Instances of a node: rows of what each is moved, turned and scaled by.
 #[derive(Clone, Debug)]
-pub(super) struct Instancing {
+pub(super) struct InstanceRows {
     pub(super) count: u64,
     pub(super) translation: Option<ElementRows>,
     pub(super) rotation: Option<ElementRows>,
@@ -245,7 +245,7 @@ fn local(node: &JsonNode) -> Affine {
     }
 }
 
-fn instances(json: &JsonInstancing, node: u32, accessors: &mut Accessors<'_, '_>) -> Result<Instancing> {
+fn instances(json: &JsonInstances, node: u32, accessors: &mut Accessors<'_, '_>) -> Result<InstanceRows> {
     let attributes = &json.attributes;
     let mut rows = |index: Option<u32>, used| index.map(|index| accessors.rows(index, used)).transpose();
     let translation = rows(attributes.translation, AccessorUse::Vectors)?;
@@ -260,7 +260,7 @@ fn instances(json: &JsonInstancing, node: u32, accessors: &mut Accessors<'_, '_>
             .numbers(format!("{count} and {other}"))
             .next("check the file with a glTF validator, or export it again"));
     }
-    Ok(Instancing { count, translation, rotation, scale })
+    Ok(InstanceRows { count, translation, rotation, scale })
 }
 
 fn finite(vector: [f64; 3]) -> Option<[f64; 3]> {

@@ -7,7 +7,7 @@ use super::affine::Affine;
 use super::bytes::BufferPlace;
 use super::dense::DenseStore;
 use super::materials::GltfMaterials;
-use super::nodes::{Instancing, Placement, Walk};
+use super::nodes::{InstanceRows, Placement, Walk};
 use super::primitives::{GltfPrimitive, Primitives};
 use super::rows::{ElementRows, PlainRows, RowWindow, number_of_share};
 use super::triangles::TriangleCorners;
@@ -237,7 +237,7 @@ fn open_positions(
 }
 
 impl OpenInstances {
-    fn open(placement: u32, instancing: &Instancing, store: &mut DenseStore) -> Result<OpenInstances> {
+    fn open(placement: u32, instancing: &InstanceRows, store: &mut DenseStore) -> Result<OpenInstances> {
         let mut window =
             |rows: &Option<ElementRows>| rows.as_ref().map(|rows| store.window(rows)).transpose();
         Ok(OpenInstances {

@@ -1,6 +1,6 @@
 //! What tests of the importers reach of the inside: rows of a compressed view, decoded out of a file.
 
-use super::bytes::{BufferPlace, ByteSource, Spool, Spooling};
+use super::bytes::{BufferPlace, ByteSource, Spool, SpoolUse};
 use super::packed::{PackedFilter, PackedMode, PackedView};
 use crate::import::ImportOptions;
 use std::path::Path;
@@ -11,7 +11,7 @@ pub(in crate::import) fn unpack_rows(packed: &[u8], stride: usize, count: usize)
     let folder = tempfile::tempdir().unwrap();
     let path: Arc<Path> = folder.path().join("packed").into();
     std::fs::write(&path, packed).unwrap();
-    let mut spool = Spool::new(Spooling::Kept, &ImportOptions::unlimited(folder.path()));
+    let mut spool = Spool::new(SpoolUse::Kept, &ImportOptions::unlimited(folder.path()));
     let view = PackedView {
         view: 0,
         place: BufferPlace::File { path: path.clone(), offset: 0, bytes: packed.len() as u64 },

@@ -29,7 +29,7 @@ impl Undecodable {
 }
 
 /// What a step of a decoder gives.
-pub(super) type Decoded<T> = Result<T, Undecodable>;
+pub(super) type DecodeResult<T> = Result<T, Undecodable>;
 
 /// Compressed bytes from an offset to another.
 pub(crate) struct Feed {
@@ -55,7 +55,7 @@ impl Feed {
     }
 
     /// The next bytes: `want` of them, or all that are left.
-    pub(super) fn peek(&mut self, want: usize) -> Decoded<&[u8]> {
+    pub(super) fn peek(&mut self, want: usize) -> DecodeResult<&[u8]> {
         debug_assert!(want <= FEED_BYTES);
         if self.window.len() - self.start < want && self.at < self.end {
             self.window.drain(..self.start);
@@ -77,7 +77,7 @@ impl Feed {
 
     /// The next byte.
     #[inline]
-    pub(super) fn byte(&mut self) -> Decoded<u8> {
+    pub(super) fn byte(&mut self) -> DecodeResult<u8> {
         if self.start == self.window.len() {
             self.peek(1)?;
         }
@@ -87,7 +87,7 @@ impl Feed {
     }
 
     /// The first byte, which stays; before any other is asked for.
-    pub(super) fn first(&mut self) -> Decoded<u8> {
+    pub(super) fn first(&mut self) -> DecodeResult<u8> {
         let mut byte = [0];
         if self.left() == 0 {
             return Err(Undecodable::Wrong("it ends early"));
@@ -97,7 +97,7 @@ impl Feed {
     }
 
     /// The last `count` bytes before the end, which are then outside of the feed.
-    pub(super) fn take_tail(&mut self, count: usize) -> Decoded<Vec<u8>> {
+    pub(super) fn take_tail(&mut self, count: usize) -> DecodeResult<Vec<u8>> {
         if self.left() < count as u64 {
             return Err(Undecodable::Wrong("it ends early"));
         }
@@ -109,7 +109,7 @@ impl Feed {
     }
 
     /// A number in groups of seven bits, the lowest first, in five bytes at most.
-    pub(super) fn vbyte(&mut self) -> Decoded<u32> {
+    pub(super) fn vbyte(&mut self) -> DecodeResult<u32> {
         let mut number = 0;
         for shift in [0, 7, 14, 21, 28] {
             let byte = self.byte()?;

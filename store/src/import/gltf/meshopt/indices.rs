@@ -8,7 +8,7 @@
 //! A code says which of the last 16 edges the triangle stands on, and which of the last 16 vertices is its third, or
 //! that this one is new, or comes as a difference. `next` is the vertex that was not there before.
 
-use super::feed::{Decoded, Feed, Undecodable, unzigzag};
+use super::feed::{DecodeResult, Feed, Undecodable, unzigzag};
 
 const TRIANGLES: u8 = 0xe0;
 const SEQUENCE: u8 = 0xd0;
@@ -53,7 +53,7 @@ pub(crate) struct IndexDecoder {
 
 impl IndexDecoder {
     /// Begins with the header; the feeds are of the header with the codes, and of the data with the table.
-    pub(crate) fn begin([mut codes, mut data]: [Feed; 2]) -> Decoded<IndexDecoder> {
+    pub(crate) fn begin([mut codes, mut data]: [Feed; 2]) -> DecodeResult<IndexDecoder> {
         let version = codes.byte()?;
         if version & 0xf0 != TRIANGLES || version & 0x0f > 1 {
             return Err(Undecodable::Wrong("it does not begin as indices of triangles do"));
@@ -72,7 +72,7 @@ impl IndexDecoder {
     }
 
     /// The next triangle.
-    pub(crate) fn triangle(&mut self) -> Decoded<[u32; 3]> {
+    pub(crate) fn triangle(&mut self) -> DecodeResult<[u32; 3]> {
         let code = self.codes.byte()?;
         match code {
             0..0xf0 => self.on_an_edge(code >> 4, code & 15),
@@ -90,7 +90,7 @@ impl IndexDecoder {
         }
     }
 
-    fn on_an_edge(&mut self, edge: u8, third: u8) -> Decoded<[u32; 3]> {
+    fn on_an_edge(&mut self, edge: u8, third: u8) -> DecodeResult<[u32; 3]> {
         let [a, b] = self.edges.get(edge);
         let c = match third {
             0 => {
@@ -115,7 +115,7 @@ impl IndexDecoder {
     }
 
     /// A triangle without a known edge: of each corner 0 for a new vertex, 15 for a difference, else a recent one.
-    fn apart(&mut self, parts: [u8; 3]) -> Decoded<[u32; 3]> {
+    fn apart(&mut self, parts: [u8; 3]) -> DecodeResult<[u32; 3]> {
         // New and recent ones first, as they were before this triangle; differences follow in order.
         let mut corners = [0; 3];
         for (at, part) in parts.into_iter().enumerate() {
@@ -149,12 +149,12 @@ impl IndexDecoder {
         new
     }
 
-    fn difference(&mut self) -> Decoded<u32> {
+    fn difference(&mut self) -> DecodeResult<u32> {
         Ok(self.last.wrapping_add(unzigzag(self.data.vbyte()?)))
     }
 
     /// Checks that nothing is left.
-    pub(crate) fn finish(self) -> Decoded<()> {
+    pub(crate) fn finish(self) -> DecodeResult<()> {
         if self.data.left() == 0 { Ok(()) } else { Err(Undecodable::Wrong("bytes are left over")) }
     }
 }
@@ -167,7 +167,7 @@ pub(crate) struct SequenceDecoder {
 
 impl SequenceDecoder {
     /// Begins with the header.
-    pub(crate) fn begin(mut feed: Feed) -> Decoded<SequenceDecoder> {
+    pub(crate) fn begin(mut feed: Feed) -> DecodeResult<SequenceDecoder> {
         feed.take_tail(SEQUENCE_TAIL_BYTES)?;
         let version = feed.byte()?;
         if version & 0xf0 != SEQUENCE || version & 0x0f > 1 {
@@ -177,7 +177,7 @@ impl SequenceDecoder {
     }
 
     /// The next index.
-    pub(crate) fn index(&mut self) -> Decoded<u32> {
+    pub(crate) fn index(&mut self) -> DecodeResult<u32> {
         let number = self.feed.vbyte()?;
         let last = &mut self.last[(number & 1) as usize];
         *last = last.wrapping_add(unzigzag(number >> 1));
@@ -185,7 +185,7 @@ impl SequenceDecoder {
     }
 
     /// Checks that nothing is left.
-    pub(crate) fn finish(self) -> Decoded<()> {
+    pub(crate) fn finish(self) -> DecodeResult<()> {
         if self.feed.left() == 0 { Ok(()) } else { Err(Undecodable::Wrong("bytes are left over")) }
     }
 }

@@ -10,7 +10,7 @@
 //!
 //! Invariant: a block has at most 256 rows and 8 KiB, and takes at most [`FEED_BYTES`] compressed.
 
-use super::feed::{Decoded, FEED_BYTES, Feed, Undecodable};
+use super::feed::{DecodeResult, FEED_BYTES, Feed, Undecodable};
 
 const HEADER: u8 = 0xa0;
 /// Bytes of a block, decoded, and rows of it.
@@ -41,7 +41,7 @@ pub(crate) struct RowDecoder {
 
 impl RowDecoder {
     /// Begins with the header and the tail. `row_bytes` is a multiple of four up to 256, which the caller has checked.
-    pub(crate) fn begin(mut feed: Feed, row_bytes: usize) -> Decoded<RowDecoder> {
+    pub(crate) fn begin(mut feed: Feed, row_bytes: usize) -> DecodeResult<RowDecoder> {
         assert!(row_bytes.is_multiple_of(4) && (4..=ROW_BYTES_MAX).contains(&row_bytes));
         // The tail comes first: once the window holds bytes, the end stands.
         let version = feed.first()?;
@@ -66,7 +66,7 @@ impl RowDecoder {
     }
 
     /// Decodes the next block, when `left` rows are left, and gives its rows.
-    pub(crate) fn block(&mut self, left: u64) -> Decoded<&mut [u8]> {
+    pub(crate) fn block(&mut self, left: u64) -> DecodeResult<&mut [u8]> {
         let most = (BLOCK_BYTES / self.row_bytes / GROUP * GROUP).min(BLOCK_ROWS);
         let count = left.min(most as u64) as usize;
         self.rows.resize(count * self.row_bytes, 0);
@@ -104,7 +104,7 @@ impl RowDecoder {
     }
 
     /// Checks that nothing is left.
-    pub(crate) fn finish(self) -> Decoded<()> {
+    pub(crate) fn finish(self) -> DecodeResult<()> {
         if self.feed.left() == 0 { Ok(()) } else { Err(Undecodable::Wrong("bytes are left over")) }
     }
 }
@@ -116,14 +116,14 @@ struct BlockCursor<'a> {
 }
 
 impl<'a> BlockCursor<'a> {
-    fn take(&mut self, count: usize) -> Decoded<&'a [u8]> {
+    fn take(&mut self, count: usize) -> DecodeResult<&'a [u8]> {
         let taken = self.data.get(self.at..self.at + count);
         self.at += count;
         taken.ok_or(Undecodable::Wrong("it ends early"))
     }
 
     /// Values in groups, each of one of four widths.
-    fn groups(&mut self, values: &mut [u8], widths: &[u8; 4]) -> Decoded<()> {
+    fn groups(&mut self, values: &mut [u8], widths: &[u8; 4]) -> DecodeResult<()> {
         let header = self.take((values.len() / GROUP).div_ceil(4))?;
         for (at, group) in values.chunks_exact_mut(GROUP).enumerate() {
             let width = widths[usize::from(header[at / 4] >> (at % 4 * 2) & 3)];
@@ -132,7 +132,7 @@ impl<'a> BlockCursor<'a> {
         Ok(())
     }
 
-    fn group(&mut self, group: &mut [u8], width: u8) -> Decoded<()> {
+    fn group(&mut self, group: &mut [u8], width: u8) -> DecodeResult<()> {
         match width {
             0 => group.fill(0),
             8 => group.copy_from_slice(self.take(GROUP)?),
@@ -168,7 +168,7 @@ fn undo_differences(
     padded: usize,
     last: &mut [u8],
     place: RowPlace<'_>,
-) -> Decoded<()> {
+) -> DecodeResult<()> {
     let mut sum = [last[0], last[1], last[2], last[3]];
     for (at, row) in place.rows.chunks_exact_mut(place.stride).enumerate() {
         let value = [0, 1, 2, 3].map(|byte| values[byte * padded + at]);

@@ -3,10 +3,10 @@
 //! Invariants: 1. every damaged page that rays have asked for is counted; 2. the list is bounded, and its first pages
 //! are the first that were met; 3. serialized, no page names a file: what goes wrong with it stays with its error.
 
+use crate::pool::PagePool;
+use crate::verify::boxes_of;
+use crate::{Aabb, Error, PageFile};
 use serde::Serialize;
-use trex_store::pool::PagePool;
-use trex_store::verify::boxes_of;
-use trex_store::{Aabb, Error, PageFile};
 
 /// Most damaged pages that are listed one by one.
 const LISTED_MAX: usize = 64;

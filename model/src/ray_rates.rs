@@ -1,7 +1,7 @@
 //! `RayRates`: rays per second, by kind.
 
-use super::RayCounts;
 use serde::Serialize;
+use trex_render::RayCounts;
 
 /// Rays per second, by kind.
 #[derive(Clone, Copy, Debug, Serialize)]
