@@ -76,8 +76,9 @@ fn voxels(args: &VoxelArgs) -> Voxels {
     }
 }
 
-/// Resident bytes that the octree may take. A leaf takes some 12, and its share of three maps of light up to 11 (0.1
-/// to 0.3 facets of 12 bytes each): of the two fifths of a limit that both may take, 55 % are the octree's.
+/// Resident bytes that the octree may take. A leaf takes some 12, and its share of two maps of light and the sums of a
+/// pass some 10 (a fifth of a facet, of 12, 12 and 24 bytes): of the two fifths of a limit that both may take, 55 % are
+/// the octree's.
 fn upper_bytes(args: &VoxelArgs) -> u64 {
     args.render_limit.as_ref().map_or(args.upper_budget.0, |limit| limit.0 * 2 / 5 * 55 / 100)
 }

@@ -317,20 +317,20 @@ fn leave_all(
         let from = |height: f64| [0, 1, 2].map(|i| a[i] + u * e[i] + v * f[i] + side * height * normal[i]);
         let ray = Ray { origin: from(clearance), direction: way.map(|v| v / length), t_max: f64::INFINITY };
         assert_eq!(
-            scene.occluded(&ray, pages),
-            Answer::Exact(false),
+            scene.intersect(&ray, pages),
+            Answer::Exact(None),
             "{ray:?} meets the plane that it leaves"
         );
         // Nor does one that ends there.
         let far = [0, 1, 2].map(|i| ray.origin[i] + 3.0 * ray.direction[i]);
         let back = Ray { origin: far, direction: ray.direction.map(|v| -v), t_max: 3.0 };
         assert_eq!(
-            scene.occluded(&back, pages),
-            Answer::Exact(false),
+            scene.intersect(&back, pages),
+            Answer::Exact(None),
             "{back:?} meets the plane that it ends at"
         );
         let within = Ray { origin: from(0.0), ..ray };
-        met += u32::from(scene.occluded(&within, pages) == Answer::Exact(true));
+        met += u32::from(matches!(scene.intersect(&within, pages), Answer::Exact(Some(_))));
     }
     assert!(met > 3900, "the plane has voxels: {met}");
 }

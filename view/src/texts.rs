@@ -224,7 +224,7 @@ mod tests {
             photons,
             k_nearest,
             bake: integrator == Method::Photon && random.next_u32().is_multiple_of(2),
-            near: pick(random, &[Near::Voxel, Near::Exact]),
+            near: pick(random, &[Near::Voxel, Near::Contact, Near::Exact]),
             occluders: pick(random, &[Occluders::On, Occluders::Off]),
             lod_error: 1024.0 * (random.next_u64() as f64 / u64::MAX as f64).powi(7),
             filter: if gathers { pick(random, &[Filter::On, Filter::Off]) } else { Filter::Off },

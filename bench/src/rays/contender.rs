@@ -318,7 +318,9 @@ impl GrayWorker {
             }
             (Query::Closest, GrayCalls::Batch) => scene.intersect_batch(rays, hits),
             (Query::Any, GrayCalls::Single) => {
-                rays.iter().zip(occluded).for_each(|(ray, occluded)| *occluded = scene.occluded(ray));
+                rays.iter()
+                    .zip(occluded)
+                    .for_each(|(ray, occluded)| *occluded = scene.intersect(ray).is_some());
             }
             (Query::Closest, GrayCalls::Single) => {
                 rays.iter().zip(hits).for_each(|(ray, hit)| *hit = scene.intersect(ray));
@@ -350,7 +352,7 @@ impl GrayWorker {
             }
             (Query::Any, GrayCalls::Single) => {
                 rays.iter().zip(occluded).for_each(|(ray, occluded)| {
-                    *occluded = exact(scene.occluded(ray, &mut pages)).expect(ALL_THERE);
+                    *occluded = exact(scene.intersect(ray, &mut pages)).expect(ALL_THERE).is_some();
                 });
             }
             (Query::Closest, GrayCalls::Single) => {

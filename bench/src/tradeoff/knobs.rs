@@ -36,7 +36,7 @@ pub(super) const KNOBS: [Knob; 20] = [
     knob("n-gather", "--n-gather", &["0", "1", "2", "4", "8", "32"]),
     knob("n-shadow", "--n-shadow", &["1", "2", "4", "8", "32"]),
     knob("photons", "--photons", &["10k", "100k", "1M", "10M"]),
-    knob("near", "--near", &["voxel", "exact"]),
+    knob("near", "--near", &["voxel", "contact", "exact"]),
     knob("occluders", "--occluders", &["on", "off"]),
     knob("filter", "--filter", &["on", "off"]),
     knob("lod-error", "--lod-error", &["0", "0.5", "1", "2", "4", "8"]),

@@ -22,10 +22,14 @@ pub struct CpuStage {
 impl CpuStage {
     /// What it asks of who calls it. A batch of 512 samples that ask for eight rays each has 64 to 128 times as many
     /// rays as lanes have under way; twice as many are no faster, and take memory from pages. Through units, a ray
-    /// takes its answer, what it found, and its place among all, among those that wait and those that are crowded out.
+    /// takes its answer, what it found, where its cone begins to read coarser voxels, and its place among all, among
+    /// those of a part, those that wait and those that are crowded out.
     pub const NEEDS: GNeeds = GNeeds {
         batch_rays: 4096,
-        ray_bytes: size_of::<GAnswer>() + LowerScene::FOUND_BYTES + size_of::<&GRay>() + 4 * size_of::<u32>(),
+        ray_bytes: size_of::<GAnswer>()
+            + LowerScene::FOUND_BYTES
+            + size_of::<&GRay>()
+            + 2 * size_of::<[u32; 4]>(),
         calls: 1,
         photons: 512,
     };

@@ -63,15 +63,32 @@ impl PackedLight {
         PackedLight([word(r, 0), word(g, 1), word(b, 2)])
     }
 
+    /// As [`PackedLight::new`], rounded up or down by chance: `chances`, evenly from 0 to 1, so that sums of many of
+    /// them are right on average.
+    #[inline]
+    pub(crate) fn rounded_by(rgb: [f32; 3], chances: [f32; 3]) -> PackedLight {
+        let nearest = PackedLight::new(rgb);
+        if nearest == PackedLight::default() {
+            return nearest;
+        }
+        let step = nearest.step();
+        // The nearest of what is up to half a step off: the step is that of the greatest channel, which moves by less.
+        PackedLight::new(std::array::from_fn(|c| rgb[c].max(0.0) + (chances[c] - 0.5) * step))
+    }
+
+    /// The step between codes.
+    #[inline]
+    fn step(self) -> f32 {
+        let [r, g, b] = self.0.map(|word| u32::from(word) >> LIGHT_BITS);
+        let stored = r | g << EXPONENT_BITS | b << (2 * EXPONENT_BITS);
+        f32::from_bits(((stored + EXPONENT_LEAST).min(EXPONENT_MOST) + 1 - LIGHT_BITS) << 23)
+    }
+
     /// The light.
     #[inline]
     pub(crate) fn rgb(self) -> [f32; 3] {
-        let [r, g, b] = self.0.map(u32::from);
-        let part = |word: u32| word >> LIGHT_BITS;
-        let stored = part(r) | part(g) << EXPONENT_BITS | part(b) << (2 * EXPONENT_BITS);
-        let exponent = (stored + EXPONENT_LEAST).min(EXPONENT_MOST);
-        let step = f32::from_bits((exponent + 1 - LIGHT_BITS) << 23);
-        [r, g, b].map(|word| (word & LIGHT_CODE_MAX) as f32 * step)
+        let step = self.step();
+        self.0.map(|word| (u32::from(word) & LIGHT_CODE_MAX) as f32 * step)
     }
 }
 

@@ -73,7 +73,7 @@ impl RenderContext<'_> {
     /// Asks what a ray from the camera meets in the upper octree, or in the finest voxels.
     pub(super) fn ask_shown(&self, ray: &Ray, c_rays: CRays, batch: &mut GBatch) -> Stage {
         let kind = if c_rays == CRays::Upper { GKind::Far } else { GKind::Gather };
-        let (asked, _) = self.shown_scene().g_ray(ray, kind);
+        let (asked, _) = self.shown_scene().g_ray(ray, kind, 0.0);
         Stage::TakeShown { ray: *ray, place: batch.push(asked) }
     }
 

@@ -127,7 +127,7 @@ impl GBatch {
 
     /// Asks for the rest of a C-ray, or for a ray from the camera through the upper octree.
     pub(super) fn push_far(&mut self, scene: &GScene<'_>, far: FarRay) -> AskedFar {
-        let (ray, t_in) = scene.g_ray(&far.ray, GKind::Far);
+        let (ray, t_in) = scene.g_ray(&far.ray, GKind::Far, 0.0);
         AskedFar { far, t_in, place: self.push(ray) }
     }
 
@@ -156,7 +156,7 @@ impl GBatch {
         let leg = match ray {
             None => GatherLeg { asked: None, ..leg },
             Some(ray) => {
-                let (asked, t_in) = scene.g_ray(&ray, GKind::Gather);
+                let (asked, t_in) = scene.g_ray(&ray, GKind::Gather, leg.spread);
                 GatherLeg { asked: Some(self.rays.push(asked)), ray, t_in, ..leg }
             }
         };

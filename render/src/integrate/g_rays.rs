@@ -91,7 +91,7 @@ impl RenderContext<'_> {
             (surface.ray_to(direction, end, front), start)
         });
         let rest = scene.leave(surface, direction, distance, front);
-        batch.push_shadow(near, rest.map(|ray| scene.g_ray(&ray, GKind::Shadow).0), light);
+        batch.push_shadow(near, rest.map(|ray| scene.g_ray(&ray, GKind::Shadow, 0.0).0), light);
     }
 
     /// Asks for a gather ray in the voxels, once it has left the mesh.
@@ -107,7 +107,9 @@ impl RenderContext<'_> {
         else {
             return Answer::Blocked;
         };
-        batch.push_gather(scene, ray, GatherLeg::new(weight, mirrors, near));
+        let mut leg = GatherLeg::new(weight, mirrors, near);
+        leg.spread = scene.spread(surface.normal, direction);
+        batch.push_gather(scene, ray, leg);
         Answer::Exact(())
     }
 

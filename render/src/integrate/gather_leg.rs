@@ -24,6 +24,8 @@ pub(super) struct GatherLeg {
     pub(super) ray: Ray,
     /// Distance of its start to the cube of the octree.
     pub(super) t_in: f64,
+    /// How much its cone gains with each subvoxel.
+    pub(super) spread: f32,
     /// Factor on the radiance that arrives at the surface.
     pub(super) weight: Vec3,
     pub(super) mirrors: Mirrors,
@@ -48,6 +50,15 @@ impl GatherLeg {
     /// A ray that has brought this much, behind these mirrors, before it comes to the voxels.
     pub(super) fn new(weight: Vec3, mirrors: Mirrors, near: GatherYield) -> GatherLeg {
         let ray = Ray { origin: [0.0; 3], direction: [0.0; 3], t_max: 0.0 };
-        GatherLeg { asked: None, ray, t_in: 0.0, weight, mirrors, near, gathered: GatherYield::NOTHING }
+        GatherLeg {
+            asked: None,
+            ray,
+            t_in: 0.0,
+            spread: 0.0,
+            weight,
+            mirrors,
+            near,
+            gathered: GatherYield::NOTHING,
+        }
     }
 }

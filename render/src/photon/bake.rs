@@ -1,5 +1,5 @@
-//! `bake`: photons through the exact mesh, their light into the facets of the voxels. Paper, section 5.1: where
-//! lights and materials stay, the mesh tells more exactly than the voxels where photons go.
+//! `bake`: photons through the exact mesh, their light to the sides of the facets of the voxels. Paper, section 5.1:
+//! where lights and materials stay, the mesh tells more exactly than the voxels where photons go.
 //!
 //! Invariant: as of photons through voxels: the same photons give the same map, and a pass counts whole or not at all.
 
@@ -61,8 +61,8 @@ impl BakeJob<'_> {
     /// Adds what arrived on the mesh to the facets there. How many had one.
     fn deposit(&self, pass: &PhotonPass, deposits: &[Deposit]) -> u64 {
         let add = |deposit: &&Deposit| {
-            let facet = self.voxels.facet_at(deposit.point, deposit.normal);
-            facet.inspect(|&facet| pass.add(facet, deposit.flux)).is_some()
+            let side = self.voxels.side_at(deposit.point, deposit.normal);
+            side.inspect(|&side| pass.add(side, deposit.flux)).is_some()
         };
         deposits.iter().filter(add).count() as u64
     }

@@ -1,30 +1,35 @@
-//! `PhotonMap`: the light that photons brought to the surface, per facet of the octree. Paper, sections 4.2 and 5.1.
+//! `PhotonMap`: the light that photons brought to the surface, per side of the octree's facets. Paper, sections 4.2 and
+//! 5.1.
 //!
 //! ```text
-//! pass of 2^18 photons -> sums (u32 fixed point per facet and channel)
-//!                      -> folded into the mean irradiance (f32) -> next pass
-//! irradiance = flux / covered area
+//! pass of 2^18 photons -> sums (u32 fixed point per side and channel)
+//!                      -> folded into the mean irradiance (13 bits a channel) -> next pass
+//! irradiance = flux / area of the facet           side = 2 * facet, 1 more for its back
 //! ```
 //!
 //! Why fixed point: its sums do not depend on the order in which threads add, nor do saturated ones. The sums are there
-//! only while a pass runs.
+//! only while a pass runs. What is kept is packed, so that two sides take what one would, right to 2^-13 of the
+//! greatest channel; it is rounded up or down by a number drawn by side and pass, since what a late pass of many
+//! changes is less than a step.
 //!
 //! Invariants: 1. the same photons give the same map, whatever the threads; 2. a pass counts whole or not at all.
 
+use crate::image::packed::PackedLight;
+use crate::sampler::mix;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
 use trex_store::octree::Facets;
 use trex_store::{Budget, Lease, Result};
 
-/// Units of a sum that an average photon brings: its rounding is below a thousandth. All photons of a pass in one facet
+/// Units of a sum that an average photon brings: its rounding is below a thousandth. All photons of a pass on one side
 /// fill a sum to a quarter.
 const UNITS_PER_PHOTON: f32 = 1024.0;
 
-/// Irradiance of the facets of an octree.
+/// Irradiance of the sides of the facets of an octree.
 #[derive(Debug)]
 pub struct PhotonMap {
-    /// Irradiance per facet, W/m^2 in linear RGB.
-    irradiance: Vec<[f32; 3]>,
+    /// Irradiance per side, W/m^2 in linear RGB.
+    irradiance: Vec<PackedLight>,
     photons: u64,
     lease: Lease,
 }
@@ -32,9 +37,9 @@ pub struct PhotonMap {
 /// The light that gather rays find: of one map, or of two while light changes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Irradiance<'a> {
-    shown: &'a [[f32; 3]],
+    shown: &'a [PackedLight],
     /// The light that comes, and its share, 0 to 1.
-    next: Option<(&'a [[f32; 3]], f32)>,
+    next: Option<(&'a [PackedLight], f32)>,
 }
 
 impl<'a> Irradiance<'a> {
@@ -44,7 +49,8 @@ impl<'a> Irradiance<'a> {
     /// The light of `shown` alone, or blended with `next` by its share, 0 to 1.
     pub(crate) fn new(shown: &'a PhotonMap, next: Option<(&'a PhotonMap, f32)>) -> Irradiance<'a> {
         let next = next.filter(|(_, share)| *share > 0.0);
-        Irradiance { shown: shown.irradiance(), next: next.map(|(map, share)| (map.irradiance(), share)) }
+        let next = next.map(|(map, share)| (map.irradiance.as_slice(), share));
+        Irradiance { shown: &shown.irradiance, next }
     }
 
     /// True when there is no map.
@@ -52,13 +58,14 @@ impl<'a> Irradiance<'a> {
         self.shown.is_empty()
     }
 
-    /// Irradiance of `facet`, W/m^2 in linear RGB.
+    /// Irradiance of a side, W/m^2 in linear RGB.
     #[inline]
-    pub(crate) fn at(&self, facet: u32) -> Vec3 {
-        let shown = Vec3::from(self.shown[facet as usize]);
+    pub(crate) fn at(&self, side: u32) -> Vec3 {
+        let light = |map: &[PackedLight]| Vec3::from(map[side as usize].rgb());
+        let shown = light(self.shown);
         match self.next {
             None => shown,
-            Some((next, share)) => shown + share * (Vec3::from(next[facet as usize]) - shown),
+            Some((next, share)) => shown + share * (light(next) - shown),
         }
     }
 }
@@ -75,9 +82,14 @@ pub(crate) struct PhotonPass {
 }
 
 impl PhotonMap {
-    /// Bytes that the map of `facet_count` facets takes, and as many again while a pass runs.
+    /// Bytes that the map of `facet_count` facets takes.
     pub fn bytes(facet_count: usize) -> u64 {
-        (facet_count * size_of::<[f32; 3]>()) as u64
+        (2 * facet_count * size_of::<PackedLight>()) as u64
+    }
+
+    /// Bytes of the sums while a pass over `facet_count` facets runs.
+    pub fn pass_bytes(facet_count: usize) -> u64 {
+        (2 * facet_count * size_of::<[AtomicU32; 3]>()) as u64
     }
 
     /// A dark map of `facet_count` facets.
@@ -91,7 +103,7 @@ impl PhotonMap {
 
     /// As [`PhotonMap::new`], in a lease of [`PhotonMap::bytes`].
     pub(crate) fn in_lease(facet_count: usize, lease: Lease) -> PhotonMap {
-        PhotonMap { irradiance: vec![[0.0; 3]; facet_count], photons: 0, lease }
+        PhotonMap { irradiance: vec![PackedLight::default(); 2 * facet_count], photons: 0, lease }
     }
 
     /// The lease of its memory.
@@ -104,14 +116,19 @@ impl PhotonMap {
         self.photons
     }
 
-    /// Irradiance per facet, W/m^2 in linear RGB.
-    pub fn irradiance(&self) -> &[[f32; 3]] {
-        &self.irradiance
+    /// Count of facets, of two sides each.
+    pub(crate) fn facet_count(&self) -> usize {
+        self.irradiance.len() / 2
+    }
+
+    /// Irradiance per side, W/m^2 in linear RGB.
+    pub fn irradiance(&self) -> impl ExactSizeIterator<Item = [f32; 3]> {
+        self.irradiance.iter().map(|light| light.rgb())
     }
 
     /// Forgets all photons.
     pub(crate) fn clear(&mut self) {
-        self.irradiance.fill([0.0; 3]);
+        self.irradiance.fill(PackedLight::default());
         self.photons = 0;
     }
 
@@ -121,30 +138,37 @@ impl PhotonMap {
         self.photons += photons;
         let share = (photons as f64 / self.photons as f64) as f32;
         let sums = pass.sums.as_chunks_mut::<3>().0;
-        for (facet, (irradiance, sums)) in self.irradiance.iter_mut().zip(sums).enumerate() {
-            let area = f64::from(facets.area(facet)) * leaf_side * leaf_side;
+        for (side, (irradiance, sums)) in self.irradiance.iter_mut().zip(sums).enumerate() {
+            let area = f64::from(facets.area(side / 2)) * leaf_side * leaf_side;
             let per_area = (1.0 / (area * photons as f64)) as f32;
-            for (c, value) in irradiance.iter_mut().enumerate() {
-                let found = std::mem::take(sums[c].get_mut()) as f32 * pass.unit[c] * per_area;
-                *value += share * (found - *value);
-            }
+            let found = |c: usize| std::mem::take(sums[c].get_mut()) as f32 * pass.unit[c] * per_area;
+            let found = Vec3::from_array(std::array::from_fn(found));
+            let before = Vec3::from(irradiance.rgb());
+            let chances = rounding_chances(side as u64, self.photons);
+            *irradiance = PackedLight::rounded_by((before + share * (found - before)).into(), chances);
         }
     }
+}
+
+/// Numbers from 0 to 1 for the channels of a side after so many photons: the same wherever they are drawn.
+fn rounding_chances(side: u64, photons: u64) -> [f32; 3] {
+    let mixed = mix(side ^ photons.rotate_left(32));
+    [0, 21, 42].map(|shift| (mixed >> shift & 0x1f_ffff) as f32 / 0x20_0000 as f32)
 }
 
 impl PhotonPass {
     /// Empty sums for photons whose flux is `flux` on average.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::pass_bytes`].
     pub(crate) fn new(facet_count: usize, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
-        let lease = budget.lease("the sums of photons", PhotonMap::bytes(facet_count))?;
+        let lease = budget.lease("the sums of photons", PhotonMap::pass_bytes(facet_count))?;
         Ok(PhotonPass::in_lease(facet_count, flux, lease))
     }
 
-    /// As [`PhotonPass::new`], in a lease of [`PhotonMap::bytes`].
+    /// As [`PhotonPass::new`], in a lease of [`PhotonMap::pass_bytes`].
     pub(crate) fn in_lease(facet_count: usize, flux: Vec3, lease: Lease) -> PhotonPass {
-        let sums = (0..3 * facet_count).map(|_| AtomicU32::new(0)).collect();
+        let sums = (0..2 * 3 * facet_count).map(|_| AtomicU32::new(0)).collect();
         let mut pass = PhotonPass { sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, lease };
         pass.set_flux(flux);
         pass
@@ -166,12 +190,12 @@ impl PhotonPass {
         self.per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
     }
 
-    /// Adds a photon's flux to `facet`. Full sums stay full.
-    pub(crate) fn add(&self, facet: u32, flux: Vec3) {
+    /// Adds a photon's flux to a side. Full sums stay full.
+    pub(crate) fn add(&self, side: u32, flux: Vec3) {
         for (c, units) in (flux * self.per_flux).to_array().into_iter().enumerate() {
             let units = (units + 0.5) as u32;
             if units > 0 {
-                let sum = &self.sums[3 * facet as usize + c];
+                let sum = &self.sums[3 * side as usize + c];
                 let add = |sum: u32| Some(sum.saturating_add(units));
                 let _ = sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
             }

@@ -1,12 +1,11 @@
 //! Photons through the voxels: from a light, from leaf to leaf, until roulette ends them. Paper, section 5.1.
 //!
 //! ```text
-//! emit -> leaf: deposit the flux that arrives in its facet (also from the first)
+//! emit -> leaf: deposit the flux that arrives on the side that it meets (also from the first)
 //!           -> roulette -> diffuse, glossy or mirror bounce -> leaf ...
 //! ```
 //!
-//! Where the normals of a leaf cancel each other, light goes back to where it came from, by the cosine about the
-//! photon's own direction.
+//! A leaf has two sides (see `trex_store::octree`), and a photon goes on from the one that it meets.
 //!
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
@@ -85,7 +84,8 @@ impl Flock {
 }
 
 impl PassInWork {
-    /// A pass over so many facets that is to be restarted before it is sent, in a lease of [`PhotonMap::bytes`].
+    /// A pass over so many facets that is to be restarted before it is sent, in a lease of
+    /// [`PhotonMap::pass_bytes`].
     pub(crate) fn in_lease(facets: usize, lease: Lease) -> PassInWork {
         PassInWork { pass: PhotonPass::in_lease(facets, Vec3::ZERO, lease), done: 0 }
     }
@@ -248,7 +248,7 @@ impl VoxelPhotons<'_> {
         let hit = found.face(ray, &self.world.materials);
         let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: -DVec3::from(ray.direction) };
         if keeps_light(bsdf.material) {
-            pass.add(hit.facet, photon.flux);
+            pass.add(hit.side, photon.flux);
             stats.deposits += 1;
         }
         let (direction, flux) = bounce(&bsdf, &photon.sampler, vertex, photon.flux)?;

@@ -156,6 +156,11 @@ pub static NEAR: Key = Key {
     title: "Rays begin",
     kind: KeyKind::Choice(&[
         choice("voxel", "A voxel off the surface", "A voxel off the surface"),
+        choice(
+            "contact",
+            "On the mesh at contacts",
+            "As voxel, but on the exact mesh where that is within the voxel of another surface",
+        ),
         choice("exact", "On the exact mesh", "On the exact mesh, for the length of two leaves"),
     ]),
     is_used_by: |method| method.asks_voxels() && method.computes_light(),

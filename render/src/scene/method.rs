@@ -94,8 +94,11 @@ impl Method {
 #[serde(rename_all = "kebab-case")]
 pub enum Near {
     /// Rays begin off the surface by a voxel.
-    #[default]
     Voxel,
+    /// Rays begin off the surface by a voxel, but where that is within the voxel of another surface: there they begin
+    /// on the exact mesh, for some leaves' length.
+    #[default]
+    Contact,
     /// Rays begin on the exact mesh, for some leaves' length.
     Exact,
 }
@@ -105,6 +108,7 @@ impl Near {
     pub fn as_str(self) -> &'static str {
         match self {
             Near::Voxel => "voxel",
+            Near::Contact => "contact",
             Near::Exact => "exact",
         }
     }

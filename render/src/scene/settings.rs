@@ -42,7 +42,7 @@ impl Default for RenderKeys {
             // H. W. Jensen's own number for pictures with final gathering.
             k_nearest: 50,
             bake: false,
-            near: Near::Voxel,
+            near: Near::Contact,
             occluders: Occluders::On,
             lod_error: 0.0,
             filter: Filter::Off,

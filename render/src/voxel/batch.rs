@@ -85,7 +85,7 @@ impl VoxelScene<'_> {
         let width = PacketWidth::for_rays(rays.len());
         self.walk_batch(width, (rays.len(), |ray: usize| Entry::of(rays[ray].borrow())), |ray, found| {
             let found = found.map(|(_, found)| found);
-            answer(ray, self.answer_of(rays[ray].borrow().kind(), found.as_ref()));
+            answer(ray, self.answer_of(rays[ray].borrow(), found.as_ref()));
         });
     }
 

@@ -13,6 +13,7 @@
 //! the cube by, and meets nothing.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 use trex_store::octree::LeafVoxel;
 
 /// Places of the fields of [`GRay::bits`].
@@ -66,9 +67,9 @@ pub struct GRay {
     /// From the lowest bit: two for each axis, both set where it is mirrored, which makes places of the mirrored cube
     /// those of the octree; two of the axis of the face by which the cube is entered; from bit 8 on the kind.
     pub bits: u32,
-    /// Width of the ray's cone at its start, subvoxels. 0 today: a line.
+    /// Width of the ray's cone at its start, subvoxels; 0 for a line.
     pub width: f32,
-    /// Width that the cone gains with each subvoxel. 0 today.
+    /// Width that the cone gains with each subvoxel; 0 for a line.
     pub spread: f32,
 }
 
@@ -81,15 +82,22 @@ pub struct GAnswer {
     pub outcome: u32,
     /// Distance from the ray's start to where the voxel is entered, subvoxels.
     pub t: f32,
-    /// The facet that keeps the light of the surface; of rays that ask for it.
-    pub facet: u32,
+    /// The side of a facet that keeps the light of the surface: twice the facet, and 1 more where its back is met; of
+    /// rays that ask for it.
+    pub side: u32,
     /// Index into the materials.
     pub material: u32,
     /// Axis of the face by which the voxel is entered.
     pub axis: u32,
-    /// Mean unit normal of the surface; zero where none is known.
+    /// Unit normal of the surface, on the side that the ray came from.
     pub normal: [f32; 3],
 }
+
+/// Flatness from which the mean normal of a leaf tells which side a ray comes from; below it the face does by which its
+/// voxel is entered.
+const FLAT: f32 = 0.85;
+/// Least component of a direction that goes along an axis: above that by which components of 0 are replaced.
+const ALONG_LEAST: f32 = 1e-9;
 
 impl GRay {
     /// A ray that passes the cube by.
@@ -120,6 +128,56 @@ impl GRay {
     pub fn axis(&self) -> usize {
         (self.bits >> AXIS_SHIFT & 3) as usize
     }
+
+    /// The ray with the cone that it stands for: its width at the start, subvoxels, and what that gains with each.
+    pub fn with_cone(self, width: f32, spread: f32) -> GRay {
+        GRay { width, spread, ..self }
+    }
+
+    /// Distance at which its cone is as wide as `side`, subvoxels: from there on voxels of that side are not divided.
+    pub fn reach(&self, side: f32) -> f32 {
+        match side - self.width {
+            left if left <= 0.0 => 0.0,
+            left if self.spread > 0.0 => left / self.spread,
+            _ => f32::INFINITY,
+        }
+    }
+
+    /// The part of the ray between two distances, in subvoxels `side` times as large.
+    pub(super) fn part(&self, from: f32, to: f32, side: f32) -> GRay {
+        let scale = 1.0 / side;
+        let origin = std::array::from_fn(|a| scale * (self.origin[a] + from * self.direction[a]));
+        let t_max = scale * (to.min(self.t_max) - from);
+        let longest =
+            (0..3).fold(0, |axis, a| if self.direction[a] > self.direction[axis] { a } else { axis });
+        // Within the cube, where it has no face by which it came.
+        let axis = if from > 0.0 { longest } else { self.axis() };
+        GRay { origin, t_max, bits: GRay::bits_of(self.kind(), self.flip(), axis), ..*self }
+    }
+
+    /// Unit direction, not mirrored.
+    fn direction_in_model(&self) -> Vec3 {
+        let flip = self.flip();
+        let sign = |axis: usize| if flip >> (2 * axis) & 1 == 1 { -1.0 } else { 1.0 };
+        Vec3::from_array(std::array::from_fn(|axis| sign(axis) * self.direction[axis]))
+    }
+
+    /// Unit normal of the surface in `leaf`, whose voxel is entered across `axis`, on the side that the ray comes from.
+    ///
+    /// Where a leaf holds a corner its mean normal looks between the walls, and a ray that meets one of them from the
+    /// front may go along with it. So, where that and the face of the voxel disagree, the face is the surface.
+    pub(super) fn facing(&self, leaf: &LeafVoxel, axis: usize) -> Vec3 {
+        let (way, normal) = (self.direction_in_model(), Vec3::from(leaf.normal));
+        let mut face = Vec3::ZERO;
+        // A ray that starts in the voxel may not go along its axis at all.
+        face[axis] = if way[axis].abs() > ALONG_LEAST { -way[axis].signum() } else { 0.0 };
+        let (ahead, across) = (-way.dot(normal), face.dot(normal));
+        if leaf.flatness < FLAT && ahead * across < 0.0 {
+            return face;
+        }
+        let facing = if ahead == 0.0 { across } else { ahead };
+        if facing == 0.0 { -way } else { facing.signum() * normal }
+    }
 }
 
 impl GAnswer {
@@ -135,10 +193,10 @@ impl GAnswer {
         GAnswer { outcome, ..GAnswer::zeroed() }
     }
 
-    /// The answer of a ray that has met the surface in `leaf` at `t`, across `axis`.
-    pub(super) fn met((t, axis): (f32, usize), facet: u32, leaf: &LeafVoxel) -> GAnswer {
-        let (material, axis) = (leaf.material.into(), axis as u32);
-        GAnswer { outcome: GAnswer::MET, t, facet, material, axis, normal: leaf.normal }
+    /// The answer of a ray that has met a surface with this `normal` and material at `t`, across `axis`.
+    pub(super) fn met((t, axis): (f32, usize), side: u32, normal: Vec3, material: u16) -> GAnswer {
+        let (material, axis) = (material.into(), axis as u32);
+        GAnswer { outcome: GAnswer::MET, t, side, material, axis, normal: normal.into() }
     }
 
     /// True when a page is missing.

@@ -1,24 +1,26 @@
 //! What a leaf of the octree says of the surface in it: to rays that met it, and to places on the mesh.
 //!
-//! The surface in a leaf is its mean normal and its material of most area; where the normals cancel each other, it
-//! faces the ray.
+//! The surface in a leaf is a plane with two sides, and its material of most area. Light is kept by the sides of facets
+//! (see `trex_store::octree::Facets`): what falls on a roof is not on the ceiling below it. Which side a ray meets,
+//! [`super::GRay`] says (`facing`).
 //!
 //! Invariant: the normal of a [`LeafHit`] is unit, and on the side that the ray came from.
 
 use super::g_ray::GAnswer;
-use super::traverse::VoxelScene;
+use super::traverse::{Occluders, VoxelScene};
 use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use trex_store::Material;
+use trex_store::octree::LEAF_SIDE;
 
 /// The surface in the leaf that a ray has met: all that light asks of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VoxelSurface {
     /// Distance to where the voxel is entered, model units.
     pub(crate) t: f64,
-    /// The facet that keeps its light; 0 of a ray that does not ask for it.
-    pub(crate) facet: u32,
-    /// Mean unit normal; zero where none is known.
+    /// The side of a facet that keeps its light; 0 of a ray that does not ask for it.
+    pub(crate) side: u32,
+    /// Unit, on the side that the ray came from.
     pub(crate) normal: Vec3,
     /// Index into the materials.
     pub(crate) material: u32,
@@ -27,7 +29,8 @@ pub(crate) struct VoxelSurface {
 /// The hit of a photon or a gather ray on the voxels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LeafHit<'a> {
-    pub(crate) facet: u32,
+    /// The side of a facet that keeps its light.
+    pub(crate) side: u32,
     pub(crate) point: DVec3,
     /// Unit, on the side that the ray came from.
     pub(crate) normal: DVec3,
@@ -38,20 +41,17 @@ impl GAnswer {
     /// The surface that was met, if one was, by a ray that has entered the cube at `t_in`; `subvoxel` is the side of
     /// its subvoxels.
     pub(crate) fn surface(&self, t_in: f64, subvoxel: f64) -> Option<VoxelSurface> {
-        let &GAnswer { outcome, t, facet, material, normal, .. } = self;
+        let &GAnswer { outcome, t, side, material, normal, .. } = self;
         let t = t_in + f64::from(t) * subvoxel;
-        (outcome == GAnswer::MET).then(|| VoxelSurface { t, facet, normal: normal.into(), material })
+        (outcome == GAnswer::MET).then(|| VoxelSurface { t, side, normal: normal.into(), material })
     }
 }
 
 impl VoxelSurface {
     /// The surface as `ray`, which has met it, finds it.
     pub(crate) fn face<'a>(&self, ray: &Ray, materials: &'a [Material]) -> LeafHit<'a> {
-        let (normal, direction) = (self.normal.as_dvec3(), DVec3::from(ray.direction));
-        let facing = normal.dot(direction);
-        let normal = if facing == 0.0 { -direction } else { -facing.signum() * normal };
         let material = &materials[self.material as usize];
-        LeafHit { facet: self.facet, point: ray.at(self.t), normal, material }
+        LeafHit { side: self.side, point: ray.at(self.t), normal: self.normal.as_dvec3(), material }
     }
 }
 
@@ -78,11 +78,25 @@ impl VoxelScene<'_> {
         })
     }
 
-    /// The facet of the leaf at a place on the exact mesh with unit `normal`; `None` where no leaf is near.
-    pub(crate) fn facet_at(&self, point: DVec3, normal: DVec3) -> Option<u32> {
+    /// True when `point` is within a voxel that a surface touches.
+    pub(crate) fn is_occupied(&self, point: DVec3) -> bool {
+        let Some((_, leaf)) = self.leaf_at(point) else { return false };
+        let at = ((point - DVec3::from(self.corner())) / self.subvoxel_side()).as_uvec3() % LEAF_SIDE;
+        let place = at.x | at.y << 2 | at.z << 4;
+        self.occluders() == Occluders::Off || self.octree().bitmaps()[leaf as usize] >> place & 1 == 1
+    }
+
+    /// The side of a facet that the surface in `leaf` under `node` shows to where `normal` looks.
+    pub(super) fn side(&self, (node, leaf): (u32, u32), normal: Vec3) -> u32 {
+        let is_back = normal.dot(self.octree().leaf(leaf as usize).normal.into()) < 0.0;
+        2 * self.octree().facet(node, leaf) + u32::from(is_back)
+    }
+
+    /// The side of a facet at a place on the exact mesh, where unit `normal` looks; `None` where no leaf is near.
+    pub(crate) fn side_at(&self, point: DVec3, normal: DVec3) -> Option<u32> {
         let step = 0.5 * self.clearance(normal.into());
-        let (node, leaf) =
+        let found =
             [0.0, -step, step].into_iter().find_map(|offset| self.leaf_at(point + offset * normal))?;
-        Some(self.octree().facet(node, leaf))
+        Some(self.side(found, normal.as_vec3()))
     }
 }

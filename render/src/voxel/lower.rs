@@ -13,6 +13,9 @@
 //! what the ray passes by costs no page. With `occluders` off, leaves are cubes, so it is asked for where a leaf is
 //! entered.
 //!
+//! A ray may stand for a cone: where that is as wide as a subvoxel of coarser leaves, the ray goes on in these
+//! ([`LowerScene::answer`]).
+//!
 //! A ray leaves its own voxels as in `traverse`, by the side of the finest ones, and a share of it that holds what
 //! positions in f32 are rounded by.
 //!
@@ -20,11 +23,10 @@
 //! no part of one of the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
 use super::g_ray::{GAnswer, GKind, GRay};
-use super::leaf::LeafHit;
 use super::traverse::{Cube, Entry, Occluders, VoxelFound, VoxelHit, VoxelScene};
 use crate::trace::{Answer, Page, Pages, Ray};
 use glam::DVec3;
-use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, UnitRef, UnitsView};
+use trex_store::octree::{LowerLinks, MAX_DEPTH, MAX_FINER, NODE_SIDE, Refinement, UnitRef, UnitsView};
 
 /// Share of the cube's side by which a position on a ray may be off: origin, product and sum are each rounded by
 /// 2^-24 of it at most.
@@ -45,8 +47,21 @@ pub enum MissingUnits {
 #[derive(Clone, Copy, Debug)]
 pub struct LowerScene<'a> {
     upper: VoxelScene<'a>,
-    links: &'a LowerLinks,
+    pub(super) links: &'a LowerLinks,
+    /// The finest leaves that it reads: those of the file; for parts of rays the level above them.
+    pub(super) refinement: Refinement,
     missing: MissingUnits,
+}
+
+/// The leaves of one level, for the part of a ray that reads them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ScenePart<'a> {
+    /// `None` for the upper octree alone.
+    pub(super) lower: Option<LowerScene<'a>>,
+    /// Side of its subvoxels, in the finest ones.
+    pub(super) side: f32,
+    /// Side of the subvoxels from which on the ray reads the next part: where its cone is as wide ([`GRay::reach`]).
+    pub(super) next: f32,
 }
 
 /// The hit of a ray on the finest voxels.
@@ -68,6 +83,13 @@ pub(super) struct LowerFound {
     pub(super) found: VoxelFound,
     pub(super) lower: Option<LowerLeaf>,
     pub(super) is_stand_in: bool,
+}
+
+impl LowerFound {
+    /// A voxel of the upper octree.
+    pub(super) fn of_upper(found: VoxelFound) -> LowerFound {
+        LowerFound { t_in: 0.0, found, lower: None, is_stand_in: false }
+    }
 }
 
 /// A leaf of a unit.
@@ -102,7 +124,7 @@ enum Below {
 impl<'a> LowerScene<'a> {
     /// `upper` with the units to which `links`, of the same file, lead.
     pub fn new(upper: VoxelScene<'a>, links: &'a LowerLinks) -> LowerScene<'a> {
-        LowerScene { upper, links, missing: MissingUnits::Block }
+        LowerScene { upper, links, refinement: links.refinement(), missing: MissingUnits::Block }
     }
 
     /// The same scene, in which this becomes of rays that meet missing units.
@@ -119,13 +141,22 @@ impl<'a> LowerScene<'a> {
         &self.upper
     }
 
-    pub(super) fn links(&self) -> &'a LowerLinks {
-        self.links
+    /// The parts of rays, from their start on: where the cone of a ray is as wide as a subvoxel of the next coarser
+    /// leaves, it goes on in these.
+    pub(super) fn parts(&self) -> impl Iterator<Item = ScenePart<'a>> + use<'a> {
+        let (whole, finest) = (*self, self.refinement.factor());
+        let levels = Refinement::ALL.into_iter().rev().filter(move |level| level.factor() <= finest);
+        levels.map(move |refinement| {
+            let side = (finest / refinement.factor()) as f32;
+            let is_upper = refinement == Refinement::None;
+            let lower = (!is_upper).then_some(LowerScene { refinement, ..whole });
+            ScenePart { lower, side, next: if is_upper { f32::INFINITY } else { NODE_SIDE as f32 * side } }
+        })
     }
 
     /// Side of a finest leaf, model units.
     pub fn leaf_side(&self) -> f64 {
-        self.upper.leaf_side() / f64::from(self.links.refinement().factor())
+        self.upper.leaf_side() / f64::from(self.refinement.factor())
     }
 
     /// Distance off a surface of unit `normal` at which a ray starts or ends free of that surface's own finest
@@ -141,7 +172,7 @@ impl<'a> LowerScene<'a> {
 
     /// The cube in subvoxels of the finest leaves.
     pub(super) fn cube(&self) -> Cube {
-        let (upper, refinement) = (self.upper.cube(), self.links.refinement());
+        let (upper, refinement) = (self.upper.cube(), self.refinement);
         let cell = upper.cell / f64::from(refinement.factor());
         Cube { cell, levels: upper.levels + refinement.levels() as u32, ..upper }
     }
@@ -186,15 +217,35 @@ impl<'a> LowerScene<'a> {
         if !ray.kind().asks_units() {
             return self.upper.answer(ray);
         }
-        let found = Entry::of(ray).map_or(Answer::Exact(None), |entry| self.walk(&entry, pages));
-        self.answer_of(ray.kind(), &found, pages)
+        let (mut from, mut found) = (0.0, Answer::Exact(None));
+        for part in self.parts() {
+            let to = ray.reach(part.next);
+            if from >= to || from > ray.t_max {
+                continue;
+            }
+            let entry = Entry::of(&ray.part(from, to, part.side));
+            found = match (entry, part.lower) {
+                (None, _) => Answer::Exact(None),
+                (Some(entry), Some(lower)) => lower.walk(&entry, pages),
+                (Some(entry), None) => Answer::Exact(self.upper.walk(&entry).map(LowerFound::of_upper)),
+            };
+            match &mut found {
+                Answer::Blocked => break,
+                Answer::Exact(Some(found)) => {
+                    found.found.t = from + part.side * found.found.t;
+                    break;
+                }
+                Answer::Exact(None) => from = to,
+            }
+        }
+        self.answer_of(ray, &found, pages)
     }
 
     /// The answer of a ray that asks units and has `found` something, or nothing; where the page of that has gone in
     /// between blocked, or what the voxel above it says.
     pub(super) fn answer_of(
         &self,
-        kind: GKind,
+        ray: &GRay,
         found: &Answer<Option<LowerFound>>,
         pages: &mut impl Pages,
     ) -> GAnswer {
@@ -203,15 +254,13 @@ impl<'a> LowerScene<'a> {
             Answer::Exact(None) => return GAnswer::bare(GAnswer::NOTHING),
             Answer::Exact(Some(found)) => found,
         };
-        let above = self.upper.answer_of(kind, Some(found));
-        let Some(at) = lower.filter(|_| kind != GKind::Shadow) else { return above };
+        let above = || self.upper.answer_of(ray, Some(found));
+        let Some(at) = lower.filter(|_| ray.kind() != GKind::Shadow) else { return above() };
         let is_missing = match pages.page(at.page) {
             Page::Ready(frame) => {
-                return GAnswer::met(
-                    (found.t, found.axis),
-                    above.facet,
-                    &UnitsView::new(frame).leaf(at.leaf),
-                );
+                let leaf = UnitsView::new(frame).leaf(at.leaf);
+                let normal = ray.facing(&leaf, found.axis);
+                return self.upper.answer_with(ray, found, normal, leaf.material);
             }
             Page::Missing => true,
             Page::Damaged => false,
@@ -220,21 +269,7 @@ impl<'a> LowerScene<'a> {
             pages.want(at.page);
         }
         let is_blocked = is_missing && self.missing == MissingUnits::Block;
-        if is_blocked { GAnswer::bare(GAnswer::BLOCKED) } else { above }
-    }
-
-    /// True when the ray meets any voxel; blocked where that depends on a page that is missing.
-    pub fn occluded(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<bool> {
-        match self.intersect(ray, pages) {
-            Answer::Exact(hit) => Answer::Exact(hit.is_some()),
-            Answer::Blocked => Answer::Blocked,
-        }
-    }
-
-    /// The ray that leaves a leaf in unit `direction`: as `VoxelScene::ray_from_leaf`, for the finest voxels.
-    pub(crate) fn ray_from_leaf(&self, hit: &LeafHit<'_>, direction: DVec3) -> Ray {
-        let origin = hit.point + 2.0 * self.clearance(hit.normal.into()) * hit.normal;
-        Ray::new(origin, direction, f64::INFINITY)
+        if is_blocked { GAnswer::bare(GAnswer::BLOCKED) } else { above() }
     }
 
     /// Walks from the cube's side on.
@@ -243,7 +278,7 @@ impl<'a> LowerScene<'a> {
         let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());
         let first_link = nodes.len() - octree.last_nodes().len();
         let depth = octree.grid().depth();
-        let finest = depth + self.links.refinement().levels();
+        let finest = depth + self.refinement.levels();
         let is_whole = self.upper.occluders() == Occluders::Off;
         let last = 4u32.pow(finest as u32 + 1) - 1;
         let mut cell = ray.first_cell(last);

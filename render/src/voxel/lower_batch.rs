@@ -9,10 +9,10 @@
 //!                                       -> fewer than half of them were answered: the rest goes one by one
 //! ```
 //!
-//! Invariants: 1. answers are those of [`LowerScene::intersect`] with the same pages, bit for bit; a crowd costs time
-//! and changes none; 2. lanes visit each ray's way three times on average, at most: all, all again with all pages let
-//! go, and from then on half as many each time; 3. a ray alone is answered or blocked with room for one page, so that
-//! waiting for pages ends when it does one by one.
+//! Invariants: 1. answers are those of [`LowerScene::intersect`], and of [`LowerScene::answer`] for rays with cones,
+//! with the same pages, bit for bit; a crowd costs time and changes none; 2. lanes visit each ray's way three times on
+//! average, at most: all, all again with all pages let go, and from then on half as many each time; 3. a ray alone is
+//! answered or blocked with room for one page, so that waiting for pages ends when it does one by one.
 
 use super::batch::PacketWidth;
 use super::g_ray::{GAnswer, GRay};
@@ -67,14 +67,53 @@ impl LowerScene<'_> {
         let entry = |ray: usize| Entry::of(rays[ray]);
         self.upper().walk_batch(width, (upper.len(), |at: usize| entry(upper[at] as usize)), |at, found| {
             let ray = upper[at] as usize;
-            answers[ray] = self.upper().answer_of(rays[ray].kind(), found.map(|(_, found)| found).as_ref());
+            answers[ray] = self.upper().answer_of(rays[ray], found.map(|(_, found)| found).as_ref());
         });
-        let mut all_found = vec![Answer::Blocked; rays.len()];
-        self.walk_batch(width, (finest, &entry), pages, |ray, found| all_found[ray] = found);
+        let mut all_found = vec![Answer::Exact(None); rays.len()];
+        self.walk_parts(width, (rays, finest), pages, &mut all_found);
         for ((ray, found), answer) in rays.iter().zip(&all_found).zip(answers) {
             if ray.kind().asks_units() {
-                *answer = self.answer_of(ray.kind(), found, pages);
+                *answer = self.answer_of(ray, found, pages);
             }
+        }
+    }
+
+    /// Walks rays that ask units through the leaves of each level that their cones let them read, finest first; what
+    /// each found goes to its place.
+    fn walk_parts(
+        &self,
+        width: PacketWidth,
+        (rays, mut unanswered): (&[&GRay], Vec<u32>),
+        pages: &mut impl Pages,
+        all_found: &mut [Answer<Option<LowerFound>>],
+    ) {
+        let mut starts = vec![0.0f32; rays.len()];
+        for part in self.parts() {
+            let is_inside = |&ray: &u32| {
+                let (from, ray) = (starts[ray as usize], rays[ray as usize]);
+                from < ray.reach(part.next) && from <= ray.t_max
+            };
+            let inside: Vec<u32> = unanswered.iter().copied().filter(is_inside).collect();
+            let entry =
+                |ray: usize| Entry::of(&rays[ray].part(starts[ray], rays[ray].reach(part.next), part.side));
+            let mut note = |ray: usize, mut found: Answer<Option<LowerFound>>| {
+                if let Answer::Exact(Some(found)) = &mut found {
+                    found.found.t = starts[ray] + part.side * found.found.t;
+                }
+                all_found[ray] = found;
+            };
+            match part.lower {
+                Some(lower) => lower.walk_batch(width, (inside.clone(), &entry), pages, note),
+                None => {
+                    let entry = |at: usize| entry(inside[at] as usize);
+                    self.upper().walk_batch(width, (inside.len(), entry), |at, found| {
+                        let found = found.map(|(_, found)| LowerFound::of_upper(found));
+                        note(inside[at] as usize, Answer::Exact(found));
+                    });
+                }
+            }
+            unanswered.retain(|&ray| matches!(all_found[ray as usize], Answer::Exact(None)));
+            inside.iter().for_each(|&ray| starts[ray as usize] = rays[ray as usize].reach(part.next));
         }
     }
 
@@ -128,7 +167,7 @@ impl LowerScene<'_> {
             }
             Outcome::Crowded => crowded.push(ray),
         };
-        match self.links().refinement() {
+        match self.refinement {
             Refinement::None => unreachable!("links lead to finer leaves"),
             Refinement::By4 => {
                 walk_all(width, LowerQueue::<_, _, 1>::new(self, (waiting, entry), &*pages, tell));

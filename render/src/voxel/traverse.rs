@@ -19,7 +19,7 @@
 
 use super::g_ray::{GAnswer, GKind, GRay};
 use crate::trace::Ray;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use trex_store::Lattice;
 use trex_store::octree::{LEAF_SIDE, MAX_DEPTH, UpperOctree, VoxelGrid};
 
@@ -298,11 +298,6 @@ impl<'a> VoxelScene<'a> {
         VoxelHit { t: t_in + f64::from(t) * self.subvoxel, leaf, node, axis }
     }
 
-    /// True when the ray meets any voxel.
-    pub fn occluded(&self, ray: &Ray) -> bool {
-        self.intersect(ray).is_some()
-    }
-
     /// The ray as batches take it, and its distance to the cube, model units. It is for this scene alone, not for
     /// [`super::LowerScene`], whose subvoxels are finer.
     pub fn g_ray(&self, ray: &Ray, kind: GKind) -> (GRay, f64) {
@@ -315,18 +310,30 @@ impl<'a> VoxelScene<'a> {
     /// When the bits of the ray name no kind.
     pub fn answer(&self, ray: &GRay) -> GAnswer {
         let found = Entry::of(ray).and_then(|entry| self.walk(&entry));
-        self.answer_of(ray.kind(), found.as_ref())
+        self.answer_of(ray, found.as_ref())
     }
 
-    /// The answer of a ray of this kind that has `found` something, or nothing.
-    pub(super) fn answer_of(&self, kind: GKind, found: Option<&VoxelFound>) -> GAnswer {
+    /// The answer of a ray that has `found` something, or nothing.
+    pub(super) fn answer_of(&self, ray: &GRay, found: Option<&VoxelFound>) -> GAnswer {
         let Some(found) = found else { return GAnswer::bare(GAnswer::NOTHING) };
-        if kind == GKind::Shadow {
+        if ray.kind() == GKind::Shadow {
             return GAnswer::bare(GAnswer::MET);
         }
-        let &VoxelFound { node, leaf, .. } = found;
-        let facet = if kind.asks_light() { self.octree.facet(node, leaf) } else { 0 };
-        GAnswer::met((found.t, found.axis), facet, &self.octree.leaf(leaf as usize))
+        let leaf = self.octree.leaf(found.leaf as usize);
+        let normal = ray.facing(&leaf, found.axis);
+        self.answer_with(ray, found, normal, leaf.material)
+    }
+
+    /// The answer of a ray that has `found` a surface with this unit `normal`, on the side that it came from.
+    pub(super) fn answer_with(
+        &self,
+        ray: &GRay,
+        &VoxelFound { t, node, leaf, axis }: &VoxelFound,
+        normal: Vec3,
+        material: u16,
+    ) -> GAnswer {
+        let side = if ray.kind().asks_light() { self.side((node, leaf), normal) } else { 0 };
+        GAnswer::met((t, axis), side, normal, material)
     }
 
     /// Walks from the cube's side on.

@@ -51,7 +51,7 @@ impl Voxels {
         self.links.as_ref().map(|(links, _)| LowerScene::new(self.scene(occluders), links))
     }
 
-    /// Count of facets, which light is kept by.
+    /// Count of facets. Light is kept by their sides, of which each has two.
     pub fn facet_count(&self) -> usize {
         self.octree.facets().count()
     }

@@ -48,10 +48,9 @@ impl Coarser {
         // Areas are counted in squares of the leaf's own side.
         let share = 1.0 / (NODE_SIDE * NODE_SIDE) as f32;
         let record = Record {
+            order: Record::at(key, child.material()).order,
             bitmap: 1 << (child.key() & 63),
-            area: share * child.area,
-            normal: child.normal.map(|n| share * n),
-            ..Record::at(key, child.material())
+            ..child.scaled(share)
         };
         match self.0.binary_search_by_key(&record.order, |open| open.order) {
             Ok(at) => self.0[at].add(&record),

@@ -74,14 +74,15 @@ impl UpperBuilder {
             }
             *self.masks[level].last_mut().expect("just pushed") |= 1 << (child & 63);
         }
-        let normal = LeafNormal::pack(leaf.normal, leaf.area);
+        let surface = leaf.surface();
+        let normal = LeafNormal::pack(surface.normal, surface.flatness);
         let facet = 1 << normal.facet();
         self.facet_count += u32::from(self.facets & facet == 0);
         self.facets |= facet;
         self.leaf_count += 1;
         self.bitmaps.push(leaf.bitmap)?;
         self.normals.push(u64::from(normal.0))?;
-        self.areas.push(u64::from(pack_area(leaf.area)))?;
+        self.areas.push(u64::from(pack_area(surface.side_area)))?;
         self.materials.push(u64::from(leaf.material()))
     }
 

@@ -1,4 +1,5 @@
-//! Facets: the surface below a last node, parted by the way that it looks along the axes. Light is kept per facet.
+//! Facets: the surface below a last node, parted by the way that it looks along the axes. Light is kept per facet, for
+//! its front and for its back.
 //!
 //! ```text
 //! node of 64 leaves -> leaves whose mean normal is longest along +x | -x | +y | -y | +z | -z    (those that are there)

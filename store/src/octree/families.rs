@@ -263,7 +263,8 @@ impl FamilyLevel {
         }
         *nodes.last_mut().expect("just pushed") += 1;
         bitmaps.push(leaf.bitmap);
-        normals.push(LeafNormal::pack(leaf.normal, leaf.area).0);
+        let surface = leaf.surface();
+        normals.push(LeafNormal::pack(surface.normal, surface.flatness).0);
         materials.push(leaf.material());
         self.last = Some(key);
     }

@@ -191,7 +191,7 @@ impl RecordBounds {
         record.key() & !self.keys == 0
             && usize::from(record.material()) < self.material_count
             && record.bitmap != 0
-            && record.normal.iter().chain([&record.area]).all(|v| v.is_finite())
+            && record.is_finite()
     }
 }
 

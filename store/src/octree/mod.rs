@@ -1,7 +1,7 @@
 //! The voxel octree (ASVO): the second, decoupled form of the model, which answers G-rays. Paper, section 4.
 //!
 //! ```text
-//! triangles --voxelize--> records (leaf, material, bitmap, area, normal) --sort, merge--> leaves in key order
+//! triangles --voxelize--> records (leaf, material, bitmap, area, sums of normals) --sort, merge--> leaves in key order
 //!
 //! leaves --> octree; where there are finer ones:
 //! finest leaves --sum by 64--> coarser leaves --sum by 64--> upper leaves --> upper octree

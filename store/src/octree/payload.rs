@@ -2,6 +2,8 @@
 //!
 //! Invariant: what is packed comes back to within the width of its field; the tests say how far.
 
+use glam::Vec3;
+
 /// Bits of each octahedral coordinate, and of the length.
 const OCTAHEDRAL_BITS: u32 = 6;
 /// Greatest coordinate. Even, so that 0 is one of them: axes and planes across them are met exactly.
@@ -14,20 +16,19 @@ const LENGTH_MOST: f32 = 15.0;
 pub(crate) struct LeafNormal(pub(super) u16);
 
 impl LeafNormal {
-    /// Of a sum of unit normals weighted by area.
-    pub(super) fn pack(sum: [f32; 3], area: f32) -> LeafNormal {
-        let length = sum.iter().map(|v| v * v).sum::<f32>().sqrt();
-        if !(length > 0.0 && area > 0.0) {
+    /// Of a unit normal and the length of the mean; of zero, none.
+    pub(super) fn pack(normal: Vec3, flatness: f32) -> LeafNormal {
+        if normal == Vec3::ZERO {
             return LeafNormal(0);
         }
-        let n = sum.map(|v| v / length);
+        let n = normal.to_array();
         let l1 = n.iter().map(|v| v.abs()).sum::<f32>();
         let (x, y) = (n[0] / l1, n[1] / l1);
         let sign = |v: f32| if v < 0.0 { -1.0 } else { 1.0 };
         let (x, y) = if n[2] < 0.0 { ((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y)) } else { (x, y) };
         let most = OCTAHEDRAL_MOST as f32;
         let grid = |v: f32| ((v * 0.5 + 0.5) * most).round().clamp(0.0, most) as u16;
-        let flat = ((length / area).min(1.0) * LENGTH_MOST).round().max(1.0) as u16;
+        let flat = (flatness.min(1.0) * LENGTH_MOST).round().max(1.0) as u16;
         LeafNormal(grid(x) | grid(y) << OCTAHEDRAL_BITS | flat << (2 * OCTAHEDRAL_BITS))
     }
 
@@ -147,7 +148,7 @@ mod tests {
             let length = n.iter().map(|v| v * v).sum::<f32>().sqrt();
             prop_assume!(length > 0.1);
             let unit = n.map(|v| v / length);
-            let packed = LeafNormal::pack(unit.map(|v| v * area * 0.8), area);
+            let packed = LeafNormal::pack(unit.into(), 0.8);
             let (back, flatness) = packed.unpack();
             let cos: f32 = (0..3).map(|a| back[a] * unit[a]).sum();
             // Half a step in two coordinates, both in the third, on a vector no shorter than 1 / sqrt(3): sqrt(18) /
@@ -167,7 +168,7 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let mut n = [0.0; 3];
                 n[axis] = sign;
-                assert_eq!(LeafNormal::pack(n, 1.0).unpack(), (n, 1.0));
+                assert_eq!(LeafNormal::pack(n.into(), 1.0).unpack(), (n, 1.0));
             }
         }
     }

@@ -18,8 +18,8 @@ use super::record::Record;
 use super::{LEAF_SIDE, NODE_SIDE, VoxelGrid, leaf_key};
 use crate::error::Result;
 
-/// Records after which the pile is sorted and summed; when half of that is left, it goes out as a run.
-const PILE: usize = 1 << 17;
+/// Records, 4 MB of them, after which the pile is sorted and summed; when half of that is left, it goes out as a run.
+const PILE: usize = 9 << 13;
 /// Leaves along an axis of a triangle's box up to which they are asked one after the other.
 const FEW: i64 = 4;
 
@@ -135,8 +135,7 @@ impl<'a> Voxelizer<'a> {
         let area = if is_inside { area(&job.corner) } else { area_inside(&job.corner, origin, leaf) };
         let area = area / (leaf as f64).powi(2);
         let key = leaf_key(at.map(|v| v as u32), self.grid.depth());
-        let normal = job.unit_normal.map(|n| (n * area) as f32);
-        self.pile.push(Record { bitmap, area: area as f32, normal, ..Record::at(key, job.material) });
+        self.pile.push(Record::of_piece(key, job.material, (bitmap, area), job.unit_normal));
         if self.pile.len() >= PILE {
             self.sum();
             if self.pile.len() >= PILE / 2 {

@@ -158,7 +158,7 @@ impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32
         let (height, at) = (packet.height.0[lane] as usize, packet.at.0[lane]);
         let (unit, rank, bits) = if height == FINER as usize {
             let node = packet.path[height + 1].0[lane];
-            let unit = self.scene.links().unit((node - self.first_link) as usize);
+            let unit = self.scene.links.unit((node - self.first_link) as usize);
             let rank = at - self.octree.nodes()[node as usize].first;
             (unit, rank, self.octree.bitmaps()[at as usize])
         } else {
@@ -237,7 +237,7 @@ impl<E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32> Qu
     #[inline(always)]
     fn near<const N: usize>(&self, packet: &Packet<N>, lane: usize) -> u64 {
         let number = packet.at.0[lane].wrapping_sub(self.first_link) as usize;
-        self.scene.links().words().as_ptr().wrapping_add(number).addr() as u64
+        self.scene.links.words().as_ptr().wrapping_add(number).addr() as u64
     }
 
     #[inline(always)]

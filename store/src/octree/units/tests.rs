@@ -14,7 +14,10 @@ fn units(shape: &[Vec<u8>], linked: bool) -> Units {
     let leaves = units.nodes.iter().map(|&count| u64::from(count)).sum::<u64>();
     let turn = |leaf: u64| leaf.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     units.bitmaps.extend((0..leaves).map(|leaf| turn(leaf) | 1));
-    units.normals.extend((0..leaves).map(|leaf| LeafNormal::pack([leaf as f32 - 9.0, 2.0, -1.0], 99.0).0));
+    units.normals.extend(
+        (0..leaves)
+            .map(|leaf| LeafNormal::pack(glam::Vec3::new(leaf as f32 - 9.0, 2.0, -1.0).normalize(), 0.1).0),
+    );
     units.materials.extend((0..leaves).map(|leaf| (turn(leaf) >> 40) as u16 % 300));
     if linked {
         units.links.extend((0..units.nodes.len()).map(|node| UnitRef::new(node as u32, node % 128).word()));
