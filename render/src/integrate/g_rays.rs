@@ -86,11 +86,12 @@ impl RenderContext<'_> {
             let ray = surface.ray_to(direction, distance, front);
             return batch.push_shadow(Some((ray, start)), None, light);
         };
-        let near = scene.near_length(surface, direction).map(|near| {
+        let near_length = scene.near_length(surface, direction);
+        let near = near_length.map(|near| {
             let (end, front) = if near < distance { (near, None) } else { (distance, front) };
             (surface.ray_to(direction, end, front), start)
         });
-        let rest = scene.leave(surface, direction, distance, front);
+        let rest = scene.leave(surface, direction, near_length, (distance, front));
         batch.push_shadow(near, rest.map(|ray| scene.g_ray(&ray, GKind::Shadow, 0.0).0), light);
     }
 

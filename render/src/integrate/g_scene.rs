@@ -51,11 +51,7 @@ impl GScene<'_> {
     pub(crate) fn near_length(&self, surface: &SurfaceInteraction, direction: DVec3) -> Option<f64> {
         let leaf = self.lower.map_or(self.voxels.leaf_side(), |lower| lower.leaf_side());
         let clear = self.clearance(surface.normal) / surface.normal.dot(direction).max(1e-9);
-        let asks_mesh = match self.near {
-            Near::Voxel => false,
-            Near::Contact => self.starts_within(surface),
-            Near::Exact => true,
-        };
+        let asks_mesh = self.near == Near::Exact || self.near == Near::Contact && self.starts_within(surface);
         asks_mesh.then(|| clear.clamp(NEAR_LEAVES * leaf, NEAR_LEAVES_MAX * leaf))
     }
 
@@ -103,16 +99,17 @@ impl GScene<'_> {
     }
 
     /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it
-    /// leaves that one's voxels, too. `None` when nothing is left of it.
+    /// leaves that one's voxels, too. The mesh answers its beginning of length `near` ([`GScene::near_length`]). `None`
+    /// when nothing is left of it.
     pub(crate) fn leave(
         &self,
         surface: &SurfaceInteraction,
         direction: DVec3,
-        distance: f64,
-        front: Option<DVec3>,
+        near: Option<f64>,
+        (distance, front): (f64, Option<DVec3>),
     ) -> Option<Ray> {
         let clearance = self.clearance(surface.normal);
-        let near = self.near_length(surface, direction).unwrap_or(0.0);
+        let near = near.unwrap_or(0.0);
         if distance <= near {
             return None;
         }

@@ -63,11 +63,12 @@ impl RenderContext<'_> {
         let mut mirrors = voxels.no_mirrors();
         let (world, mut surface) = (self.world, *surface);
         let mut gathered = GatherYield::NOTHING;
-        while let Some(near) = voxels.near_length(&surface, direction) {
-            let ray = surface.ray_to(direction, near, None);
+        let mut near = voxels.near_length(&surface, direction);
+        while let Some(length) = near {
+            let ray = surface.ray_to(direction, length, None);
             let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
             let hit = hit.map(|hit| HitPoint::from(&hit));
-            let lamp = mirrors.lamp(&world.lights, &ray, hit.map_or(near, |hit| hit.t));
+            let lamp = mirrors.lamp(&world.lights, &ray, hit.map_or(length, |hit| hit.t));
             if let Some(radiance) = lamp {
                 gathered.add(mirrors.throughput * radiance);
                 return Answer::Exact((gathered, mirrors, None));
@@ -83,8 +84,9 @@ impl RenderContext<'_> {
             }
             direction = direction.reflect(met.normal);
             surface = met;
+            near = voxels.near_length(&surface, direction);
         }
-        let rest = voxels.leave(&surface, direction, f64::INFINITY, None);
+        let rest = voxels.leave(&surface, direction, near, (f64::INFINITY, None));
         Answer::Exact((gathered, mirrors, rest))
     }
 }
