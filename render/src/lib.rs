@@ -14,17 +14,18 @@
 //! g_stage     the seam for what answers them in batches
 //! shading     BSDF, surfaces, light
 //! scene       text, views, camera, settings, world
-//! image       film, tiles, saliency, filter, encoders, display
 //! photon      photons through mesh and voxels, and the light that they bring
 //! integrate   one module an integrator behind one trait
 //! schedule    tiles over workers, out of core
 //! session     events to pictures
 //! ```
 //!
+//! What a picture is kept and shown in, the film and the display, is a crate of its own below this one: `trex_film`,
+//! whose names are given again here.
+//!
 //! This crate does no I/O: it parses scenes from `&str`, encodes pictures to `Write`, and names pages by id.
 
 mod g_stage;
-mod image;
 mod integrate;
 mod math;
 mod photon;
@@ -42,12 +43,6 @@ mod trace;
 mod voxel;
 
 pub use g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GTurn, GUnits, GView};
-pub use image::display::Display;
-pub use image::encode::{Image, encoder_bytes, write_exr, write_png};
-pub use image::film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
-pub use image::filter::filter_bytes;
-pub use image::saliency::Saliency;
-pub use image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder, Tiles};
 pub use photon::irradiance::PhotonMap;
 pub use scene::camera::{
     Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS, up_axis,
@@ -71,6 +66,10 @@ pub use trace::{
     AllResident, Answer, Arithmetic, Hit, MeshTracer, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer,
     Pages, PooledPages, Ray, Seat, Seats, Tracer, intersect_all, occluded_all, pooled_tracers,
     seated_tracers,
+};
+pub use trex_film::{
+    Display, Film, Image, LayerPixel, Layers, NO_ID, Saliency, TILE_SIDE_PIXELS, Tile, TileOrder, Tiles,
+    encoder_bytes, film_bytes, filter_bytes, write_exr, write_png,
 };
 pub use voxel::{
     GAnswer, GKind, GRay, LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit,

@@ -7,6 +7,7 @@
 
 use sobol_burley::parts::{hash, owen_scramble_rev, sobol_rev, u32_to_f32_norm};
 use std::sync::LazyLock;
+use trex_film::mix;
 
 /// Longest sequence that the Sobol tables hold; longer ones go on in a sequence with another seed.
 const SEQUENCE_BITS: u32 = 16;
@@ -106,14 +107,6 @@ fn scrambled(index: u32, seed: u32) -> [f32; 4] {
         let salt = [0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8][a];
         u32_to_f32_norm(owen_scramble_rev(high[a] ^ low[a], hash(scramble ^ salt)).reverse_bits())
     })
-}
-
-/// The finalizer of SplitMix64 (G. Steele et al., OOPSLA 2014).
-pub(crate) fn mix(key: u64) -> u64 {
-    let key = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let key = (key ^ key >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let key = (key ^ key >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    key ^ key >> 31
 }
 
 #[cfg(test)]

@@ -7,14 +7,15 @@ use crate::tidy::{Source, files, none};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Library crates whose strings name no flag and no verb of the command. Other crates are added once theirs do not.
-const FLAGLESS: [&str; 6] =
-    ["store/src/", "datasets-gen/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
+const FLAGLESS: [&str; 7] =
+    ["store/src/", "datasets-gen/src/", "film/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
 /// Verbs of the command.
 const VERBS: [&str; 8] = ["build", "render", "view", "info", "verify", "gen", "demo", "image"];
 /// Crates whose type names are nouns, and in which none stands in two files: all.
-const NAMED_WELL: [&str; 11] = [
+const NAMED_WELL: [&str; 12] = [
     "store/",
     "datasets-gen/",
+    "film/",
     "image/",
     "model/",
     "render/",

@@ -13,9 +13,10 @@ use tungstenite::protocol::frame::coding::{Data, OpCode};
 
 /// Quality of JPEG while the picture changes.
 const QUALITY: u8 = 85;
-/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two. Each client has such
-/// a frame leased, so what is added here is taken from the pages of the model, eightfold.
-const PIXELS_PER_BYTE: usize = 3;
+/// Pixels of a picture to a byte of a frame: a picture full of noise takes more, and goes in two. Each client has a
+/// frame leased, so what is added to the narrow one is taken from the pages of the model, eightfold.
+const WIDE_PIXELS_PER_BYTE: usize = 3;
+const NARROW_PIXELS_PER_BYTE: usize = 6;
 /// Bytes of a frame beside these: tables, and pictures so small that these count.
 const FRAME_FIXED_BYTES: usize = 32 << 10;
 /// Most bytes of the header of a message from a server.
@@ -66,11 +67,24 @@ impl FrameHead {
     }
 }
 
-/// Most bytes of the frames of a client, for pictures of `full` pixels.
-pub(crate) fn frame_bytes(full: [u32; 2]) -> usize {
+/// How large a frame may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FrameWidth {
+    /// Of the page that drives, while it has the one room for it.
+    Wide,
+    /// Of all others: their frames go in more parts.
+    Narrow,
+}
+
+/// Most bytes of a frame of this width, for pictures of `full` pixels.
+pub(crate) fn frame_bytes(full: [u32; 2], width: FrameWidth) -> usize {
+    let pixels_per_byte = match width {
+        FrameWidth::Wide => WIDE_PIXELS_PER_BYTE,
+        FrameWidth::Narrow => NARROW_PIXELS_PER_BYTE,
+    };
     let pixels = full[0] as usize * full[1] as usize;
     let blocks = Layout::new(full, 1).count() as usize;
-    pixels / PIXELS_PER_BYTE + 2 * blocks + FRAME_FIXED_BYTES
+    pixels / pixels_per_byte + 2 * blocks + FRAME_FIXED_BYTES
 }
 
 impl Atlas {
@@ -201,7 +215,7 @@ mod tests {
         let mut atlas = Atlas { blocks: vec![1, 39, 40, 799], ..Atlas::default() };
         atlas.copy(&picture);
         let mut bytes = vec![];
-        let start = atlas.encode(frame_bytes([640, 320]), &mut bytes).unwrap();
+        let start = atlas.encode(frame_bytes([640, 320], FrameWidth::Wide), &mut bytes).unwrap();
         let message = &bytes[start..];
         // Final, binary, 16 bits of length.
         assert_eq!((message[0], message[1]), (0x82, 126));
@@ -226,6 +240,6 @@ mod tests {
         // One block always does.
         atlas.blocks.truncate(1);
         atlas.copy(&picture);
-        assert!(atlas.encode(frame_bytes([1, 1]), &mut bytes).is_some());
+        assert!(atlas.encode(frame_bytes([1, 1], FrameWidth::Narrow), &mut bytes).is_some());
     }
 }

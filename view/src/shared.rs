@@ -5,7 +5,7 @@
 //!
 //! Invariant: a client that is in the list has had, or has waiting, a welcome of the state at that moment.
 
-use crate::atlas::{Atlas, frame_bytes};
+use crate::atlas::{Atlas, FrameWidth, frame_bytes};
 use crate::client::Client;
 use crate::connections::{CONNECTIONS_MAX, Connections};
 use crate::guard::{Hosts, Token};
@@ -52,6 +52,8 @@ pub(crate) struct SharedState {
     stats: Mutex<Option<Arc<Stats>>>,
     atlas: Mutex<Atlas>,
     picture: Mutex<Picture>,
+    /// Held by the one client whose frame is wide, for as long as it has one.
+    wide_frame: Mutex<()>,
     clients: Mutex<Vec<Arc<Client>>>,
     pub(crate) connections: Connections,
     /// How long a page may be silent that something was sent to.
@@ -66,9 +68,11 @@ pub(crate) struct SharedState {
 }
 
 /// Bytes that a viewer of pictures of `full` pixels takes beside its session: what is shown, the blocks that are
-/// encoded, the settled picture, what waits in the mailbox, and for each client its frame and its texts.
+/// encoded, the settled picture, what waits in the mailbox, for each client its frame and its texts, and one wide frame
+/// in place of a narrow one.
 pub fn view_bytes(full: [u32; 2]) -> u64 {
-    let clients = CLIENTS_MAX * (frame_bytes(full) + TEXT_BYTES_MAX + CLIENT_BYTES);
+    let [wide, narrow] = [FrameWidth::Wide, FrameWidth::Narrow].map(|width| frame_bytes(full, width));
+    let clients = CLIENTS_MAX * (narrow + TEXT_BYTES_MAX + CLIENT_BYTES) + wide - narrow;
     let connections = (CONNECTIONS_MAX - CLIENTS_MAX) * CONNECTION_BYTES;
     // What is kept for those who come later, and a text in the making.
     let texts = 2 * TEXT_BYTES_MAX + MAILBOX_BYTES;
@@ -102,6 +106,7 @@ impl SharedState {
             stats: Mutex::default(),
             atlas: Mutex::default(),
             picture: Mutex::new(Picture::new(full)),
+            wide_frame: Mutex::default(),
             clients: Mutex::default(),
             connections: Connections::default(),
             silence_max,
@@ -116,6 +121,13 @@ impl SharedState {
     /// What is on show.
     pub(crate) fn picture(&self) -> MutexGuard<'_, Picture> {
         lock(&self.picture)
+    }
+
+    /// The room for a wide frame, as long as it is held: for the page that drives, and for one at a time. One that
+    /// drove before may still be sending its last.
+    pub(crate) fn wide_frame(&self, client: u32) -> Option<MutexGuard<'_, ()>> {
+        let drives = self.mailbox.driver() == Some(client);
+        drives.then(|| self.wide_frame.try_lock().ok()).flatten()
     }
 
     /// The blocks that are encoded.
@@ -262,19 +274,39 @@ mod tests {
     use super::*;
     use std::net::TcpListener;
 
-    /// A hello that came after the interrupt was let in: its threads waited for ever, and the viewer with them.
-    #[test]
-    fn nobody_is_let_in_once_the_server_ends() {
+    /// What is shared, and where it listens.
+    fn shared() -> (SharedState, TcpListener) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let (token, hosts) = (Token::random().unwrap(), Hosts::new(address.ip(), &[]));
         let admission = Admission { token, hosts, silence_max: Duration::from_secs(60) };
-        let shared = SharedState::new(admission, [64, 64], &Budget::unlimited()).unwrap();
-        let admit = || shared.admit(Arc::new(TcpStream::connect(address).unwrap()), [64, 64]);
-        let first = admit().unwrap();
+        (SharedState::new(admission, [64, 64], &Budget::unlimited()).unwrap(), listener)
+    }
+
+    fn admit(shared: &SharedState, listener: &TcpListener) -> Option<Arc<Client>> {
+        let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        shared.admit(Arc::new(stream), [64, 64])
+    }
+
+    /// One wide frame is leased: the page that drives has it, once.
+    #[test]
+    fn one_client_at_a_time_has_a_wide_frame() {
+        let (shared, listener) = shared();
+        let [driver, other] = [0; 2].map(|_| admit(&shared, &listener).unwrap());
+        let wide = shared.wide_frame(driver.id);
+        assert!(wide.is_some() && shared.wide_frame(driver.id).is_none());
+        drop(wide);
+        assert!(shared.wide_frame(other.id).is_none() && shared.wide_frame(driver.id).is_some());
+    }
+
+    /// A hello that came after the interrupt was let in: its threads waited for ever, and the viewer with them.
+    #[test]
+    fn nobody_is_let_in_once_the_server_ends() {
+        let (shared, listener) = shared();
+        let first = admit(&shared, &listener).unwrap();
         shared.dismiss(&first);
         shared.connections.refuse();
-        assert!(admit().is_none() && shared.clients().is_empty());
+        assert!(admit(&shared, &listener).is_none() && shared.clients().is_empty());
         assert_eq!(shared.mailbox.driver(), None);
     }
 }

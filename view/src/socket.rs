@@ -10,7 +10,7 @@
 //! outbox allows, is let go; 4. the reader ends the writer, and the other way round; 5. a shutdown of the stream ends
 //! both at once.
 
-use crate::atlas::{FrameHead, frame_bytes, part_head};
+use crate::atlas::{FrameHead, FrameWidth, frame_bytes, part_head};
 use crate::client::Client;
 use crate::http::{DeadlineStream, HEAD_TIME_MAX};
 use crate::mail::PostOutcome;
@@ -162,6 +162,21 @@ fn write_all(shared: &SharedState, client: &Client, frame: &mut Vec<u8>) -> io::
 
 /// Sends what is marked, or as much of it as the line bears.
 fn send_blocks(shared: &SharedState, client: &Client, frame: &mut Vec<u8>) -> io::Result<()> {
+    let Some(_wide) = shared.wide_frame(client.id) else {
+        return send_frame(shared, client, frame, FrameWidth::Narrow);
+    };
+    let sent = send_frame(shared, client, frame, FrameWidth::Wide);
+    // The next wide frame may be another client's.
+    *frame = Vec::new();
+    sent
+}
+
+fn send_frame(
+    shared: &SharedState,
+    client: &Client,
+    frame: &mut Vec<u8>,
+    width: FrameWidth,
+) -> io::Result<()> {
     let mut atlas = shared.atlas();
     let mut most_blocks = usize::MAX;
     let start = loop {
@@ -178,7 +193,7 @@ fn send_blocks(shared: &SharedState, client: &Client, frame: &mut Vec<u8>) -> io
         }
         atlas.copy(&picture);
         let layout = picture.layout;
-        let most = frame_bytes(picture.full);
+        let most = frame_bytes(picture.full, width);
         drop(picture);
         if frame.capacity() > most {
             *frame = Vec::new();

@@ -1,9 +1,9 @@
 //! What a C-ray meets first: a place on the mesh, or behind the cut of the footprint rule in the voxels.
 
-use crate::image::film::NO_ID;
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
 use crate::trace::{Hit, Ray};
 use crate::voxel::{VoxelScene, VoxelSurface};
+use trex_film::NO_ID;
 
 /// Clearances that a ray leaves a voxel by: the point of the hit is within one of the surface.
 const CLEARANCES: f64 = 2.0;

@@ -4,7 +4,6 @@
 use super::c_ray::CRayHit;
 use super::g_scene::GScene;
 use super::path_state::{Origin, Path, ShadowQuery, Stage};
-use crate::image::film::Layers;
 use crate::photon::irradiance::Irradiance;
 use crate::photon::kd_tree::PhotonTree;
 use crate::sampler::Decision;
@@ -17,6 +16,7 @@ use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::{MissingUnits, Occluders};
 use glam::{DVec3, Vec3};
+use trex_film::Layers;
 use trex_store::Material;
 
 /// The share of a light sample, one of so many, that counts beside other ways to find its light.

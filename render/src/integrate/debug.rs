@@ -14,12 +14,12 @@ use super::g_batch::GBatch;
 use super::g_scene::GScene;
 use super::path_state::{Path, Stage};
 use super::{CRays, Integrator};
-use crate::sampler::mix;
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray};
 use crate::voxel::{GAnswer, GKind};
 use glam::{DVec3, Vec3};
+use trex_film::mix;
 
 /// Share of light on faces across x, y and z.
 const FACE_SHADE: [f32; 3] = [0.6, 1.0, 0.8];

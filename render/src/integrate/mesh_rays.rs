@@ -132,8 +132,8 @@ fn in_order(keys: &[u8]) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::mix;
     use crate::trace::{Hit, NaiveMesh, NaiveTriangle};
+    use trex_film::mix;
 
     /// Counts rays that go alone and together.
     struct RayCounter {

@@ -11,10 +11,10 @@
 //! the ray alone, so that it ends alike whether it is asked alone or among many.
 
 use super::roulette::{BOUNCES_MAX, survives};
-use crate::sampler::mix;
 use crate::shading::light::Lights;
 use crate::trace::Ray;
 use glam::Vec3;
+use trex_film::mix;
 use trex_store::Material;
 
 /// Mirrors that a ray follows which is asked again from its beginning: what lies behind more of them is dark.

@@ -7,12 +7,12 @@ use super::c_ray::AskedFar;
 use super::g_batch::Place;
 use super::mirrors::Mirrors;
 use super::roulette::survives;
-use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};
 use crate::trace::{Hit, Ray};
 use glam::{DVec3, Vec3};
+use trex_film::LayerPixel;
 
 /// The result of a sample of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -22,12 +22,12 @@ use super::photon::PhotonMapping;
 use super::together::Together;
 use super::{CRays, Integrator};
 use crate::g_stage::{GStage, GView};
-use crate::image::film::LayerPixel;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::method::Method;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
 use glam::Vec3;
+use trex_film::LayerPixel;
 
 /// The end of a step of a sample.
 pub(crate) enum Step {

@@ -14,10 +14,10 @@
 //!
 //! Invariants: 1. the same photons give the same map, whatever the threads; 2. a pass counts whole or not at all.
 
-use crate::image::packed::PackedLight;
-use crate::sampler::mix;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
+use trex_film::PackedLight;
+use trex_film::mix;
 use trex_store::octree::Facets;
 use trex_store::{Budget, Lease, Result};
 

@@ -209,10 +209,10 @@ fn unpacked(direction: [i16; 3]) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::mix;
     use crate::shading::bsdf::Bsdf;
     use crate::shading::surface::HitPoint;
     use crate::trace::Ray;
+    use trex_film::mix;
 
     fn number(key: u64) -> f64 {
         (mix(key) >> 11) as f64 / (1u64 << 53) as f64

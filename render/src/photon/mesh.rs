@@ -244,7 +244,6 @@ impl Batch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::mix;
     use crate::scene::camera::Camera;
     use crate::scene::method::Method;
     use crate::scene::settings::RenderKeys;
@@ -254,6 +253,7 @@ mod tests {
     use crate::trace::{Hit, NaiveMesh, NaiveTriangle, Tracer};
     use std::collections::HashMap;
     use std::time::Duration;
+    use trex_film::mix;
     use trex_store::{Aabb, Material};
 
     impl Deposit {

@@ -13,6 +13,7 @@
 use crate::math::{ground_axes, unit};
 use crate::trace::Ray;
 use glam::DVec3;
+use trex_film::Lens;
 use trex_store::{Aabb, Code, Error, Result};
 
 /// Smallest angle of view, degrees.
@@ -192,6 +193,16 @@ impl Projection {
         let direction = across + (2.0 * y / height - 1.0) * self.down;
         let direction = unit(direction).expect("a view has a direction");
         Ray::new(self.position, direction, f64::INFINITY)
+    }
+}
+
+impl Lens for Projection {
+    fn direction(&self, x: f64, y: f64) -> [f64; 3] {
+        self.ray(x, y).direction
+    }
+
+    fn pixel_angle(&self) -> f64 {
+        Projection::pixel_angle(self)
     }
 }
 

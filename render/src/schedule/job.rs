@@ -1,11 +1,10 @@
 //! `Job`: a tile in work: its samples on their way, and what those that are finished came to.
 
 use super::samples::{OpenSample, Samples};
-use crate::image::film::LayerPixel;
-use crate::image::tile::{TILE_SIDE_PIXELS, Tile};
 use crate::integrate::{Sample, SampleIntegrator};
 use crate::stats::RayCounts;
 use crate::trace::Tracer;
+use trex_film::{LayerPixel, TILE_SIDE_PIXELS, Tile};
 
 /// Most samples of a pixel in one pass: enough work per tile to pay for its pages, little enough to hold.
 pub(crate) const PASS_SAMPLES_MAX: u32 = 4;

@@ -25,8 +25,6 @@ use super::g_queue::{GQueue, batch_samples};
 use super::job::{JOB_SAMPLES_MAX, Job};
 use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
 use crate::g_stage::GNeeds;
-use crate::image::film::Film;
-use crate::image::tile::Tiles;
 use crate::integrate::{RayNeeds, Together};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
@@ -34,6 +32,7 @@ use rayon::ThreadPool;
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
+use trex_film::{Film, Tiles};
 
 /// The workers of a pass: a tracer each, and the threads that they run on.
 pub(crate) struct Workers<'a, T> {

@@ -12,16 +12,13 @@
 use super::job::JOB_SAMPLES_MAX;
 use super::pass::Workers;
 use super::samples::{OpenSample, SampleWork, Samples};
-use crate::image::coarse::{STEPS, grid_size};
-use crate::image::display::Display;
-use crate::image::film::LayerPixel;
-use crate::image::tile::{TILE_SIDE_PIXELS, tile, tile_count};
 use crate::integrate::Together;
 use crate::stats::RayCounts;
 use crate::trace::PagedTracer;
 use glam::Vec3;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use trex_film::{Display, LayerPixel, STEPS, TILE_SIDE_PIXELS, grid_size, tile, tile_count};
 
 /// Tiles of grid points that a worker takes at a time: as many samples as a job of the film has at most.
 const PART_TILES: u32 = JOB_SAMPLES_MAX as u32 / (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS);

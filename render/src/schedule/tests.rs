@@ -5,10 +5,7 @@ mod g_stage;
 
 use super::*;
 use crate::g_stage::CpuStage;
-use crate::image::encode::write_exr;
-use crate::image::film::Layers;
 use crate::integrate::{RenderContext, SampleIntegrator};
-use crate::sampler::mix;
 use crate::scene::camera::Camera;
 use crate::scene::method::Method;
 use crate::scene::settings::RenderKeys;
@@ -20,6 +17,8 @@ use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
 use std::time::Duration;
+use trex_film::mix;
+use trex_film::{Layers, write_exr};
 use trex_store::{Aabb, Budget, Material};
 
 const RESOLUTION: [u32; 2] = [37, 21];

@@ -17,8 +17,6 @@ use super::g_queue::{GQueue, batch_samples};
 use super::job::Job;
 use super::samples::{OpenSample, SampleWork};
 use crate::g_stage::{GCall, GTurn};
-use crate::image::film::Film;
-use crate::image::tile::Tiles;
 use crate::integrate::Together;
 use crate::stats::PassStats;
 use crate::trace::{Advance, Answer, PagedTracer, Retry, WAIT};
@@ -26,6 +24,7 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use trex_film::{Film, Tiles};
 
 /// Most tiles of a worker that wait for pages: about what a disk queue takes, at some requests a tile.
 pub(super) const PARKED_MAX: usize = 8;

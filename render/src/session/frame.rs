@@ -14,12 +14,12 @@ use super::ladder::{ROUGH_STEP, Turn};
 use super::light::Arrival;
 use super::live::{Live, LiveSession};
 use super::tile_run::TileFrame;
-use crate::image::filter;
 use crate::integrate::RenderContext;
 use crate::schedule::{Grid, SampleWork, Workers};
 use crate::stats::{PassStats, RayCounts};
 use crate::trace::PagedTracer;
 use std::time::Instant;
+use trex_film::smooth;
 
 /// Photons take as long as tiles do while light changes; so many times as long when every tile has been taken anew,
 /// since what these show goes out of date with each photon.
@@ -130,7 +130,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         {
             // In the room that the display leaves it.
             self.live.display.release_work(pool);
-            filter::smooth(film, &world.projection, pool, stop);
+            smooth(film, &world.projection, pool, stop);
         }
     }
 

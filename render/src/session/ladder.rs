@@ -9,8 +9,8 @@
 //! A rung takes three times as many samples as those before it together, and so three times their time. It is taken as
 //! a whole: the first of a frame whatever it takes.
 
-use crate::image::coarse::STEPS;
 use std::time::Duration;
+use trex_film::STEPS;
 
 /// Pixels from sample to sample at which a picture is first shown.
 pub(super) const ROUGH_STEP: u32 = 4;

@@ -30,14 +30,10 @@ use super::fetch_block::FetchBlock;
 use super::ladder::Ladder;
 use super::tile_run::TileRun;
 use super::{Change, Event, Pick, Session};
-use crate::image::display::Display;
-use crate::image::encode::Image;
-use crate::image::film::Film;
-use crate::image::saliency::ReducedPicture;
-use crate::image::tile::{TILE_SIDE_PIXELS, Tile, TileOrder};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
+use trex_film::{Display, Film, Image, ReducedPicture, TILE_SIDE_PIXELS, Tile, TileOrder};
 use trex_store::{Code, Error, NextStep, Result, Setting};
 
 /// Options of frames with a deadline.

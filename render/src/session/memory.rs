@@ -8,12 +8,10 @@
 
 use super::shares::{SessionFacts, SessionShares};
 use crate::g_stage::{CpuStage, GNeeds};
-use crate::image::encode::encoder_bytes;
-use crate::image::film::Layers;
-use crate::image::filter::filter_bytes;
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::trace::PooledPages;
 use serde::Serialize;
+use trex_film::{Layers, encoder_bytes, filter_bytes};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::UpperSize;
 use trex_store::pool::{PagePool, PoolOptions};

@@ -34,9 +34,6 @@ use light::{IndirectLight, LightRoom, LightWork};
 use shares::{SessionFacts, SessionShares};
 
 use crate::g_stage::{GNeeds, GStage};
-use crate::image::film::{Film, Layers};
-use crate::image::filter::{filter_bytes, smooth};
-use crate::image::tile::Tiles;
 use crate::integrate::RenderContext;
 use crate::scene::camera::Camera;
 use crate::scene::settings::RenderSettings;
@@ -48,6 +45,7 @@ use crate::threads::WorkerThreads;
 use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
+use trex_film::{Film, Layers, Tiles, filter_bytes, smooth};
 use trex_store::{Budget, Lease, Result};
 
 /// A change by the user.
@@ -315,8 +313,8 @@ impl<T: PagedTracer + Send> Session<T> {
         stats
     }
 
-    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see `image/filter.rs`. Does
-    /// nothing for others.
+    /// Smooths the indirect light on a film that keeps it apart, until samples are added: see `film/src/filter.rs`.
+    /// Does nothing for others.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the filter's work.

@@ -14,13 +14,11 @@ use super::light::{LightKind, LightRoom};
 use super::live::Live;
 use super::shares::SessionShares;
 use super::{Change, LiveSession, Session};
-use crate::image::display::Display;
-use crate::image::film::{Film, Layers};
-use crate::image::tile::Tiles;
 use crate::scene::method::Filter;
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
 use crate::trace::PagedTracer;
+use trex_film::{Display, Film, Layers, Tiles};
 use trex_store::{Lease, Result};
 
 /// True when photons sent under one of the settings are those of the other.

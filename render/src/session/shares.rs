@@ -13,12 +13,11 @@
 
 use super::light::{LightBytes, LightKind};
 use crate::g_stage::GNeeds;
-use crate::image::display::Display;
-use crate::image::film::{Layers, film_bytes};
 use crate::integrate::rays_asked;
 use crate::scene::settings::RenderSettings;
 use crate::schedule::pass_bytes;
 use crate::shading::light::{Emitter, Emitters};
+use trex_film::{Display, Layers, film_bytes};
 use trex_store::{Budget, Lease, Material, Result};
 
 /// Copies of materials: of the caller, of the viewer, of the session and its world, and of both while an edit replaces

@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::g_stage::{CpuStage, GCall, GTurn};
-use crate::image::film::film_bytes;
 use crate::integrate::rays_asked;
 use crate::scene::method::{Filter, Method};
 use crate::scene::settings::RenderKeys;
@@ -13,6 +12,7 @@ use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, Ray, Tracer};
 use crate::voxel::Voxels;
 use std::sync::Arc;
 use std::time::Duration;
+use trex_film::film_bytes;
 use trex_store::build::{self, BuildOptions, ExistingOutput, Precision};
 use trex_store::import::{ImportOptions, open};
 use trex_store::{Aabb, Code, Interrupt, Material, PageFile};

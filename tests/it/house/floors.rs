@@ -2,7 +2,15 @@
 
 /// Folders that have floors, and these, in the order of ARCHITECTURE.md: each imports itself and those before it. What
 /// stands in the folder's own `mod.rs` or `lib.rs` is above all of them.
-pub(super) const HOUSES: [House; 3] = [
+pub(super) const HOUSES: [House; 4] = [
+    House {
+        of_crate: "film",
+        folder: &[],
+        floors: &[
+            "hash", "packed", "lens", "rgb_sum", "saliency", "tile", "film", "filter", "coarse", "display",
+            "encode",
+        ],
+    },
     House {
         of_crate: "render",
         folder: &[],
@@ -17,7 +25,6 @@ pub(super) const HOUSES: [House; 3] = [
             "g_stage",
             "shading",
             "scene",
-            "image",
             "photon",
             "integrate",
             "schedule",

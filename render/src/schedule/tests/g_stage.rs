@@ -1,12 +1,9 @@
 //! Tests of passes whose G-rays go through a stage, against samples whose rays are asked one by one.
 
 use crate::g_stage::{CpuStage, GCall, GNeeds, GStage, GTurn};
-use crate::image::film::{Film, Layers};
-use crate::image::tile::Tiles;
 use crate::integrate::{RenderContext, SampleIntegrator};
 use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::voxel::VoxelPhotons;
-use crate::sampler::mix;
 use crate::scene::camera::Camera;
 use crate::scene::method::{Method, Near};
 use crate::scene::settings::RenderKeys;
@@ -21,6 +18,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use trex_film::mix;
+use trex_film::{Film, Layers, Tiles};
 use trex_store::build::{BuildOptions, build};
 use trex_store::import::{self, ImportOptions};
 use trex_store::{Aabb, Budget, PageFile, Result};

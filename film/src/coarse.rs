@@ -34,7 +34,7 @@ use rayon::prelude::*;
 
 /// Pixels from sample to sample, the coarsest first. Powers of two, so that each grid holds those before it. None is as
 /// fine as the picture: with a sample at each pixel it would cost what the exact tiles cost.
-pub(crate) const STEPS: [u32; 3] = [8, 4, 2];
+pub const STEPS: [u32; 3] = [8, 4, 2];
 /// Step of the finest grid, whose samples are kept.
 const KEPT_STEP: u32 = STEPS[STEPS.len() - 1];
 /// Most light of a sample: sums of some are still finite.
@@ -72,7 +72,7 @@ struct SampleGrid<'a> {
 type Planes<'a> = [&'a [f32]; 3];
 
 /// Width and height of the grid with a sample at every `step`-th pixel of a picture of `resolution`.
-pub(crate) fn grid_size(resolution: [u32; 2], step: u32) -> [u32; 2] {
+pub fn grid_size(resolution: [u32; 2], step: u32) -> [u32; 2] {
     resolution.map(|side| side.div_ceil(step))
 }
 

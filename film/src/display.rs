@@ -20,7 +20,7 @@ use rayon::ThreadPool;
 use trex_store::Lease;
 
 /// Samples of a pixel that the picture of the first rays is worth: it is smoothed over neighbours of one surface
-/// (`image/coarse.rs`), so it is as near to the truth as one or two samples are.
+/// (`coarse.rs`), so it is as near to the truth as one or two samples are.
 const FIRST_WORTH: f32 = 1.5;
 
 /// Samples of a pixel that what was shown before light changed by itself is worth at most: it is of the light before.
@@ -65,7 +65,7 @@ impl Display {
     }
 
     /// A display of `resolution` (width, height; pixels) that shows nothing, in a lease of [`Display::bytes`].
-    pub(crate) fn in_lease(resolution: [u32; 2], lease: Lease) -> Display {
+    pub fn in_lease(resolution: [u32; 2], lease: Lease) -> Display {
         let radiance = vec![PackedLight::default(); resolution[0] as usize * resolution[1] as usize];
         Display {
             resolution,
@@ -79,33 +79,33 @@ impl Display {
     }
 
     /// Leaves the room for its work to another, until the next [`Display::show`]. What is on show is filled in.
-    pub(crate) fn release_work(&mut self, pool: &ThreadPool) {
+    pub fn release_work(&mut self, pool: &ThreadPool) {
         self.fill(pool);
         self.coarse.release_work();
     }
 
     /// The lease of its memory.
-    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+    pub fn lease_mut(&mut self) -> &mut Lease {
         &mut self.lease
     }
 
     /// The state of the first rays on show; `None` before the first picture.
-    pub(crate) fn state(&self) -> Option<u32> {
+    pub fn state(&self) -> Option<u32> {
         self.shown.map(|(state, _)| state)
     }
 
     /// The state that tile `index` shows; `None` before the first picture.
-    pub(crate) fn tile_state(&self, index: u32) -> Option<u32> {
+    pub fn tile_state(&self, index: u32) -> Option<u32> {
         self.shown.map(|_| self.standings[index as usize].state)
     }
 
     /// Samples of a pixel that what tile `index` shows is worth.
-    pub(crate) fn worth(&self, index: u32) -> f32 {
+    pub fn worth(&self, index: u32) -> f32 {
         self.standings[index as usize].worth
     }
 
     /// Shows `radiances` from pixel (x, y) on: what is on show there, the display's own picture with that of samples.
-    pub(crate) fn keep(&mut self, [x, y]: [u32; 2], radiances: &[[f32; 3]]) {
+    pub fn keep(&mut self, [x, y]: [u32; 2], radiances: &[[f32; 3]]) {
         let first = y as usize * self.resolution[0] as usize + x as usize;
         for (kept, &radiance) in self.radiance[first..].iter_mut().zip(radiances) {
             *kept = PackedLight::new(radiance);
@@ -113,31 +113,31 @@ impl Display {
     }
 
     /// What tile `index` shows counts from now on as of `state`, and for so many `samples` more.
-    pub(crate) fn stand(&mut self, index: u32, state: u32, samples: u32) {
+    pub fn stand(&mut self, index: u32, state: u32, samples: u32) {
         let standing = &mut self.standings[index as usize];
         let worth = (standing.worth + samples as f32).min(BEFORE_WORTH_MOST);
         *standing = TileWorth { state, worth };
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.
-    pub(crate) fn step(&self) -> Option<u32> {
+    pub fn step(&self) -> Option<u32> {
         self.shown.map(|(_, step)| step)
     }
 
     /// Radiance on show from pixel (x, y) on, by rows, linear RGB.
-    pub(crate) fn radiances(&self, [x, y]: [u32; 2]) -> impl Iterator<Item = [f32; 3]> {
+    pub fn radiances(&self, [x, y]: [u32; 2]) -> impl Iterator<Item = [f32; 3]> {
         let first = y as usize * self.resolution[0] as usize + x as usize;
         self.radiance[first..].iter().map(|radiance| radiance.rgb())
     }
 
     /// Sets the sample of a pixel (x, y), one of the finest grid: its radiance, linear RGB, and what it saw.
-    pub(crate) fn set(&mut self, pixel: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
+    pub fn set(&mut self, pixel: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
         self.coarse.set(pixel, radiance, seen);
     }
 
     /// Shows the samples at every `step`-th pixel, all of which are of `state`; where `is_sparse` at their own pixels
     /// alone, for the time being.
-    pub(crate) fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
+    pub fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
         self.coarse.smooth(step, pool);
         (self.shown, self.is_sparse) = (Some((state, step)), true);
         self.standings.fill(TileWorth { state, worth: FIRST_WORTH });
@@ -149,7 +149,7 @@ impl Display {
     }
 
     /// Fills in the pixels between the samples that are shown, where that is still to be done.
-    pub(crate) fn fill(&mut self, pool: &ThreadPool) {
+    pub fn fill(&mut self, pool: &ThreadPool) {
         if let Some((_, step)) = self.shown.filter(|_| std::mem::take(&mut self.is_sparse)) {
             self.coarse.fill(step, &mut self.radiance, pool);
         }
@@ -159,8 +159,8 @@ impl Display {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::coarse::STEPS;
-    use crate::sampler::mix;
+    use crate::coarse::STEPS;
+    use crate::hash::mix;
     use crate::testing::pool;
     use trex_store::Budget;
 

@@ -12,7 +12,7 @@ pub(super) const SAMPLE_PIXELS: u32 = 4;
 
 /// A picture at two samples a tile along each side: each the mean of its pixels, each of those at most 1.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct ReducedPicture {
+pub struct ReducedPicture {
     /// Width and height, samples.
     pub(super) size: [usize; 2],
     pub(super) rgb: Vec<[f32; 3]>,
@@ -22,10 +22,7 @@ impl ReducedPicture {
     /// The reduction of a picture of `resolution` (width, height; pixels). `fill` is given a pixel (x, y), and writes
     /// linear RGB of as many pixels of its row, all in one tile, as there are places. It is asked for every pixel.
     /// Where the picture's edge cuts a tile, samples without pixels are as the picture's last.
-    pub(crate) fn new(
-        resolution: [u32; 2],
-        mut fill: impl FnMut([u32; 2], &mut [[f32; 3]]),
-    ) -> ReducedPicture {
+    pub fn new(resolution: [u32; 2], mut fill: impl FnMut([u32; 2], &mut [[f32; 3]])) -> ReducedPicture {
         let [width, height] = resolution;
         let size = resolution.map(|side| side.div_ceil(SIDE_PIXELS) * SAMPLES_PER_SIDE);
         let mut rgb = Vec::with_capacity(size[0] as usize * size[1] as usize);
@@ -58,7 +55,7 @@ impl ReducedPicture {
 
     /// As [`ReducedPicture::new`], pixel by pixel.
     #[cfg(test)]
-    pub(crate) fn of(resolution: [u32; 2], mut radiance: impl FnMut([u32; 2]) -> [f32; 3]) -> ReducedPicture {
+    pub fn of(resolution: [u32; 2], mut radiance: impl FnMut([u32; 2]) -> [f32; 3]) -> ReducedPicture {
         ReducedPicture::new(resolution, |[x, y], row| {
             (x..).zip(row).for_each(|(x, place)| *place = radiance([x, y]));
         })

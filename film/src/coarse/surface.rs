@@ -2,7 +2,7 @@
 //!
 //! Two samples are of one surface when they are alike in depth, normal and albedo.
 
-use crate::image::film::LayerPixel;
+use crate::film::LayerPixel;
 
 /// Depths of neighbours on one surface differ by less than this share.
 pub(super) const DEPTH_SHARE: f32 = 0.08;

@@ -4,7 +4,7 @@ use super::achanta::{distance, to_lab};
 use super::itti::oriented;
 use super::plane::Plane;
 use super::{ReducedPicture, SIDE_PIXELS, Saliency};
-use crate::sampler::mix;
+use crate::hash::mix;
 use std::f32::consts::FRAC_1_SQRT_2;
 
 const BOTH: [Saliency; 2] = [Saliency::Achanta, Saliency::Itti];

@@ -31,7 +31,7 @@ mod tests;
 
 use super::film::{Film, Guide};
 use super::packed::PackedLight;
-use crate::scene::camera::Projection;
+use crate::lens::Lens;
 use glam::{DVec3, Vec3};
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -89,17 +89,12 @@ struct Window {
     near: Vec<f32>,
 }
 
-/// Smooths the indirect light of `film`, which was taken by the rays of `projection`, on the threads of `pool`; the
+/// Smooths the indirect light of `film`, whose pixels look through `lens`, on the threads of `pool`; the
 /// caller has leased [`filter_bytes`]. `stop` is asked in between: what is left then stays as it was.
 ///
 /// # Panics
 /// When the film keeps no indirect light.
-pub(crate) fn smooth(
-    film: &mut Film,
-    projection: &Projection,
-    pool: &ThreadPool,
-    stop: &(dyn Fn() -> bool + Sync),
-) {
+pub fn smooth(film: &mut Film, lens: &dyn Lens, pool: &ThreadPool, stop: &(dyn Fn() -> bool + Sync)) {
     let [width, height] = film.resolution().map(|side| side as usize);
     let mut window = Window::new([width, height], film.samples().max(1));
     // All strips in one call of the pool: to go in and out for each wakes its threads hundreds of times.
@@ -109,7 +104,7 @@ pub(crate) fn smooth(
             let strip = first..height.min(first + STRIP_ROWS);
             let rows = seen_to..height.min(strip.end + window.radius);
             seen_to = rows.end;
-            window.see(film, projection, rows);
+            window.see(film, lens, rows);
             let parts = film.smoothed_mut(strip).par_chunks_mut(PART_PIXELS).enumerate();
             parts.filter(|_| !stop()).for_each(|(part, out)| {
                 let start = first * width + part * PART_PIXELS;
@@ -136,7 +131,7 @@ impl Window {
     }
 
     /// Sees these rows of `film`, in the places of the oldest.
-    fn see(&mut self, film: &Film, projection: &Projection, rows: Range<usize>) {
+    fn see(&mut self, film: &Film, lens: &dyn Lens, rows: Range<usize>) {
         let ring = self.rows;
         let places = self.seen.par_chunks_mut(self.width).enumerate();
         places.for_each(|(place, seen)| {
@@ -146,7 +141,7 @@ impl Window {
                 let pixels = (0..).map(|x| [x, y as u32]);
                 seen.iter_mut()
                     .zip(pixels)
-                    .for_each(|(seen, pixel)| *seen = GuidePixel::of(film, projection, pixel));
+                    .for_each(|(seen, pixel)| *seen = GuidePixel::of(film, lens, pixel));
             }
         });
     }
@@ -188,17 +183,17 @@ impl GuidePixel {
     };
 
     /// A pixel (x, y) of `film`.
-    fn of(film: &Film, projection: &Projection, pixel: [u32; 2]) -> GuidePixel {
+    fn of(film: &Film, lens: &dyn Lens, pixel: [u32; 2]) -> GuidePixel {
         let Guide { depth, normal, albedo } = film.guide(pixel);
         let depth = f64::from(depth);
         let [x, y] = pixel.map(|x| f64::from(x) + 0.5);
         let is_hit = depth.is_finite();
-        let place = if is_hit { depth } else { 0.0 } * DVec3::from(projection.ray(x, y).direction);
+        let place = if is_hit { depth } else { 0.0 } * DVec3::from(lens.direction(x, y));
         GuidePixel {
             place: place.as_vec3(),
             normal: normal.normal(),
             albedo: albedo.albedo().into(),
-            width: if is_hit { (depth * projection.pixel_angle()) as f32 } else { 0.0 },
+            width: if is_hit { (depth * lens.pixel_angle()) as f32 } else { 0.0 },
             indirect: film.indirect(pixel).into(),
         }
     }

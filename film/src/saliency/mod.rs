@@ -25,7 +25,8 @@ mod reduced;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use reduced::{ReducedPicture, SIDE_PIXELS};
+pub use reduced::ReducedPicture;
+pub(crate) use reduced::SIDE_PIXELS;
 
 /// A measure of saliency.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

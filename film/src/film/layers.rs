@@ -1,9 +1,9 @@
 //! `LayerPlanes`: what the first ray of each pixel met, of those layers that are kept.
 //!
-//! Layers that are to be written are exact. What the filter alone takes is coarser (`image/packed.rs`), and the filter
+//! Layers that are to be written are exact. What the filter alone takes is coarser (`packed.rs`), and the filter
 //! sees the coarser numbers also where the exact ones are kept: a picture does not depend on the layers beside it.
 
-use crate::image::packed::{PackedAlbedo, PackedNormal};
+use crate::packed::{PackedAlbedo, PackedNormal};
 use std::ops::Range;
 
 /// `id` of a pixel where no triangle is seen.
@@ -67,7 +67,7 @@ struct KeptPlanes {
 
 impl LayerPixel {
     /// Where no triangle is seen.
-    pub(crate) const NOTHING: LayerPixel =
+    pub const NOTHING: LayerPixel =
         LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID };
 }
 

@@ -33,7 +33,7 @@ const _: () = assert!(3 * EXPONENT_BITS >= 8);
 
 /// Light of a pixel, each channel at least 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct PackedLight([u16; 3]);
+pub struct PackedLight([u16; 3]);
 
 /// A unit normal, or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +46,7 @@ pub(crate) struct PackedAlbedo([u8; 3]);
 impl PackedLight {
     /// What is below 0, and what is no number, is 0.
     #[inline]
-    pub(crate) fn new(rgb: [f32; 3]) -> PackedLight {
+    pub fn new(rgb: [f32; 3]) -> PackedLight {
         // Unlike `f32::max` one instruction.
         let greater = |a: f32, b: f32| if a > b { a } else { b };
         let [r, g, b] = rgb.map(|value| greater(value, 0.0));
@@ -66,7 +66,7 @@ impl PackedLight {
     /// As [`PackedLight::new`], rounded up or down by chance: `chances`, evenly from 0 to 1, so that sums of many of
     /// them are right on average.
     #[inline]
-    pub(crate) fn rounded_by(rgb: [f32; 3], chances: [f32; 3]) -> PackedLight {
+    pub fn rounded_by(rgb: [f32; 3], chances: [f32; 3]) -> PackedLight {
         let nearest = PackedLight::new(rgb);
         if nearest == PackedLight::default() {
             return nearest;
@@ -86,7 +86,7 @@ impl PackedLight {
 
     /// The light.
     #[inline]
-    pub(crate) fn rgb(self) -> [f32; 3] {
+    pub fn rgb(self) -> [f32; 3] {
         let step = self.step();
         self.0.map(|word| (u32::from(word) & LIGHT_CODE_MAX) as f32 * step)
     }
@@ -149,7 +149,7 @@ impl PackedAlbedo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::mix;
+    use crate::hash::mix;
 
     /// A number in 0 to 1.
     fn number(key: u64) -> f32 {

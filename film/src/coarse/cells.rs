@@ -7,7 +7,7 @@
 //! ```
 
 use super::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, SurfaceRow};
-use crate::image::packed::PackedLight;
+use crate::packed::PackedLight;
 use glam::Vec3;
 
 /// Two rows of samples, between which pixels are filled in; the last row stands for the one after it.

@@ -1,11 +1,10 @@
 //! The filter beside its formula, and what it leaves alone.
 
 use super::*;
-use crate::image::film::{LayerPixel, Layers};
-use crate::image::tile::{tile, tile_count};
-use crate::sampler::mix;
-use crate::scene::camera::{Camera, Fov};
-use crate::testing::pool;
+use crate::film::{LayerPixel, Layers};
+use crate::hash::mix;
+use crate::testing::{Pinhole, pool};
+use crate::tile::{tile, tile_count};
 use trex_store::Budget;
 
 const SIDE: u32 = 24;
@@ -13,10 +12,9 @@ const SIDE: u32 = 24;
 const HEIGHT: u32 = 56;
 const SAMPLES: u32 = 4;
 
-fn projection() -> Projection {
-    let camera =
-        Camera { position: [1.0, 2.0, 9.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: Fov::X(40.0) };
-    camera.project([SIDE, HEIGHT]).unwrap()
+fn lens() -> Pinhole {
+    let position = DVec3::new(1.0, 2.0, 9.0);
+    Pinhole { position, target: DVec3::ZERO, fov_x: 40.0, resolution: [SIDE, HEIGHT] }
 }
 
 fn number(key: u64) -> f32 {
@@ -25,9 +23,9 @@ fn number(key: u64) -> f32 {
 
 /// A wall on the left, a curved and a stepped part, another material, and a hole; what each pixel shows.
 fn shown([x, y]: [u32; 2]) -> LayerPixel {
-    let ray = projection().ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    let direction = lens().direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let level = if y < HEIGHT / 2 { 0.0 } else { 0.8 };
-    let depth = ((level - ray.origin[2]) / ray.direction[2]) as f32;
+    let depth = ((level - lens().position.z) / direction[2]) as f32;
     let turn = if x > 2 * SIDE / 3 { 0.05 * x as f32 } else { 0.0 };
     let albedo = if (x / 6 + y / 6) % 2 == 0 { [0.5, 0.5, 0.5] } else { [0.5, 0.45, 0.3] };
     let is_hole = x.abs_diff(5) < 2 && y.abs_diff(18) < 3;
@@ -77,9 +75,9 @@ fn oracle(
     light: &dyn Fn([u32; 2], u32) -> [f32; 3],
 ) -> [f64; 3] {
     let place = |pixel: [u32; 2]| {
-        let ray = projection().ray(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
+        let direction = lens().direction(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
         let depth = f64::from(shown(pixel).depth);
-        [0, 1, 2].map(|a| ray.origin[a] + depth * ray.direction[a])
+        [0, 1, 2].map(|a| lens().position[a] + depth * direction[a])
     };
     let mean = |pixel| {
         let sum = (0..SAMPLES).fold([0.0; 3], |sum, sample| {
@@ -127,7 +125,7 @@ fn it_is_the_formula_over_the_window_on_any_number_of_threads() {
     for threads in [1, 2, 5, 40] {
         let mut film = film(&noise);
         let before: Vec<_> = pixels().map(|pixel| film.radiance(pixel)).collect();
-        smooth(&mut film, &projection(), &pool(threads), &|| false);
+        smooth(&mut film, &lens(), &pool(threads), &|| false);
         for (pixel, before) in pixels().zip(before) {
             let shown = |pixel: [u32; 2]| kept(&film, pixel);
             let (found, expected) = (film.radiance(pixel), oracle(pixel, &shown, &noise));
@@ -155,9 +153,8 @@ fn strips_meet_in_pictures_of_any_height() {
             film.add_indirect(&tile, &light);
             (0..tile.pixel_count()).for_each(|i| film.set_layers(tile.pixel(i), &wall));
         }
-        let camera =
-            Camera { position: [0.0; 3], target: [0.0, 0.0, -1.0], up: [0.0, 1.0, 0.0], fov: Fov::X(1e-3) };
-        smooth(&mut film, &camera.project(resolution).unwrap(), &pool(2), &|| false);
+        let lens = Pinhole { position: DVec3::ZERO, target: DVec3::NEG_Z, fov_x: 1e-3, resolution };
+        smooth(&mut film, &lens, &pool(2), &|| false);
         let height = resolution[1];
         for [x, y] in (0..height).flat_map(|y| (0..resolution[0]).map(move |x| [x, y])) {
             let [found, twice, even] = film.radiance([x, y]);
@@ -172,7 +169,7 @@ fn strips_meet_in_pictures_of_any_height() {
 #[test]
 fn even_light_stays_even_noise_falls_and_edges_stay() {
     let mut even = film(&|_, _| [0.25, 0.5, 1.0]);
-    smooth(&mut even, &projection(), &pool(2), &|| false);
+    smooth(&mut even, &lens(), &pool(2), &|| false);
     for pixel in pixels() {
         let found = even.radiance(pixel);
         assert!((0..3).all(|c| (found[c] - [2.25, 2.5, 3.0][c]).abs() < 2e-4), "{pixel:?} {found:?}");
@@ -186,7 +183,7 @@ fn even_light_stays_even_noise_falls_and_edges_stay() {
         inner.iter().map(apart).sum::<f64>() / inner.len() as f64
     };
     let before = spread(&|pixel| stepped.indirect(pixel)[0]);
-    smooth(&mut stepped, &projection(), &pool(2), &|| false);
+    smooth(&mut stepped, &lens(), &pool(2), &|| false);
     // All light is 2 and the indirect light.
     let after = spread(&|pixel| stepped.radiance(pixel)[0] - 2.0);
     assert!(after < before / 8.0, "{before} {after}");
@@ -197,9 +194,9 @@ fn even_light_stays_even_noise_falls_and_edges_stay() {
 fn what_was_smoothed_stays_while_samples_come() {
     let mut film = film(&noise);
     let (pixel, raw) = ([3, 3], film.radiance([3, 3]));
-    smooth(&mut film, &projection(), &pool(1), &|| true);
+    smooth(&mut film, &lens(), &pool(1), &|| true);
     assert_eq!((film.radiance(pixel), film.smoothed_of()), (raw, 0), "it was stopped");
-    smooth(&mut film, &projection(), &pool(1), &|| false);
+    smooth(&mut film, &lens(), &pool(1), &|| false);
     let smooth_light = film.radiance(pixel);
     assert!(smooth_light != raw && film.smoothed_of() == SAMPLES);
     let first = tile([SIDE, HEIGHT], 0);
@@ -222,7 +219,7 @@ fn layers_that_are_asked_for_change_nothing() {
     let mut layered = Film::new([SIDE, HEIGHT], all, &Budget::unlimited()).unwrap();
     add_samples(&mut layered, &noise);
     for film in [&mut plain, &mut layered] {
-        smooth(film, &projection(), &pool(2), &|| false);
+        smooth(film, &lens(), &pool(2), &|| false);
     }
     for pixel in pixels() {
         assert_eq!(plain.radiance(pixel), layered.radiance(pixel), "{pixel:?}");

@@ -3,8 +3,8 @@
 //! Invariants: 1. the tiles cover each pixel once; 2. a tile has fewer than 100 pixels; 3. the index of a tile is
 //! its place in rows, whatever the order of work.
 
-use crate::image::saliency::{ReducedPicture, SIDE_PIXELS, Saliency};
-use crate::sampler::mix;
+use crate::hash::mix;
+use crate::saliency::{ReducedPicture, SIDE_PIXELS, Saliency};
 
 /// Side of a tile, pixels. 64 pixels: small enough that its rays want few pages, a whole number of SIMD packets.
 pub const TILE_SIDE_PIXELS: u32 = 8;
@@ -79,7 +79,7 @@ impl Tiles {
     }
 
     /// The tiles of the picture in `order`; `eye` is the last picture, reduced, for saliency.
-    pub(crate) fn ordered(&self, order: TileOrder, eye: &ReducedPicture) -> Tiles {
+    pub fn ordered(&self, order: TileOrder, eye: &ReducedPicture) -> Tiles {
         let mut tiles = Tiles::z_curve(self.resolution);
         match order {
             TileOrder::ZCurve => {}
@@ -109,12 +109,12 @@ impl Tiles {
     }
 
     /// Moves tiles of a lower `age` before others; those of one age stay in their order.
-    pub(crate) fn sort_by_age<A: Ord>(&mut self, age: impl Fn(u32) -> A) {
+    pub fn sort_by_age<A: Ord>(&mut self, age: impl Fn(u32) -> A) {
         self.order.sort_by_key(|&index| age(index));
     }
 
     /// Tile `index`, whatever the order.
-    pub(crate) fn tile(&self, index: u32) -> Tile {
+    pub fn tile(&self, index: u32) -> Tile {
         tile(self.resolution, index)
     }
 
@@ -138,14 +138,14 @@ impl Tiles {
 }
 
 /// Tile `index` of a picture of `resolution` (width, height; pixels).
-pub(crate) fn tile(resolution: [u32; 2], index: u32) -> Tile {
+pub fn tile(resolution: [u32; 2], index: u32) -> Tile {
     let columns = columns(resolution);
     let first = [index % columns, index / columns].map(|x| x * TILE_SIDE_PIXELS);
     Tile { index, first, size: std::array::from_fn(|a| TILE_SIDE_PIXELS.min(resolution[a] - first[a])) }
 }
 
 /// Count of tiles in a picture of `resolution` (width, height; pixels).
-pub(crate) fn tile_count(resolution: [u32; 2]) -> u32 {
+pub fn tile_count(resolution: [u32; 2]) -> u32 {
     columns(resolution) * resolution[1].div_ceil(TILE_SIDE_PIXELS)
 }
 

@@ -199,9 +199,9 @@ impl Channel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::film::{LayerPixel, NO_ID};
-    use crate::image::tile::tile;
+    use crate::film::{LayerPixel, NO_ID};
     use crate::testing::pool;
+    use crate::tile::tile;
     use std::io::Cursor;
     use trex_store::Budget;
 
@@ -211,11 +211,10 @@ mod tests {
     fn film(layers: Layers) -> Film {
         let resolution = [19, 37];
         let mut film = Film::new(resolution, layers, &Budget::unlimited()).unwrap();
-        for index in 0..crate::image::tile::tile_count(resolution) {
+        for index in 0..crate::tile::tile_count(resolution) {
             let tile = tile(resolution, index);
             let pixels: Vec<_> = (0..tile.pixel_count()).map(|index| tile.pixel(index)).collect();
-            let sums: Vec<_> =
-                pixels.iter().map(|&[x, y]| [x as f32 / 19.0, y as f32 / 18.0, -0.5]).collect();
+            let sums: Vec<_> = pixels.iter().map(|&[x, y]| [x as f32 / 19.0, y as f32 / 18.0, 1.5]).collect();
             film.add(&tile, &sums);
             for [x, y] in pixels {
                 let id = if x == 0 { NO_ID } else { x + 100 * y };
@@ -266,7 +265,7 @@ mod tests {
         };
         for pixel in [[0, 0], [18, 36], [7, 16], [1, 15]] {
             assert_eq!(value("R", pixel), Sample::F32(film.radiance(pixel)[0]));
-            assert_eq!(value("B", pixel), Sample::F32(-0.5));
+            assert_eq!(value("B", pixel), Sample::F32(1.5));
             assert_eq!(value("Z", pixel), Sample::F32(pixel[1] as f32));
             assert_eq!(value("normal.Y", pixel), Sample::F32(pixel[0] as f32));
             assert_eq!(value("albedo.G", pixel), Sample::F32(0.25));
@@ -277,7 +276,7 @@ mod tests {
     #[test]
     fn the_mean_is_over_all_pixels_and_unclamped() {
         let mean = film(Layers::default()).mean();
-        for (found, expected) in mean.into_iter().zip([9.0 / 19.0, 1.0, -0.5]) {
+        for (found, expected) in mean.into_iter().zip([9.0 / 19.0, 1.0, 1.5]) {
             assert!((found - expected).abs() < 1e-6, "{found} {expected}");
         }
     }

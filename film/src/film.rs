@@ -15,7 +15,8 @@ pub(crate) use layers::Guide;
 pub use layers::{LayerPixel, Layers, NO_ID};
 
 use super::packed::PackedLight;
-use crate::image::tile::{Tile, tile, tile_count};
+use super::rgb_sum::RgbSum;
+use crate::tile::{Tile, tile, tile_count};
 use layers::LayerPlanes;
 use std::ops::Range;
 use trex_store::{Budget, Lease, Result};
@@ -26,7 +27,7 @@ pub struct Film {
     resolution: [u32; 2],
     layers: Layers,
     /// Sums of radiance per pixel, in rows.
-    sums: Vec<[f64; 3]>,
+    sums: Vec<RgbSum>,
     /// Samples of each pixel, per tile, and the state that they are of.
     counts: Vec<u32>,
     states: Vec<u32>,
@@ -34,7 +35,7 @@ pub struct Film {
     state: u32,
     planes: LayerPlanes,
     /// The part of `sums` that the filter is to smooth.
-    indirect: Vec<[f64; 3]>,
+    indirect: Vec<RgbSum>,
     /// Mean of `indirect`, smoothed, as of the last time.
     smoothed: Vec<PackedLight>,
     /// Samples of the present state that `smoothed` is of; 0 for none.
@@ -44,8 +45,8 @@ pub struct Film {
 
 /// Bytes that a film takes at `resolution` (width, height; pixels).
 pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
-    let filtered = if layers.filter { size_of::<[f64; 3]>() + size_of::<PackedLight>() } else { 0 };
-    let per_pixel = size_of::<[f64; 3]>() + filtered + layers.pixel_bytes();
+    let filtered = if layers.filter { size_of::<RgbSum>() + size_of::<PackedLight>() } else { 0 };
+    let per_pixel = size_of::<RgbSum>() + filtered + layers.pixel_bytes();
     let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
     pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 8
 }
@@ -75,18 +76,18 @@ impl Film {
     }
 
     /// As [`Film::new`], in a lease of [`film_bytes`].
-    pub(crate) fn in_lease(resolution: [u32; 2], layers: Layers, lease: Lease) -> Film {
+    pub fn in_lease(resolution: [u32; 2], layers: Layers, lease: Lease) -> Film {
         let pixels = resolution[0] as usize * resolution[1] as usize;
         let if_asked = |asked: bool| if asked { pixels } else { 0 };
         Film {
             resolution,
             layers,
-            sums: vec![[0.0; 3]; pixels],
+            sums: vec![RgbSum::default(); pixels],
             counts: vec![0; tile_count(resolution) as usize],
             states: vec![0; tile_count(resolution) as usize],
             state: 0,
             planes: LayerPlanes::new(layers, pixels),
-            indirect: vec![[0.0; 3]; if_asked(layers.filter)],
+            indirect: vec![RgbSum::default(); if_asked(layers.filter)],
             smoothed: vec![PackedLight::default(); if_asked(layers.filter)],
             smoothed_of: 0,
             lease,
@@ -94,7 +95,7 @@ impl Film {
     }
 
     /// The lease of its memory.
-    pub(crate) fn lease_mut(&mut self) -> &mut Lease {
+    pub fn lease_mut(&mut self) -> &mut Lease {
         &mut self.lease
     }
 
@@ -118,23 +119,23 @@ impl Film {
     }
 
     /// Begins another state of the scene: the samples so far count no more.
-    pub(crate) fn begin_state(&mut self) {
+    pub fn begin_state(&mut self) {
         self.state += 1;
         self.smoothed_of = 0;
     }
 
     /// The present state of the scene: grows with each [`Film::begin_state`].
-    pub(crate) fn state(&self) -> u32 {
+    pub fn state(&self) -> u32 {
         self.state
     }
 
     /// The state that the samples of tile `index` are of; `None` without samples.
-    pub(crate) fn tile_state(&self, index: u32) -> Option<u32> {
+    pub fn tile_state(&self, index: u32) -> Option<u32> {
         (self.counts[index as usize] > 0).then_some(self.states[index as usize])
     }
 
     /// Samples of the present state whose indirect light was smoothed; 0 for none.
-    pub(crate) fn smoothed_of(&self) -> u32 {
+    pub fn smoothed_of(&self) -> u32 {
         self.smoothed_of
     }
 
@@ -155,14 +156,14 @@ impl Film {
         for y in y..y + height {
             let at = self.place([x, y]);
             let row = at..at + width as usize;
-            fill(&mut self.sums, row.clone(), [0.0; 3]);
-            fill(&mut self.indirect, row.clone(), [0.0; 3]);
+            fill(&mut self.sums, row.clone(), RgbSum::default());
+            fill(&mut self.indirect, row.clone(), RgbSum::default());
             self.planes.clear(row);
         }
     }
 
     /// Adds the next samples of `tile`, of the present state: the first of all its pixels, the second of all its
-    /// pixels, and so on.
+    /// pixels, and so on. What is no radiance, negative or no number, counts as 0.
     ///
     /// # Panics
     /// When some pixels get more samples than others.
@@ -175,28 +176,24 @@ impl Film {
         }
         for (index, radiance) in radiances.iter().enumerate() {
             let at = self.place(tile.pixel((index % pixels) as u32));
-            for (sum, &value) in self.sums[at].iter_mut().zip(radiance) {
-                *sum += f64::from(value);
-            }
+            self.sums[at].add(*radiance);
         }
         self.counts[tile.index as usize] += (radiances.len() / pixels) as u32;
     }
 
     /// Adds the share of indirect light of the samples that [`Film::add`] got, in the same order; only with
     /// [`Layers::filter`].
-    pub(crate) fn add_indirect(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
+    pub fn add_indirect(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
         for (index, radiance) in radiances.iter().enumerate() {
             let at = self.place(tile.pixel((index % tile.pixel_count() as usize) as u32));
-            for (sum, &value) in self.indirect[at].iter_mut().zip(radiance) {
-                *sum += f64::from(value);
-            }
+            self.indirect[at].add(*radiance);
         }
     }
 
     /// Mean indirect radiance of a pixel (x, y), not smoothed; only with [`Layers::filter`].
     pub(crate) fn indirect(&self, pixel: [u32; 2]) -> [f32; 3] {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
-        self.indirect[self.place(pixel)].map(|sum| (sum * per_sample) as f32)
+        self.indirect[self.place(pixel)].rgb().map(|sum| (sum * per_sample) as f32)
     }
 
     /// The filter's view of a pixel (x, y); only with [`Layers::filter`].
@@ -244,17 +241,18 @@ impl Film {
     }
 
     /// As [`Film::radiance`], of as many pixels as there are places, from (x, y) on in its row; all of one tile.
-    pub(crate) fn radiances(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
+    pub fn radiances(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
         let per_sample = 1.0 / f64::from(self.counts[self.tile_index(first)].max(1));
         let first = self.place(first);
         let sums = &self.sums[first..][..radiances.len()];
         if self.smoothed_of == 0 {
-            let means = sums.iter().map(|sums| sums.map(|sum| (sum * per_sample) as f32));
+            let means = sums.iter().map(|sum| sum.rgb().map(|sum| (sum * per_sample) as f32));
             radiances.iter_mut().zip(means).for_each(|(radiance, mean)| *radiance = mean);
             return;
         }
         for ((at, sums), radiance) in (first..).zip(sums).zip(radiances) {
-            let rest = |c: usize| (sums[c] - self.indirect[at][c]) * per_sample;
+            let (sums, indirect) = (sums.rgb(), self.indirect[at].rgb());
+            let rest = |c: usize| (sums[c] - indirect[c]) * per_sample;
             let smoothed = self.smoothed[at].rgb();
             *radiance = std::array::from_fn(|c| (rest(c) + f64::from(smoothed[c])) as f32);
         }
@@ -303,7 +301,7 @@ impl Film {
     }
 
     fn tile_index(&self, [x, y]: [u32; 2]) -> usize {
-        let side = crate::image::tile::TILE_SIDE_PIXELS;
+        let side = crate::tile::TILE_SIDE_PIXELS;
         ((y / side) * self.resolution[0].div_ceil(side) + x / side) as usize
     }
 }

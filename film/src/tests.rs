@@ -6,10 +6,9 @@ use super::film::{Film, LayerPixel, Layers, film_bytes};
 use super::filter::{filter_bytes, smooth};
 use super::saliency::{self, ReducedPicture, Saliency};
 use super::tile::{tile, tile_count};
-use crate::scene::camera::{Camera, Fov};
-use crate::testing::pool;
+use crate::testing::{Pinhole, pool};
 use allocation_counter::{AllocationInfo, measure};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use trex_store::Budget;
 
 const RESOLUTIONS: [[u32; 2]; 4] = [[1, 1], [333, 7], [64, 200], [640, 360]];
@@ -91,14 +90,12 @@ fn a_display_takes_what_is_leased_for_it() {
 /// Rows beyond the window are never held: the filter of a picture ten times as high takes no more.
 #[test]
 fn the_filter_takes_what_is_leased_for_it_and_no_more_for_a_higher_picture() {
-    let camera =
-        Camera { position: [0.0; 3], target: [0.0, 0.0, -1.0], up: [0.0, 1.0, 0.0], fov: Fov::X(40.0) };
     let threads = pool(1);
     for resolution in RESOLUTIONS {
         let mut film = Film::new(resolution, FILTERED, &Budget::unlimited()).unwrap();
         sampled(&mut film);
-        let projection = camera.project(resolution).unwrap();
-        let work = taken(|| smooth(&mut film, &projection, &threads, &|| false));
+        let lens = Pinhole { position: DVec3::ZERO, target: DVec3::NEG_Z, fov_x: 40.0, resolution };
+        let work = taken(|| smooth(&mut film, &lens, &threads, &|| false));
         assert!(work.bytes_max <= filter_bytes(resolution) + QUEUE_BYTES, "{resolution:?} {work:?}");
         assert!(work.bytes_max * 10 > filter_bytes(resolution) * 9, "{resolution:?} {work:?}");
     }
@@ -126,13 +123,13 @@ fn saliency_takes_what_is_leased_for_it() {
 /// Film, filter and display take 80 bytes a pixel with all that they can keep: 16 more are free for what is carried
 /// from picture to picture. The work of the filter on a whole picture took 52 alone.
 #[test]
-fn a_picture_with_everything_on_takes_eighty_bytes_a_pixel() {
+fn a_picture_with_everything_on_takes_64_bytes_a_pixel() {
     for resolution in [[1280, 720], [1920, 1080], [3840, 2160]] {
         let pixels = f64::from(resolution[0]) * f64::from(resolution[1]);
         let bytes = film_bytes(resolution, FILTERED) + Display::bytes(resolution);
         let each = bytes as f64 / pixels;
-        assert!(each <= 80.0, "{resolution:?}: {each}");
+        assert!(each <= 64.0, "{resolution:?}: {each}");
         let plain = (film_bytes(resolution, Layers::default()) + Display::bytes(resolution)) as f64 / pixels;
-        assert!(plain <= 40.0, "{resolution:?}: {plain}");
+        assert!(plain <= 31.0, "{resolution:?}: {plain}");
     }
 }

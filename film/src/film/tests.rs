@@ -1,7 +1,7 @@
 //! Sums, states and memory of the film.
 
 use super::*;
-use crate::image::tile::tile;
+use crate::tile::tile;
 
 #[test]
 fn the_mean_is_right_after_a_million_samples() {
@@ -59,7 +59,7 @@ fn memory_is_leased_and_given_back() {
     let layers = Layers { depth: true, normal: true, albedo: true, id: true, filter: false };
     let budget = Budget::unlimited();
     let film = Film::new([100, 50], layers, &budget).unwrap();
-    assert_eq!(budget.used_bytes(), 100 * 50 * (24 + 32) + 13 * 7 * 8);
+    assert_eq!(budget.used_bytes(), 100 * 50 * (16 + 32) + 13 * 7 * 8);
     drop(film);
     assert_eq!(budget.used_bytes(), 0);
     assert!(Film::new([100, 50], layers, &Budget::new(trex_store::RESERVE_BYTES)).is_err());
