@@ -40,7 +40,7 @@ pub use display::Display;
 pub use encode::{Image, encoder_bytes, write_exr, write_png};
 pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
 pub use filter::{filter_bytes, smooth};
-pub use hash::mix;
+pub use hash::{chances, mix};
 pub use lens::Lens;
 pub use packed::PackedLight;
 pub use saliency::{ReducedPicture, Saliency};

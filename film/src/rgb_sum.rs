@@ -12,18 +12,16 @@
 //! Invariants: 1. exponents are the least at which all three mantissas fit; 2. a mantissa is below 2^39; 3. one add is
 //! off by at most 2^-38 of the brightest of the three sums.
 
-use crate::hash::mix;
+use crate::hash::chances;
 
 /// Bits of a mantissa.
 const MANTISSA_BITS: u32 = 39;
-const MANTISSA: u128 = (1 << MANTISSA_BITS) - 1;
+const MANTISSA: u64 = (1 << MANTISSA_BITS) - 1;
 /// The last bit of the smallest f32 stands for 2^-149; so does that of a mantissa under exponent 0.
 const BIAS: i32 = 149;
 /// Bits of the fraction, and the bias, of an f64.
 const F64_BITS: u32 = 52;
 const F64_BIAS: i32 = 1023;
-/// Bits of a chance; three of them are drawn at once.
-const CHANCE_BITS: u32 = 21;
 
 /// A sum of linear RGB.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,7 +35,7 @@ impl RgbSum {
         let sums: [f64; 3] = std::array::from_fn(|c| before[c] + f64::from(radiance[c]));
         let most = sums[0].max(sums[1]).max(sums[2]);
         let [red, green, blue] = radiance.map(|value| u64::from(value.to_bits()));
-        let chances = mix(self.0 as u64 ^ (self.0 >> 64) as u64 ^ red ^ green << 21 ^ blue << 42);
+        let chances = chances(self.0 as u64 ^ (self.0 >> 64) as u64 ^ red ^ green << 21 ^ blue << 42);
         let exponent = exponent_of(most);
         // Rounded up, the largest may need one bit more.
         let packed = RgbSum::pack(sums, exponent, chances);
@@ -48,20 +46,20 @@ impl RgbSum {
     /// The sums.
     pub(crate) fn rgb(self) -> [f64; 3] {
         let unit = power_of_two((self.0 >> (3 * MANTISSA_BITS)) as i32 - BIAS);
-        [0, 1, 2].map(|c| (self.0 >> (c * MANTISSA_BITS) & MANTISSA) as f64 * unit)
+        // Through i64, which processors turn into f64 and back in an instruction.
+        [0, 1, 2].map(|c| ((self.0 >> (c * MANTISSA_BITS)) as u64 & MANTISSA) as i64 as f64 * unit)
     }
 
     /// `sums` under `exponent`; `None` when one of them does not fit.
-    fn pack(sums: [f64; 3], exponent: i32, chances: u64) -> Option<RgbSum> {
+    fn pack(sums: [f64; 3], exponent: i32, chances: [f32; 3]) -> Option<RgbSum> {
         let per_unit = power_of_two(BIAS - exponent);
         let mut bits = (exponent as u128) << (3 * MANTISSA_BITS);
-        for (c, sum) in (0..).zip(sums) {
-            let chance = (chances >> (c * CHANCE_BITS)) & ((1 << CHANCE_BITS) - 1);
-            let mantissa = (sum * per_unit + chance as f64 / f64::from(1 << CHANCE_BITS)) as u128;
+        for (c, (sum, chance)) in (0..).zip(sums.into_iter().zip(chances)) {
+            let mantissa = (sum * per_unit + f64::from(chance)) as i64 as u64;
             if mantissa > MANTISSA {
                 return None;
             }
-            bits |= mantissa << (c * MANTISSA_BITS);
+            bits |= u128::from(mantissa) << (c * MANTISSA_BITS);
         }
         Some(RgbSum(bits))
     }
@@ -104,7 +102,7 @@ mod tests {
         assert_eq!(sum_of([[-1.0, f32::NAN, 0.5]]), [0.0, 0.0, 0.5]);
         assert_eq!(sum_of([[f32::INFINITY, 0.0, 0.0]]), [f64::from(f32::MAX), 0.0, 0.0]);
         // As many of the largest as a count holds do not go past the exponent.
-        let mut most = RgbSum((MANTISSA) | ((BIAS as u128 + 160 - 39) << (3 * MANTISSA_BITS)));
+        let mut most = RgbSum(u128::from(MANTISSA) | ((BIAS as u128 + 160 - 39) << (3 * MANTISSA_BITS)));
         most.add([f32::MAX; 3]);
         assert!(most.rgb()[0] >= 2f64.powi(159));
     }

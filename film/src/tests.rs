@@ -9,6 +9,7 @@ use super::tile::{tile, tile_count};
 use crate::testing::{Pinhole, pool};
 use allocation_counter::{AllocationInfo, measure};
 use glam::{DVec3, Vec3};
+use rayon::ThreadPool;
 use trex_store::Budget;
 
 const RESOLUTIONS: [[u32; 2]; 4] = [[1, 1], [333, 7], [64, 200], [640, 360]];
@@ -23,9 +24,10 @@ fn row_bytes([width, _]: [u32; 2]) -> u64 {
 /// A block of the queues of a thread pool.
 const QUEUE_BYTES: u64 = 2 << 10;
 
-/// What `body` takes from the allocator, on one thread.
-fn taken(body: impl FnOnce() + Send) -> AllocationInfo {
-    pool(1).install(|| measure(body))
+/// What `body` takes from the allocator, on the one thread of `threads`: work for them is done at once then, where
+/// another thread would queue it, and now and then a queue takes a block.
+fn taken(threads: &ThreadPool, body: impl FnOnce() + Send) -> AllocationInfo {
+    threads.install(|| measure(body))
 }
 
 /// Every tile with a sample, and what its pixels saw.
@@ -48,7 +50,8 @@ fn a_film_takes_what_is_leased_for_it() {
             let is = |bit: u32| bits >> bit & 1 == 1;
             let layers = Layers { depth: is(0), normal: is(1), albedo: is(2), id: is(3), filter: is(4) };
             let mut film = None;
-            let made = taken(|| film = Some(Film::new(resolution, layers, &Budget::unlimited()).unwrap()));
+            let made =
+                taken(&pool(1), || film = Some(Film::new(resolution, layers, &Budget::unlimited()).unwrap()));
             // What a ledger takes for itself.
             let ledger = measure(|| drop(Budget::unlimited())).bytes_max as i64;
             assert_eq!(made.bytes_current, film_bytes(resolution, layers) as i64 + ledger, "{layers:?}");
@@ -63,7 +66,7 @@ fn a_display_takes_what_is_leased_for_it() {
         let lease = Budget::unlimited().lease("a display", Display::bytes(resolution)).unwrap();
         let threads = pool(1);
         let mut display = None;
-        let shown = taken(|| {
+        let shown = taken(&threads, || {
             let display = display.insert(Display::in_lease(resolution, lease));
             for step in STEPS {
                 for y in (0..resolution[1]).step_by(step as usize) {
@@ -77,12 +80,12 @@ fn a_display_takes_what_is_leased_for_it() {
         let leased = Display::bytes(resolution);
         assert!(shown.bytes_max <= leased + row_bytes(resolution), "{resolution:?} {shown:?}");
         let display = display.as_mut().unwrap();
-        let freed = -taken(|| display.release_work(&threads)).bytes_current as u64;
+        let freed = -taken(&threads, || display.release_work(&threads)).bytes_current as u64;
         let others = saliency::work_bytes(tile_count(resolution)).max(filter_bytes(resolution));
         assert!(freed > 0 && shown.bytes_current as u64 - freed + others <= leased, "{resolution:?}");
         // What was on show stays, and the next picture has its work again.
         assert!((display.radiances([0, 0]).next().unwrap()[0] - 1.0).abs() < 1e-3);
-        let again = taken(|| display.show(0, STEPS[0], false, &threads)).bytes_current as u64;
+        let again = taken(&threads, || display.show(0, STEPS[0], false, &threads)).bytes_current as u64;
         assert_eq!(again, freed, "{resolution:?}");
     }
 }
@@ -95,7 +98,7 @@ fn the_filter_takes_what_is_leased_for_it_and_no_more_for_a_higher_picture() {
         let mut film = Film::new(resolution, FILTERED, &Budget::unlimited()).unwrap();
         sampled(&mut film);
         let lens = Pinhole { position: DVec3::ZERO, target: DVec3::NEG_Z, fov_x: 40.0, resolution };
-        let work = taken(|| smooth(&mut film, &lens, &threads, &|| false));
+        let work = taken(&threads, || smooth(&mut film, &lens, &threads, &|| false));
         assert!(work.bytes_max <= filter_bytes(resolution) + QUEUE_BYTES, "{resolution:?} {work:?}");
         assert!(work.bytes_max * 10 > filter_bytes(resolution) * 9, "{resolution:?} {work:?}");
     }

@@ -8,7 +8,7 @@
 //! Floors: each folder imports those above it alone.
 //!
 //! ```text
-//! math sampler sampling stats threads damage
+//! math sampler sampling stats threads
 //! trace       C-rays on clusters
 //! voxel       G-rays on the voxel octree
 //! g_stage     the seam for what answers them in batches

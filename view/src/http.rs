@@ -58,7 +58,7 @@ impl Status {
             Status::Ok => "200 OK",
             Status::BadRequest => "400 Bad Request",
             Status::Forbidden => "403 Forbidden",
-            Status::NotFound => "404 Not PageAnswer",
+            Status::NotFound => "404 Not Found",
             Status::MethodNotAllowed => "405 Method Not Allowed",
             Status::MisdirectedRequest => "421 Misdirected Request",
             Status::UpgradeRequired => "426 Upgrade Required",

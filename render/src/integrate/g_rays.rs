@@ -17,6 +17,7 @@
 use super::Integrator;
 use super::context::RenderContext;
 use super::g_batch::{GBatch, GBatches, Part, Place, RAYS_ASKED_MAX};
+use super::g_scene::NearMesh;
 use super::gather::GatherQuery;
 use super::gather_leg::GatherLeg;
 use super::mesh_rays::Start;
@@ -47,11 +48,12 @@ impl RenderContext<'_> {
         let FirstRays { surface, .. } = first;
         let (batch, most) = (&mut batches.asked, batches.most as u32);
         let (mark, n_shadow) = (batch.mark(), self.n_shadow());
+        let near = self.g_scene().and_then(|scene| scene.near_mesh(surface));
         let (from, end) = (batch.shadows.len() as u32, n_shadow.min(first.shadow + most));
         let left = if end == n_shadow { most - (end - first.shadow) } else { 0 };
         for index in first.shadow..end {
             if let Some(query) = integrator.shadow_query(self, path, surface, index) {
-                self.ask_shadow((path, surface), &query, batch);
+                self.ask_shadow((path, surface, near.as_ref()), &query, batch);
             }
         }
         let shadow = Part { places: from..batch.shadows.len() as u32, rays: first.shadow..end };
@@ -60,7 +62,7 @@ impl RenderContext<'_> {
         let end = self.n_gather().min(first.gather + left).max(first.gather);
         for index in first.gather..end {
             if let Some(query) = self.gather_query(path, surface, index)
-                && self.ask_gather(surface, &query, batch, tracer) == Answer::Blocked
+                && self.ask_gather((surface, near), &query, batch, tracer) == Answer::Blocked
             {
                 batch.forget_from(mark);
                 return Answer::Blocked;
@@ -73,7 +75,7 @@ impl RenderContext<'_> {
     /// Asks whether anything stands between a surface and the place that a query names.
     fn ask_shadow(
         &self,
-        (path, surface): (&Path, &SurfaceInteraction),
+        (path, surface, near): (&Path, &SurfaceInteraction, Option<&NearMesh>),
         query: &ShadowQuery,
         batch: &mut GBatch,
     ) {
@@ -86,7 +88,7 @@ impl RenderContext<'_> {
             let ray = surface.ray_to(direction, distance, front);
             return batch.push_shadow(Some((ray, start)), None, light);
         };
-        let near_length = scene.near_length(surface, direction);
+        let near_length = near.map(|near| near.length(direction));
         let near = near_length.map(|near| {
             let (end, front) = if near < distance { (near, None) } else { (distance, front) };
             (surface.ray_to(direction, end, front), start)
@@ -98,14 +100,14 @@ impl RenderContext<'_> {
     /// Asks for a gather ray in the voxels, once it has left the mesh.
     fn ask_gather<T: Tracer>(
         &self,
-        surface: &SurfaceInteraction,
+        (surface, near): (&SurfaceInteraction, Option<NearMesh>),
         &GatherQuery { direction, weight }: &GatherQuery,
         batch: &mut GBatch,
         tracer: &mut T,
     ) -> Answer<()> {
         let scene = self.g_scene().expect("gather rays in batches have voxels");
-        let Answer::Exact((near, mirrors, ray)) = self.gathered_near(scene, surface, direction, tracer)
-        else {
+        let begun = self.gathered_near(scene, (surface, near), direction, tracer);
+        let Answer::Exact((near, mirrors, ray)) = begun else {
             return Answer::Blocked;
         };
         let mut leg = GatherLeg::new(weight, mirrors, near);

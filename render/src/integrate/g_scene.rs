@@ -46,13 +46,32 @@ pub(crate) struct GScene<'a> {
     pub(crate) answers_g_rays: bool,
 }
 
+/// How rays from a surface begin on the mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct NearMesh {
+    normal: DVec3,
+    /// Distance off the surface at which rays are clear of its voxels, and side of the finest leaves, model units.
+    clearance: f64,
+    leaf_side: f64,
+}
+
+impl NearMesh {
+    /// Length of the part of a ray in unit `direction` that the mesh answers.
+    pub(crate) fn length(&self, direction: DVec3) -> f64 {
+        let clear = self.clearance / self.normal.dot(direction).max(1e-9);
+        clear.clamp(NEAR_LEAVES * self.leaf_side, NEAR_LEAVES_MAX * self.leaf_side)
+    }
+}
+
 impl GScene<'_> {
-    /// Length of the part of a ray from `surface` in unit `direction` that the mesh answers; `None` for none.
-    pub(crate) fn near_length(&self, surface: &SurfaceInteraction, direction: DVec3) -> Option<f64> {
-        let leaf = self.lower.map_or(self.voxels.leaf_side(), |lower| lower.leaf_side());
-        let clear = self.clearance(surface.normal) / surface.normal.dot(direction).max(1e-9);
+    /// How rays from `surface` begin on the mesh; `None` where they begin in the voxels.
+    pub(crate) fn near_mesh(&self, surface: &SurfaceInteraction) -> Option<NearMesh> {
         let asks_mesh = self.near == Near::Exact || self.near == Near::Contact && self.starts_within(surface);
-        asks_mesh.then(|| clear.clamp(NEAR_LEAVES * leaf, NEAR_LEAVES_MAX * leaf))
+        asks_mesh.then(|| NearMesh {
+            normal: surface.normal,
+            clearance: self.clearance(surface.normal),
+            leaf_side: self.lower.map_or(self.voxels.leaf_side(), |lower| lower.leaf_side()),
+        })
     }
 
     /// True when rays that leave a surface by a voxel start within one of another surface. Asked of the upper octree,
@@ -99,7 +118,7 @@ impl GScene<'_> {
     }
 
     /// The ray on through the voxels, which ends `distance` from the surface; at a surface with normal `front` it
-    /// leaves that one's voxels, too. The mesh answers its beginning of length `near` ([`GScene::near_length`]). `None`
+    /// leaves that one's voxels, too. The mesh answers its beginning of length `near` ([`NearMesh::length`]). `None`
     /// when nothing is left of it.
     pub(crate) fn leave(
         &self,

@@ -11,7 +11,7 @@
 //! (`near = exact`), and units for the voxels that it meets, so it can be blocked by few pages.
 
 use super::context::RenderContext;
-use super::g_scene::GScene;
+use super::g_scene::{GScene, NearMesh};
 use super::gather_leg::GatherYield;
 use super::mirrors::Mirrors;
 use super::path_state::{GatherRay, Path, Stage};
@@ -56,15 +56,15 @@ impl RenderContext<'_> {
     pub(super) fn gathered_near<T: Tracer>(
         &self,
         voxels: &GScene<'_>,
-        surface: &SurfaceInteraction,
+        (surface, mut near_mesh): (&SurfaceInteraction, Option<NearMesh>),
         mut direction: DVec3,
         tracer: &mut T,
     ) -> Answer<(GatherYield, Mirrors, Option<Ray>)> {
         let mut mirrors = voxels.no_mirrors();
         let (world, mut surface) = (self.world, *surface);
         let mut gathered = GatherYield::NOTHING;
-        let mut near = voxels.near_length(&surface, direction);
-        while let Some(length) = near {
+        while let Some(near) = near_mesh {
+            let length = near.length(direction);
             let ray = surface.ray_to(direction, length, None);
             let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
             let hit = hit.map(|hit| HitPoint::from(&hit));
@@ -84,8 +84,9 @@ impl RenderContext<'_> {
             }
             direction = direction.reflect(met.normal);
             surface = met;
-            near = voxels.near_length(&surface, direction);
+            near_mesh = voxels.near_mesh(&surface);
         }
+        let near = near_mesh.map(|near| near.length(direction));
         let rest = voxels.leave(&surface, direction, near, (f64::INFINITY, None));
         Answer::Exact((gathered, mirrors, rest))
     }

@@ -16,8 +16,7 @@
 
 use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
-use trex_film::PackedLight;
-use trex_film::mix;
+use trex_film::{PackedLight, chances};
 use trex_store::octree::Facets;
 use trex_store::{Budget, Lease, Result};
 
@@ -144,16 +143,11 @@ impl PhotonMap {
             let found = |c: usize| std::mem::take(sums[c].get_mut()) as f32 * pass.unit[c] * per_area;
             let found = Vec3::from_array(std::array::from_fn(found));
             let before = Vec3::from(irradiance.rgb());
-            let chances = rounding_chances(side as u64, self.photons);
+            // The same wherever they are drawn: by side and pass.
+            let chances = chances(side as u64 ^ self.photons.rotate_left(32));
             *irradiance = PackedLight::rounded_by((before + share * (found - before)).into(), chances);
         }
     }
-}
-
-/// Numbers from 0 to 1 for the channels of a side after so many photons: the same wherever they are drawn.
-fn rounding_chances(side: u64, photons: u64) -> [f32; 3] {
-    let mixed = mix(side ^ photons.rotate_left(32));
-    [0, 21, 42].map(|shift| (mixed >> shift & 0x1f_ffff) as f32 / 0x20_0000 as f32)
 }
 
 impl PhotonPass {

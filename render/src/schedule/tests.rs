@@ -17,8 +17,7 @@ use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
 use std::time::Duration;
-use trex_film::mix;
-use trex_film::{Layers, write_exr};
+use trex_film::{Layers, mix, write_exr};
 use trex_store::{Aabb, Budget, Material};
 
 const RESOLUTION: [u32; 2] = [37, 21];

@@ -27,7 +27,7 @@ fn fixed_paths_are_there_and_nothing_else() {
         assert!(answer.contains("frame-ancestors 'none'") && answer.contains("no-store"), "{answer}");
     }
     for path in ["/etc/passwd", "/../Cargo.toml", "/app.js/..", "/%2e%2e/Cargo.toml", "/x"] {
-        assert!(get(path).starts_with("HTTP/1.1 404 "), "{path}");
+        assert!(get(path).starts_with("HTTP/1.1 404 Not Found\r\n"), "{path}");
     }
     assert!(get("/socket").starts_with("HTTP/1.1 426 "));
     let head = ask(&server, "HEAD /app.js HTTP/1.1\r\nHost: localhost\r\n\r\n");
