@@ -50,7 +50,7 @@ pub use scene::camera::{
 pub use scene::edit::{Quality, RenderEdit};
 pub use scene::key::{Choice, Elsewhere, Key, KeyKind, KeyValue};
 pub use scene::keys;
-pub use scene::method::{Filter, Method, Near};
+pub use scene::method::{Filter, Method, Near, Shadows};
 pub use scene::parse_views;
 pub use scene::settings::{RenderKeys, RenderSettings};
 pub use scene::text::{CameraKeys, Scene};

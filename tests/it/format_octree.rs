@@ -131,18 +131,48 @@ fn area(word: u64) -> f64 {
 }
 
 /// Area of each facet that is there, in order.
-fn facet_areas(upper: &Upper, places: &[[i64; 3]]) -> Vec<f64> {
+fn facet_areas(upper: &Upper, places: &[[i64; 3]]) -> Vec<[f64; 2]> {
     let [_, bitmaps, normals, areas, _] = &upper.streams;
-    let mut nodes: Vec<([i64; 3], [f64; 6])> = Vec::new();
+    let maps: BTreeMap<[i64; 3], u64> = places.iter().copied().zip(bitmaps.iter().copied()).collect();
+    // Of each facet: the area of the surface, and what is exposed of its front and of its back.
+    let mut nodes: Vec<([i64; 3], [[f64; 3]; 6])> = Vec::new();
     for (leaf, at) in places.iter().enumerate() {
         let node = at.map(|v| v / 4);
         if nodes.last().is_none_or(|last| last.0 != node) {
-            nodes.push((node, [0.0; 6]));
+            nodes.push((node, [[0.0; 3]; 6]));
         }
         let least = 0.6 / 16.0 * f64::from(bitmaps[leaf].count_ones());
-        nodes.last_mut().unwrap().1[facet(normals[leaf])] += area(areas[leaf]).max(least);
+        let sums = &mut nodes.last_mut().unwrap().1[facet(normals[leaf])];
+        let [front, back] = exposed(&maps, *at, normals[leaf]);
+        let here = [area(areas[leaf]).max(least), front, back];
+        sums.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
     }
-    nodes.iter().flat_map(|node| node.1).filter(|&area| area > 0.0).collect()
+    let facets = nodes.iter().flat_map(|node| node.1).filter(|sums| sums[0] > 0.0);
+    facets.map(|[own, front, back]| [front, back].map(|side| side.clamp(own / 16.0, own))).collect()
+}
+
+/// Area of the front and of the back of the leaf `at` that nothing covers: subvoxel by subvoxel.
+fn exposed(maps: &BTreeMap<[i64; 3], u64>, at: [i64; 3], normal: u64) -> [f64; 2] {
+    let is_set = |q: [i64; 3]| {
+        let bit = q[0].rem_euclid(4) + 4 * q[1].rem_euclid(4) + 16 * q[2].rem_euclid(4);
+        maps.get(&q.map(|v| v.div_euclid(4))).is_some_and(|map| map >> bit & 1 == 1)
+    };
+    let along = direction(normal).map(f64::from);
+    let flatness = (normal >> 12) as f64 / 15.0;
+    let (mut projected, mut open) = ([0.0; 2], [0.0; 2]);
+    for q in cells(at.map(|v| 4 * v), at.map(|v| 4 * v + 3)).filter(|&q| is_set(q)) {
+        for (axis, step) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
+            let mut next = q;
+            next[axis] += step;
+            if is_set(next) {
+                continue;
+            }
+            let cos = if flatness > 0.0 { step as f64 * along[axis] / length(along) } else { 0.0 };
+            projected[usize::from(cos < 0.0)] += cos.abs() / 16.0;
+            (0..2).for_each(|side| open[side] += 0.5 * (1.0 + [cos, -cos][side]) / 16.0);
+        }
+    }
+    [0, 1].map(|side| (projected[side] / flatness.max(0.5)).max(0.73 * open[side]))
 }
 
 /// What the triangles leave in a leaf. Areas in squares of its side.
@@ -259,7 +289,7 @@ pub(crate) fn check(spec: &str, (resolution, factor): (u32, u32), every: i64) {
 }
 
 /// What the store has read of the same bytes.
-fn check_store(spec: &str, built: &Built, upper: &Upper, facets: &[f64]) {
+fn check_store(spec: &str, built: &Built, upper: &Upper, facets: &[[f64; 2]]) {
     assert_eq!(facets.len() as u64, upper.facet_count, "{spec}");
     let (octree, _) = built.file.upper(&Budget::unlimited()).unwrap().unwrap();
     let [masks, bitmaps, normals, _, materials] = &upper.streams;
@@ -275,8 +305,11 @@ fn check_store(spec: &str, built: &Built, upper: &Upper, facets: &[f64]) {
         assert!((f64::from(voxel.flatness) - (word >> 12) as f64 / 15.0).abs() < 1e-6);
         assert_eq!(u64::from(voxel.material), material, "{spec}: the material of leaf {leaf}");
     }
-    for (index, &area) in facets.iter().enumerate() {
-        assert!((f64::from(octree.facets().area(index)) / area - 1.0).abs() < 1e-5, "{spec}: facet {index}");
+    for (side, &area) in facets.iter().flatten().enumerate() {
+        assert!(
+            (f64::from(octree.facets().side_area(side)) / area - 1.0).abs() < 1e-5,
+            "{spec}: side {side}"
+        );
     }
 }
 

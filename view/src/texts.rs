@@ -142,7 +142,7 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
     use rand_pcg::rand_core::{Rng, SeedableRng};
     use std::path::Path;
-    use trex_render::{Filter, Method, Near, Occluders, RenderSettings, Scene};
+    use trex_render::{Filter, Method, Near, Occluders, RenderSettings, Scene, Shadows};
 
     #[test]
     fn a_scene_comes_back_as_it_was() {
@@ -225,6 +225,7 @@ mod tests {
             k_nearest,
             bake: integrator == Method::Photon && random.next_u32().is_multiple_of(2),
             near: pick(random, &[Near::Voxel, Near::Contact, Near::Exact]),
+            shadows: pick(random, &[Shadows::Voxel, Shadows::Mesh]),
             occluders: pick(random, &[Occluders::On, Occluders::Off]),
             lod_error: 1024.0 * (random.next_u64() as f64 / u64::MAX as f64).powi(7),
             filter: if gathers { pick(random, &[Filter::On, Filter::Off]) } else { Filter::Off },

@@ -30,13 +30,14 @@ const fn knob(name: &'static str, flag: &'static str, values: &'static [&'static
 }
 
 /// All of them.
-pub(super) const KNOBS: [Knob; 20] = [
+pub(super) const KNOBS: [Knob; 21] = [
     Knob { base: "", ..knob("quality", "--quality", &["draft", "normal", "reference"]) },
     knob("spp", "--spp", &["1", "2", "4", "8", "16", "32", "64", "128", "256"]),
     knob("n-gather", "--n-gather", &["0", "1", "2", "4", "8", "32"]),
     knob("n-shadow", "--n-shadow", &["1", "2", "4", "8", "32"]),
     knob("photons", "--photons", &["10k", "100k", "1M", "10M"]),
     knob("near", "--near", &["voxel", "contact", "exact"]),
+    knob("shadows", "--shadows", &["voxel", "mesh"]),
     knob("occluders", "--occluders", &["on", "off"]),
     knob("filter", "--filter", &["on", "off"]),
     knob("lod-error", "--lod-error", &["0", "0.5", "1", "2", "4", "8"]),

@@ -7,7 +7,7 @@ use super::path_state::{Origin, Path, ShadowQuery, Stage};
 use crate::photon::irradiance::Irradiance;
 use crate::photon::kd_tree::PhotonTree;
 use crate::sampler::Decision;
-use crate::scene::method::{Method, Near};
+use crate::scene::method::{Method, Near, Shadows};
 use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, World};
 use crate::shading::bsdf::{Bsdf, takes_shadow_rays};
@@ -41,13 +41,14 @@ pub(crate) struct RenderContext<'a> {
 impl<'a> RenderContext<'a> {
     /// The context of `world`, which was made from `model`, with light in the voxels as `irradiance` has it.
     pub(crate) fn new(world: &'a World, model: &'a Model, irradiance: Irradiance<'a>) -> RenderContext<'a> {
-        let RenderKeys { integrator: method, occluders, near, .. } = *world.settings;
+        let RenderKeys { integrator: method, occluders, near, shadows, .. } = *world.settings;
         let is_cubes = matches!(method, Method::DebugUpper | Method::DebugLower);
         let occluders = if is_cubes { Occluders::Off } else { occluders };
         let answers_g_rays = method.asks_voxels();
         let voxels = model.voxels.as_ref().map(|voxels| {
             let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
-            GScene { voxels: voxels.scene(occluders), lower, irradiance, near, answers_g_rays }
+            let shadows = if method == Method::Photon { shadows } else { Shadows::Voxel };
+            GScene { voxels: voxels.scene(occluders), lower, irradiance, near, shadows, answers_g_rays }
         });
         RenderContext { voxels, ..RenderContext::from_mesh(world) }
     }
@@ -69,7 +70,8 @@ impl<'a> RenderContext<'a> {
     pub(crate) fn for_preview(self) -> RenderContext<'a> {
         let resident = |scene: GScene<'a>| {
             let lower = scene.lower.map(|lower| lower.on_missing(MissingUnits::StandIn));
-            GScene { lower, near: Near::Voxel, answers_g_rays: true, ..scene }
+            let (near, shadows) = (Near::Voxel, Shadows::Voxel);
+            GScene { lower, near, shadows, answers_g_rays: true, ..scene }
         };
         let voxels = self.voxels.map(resident);
         RenderContext { voxels, photon_tree: None, has_layers: false, rays_most: 1, is_preview: true, ..self }

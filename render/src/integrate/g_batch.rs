@@ -12,7 +12,7 @@ use super::g_scene::GScene;
 use super::gather_leg::GatherLeg;
 use super::mesh_rays::{MeshRays, Start};
 use crate::g_stage::{GCall, GRays, GStage, GView};
-use crate::scene::method::Near;
+use crate::scene::method::{Near, Shadows};
 use crate::scene::settings::RenderKeys;
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::{Answer, Ray, Tracer};
@@ -37,7 +37,7 @@ pub(crate) struct RayNeeds {
 
 /// Most rays that a path asks for at a time, by what the view asks for at a surface.
 pub(crate) fn rays_asked(keys: &RenderKeys) -> RayNeeds {
-    let RenderKeys { integrator, near, n_shadow, n_gather, .. } = *keys;
+    let RenderKeys { integrator, near, shadows, n_shadow, n_gather, .. } = *keys;
     let most = |count: u32| (count as usize).min(RAYS_ASKED_MAX);
     let asks_voxels = integrator.asks_voxels();
     let shadow = most(n_shadow);
@@ -47,17 +47,40 @@ pub(crate) fn rays_asked(keys: &RenderKeys) -> RayNeeds {
         voxel: if asks_voxels { (shadow + gather).clamp(1, RAYS_ASKED_MAX) } else { 1 },
         shadow,
         gather,
-        mesh: if asks_voxels && near == Near::Voxel { 0 } else { shadow },
+        mesh: if asks_voxels && near == Near::Voxel && shadows == Shadows::Voxel { 0 } else { shadow },
     }
 }
 
-/// A shadow ray that was asked: its places on the mesh and in the voxels, where anything of it is there, and the light
-/// that it brings when it meets nothing in either.
+/// A shadow ray as a path asks for it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ShadowParts {
+    /// The part that the mesh answers.
+    pub(super) on_mesh: Option<(Ray, Start)>,
+    /// The part that the voxels answer.
+    pub(super) in_voxels: Option<GRay>,
+    /// Its number at the surface, where the mesh is to be asked for all of it when a voxel is met.
+    pub(super) unsure: Option<u32>,
+    /// The light that it brings when it meets nothing.
+    pub(super) light: Vec3,
+}
+
+/// A shadow ray that was asked: its places on the mesh and in the voxels, where anything of it is there; the rest as in
+/// [`ShadowParts`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ShadowRay {
     on_mesh: Option<u32>,
     in_voxels: Option<u32>,
+    pub(super) unsure: Option<u32>,
     pub(super) light: Vec3,
+}
+
+/// What is known of the way to a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Occlusion {
+    Clear,
+    Occluded,
+    /// A voxel is met, and the mesh has not been asked yet.
+    Unsure,
 }
 
 /// Rays that are asked together, and their answers.
@@ -138,16 +161,11 @@ impl GBatch {
     }
 
     /// Asks for what is left of a shadow ray on the mesh and in the voxels.
-    pub(super) fn push_shadow(
-        &mut self,
-        on_mesh: Option<(Ray, Start)>,
-        in_voxels: Option<GRay>,
-        light: Vec3,
-    ) {
+    pub(super) fn push_shadow(&mut self, ShadowParts { on_mesh, in_voxels, unsure, light }: ShadowParts) {
         self.make_room();
         let on_mesh = on_mesh.map(|(ray, start)| self.on_mesh.push(ray, start));
         let in_voxels = in_voxels.map(|ray| self.rays.push(ray));
-        self.shadows.push(ShadowRay { on_mesh, in_voxels, light });
+        self.shadows.push(ShadowRay { on_mesh, in_voxels, unsure, light });
     }
 
     /// Asks for a gather ray which goes on as `ray`, if anything is left of it.
@@ -181,15 +199,18 @@ impl GBatch {
         &self.rays.answers()[place as usize]
     }
 
-    /// Whether a shadow ray meets anything.
-    pub(super) fn occluded(&self, ray: &ShadowRay) -> Answer<bool> {
+    /// What is known of a shadow ray.
+    pub(super) fn occlusion(&self, ray: &ShadowRay) -> Answer<Occlusion> {
         match ray.on_mesh.map(|place| self.on_mesh.occluded(place)) {
             None | Some(Answer::Exact(false)) => {}
-            Some(answer) => return answer,
+            Some(Answer::Exact(true)) => return Answer::Exact(Occlusion::Occluded),
+            Some(Answer::Blocked) => return Answer::Blocked,
         }
         match ray.in_voxels.map(|place| self.answer(place).outcome) {
             Some(GAnswer::BLOCKED) => Answer::Blocked,
-            met => Answer::Exact(met == Some(GAnswer::MET)),
+            Some(GAnswer::MET) if ray.unsure.is_some() => Answer::Exact(Occlusion::Unsure),
+            Some(GAnswer::MET) => Answer::Exact(Occlusion::Occluded),
+            _ => Answer::Exact(Occlusion::Clear),
         }
     }
 

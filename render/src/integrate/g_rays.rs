@@ -6,6 +6,7 @@
 //!   near = exact       a shadow ray is asked on the mesh, too; a gather ray begins there at once
 //!   no voxels          a shadow ray is asked on the mesh alone; gather rays go their own way (`final_gather.rs`)
 //! all paths of a tile have asked or ended -> the mesh and the G-stage answer -> each path takes its answers, in order
+//!     a shadow ray met a voxel  -> with shadows = mesh it is asked there, the path waits again
 //!     a gather ray met a mirror -> its next leg is asked, the path waits again
 //!     one of them is blocked    -> the path asks all of these again
 //! ```
@@ -16,16 +17,16 @@
 
 use super::Integrator;
 use super::context::RenderContext;
-use super::g_batch::{GBatch, GBatches, Part, Place, RAYS_ASKED_MAX};
+use super::g_batch::{GBatch, GBatches, Occlusion, Part, Place, RAYS_ASKED_MAX, ShadowParts, ShadowRay};
 use super::g_scene::NearMesh;
 use super::gather::GatherQuery;
 use super::gather_leg::GatherLeg;
-use super::mesh_rays::Start;
-use super::path_state::{Origin, Path, ShadowQuery, Stage};
+use super::path_state::{Path, ShadowQuery, Stage};
+use crate::scene::method::Shadows;
 use crate::shading::surface::SurfaceInteraction;
-use crate::stats::RayKind;
-use crate::trace::{Answer, Tracer};
+use crate::trace::{Answer, Ray, Tracer};
 use crate::voxel::GKind;
+use glam::Vec3;
 
 /// A surface, and the first shadow and the first gather ray there that a path has not asked for yet.
 #[derive(Clone, Copy, Debug)]
@@ -53,7 +54,7 @@ impl RenderContext<'_> {
         let left = if end == n_shadow { most - (end - first.shadow) } else { 0 };
         for index in first.shadow..end {
             if let Some(query) = integrator.shadow_query(self, path, surface, index) {
-                self.ask_shadow((path, surface, near.as_ref()), &query, batch);
+                self.ask_shadow((path, surface, near.as_ref()), (&query, index), batch);
             }
         }
         let shadow = Part { places: from..batch.shadows.len() as u32, rays: first.shadow..end };
@@ -76,25 +77,27 @@ impl RenderContext<'_> {
     fn ask_shadow(
         &self,
         (path, surface, near): (&Path, &SurfaceInteraction, Option<&NearMesh>),
-        query: &ShadowQuery,
+        (query, index): (&ShadowQuery, u32),
         batch: &mut GBatch,
     ) {
         let ShadowQuery { direction, distance, front, light } = *query;
-        let start = match path.origin {
-            Origin::Camera | Origin::Mirror => Start::Near,
-            Origin::Scattered { .. } => Start::Scattered,
-        };
+        let start = path.origin.start();
         let Some(scene) = self.g_scene() else {
             let ray = surface.ray_to(direction, distance, front);
-            return batch.push_shadow(Some((ray, start)), None, light);
+            let parts = ShadowParts { on_mesh: Some((ray, start)), in_voxels: None, unsure: None, light };
+            return batch.push_shadow(parts);
         };
         let near_length = near.map(|near| near.length(direction));
-        let near = near_length.map(|near| {
+        let on_mesh = near_length.map(|near| {
             let (end, front) = if near < distance { (near, None) } else { (distance, front) };
             (surface.ray_to(direction, end, front), start)
         });
         let rest = scene.leave(surface, direction, near_length, (distance, front));
-        batch.push_shadow(near, rest.map(|ray| scene.g_ray(&ray, GKind::Shadow, 0.0).0), light);
+        let in_voxels = rest.map(|ray| scene.g_ray(&ray, GKind::Shadow, 0.0).0);
+        // The voxels hold all of the surface: a ray that meets none of them meets no triangle. What is far is voxels,
+        // which need no pages in proportion to the model.
+        let unsure = (scene.shadows == Shadows::Mesh && !path.is_far).then_some(index);
+        batch.push_shadow(ShadowParts { on_mesh, in_voxels, unsure, light });
     }
 
     /// Asks for a gather ray in the voxels, once it has left the mesh.
@@ -116,37 +119,48 @@ impl RenderContext<'_> {
         Answer::Exact(())
     }
 
-    /// Takes what these rays brought. Blocked when any of them was: nothing is taken then. Where gather rays go on from
-    /// mirrors, these are asked, and all that is left of the gather rays is taken when they have ended.
+    /// Takes what these rays brought. Blocked when any of them was: nothing is taken then. Where the mesh is to be
+    /// asked for shadow rays, or gather rays go on from mirrors, these are asked, and all that is left is taken when
+    /// they have ended.
     pub(super) fn take(
         &self,
-        kind: RayKind,
+        integrator: &dyn Integrator,
         path: &mut Path,
         place: &Place,
         GBatches { asked, answered, .. }: &mut GBatches,
     ) -> Answer<Stage> {
         let Place { surface, shadow, gather } = place;
+        let shadows = &answered.shadows[shadow.range()];
         let is_blocked = |leg: &GatherLeg| leg.asked.is_some_and(|ray| answered.answer(ray).is_blocked());
-        if answered.shadows[shadow.range()].iter().any(|ray| answered.occluded(ray) == Answer::Blocked)
+        if shadows.iter().any(|ray| answered.occlusion(ray) == Answer::Blocked)
             || answered.gathers[gather.range()].iter().any(is_blocked)
         {
             return Answer::Blocked;
         }
-        for ray in &answered.shadows[shadow.range()] {
-            path.sample.rays.count(kind);
-            if answered.occluded(ray) == Answer::Exact(false) {
-                path.gain(ray.light);
+        let is_unsure = |ray: &ShadowRay| answered.occlusion(ray) == Answer::Exact(Occlusion::Unsure);
+        let left = if shadows.iter().any(is_unsure) {
+            self.ask_mesh(integrator, (path, surface), shadow, (answered, asked))
+        } else {
+            for ray in shadows {
+                path.sample.rays.count(integrator.shadow_kind());
+                if answered.occlusion(ray) == Answer::Exact(Occlusion::Clear) {
+                    path.gain(ray.light);
+                }
             }
-        }
-        if shadow.rays.end < self.n_shadow() {
-            return Answer::Exact(Stage::Shadow { surface: *surface, index: shadow.rays.end });
-        }
-        if self.follow_mirrors(gather, answered, asked) {
-            let end = asked.gathers.len() as u32;
-            let places = end - gather.range().len() as u32..end;
-            let gather = Part { places, rays: gather.rays.clone() };
-            let shadow = Part { places: 0..0, rays: shadow.rays.end..shadow.rays.end };
-            return Answer::Exact(Stage::TakeGRays(Place { surface: *surface, shadow, gather }));
+            if shadow.rays.end < self.n_shadow() {
+                return Answer::Exact(Stage::Shadow { surface: *surface, index: shadow.rays.end });
+            }
+            Part { places: 0..0, rays: shadow.rays.end..shadow.rays.end }
+        };
+        let nexts = self.mirror_legs(gather, answered);
+        if !left.range().is_empty() || nexts.iter().any(Option::is_some) {
+            let from = asked.gathers.len() as u32;
+            for (leg, next) in answered.gathers[gather.range()].iter().zip(nexts) {
+                let scene = self.g_scene().expect("gather rays in batches have voxels");
+                asked.push_gather(scene, next, *leg);
+            }
+            let gather = Part { places: from..asked.gathers.len() as u32, rays: gather.rays.clone() };
+            return Answer::Exact(Stage::TakeGRays(Place { surface: *surface, shadow: left, gather }));
         }
         for leg in &answered.gathers[gather.range()] {
             path.sample.rays.gather += u64::from(leg.near.rays + leg.gathered.rays);
@@ -155,11 +169,36 @@ impl RenderContext<'_> {
         Answer::Exact(self.after_gather_ray(*surface, gather.rays.end))
     }
 
-    /// Takes the answers of gather rays. True when any of them goes on from a mirror: all of the part are asked again
-    /// then, those that have ended with nothing to ask.
-    fn follow_mirrors(&self, part: &Part, answered: &mut GBatch, asked: &mut GBatch) -> bool {
-        let Some(scene) = self.g_scene() else { return false };
+    /// Asks the mesh for the shadow rays of a part of which the voxels leave it unsure whether they meet anything. The
+    /// part as it is asked now: what is known stays known.
+    fn ask_mesh(
+        &self,
+        integrator: &dyn Integrator,
+        (path, surface): (&Path, &SurfaceInteraction),
+        part: &Part,
+        (answered, asked): (&GBatch, &mut GBatch),
+    ) -> Part {
+        let from = asked.shadows.len() as u32;
+        for ray in &answered.shadows[part.range()] {
+            let mut parts = ShadowParts { on_mesh: None, in_voxels: None, unsure: None, light: ray.light };
+            match (answered.occlusion(ray), ray.unsure) {
+                (Answer::Exact(Occlusion::Unsure), Some(index)) => {
+                    let query = integrator.shadow_query(self, path, surface, index);
+                    let ShadowQuery { direction, distance, front, .. } = query.expect("as before");
+                    parts.on_mesh = Some((surface.ray_to(direction, distance, front), path.origin.start()));
+                }
+                (Answer::Exact(Occlusion::Clear), _) => {}
+                _ => parts.light = Vec3::ZERO,
+            }
+            asked.push_shadow(parts);
+        }
+        Part { places: from..asked.shadows.len() as u32, rays: part.rays.clone() }
+    }
+
+    /// Takes the answers of gather rays. The next legs of those that go on from a mirror, in the order of the part.
+    fn mirror_legs(&self, part: &Part, answered: &mut GBatch) -> [Option<Ray>; RAYS_ASKED_MAX] {
         let mut nexts = [None; RAYS_ASKED_MAX];
+        let Some(scene) = self.g_scene() else { return nexts };
         for (place, next) in part.range().zip(&mut nexts) {
             let mut leg = answered.gathers[place];
             let Some(ray) = leg.asked.take() else { continue };
@@ -167,13 +206,7 @@ impl RenderContext<'_> {
             *next = scene.arrive(&mut leg, found, self.world);
             answered.gathers[place] = leg;
         }
-        let goes_on = nexts.iter().any(Option::is_some);
-        if goes_on {
-            for (leg, next) in answered.gathers[part.range()].iter().zip(nexts) {
-                asked.push_gather(scene, next, *leg);
-            }
-        }
-        goes_on
+        nexts
     }
 
     /// The stage that asks again for what a path has asked.

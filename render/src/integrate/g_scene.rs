@@ -15,7 +15,7 @@ use super::mirrors::Mirrors;
 use crate::g_stage::{GUnits, GView};
 use crate::math::unit;
 use crate::photon::irradiance::Irradiance;
-use crate::scene::method::Near;
+use crate::scene::method::{Near, Shadows};
 use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::surface::SurfaceInteraction;
@@ -42,6 +42,7 @@ pub(crate) struct GScene<'a> {
     pub(crate) lower: Option<LowerScene<'a>>,
     pub(crate) irradiance: Irradiance<'a>,
     pub(crate) near: Near,
+    pub(crate) shadows: Shadows,
     /// True when G-rays are asked of the voxels; else these stand in for the mesh alone.
     pub(crate) answers_g_rays: bool,
 }

@@ -5,6 +5,7 @@
 
 use super::c_ray::AskedFar;
 use super::g_batch::Place;
+use super::mesh_rays::Start;
 use super::mirrors::Mirrors;
 use super::roulette::survives;
 use crate::sampler::{Decision, Sampler};
@@ -146,6 +147,14 @@ impl Origin {
             Origin::Camera => RayKind::Primary,
             Origin::Mirror => RayKind::Mirror,
             Origin::Scattered { .. } => RayKind::Gather,
+        }
+    }
+
+    /// The start of the rays that leave what it sees.
+    pub(super) fn start(&self) -> Start {
+        match self {
+            Origin::Camera | Origin::Mirror => Start::Near,
+            Origin::Scattered { .. } => Start::Scattered,
         }
     }
 }

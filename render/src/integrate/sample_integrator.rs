@@ -158,7 +158,7 @@ impl<'a> SampleIntegrator<'a> {
             }
             Stage::TakeGRays(ref place) => {
                 let place = place.clone();
-                return ctx.take(integrator.shadow_kind(), path, &place, batches);
+                return ctx.take(integrator, path, &place, batches);
             }
             Stage::GatherRay(gather) => return ctx.gather_ray_step(path, &gather, tracer),
             Stage::Bounce(surface) => integrator.bounce(ctx, path, &surface),

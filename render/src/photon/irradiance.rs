@@ -4,7 +4,7 @@
 //! ```text
 //! pass of 2^18 photons -> sums (u32 fixed point per side and channel)
 //!                      -> folded into the mean irradiance (13 bits a channel) -> next pass
-//! irradiance = flux / area of the facet           side = 2 * facet, 1 more for its back
+//! irradiance = flux / area of the side            side = 2 * facet, 1 more for its back
 //! ```
 //!
 //! Why fixed point: its sums do not depend on the order in which threads add, nor do saturated ones. The sums are there
@@ -138,7 +138,7 @@ impl PhotonMap {
         let share = (photons as f64 / self.photons as f64) as f32;
         let sums = pass.sums.as_chunks_mut::<3>().0;
         for (side, (irradiance, sums)) in self.irradiance.iter_mut().zip(sums).enumerate() {
-            let area = f64::from(facets.area(side / 2)) * leaf_side * leaf_side;
+            let area = f64::from(facets.side_area(side)) * leaf_side * leaf_side;
             let per_area = (1.0 / (area * photons as f64)) as f32;
             let found = |c: usize| std::mem::take(sums[c].get_mut()) as f32 * pass.unit[c] * per_area;
             let found = Vec3::from_array(std::array::from_fn(found));

@@ -5,7 +5,7 @@
 
 use super::key::{Key, KeyValue};
 use super::keys;
-use super::method::{Filter, Method, Near};
+use super::method::{Filter, Method, Near, Shadows};
 use super::settings::RenderKeys;
 use crate::voxel::Occluders;
 use serde::Deserialize;
@@ -102,6 +102,7 @@ pub struct RenderEdit {
     pub k_nearest: Option<u32>,
     pub bake: Option<bool>,
     pub near: Option<Near>,
+    pub shadows: Option<Shadows>,
     pub occluders: Option<Occluders>,
     pub lod_error: Option<f64>,
     pub filter: Option<Filter>,
@@ -151,6 +152,7 @@ impl RenderEdit {
             k_nearest: self.k_nearest.unwrap_or(keys.k_nearest),
             bake: self.bake.unwrap_or(bake),
             near: self.near.unwrap_or(keys.near),
+            shadows: self.shadows.unwrap_or(keys.shadows),
             occluders: self.occluders.unwrap_or(keys.occluders),
             lod_error: self.lod_error.unwrap_or(keys.lod_error),
             filter: self.filter.unwrap_or(filter),
@@ -221,7 +223,7 @@ mod tests {
 
     #[test]
     fn defaults_are_those_of_a_scene_that_says_nothing() {
-        let words = "normal photon 1024x1024 16 2 2 1048576 50 false contact on 0.0 on 1.0 1";
+        let words = "normal photon 1024x1024 16 2 2 1048576 50 false contact mesh on 0.0 on 1.0 1";
         let default = |key: &&'static Key| match key.default_value() {
             KeyValue::Pair([width, height]) => format!("{width}x{height}"),
             KeyValue::Choice(name) => name.to_owned(),

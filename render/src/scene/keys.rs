@@ -167,6 +167,18 @@ pub static NEAR: Key = Key {
     text: "Where shadow and gather rays begin",
     ..OF_ALL
 };
+/// The form of the model that stops shadow rays.
+pub static SHADOWS: Key = Key {
+    name: "shadows",
+    title: "Shadows are of",
+    kind: KeyKind::Choice(&[
+        choice("mesh", "The exact mesh", "The exact mesh, which is asked where a ray meets a voxel"),
+        choice("voxel", "The voxels", "The voxels: faster, and darker where thin things are close together"),
+    ]),
+    is_used_by: |method| method == Method::Photon,
+    text: "What hides a light from a surface",
+    ..OF_ALL
+};
 /// The form of voxels.
 pub static OCCLUDERS: Key = Key {
     name: "occluders",
@@ -217,7 +229,7 @@ pub static SEED: Key = Key {
 };
 
 /// All of them, in the order in which they are listed.
-pub static KEYS: [&Key; 15] = [
+pub static KEYS: [&Key; 16] = [
     &QUALITY,
     &INTEGRATOR,
     &RESOLUTION,
@@ -228,6 +240,7 @@ pub static KEYS: [&Key; 15] = [
     &K_NEAREST,
     &BAKE,
     &NEAR,
+    &SHADOWS,
     &OCCLUDERS,
     &LOD_ERROR,
     &FILTER,

@@ -114,6 +114,27 @@ impl Near {
     }
 }
 
+/// What decides whether a light is hidden from a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shadows {
+    /// The voxels alone.
+    Voxel,
+    /// The voxels where they are free: the surface lies within them. Where a voxel is met, the exact mesh.
+    #[default]
+    Mesh,
+}
+
+impl Shadows {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Shadows::Voxel => "voxel",
+            Shadows::Mesh => "mesh",
+        }
+    }
+}
+
 /// Smoothing of indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]

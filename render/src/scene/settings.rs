@@ -4,7 +4,7 @@
 
 use super::key::{Key, KeyValue};
 use super::keys;
-use super::method::{Filter, Method, Near};
+use super::method::{Filter, Method, Near, Shadows};
 use crate::voxel::Occluders;
 use std::ops::Deref;
 use trex_store::Result;
@@ -23,6 +23,7 @@ pub struct RenderKeys {
     pub k_nearest: u32,
     pub bake: bool,
     pub near: Near,
+    pub shadows: Shadows,
     pub occluders: Occluders,
     pub lod_error: f64,
     pub filter: Filter,
@@ -43,6 +44,7 @@ impl Default for RenderKeys {
             k_nearest: 50,
             bake: false,
             near: Near::Contact,
+            shadows: Shadows::Mesh,
             occluders: Occluders::On,
             lod_error: 0.0,
             filter: Filter::Off,
@@ -54,7 +56,7 @@ impl Default for RenderKeys {
 
 impl RenderKeys {
     /// Each key with its value, in the order of the table.
-    pub fn values(&self) -> [(&'static Key, KeyValue); 14] {
+    pub fn values(&self) -> [(&'static Key, KeyValue); 15] {
         [
             (&keys::INTEGRATOR, KeyValue::Choice(self.integrator.as_str())),
             (&keys::RESOLUTION, KeyValue::Pair(self.resolution)),
@@ -65,6 +67,7 @@ impl RenderKeys {
             (&keys::K_NEAREST, KeyValue::Count(self.k_nearest.into())),
             (&keys::BAKE, KeyValue::Flag(self.bake)),
             (&keys::NEAR, KeyValue::Choice(self.near.as_str())),
+            (&keys::SHADOWS, KeyValue::Choice(self.shadows.as_str())),
             (&keys::OCCLUDERS, KeyValue::Choice(self.occluders.as_str())),
             (&keys::LOD_ERROR, KeyValue::Number(self.lod_error)),
             (&keys::FILTER, KeyValue::Choice(self.filter.as_str())),

@@ -10,17 +10,27 @@
 //! (Jensen's inequality on caught / own area). Over a node the two agree to half a percent. It also takes a sixth of
 //! the memory.
 //!
+//! A side of a facet has no more area than its leaves' surface, and no more than can be met of it (`exposed`): ends of
+//! pipes within flanges and sheets behind sheets take no light, and no ray sees them. Counted with them, the interior
+//! of a plant came out a fifth too dark.
+//!
 //! A leaf that a triangle merely grazes has nearly no area, yet its subvoxels catch light on their whole cross
 //! section: its area counts as no less than [`AREA_OF_SUBVOXEL`] for each set bit.
 //!
-//! Invariants: 1. every leaf belongs to one facet of its node; 2. every facet has a positive area.
+//! Tried and lost: facets of 2 and of 1 leaves, which show the light of a plant's clutter and of an iso-surface with
+//! 1.2 and 1.3 times the squared error of 4 (plant), 1.4 and 3 times (iso-surface).
+//!
+//! Invariants: 1. every leaf belongs to one facet of its node; 2. every side of a facet has a positive area.
 
-use super::node::OctreeNode;
+use super::exposed::exposed_areas;
+use super::node::{OctreeNode, Tree};
 use super::{LEAF_SIDE, LeafNormal};
 
 /// Least area per set bit of a bitmap, in squares of a subvoxel: a plane across an axis has 1, slanted ones set up to
 /// 1.7 bits per square of their area.
 const AREA_OF_SUBVOXEL: f32 = 0.6;
+/// Least share of its surface that a side has: light that leaks to what is hidden is spread over so much.
+const EXPOSED_LEAST: f32 = 1.0 / 16.0;
 
 /// The facets of all last nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -29,33 +39,49 @@ pub struct Facets {
     first: Vec<u32>,
     /// Per last node: which of the six it has.
     masks: Vec<u8>,
-    /// Per facet, in squares of a leaf's side.
-    areas: Vec<f32>,
+    /// Per facet, of its front and of its back, in squares of a leaf's side.
+    areas: Vec<[f32; 2]>,
 }
 
 impl Facets {
-    /// The facets of `nodes`, whose leaves stand in order and have these normals, areas (squares of a leaf's side) and
-    /// bitmaps.
+    /// The facets of the last nodes of `tree`, whose leaves have these normals, bitmaps and areas of a side (squares of
+    /// a leaf's side).
     pub(super) fn new(
-        nodes: &[OctreeNode],
+        tree: &Tree,
         normals: &[LeafNormal],
         bitmaps: &[u64],
         area: impl Fn(usize) -> f32,
     ) -> Facets {
-        let least = AREA_OF_SUBVOXEL / (LEAF_SIDE * LEAF_SIDE) as f32;
+        let nodes = tree.last_nodes();
         let (first, masks) = (Vec::with_capacity(nodes.len()), Vec::with_capacity(nodes.len()));
         let mut facets = Facets { first, masks, areas: Vec::new() };
         for node in nodes {
-            let mut sums = [0.0f32; 6];
-            for leaf in node.first as usize..(node.first + node.bits().count_ones()) as usize {
-                sums[normals[leaf].facet()] += area(leaf).max(least * bitmaps[leaf].count_ones() as f32);
-            }
+            let leaves = node.first as usize..end_of(node);
+            let mask = leaves.fold(0u8, |mask, leaf| mask | 1 << normals[leaf].facet());
             facets.first.push(facets.areas.len() as u32);
-            facets.areas.extend(sums.iter().filter(|&&sum| sum > 0.0));
-            let mask = (0..6).filter(|&facet| sums[facet] > 0.0).fold(0, |mask, facet| mask | 1 << facet);
             facets.masks.push(mask);
+            facets.areas.extend((0..mask.count_ones()).map(|_| [0.0; 2]));
         }
+        facets.measure(tree, normals, bitmaps, area);
         facets
+    }
+
+    /// Sums the areas of leaves.
+    fn measure(&mut self, tree: &Tree, normals: &[LeafNormal], bitmaps: &[u64], area: impl Fn(usize) -> f32) {
+        let least = AREA_OF_SUBVOXEL / (LEAF_SIDE * LEAF_SIDE) as f32;
+        let mut surfaces = vec![0.0f32; self.areas.len()];
+        let (nodes, mut leaf, mut node) = (tree.last_nodes(), 0, 0);
+        exposed_areas(tree, normals, bitmaps, |exposed| {
+            // Leaves come in key order, as their nodes stand.
+            node += usize::from(leaf == end_of(&nodes[node]));
+            let facet = self.index(node, normals[leaf]) as usize;
+            surfaces[facet] += area(leaf).max(least * bitmaps[leaf].count_ones() as f32);
+            (0..2).for_each(|side| self.areas[facet][side] += exposed[side]);
+            leaf += 1;
+        });
+        for (sides, surface) in self.areas.iter_mut().zip(surfaces) {
+            *sides = sides.map(|exposed| exposed.clamp(EXPOSED_LEAST * surface, surface));
+        }
     }
 
     /// Count of all facets.
@@ -69,13 +95,23 @@ impl Facets {
         self.first[node] + (self.masks[node] & ((1 << normal.facet()) - 1)).count_ones()
     }
 
-    /// Area of a facet, in squares of a leaf's side.
-    pub fn area(&self, facet: usize) -> f32 {
-        self.areas[facet]
+    /// Area of a side (`2 * facet`, plus 1 for its back), in squares of a leaf's side.
+    pub fn side_area(&self, side: usize) -> f32 {
+        self.areas[side / 2][side % 2]
+    }
+
+    /// Bytes beside these while they are measured.
+    pub(super) fn reading_bytes(facet_count: u64) -> u64 {
+        facet_count * size_of::<f32>() as u64
     }
 
     /// Bytes of memory for so many nodes and facets.
     pub(super) fn bytes(node_count: u64, facet_count: u64) -> u64 {
-        node_count * (size_of::<u32>() + size_of::<u8>()) as u64 + facet_count * size_of::<f32>() as u64
+        node_count * (size_of::<u32>() + size_of::<u8>()) as u64 + facet_count * size_of::<[f32; 2]>() as u64
     }
+}
+
+/// The leaf after the last of a node.
+fn end_of(node: &OctreeNode) -> usize {
+    (node.first + node.bits().count_ones()) as usize
 }

@@ -19,6 +19,7 @@
 
 mod coarsen;
 mod emit;
+mod exposed;
 mod facets;
 mod families;
 mod links;
