@@ -160,7 +160,7 @@ mod tests {
         areas(leaves).values().fold([0.0; 2], |sum, found| [sum[0] + found[0], sum[1] + found[1]])
     }
 
-    /// Stairs through all leaves, at any slant and one or two subvoxels thick, have the area of their plane, or some more.
+    /// Stairs through all leaves, at any slant and one or two subvoxels thick, have their plane's area, or some more.
     #[test]
     fn a_slanted_sheet_has_the_area_of_its_plane() {
         for slant in [[0.0, 0.0], [0.25, 0.0], [0.5, 0.0], [0.3, 0.3], [-0.4, 0.2]] {
@@ -174,7 +174,7 @@ mod tests {
                 for found in sum(&leaves) {
                     // Normals are packed to a degree; leaves of few bits show some more: the surface bounds them.
                     assert!(
-                        (0.98..1.1).contains(&(found / wanted)),
+                        (0.98..1.15).contains(&(found / wanted)),
                         "{slant:?} {thick}: {found}, not {wanted}"
                     );
                 }
