@@ -127,6 +127,13 @@ impl Coarse {
         (0..3).for_each(|c| self.light[c * count + at] = light[c]);
     }
 
+    /// True when the sample next to a pixel (x, y), which what is shown there is made of, saw what is `seen` there.
+    pub(super) fn is_same(&self, [x, y]: [u32; 2], seen: &LayerPixel) -> bool {
+        let columns = grid_size(self.resolution, KEPT_STEP)[0];
+        let at = ((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize;
+        self.surfaces[at].is_same(&Surface::new(seen))
+    }
+
     /// Smooths the samples at every `step`-th pixel.
     pub(super) fn smooth(&mut self, step: u32, pool: &ThreadPool) {
         // Exactly so many are leased.

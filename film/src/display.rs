@@ -5,6 +5,9 @@
 //!
 //! Where light goes on to change after that, what was shown until then takes its place, tile by tile.
 //!
+//! A pixel with an exact sample says whether the preview saw the same there: the same surface, in the same form. Where
+//! it did not, as where voxels stood in for mesh, the preview is worth nothing: it would shine through as a ghost.
+//!
 //! Invariants: 1. nothing of it is ever on the film; 2. all that is shown is of one event, and of one state until light
 //! changes by itself; 3. its memory is leased before it is taken, with the most of what it, the saliency of the picture
 //! and the filter take while they work: they take turns, and [`Display::release_work`] makes way.
@@ -14,7 +17,7 @@ use super::film::LayerPixel;
 use super::filter::filter_bytes;
 use super::packed::PackedLight;
 use super::saliency;
-use super::tile::tile_count;
+use super::tile::{TILE_SIDE_PIXELS, Tile, tile_count};
 use glam::Vec3;
 use rayon::ThreadPool;
 use trex_store::Lease;
@@ -26,11 +29,32 @@ const FIRST_WORTH: f32 = 1.5;
 /// Samples of a pixel that what was shown before light changed by itself is worth at most: it is of the light before.
 const BEFORE_WORTH_MOST: f32 = 4.0;
 
-/// What the display shows of a tile: the state that it is of, and samples of a pixel that it is worth.
+/// What the display shows of a tile: the state that it is of, samples of a pixel that it is worth, and where: a bit a
+/// pixel, by rows.
 #[derive(Clone, Copy, Debug)]
 struct TileWorth {
     state: u32,
     worth: f32,
+    pixels: u64,
+}
+
+const _: () = assert!(TILE_SIDE_PIXELS * TILE_SIDE_PIXELS == u64::BITS);
+
+impl TileWorth {
+    /// The preview's, before anything is known of what is there.
+    fn of_preview(state: u32) -> TileWorth {
+        TileWorth { state, worth: FIRST_WORTH, pixels: u64::MAX }
+    }
+
+    /// True when samples were in what is shown: it is more than the preview.
+    fn holds_samples(&self) -> bool {
+        self.worth > FIRST_WORTH
+    }
+}
+
+/// The bit of a pixel (x, y) in those of its tile.
+fn bit([x, y]: [u32; 2]) -> u32 {
+    y % TILE_SIDE_PIXELS * TILE_SIDE_PIXELS + x % TILE_SIDE_PIXELS
 }
 
 /// The picture where the film has none.
@@ -72,7 +96,7 @@ impl Display {
             radiance,
             coarse: Coarse::new(resolution),
             shown: None,
-            standings: vec![TileWorth { state: 0, worth: FIRST_WORTH }; tile_count(resolution) as usize],
+            standings: vec![TileWorth::of_preview(0); tile_count(resolution) as usize],
             is_sparse: false,
             lease,
         }
@@ -99,9 +123,23 @@ impl Display {
         self.shown.map(|_| self.standings[index as usize].state)
     }
 
-    /// Samples of a pixel that what tile `index` shows is worth.
-    pub fn worth(&self, index: u32) -> f32 {
-        self.standings[index as usize].worth
+    /// Samples of a pixel that what is shown at (x, y), in tile `index`, is worth beside exact ones.
+    pub fn worth(&self, index: u32, pixel: [u32; 2]) -> f32 {
+        let TileWorth { worth, pixels, .. } = self.standings[index as usize];
+        if pixels >> bit(pixel) & 1 == 1 { worth } else { 0.0 }
+    }
+
+    /// Learns what the first exact samples of pixels (x, y) of `tile` saw. Where the preview saw something else it is
+    /// worth nothing from now on.
+    pub fn learn(&mut self, tile: &Tile, seen: &[([u32; 2], LayerPixel)]) {
+        let standing = &mut self.standings[tile.index as usize];
+        if standing.holds_samples() {
+            return;
+        }
+        for (pixel, seen) in seen {
+            let is_same = u64::from(self.coarse.is_same(*pixel, seen));
+            standing.pixels = standing.pixels & !(1 << bit(*pixel)) | is_same << bit(*pixel);
+        }
     }
 
     /// Shows `radiances` from pixel (x, y) on: what is on show there, the display's own picture with that of samples.
@@ -116,7 +154,9 @@ impl Display {
     pub fn stand(&mut self, index: u32, state: u32, samples: u32) {
         let standing = &mut self.standings[index as usize];
         let worth = (standing.worth + samples as f32).min(BEFORE_WORTH_MOST);
-        *standing = TileWorth { state, worth };
+        // What was shown with samples in it is of what they saw.
+        let pixels = if samples > 0 { u64::MAX } else { standing.pixels };
+        *standing = TileWorth { state, worth, pixels };
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.
@@ -140,7 +180,7 @@ impl Display {
     pub fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
         self.coarse.smooth(step, pool);
         (self.shown, self.is_sparse) = (Some((state, step)), true);
-        self.standings.fill(TileWorth { state, worth: FIRST_WORTH });
+        self.standings.fill(TileWorth::of_preview(state));
         if is_sparse {
             self.coarse.set_samples(step, &mut self.radiance);
         } else {
@@ -160,6 +200,7 @@ impl Display {
 mod tests {
     use super::*;
     use crate::coarse::STEPS;
+    use crate::film::NO_ID;
     use crate::hash::mix;
     use crate::testing::pool;
     use trex_store::Budget;
@@ -250,6 +291,57 @@ mod tests {
                 assert!(!before || found < 2.0);
                 assert!(!after || found > 2.0);
             }
+        }
+    }
+
+    /// The one tile of a picture whose pixels all saw `seen`.
+    fn learn(display: &mut Display, saw: impl Fn([u32; 2]) -> LayerPixel) {
+        let tile = crate::tile::tile(RESOLUTION, 0);
+        let saw: Vec<_> = (0..64).map(|index| tile.pixel(index)).map(|pixel| (pixel, saw(pixel))).collect();
+        display.learn(&tile, &saw);
+    }
+
+    #[test]
+    fn a_preview_is_worth_nothing_where_exact_samples_saw_something_else() {
+        let same = seen([0, 0]);
+        let turned = LayerPixel { normal: [0.8, 0.0, 0.6], ..same };
+        let other = [
+            LayerPixel { depth: 5.6, ..same },
+            LayerPixel { id: NO_ID, ..same },
+            LayerPixel { albedo: [0.5, 0.5, 0.7], ..same },
+            turned,
+            LayerPixel::NOTHING,
+        ];
+        for other in other {
+            let mut display = shown(2, |_| 1.0);
+            learn(&mut display, |[x, y]| if x < 3 && y > 4 { other } else { LayerPixel { id: 77, ..same } });
+            for [x, y] in pixels().filter(|[x, y]| *x < 8 && *y < 8) {
+                let expected = if x < 3 && y > 4 { 0.0 } else { FIRST_WORTH };
+                assert_eq!(display.worth(0, [x, y]), expected, "{other:?} {x} {y}");
+            }
+            assert_eq!(display.worth(1, [8, 5]), FIRST_WORTH, "nothing is known of other tiles");
+            // What holds samples is of what they saw, whatever the preview was of; the next preview begins anew.
+            display.stand(0, 8, 1);
+            learn(&mut display, |_| other);
+            assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH + 1.0);
+            display.show(9, 2, false, &pool(1));
+            assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH);
+        }
+    }
+
+    /// Voxels on show count where exact samples saw them, too: behind the cut of the footprint rule they are the model.
+    #[test]
+    fn voxels_beside_voxels_and_nothing_beside_nothing_are_the_same() {
+        for saw in [LayerPixel { id: NO_ID, ..seen([0, 0]) }, LayerPixel::NOTHING] {
+            let mut display = display(RESOLUTION);
+            pixels().filter(|[x, y]| x % 2 == 0 && y % 2 == 0).for_each(|pixel| {
+                display.set(pixel, Vec3::ONE, &saw);
+            });
+            display.show(0, 2, false, &pool(1));
+            learn(&mut display, |_| saw);
+            assert!((0..64).all(|at| display.worth(0, [at % 8, at / 8]) == FIRST_WORTH), "{saw:?}");
+            learn(&mut display, |_| seen([0, 0]));
+            assert!((0..64).all(|at| display.worth(0, [at % 8, at / 8]) == 0.0), "{saw:?}");
         }
     }
 

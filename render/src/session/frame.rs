@@ -59,7 +59,12 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let tiles_begin = Instant::now();
         self.put_in_order();
         let LiveSession { session, live } = self;
-        let pass = live.tiles.run(session, &mut live.event, &TileFrame { spp, begin, t_max, stop });
+        let pass = live.tiles.run(
+            session,
+            &mut live.display,
+            &mut live.event,
+            &TileFrame { spp, begin, t_max, stop },
+        );
         self.smooth(spp, stop);
         self.live.tiles.learn_time(tiles_begin.elapsed());
         let progress = match self.live.event.first_block() {

@@ -25,6 +25,9 @@
 //! stopped; 2. nothing of a preview is ever on the film; 3. once the view stands still, the film goes to the same bytes
 //! as [`super::Session::render`]'s.
 
+#[cfg(test)]
+mod tests;
+
 use super::event_state::EventState;
 use super::fetch_block::FetchBlock;
 use super::ladder::Ladder;
@@ -171,9 +174,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let is_alike = self.view.settings.integrator.has_own_preview();
         if is_alike && !self.live.event.is_done() && self.film.tile_state(index) == display.tile_state(index)
         {
-            let worth = display.worth(index);
-            let share = worth / (worth + self.film.tile_samples(index) as f32);
-            for (shown, preview) in radiances.iter_mut().zip(preview) {
+            let samples = self.film.tile_samples(index) as f32;
+            for (x, (shown, preview)) in (first[0]..).zip(radiances.iter_mut().zip(preview)) {
+                let worth = display.worth(index, [x, first[1]]);
+                let share = worth / (worth + samples);
                 *shown = std::array::from_fn(|c| shown[c] + share * (preview[c] - shown[c]));
             }
         }
