@@ -8,9 +8,9 @@ use std::fs;
 use std::path::Path;
 
 /// Side of the picture of a room, pixels, and the greatest slope of its rays.
-const PIXELS: usize = 48;
-const SLOPE: f64 = 2.0;
-const WALLS: [&str; 5] = ["floor", "ceiling", "left", "right", "back"];
+pub(crate) const PIXELS: usize = 48;
+pub(crate) const SLOPE: f64 = 2.0;
+pub(crate) const WALLS: [&str; 5] = ["floor", "ceiling", "left", "right", "back"];
 
 /// A room of 10 m whose walls are single sheets, open to the front or closed by a lit lamp; its roof is `roof` m thick,
 /// one sheet where that is 0.
@@ -51,7 +51,7 @@ fn write_room(folder: &Path, roof: f64, is_open: bool) {
 }
 
 /// Means of the first channel over the walls of the room.
-fn wall_means(folder: &Path, options: &str) -> [f64; 5] {
+pub(crate) fn wall_means(folder: &Path, options: &str) -> [f64; 5] {
     document_in(folder, &format!("render m.toml -o m.exr --overwrite --filter off --integrator {options}"));
     let red = red(&folder.join("m.exr"));
     let (mut sums, mut counts) = ([0.0; 5], [0.0; 5]);

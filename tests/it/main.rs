@@ -33,6 +33,7 @@ mod licences;
 mod lies;
 mod lies_units;
 mod light;
+mod light_gloss;
 mod light_sides;
 mod limits;
 mod live;
