@@ -6,7 +6,7 @@
 //! they are: the build counts and rejects them.
 
 use crate::error::Result;
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lattice};
 use crate::material_list::MaterialList;
 use crate::source_scene::SourceScene;
 use std::os::unix::fs::MetadataExt;
@@ -128,6 +128,12 @@ pub trait TriangleSource: Send {
 
     /// Generators know bounds and edges before the stream; files answer `None` and are scanned first.
     fn hint(&self) -> Option<ScanHint>;
+
+    /// The lattice that all vertices lie on, where the input says so with its first triangle or before. Nobody has
+    /// checked it.
+    fn lattice(&self) -> Option<Lattice> {
+        None
+    }
 
     /// All materials met so far; complete once the stream has ended. Never empty: index 0 always exists.
     fn materials(&self) -> &MaterialList;

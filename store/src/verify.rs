@@ -318,7 +318,7 @@ pub fn boxes_of(file: &PageFile, pages: &BTreeSet<u32>) -> BTreeMap<u32, Aabb> {
 }
 
 /// Gives each box of the top tree that leads to a page of the mesh: one page may have several.
-fn each_child_box(file: &PageFile, mut found: impl FnMut(u32, Aabb)) {
+pub(crate) fn each_child_box(file: &PageFile, mut found: impl FnMut(u32, Aabb)) {
     let block = file.superblock();
     if let TopRef::Page { page, .. } = TopRef::from_word(block.root) {
         found(page, block.bounds);

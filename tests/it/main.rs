@@ -11,6 +11,7 @@ mod determinism;
 mod docs_commands;
 mod enumerated;
 mod examples;
+mod export;
 mod extremes;
 mod faults;
 mod few_frames;

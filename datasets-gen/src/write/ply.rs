@@ -6,6 +6,7 @@
 
 use super::window::{Window, WindowEntry};
 use super::{Draft, Job, WriteReport};
+use trex_store::stated_lattice::comment;
 use trex_store::{Code, Error, Result, TriangleSource};
 
 /// What the first pass finds.
@@ -24,7 +25,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     if survey.vertex_count > most {
         return Err(job.too_many("vertices", survey.vertex_count, most));
     }
-    draft.write(header(&source.name(), &survey).as_bytes())?;
+    draft.write(header(source, &survey).as_bytes())?;
     write_vertices(source, job, &survey, &mut draft)?;
     let written = write_faces(source, job, &mut draft)?;
     if written != survey.triangle_count {
@@ -51,12 +52,14 @@ fn survey(source: &mut dyn TriangleSource, job: &Job) -> Result<Survey> {
     Ok(Survey { vertex_count: window.vertex_count(), triangle_count, single })
 }
 
-fn header(name: &str, survey: &Survey) -> String {
+fn header(source: &dyn TriangleSource, survey: &Survey) -> String {
     let real = if survey.single { "float" } else { "double" };
     // A comment is one line of ASCII.
-    let name: String = name.chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect();
+    let name: String = source.name().chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect();
+    let lattice = source.lattice().map(|lattice| format!("comment {}\n", comment(&lattice)));
+    let lattice = lattice.unwrap_or_default();
     format!(
-        "ply\nformat binary_little_endian 1.0\ncomment {name}\nelement vertex {}\nproperty {real} x\n\
+        "ply\nformat binary_little_endian 1.0\ncomment {name}\n{lattice}element vertex {}\nproperty {real} x\n\
          property {real} y\nproperty {real} z\nelement face {}\nproperty list uchar uint vertex_indices\n\
          end_header\n",
         survey.vertex_count, survey.triangle_count

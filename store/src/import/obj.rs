@@ -16,8 +16,10 @@ use super::text::{Mark, Text, parse_integer, printable};
 use super::vertices::VertexCache;
 use super::warn;
 use crate::error::Result;
+use crate::geom::Lattice;
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+use crate::stated_lattice;
 use std::path::PathBuf;
 
 /// Triangles of an OBJ file.
@@ -31,6 +33,8 @@ pub(super) struct ObjSource {
     coloured_count: u64,
     materials: MaterialTable,
     material: u32,
+    /// What a comment states.
+    lattice: Option<Lattice>,
     polygon: Polygon,
     stats: SourceStats,
 }
@@ -46,6 +50,7 @@ impl ObjSource {
             coloured_count: 0,
             materials: MaterialTable::new(options)?,
             material: 0,
+            lattice: None,
             polygon: Polygon::new(&options.budget)?,
             stats: SourceStats::default(),
             text,
@@ -71,6 +76,7 @@ impl ObjSource {
             }
             Some(b"mtllib") => self.library(),
             Some(b"g" | b"o" | b"s") => self.text.skip_row(),
+            Some(b"#") => self.comment(),
             Some(word) if word.starts_with(b"#") => self.text.skip_line().map(drop),
             Some(word) => {
                 let message = format!("rows that begin with `{}` are not read", printable(word));
@@ -79,6 +85,15 @@ impl ObjSource {
             }
             None => Ok(()),
         }
+    }
+
+    /// What is behind the sign of a comment.
+    fn comment(&mut self) -> Result<()> {
+        if self.lattice.is_none() && self.text.starts_with(stated_lattice::WORDS)? {
+            self.lattice = stated_lattice::parse(&self.text.rest()?);
+            return Ok(());
+        }
+        self.text.skip_line().map(drop)
     }
 
     fn vertex(&mut self) -> Result<()> {
@@ -177,6 +192,10 @@ impl TriangleSource for ObjSource {
 
     fn hint(&self) -> Option<ScanHint> {
         None
+    }
+
+    fn lattice(&self) -> Option<Lattice> {
+        self.lattice
     }
 
     fn materials(&self) -> &MaterialList {

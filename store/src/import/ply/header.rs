@@ -12,6 +12,8 @@ use super::super::input::{Input, WINDOW_BYTES};
 use super::super::scalar::{ByteOrder, Scalar};
 use super::super::text::{parse_integer, printable};
 use crate::error::{Code, Error, Result};
+use crate::geom::Lattice;
+use crate::stated_lattice;
 
 /// Most elements, and most properties of one: real files have below ten, and some dozens.
 const MAX_ELEMENTS: usize = 64;
@@ -24,6 +26,8 @@ pub(super) struct Header {
     pub(super) form: Form,
     /// In the order of the file.
     pub(super) elements: Vec<Element>,
+    /// The lattice that a comment states.
+    pub(super) lattice: Option<Lattice>,
     /// Line of the first byte after the header.
     pub(super) data_line: u64,
 }
@@ -66,6 +70,7 @@ impl Header {
         let mut lines = Lines { rest: input.window(), taken: 0, line: 0, only_cr: true };
         let mut form = None;
         let mut elements = Vec::new();
+        let mut lattice = None;
         loop {
             let Some(raw) = lines.next() else { return Err(no_end(input, lines.taken, lines.line)) };
             let text = String::from_utf8_lossy(raw);
@@ -77,7 +82,10 @@ impl Header {
                     .next("export the mesh again")
             };
             match words[..] {
-                ["comment" | "obj_info", ..] | [] => {}
+                ["comment" | "obj_info", ..] | [] => {
+                    let stated = text.trim_start().strip_prefix("comment").and_then(stated_lattice::parse);
+                    lattice = lattice.or(stated);
+                }
                 ["ply"] if lines.line == 1 => {}
                 ["format", name, _] => {
                     form = Some(Form::from_name(name).ok_or_else(|| wrong("unknown format"))?)
@@ -111,7 +119,7 @@ impl Header {
                 .next("export the mesh again")
         })?;
         input.consume(taken);
-        let header = Header { form, elements, data_line: line + 1 };
+        let header = Header { form, elements, lattice, data_line: line + 1 };
         header.check_length(input)?;
         Ok(header)
     }

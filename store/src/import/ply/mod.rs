@@ -25,6 +25,7 @@ use super::vertices::{MAX_STRIDE_BYTES, VertexCache, VertexLayout};
 use super::{Encoding, ImportOptions, warn};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
+use crate::geom::Lattice;
 use crate::material::Material;
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
@@ -283,6 +284,10 @@ impl<R: Rows> TriangleSource for PlySource<R> {
 
     fn hint(&self) -> Option<ScanHint> {
         None
+    }
+
+    fn lattice(&self) -> Option<Lattice> {
+        self.header.lattice
     }
 
     fn materials(&self) -> &MaterialList {
