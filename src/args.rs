@@ -7,6 +7,8 @@ mod bench;
 mod build;
 mod common;
 mod demo;
+mod device;
+mod doctor;
 mod export;
 mod image;
 mod keys;
@@ -20,6 +22,8 @@ pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs};
+pub use device::DeviceArgs;
+pub use doctor::DoctorArgs;
 pub use export::ExportArgs;
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
 pub use keys::{STRESS_RESOLUTION, words as key_words};
@@ -51,7 +55,7 @@ Examples:
 
 Results go to stdout, all else to stderr; --json makes the result one JSON document.
 Exit status: 0 done; 1 ran, and the answer is no; 2 usage; 3 bad input; 4 memory limit too small;
-5 disk full; 7 reading or writing failed; 70 a bug in trex; 130 interrupted.";
+5 disk full; 6 no such device; 7 reading or writing failed; 70 a bug in trex; 130 interrupted.";
 
 /// The verbs.
 #[derive(Debug, Subcommand)]
@@ -76,6 +80,8 @@ pub enum Verb {
     Stress(StressArgs),
     /// Measure this machine on a model
     Bench(BenchArgs),
+    /// What this machine offers, what trex uses of it, and why
+    Doctor(DoctorArgs),
     /// Compare pictures
     Image(ImageArgs),
 }
@@ -97,6 +103,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Io(_) }) => "bench-io",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
             Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(_) }) => "bench-tradeoff",
+            Verb::Doctor(_) => "doctor",
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
         }
     }
@@ -117,6 +124,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Io(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(args) }) => &args.common,
+            Verb::Doctor(args) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
         }
     }

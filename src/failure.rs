@@ -38,6 +38,8 @@ pub enum Exit {
     MemoryLimit = 4,
     /// No space on disk.
     Disk = 5,
+    /// The device that was named is not there.
+    NoAdapter = 6,
     /// Reading or writing failed.
     Io = 7,
     /// A mistake of ours.
@@ -67,6 +69,7 @@ impl From<Code> for Exit {
             | Code::Version => Exit::BadInput,
             Code::MemoryLimit => Exit::MemoryLimit,
             Code::DiskFull => Exit::Disk,
+            Code::NoAdapter => Exit::NoAdapter,
             Code::Io => Exit::Io,
             Code::Interrupted => Exit::Interrupted,
             Code::Bug => Exit::Bug,
@@ -237,6 +240,7 @@ mod tests {
             (Code::Version, 3),
             (Code::MemoryLimit, 4),
             (Code::DiskFull, 5),
+            (Code::NoAdapter, 6),
             (Code::Io, 7),
             (Code::Interrupted, 130),
             (Code::Bug, 70),

@@ -28,6 +28,10 @@ pub(crate) fn words(step: &NextStep) -> String {
                 bytes.div_ceil(MIB)
             );
         }
+        NextStep::RaiseGpuLimit { bytes } => {
+            return format!("raise --gpu-memory-limit to at least {}MiB", bytes.div_ceil(MIB));
+        }
+        NextStep::OtherDevice => "name a device that is there, or leave --device away",
         NextStep::BuildVoxels { or } => return format!("build the file without --no-asvo, or {or}"),
         NextStep::RaiseLimitOrCheckDevice => "raise --memory-limit, or look whether the device hangs (dmesg)",
         NextStep::LowerLimitOrRaiseAddresses => {

@@ -5,6 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+use trex_model::Device;
 use trex_render::keys::RESOLUTION;
 use trex_render::{FetchBlock, KeyValue};
 use trex_store::octree::Refinement;
@@ -39,6 +40,10 @@ impl MemoryLimit {
         }
     }
 }
+
+/// `--gpu-memory-limit`: bytes, or `None` for `auto`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpuMemoryLimit(pub Option<u64>);
 
 /// A picture's size in pixels, in the range of [`RESOLUTION`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -188,6 +193,25 @@ pub fn resolution(text: &str) -> Result<Resolution, String> {
         RESOLUTION.check(KeyValue::Pair([width, height])).is_ok().then_some(Resolution { width, height })
     });
     parsed.ok_or_else(|| format!("accepted is WIDTHxHEIGHT in pixels, {}, like 1024x768", RESOLUTION.range()))
+}
+
+/// Parses `--device`: `cpu`, `auto`, `gpu`, or a part of a GPU's name.
+pub fn device(text: &str) -> Result<Device, String> {
+    match text.trim() {
+        "" => Err("accepted are cpu, auto, gpu, and a part of a GPU's name".to_owned()),
+        "cpu" => Ok(Device::Cpu),
+        "auto" => Ok(Device::Auto),
+        "gpu" => Ok(Device::Gpu),
+        name => Ok(Device::Named(name.to_owned())),
+    }
+}
+
+/// Parses `--gpu-memory-limit`: an amount, or `auto`, which is `None`.
+pub fn gpu_memory_limit(text: &str) -> Result<GpuMemoryLimit, String> {
+    match text.trim() {
+        "auto" => Ok(GpuMemoryLimit(None)),
+        text => at_least(text, 1 << 20, "1MiB").map(|bytes| GpuMemoryLimit(Some(bytes.0))),
+    }
 }
 
 /// Parses what the resident octree may take: the coarsest one of a surface takes some hundred KiB.

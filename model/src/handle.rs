@@ -4,6 +4,7 @@
 //! Invariants: 1. all that is leased is leased from one ledger; 2. the octree is read once, by the first session that
 //! asks for it; 3. a session that is refused leaves those there are as they were.
 
+use crate::device::{DeviceReport, StageSource};
 use crate::info::ModelInfo;
 use crate::options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
 use crate::scene_defaults::set_direct_without_voxels;
@@ -11,8 +12,7 @@ use crate::shared_pool::{PoolSource, SharedPool};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use trex_render::{
-    CpuStage, Emitter, FrameOptions, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels,
-    WorkerThreads,
+    Emitter, FrameOptions, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels, WorkerThreads,
 };
 use trex_store::io::IoOptions;
 use trex_store::pool::PagePool;
@@ -54,6 +54,7 @@ struct ModelState {
     /// Of the latest session; locked while room is made and leased, by whoever makes it.
     plan: Mutex<Option<MemoryPlan>>,
     threads: WorkerThreads,
+    device: StageSource,
     budget: Budget,
     /// The limit that it was opened with.
     limit_bytes: u64,
@@ -79,9 +80,10 @@ impl Model {
     /// Opens the page file at `path`, of any size: its tables are read and checked, no page is.
     ///
     /// # Errors
-    /// Those of [`PageFile::open`]; [`Code::Io`] when the system refuses a thread.
+    /// Those of [`PageFile::open`]; [`Code::Io`] when the system refuses a thread; [`Code::NoAdapter`] when a device
+    /// that is asked for by name cannot be used.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Model> {
-        let OpenOptions { budget, threads, io, damage, picture } = options;
+        let OpenOptions { budget, threads, io, damage, device, picture } = options;
         let file = match PageFile::open(path, budget) {
             // The limit that is named must do for all of the picture.
             Err(error) if error.code() == Code::MemoryLimit => {
@@ -93,6 +95,7 @@ impl Model {
             file => Arc::new(file?),
         };
         Ok(Model(Arc::new(ModelState {
+            device: StageSource::open(device, budget)?,
             file,
             pool: SharedPool::default(),
             voxels: Mutex::default(),
@@ -133,14 +136,14 @@ impl Model {
     pub fn session_with(&self, scene: &Scene, options: &SessionOptions) -> Result<Session> {
         let mut scene = scene.clone();
         set_direct_without_voxels(&mut scene, self.0.file.superblock());
-        let needs = options.picture_needs(&scene, self.worker_count())?;
+        let needs = self.0.device.with_needs(&options.picture_needs(&scene, self.worker_count())?);
         let mut latest = self.lock_room();
         let plan = self.make_room_for(&needs)?;
         let voxels = if needs.asks_voxels() { self.voxels()? } else { None };
         let mut model = self.scene_model(voxels);
         let view = scene.view(&mut model)?;
         let tracers = self.0.pool.tracers(&self.0.file, self.worker_count())?;
-        let (pool, g_stage) = (self.0.threads.clone(), Box::new(CpuStage::default()));
+        let (pool, g_stage) = (self.0.threads.clone(), self.0.device.stage()?);
         let setup = SessionSetup { model, view, layers: needs.layers, tracers, pool, g_stage };
         let session = Session::new(setup, &self.0.budget)?;
         *latest = Some(plan);
@@ -167,7 +170,8 @@ impl Model {
     /// [`Code::MemoryLimit`] with the smallest limit that works; nothing is changed then.
     pub fn make_room(&self, pictures: &[PictureNeeds]) -> Result<()> {
         let _room = self.lock_room();
-        let plan = |picture| MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes());
+        let limit_bytes = self.0.budget.limit_bytes();
+        let plan = |picture| MemoryPlan::new(&self.0.file, &self.0.device.with_needs(picture), limit_bytes);
         let plans = pictures.iter().map(plan).collect::<Result<Vec<_>>>()?;
         let tightest = plans.iter().min_by_key(|plan| plan.frames_bytes + plan.staging_bytes);
         tightest.map_or(Ok(()), |plan| self.0.pool.fit(plan, &self.pool_source()))
@@ -181,7 +185,8 @@ impl Model {
     /// [`Code::MemoryLimit`] with the smallest limit that works; those of `apply`. Frames are as they were then.
     pub fn exchange(&self, picture: &PictureNeeds, apply: impl FnOnce() -> Result<()>) -> Result<()> {
         let _room = self.lock_room();
-        let plan = MemoryPlan::new(&self.0.file, picture, self.0.budget.limit_bytes())?;
+        let picture = self.0.device.with_needs(picture);
+        let plan = MemoryPlan::new(&self.0.file, &picture, self.0.budget.limit_bytes())?;
         let source = self.pool_source();
         let before = self.0.pool.shrink_to(&plan)?;
         match apply() {
@@ -215,7 +220,7 @@ impl Model {
             .next("open the model again with a greater limit"));
         }
         let _room = self.lock_room();
-        let plan = MemoryPlan::new(&self.0.file, picture, limit_bytes)?;
+        let plan = MemoryPlan::new(&self.0.file, &self.0.device.with_needs(picture), limit_bytes)?;
         // Frames that go are leased until they have gone, those that come need the room first.
         budget.set_limit(limit_bytes.max(budget.limit_bytes()));
         self.0.pool.fit(&plan, &self.pool_source())?;
@@ -241,6 +246,11 @@ impl Model {
     /// The ledger of the memory limit.
     pub fn budget(&self) -> &Budget {
         &self.0.budget
+    }
+
+    /// The device that answers G-rays, and what it has done.
+    pub fn device(&self) -> DeviceReport {
+        self.0.device.report()
     }
 
     /// The threads that work on this model.
@@ -271,11 +281,12 @@ impl Model {
     }
 
     /// Bytes that are leased for what no plan of this model counts: sessions and rays there are, and what the caller
-    /// has leased from the ledger.
+    /// has leased from the ledger; not those of the device, which stand in the needs of pictures.
     pub(crate) fn foreign_bytes(&self) -> u64 {
         let voxels = self.0.voxels.lock().unwrap_or_else(PoisonError::into_inner);
         let ours = self.0.file.resident_table_bytes()
             + self.0.pool.leased_bytes()
+            + self.0.device.leased_bytes()
             + voxels.as_ref().map_or(0, |voxels| voxels.leased_bytes());
         self.0.budget.used_bytes().saturating_sub(ours)
     }

@@ -12,11 +12,13 @@
 //!             -> live    -> apply, frame      pictures in frames with a deadline
 //! ```
 //!
-//! Floors: each imports those before it alone: `options`, `info`, `scene_defaults`, `shared_pool`, `handle`, `rays`,
-//! `picture`. Apart from these `times` and `ray_rates`: what a caller makes of reports of frames and counts of rays.
+//! Floors: each imports those before it alone: `device`, `options`, `info`, `scene_defaults`, `shared_pool`,
+//! `handle`, `rays`, `picture`. Apart from these `times` and `ray_rates`: what a caller makes of reports of frames
+//! and counts of rays.
 //!
 //! This crate knows no flags and no terminal: it never prints, exits or reads the environment.
 
+mod device;
 mod handle;
 mod info;
 mod options;
@@ -32,6 +34,7 @@ mod times;
 #[doc = include_str!("../../README.md")]
 struct Readme;
 
+pub use device::{Device, DeviceOptions, DeviceReport, GpuFigures};
 pub use handle::{LiveSession, Model, Session};
 pub use info::ModelInfo;
 pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};

@@ -1,5 +1,6 @@
 //! How a model is opened, and how a session on it is made.
 
+use crate::device::DeviceOptions;
 use rayon::ThreadPool;
 use std::num::NonZero;
 use std::sync::Arc;
@@ -38,6 +39,8 @@ pub struct OpenOptions {
     pub io: IoOptions,
     /// What becomes of answers where pages are damaged.
     pub damage: DamagePolicy,
+    /// What answers G-rays.
+    pub device: DeviceOptions,
     /// The picture that it is opened for, if that is known: a limit that is too small for the tables is then refused
     /// with the smallest that does for all of it.
     pub picture: Option<PictureNeeds>,
@@ -73,7 +76,8 @@ impl SessionOptions {
         Ok(self.needs_of(RenderSettings::new(scene.render)?, workers))
     }
 
-    /// What a session with these settings by so many workers needs of memory.
+    /// What a session with these settings by so many workers needs of memory, where the processor answers G-rays; what
+    /// another device needs beside it, the model adds.
     pub fn needs_of(&self, settings: RenderSettings, workers: usize) -> PictureNeeds {
         PictureNeeds {
             settings,
@@ -97,6 +101,7 @@ impl OpenOptions {
             threads: ThreadSource::Start(count),
             io: IoOptions::default(),
             damage: DamagePolicy::default(),
+            device: DeviceOptions::default(),
             picture: None,
         }
     }

@@ -1,7 +1,7 @@
 //! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
 use super::keys::{PICTURE, PictureKeys, RESEARCH, ResearchKeys};
-use super::{CommonArgs, DiskArgs, OverwriteArgs};
+use super::{CommonArgs, DeviceArgs, DiskArgs, OverwriteArgs};
 use crate::values::{self, Milliseconds, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -35,6 +35,8 @@ pub struct RenderArgs {
     pub picture: PictureArgs,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
+    #[command(flatten)]
+    pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]

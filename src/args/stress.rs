@@ -1,7 +1,7 @@
 //! The command line of `trex stress`.
 
 use super::keys::ResearchKeys;
-use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs, ScratchArgs, keys};
+use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs, keys};
 use crate::values::{self, Milliseconds};
 use clap::Args;
 use std::path::PathBuf;
@@ -45,6 +45,8 @@ pub struct StressArgs {
     pub picture: PictureArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
+    #[command(flatten)]
+    pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]

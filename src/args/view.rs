@@ -1,7 +1,7 @@
 //! The command line of `trex view`.
 
 use super::keys::ResearchKeys;
-use super::{CommonArgs, DeadlineArgs, DiskArgs, PictureArgs};
+use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs};
 use clap::Args;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -30,6 +30,8 @@ pub struct ViewArgs {
     pub allow_damage: bool,
     #[command(flatten)]
     pub picture: PictureArgs,
+    #[command(flatten)]
+    pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
     #[command(flatten)]

@@ -12,6 +12,7 @@ use datasets_gen::{Spec, views};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use trex_model::DeviceOptions;
 use trex_render::{Layers, Scene};
 use trex_store::build::{self, ExistingOutput, Precision, Voxels};
 use trex_store::printable::one_line;
@@ -68,6 +69,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         overwrite,
         layers: Layers::default(),
         io: io_options(&args.disk),
+        device: DeviceOptions::default(),
         time_limit: None,
         live: None,
     };

@@ -9,6 +9,7 @@ mod build;
 mod command_line;
 mod damage;
 mod demo;
+mod doctor;
 mod export;
 mod generate;
 mod image_diff;
@@ -41,6 +42,7 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::View(args) => view::run(args, ctx),
         Verb::Stress(args) => stress::run(args, ctx),
         Verb::Bench(args) => bench::run(args, ctx),
+        Verb::Doctor(args) => doctor::run(args, ctx),
         Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => image_diff::run(args, ctx),
     }
 }

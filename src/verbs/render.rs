@@ -17,7 +17,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_model::RayRates;
-use trex_model::{Pace, SessionOptions};
+use trex_model::{Device, DeviceOptions, Pace, SessionOptions};
 use trex_render::{
     Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
     RenderStats, Scene, Session,
@@ -53,6 +53,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         overwrite: args.overwrite.overwrite,
         layers,
         io: io_options(&args.disk),
+        device: args.device.options(Device::Cpu),
         time_limit: args.time_limit.as_ref().map(|limit| Duration::from_secs_f64(limit.0)),
         live: args.deadline.t_max.as_ref().map(|t_max| args.deadline.options(t_max)),
     };
@@ -73,6 +74,7 @@ pub struct Job<'a> {
     pub overwrite: bool,
     pub layers: Layers,
     pub io: IoOptions,
+    pub device: DeviceOptions,
     pub time_limit: Option<Duration>,
     /// How frames with a deadline are made, if there is one.
     pub live: Option<FrameOptions>,
@@ -139,7 +141,7 @@ impl Job<'_> {
         }
         let pace = if self.live.is_some() { Pace::InFrames } else { Pace::AtLeisure };
         let options = SessionOptions { layers: self.layers, pace, ..SessionOptions::default() };
-        let play = Play { scene: self.scene, file: self.file, options, io: &self.io };
+        let play = Play { scene: self.scene, file: self.file, options, io: &self.io, device: &self.device };
         let (stage, mut session) = Stage::open(&play, ctx)?;
         let shots = self.shots(&session.view().camera)?;
 
@@ -253,6 +255,7 @@ impl Job<'_> {
         let render_s = total_s - photons_s;
         let [width, height] = keys.resolution;
         let image = Image { mean: trex_render::Image::mean(&show), width, height };
+        let device = stage.device(ctx);
         let arithmetic = show.session().tracers()[0].arithmetic().name();
         RenderReport {
             scene: self.file.display().to_string(),
@@ -282,7 +285,10 @@ impl Job<'_> {
             shares: stage.plan,
             memory: Memory::new(&ctx.budget),
             io_backend: pool.io(),
-            device: "cpu",
+            device: device.name,
+            device_reason: device.reason,
+            device_notice: device.notice,
+            gpu: device.gpu,
             arithmetic,
         }
     }

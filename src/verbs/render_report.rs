@@ -7,7 +7,7 @@ use crate::size;
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
-use trex_model::RayRates;
+use trex_model::{GpuFigures, RayRates};
 use trex_render::{GStats, MemoryPlan, PhotonStats, RayCounts};
 use trex_store::io::IoDescription;
 use trex_store::pool::PoolStats;
@@ -48,7 +48,11 @@ pub struct RenderReport {
     pub shares: MemoryPlan,
     pub memory: Memory,
     pub io_backend: IoDescription,
-    pub device: &'static str,
+    /// What answered G-rays, and why; why the processor did in its place, if it did.
+    pub device: String,
+    pub device_reason: String,
+    pub device_notice: Option<String>,
+    pub gpu: Option<GpuFigures>,
     pub arithmetic: &'static str,
 }
 

@@ -8,7 +8,8 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trex_model::{
-    DamagePolicy, Model, OpenOptions, Session, SessionOptions, ThreadSource, set_direct_without_voxels,
+    DamagePolicy, DeviceOptions, DeviceReport, Model, OpenOptions, Session, SessionOptions, ThreadSource,
+    set_direct_without_voxels,
 };
 use trex_render::{Camera, MemoryPlan, Scene, parse_views};
 use trex_store::io::IoOptions;
@@ -32,6 +33,7 @@ pub struct Play<'a> {
     pub file: &'a Path,
     pub options: SessionOptions,
     pub io: &'a IoOptions,
+    pub device: &'a DeviceOptions,
 }
 
 /// A model with a session on it.
@@ -47,12 +49,13 @@ impl Stage {
     /// # Errors
     /// Those of [`Model::open`] and [`Model::session`].
     pub fn open(play: &Play<'_>, ctx: &Context) -> Result<(Stage, Session)> {
-        let Play { scene, file, options, io } = play;
+        let Play { scene, file, options, io, device } = play;
         let open_options = OpenOptions {
             budget: ctx.budget.clone(),
             threads: ThreadSource::Shared(ctx.thread_pool()?),
             io: (*io).clone(),
             damage: DamagePolicy::LeaveOut,
+            device: (*device).clone(),
             picture: Some(options.picture_needs(scene, ctx.threads)?),
         };
         let model = Model::open(file, &open_options)?;
@@ -61,8 +64,27 @@ impl Stage {
         let (pool, plan) = (model.pool().expect(begun), model.memory_plan().expect(begun));
         let io = pool.io();
         tracing::info!("pages are read by {}: {}", io.backend, io.reason);
+        let DeviceReport { name, reason, gpu, .. } = model.device();
+        tracing::info!("rays through the voxels are answered by {name}: {reason}");
+        if let Some(gpu) = gpu {
+            tracing::info!(
+                "video memory: limit {}; driver {}",
+                size::bytes(gpu.memory_limit_bytes),
+                gpu.driver
+            );
+        }
         tracing::info!("memory: {}", size::memory_plan(&plan));
         Ok((Stage { model, pool, plan }, session))
+    }
+
+    /// The device that answers G-rays; why the processor does in its place is told.
+    pub fn device(&self, ctx: &Context) -> DeviceReport {
+        let device = self.model.device();
+        if let Some(notice) = &device.notice {
+            ctx.console
+                .note(&format!("note: rays through the voxels were answered by the processor: {notice}"));
+        }
+        device
     }
 
     /// The pages that are in frames now, by what they hold.

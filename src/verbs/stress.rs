@@ -14,7 +14,7 @@ use std::path::Path;
 use std::time::Duration;
 use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
 use trex_model::Times;
-use trex_model::{Pace, SessionOptions};
+use trex_model::{Device, DeviceOptions, DeviceReport, Pace, SessionOptions};
 use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Progress, Result};
@@ -42,7 +42,8 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let resolution = scene.render.resolution;
     let copies_bytes = if references.is_some() { Snapshots::bytes(resolution) } else { 0 };
     let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-    let play = Play { scene: &scene, file: &path, options, io: &io };
+    let device = args.device.options(Device::Auto);
+    let play = Play { scene: &scene, file: &path, options, io: &io, device: &device };
     let (stage, mut session) = Stage::open(&play, ctx)?;
     let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
     let stop = || ctx.interrupt.is_raised();
@@ -87,6 +88,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         memory,
         resident_pages: stage.resident_pages(),
         io_backend: stage.pool.io(),
+        device: stage.device(ctx),
         verdict: if passed { "pass" } else { "fail" },
     };
     ctx.done(&stressed)?;
@@ -132,7 +134,8 @@ fn references(
     let mut exact = scene.clone();
     (exact.render.lod_error, exact.render.filter) = (0.0, Filter::Off);
     let io = io_options(&args.disk);
-    let play = Play { scene: &exact, file: path, options: SessionOptions::default(), io: &io };
+    let (options, device) = (SessionOptions::default(), DeviceOptions::default());
+    let play = Play { scene: &exact, file: path, options, io: &io, device: &device };
     let (stage, mut session) = Stage::open(&play, ctx)?;
     let options = stress_options(args, scene, &session)?;
     let states = stress::state_count(&session, &options);
@@ -177,6 +180,7 @@ struct StressReport {
     /// At the end, by what they hold.
     resident_pages: ResidentPages,
     io_backend: IoDescription,
+    device: DeviceReport,
     verdict: &'static str,
 }
 

@@ -20,7 +20,7 @@ use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_model::{Pace, SessionOptions};
+use trex_model::{Device, DeviceReport, Pace, SessionOptions};
 use trex_render::{FrameOptions, PictureNeeds, Scene};
 use trex_store::DamageList;
 use trex_store::layout::FRAME_BYTES;
@@ -104,6 +104,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         served,
         damaged_pages: stage.pool.damage().iter().map(|(page, _)| *page).collect(),
         damage,
+        device: stage.device(ctx),
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
     })?;
@@ -122,11 +123,11 @@ fn open_stage(
     path: &Path,
     ctx: &Context,
 ) -> Result<(Stage, trex_model::Session)> {
-    let io = io_options(&args.disk);
+    let (io, device) = (io_options(&args.disk), args.device.options(Device::Auto));
     loop {
         let copies_bytes = view_bytes(scene.render.resolution);
         let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-        match Stage::open(&Play { scene, file: path, options, io: &io }, ctx) {
+        match Stage::open(&Play { scene, file: path, options, io: &io, device: &device }, ctx) {
             Err(error) if error.code() == Code::MemoryLimit && follows_page(args, scene) => {
                 scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
             }
@@ -255,6 +256,7 @@ struct ViewReport {
     served: ServeReport,
     damaged_pages: Vec<u32>,
     damage: Damage,
+    device: DeviceReport,
     pool: trex_store::pool::PoolStats,
     memory: Memory,
 }

@@ -43,6 +43,8 @@ pub enum Code {
     Version,
     /// Reading or writing failed.
     Io,
+    /// The device that was named is not there, or cannot be used.
+    NoAdapter,
     /// The user interrupted the work.
     Interrupted,
     /// A mistake of ours, met by somebody who waited for the thread that made it.
@@ -66,6 +68,7 @@ impl Code {
             Code::Damaged => "damaged",
             Code::Version => "version",
             Code::Io => "io",
+            Code::NoAdapter => "no-adapter",
             Code::Interrupted => "interrupted",
             Code::Bug => "bug",
         }

@@ -23,6 +23,13 @@ pub enum NextStep {
         /// The smallest limit that would do.
         bytes: u64,
     },
+    /// Raise the limit of video memory to this many bytes or more.
+    RaiseGpuLimit {
+        /// The smallest limit that would do.
+        bytes: u64,
+    },
+    /// Name another device, or leave the choice to the defaults.
+    OtherDevice,
     /// Raise the memory limit, or see whether the device hangs.
     RaiseLimitOrCheckDevice,
     /// Lower the memory limit, or raise the limit on the process's addresses.
@@ -93,6 +100,10 @@ impl fmt::Display for NextStep {
                     bytes.div_ceil(MIB)
                 );
             }
+            NextStep::RaiseGpuLimit { bytes } => {
+                return write!(f, "raise the limit of video memory to at least {}MiB", bytes.div_ceil(MIB));
+            }
+            NextStep::OtherDevice => "name a device that is there, or leave the choice to the defaults",
             NextStep::BuildVoxels { or } => return write!(f, "build the file with voxels, or {or}"),
             NextStep::RaiseLimitOrCheckDevice => {
                 "raise the memory limit, or look whether the device hangs (dmesg)"

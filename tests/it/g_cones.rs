@@ -1,7 +1,7 @@
 //! Rays that stand for cones: every stage answers them as single rays, and those as two rays, one after the other.
 
 use crate::command::said;
-use crate::g_stage::{STAGES, settings};
+use crate::g_stage::{settings, stages};
 use crate::voxels_lower_batch::{PartialPages, all_there};
 use trex_render::{Answer, GAnswer, GCall, GKind, GRays, GUnits, GView, MissingUnits, Occluders, Ray};
 use trex_store::octree::Refinement;
@@ -27,7 +27,7 @@ fn cones_read_coarser_voxels_where_they_are_wide() {
         });
         let mut pages = PartialPages::new(&setting.all, all_there, usize::MAX);
         let singles: Vec<GAnswer> = rays.rays().iter().map(|ray| lower.answer(ray, &mut pages)).collect();
-        for (name, stage) in STAGES {
+        for (name, stage) in stages() {
             let mut stage = stage();
             stage.set_octree(&setting.voxels).unwrap();
             for part in [rays.rays().len(), 3] {

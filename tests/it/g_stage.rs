@@ -1,12 +1,14 @@
 //! The conformance suite of G-stages: what every device has to answer, held against single rays of the scalar walk; and
-//! the stages that it runs on here. Another stage comes in by one more line of `STAGES`.
+//! the stages that it runs on here. Another stage comes in by one more line of `stages`.
 
 use crate::fixtures::model_with;
+use crate::gpu::device;
 use crate::voxels::rays_of_all_kinds;
 use crate::voxels_lower_batch::{BatchStage as Setting, PartialPages, State, all_there, half_missing};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
+use trex_gpu::{GpuStage, WhenTooLarge};
 use trex_render::{
     Answer, CpuStage, GAnswer, GCall, GKind, GNeeds, GRay, GRays, GStage, GTurn, GUnits, GView, LowerScene,
     MissingUnits, Occluders, Page, Pages, Ray, VoxelHit, VoxelScene, Voxels,
@@ -18,11 +20,19 @@ use trex_store::{Budget, Result};
 pub(crate) type NewStage = fn() -> Box<dyn GStage>;
 
 /// The stages, by name.
-pub(crate) const STAGES: [(&str, NewStage); 3] = [
-    ("naive", || Box::new(Naive::default())),
-    ("processor", || Box::new(CpuStage::default())),
-    ("late", || Box::new(Late::new())),
-];
+pub(crate) fn stages() -> Vec<(&'static str, NewStage)> {
+    let everywhere: [(&str, NewStage); 3] = [
+        ("naive", || Box::new(Naive::default())),
+        ("processor", || Box::new(CpuStage::default())),
+        ("late", || Box::new(Late::new())),
+    ];
+    let on_device: Option<(&str, NewStage)> = device().map(|_| ("device", new_gpu_stage as NewStage));
+    everywhere.into_iter().chain(on_device).collect()
+}
+
+fn new_gpu_stage() -> Box<dyn GStage> {
+    Box::new(GpuStage::new(device().expect("there is one").clone(), WhenTooLarge::Refuse).unwrap())
+}
 
 /// One scalar ray at a time.
 #[derive(Debug, Default)]
@@ -256,12 +266,14 @@ pub(crate) fn settings() -> Vec<Setting> {
 fn answers_are_those_of_single_rays() {
     for setting in settings() {
         let asked = asked(&setting);
-        for (stage_name, stage) in STAGES {
+        for (stage_name, stage) in stages() {
             let mut stage = stage();
             stage.set_octree(&setting.voxels).unwrap();
             let mut outcomes = [0; 3];
             each_view(&setting, |expected, view, state, name| {
                 let name = format!("{stage_name} {name}");
+                // It may keep units of its own, which answer where pages are missing: now it has none.
+                stage.set_octree(&setting.voxels).unwrap();
                 let mut single = PartialPages::new(&setting.all, state, usize::MAX);
                 for part in [64, 1000, 1] {
                     let mut pages = PartialPages::new(&setting.all, state, usize::MAX);
@@ -285,10 +297,11 @@ fn answers_are_those_of_single_rays() {
 #[test]
 fn a_ray_alone_needs_room_for_one_page() {
     let setting = Setting::new("gen:isosurface:20k:2", Refinement::By16, 80);
-    for (name, stage) in STAGES {
+    for (name, stage) in stages() {
         let mut stage = stage();
         stage.set_octree(&setting.voxels).unwrap();
         each_view(&setting, |expected, view, state, view_name| {
+            stage.set_octree(&setting.voxels).unwrap();
             for asked in asked(&setting).chunks(1) {
                 let mut pages = PartialPages::new(&setting.all, state, 1);
                 let mut single = PartialPages::new(&setting.all, state, 1);
@@ -306,7 +319,7 @@ fn a_ray_alone_needs_room_for_one_page() {
 #[test]
 fn calls_without_rays_come_back() {
     let setting = Setting::new("gen:scan:10k:2", Refinement::By4, 10);
-    for (name, stage) in STAGES {
+    for (name, stage) in stages() {
         let mut stage = stage();
         stage.set_octree(&setting.voxels).unwrap();
         let GNeeds { batch_rays, calls, photons, .. } = stage.needs();
@@ -331,7 +344,7 @@ fn calls_of_many_threads_keep_apart() {
     let expected = SingleRays { octree, upper, lower: setting.voxels.lower_scene(Occluders::On) };
     let view = GView { occluders: Occluders::On, units: GUnits::On(MissingUnits::Block) };
     let all = asked(&setting);
-    for (name, stage) in STAGES {
+    for (name, stage) in stages() {
         let mut stage = stage();
         stage.set_octree(&setting.voxels).unwrap();
         std::thread::scope(|scope| {
@@ -365,7 +378,7 @@ fn another_octree_takes_the_place_of_the_first() {
         (Arc::new(Voxels::open(&built.file, &Budget::unlimited()).unwrap().unwrap()), rays)
     });
     let view = GView { occluders: Occluders::On, units: GUnits::None };
-    for (name, stage) in STAGES {
+    for (name, stage) in stages() {
         let mut stage = stage();
         for (octree, asked) in &models {
             stage.set_octree(octree).unwrap();

@@ -16,7 +16,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The crates whose files are looked at, by folder.
-const CRATES: [&str; 9] = ["store", "datasets-gen", "film", "render", "view", "image", "model", "bench", "."];
+const CRATES: [&str; 10] =
+    ["store", "datasets-gen", "film", "render", "gpu", "view", "image", "model", "bench", "."];
 /// Circles that stay: a type whose methods fill several files, which all need it.
 const ONE_TYPE: [&[&str]; 1] = [
     // Eight lanes of registers, set up, entered and refined: what is inlined into the kernel stands in its drawer.

@@ -26,6 +26,7 @@ mod g_cones;
 mod g_stage;
 mod gltf;
 mod golden;
+mod gpu;
 mod house;
 mod image_diff;
 mod inputs;

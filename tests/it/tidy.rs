@@ -6,29 +6,40 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Crates and the crates of ours that each may name. One way: store <- film <- render; store <- {datasets-gen, image};
-/// all of these <- {view, model} <- bench <- trex.
-const MAY_NAME: [(&str, &[&str]); 9] = [
+/// Crates and the crates of ours that each may name. One way: store <- film <- render <- gpu; store <- {datasets-gen,
+/// image}; all of these <- {view, model} <- bench <- trex.
+const MAY_NAME: [(&str, &[&str]); 10] = [
     ("store", &[]),
     ("datasets-gen", &["trex-store"]),
     ("film", &["trex-store"]),
     ("render", &["trex-store", "trex-film"]),
+    ("gpu", &["trex-store", "trex-render"]),
     ("view", &["trex-store", "trex-render"]),
     ("image", &["trex-store"]),
     // Its examples and tests build what they open.
-    ("model", &["trex-store", "trex-render", "datasets-gen"]),
+    ("model", &["trex-store", "trex-render", "trex-gpu", "datasets-gen"]),
     ("bench", &["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-model"]),
     (
         ".",
-        &["trex-store", "datasets-gen", "trex-render", "trex-view", "trex-image", "trex-model", "trex-bench"],
+        &[
+            "trex-store",
+            "datasets-gen",
+            "trex-render",
+            "trex-gpu",
+            "trex-view",
+            "trex-image",
+            "trex-model",
+            "trex-bench",
+        ],
     ),
 ];
 /// All of them.
-const OUR_CRATES: [&str; 9] = [
+const OUR_CRATES: [&str; 10] = [
     "trex-store",
     "datasets-gen",
     "trex-film",
     "trex-render",
+    "trex-gpu",
     "trex-view",
     "trex-image",
     "trex-model",
@@ -36,7 +47,7 @@ const OUR_CRATES: [&str; 9] = [
     "trex",
 ];
 /// Files that may hold `unsafe`: what they do cannot be said otherwise. Each opens with why it is sound.
-const UNSAFE_FILES: [&str; 19] = [
+const UNSAFE_FILES: [&str; 20] = [
     // Memory that the kernel writes to, and mappings.
     "store/src/io/mmap.rs",
     "store/src/io/region.rs",
@@ -58,6 +69,8 @@ const UNSAFE_FILES: [&str; 19] = [
     "render/src/trace/simd/packet.rs",
     "render/src/voxel/simd/avx2.rs",
     "render/src/voxel/simd/avx512.rs",
+    // Shaders whose loops the driver's compiler does not bound.
+    "gpu/src/kernels.rs",
     // A C library as a peer, behind a feature.
     "bench/src/peers/embree.rs",
 ];
@@ -96,6 +109,7 @@ impl Source {
             "datasets-gen/src/",
             "film/src/",
             "render/src/",
+            "gpu/src/",
             "view/src/",
             "image/src/",
             "model/src/",
@@ -320,6 +334,7 @@ fn files_that_pages_and_comments_name_are_there() {
         "datasets-gen/",
         "film/",
         "render/",
+        "gpu/",
         "view/",
         "image/",
         "bench/",

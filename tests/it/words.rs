@@ -7,18 +7,27 @@ use crate::tidy::{Source, files, none};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Library crates whose strings name no flag and no verb of the command. Other crates are added once theirs do not.
-const FLAGLESS: [&str; 7] =
-    ["store/src/", "datasets-gen/src/", "film/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
+const FLAGLESS: [&str; 8] = [
+    "store/src/",
+    "datasets-gen/src/",
+    "film/src/",
+    "render/src/",
+    "gpu/src/",
+    "image/src/",
+    "model/src/",
+    "view/src/",
+];
 /// Verbs of the command.
 const VERBS: [&str; 9] = ["build", "render", "view", "info", "verify", "export", "gen", "demo", "image"];
 /// Crates whose type names are nouns, and in which none stands in two files: all.
-const NAMED_WELL: [&str; 12] = [
+const NAMED_WELL: [&str; 13] = [
     "store/",
     "datasets-gen/",
     "film/",
     "image/",
     "model/",
     "render/",
+    "gpu/",
     "view/",
     "bench/src/",
     "bench/benches/",
@@ -27,9 +36,9 @@ const NAMED_WELL: [&str; 12] = [
     "tests/it/",
 ];
 /// Nouns among the words that end as participles do.
-const NOUNS: [&str; 11] = [
-    "Backing", "Binning", "Encoding", "Feed", "Mapping", "Naming", "Packing", "Setting", "Speed", "Tracing",
-    "Uring",
+const NOUNS: [&str; 12] = [
+    "Backing", "Binding", "Binning", "Encoding", "Feed", "Mapping", "Naming", "Packing", "Setting", "Speed",
+    "Tracing", "Uring",
 ];
 /// Participles of other endings.
 const PARTICIPLES: [&str; 17] = [

@@ -141,6 +141,14 @@ impl GRays {
         (&self.rays, &mut self.answers)
     }
 
+    /// Puts `answer` in the place of ray `place`, whose answer [`GRays::parts_mut`] has made room for.
+    ///
+    /// # Panics
+    /// Where there is no such ray, or no room was made.
+    pub fn set_answer(&mut self, place: usize, answer: GAnswer) {
+        self.answers[place] = answer;
+    }
+
     /// Has the ray in `place` pass the octree by: nobody needs its answer any more.
     pub(crate) fn pass_by(&mut self, place: u32) {
         self.rays[place as usize].t_max = -1.0;

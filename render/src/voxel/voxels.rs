@@ -11,6 +11,7 @@ pub struct Voxels {
     octree: UpperOctree,
     links: Option<(LowerLinks, Lease)>,
     lattice: Lattice,
+    page_count: u32,
     lease: Lease,
 }
 
@@ -23,7 +24,7 @@ impl Voxels {
         let lattice = file.superblock().lattice;
         let Some((octree, lease)) = file.upper(budget)? else { return Ok(None) };
         let links = file.lower(&octree, budget)?;
-        Ok(Some(Voxels { octree, links, lattice, lease }))
+        Ok(Some(Voxels { octree, links, lattice, page_count: file.pages().len() as u32, lease }))
     }
 
     /// Bytes that are leased for it.
@@ -39,6 +40,11 @@ impl Voxels {
     /// The words that lead from its last nodes to units; `None` for a file whose upper leaves are the finest.
     pub fn links(&self) -> Option<&LowerLinks> {
         self.links.as_ref().map(|(links, _)| links)
+    }
+
+    /// Count of the file's pages, of which some hold units.
+    pub fn page_count(&self) -> u32 {
+        self.page_count
     }
 
     /// The resident octree, for rays.

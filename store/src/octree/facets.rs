@@ -105,6 +105,11 @@ impl Facets {
         facet_count * size_of::<f32>() as u64
     }
 
+    /// Index of the first facet of last node `node` (counted from the first of these), and which of the six it has.
+    pub fn words(&self, node: usize) -> [u32; 2] {
+        [self.first[node], u32::from(self.masks[node])]
+    }
+
     /// Bytes of memory for so many nodes and facets.
     pub(super) fn bytes(node_count: u64, facet_count: u64) -> u64 {
         node_count * (size_of::<u32>() + size_of::<u8>()) as u64 + facet_count * size_of::<[f32; 2]>() as u64

@@ -116,6 +116,13 @@ impl UpperOctree {
         self.leaves.materials.get(leaf)
     }
 
+    /// What [`UpperOctree::leaf`] says as a device takes it: the packed normal in the lower half of the word, the
+    /// material in the upper one.
+    #[inline]
+    pub fn leaf_word(&self, leaf: usize) -> u32 {
+        u32::from(self.leaves.normals[leaf].0) | u32::from(self.material(leaf)) << 16
+    }
+
     /// The facets.
     pub fn facets(&self) -> &Facets {
         &self.facets

@@ -2,7 +2,7 @@
 
 /// Folders that have floors, and these, in the order of ARCHITECTURE.md: each imports itself and those before it. What
 /// stands in the folder's own `mod.rs` or `lib.rs` is above all of them.
-pub(super) const HOUSES: [House; 4] = [
+pub(super) const HOUSES: [House; 5] = [
     House {
         of_crate: "film",
         folder: &[],
@@ -32,9 +32,18 @@ pub(super) const HOUSES: [House; 4] = [
         ],
     },
     House {
+        of_crate: "gpu",
+        folder: &[],
+        floors: &[
+            "words", "adapters", "device", "kernels", "octree", "packing", "units", "slots", "worker",
+            "stage",
+        ],
+    },
+    House {
         of_crate: "model",
         folder: &[],
         floors: &[
+            "device",
             "options",
             "info",
             "scene_defaults",

@@ -1,0 +1,202 @@
+//! `Kernels`: the shaders, joined from their texts, and the pipelines made of them.
+//!
+//! Loops are not bounded by the compiler (that costs a shader much of its speed): the walk has a bound of its own,
+//! and the others go over a few levels. Indices into buffers are checked, all the same.
+//!
+//! Invariant: both kernels see the same bindings, so that one bind group serves both.
+
+#![allow(unsafe_code)]
+
+use crate::device::GpuDevice;
+use trex_store::{Code, Error, NextStep, Result};
+
+/// The texts that kernels share, in the order in which they are joined.
+const SHARED: [&str; 3] = [
+    include_str!("../shaders/octree.wgsl"),
+    include_str!("../shaders/walk.wgsl"),
+    include_str!("../shaders/surface.wgsl"),
+];
+
+/// Invocations of a workgroup, as the shaders say.
+pub(crate) const WORKGROUP_RAYS: u32 = 64;
+
+/// A kernel: the name of its entry point, and the text of that.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Kernel {
+    name: &'static str,
+    entry: &'static str,
+}
+
+/// All kernels.
+pub(crate) const KERNELS: [Kernel; 2] = [
+    Kernel { name: "shadow_rays", entry: include_str!("../shaders/shadow_rays.wgsl") },
+    Kernel { name: "surface_rays", entry: include_str!("../shaders/surface_rays.wgsl") },
+];
+
+impl Kernel {
+    /// The whole text.
+    pub(crate) fn text(&self) -> String {
+        let mut text = SHARED.concat();
+        text.push_str(self.entry);
+        text
+    }
+}
+
+/// The bindings, by number, and whether a kernel only reads them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub(crate) enum Binding {
+    Params,
+    Rays,
+    Answers,
+    Nodes,
+    Bitmaps,
+    Payload,
+    PageSlots,
+    Frames,
+    SlotsUsed,
+}
+
+impl Binding {
+    const ALL: [Binding; 9] = [
+        Binding::Params,
+        Binding::Rays,
+        Binding::Answers,
+        Binding::Nodes,
+        Binding::Bitmaps,
+        Binding::Payload,
+        Binding::PageSlots,
+        Binding::Frames,
+        Binding::SlotsUsed,
+    ];
+
+    fn ty(self) -> wgpu::BufferBindingType {
+        match self {
+            Binding::Params => wgpu::BufferBindingType::Uniform,
+            Binding::Answers | Binding::SlotsUsed => wgpu::BufferBindingType::Storage { read_only: false },
+            _ => wgpu::BufferBindingType::Storage { read_only: true },
+        }
+    }
+
+    fn layout(self) -> wgpu::BindGroupLayoutEntry {
+        let ty =
+            wgpu::BindingType::Buffer { ty: self.ty(), has_dynamic_offset: false, min_binding_size: None };
+        wgpu::BindGroupLayoutEntry {
+            binding: self as u32,
+            visibility: wgpu::ShaderStages::COMPUTE,
+            ty,
+            count: None,
+        }
+    }
+}
+
+/// The pipelines.
+#[derive(Debug)]
+pub(crate) struct Kernels {
+    pub(crate) shadow_rays: wgpu::ComputePipeline,
+    pub(crate) surface_rays: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+}
+
+impl Kernels {
+    /// Compiles all kernels.
+    ///
+    /// # Errors
+    /// [`Code::NoAdapter`] when the driver refuses one.
+    pub(crate) fn new(device: &GpuDevice) -> Result<Kernels> {
+        let gpu = &device.device;
+        let scope = gpu.push_error_scope(wgpu::ErrorFilter::Validation);
+        let entries = Binding::ALL.map(Binding::layout);
+        let layout = gpu.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("octree"),
+            entries: &entries,
+        });
+        let pipeline_layout = gpu.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("octree"),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
+        let [shadow_rays, surface_rays] =
+            KERNELS.map(|kernel| Kernels::compile(gpu, &pipeline_layout, kernel));
+        match pollster::block_on(scope.pop()) {
+            Some(error) => Err(Error::new(Code::NoAdapter, "the driver refuses a shader")
+                .at_place(format!("the device {:?}", device.report().name))
+                .numbers(error.to_string())
+                .next(NextStep::OtherDevice)),
+            None => Ok(Kernels { shadow_rays, surface_rays, layout }),
+        }
+    }
+
+    fn compile(gpu: &wgpu::Device, layout: &wgpu::PipelineLayout, kernel: Kernel) -> wgpu::ComputePipeline {
+        let source = wgpu::ShaderSource::Wgsl(kernel.text().into());
+        let descriptor = wgpu::ShaderModuleDescriptor { label: Some(kernel.name), source };
+        let checks =
+            wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
+        // SAFETY: all checks stay on but the bounding of loops, and every loop of the texts ends: the walk after
+        // `steps_max`, its way down after a level each, the others after a count that is a constant or a level.
+        let module = unsafe { gpu.create_shader_module_trusted(descriptor, checks) };
+        gpu.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(kernel.name),
+            layout: Some(layout),
+            module: &module,
+            entry_point: Some(kernel.name),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            cache: None,
+        })
+    }
+
+    /// A bind group of these buffers.
+    pub(crate) fn bind(&self, gpu: &wgpu::Device, buffers: [(Binding, &wgpu::Buffer); 9]) -> wgpu::BindGroup {
+        let entries = buffers.map(|(at, buffer)| wgpu::BindGroupEntry {
+            binding: at as u32,
+            resource: buffer.as_entire_binding(),
+        });
+        let layout = &self.layout;
+        gpu.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    /// Without any adapter: what drivers are given is sound WGSL, and has the entry point that is asked for.
+    #[test]
+    fn shaders_are_valid() {
+        for kernel in KERNELS {
+            let text = kernel.text();
+            let module = naga::front::wgsl::parse_str(&text)
+                .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(&text)));
+            Validator::new(ValidationFlags::all(), Capabilities::empty())
+                .validate(&module)
+                .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(&text)));
+            let [entry] = module.entry_points.as_slice() else { panic!("{}: one entry point", kernel.name) };
+            assert_eq!((entry.name.as_str(), entry.workgroup_size), (kernel.name, [WORKGROUP_RAYS, 1, 1]));
+        }
+    }
+
+    /// What stands in both: the numbers of bindings, and what kernels do with them.
+    #[test]
+    fn bindings_are_those_of_the_shaders() {
+        let module = naga::front::wgsl::parse_str(&KERNELS[1].text()).unwrap();
+        let mut found: Vec<_> = module
+            .global_variables
+            .iter()
+            .filter_map(|(_, variable)| Some((variable.binding?.binding, variable.space)))
+            .collect();
+        found.sort_by_key(|(binding, _)| *binding);
+        let expected = Binding::ALL.map(|binding| {
+            let space = match binding.ty() {
+                wgpu::BufferBindingType::Uniform => naga::AddressSpace::Uniform,
+                wgpu::BufferBindingType::Storage { read_only } => {
+                    let write =
+                        if read_only { naga::StorageAccess::empty() } else { naga::StorageAccess::STORE };
+                    naga::AddressSpace::Storage { access: naga::StorageAccess::LOAD | write }
+                }
+            };
+            (binding as u32, space)
+        });
+        assert_eq!(found, expected);
+    }
+}
