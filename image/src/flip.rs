@@ -223,6 +223,7 @@ impl<'a> FilteredRows<'a> {
         let pixels = &self.picture.pixels[y * width..][..width];
         let [luma, red_green, blue_yellow] = &mut self.colours;
         for (x, pixel) in pixels.iter().enumerate() {
+            #[expect(clippy::manual_clamp, reason = "what is no number becomes 0")]
             let rgb = pixel.map(|value| (value * exposure).max(0.0).min(1.0));
             [luma[x], red_green[x], blue_yellow[x]] = opponents(xyz(rgb));
         }
@@ -240,7 +241,7 @@ impl<'a> FilteredRows<'a> {
         let at = |plane: usize| self.row[plane][x];
         let weights = self.kernels.weights;
         let colour = [weights[0] * at(0), weights[1] * at(1), weights[2] * at(2) + weights[3] * at(3)];
-        let rgb = rgb(xyz_of_opponents(colour)).map(|value| value.max(0.0).min(1.0));
+        let rgb = rgb(xyz_of_opponents(colour)).map(|value| value.clamp(0.0, 1.0));
         // Y goes from -16 to 100, features from 0 to 1.
         let size = |x: f32, y: f32| x.hypot(y) / 116.0;
         let (edge, point) = (size(at(4), at(5)), size(at(6), at(7)));
@@ -274,7 +275,7 @@ fn xyz(rgb: [f32; 3]) -> [f32; 3] {
 fn rgb(xyz: [f32; 3]) -> [f32; 3] {
     const RGB_OF_XYZ: [[f32; 3]; 3] = [
         [3.241_003_3, -1.537_399, -0.498_615_9],
-        [-0.969_224_25, 1.875_93, 0.041_554_226],
+        [-0.969_224_2, 1.875_93, 0.041_554_226],
         [0.055_639_42, -0.204_011_2, 1.057_149],
     ];
     let xyz: [f32; 3] = std::array::from_fn(|row| xyz[row] * WHITE[row]);

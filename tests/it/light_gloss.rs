@@ -1,5 +1,5 @@
-//! Mirrors and gloss: a room with a mirror for a wall, a glossy sphere and a glossy block under a lamp, each of its walls
-//! by `photon` against the same by `path`.
+//! Mirrors and gloss: a room with a mirror for a wall, a glossy sphere and a glossy block under a lamp, each of its
+//! walls by `photon` against the same by `path`.
 
 use crate::command::{document_in, folder, said};
 use crate::light_sides::{PIXELS, SLOPE, WALLS, wall_means};
@@ -69,8 +69,8 @@ fn box_faces(lo: [f64; 3], hi: [f64; 3]) -> [[[f64; 3]; 4]; 6] {
     })
 }
 
-/// Gather rays that took a lobe for a diffuse surface of the same colour and lost light at mirrors made walls up to 18 %
-/// wrong.
+/// Gather rays that took a lobe for a diffuse surface of the same colour and lost light at mirrors made walls up to
+/// 18 % wrong.
 #[test]
 fn gloss_and_a_mirror_light_a_room_as_on_the_mesh() {
     let folder = folder();
