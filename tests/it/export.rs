@@ -33,8 +33,11 @@ fn counts(triangles: impl IntoIterator<Item = [[f64; 3]; 3]>) -> TriangleCounts 
     counts
 }
 
+/// Corners, and the name of the material.
+type NamedTriangle = ([[f64; 3]; 3], String);
+
 /// What a page file holds: its lattice, and positions of corners with names of materials.
-fn content(path: &Path) -> (Lattice, Vec<([[f64; 3]; 3], String)>) {
+fn content(path: &Path) -> (Lattice, Vec<NamedTriangle>) {
     let file = PageFile::open(path, &Budget::unlimited()).unwrap();
     let lattice = file.superblock().lattice;
     let (mut frame, mut buffers, mut all) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()], Vec::new());
