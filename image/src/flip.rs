@@ -343,7 +343,7 @@ mod tests {
     /// The means that `flip_evaluator.evaluate(a, b, "LDR")` of version 1.7 gives for the same codes over 255, in f32.
     #[test]
     fn means_are_those_of_flip_evaluator() {
-        let checks = |x: u32, y: u32| (x / 8 + y / 8) % 2 == 0;
+        let checks = |x: u32, y: u32| (x / 8 + y / 8).is_multiple_of(2);
         let either = |is: bool, hue: [u32; 3], c: u32| if is { hue[c as usize] } else { 128 };
         let edge = |at: u32| move |x: u32, _: u32, _: u32| if x < at { 230 } else { 20 };
         for (a, b, expected) in [
