@@ -119,6 +119,7 @@ pub(crate) fn rays(args: &RaysArgs, command: &str) -> anyhow::Result<()> {
         seed: args.seed,
         io: IoOptions::default(),
         stats: args.stats,
+        device: None,
         peer: args.peer.map(peer).transpose()?,
     };
     tell("bench-rays", command, &rays::run(&model, &options, &around)?)

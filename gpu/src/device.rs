@@ -45,6 +45,10 @@ pub struct GpuCounts {
     pub unit_uploads: u64,
     /// Pages of units that gave way to others.
     pub unit_evictions: u64,
+    /// Time of the kernel of shadow rays, ns; 0 of a device without timestamps.
+    pub shadow_ns: u64,
+    /// Time of the kernel of all other rays, ns.
+    pub surface_ns: u64,
 }
 
 /// [`GpuCounts`], counted by several threads.
@@ -57,6 +61,8 @@ pub(crate) struct Counters {
     pub(crate) read_back_bytes: AtomicU64,
     pub(crate) unit_uploads: AtomicU64,
     pub(crate) unit_evictions: AtomicU64,
+    pub(crate) shadow_ns: AtomicU64,
+    pub(crate) surface_ns: AtomicU64,
 }
 
 /// Adds to a counter.
@@ -116,6 +122,7 @@ impl GpuDevice {
         };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("trex"),
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             required_limits: limits,
             ..wgpu::DeviceDescriptor::default()
         };
@@ -203,6 +210,8 @@ impl GpuDevice {
             read_back_bytes,
             unit_uploads,
             unit_evictions,
+            shadow_ns,
+            surface_ns,
         } = &self.counters;
         let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         GpuCounts {
@@ -213,6 +222,8 @@ impl GpuDevice {
             read_back_bytes: of(read_back_bytes),
             unit_uploads: of(unit_uploads),
             unit_evictions: of(unit_evictions),
+            shadow_ns: of(shadow_ns),
+            surface_ns: of(surface_ns),
         }
     }
 

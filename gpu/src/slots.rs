@@ -21,6 +21,10 @@ use trex_store::Result;
 /// Batches under way: one that is sent, one that is answered, one that is read back.
 pub(crate) const SLOTS: usize = 3;
 /// Bytes of a ray in a slot: as it goes in, as it is answered, as that is read back.
+/// Kernels of a batch, and the times that are taken of each.
+const KERNEL_TIMES: u32 = 2;
+const TIMES: u32 = 2 * KERNEL_TIMES;
+const TIMES_BYTES: u64 = TIMES as u64 * wgpu::QUERY_SIZE as u64;
 const SLOT_RAY_BYTES: u64 = (RAY_BYTES + 2 * 4 * SURFACE_WORDS) as u64;
 
 /// The buffers of a batch.
@@ -31,8 +35,17 @@ pub(crate) struct Slot {
     answers: wgpu::Buffer,
     read_back: wgpu::Buffer,
     used_read_back: wgpu::Buffer,
+    clock: Option<KernelClock>,
     bindings: wgpu::BindGroup,
     under_way: Option<BatchInFlight>,
+}
+
+/// When each kernel of a batch begins and ends.
+#[derive(Debug)]
+struct KernelClock {
+    queries: wgpu::QuerySet,
+    /// Where the device writes them, to be copied from.
+    times: wgpu::Buffer,
 }
 
 /// A batch on its way.
@@ -108,7 +121,9 @@ impl Slot {
         let answers = device.buffer("answers", answer_bytes, Usage::STORAGE | Usage::COPY_SRC)?;
         let to_read = Usage::MAP_READ | Usage::COPY_DST;
         let read_back = device.buffer("answers to read", answer_bytes, to_read)?;
-        let used_read_back = device.buffer("slots to read", 4 * units.used_words() as u64, to_read)?;
+        let used_bytes = 4 * units.used_words() as u64;
+        let used_read_back = device.buffer("slots and times to read", used_bytes + TIMES_BYTES, to_read)?;
+        let clock = device.report().has_timestamps.then(|| KernelClock::new(device)).transpose()?;
         let bindings = kernels.bind(
             &device.device,
             [
@@ -123,7 +138,7 @@ impl Slot {
                 (Binding::SlotsUsed, &units.slots_used),
             ],
         );
-        Ok(Slot { params, rays, answers, read_back, used_read_back, bindings, under_way: None })
+        Ok(Slot { params, rays, answers, read_back, used_read_back, clock, bindings, under_way: None })
     }
 
     /// Sends a batch: rays, of which the first are shadow rays, as `params` says.
@@ -140,26 +155,31 @@ impl Slot {
         device.queue.write_buffer(&self.rays, 0, ray_bytes);
         let mut encoder = device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&units.slots_used, 0, None);
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        let kernels = [
+            (&kernels.shadow_rays, params.shadow_count),
+            (&kernels.surface_rays, params.ray_count - params.shadow_count),
+        ];
+        for (number, (kernel, count)) in (0..).zip(kernels) {
+            let times = self.clock.as_ref().map(|clock| clock.writes(number));
+            let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes: times };
+            let mut pass = encoder.begin_compute_pass(&descriptor);
             pass.set_bind_group(0, &self.bindings, &[]);
-            let other_count = params.ray_count - params.shadow_count;
-            for (kernel, count) in
-                [(&kernels.shadow_rays, params.shadow_count), (&kernels.surface_rays, other_count)]
-            {
-                if count > 0 {
-                    pass.set_pipeline(kernel);
-                    pass.dispatch_workgroups(count.div_ceil(WORKGROUP_RAYS), 1, 1);
-                }
+            if count > 0 {
+                pass.set_pipeline(kernel);
+                pass.dispatch_workgroups(count.div_ceil(WORKGROUP_RAYS), 1, 1);
             }
         }
         let (answer_bytes, used_bytes) = (4 * word_count as u64, 4 * units.used_words() as u64);
         encoder.copy_buffer_to_buffer(&self.answers, 0, &self.read_back, 0, answer_bytes);
         encoder.copy_buffer_to_buffer(&units.slots_used, 0, &self.used_read_back, 0, used_bytes);
+        if let Some(clock) = &self.clock {
+            encoder.resolve_query_set(&clock.queries, 0..TIMES, &clock.times, 0);
+            encoder.copy_buffer_to_buffer(&clock.times, 0, &self.used_read_back, used_bytes, TIMES_BYTES);
+        }
         let submission = device.queue.submit([encoder.finish()]);
         let (is_mapped, mapped) = channel();
         map(&self.read_back, answer_bytes, is_mapped.clone());
-        map(&self.used_read_back, used_bytes, is_mapped);
+        map(&self.used_read_back, used_bytes + TIMES_BYTES, is_mapped);
         self.under_way = Some(BatchInFlight { submission, word_count, mapped });
         count(&device.counters.batches, 1);
         count(&device.counters.rays, u64::from(params.ray_count));
@@ -186,11 +206,47 @@ impl Slot {
         }
         let word_count = sending.word_count;
         self.under_way = None;
-        match (read(&self.read_back, word_count), read(&self.used_read_back, units.used_words())) {
-            (Some(words), Some(used)) => SlotState::Answered(words, used),
+        let used_words = units.used_words();
+        let with_times = used_words + TIMES_BYTES as usize / 4;
+        match (read(&self.read_back, word_count), read(&self.used_read_back, with_times)) {
+            (Some(words), Some(mut used)) => {
+                if self.clock.is_some() {
+                    count_times(device, &used[used_words..]);
+                }
+                used.truncate(used_words);
+                SlotState::Answered(words, used)
+            }
             _ => SlotState::Failed("its answers cannot be read".to_owned()),
         }
     }
+}
+
+impl KernelClock {
+    fn new(device: &GpuDevice) -> Result<KernelClock> {
+        let descriptor =
+            wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: TIMES };
+        let queries = device.device.create_query_set(&descriptor);
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        Ok(KernelClock { queries, times: device.buffer("times", TIMES_BYTES, usage)? })
+    }
+
+    /// Where the pass of kernel `number` notes its times.
+    fn writes(&self, number: u32) -> wgpu::ComputePassTimestampWrites<'_> {
+        wgpu::ComputePassTimestampWrites {
+            query_set: &self.queries,
+            beginning_of_pass_write_index: Some(KERNEL_TIMES * number),
+            end_of_pass_write_index: Some(KERNEL_TIMES * number + 1),
+        }
+    }
+}
+
+/// Adds the times of both kernels, which are 64 bits each, the lower half first.
+fn count_times(device: &GpuDevice, words: &[u32]) {
+    let time = |at: usize| u64::from(words[2 * at]) | u64::from(words[2 * at + 1]) << 32;
+    let period_ns = f64::from(device.queue.get_timestamp_period());
+    let took = |begin: usize| (time(begin + 1).saturating_sub(time(begin)) as f64 * period_ns) as u64;
+    count(&device.counters.shadow_ns, took(0));
+    count(&device.counters.surface_ns, took(KERNEL_TIMES as usize));
 }
 
 fn map(buffer: &wgpu::Buffer, bytes: u64, is_mapped: Sender<bool>) {

@@ -77,11 +77,15 @@ pub struct GpuFigures {
     pub unit_uploads: u64,
     /// Pages of units that gave way to others.
     pub unit_evictions: u64,
+    /// Time of the kernel of shadow rays, ns; 0 of a device that does not tell.
+    pub shadow_ns: u64,
+    /// Time of the kernel of all other rays, ns.
+    pub surface_ns: u64,
 }
 
 /// The device of a model, from which each session has its stage.
 #[derive(Debug)]
-pub(crate) struct StageSource {
+pub struct StageSource {
     reason: String,
     #[cfg(feature = "gpu")]
     gpu: Option<(Arc<GpuDevice>, WhenTooLarge)>,
@@ -97,7 +101,7 @@ impl StageSource {
     /// # Errors
     /// [`trex_store::Code::NoAdapter`] where it was asked for by name; [`trex_store::Code::MemoryLimit`] where the
     /// limit has no room for it.
-    pub(crate) fn open(options: &DeviceOptions, budget: &Budget) -> Result<StageSource> {
+    pub fn open(options: &DeviceOptions, budget: &Budget) -> Result<StageSource> {
         let gpu_options =
             GpuOptions { memory_limit_bytes: options.gpu_memory_limit_bytes, budget: budget.clone() };
         let (query, when_too_large) = match &options.device {
@@ -137,7 +141,7 @@ impl StageSource {
     ///
     /// # Errors
     /// Those of [`GpuStage::new`], where the device was asked for by name.
-    pub(crate) fn stage(&self) -> Result<Box<dyn GStage>> {
+    pub fn stage(&self) -> Result<Box<dyn GStage>> {
         let Some((device, when_too_large)) = &self.gpu else { return Ok(Box::new(CpuStage::default())) };
         match GpuStage::new(device.clone(), *when_too_large) {
             Ok(stage) => Ok(Box::new(stage)),
@@ -149,17 +153,18 @@ impl StageSource {
         }
     }
 
-    fn needs(&self) -> GNeeds {
+    /// What its stages ask of who calls them.
+    pub fn needs(&self) -> GNeeds {
         self.gpu.as_ref().map_or(CpuStage::NEEDS, |(device, _)| GpuStage::needs_of(device))
     }
 
     /// Bytes of the process's memory that are leased for it.
-    pub(crate) fn leased_bytes(&self) -> u64 {
+    pub fn leased_bytes(&self) -> u64 {
         self.gpu.as_ref().map_or(0, |(device, _)| device.leased_bytes())
     }
 
     /// What it is, and what it has done.
-    pub(crate) fn report(&self) -> DeviceReport {
+    pub fn report(&self) -> DeviceReport {
         let name = self.gpu.as_ref().map_or(PROCESSOR, |(device, _)| &device.report().name).to_owned();
         let refusal = self.refusal.get().cloned();
         let notice = self.gpu.as_ref().and_then(|(device, _)| device.notice()).or(refusal);
@@ -177,6 +182,8 @@ impl StageSource {
                 read_back_bytes: counts.read_back_bytes,
                 unit_uploads: counts.unit_uploads,
                 unit_evictions: counts.unit_evictions,
+                shadow_ns: counts.shadow_ns,
+                surface_ns: counts.surface_ns,
             }
         });
         DeviceReport { name, reason: self.reason.clone(), notice, gpu }
@@ -189,7 +196,7 @@ impl StageSource {
     ///
     /// # Errors
     /// [`Code::NoAdapter`] where another was asked for by name.
-    pub(crate) fn open(options: &DeviceOptions, _budget: &Budget) -> Result<StageSource> {
+    pub fn open(options: &DeviceOptions, _budget: &Budget) -> Result<StageSource> {
         let place = match &options.device {
             Device::Cpu => {
                 return Ok(StageSource { reason: "it was asked for, or nothing else was".to_owned() });
@@ -204,26 +211,33 @@ impl StageSource {
             .next(NextStep::OtherDevice))
     }
 
-    pub(crate) fn stage(&self) -> Result<Box<dyn GStage>> {
+    /// A stage for a session.
+    ///
+    /// # Errors
+    /// None.
+    pub fn stage(&self) -> Result<Box<dyn GStage>> {
         Ok(Box::new(CpuStage::default()))
     }
 
-    fn needs(&self) -> GNeeds {
+    /// What its stages ask of who calls them.
+    pub fn needs(&self) -> GNeeds {
         CpuStage::NEEDS
     }
 
-    pub(crate) fn leased_bytes(&self) -> u64 {
+    /// Bytes of the process's memory that are leased for it: none.
+    pub fn leased_bytes(&self) -> u64 {
         0
     }
 
-    pub(crate) fn report(&self) -> DeviceReport {
+    /// What it is.
+    pub fn report(&self) -> DeviceReport {
         DeviceReport { name: PROCESSOR.to_owned(), reason: self.reason.clone(), notice: None, gpu: None }
     }
 }
 
 impl StageSource {
     /// What a picture needs whose G-rays this device answers.
-    pub(crate) fn with_needs(&self, needs: &PictureNeeds) -> PictureNeeds {
+    pub fn with_needs(&self, needs: &PictureNeeds) -> PictureNeeds {
         let copies_bytes = needs.copies_bytes + self.leased_bytes();
         PictureNeeds { g_needs: self.needs(), copies_bytes, ..*needs }
     }

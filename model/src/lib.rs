@@ -34,7 +34,7 @@ mod times;
 #[doc = include_str!("../../README.md")]
 struct Readme;
 
-pub use device::{Device, DeviceOptions, DeviceReport, GpuFigures};
+pub use device::{Device, DeviceOptions, DeviceReport, GpuFigures, StageSource};
 pub use handle::{LiveSession, Model, Session};
 pub use info::ModelInfo;
 pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};

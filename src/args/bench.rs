@@ -1,6 +1,6 @@
 //! The command line of `trex bench`.
 
-use super::{CommonArgs, DiskArgs, ScratchArgs, keys};
+use super::{CommonArgs, DeviceArgs, DiskArgs, ScratchArgs, keys};
 use crate::values::{self, Resolution};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
@@ -47,6 +47,8 @@ pub struct BenchRaysArgs {
     #[arg(long)]
     pub stats: bool,
     #[command(flatten)]
+    pub device: DeviceArgs,
+    #[command(flatten)]
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
@@ -59,7 +61,8 @@ All pages are in memory where the limit has room for them; below that they come 
 
 Examples:
   trex bench rays statue.trex
-  trex bench rays iso.trex --memory-limit 96MiB --resolution 512x512 --json";
+  trex bench rays iso.trex --memory-limit 96MiB --resolution 512x512 --json
+  trex bench rays iso.trex --device gpu                the rays through the voxels on a GPU, too";
 
 /// `trex bench io`
 #[derive(Debug, Args)]

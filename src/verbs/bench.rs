@@ -13,7 +13,9 @@ use std::path::{Path, PathBuf};
 use trex_bench::building::{self, BuildFigures};
 use trex_bench::model::{Model, Surroundings};
 use trex_bench::page_io::{self, PageIoFigures, PageIoOptions, ReadStage};
-use trex_bench::rays::{self, RayFigures, RayOptions, SetFigures, VisitFigures};
+use trex_bench::rays::{self, DeviceFigures, RayFigures, RayOptions, SetFigures, VisitFigures};
+use trex_model::Device;
+use trex_store::printable::one_line;
 
 /// Runs `trex bench`.
 pub fn run(args: &BenchArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -34,6 +36,7 @@ fn run_rays(args: &BenchRaysArgs, ctx: &Context) -> anyhow::Result<Exit> {
         seed: args.seed,
         io: io_options(&args.disk),
         stats: args.stats,
+        device: args.device.device.is_some().then(|| args.device.options(Device::Cpu)),
         peer: None,
     };
     let figures = rays::run(&model, &options, &around)?;
@@ -104,8 +107,33 @@ impl fmt::Display for RayBenchReport {
                 }
             }
         }
+        figures.device.as_ref().map_or(Ok(()), |device| show_device(device, f))?;
         figures.visits.as_ref().map_or(Ok(()), |visits| show_visits(visits, f))
     }
+}
+
+/// A line a set.
+fn show_device(device: &DeviceFigures, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let DeviceFigures { report, call_ray_count, gather, shadow, finest_gather, finest_shadow } = device;
+    write!(f, "\n{}, {call_ray_count} rays a call: {}", one_line(&report.name), report.reason)?;
+    for (name, set) in [
+        ("gather", Some(gather)),
+        ("shadow", Some(shadow)),
+        ("gather, finest", finest_gather.as_ref()),
+        ("shadow, finest", finest_shadow.as_ref()),
+    ] {
+        let Some(set) = set else { continue };
+        write!(f, "\n{name}: {}", size::rate(set.per_s, "rays"))?;
+        if let Some(kernel) = set.kernel_per_s {
+            write!(f, ", in kernels {}", size::rate(kernel, "rays"))?;
+        }
+        write!(
+            f,
+            "; {} of {} hit, {} not as the processor's",
+            set.hit_count, set.ray_count, set.other_count
+        )?;
+    }
+    Ok(())
 }
 
 /// A line a set, and one a tree.

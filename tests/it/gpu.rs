@@ -219,6 +219,35 @@ fn a_doctor_tells_what_is_there_and_what_is_used() {
     assert!(lines.last().is_some_and(|line| line.starts_with("rays through the voxels are answered by")));
 }
 
+/// A device on the rays of `bench rays`: answers beside the processor's, and times of kernels where it tells them.
+#[test]
+fn rays_of_the_bench_go_through_a_device() {
+    let Some(device) = device() else { return };
+    let inside = folder();
+    built_in(inside.path(), "gen:pipes:20k --voxels 64/256", "plant.trex");
+    let line =
+        "bench rays plant.trex --resolution 64x64 --rounds 1 --threads 2 --memory-limit 1GiB --device gpu";
+    let figures = document_in(inside.path(), line);
+    let measured = &figures["device"];
+    assert_eq!(measured["name"], device.report().name.as_str(), "{measured:#}");
+    let pairs = [
+        ("gather", "gray"),
+        ("shadow", "gray_shadow"),
+        ("finest_gather", "gray_finest"),
+        ("finest_shadow", "gray_finest_shadow"),
+    ];
+    for (of_device, of_processor) in pairs {
+        let (found, expected) = (&measured[of_device], &figures[of_processor]);
+        assert_eq!(found["ray_count"], expected["ray_count"], "{of_device}: {measured:#}");
+        let other = found["other_count"].as_u64().unwrap() as f64;
+        let all = found["ray_count"].as_u64().unwrap() as f64;
+        assert!(all > 500.0 && other <= (OTHER_LEAF_MAX * all).max(1.0), "{of_device}: {measured:#}");
+        let hits = |set: &serde_json::Value| set["hit_count"].as_f64().unwrap();
+        assert!((hits(found) - hits(expected)).abs() <= other, "{of_device}: {figures:#}");
+        assert_eq!(found["kernel_per_s"].is_number(), device.report().has_timestamps, "{of_device}");
+    }
+}
+
 /// Pictures of the command by a device and by the processor; the choice, its reason, and what is refused.
 #[test]
 fn a_picture_is_asked_of_a_device_by_name() {

@@ -1,6 +1,7 @@
 //! The figures of `rays`, as its JSON shows them.
 
 use super::compare::Agreement;
+use super::device::DeviceFigures;
 use super::falsehood::AgainstMesh;
 use super::visits::VisitFigures;
 use serde::Serialize;
@@ -52,6 +53,9 @@ pub struct RayFigures {
     /// As `gray_shadow`, through units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gray_finest_shadow: Option<SetFigures>,
+    /// A device on the same rays through the voxels, where one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<DeviceFigures>,
     /// Visits per ray, where they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visits: Option<VisitFigures>,

@@ -12,6 +12,7 @@
 
 mod compare;
 mod contender;
+mod device;
 mod falsehood;
 mod figures;
 mod mesh;
@@ -23,6 +24,7 @@ mod turns;
 mod visits;
 
 pub use compare::Agreement;
+pub use device::{DeviceFigures, DeviceSetFigures};
 pub use falsehood::AgainstMesh;
 pub use figures::{ModeFigures, ModeSet, PeerFigures, RayFigures, SetFigures, SingleFigures};
 pub use options::{Peer, RayOptions};

@@ -1,5 +1,6 @@
 //! What `rays` is asked to measure.
 
+use trex_model::DeviceOptions;
 use trex_store::io::IoOptions;
 
 /// What to measure.
@@ -15,6 +16,8 @@ pub struct RayOptions {
     pub io: IoOptions,
     /// Count visits, beside those of a reference tree.
     pub stats: bool,
+    /// The device that is to be asked the rays through the voxels, too.
+    pub device: Option<DeviceOptions>,
     /// Whom to compare with.
     pub peer: Option<Peer>,
 }

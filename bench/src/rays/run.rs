@@ -4,6 +4,7 @@ use super::compare::{self, Agreement};
 use super::contender::{
     Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, PooledContender, RayAnswer, Resident,
 };
+use super::device;
 use super::falsehood;
 use super::figures::{PeerFigures, RayFigures, SetFigures};
 use super::options::{Peer, RayOptions};
@@ -41,7 +42,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
     let frames_bytes = (file.pages().len() * FRAME_BYTES) as u64;
     if let Ok(_pages_lease) = budget.lease("all pages", frames_bytes) {
         let pages = AllResident::load(&file);
-        let voxels = Voxels::open(&file, budget)?;
+        let voxels = Voxels::open(&file, budget)?.map(Arc::new);
         let tracers = || (0..around.threads).map(|_| PagedMesh::new(&file, &pages));
         let mut ours = Resident { space, workers: tracers().collect() };
         let mut packets = Packets::new(space, tracers());
@@ -74,6 +75,8 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
                 figures.iter_mut().for_each(|figures| figures.against_mesh = Some(against));
             }
         }
+        let octree = voxels.as_ref().map(|voxels| (voxels, &pages));
+        figures.device = device::measure(octree, (space, &sets.gray), (options, around))?;
         let upper = file.upper_size()?;
         figures.voxel_resolution = upper.map(|size| size.resolution);
         if let (Some(upper), Some(lower)) = (upper, file.lower_size()?) {
@@ -89,6 +92,10 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         return Ok(figures);
     }
     ensure!(!options.stats, "visits are counted with all pages in memory, for which the limit has no room");
+    ensure!(
+        options.device.is_none(),
+        "a device is measured with all pages in memory, for which the limit has no room"
+    );
     ensure!(
         options.peer.is_none(),
         "a peer takes all of the mesh in memory, and the limit has no room for ours"
@@ -225,6 +232,7 @@ fn compete(
         primary,
         shadow,
         incoherent,
+        device: None,
         visits: None,
         voxel_resolution: None,
         gray,
