@@ -93,12 +93,21 @@ fn found() -> Vec<(wgpu::Adapter, AdapterReport)> {
     all.into_iter().map(|(report, adapter)| (adapter, report)).collect()
 }
 
+/// True when the system shows a GPU in hardware: a render node, NVIDIA's device, or that of a guest of Windows. Where
+/// none is, no driver need be loaded to know that: those in software write to stderr, and take time.
+fn has_hardware_node() -> bool {
+    let is_render_node =
+        |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with("renderD");
+    ["/dev/nvidiactl", "/dev/dxg"].iter().any(|node| std::path::Path::new(node).exists())
+        || std::fs::read_dir("/dev/dri").is_ok_and(|nodes| nodes.flatten().any(is_render_node))
+}
+
 /// The adapter that is meant.
 ///
 /// # Errors
 /// [`Code::NoAdapter`] with those that there are.
 pub(crate) fn choose(query: DeviceQuery<'_>) -> Result<(wgpu::Adapter, AdapterReport)> {
-    let all = found();
+    let all = if query != DeviceQuery::Hardware || has_hardware_node() { found() } else { Vec::new() };
     let is_meant = |report: &AdapterReport| match query {
         DeviceQuery::Hardware => report.is_hardware,
         DeviceQuery::Any => true,
