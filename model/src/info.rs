@@ -26,6 +26,10 @@ pub struct ModelInfo {
     pub bytes_per_triangle: f64,
     /// Most that a vertex is away from the input's, model units.
     pub error_bound: f64,
+    /// Model position of point 0 of the lattice, on which all corners lie.
+    pub lattice_origin: [f64; 3],
+    /// Step of the lattice, model units: a power of two.
+    pub lattice_step: f64,
     /// Leaves along a side of the resident octree; `None` for a file without voxels.
     pub voxel_resolution: Option<u32>,
 }
@@ -48,6 +52,8 @@ impl ModelInfo {
             file_bytes: block.file_bytes,
             bytes_per_triangle: block.file_bytes as f64 / block.triangle_count.max(1) as f64,
             error_bound: block.error_bound,
+            lattice_origin: block.lattice.origin,
+            lattice_step: block.lattice.step(),
             voxel_resolution: file.upper_size()?.map(|size| size.resolution),
         })
     }

@@ -40,5 +40,6 @@ pub use info::ModelInfo;
 pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
 pub use picture::Picture;
 pub use ray_rates::RayRates;
+pub use rays::{AllHits, check_rays};
 pub use scene_defaults::set_direct_without_voxels;
 pub use times::Times;

@@ -1,6 +1,8 @@
 //! A model as a library's user has it: opened, asked for rays and pictures from several threads, under a limit that is
 //! tight.
 
+#[path = "it/all_hits.rs"]
+mod all_hits;
 #[path = "it/built.rs"]
 mod built;
 

@@ -63,9 +63,9 @@ pub use shading::{Emitter, Emitters, Light};
 pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
 pub use threads::WorkerThreads;
 pub use trace::{
-    AllResident, Answer, Arithmetic, Hit, MeshTracer, NaiveMesh, NaiveTriangle, Page, PagedMesh, PagedTracer,
-    Pages, PooledPages, Ray, Seat, Seats, Tracer, intersect_all, occluded_all, pooled_tracers,
-    seated_tracers,
+    AllResident, Answer, Arithmetic, HITS_PER_RAY, Hit, MeshTracer, MeshTriangle, NaiveMesh, NaiveTriangle,
+    Page, PagedMesh, PagedTracer, Pages, PooledPages, Ray, Seat, Seats, Tracer, crossings_all, intersect_all,
+    occluded_all, pooled_tracers, read_triangles, seated_tracers,
 };
 pub use trex_film::{
     Display, Film, Image, LayerPixel, Layers, NO_ID, Saliency, TILE_SIDE_PIXELS, Tile, TileOrder, Tiles,

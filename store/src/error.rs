@@ -52,6 +52,25 @@ pub enum Code {
 }
 
 impl Code {
+    /// All of them.
+    pub const ALL: [Code; 15] = [
+        Code::Usage,
+        Code::InputFormat,
+        Code::InputTruncated,
+        Code::InputRange,
+        Code::InputEmpty,
+        Code::InputUnreadable,
+        Code::InputMismatch,
+        Code::SceneFormat,
+        Code::MemoryLimit,
+        Code::DiskFull,
+        Code::Damaged,
+        Code::Version,
+        Code::Io,
+        Code::Interrupted,
+        Code::Bug,
+    ];
+
     /// The stable name, as printed in messages and JSON.
     pub fn as_str(self) -> &'static str {
         match self {

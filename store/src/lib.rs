@@ -36,6 +36,7 @@ mod progress;
 mod scratch;
 mod source;
 mod source_scene;
+mod spool;
 pub mod stated_lattice;
 pub mod verify;
 
@@ -53,3 +54,4 @@ pub use next_step::{NextStep, Setting};
 pub use progress::{Interrupt, Progress, Report};
 pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource, stamp};
 pub use source_scene::{SourceCamera, SourceLight, SourceScene};
+pub use spool::{SpooledSource, TriangleSpool};

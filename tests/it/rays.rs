@@ -26,6 +26,9 @@ use trex_store::import::{self, ImportOptions};
 /// The bound of the module's text, as a share of the extent, rounded up.
 const F32_BOUND: f64 = 8.0 / (1 << 24) as f64;
 
+/// What weights in f32 may be off together, rounded up.
+const WEIGHT_ERROR: f64 = 4.0 / (1 << 24) as f64;
+
 /// Rays from around the model towards it, and from inside of its box in all directions.
 fn random_rays(built: &Built, count: usize, seed: u64) -> Vec<Ray> {
     let bounds = built.file.superblock().bounds;
@@ -71,6 +74,16 @@ fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<Strin
         assert_eq!(exact(tracer.occluded(ray)), ours.is_some(), "occluded and intersect differ: {ray:?}");
         let bound =
             extent * F32_BOUND + 1e-14 * (extent + ray.origin.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
+        if let Some(hit) = &ours {
+            let corners = &oracle.triangles[built.decoded_index(hit.triangle)];
+            let weighted = weighted_point(corners, hit.barycentric);
+            let off = sub(weighted, point(ray, hit.t));
+            let cosine = dot(hit.normal.map(f64::from), ray.direction).abs();
+            let most = WEIGHT_ERROR * (1.0 + triangle_reach(corners)) + (bound - extent * F32_BOUND) / cosine;
+            if dot(off, off).sqrt() > most {
+                wrong.push(format!("{ray:?}: weights of {hit:?} are off by {off:?}, {most:e} is allowed"));
+            }
+        }
         let same = match (&ours, &theirs) {
             (None, None) => true,
             (Some(a), Some(b)) => (a.t - b.t).abs() <= bound,
@@ -104,6 +117,19 @@ fn settle(built: &Built, oracle: &OracleMesh, rays: &[Ray]) -> (usize, Vec<Strin
         }
     }
     (settled, wrong)
+}
+
+/// The point of a triangle with these weights of its corners, which are to make a whole.
+fn weighted_point(corners: &[[f64; 3]; 3], weights: [f32; 3]) -> [f64; 3] {
+    let weights = weights.map(f64::from);
+    assert!(weights.iter().all(|weight| (0.0..=1.0).contains(weight)), "{weights:?}");
+    assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-6, "{weights:?}");
+    std::array::from_fn(|a| (0..3).map(|corner| weights[corner] * corners[corner][a]).sum())
+}
+
+/// The greatest coordinate of a triangle: what errors of weights are multiplied by.
+fn triangle_reach(corners: &[[f64; 3]; 3]) -> f64 {
+    corners.as_flattened().iter().fold(0.0, |most, x| most.max(x.abs()))
 }
 
 /// The least height of a triangle.

@@ -7,8 +7,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Crates and the crates of ours that each may name. One way: store <- film <- render <- gpu; store <- {datasets-gen,
-/// image}; all of these <- {view, model} <- bench <- trex.
-const MAY_NAME: [(&str, &[&str]); 10] = [
+/// image}; all of these <- {view, model} <- {bench <- trex, python}.
+const MAY_NAME: [(&str, &[&str]); 11] = [
     ("store", &[]),
     ("datasets-gen", &["trex-store"]),
     ("film", &["trex-store"]),
@@ -18,6 +18,7 @@ const MAY_NAME: [(&str, &[&str]); 10] = [
     ("image", &["trex-store"]),
     // Its examples and tests build what they open.
     ("model", &["trex-store", "trex-render", "trex-gpu", "datasets-gen"]),
+    ("python", &["trex-store", "trex-render", "datasets-gen", "trex-model"]),
     ("bench", &["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-model"]),
     (
         ".",
@@ -341,6 +342,7 @@ fn files_that_pages_and_comments_name_are_there() {
         "src/",
         "tests/",
         "fuzz/",
+        "python/",
         "docs/",
     ];
     let mut bad = Vec::new();

@@ -7,7 +7,7 @@ use crate::tidy::{Source, files, none};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Library crates whose strings name no flag and no verb of the command. Other crates are added once theirs do not.
-const FLAGLESS: [&str; 8] = [
+const FLAGLESS: [&str; 9] = [
     "store/src/",
     "datasets-gen/src/",
     "film/src/",
@@ -16,16 +16,18 @@ const FLAGLESS: [&str; 8] = [
     "image/src/",
     "model/src/",
     "view/src/",
+    "python/src/",
 ];
 /// Verbs of the command.
 const VERBS: [&str; 9] = ["build", "render", "view", "info", "verify", "export", "gen", "demo", "image"];
 /// Crates whose type names are nouns, and in which none stands in two files: all.
-const NAMED_WELL: [&str; 13] = [
+const NAMED_WELL: [&str; 14] = [
     "store/",
     "datasets-gen/",
     "film/",
     "image/",
     "model/",
+    "python/src/",
     "render/",
     "gpu/",
     "view/",

@@ -7,7 +7,8 @@
 //!
 //! Invariant: answers do not depend on the pages that were there, nor on the rays beside.
 
-use super::{Advance, Answer, Hit, PagedTracer, Ray, Retry, WAIT};
+use super::{Advance, Answer, Hit, MeshTracer, PagedTracer, Ray, Retry, WAIT};
+use std::cell::RefCell;
 
 /// Rays that are asked together, at most.
 const CHUNK: usize = 1024;
@@ -20,7 +21,8 @@ pub fn intersect_all<T: PagedTracer>(
     hits: &mut Vec<Option<Hit>>,
 ) -> bool {
     let single = |tracer: &mut T, ray: &Ray| tracer.intersect(ray);
-    rays.chunks(CHUNK).all(|rays| answer(tracer, rays, (stop, hits), T::intersect_coherent, single))
+    let mut chunks = rays.chunks(CHUNK);
+    chunks.all(|rays| !stop() && answer(tracer, rays, (stop, hits), T::intersect_coherent, single))
 }
 
 /// Answers whether each of `rays` meets anything, in their order, appended to `answers`. False when `stop` said so
@@ -32,7 +34,46 @@ pub fn occluded_all<T: PagedTracer>(
     answers: &mut Vec<bool>,
 ) -> bool {
     let single = |tracer: &mut T, ray: &Ray| tracer.occluded(ray);
-    rays.chunks(CHUNK).all(|rays| answer(tracer, rays, (stop, answers), T::occluded_coherent, single))
+    let mut chunks = rays.chunks(CHUNK);
+    chunks.all(|rays| !stop() && answer(tracer, rays, (stop, answers), T::occluded_coherent, single))
+}
+
+/// All hits of `rays`, see [`PagedMesh::crossings`](super::PagedMesh::crossings): those of one after those of
+/// the other,
+/// appended to `hits`, and how many each has, appended to `counts`. False when `stop` said so before all were answered.
+pub fn crossings_all(
+    tracer: &mut MeshTracer,
+    rays: &[Ray],
+    stop: &dyn Fn() -> bool,
+    counts: &mut Vec<usize>,
+    hits: &mut Vec<Hit>,
+) -> bool {
+    // In the order in which rays are answered: those that wait for pages come later.
+    let found = RefCell::new(Vec::new());
+    let single = |tracer: &mut MeshTracer, ray: &Ray| {
+        let found = &mut *found.borrow_mut();
+        let first = found.len();
+        match tracer.crossings(ray, found) {
+            Answer::Exact(()) => Answer::Exact((first, found.len())),
+            Answer::Blocked => Answer::Blocked,
+        }
+    };
+    let together = |tracer: &mut MeshTracer, rays: &[Ray], answers: &mut Vec<_>| {
+        answers.extend(rays.iter().map(|ray| single(tracer, ray)));
+    };
+    rays.chunks(CHUNK).all(|rays| {
+        let mut ranges = Vec::with_capacity(rays.len());
+        if stop() || !answer(tracer, rays, (stop, &mut ranges), together, single) {
+            return false;
+        }
+        let mut found = found.borrow_mut();
+        for (first, end) in ranges {
+            counts.push(end - first);
+            hits.extend_from_slice(&found[first..end]);
+        }
+        found.clear();
+        true
+    })
 }
 
 fn answer<T: PagedTracer, A: Copy + Default>(
@@ -112,9 +153,8 @@ mod tests {
                 self.wanted.insert(page);
                 return Answer::Blocked;
             }
-            let hit =
-                |t| Hit { t, triangle: page as u32, page: 0, material: 0, normal: [0.0; 3], error: 0.0 };
-            Answer::Exact((ray.direction[2] < 0.0).then(|| hit(ray.origin[2])))
+            let hit = Hit { t: ray.origin[2], triangle: page as u32, ..Hit::default() };
+            Answer::Exact((ray.direction[2] < 0.0).then_some(hit))
         }
 
         fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
@@ -167,5 +207,16 @@ mod tests {
     fn a_stop_ends_what_waits() {
         let mut floor = Floor { here: vec![], room: 1, wanted: BTreeSet::new() };
         assert!(!intersect_all(&mut floor, &rays(), &|| true, &mut vec![]));
+    }
+
+    /// Where every page was there a stop was not asked for before the last ray.
+    #[test]
+    fn a_stop_ends_what_need_not_wait() {
+        let mut floor = Floor { here: (0..200).collect(), room: 200, wanted: BTreeSet::new() };
+        let asked = std::cell::Cell::new(0);
+        let second = || asked.replace(asked.get() + 1) == 1;
+        let mut hits = vec![];
+        assert!(!intersect_all(&mut floor, &rays(), &second, &mut hits));
+        assert_eq!(hits.len(), CHUNK, "of 3000 rays one chunk was answered");
     }
 }

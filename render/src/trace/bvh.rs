@@ -196,7 +196,7 @@ pub(super) struct Found {
 impl Found {
     /// A hit of which nothing is asked.
     const UNTOLD: Found = Found {
-        refined: RefinedHit { t: 0.0, normal: [0.0; 3], size: 0.0 },
+        refined: RefinedHit { t: 0.0, normal: [0.0; 3], size: 0.0, weights: [1.0, 0.0, 0.0] },
         page: 0,
         triangle: 0,
         material: 0,

@@ -12,7 +12,7 @@
 //! direction is 1; 3. the entry lies outside of all geometry or is the ray's own origin: no hit has t < 0 by the move.
 
 use super::Ray;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use std::ops::Range;
 use trex_store::PageFile;
 use trex_store::geom::Lattice;
@@ -82,6 +82,8 @@ pub(super) struct RefinedHit {
     pub(super) normal: [f64; 3],
     /// Greatest component of the two edges at its first corner, lattice steps.
     pub(super) size: f64,
+    /// Weights of its corners at the hit, of one sign and not all 0; they are still to be divided by their sum.
+    pub(super) weights: [f64; 3],
 }
 
 impl LatticeFrame {
@@ -207,6 +209,11 @@ impl LatticeRay {
         DVec3::from(from_cell) - DVec3::from(self.fraction)
     }
 
+    /// Where a lattice vertex lies beside the ray: in the plane across it that the shear makes.
+    pub(super) fn beside(&self, q: [i64; 3]) -> DVec2 {
+        self.shear.apply(self.seen_from_entry(q)).truncate()
+    }
+
     /// A triangle that a kernel has reported, in f64. Where the ray passes beside it (the kernel's rounding, at an
     /// edge): at the point of its edges that is nearest to the ray.
     #[inline(never)]
@@ -214,25 +221,39 @@ impl LatticeRay {
         let n = normal(q);
         let edges = (0..3).flat_map(|a| [q[1][a] - q[0][a], q[2][a] - q[0][a]]);
         let size = edges.fold(0.0f64, |most, x| most.max(x.abs() as f64));
-        RefinedHit { t: self.t_on(q, n), normal: n.to_array(), size }
+        let (t, weights) = self.place_on(q, n);
+        RefinedHit { t, normal: n.to_array(), size, weights }
     }
 
-    /// t on a triangle whose normal is `n`.
-    fn t_on(&self, q: [[i64; 3]; 3], n: DVec3) -> f64 {
+    /// t on a triangle whose normal is `n`, and the weights of its corners there.
+    fn place_on(&self, q: [[i64; 3]; 3], n: DVec3) -> (f64, [f64; 3]) {
         let seen = q.map(|q| self.seen_from_entry(q));
         let [a, b, c] = seen.map(|p| self.shear.apply(p));
         let [u, v, w] = [(c, b), (a, c), (b, a)].map(|(f, g)| f.truncate().perp_dot(g.truncate()));
         let across = n.dot(self.direction.into());
-        if across != 0.0 && ([u, v, w].iter().all(|&x| x >= 0.0) || [u, v, w].iter().all(|&x| x <= 0.0)) {
-            // From the plane: weights of a needle's corners would be off by any share.
-            let (near, far) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
-            return (n.dot(seen[0]) / across).clamp(near, far);
+        let is_inside = [u, v, w].iter().all(|&x| x >= 0.0) || [u, v, w].iter().all(|&x| x <= 0.0);
+        // From the plane: weights of a needle's corners would be off by any share.
+        let (near, far) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
+        let on_plane = (across != 0.0 && is_inside).then(|| (n.dot(seen[0]) / across).clamp(near, far));
+        match on_plane {
+            Some(t) if u + v + w != 0.0 => (t, [u, v, w]),
+            on_plane => {
+                let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
+                let weights = |at: usize, along: f64| {
+                    let mut weights = [0.0; 3];
+                    (weights[at], weights[(at + 1) % 3]) = (1.0 - along, along);
+                    weights
+                };
+                let mut best = (ab, 0);
+                for (next, at) in [(bc, 1), (ca, 2)] {
+                    if next.squared < best.0.squared {
+                        best = (next, at);
+                    }
+                }
+                let (nearest, at) = best;
+                (on_plane.unwrap_or(nearest.z), weights(at, nearest.along))
+            }
         }
-        let on_edges = [(a, b), (b, c), (c, a)].map(|(from, to)| nearest_to_axis(from, to));
-        on_edges
-            .into_iter()
-            .fold((f64::INFINITY, 0.0), |best, next| if next.0 < best.0 { next } else { best })
-            .1
     }
 }
 
@@ -249,8 +270,17 @@ fn normal(q: [[i64; 3]; 3]) -> DVec3 {
     axes.map(|(a, b)| (product(e[a], f[b]) - product(e[b], f[a])) as f64).into()
 }
 
-/// The point of a segment that is nearest to the z axis: squared distance, z.
-fn nearest_to_axis(from: DVec3, to: DVec3) -> (f64, f64) {
+/// The point of a segment that is nearest to the z axis.
+struct AxisPoint {
+    /// Squared distance from the axis.
+    squared: f64,
+    z: f64,
+    /// Share of the segment before it.
+    along: f64,
+}
+
+/// The point of a segment that is nearest to the z axis.
+fn nearest_to_axis(from: DVec3, to: DVec3) -> AxisPoint {
     let way = to - from;
     let across = way.truncate();
     let squared = across.length_squared();
@@ -258,7 +288,7 @@ fn nearest_to_axis(from: DVec3, to: DVec3) -> (f64, f64) {
     // A segment along the axis: its nearer end.
     let along = if squared > 0.0 { along.clamp(0.0, 1.0) } else { f64::from(u8::from(way.z < 0.0)) };
     let nearest = from + along * way;
-    (nearest.truncate().length_squared(), nearest.z)
+    AxisPoint { squared: nearest.truncate().length_squared(), z: nearest.z, along }
 }
 
 /// The shear that turns the ray into the z axis (Woop, Benthin, Wald: "Watertight ray/triangle intersection",

@@ -3,6 +3,8 @@
 mod answer;
 mod arithmetic;
 mod bvh;
+mod corners;
+mod crossings;
 mod kernel;
 mod lattice_ray;
 mod naive;
@@ -18,10 +20,11 @@ mod simd;
 mod stack;
 mod want_list;
 
-pub use answer::{intersect_all, occluded_all};
+pub use answer::{crossings_all, intersect_all, occluded_all};
 pub use arithmetic::Arithmetic;
+pub use corners::{MeshTriangle, read_triangles};
 pub use naive::{NaiveMesh, NaiveTriangle};
-pub use paged_mesh::PagedMesh;
+pub use paged_mesh::{HITS_PER_RAY, PagedMesh};
 pub use paged_tracer::PagedTracer;
 pub(crate) use pages::NoPages;
 pub use pages::{AllResident, Page, Pages};
@@ -57,7 +60,7 @@ impl Ray {
 }
 
 /// The nearest point where a ray meets the mesh.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hit {
     /// Parameter of the hit on the ray.
     pub t: f64,
@@ -67,6 +70,8 @@ pub struct Hit {
     pub page: u32,
     /// Index into the store's materials.
     pub material: u32,
+    /// Weights of the triangle's corners at the hit, 0 to 1; together 1.
+    pub barycentric: [f32; 3],
     /// Unit normal of the counter-clockwise side, model space (f64 cross product of the decoded corners).
     pub normal: [f32; 3],
     /// Bound on the distance between the true surface point and `origin + t * direction`, model units;

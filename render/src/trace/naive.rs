@@ -29,6 +29,14 @@ pub struct NaiveTriangle {
     pub material: u32,
 }
 
+/// Where a ray meets a triangle: `t` on the ray; weights of its second and third corner.
+#[derive(Clone, Copy)]
+struct NaiveHit {
+    t: f64,
+    u: f64,
+    v: f64,
+}
+
 impl NaiveMesh {
     /// A mesh of these triangles; a hit names them by their index. Degenerate ones are never hit.
     pub fn new(triangles: Vec<NaiveTriangle>) -> NaiveMesh {
@@ -45,19 +53,19 @@ impl NaiveMesh {
     /// # Panics
     /// When `range` reaches beyond the triangles.
     pub fn closest(&self, ray: &Ray, range: std::ops::Range<usize>) -> Option<Hit> {
-        let mut best: Option<(f64, usize)> = None;
+        let mut best: Option<(NaiveHit, usize)> = None;
         for index in range {
-            let t_max = best.map_or(ray.t_max, |(t, _)| t);
-            if let Some(t) = self.triangles[index].hit(ray, t_max)
-                && best.is_none_or(|(nearest, _)| t < nearest)
+            let t_max = best.map_or(ray.t_max, |(nearest, _)| nearest.t);
+            if let Some(hit) = self.triangles[index].hit(ray, t_max)
+                && best.is_none_or(|(nearest, _)| hit.t < nearest.t)
             {
-                best = Some((t, index));
+                best = Some((hit, index));
             }
         }
-        best.map(|(t, index)| self.hit_at(ray, t, index))
+        best.map(|(hit, index)| self.hit_at(ray, hit, index))
     }
 
-    fn hit_at(&self, ray: &Ray, t: f64, index: usize) -> Hit {
+    fn hit_at(&self, ray: &Ray, NaiveHit { t, u, v }: NaiveHit, index: usize) -> Hit {
         let triangle = &self.triangles[index];
         let normal = unit(triangle.cross()).expect("a degenerate triangle was hit");
         let (origin, direction) = (DVec3::from(ray.origin), DVec3::from(ray.direction));
@@ -67,6 +75,7 @@ impl NaiveMesh {
             triangle: index as u32,
             page: 0,
             material: triangle.material,
+            barycentric: [1.0 - u - v, u, v].map(|weight| weight as f32),
             normal: normal.as_vec3().to_array(),
             error: ERROR_ULPS * f64::EPSILON * magnitude,
         }
@@ -80,8 +89,8 @@ impl NaiveTriangle {
         (b - a).cross(c - a)
     }
 
-    /// Parameter of the hit, if the ray meets the triangle at `0 <= t <= t_max`.
-    fn hit(&self, ray: &Ray, t_max: f64) -> Option<f64> {
+    /// The hit, if the ray meets the triangle at `0 <= t <= t_max`.
+    fn hit(&self, ray: &Ray, t_max: f64) -> Option<NaiveHit> {
         let [a, b, c] = self.corners.map(DVec3::from);
         let (origin, direction) = (DVec3::from(ray.origin), DVec3::from(ray.direction));
         let (ab, ac) = (b - a, c - a);
@@ -95,7 +104,7 @@ impl NaiveTriangle {
         let u = from_a.dot(p) / determinant;
         let v = direction.dot(q) / determinant;
         let t = ac.dot(q) / determinant;
-        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t <= t_max).then_some(t)
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t <= t_max).then_some(NaiveHit { t, u, v })
     }
 }
 

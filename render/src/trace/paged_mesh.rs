@@ -9,6 +9,7 @@
 
 use super::arithmetic::Arithmetic;
 use super::bvh::{AnyHit, ClosestHit, Found, Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
+use super::crossings::trace_crossings;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
@@ -36,6 +37,9 @@ pub struct PagedMesh<P> {
 const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
 /// Rounding of model coordinates: a few operations in f64.
 const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
+
+/// Most hits of a ray that are listed: what a list must have a bound for, and above what surfaces have.
+pub const HITS_PER_RAY: usize = 1 << 20;
 
 impl<P: Pages> PagedMesh<P> {
     /// A tracer of `file` with the fastest arithmetic, through `pages`.
@@ -85,6 +89,28 @@ impl<P: Pages> PagedMesh<P> {
             Arithmetic::Scalar => trace_ray::<Scalar<f32>, P, G>(scene, pages, stack, ray, missing),
             Arithmetic::Deep => trace_ray::<Scalar<f64>, P, G>(scene, pages, stack, ray, missing),
         }
+    }
+
+    /// All hits of `ray`, appended to `hits` by rising t: each crossing of the surface once, see `crossings`. Of more
+    /// than [`HITS_PER_RAY`] any, and one more than that. Blocked: nothing is appended.
+    pub fn crossings(&mut self, ray: &Ray, hits: &mut Vec<Hit>) -> Answer<()> {
+        let PagedMesh { scene, pages, stack, missing, .. } = self;
+        missing.clear();
+        let first = hits.len();
+        let mut tell = |span: &Span, found: &Found| {
+            let found = hit(&scene.frame, ray, span, found);
+            if found.t >= 0.0 && found.t <= ray.t_max && hits.len() - first <= HITS_PER_RAY {
+                hits.push(found);
+            }
+        };
+        trace_crossings(scene, pages, stack, ray, missing, &mut tell);
+        if missing.count > 0 {
+            want(pages, missing, f64::INFINITY);
+            hits.truncate(first);
+            return Answer::Blocked;
+        }
+        hits[first..].sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)));
+        Answer::Exact(())
     }
 
     /// Traces rays in packets; `outside` is the answer of those that miss the model's box.
@@ -143,7 +169,7 @@ fn want(pages: &mut impl Pages, missing: &MissingPages, before: f64) {
 }
 
 fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
-    let RefinedHit { t, normal, size } = found.refined;
+    let RefinedHit { t, normal, size, weights: [u, v, w] } = found.refined;
     let t = span.model_t(t);
     let n = DVec3::from(normal);
     let length = n.length();
@@ -154,6 +180,7 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
         triangle: found.triangle,
         page: found.page,
         material: u32::from(found.material),
+        barycentric: [u, v, w].map(|weight| (weight / (u + v + w)) as f32),
         normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
         error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
     }

@@ -58,7 +58,7 @@ impl Avx2 {
         corners
     }
 
-    /// `None` where the ray passes beside the triangle.
+    /// `None` where the ray passes beside the triangle, or its weights there are next to nothing.
     #[target_feature(enable = "avx2")]
     #[inline]
     pub(super) fn refine_inside(&self, q: [__m256d; 3]) -> Option<RefinedHit> {
@@ -93,7 +93,7 @@ impl Avx2 {
         };
         let [u, v, w] = [cross(c, b), cross(a, c), cross(b, a)];
         let is_inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-        if across == 0.0 || !is_inside {
+        if across == 0.0 || !is_inside || u + v + w == 0.0 {
             return None;
         }
         let forward = _mm_cvtsd_f64(_mm256_extractf128_pd::<1>(towards));
@@ -110,7 +110,8 @@ impl Avx2 {
         // SAFETY: four numbers.
         unsafe { _mm256_storeu_pd(normal.as_mut_ptr(), n) };
         let [x, y, z, _] = normal;
-        Some(RefinedHit { t, normal: [x, y, z], size: sizes[0].max(sizes[1]).max(sizes[2]) })
+        let size = sizes[0].max(sizes[1]).max(sizes[2]);
+        Some(RefinedHit { t, normal: [x, y, z], size, weights: [u, v, w] })
     }
 
     /// The ray as the plain kernels have it.

@@ -103,7 +103,8 @@ proptest! {
         let Some((_, plain)) = Scalar::<f32>::enter(&frame, &ray) else { return Ok(()) };
         // SAFETY: the machine has what it takes.
         let (plain, ours) = (plain.ray.refine(corners), unsafe { refined(&frame, &ray, corners) });
-        let bits = |r: RefinedHit| (r.t.to_bits(), r.normal.map(f64::to_bits), r.size.to_bits());
+        let three = |vector: [f64; 3]| vector.map(f64::to_bits);
+        let bits = |r: RefinedHit| (r.t.to_bits(), three(r.normal), r.size.to_bits(), three(r.weights));
         prop_assert_eq!(bits(plain), bits(ours));
     }
 }

@@ -1,0 +1,1 @@
+"""Stand-ins with the method names of other packages."""
