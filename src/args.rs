@@ -7,6 +7,7 @@ mod bench;
 mod build;
 mod common;
 mod demo;
+mod export;
 mod image;
 mod keys;
 mod render;
@@ -15,10 +16,11 @@ mod view;
 
 use crate::values::MemoryLimit;
 pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchTradeoffArgs, BenchVerb};
-pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
+pub use build::{BuildArgs, Colors, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs};
+pub use export::ExportArgs;
 pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
 pub use keys::{STRESS_RESOLUTION, words as key_words};
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
@@ -64,6 +66,8 @@ pub enum Verb {
     Info(InfoArgs),
     /// Check every byte of a page file
     Verify(VerifyArgs),
+    /// Write the mesh of a page file, or a part of it, to a mesh file
+    Export(ExportArgs),
     /// Render a page file or a scene
     Render(RenderArgs),
     /// Show a page file or a scene live in a browser page
@@ -85,6 +89,7 @@ impl Verb {
             Verb::Build(_) => "build",
             Verb::Info(_) => "info",
             Verb::Verify(_) => "verify",
+            Verb::Export(_) => "export",
             Verb::Render(_) => "render",
             Verb::View(_) => "view",
             Verb::Stress(_) => "stress",
@@ -104,6 +109,7 @@ impl Verb {
             Verb::Build(args) => &args.common,
             Verb::Info(args) => &args.common,
             Verb::Verify(args) => &args.common,
+            Verb::Export(args) => &args.common,
             Verb::Render(args) => &args.common,
             Verb::View(args) => &args.common,
             Verb::Stress(args) => &args.common,

@@ -53,6 +53,15 @@ pub struct Resolution {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vec3(pub [f64; 3]);
 
+/// A box in model space, not empty along any axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelBox {
+    /// Least corner.
+    pub lo: [f64; 3],
+    /// Greatest corner.
+    pub hi: [f64; 3],
+}
+
 /// A time that is finite and above zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds(pub f64);
@@ -217,6 +226,16 @@ pub fn vec3(text: &str) -> Result<Vec3, String> {
     let parts: Option<Vec<f64>> = text.split(',').map(|part| finite(part.trim())).collect();
     parts.and_then(|parts| <[f64; 3]>::try_from(parts).ok()).map(Vec3).ok_or_else(|| {
         "accepted are three finite numbers x,y,z with no space between, like 1.5,-2,0.25".into()
+    })
+}
+
+/// Parses `x0,y0,z0,x1,y1,z1`: the least and the greatest corner of a box.
+pub fn model_box(text: &str) -> Result<ModelBox, String> {
+    let parts: Option<Vec<f64>> = text.split(',').map(|part| finite(part.trim())).collect();
+    let corners = parts.and_then(|parts| <[f64; 6]>::try_from(parts).ok());
+    let bounds = corners.map(|[x0, y0, z0, x1, y1, z1]| ModelBox { lo: [x0, y0, z0], hi: [x1, y1, z1] });
+    bounds.filter(|bounds| (0..3).all(|axis| bounds.lo[axis] < bounds.hi[axis])).ok_or_else(|| {
+        "accepted are six finite numbers x0,y0,z0,x1,y1,z1, the least corner and then the greatest".into()
     })
 }
 

@@ -114,3 +114,12 @@ fn inputs_are_files_or_generators() {
     assert_eq!(Input::from(OsString::from("gen:pipes:5M")), Input::Generated("gen:pipes:5M".into()));
     assert_eq!(Input::from(OsString::from("./gen:odd.ply")), Input::File("./gen:odd.ply".into()));
 }
+
+#[test]
+fn boxes_are_not_empty() {
+    let bounds = ModelBox { lo: [-1.0, 0.0, 2.0], hi: [1.0, 0.5, 3.0] };
+    assert_eq!(model_box("-1,0,2,1,0.5,3"), Ok(bounds));
+    for text in ["", "1,2,3", "0,0,0,1,1,0", "0,0,0,1,1,-1", "0,0,0,1,1,inf", "0,0,0,1,1,1,1"] {
+        assert!(model_box(text).unwrap_err().contains("accepted are"), "{text}");
+    }
+}

@@ -1,7 +1,7 @@
 //! `trex build`: meshes to a page file.
 
 use super::{beside, inputs};
-use crate::args::{BuildArgs, VoxelArgs};
+use crate::args::{BuildArgs, Colors, VoxelArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -15,7 +15,7 @@ use trex_store::build::left_over::{self, LeftOver};
 use trex_store::build::{self, BuildOptions, BuildReport, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Error, Result, TriangleSource, stamp};
+use trex_store::{Colourless, Error, Result, TriangleSource, stamp};
 
 /// Longest time between two records of a journal, seconds: a day.
 const JOURNAL_EVERY_MOST_S: f64 = 86_400.0;
@@ -46,8 +46,15 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         }
     }
     let scratch = work.scratch_folder();
-    let built = inputs::open(&args.inputs, &scratch, build::smallest_bytes(), ctx)
-        .and_then(|mut source| work.build(&mut *source, ctx));
+    let built = inputs::open(&args.inputs, &scratch, build::smallest_bytes(), ctx).and_then(|source| {
+        match args.colors {
+            Colors::Keep => {
+                let mut source = source;
+                work.build(&mut *source, ctx)
+            }
+            Colors::Drop => work.build(&mut Colourless(source), ctx),
+        }
+    });
     ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, &args.inputs, &scratch, ctx))?)
 }
 
@@ -63,7 +70,10 @@ fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
         };
         Ok((format!("input {}", number + 1), value))
     };
-    let input = args.inputs.iter().enumerate().map(fact).collect::<Result<_>>()?;
+    let mut input: Vec<_> = args.inputs.iter().enumerate().map(fact).collect::<Result<_>>()?;
+    if args.colors == Colors::Drop {
+        input.push(("colours".to_owned(), "dropped".to_owned()));
+    }
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
     Ok((!args.resume.no_resume).then_some(Resume { input, every }))
 }

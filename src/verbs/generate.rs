@@ -11,6 +11,7 @@ use datasets_gen::write::{ExistingOutput, WriteOptions, smallest_bytes, write};
 use serde::Serialize;
 use std::fmt;
 use std::time::Instant;
+use trex_store::NextStep;
 use trex_store::printable::one_line;
 
 /// Runs `trex gen`.
@@ -23,6 +24,7 @@ pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: ExistingOutput::replace_if(args.overwrite.overwrite),
         budget: ctx.budget.clone(),
         interrupt: ctx.interrupt.clone(),
+        too_large: NextStep::BuildFromGenerator,
         report: Some(&show),
     };
     let written = write(&mut *source, &args.output, &options)?;

@@ -9,6 +9,7 @@ mod build;
 mod command_line;
 mod damage;
 mod demo;
+mod export;
 mod generate;
 mod image_diff;
 mod info;
@@ -35,6 +36,7 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::Build(args) => build::run(args, ctx),
         Verb::Info(args) => info::run(args, ctx),
         Verb::Verify(args) => verify::run(args, ctx),
+        Verb::Export(args) => export::run(args, ctx),
         Verb::Render(args) => render::run(args, ctx),
         Verb::View(args) => view::run(args, ctx),
         Verb::Stress(args) => stress::run(args, ctx),

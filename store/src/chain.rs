@@ -5,7 +5,7 @@
 
 use crate::budget::{Budget, Lease};
 use crate::error::{Code, Error, Result};
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lattice};
 use crate::layout::MATERIALS;
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
@@ -99,6 +99,11 @@ impl TriangleSource for Chain {
             all.triangle_count += hint.triangle_count;
         }
         Some(all)
+    }
+
+    /// Of the source that the last batch is of: who relies on it asks with every batch.
+    fn lattice(&self) -> Option<Lattice> {
+        self.sources.get(self.at).and_then(|source| source.lattice())
     }
 
     fn materials(&self) -> &MaterialList {

@@ -5,8 +5,9 @@
 //! order is the input's (counter-clockwise = front); 4. non-finite and degenerate triangles are delivered as
 //! they are: the build counts and rejects them.
 
+use crate::cluster::{Colour, WHITE};
 use crate::error::Result;
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lattice};
 use crate::material_list::MaterialList;
 use crate::source_scene::SourceScene;
 use std::os::unix::fs::MetadataExt;
@@ -19,6 +20,8 @@ pub struct TriangleBatch {
     pub corners: Vec<[[f64; 3]; 3]>,
     /// Index into [`TriangleSource::materials`] per triangle; as long as `corners`.
     pub material: Vec<u32>,
+    /// Colours of the corners, sRGB; as long as `corners`, or empty where all are white.
+    pub colours: Vec<[Colour; 3]>,
 }
 
 impl TriangleBatch {
@@ -26,18 +29,36 @@ impl TriangleBatch {
     pub const TARGET_TRIANGLES: usize = 16 * 1024;
 
     /// Bytes that a batch of [`Self::TARGET_TRIANGLES`], twice filled, takes.
-    pub const BYTES: u64 = (2 * Self::TARGET_TRIANGLES * (72 + 4)) as u64;
+    pub const BYTES: u64 = (2 * Self::TARGET_TRIANGLES * (72 + 4 + 9)) as u64;
 
     /// Removes all triangles, keeps the memory.
     pub fn clear(&mut self) {
         self.corners.clear();
         self.material.clear();
+        self.colours.clear();
     }
 
-    /// Adds one triangle.
+    /// Adds one triangle to a batch without colours, or with white corners to one with them.
     pub fn push(&mut self, corners: [[f64; 3]; 3], material: u32) {
         self.corners.push(corners);
         self.material.push(material);
+        if !self.colours.is_empty() {
+            self.colours.push([WHITE; 3]);
+        }
+    }
+
+    /// Adds one triangle whose corners have these colours.
+    pub fn push_coloured(&mut self, corners: [[f64; 3]; 3], material: u32, colours: [Colour; 3]) {
+        // Those before it had none.
+        self.colours.resize(self.corners.len(), [WHITE; 3]);
+        self.corners.push(corners);
+        self.material.push(material);
+        self.colours.push(colours);
+    }
+
+    /// The colours of the corners of a triangle.
+    pub fn colours_of(&self, triangle: usize) -> [Colour; 3] {
+        self.colours.get(triangle).copied().unwrap_or([WHITE; 3])
     }
 
     /// Count of triangles.
@@ -128,6 +149,12 @@ pub trait TriangleSource: Send {
 
     /// Generators know bounds and edges before the stream; files answer `None` and are scanned first.
     fn hint(&self) -> Option<ScanHint>;
+
+    /// The lattice that all vertices lie on, where the input says so with its first triangle or before. Nobody has
+    /// checked it.
+    fn lattice(&self) -> Option<Lattice> {
+        None
+    }
 
     /// All materials met so far; complete once the stream has ended. Never empty: index 0 always exists.
     fn materials(&self) -> &MaterialList;

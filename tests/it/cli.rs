@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-const VERBS: [&str; 7] = ["demo", "gen", "build", "info", "verify", "render", "view"];
+const VERBS: [&str; 8] = ["demo", "gen", "build", "info", "verify", "export", "render", "view"];
 
 #[track_caller]
 fn trex(line: &str, code: i32) -> Ran {
@@ -37,7 +37,7 @@ fn every_verb_explains_its_flags_units_and_defaults() {
             assert!(help.contains(word), "trex {verb} --help lacks {word}:\n{help}");
         }
     }
-    let writes = |verb: &&str| ["demo", "gen", "build", "render"].contains(verb);
+    let writes = |verb: &&str| ["demo", "gen", "build", "export", "render"].contains(verb);
     for verb in VERBS.iter().filter(|verb| writes(verb)).chain(&["image diff"]) {
         assert!(stdout(&format!("{verb} --help")).contains("--overwrite"), "{verb}");
     }

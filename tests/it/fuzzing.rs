@@ -216,6 +216,15 @@ fn hills(n: usize) -> String {
     text
 }
 
+/// Hills whose vertices have colours.
+fn coloured_hills(n: usize) -> String {
+    let coloured = |(at, line): (usize, &str)| match line.starts_with("v ") {
+        true => format!("{line} 0.{} 0.5 0.{}\n", at % 10, 9 - at % 7),
+        false => format!("{line}\n"),
+    };
+    hills(n).lines().enumerate().map(coloured).collect()
+}
+
 #[test]
 #[ignore = "writes fuzz/seeds anew, checks nothing: cargo test --test it -- --ignored fuzz_seeds"]
 fn fuzz_seeds() {
@@ -229,6 +238,7 @@ fn fuzz_seeds() {
         ("units", sliver.to_owned(), "--voxels 64/256"),
         ("hills", hills(9), "--no-asvo"),
         ("fine", hills(4), "--no-asvo --grid-bits 36"),
+        ("coloured", coloured_hills(3), "--no-asvo"),
     ] {
         fs::write(inside.path().join("m.obj"), &text).unwrap();
         document_in(inside.path(), &format!("build m.obj -o {name}.trex {flags}"));

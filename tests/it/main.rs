@@ -3,6 +3,7 @@
 mod browser;
 mod cgroup;
 mod cli;
+mod colours;
 mod command;
 mod contract;
 mod crash;
@@ -11,6 +12,7 @@ mod determinism;
 mod docs_commands;
 mod enumerated;
 mod examples;
+mod export;
 mod extremes;
 mod faults;
 mod few_frames;

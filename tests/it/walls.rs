@@ -14,11 +14,12 @@ const ALL: [u64; 5] = [64, 80, 96, 128, 256];
 const SOME: [u64; 2] = [64, 128];
 
 /// What each verb is asked for of `m.trex`, and whether it writes.
-const LINES: [&str; 8] = [
+const LINES: [&str; 9] = [
     "info m.trex",
     "verify m.trex --quick",
     "verify m.trex",
     "verify m.trex --deep",
+    "export m.trex -o out.ply --overwrite",
     "build m.ply -o built.trex --voxels 64 --threads 2 --overwrite",
     "render m.trex -o out.png --resolution 320x240 --spp 1 --integrator photon --photons 10k --overwrite",
     "render m.trex -o out.png --integrator direct --resolution 320x240 --spp 1 --overwrite --allow-damage",

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const FLAGLESS: [&str; 7] =
     ["store/src/", "datasets-gen/src/", "film/src/", "render/src/", "image/src/", "model/src/", "view/src/"];
 /// Verbs of the command.
-const VERBS: [&str; 8] = ["build", "render", "view", "info", "verify", "gen", "demo", "image"];
+const VERBS: [&str; 9] = ["build", "render", "view", "info", "verify", "export", "gen", "demo", "image"];
 /// Crates whose type names are nouns, and in which none stands in two files: all.
 const NAMED_WELL: [&str; 12] = [
     "store/",

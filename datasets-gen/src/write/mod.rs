@@ -8,7 +8,8 @@
 //! Invariants: 1. the output appears whole or not at all; on an error or an interrupt nothing is left behind;
 //! 2. an existing output is refused unless [`ExistingOutput::Replace`]; 3. memory is bounded and leased: buffers and
 //! one window of recent vertices; 4. coordinates are written without loss, except to `.stl`, which has f32
-//! only; 5. materials go to `.obj` only.
+//! only; 5. materials go to `.obj` only, colours to `.ply` and `.obj`; 6. the lattice of a source that knows it stands
+//! in a comment of `.ply` and `.obj`.
 
 mod obj;
 mod ply;
@@ -22,6 +23,7 @@ use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
+use trex_store::cluster::Colour;
 use trex_store::output::{draft, folder_of};
 use trex_store::{
     Budget, Code, Error, Interrupt, MaterialList, NextStep, Progress, Report, Result, TriangleBatch,
@@ -37,6 +39,8 @@ pub struct WriteOptions<'a> {
     pub budget: Budget,
     /// Stops the work.
     pub interrupt: Interrupt,
+    /// What to do where the format cannot hold the mesh.
+    pub too_large: NextStep,
     /// Receives progress.
     pub report: Option<Report<'a>>,
 }
@@ -48,6 +52,7 @@ impl Default for WriteOptions<'_> {
             existing: ExistingOutput::Keep,
             budget: Budget::unlimited(),
             interrupt: Interrupt::default(),
+            too_large: NextStep::BuildFromGenerator,
             report: None,
         }
     }
@@ -98,6 +103,22 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
+    /// Hands every corner of the source to `visit`, with its colour.
+    fn for_each_corner(
+        &self,
+        source: &mut dyn TriangleSource,
+        phase: &'static str,
+        mut visit: impl FnMut([f64; 3], Colour) -> Result<()>,
+    ) -> Result<()> {
+        self.for_each_batch(source, phase, |_, batch| {
+            for (index, corners) in batch.corners.iter().enumerate() {
+                let colours = batch.colours_of(index);
+                corners.iter().zip(colours).try_for_each(|(&corner, colour)| visit(corner, colour))?;
+            }
+            Ok(())
+        })
+    }
+
     /// Hands every batch of the source to `visit`, with the materials met so far.
     fn for_each_batch(
         &self,
@@ -107,7 +128,8 @@ impl Job<'_> {
     ) -> Result<()> {
         let _lease = self.options.budget.lease("the writer's batch", TriangleBatch::BYTES)?;
         source.rewind()?;
-        let total = source.hint().map_or(0, |hint| hint.triangle_count);
+        // Files do not know their triangles before, but their bytes.
+        let hint = source.hint();
         let (mut batch, mut done, mut reported) = (TriangleBatch::default(), 0, Instant::now());
         while source.next_batch(&mut batch)? {
             self.options.interrupt.check()?;
@@ -118,7 +140,11 @@ impl Job<'_> {
             {
                 reported = Instant::now();
                 let memory_bytes = self.options.budget.used_bytes();
-                report(Progress { phase, done, total, unit: "triangles", memory_bytes });
+                let (done, total, unit) = match hint {
+                    Some(hint) => (done, hint.triangle_count, "triangles"),
+                    None => (source.stats().bytes_read, source.stats().bytes_total, "bytes"),
+                };
+                report(Progress { phase, done, total, unit, memory_bytes });
             }
         }
         Ok(())
@@ -129,7 +155,7 @@ impl Job<'_> {
         Error::new(Code::Usage, format!("too many {what} for this format"))
             .at(self.path)
             .numbers(format!("{count}, and {most} at most"))
-            .next(NextStep::BuildFromGenerator)
+            .next(self.options.too_large.clone())
     }
 }
 

@@ -1,12 +1,20 @@
 //! OBJ as text, with `usemtl`, and a sibling `.mtl` of the same stem (`Kd Ks Ns Ke d illum`).
 //!
-//! Numbers are the shortest text that reads back as the same value. The `.mtl` gets its name first, so that an
-//! `.obj` never stands without its materials.
+//! Numbers are the shortest text that reads back as the same value: in single precision where they are of that, but in
+//! double where vertices lie on a lattice, since a reader of doubles would find others beside it. The `.mtl` gets its
+//! name first, so that an `.obj` never stands without its materials.
 
 use super::window::{Window, WindowEntry};
 use super::{Draft, Job, WriteReport};
+use std::collections::HashSet;
 use std::fmt::Write;
-use trex_store::{MaterialList, Result, TriangleSource};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use trex_store::cluster::{Colour, WHITE};
+use trex_store::stated_lattice::comment;
+use trex_store::{Lease, MaterialList, Result, TriangleSource};
+
+/// What the list of words is called in messages.
+const MATERIAL_WORDS: &str = "the names of materials as words";
 
 pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteReport> {
     let library = job.path.with_extension("mtl");
@@ -14,9 +22,13 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     let mut materials = Draft::create(&library, job.options.existing)?;
     let _lease = job.options.budget.lease("the writer's vertex window", Window::BYTES)?;
     let library_name = library.file_name().unwrap_or_default().to_string_lossy();
-    draft.write(format!("# {}\nmtllib {library_name}\n", one_word(&source.name())).as_bytes())?;
+    draft.write(format!("# {}\n", one_word(&source.name())).as_bytes())?;
+    if let Some(lattice) = source.lattice() {
+        draft.write(format!("# {}\n", comment(&lattice)).as_bytes())?;
+    }
+    draft.write(format!("mtllib {library_name}\n").as_bytes())?;
     let triangle_count = write_triangles(source, job, &mut draft)?;
-    materials.write(materials_text(source.materials()).as_bytes())?;
+    write_materials(source.materials(), job, &mut materials)?;
     let (draft, materials) = (draft.finish()?, materials.finish()?);
     let bytes = materials.publish()? + draft.publish()?;
     Ok(WriteReport { triangle_count, bytes })
@@ -25,22 +37,23 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
 fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) -> Result<u64> {
     let (mut window, mut count, mut current) = (Window::new(), 0, None);
     let mut text = String::new();
-    let mut names = Vec::new();
+    let precision = if source.lattice().is_some() { TextPrecision::Double } else { TextPrecision::Shortest };
+    let mut words = MaterialWords::new(job)?;
     job.for_each_batch(source, "triangles", |materials, batch| {
         // A source knows the materials of a batch when it hands it out.
-        for index in names.len()..materials.len() {
-            names.push(material_name(materials, index));
-        }
-        for (corners, &material) in batch.corners.iter().zip(&batch.material) {
+        words.extend(materials)?;
+        for (at, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
+            let colours = batch.colours_of(at);
             text.clear();
             if current != Some(material) {
                 current = Some(material);
-                push(&mut text, format_args!("usemtl {}\n", names[material as usize]));
+                push(&mut text, format_args!("usemtl {}\n", words.name(materials, material as usize)));
             }
-            let indices = corners.map(|corner| {
-                let place = window.place(corner);
+            let indices = [0, 1, 2].map(|slot| {
+                let place = window.place(corners[slot], colours[slot]);
                 if let WindowEntry::New(_) = place {
-                    push_vertex(&mut text, corner);
+                    push_vertex(&mut text, corners[slot], precision);
+                    push_colour(&mut text, colours[slot]);
                 }
                 place.index() + 1
             });
@@ -53,21 +66,38 @@ fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft
     Ok(count)
 }
 
-fn push_vertex(text: &mut String, corner: [f64; 3]) {
+/// As what numbers read back as they were.
+#[derive(Clone, Copy, PartialEq)]
+enum TextPrecision {
+    /// As doubles.
+    Double,
+    /// As singles, where they are singles.
+    Shortest,
+}
+
+fn push_vertex(text: &mut String, corner: [f64; 3], precision: TextPrecision) {
     text.push('v');
     for value in corner {
         let single = value as f32;
-        if f64::from(single) == value {
+        if precision == TextPrecision::Shortest && f64::from(single) == value {
             push(text, format_args!(" {single}"));
         } else {
             push(text, format_args!(" {value}"));
         }
     }
+}
+
+/// The colour behind a vertex, which white does not need, and the end of the line.
+fn push_colour(text: &mut String, colour: Colour) {
+    if colour != WHITE {
+        colour.iter().for_each(|&channel| push(text, format_args!(" {:.4}", f64::from(channel) / 255.0)));
+    }
     text.push('\n');
 }
 
-fn materials_text(materials: &MaterialList) -> String {
-    let mut text = String::new();
+fn write_materials(materials: &MaterialList, job: &Job, draft: &mut Draft) -> Result<()> {
+    let mut words = MaterialWords::new(job)?;
+    words.extend(materials)?;
     for (index, material) in materials.iter().enumerate() {
         let rgb = |[r, g, b]: [f32; 3]| format!("{r} {g} {b}");
         // 3: mirror; 2: diffuse and glossy; 1: diffuse.
@@ -76,27 +106,57 @@ fn materials_text(materials: &MaterialList) -> String {
             material if material.ks.iter().any(|&value| value > 0.0) => 2,
             _ => 1,
         };
-        push(
-            &mut text,
-            format_args!(
-                "newmtl {}\nKd {}\nKs {}\nNs {}\nKe {}\nd {}\nillum {illum}\n\n",
-                material_name(materials, index),
-                rgb(material.kd),
-                rgb(material.ks),
-                material.ns,
-                rgb(material.ke),
-                material.d,
-            ),
+        let text = format!(
+            "newmtl {}\nKd {}\nKs {}\nNs {}\nKe {}\nd {}\nillum {illum}\n\n",
+            words.name(materials, index),
+            rgb(material.kd),
+            rgb(material.ks),
+            material.ns,
+            rgb(material.ke),
+            material.d,
         );
+        draft.write(text.as_bytes())?;
     }
-    text
+    Ok(())
 }
 
-/// The name as one word; of two materials with the same word the later one gets its index too.
-fn material_name(materials: &MaterialList, index: usize) -> String {
-    let word = one_word(materials.name(index));
-    let taken = materials.names().iter().take(index).any(|earlier| one_word(earlier) == word);
-    if taken || word.is_empty() { format!("{word}.{index}") } else { word }
+/// The names of materials as words of the file: of two materials with the same word the later one gets its index too.
+struct MaterialWords {
+    /// Hashes of the words so far.
+    words: HashSet<u64>,
+    /// Whether the word of a material is an earlier one's.
+    is_taken: Vec<bool>,
+    lease: Lease,
+}
+
+/// Bytes of a material in [`MaterialWords`], whose set is half empty at worst, and is copied when it grows.
+const WORD_BYTES: u64 = 50;
+
+impl MaterialWords {
+    fn new(job: &Job) -> Result<MaterialWords> {
+        let lease = job.options.budget.lease(MATERIAL_WORDS, 0)?;
+        Ok(MaterialWords { words: HashSet::new(), is_taken: Vec::new(), lease })
+    }
+
+    /// Takes in the materials that were not there before.
+    fn extend(&mut self, materials: &MaterialList) -> Result<()> {
+        let first = self.is_taken.len();
+        self.lease.grow(MATERIAL_WORDS, (materials.len() - first) as u64 * WORD_BYTES)?;
+        for index in first..materials.len() {
+            let word = one_word(materials.name(index));
+            let mut hasher = DefaultHasher::new();
+            word.hash(&mut hasher);
+            let is_new = self.words.insert(hasher.finish());
+            self.is_taken.push(!is_new || word.is_empty());
+        }
+        Ok(())
+    }
+
+    /// The name of a material as one word.
+    fn name(&self, materials: &MaterialList, index: usize) -> String {
+        let word = one_word(materials.name(index));
+        if self.is_taken[index] { format!("{word}.{index}") } else { word }
+    }
 }
 
 /// Without blanks and control characters, which would end a line or a word.

@@ -70,6 +70,9 @@ impl FarRay {
         let VoxelSurface { t, normal, material, .. } = found?;
         let error = CLEARANCES * voxels.clearance(normal.as_dvec3().into()) / OFFSET_ERRORS;
         let t = self.cut + t;
-        Some(CRayHit { point: HitPoint { t, material, normal, error }, form: Form::Voxel })
+        Some(CRayHit {
+            point: HitPoint { t, material, normal, colour: glam::Vec3::ONE, error },
+            form: Form::Voxel,
+        })
     }
 }

@@ -246,7 +246,12 @@ impl VoxelPhotons<'_> {
         stats: &mut PhotonStats,
     ) -> Option<Ray> {
         let hit = found.face(ray, &self.world.materials);
-        let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: -DVec3::from(ray.direction) };
+        let bsdf = Bsdf {
+            material: hit.material,
+            colour: Vec3::ONE,
+            normal: hit.normal,
+            wo: -DVec3::from(ray.direction),
+        };
         if keeps_light(bsdf.material) {
             pass.add(hit.side, photon.flux);
             stats.deposits += 1;

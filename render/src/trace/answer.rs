@@ -112,8 +112,15 @@ mod tests {
                 self.wanted.insert(page);
                 return Answer::Blocked;
             }
-            let hit =
-                |t| Hit { t, triangle: page as u32, page: 0, material: 0, normal: [0.0; 3], error: 0.0 };
+            let hit = |t| Hit {
+                t,
+                triangle: page as u32,
+                page: 0,
+                material: 0,
+                normal: [0.0; 3],
+                colour: [1.0; 3],
+                error: 0.0,
+            };
             Answer::Exact((ray.direction[2] < 0.0).then(|| hit(ray.origin[2])))
         }
 

@@ -94,6 +94,8 @@ impl MissingPages {
 pub(super) struct LatticeScene {
     pub(super) file: Arc<PageFile>,
     pub(super) frame: LatticeFrame,
+    /// Whether hits have colours.
+    pub(super) has_colours: bool,
 }
 
 /// The best hit so far.

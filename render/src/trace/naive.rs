@@ -68,6 +68,7 @@ impl NaiveMesh {
             page: 0,
             material: triangle.material,
             normal: normal.as_vec3().to_array(),
+            colour: [1.0; 3],
             error: ERROR_ULPS * f64::EPSILON * magnitude,
         }
     }

@@ -9,6 +9,7 @@
 
 use super::arithmetic::Arithmetic;
 use super::bvh::{AnyHit, ClosestHit, Found, Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
+use super::hit_colour;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
@@ -49,7 +50,8 @@ impl<P: Pages> PagedMesh<P> {
     /// For f32 on a lattice of more than 24 bits, and for AVX2 where the machine has none.
     pub fn with_arithmetic(file: &Arc<PageFile>, pages: P, arithmetic: Arithmetic) -> PagedMesh<P> {
         arithmetic.check(file);
-        let scene = LatticeScene { file: file.clone(), frame: LatticeFrame::new(file) };
+        let has_colours = file.superblock().colour_page_count > 0;
+        let scene = LatticeScene { file: file.clone(), frame: LatticeFrame::new(file), has_colours };
         PagedMesh {
             scene,
             pages,
@@ -93,7 +95,7 @@ impl<P: Pages> PagedMesh<P> {
         &mut self,
         rays: &[Ray],
         (outside, answers): (A, &mut Vec<A>),
-        answer: impl Fn(&mut P, &Ray, &RayEnd, &MissingPages) -> A,
+        answer: impl Fn(&LatticeScene, &mut P, &Ray, &RayEnd, &MissingPages) -> A,
     ) {
         let PagedMesh { scene, pages, stack, packet, .. } = self;
         for rays in rays.chunks(PACKET_RAYS) {
@@ -101,7 +103,7 @@ impl<P: Pages> PagedMesh<P> {
             let first = answers.len();
             answers.resize(first + rays.len(), outside);
             for ((ended, missing), &place) in packet.ended.iter().zip(&packet.missing).zip(&packet.places) {
-                answers[first + place] = answer(pages, &rays[place], ended, missing);
+                answers[first + place] = answer(scene, pages, &rays[place], ended, missing);
             }
         }
     }
@@ -110,7 +112,7 @@ impl<P: Pages> PagedMesh<P> {
 /// The answer of a ray that asked for the closest hit.
 fn closest(
     pages: &mut impl Pages,
-    (frame, ray): (&LatticeFrame, &Ray),
+    (scene, ray): (&LatticeScene, &Ray),
     RayEnd { span, found }: &RayEnd,
     missing: &MissingPages,
 ) -> Answer<Option<Hit>> {
@@ -119,8 +121,21 @@ fn closest(
         want(pages, missing, hit_t);
         return Answer::Blocked;
     }
-    let hit = found.as_ref().map(|found| hit(frame, ray, span, found));
-    Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+    let hit = found.as_ref().map(|found| hit(&scene.frame, ray, span, found));
+    let Some(mut hit) = hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max) else {
+        return Answer::Exact(None);
+    };
+    if scene.has_colours {
+        let local = (hit.triangle - scene.file.pages()[hit.page as usize].first_triangle) as usize;
+        match hit_colour::colour(&scene.file, pages, (ray, hit.t), (hit.page, local)) {
+            Ok(colour) => hit.colour = colour.to_array(),
+            Err(missing) => {
+                pages.want(missing);
+                return Answer::Blocked;
+            }
+        }
+    }
+    Answer::Exact(Some(hit))
 }
 
 /// The answer of a ray that asked for any.
@@ -154,6 +169,7 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
         triangle: found.triangle,
         page: found.page,
         material: u32::from(found.material),
+        colour: [1.0; 3],
         normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
         error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
     }
@@ -166,7 +182,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         match self.run::<ClosestHit>(ray) {
-            Some(ended) => closest(&mut self.pages, (&self.scene.frame, ray), &ended, &self.missing),
+            Some(ended) => closest(&mut self.pages, (&self.scene, ray), &ended, &self.missing),
             None => Answer::Exact(None),
         }
     }
@@ -182,10 +198,11 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(None);
-            let frame = self.scene.frame;
-            return self.packets::<_, ClosestHit>(rays, (outside, answers), |pages, ray, ended, missing| {
-                closest(pages, (&frame, ray), ended, missing)
-            });
+            return self.packets::<_, ClosestHit>(
+                rays,
+                (outside, answers),
+                |scene, pages, ray, ended, missing| closest(pages, (scene, ray), ended, missing),
+            );
         }
         answers.extend(rays.iter().map(|ray| self.intersect(ray)));
     }
@@ -194,7 +211,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(false);
-            return self.packets::<_, AnyHit>(rays, (outside, answers), |pages, _, ended, missing| {
+            return self.packets::<_, AnyHit>(rays, (outside, answers), |_, pages, _, ended, missing| {
                 any(pages, ended, missing)
             });
         }

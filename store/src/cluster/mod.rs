@@ -10,6 +10,7 @@
 
 mod bits;
 mod cells;
+mod colours;
 mod edges;
 mod encode;
 mod fields;
@@ -26,6 +27,8 @@ mod tests;
 mod vertices;
 mod view;
 
+pub use colours::{Colour, ColourView, WHITE};
+pub(crate) use colours::{ColourPage, encode_colours, install_colours};
 pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use leaves::LeafShape;
@@ -57,6 +60,8 @@ pub struct ClusterMesh {
     pub leaf_sizes: Vec<u8>,
     /// Material index per triangle.
     pub materials: Vec<u16>,
+    /// Colours of the corners per triangle; empty where all are white, and after decoding.
+    pub colours: Vec<[Colour; 3]>,
 }
 
 /// How the vertices of a cluster are packed.

@@ -131,6 +131,13 @@ impl Text {
         Err(self.not_what_belongs_here("an integer", wrong))
     }
 
+    /// Whether these words come next, behind one blank at most.
+    pub(super) fn starts_with(&mut self, words: &str) -> Result<bool> {
+        self.input.fill(words.len() + 1)?;
+        let window = self.input.window();
+        Ok(window.strip_prefix(b" ").unwrap_or(window).starts_with(words.as_bytes()))
+    }
+
     /// The rest of this row, trimmed, as text; the row is left.
     pub(super) fn rest(&mut self) -> Result<String> {
         self.input.fill(MAX_REST_BYTES + 2)?;

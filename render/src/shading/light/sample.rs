@@ -219,7 +219,7 @@ mod tests {
         Material { kd: [0.7; 3], ks: [0.0; 3], ns: 0.0, ke: [0.0; 3], d: 1.0, mirror: false };
     static AT: ShadingPoint<'_> = ShadingPoint {
         point: DVec3::ZERO,
-        bsdf: Bsdf { material: &GREY, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },
+        bsdf: Bsdf { material: &GREY, colour: Vec3::ONE, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },
     };
 
     /// Irradiance on [`AT`] by points of a lattice, drawn as the integrator does.

@@ -4,7 +4,7 @@
 
 use super::sah::{Prim, Rule, Splitter};
 use crate::build::scratch::LatticeTriangle;
-use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
+use crate::cluster::{ClusterMesh, LatticeBox, Orderer, WHITE};
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
@@ -94,6 +94,7 @@ fn weld(prims: &[Prim], triangles: &[LatticeTriangle], cluster: &mut ClusterMesh
     cluster.vertices.clear();
     cluster.triangles.clear();
     cluster.materials.clear();
+    cluster.colours.clear();
     for prim in prims {
         let triangle = &triangles[prim.index as usize];
         let mut corners = [0; 3];
@@ -114,6 +115,10 @@ fn weld(prims: &[Prim], triangles: &[LatticeTriangle], cluster: &mut ClusterMesh
         }
         cluster.triangles.push(corners);
         cluster.materials.push(triangle.material);
+        cluster.colours.push(triangle.colours);
+    }
+    if cluster.colours.iter().all(|corners| *corners == [WHITE; 3]) {
+        cluster.colours.clear();
     }
     true
 }

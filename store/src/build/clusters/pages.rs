@@ -15,7 +15,9 @@
 //! node stands before its children.
 
 use super::clusterer::{BinaryNode, Clusters};
-use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef};
+use crate::cluster::{
+    ClusterMesh, ColourPage, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef, encode_colours,
+};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 
 /// A page ready to be written.
@@ -31,6 +33,7 @@ pub(crate) struct PackedPage {
     pub(crate) cluster_count: usize,
     pub(crate) wide_cluster_count: usize,
     pub(crate) emitters: Vec<PageEmitter>,
+    pub(crate) colours: Vec<ColourPage>,
 }
 
 /// An emissive triangle of a page.
@@ -107,6 +110,7 @@ impl OpenPage {
             cluster_count: page.clusters.len(),
             wide_cluster_count: page.clusters.iter().filter(|c| c.widths().wide).count(),
             emitters: emitters_of(&page.clusters, context.emissive),
+            colours: encode_colours(&page.clusters),
         }
     }
 }

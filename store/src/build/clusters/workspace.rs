@@ -10,13 +10,13 @@ use crate::build::scratch::{LatticeTriangle, Scratch};
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 
-/// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (20 B in
-/// a sheet, up to 82 where no corner is shared), the pages that wait for their turn. Counted by the allocator
-/// (`store/src/build/tests/worker.rs`): 143 B a triangle of a sheet, 213 where no corner is shared.
+/// Memory that one worker takes: triangles (88 B), primitives (36 B) and their ranks (8 B), clusters and tree (20 B in
+/// a sheet, up to 82 where no corner is shared, 9 more where there are colours), the pages that wait for their turn.
+/// Counted by the allocator (`store/src/build/tests/worker.rs`), without colours.
 ///
 /// Lost: triangles of 48 B and primitives of 32 B, 33 B less a triangle: builds took 14 % longer on an iso-surface.
 pub(crate) fn worker_bytes() -> u64 {
-    CHUNK_TRIANGLES * (80 + 36 + 8 + 82 + 10)
+    CHUNK_TRIANGLES * (88 + 36 + 8 + 91 + 10)
 }
 
 /// Memory of a worker, reused from chunk to chunk.

@@ -291,6 +291,7 @@ pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
         rejected_non_finite: parted.rejected_non_finite,
         resident_bytes: 0,
         page_tree_bytes: 0,
+        colour_page_count: 0,
         root: 0,
         sections: [Section::default(); SECTIONS],
     }

@@ -68,6 +68,11 @@ impl Snapper {
     pub(crate) fn hash(&mut self, batch: &TriangleBatch) -> Result<()> {
         self.hasher.update(bytemuck::cast_slice(&batch.corners));
         self.hasher.update(bytemuck::cast_slice(&batch.material));
+        // White that is said is white that is not said: a source may learn of colours on its way.
+        let colours = batch.colours.as_flattened().as_flattened();
+        if colours.iter().any(|&channel| channel != u8::MAX) {
+            self.hasher.update(colours);
+        }
         self.read += batch.len() as u64;
         if self.read > TRIANGLES {
             return Err(self.too_many("triangles", TRIANGLES));
@@ -83,7 +88,7 @@ impl Snapper {
         cells: &mut PartitionCells,
     ) -> Result<()> {
         let Grid { lattice, bits } = self.grid;
-        for (corners, &material) in batch.corners.iter().zip(&batch.material) {
+        for (index, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
             let q = corners.map(|corner| lattice.snap(corner));
             if q.as_flattened().iter().fold(0, |all, v| all | v) as u64 >> bits != 0 {
                 if !corners.as_flattened().iter().all(|v| v.is_finite()) {
@@ -106,7 +111,7 @@ impl Snapper {
             };
             q.iter().for_each(|&q| snapped.bounds.add(q));
             snapped.surface.add(&q);
-            cells.push(LatticeTriangle { q, material })?;
+            cells.push(LatticeTriangle { q, material, colours: batch.colours_of(index) })?;
         }
         Ok(())
     }

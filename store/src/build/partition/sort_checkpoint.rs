@@ -24,8 +24,9 @@ use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::{Run, Scratch};
 use crate::cluster::LatticeBox;
 use crate::error::Result;
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lattice};
 use crate::layout::TRIANGLES;
+use crate::stated_lattice;
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -44,6 +45,8 @@ struct SortedHead {
     scanned_bounds: [[u64; 3]; 2],
     median_edge: u64,
     expected: [u64; 2],
+    /// Exponent and origin of the lattice that the input states.
+    lattice: Option<(i32, [u64; 3])>,
     /// Triangles read, and their hash.
     triangle_count: u64,
     hash: u64,
@@ -90,6 +93,7 @@ impl SortCheckpoint {
             scanned_bounds: [scan.bounds.lo, scan.bounds.hi].map(|corner| corner.map(f64::to_bits)),
             median_edge: scan.median_edge.to_bits(),
             expected: [scan.triangle_count, scan.non_finite_count],
+            lattice: scan.lattice.map(|lattice| (lattice.exponent, lattice.origin.map(f64::to_bits))),
             triangle_count: prefix.triangle_count,
             hash: prefix.hash,
             rejected_degenerate: snapped.rejected_degenerate,
@@ -135,10 +139,20 @@ impl SortCheckpoint {
         let [lo, hi] = head.scanned_bounds.map(|corner| corner.map(f64::from_bits));
         let [triangle_count, non_finite_count] = head.expected;
         let median_edge = f64::from_bits(head.median_edge);
-        let scan = Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count, non_finite_count };
-        let is_scan = lo.iter().chain(&hi).chain([&median_edge]).all(|v| v.is_finite())
+        let lattice = head.lattice.map(|(exponent, origin)| {
+            stated_lattice::checked(Lattice { origin: origin.map(f64::from_bits), exponent })
+        });
+        let (bounds, is_lattice) = (Aabb { lo, hi }, lattice != Some(None));
+        let lattice = lattice.flatten();
+        let scan = Scan { bounds, median_edge, triangle_count, non_finite_count, lattice };
+        let is_scan = is_lattice
+            && lo.iter().chain(&hi).chain([&median_edge]).all(|v| v.is_finite())
             && (0..3).all(|axis| lo[axis] <= hi[axis])
             && median_edge >= 0.0
+            && lattice.is_none_or(|lattice| {
+                let last = lattice.snap(hi);
+                last.iter().all(|&v| v >> Lattice::MAX_BITS == 0) && last != [0; 3]
+            })
             && non_finite_count <= triangle_count
             && triangle_count <= TRIANGLES;
         let Some(grid) = is_scan.then(|| choose(&scan, precision, "").ok()).flatten() else {

@@ -1,6 +1,8 @@
 //! The choice of the lattice: one step for the whole model.
 //!
-//! Invariant: the lattice's origin is a multiple of the step, so that an input that lies on the lattice stays exact.
+//! Invariants: 1. a lattice that the input states, and all of whose vertices lie on it, is taken where nothing else was
+//! asked for: what was exported comes back as it was; 2. the origin of one that is chosen is a multiple of the step, so
+//! that an input that lies on the lattice stays exact.
 
 use super::Scan;
 use super::rejected::{RejectedCounts, no_triangles};
@@ -32,6 +34,10 @@ pub(crate) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Gr
             .at_place(name)
             .numbers(format!("extent {extent:e}, {} triangles", scan.triangle_count))
             .next("check the input's coordinates"));
+    }
+    if let (Precision::Default, Some(lattice)) = (precision, scan.lattice) {
+        let last = lattice.snap(scan.bounds.hi).into_iter().fold(0, i64::max);
+        return Ok(Grid { lattice, bits: 64 - last.leading_zeros() });
     }
     let finest = floor_log2(extent) - 38;
     let exponent = match precision {
@@ -75,7 +81,7 @@ mod tests {
     use crate::geom::Aabb;
 
     fn scan_of(lo: [f64; 3], hi: [f64; 3], median_edge: f64) -> Scan {
-        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count: 1, non_finite_count: 0 }
+        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count: 1, non_finite_count: 0, lattice: None }
     }
 
     #[test]
@@ -90,6 +96,16 @@ mod tests {
             );
             assert!(extent / grid.lattice.step() < exp2i(grid.bits as i32));
         }
+    }
+
+    #[test]
+    fn a_stated_lattice_is_taken_where_nothing_else_was_asked_for() {
+        let stated = Lattice { origin: [-7.0, 0.0, 0.0], exponent: -4 };
+        let scan = Scan { lattice: Some(stated), ..scan_of([-5.0, 0.0, 0.0], [6.0, 1.0, 2.0], 0.1) };
+        let grid = choose(&scan, Precision::Default, "t").unwrap();
+        assert_eq!((grid.lattice, grid.bits), (stated, 8));
+        assert_ne!(choose(&scan, Precision::GridBits(20), "t").unwrap().lattice, stated);
+        assert_ne!(choose(&scan, Precision::Error(0.001), "t").unwrap().lattice, stated);
     }
 
     #[test]

@@ -10,8 +10,9 @@ pub(crate) use lattice::Grid;
 use crate::build::options::BuildOptions;
 use crate::build::report::PhaseReport;
 use crate::error::Result;
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lattice};
 use crate::source::{TriangleBatch, TriangleSource};
+use crate::stated_lattice::LatticeCheck;
 use std::time::Instant;
 
 /// Bounds, edges and counts of the input, known before the lattice is chosen.
@@ -25,6 +26,8 @@ pub struct Scan {
     pub triangle_count: u64,
     /// Triangles among them with a coordinate that is no finite number.
     pub non_finite_count: u64,
+    /// The lattice that all of its vertices lie on, where the input states one.
+    pub lattice: Option<Lattice>,
 }
 
 /// Asks the source, or reads it once.
@@ -36,12 +39,13 @@ pub(crate) fn scan(
 ) -> Result<Scan> {
     if let Some(hint) = source.hint() {
         let (bounds, median_edge) = (hint.bounds, hint.median_edge);
-        return Ok(Scan { bounds, median_edge, triangle_count: hint.triangle_count, non_finite_count: 0 });
+        let triangle_count = hint.triangle_count;
+        return Ok(Scan { bounds, median_edge, triangle_count, non_finite_count: 0, lattice: None });
     }
     let _lease = options.budget.lease("a batch of triangles", TriangleBatch::BYTES + EdgeHistogram::BYTES)?;
     let mut batch = TriangleBatch::default();
     let (mut bounds, mut edges) = (Aabb::EMPTY, EdgeHistogram::new());
-    let (mut triangle_count, mut non_finite_count) = (0, 0);
+    let (mut triangle_count, mut non_finite_count, mut stated) = (0, 0, LatticeCheck::default());
     let mut waited = std::time::Duration::ZERO;
     loop {
         let before = Instant::now();
@@ -52,6 +56,7 @@ pub(crate) fn scan(
         }
         options.interrupt.check()?;
         triangle_count += batch.len() as u64;
+        stated.add(source.lattice(), &batch.corners);
         for corners in &batch.corners {
             if !corners.as_flattened().iter().all(|v| v.is_finite()) {
                 non_finite_count += 1;
@@ -67,7 +72,8 @@ pub(crate) fn scan(
     }
     source.rewind()?;
     *wait_ms += waited.as_millis() as u64;
-    Ok(Scan { bounds, median_edge: edges.median(), triangle_count, non_finite_count })
+    let (median_edge, lattice) = (edges.median(), stated.lattice());
+    Ok(Scan { bounds, median_edge, triangle_count, non_finite_count, lattice })
 }
 
 /// Edge lengths in bins of 1/32 octave, over the whole range of f64.

@@ -172,7 +172,11 @@ mod tests {
         let blocks = |scratch: &Scratch| scratch.file.file().metadata().unwrap().blocks();
         let corner = |i: i64| [i * 0x1234_5678 % 0xff_ffff_ffff, i * 0x7654_3211 % 0xff_ffff_ffff, i];
         let triangles: Vec<_> = (0..RUN_TRIANGLES as i64)
-            .map(|i| LatticeTriangle { q: [corner(i), corner(i + 7), corner(2 * i)], material: 0 })
+            .map(|i| LatticeTriangle {
+                q: [corner(i), corner(i + 7), corner(2 * i)],
+                material: 0,
+                colours: [crate::cluster::WHITE; 3],
+            })
             .collect();
         let mut runs = Vec::new();
         scratch.keep_segments();

@@ -1,13 +1,15 @@
 //! Runs: snapped triangles of one cell as bytes, packed column by column.
 //!
 //! ```text
-//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 10 widths, LZ4(columns)
-//! columns = corner 0 minus the least corner; corners 1 and 2 minus corner 0 (zigzag); material
+//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 13 widths, LZ4(columns)
+//! columns = corner 0 minus the least corner; corners 1 and 2 minus corner 0 (zigzag); material;
+//!           what the colours of the corners lack of white
 //! column  = as many byte planes as its width says: what its greatest value takes
 //! ```
 //!
 //! Invariant: a run comes back as it was, or not at all.
 
+use crate::cluster::Colour;
 use crate::scratch::SEAL_BYTES;
 use lz4_flex::block::get_maximum_output_size;
 use serde::{Deserialize, Serialize};
@@ -16,8 +18,10 @@ use serde::{Deserialize, Serialize};
 pub(crate) const RUN_TRIANGLES: usize = 4096;
 /// Bits of a lattice coordinate.
 const COORDINATE_MASK: i64 = (1 << crate::geom::Lattice::MAX_BITS) - 1;
-/// Columns of a run: nine coordinates and the material.
-const COLUMNS: usize = 10;
+/// Columns of a run: nine coordinates, the material, three colours.
+const COLUMNS: usize = 13;
+/// The column of the material; those of the colours follow.
+const MATERIAL_COLUMN: usize = 9;
 /// Most bytes of a value.
 const WIDTH_MOST: usize = 5;
 /// Bytes between the seal and the columns.
@@ -28,6 +32,7 @@ const HEAD_BYTES: usize = 3 * 8 + COLUMNS;
 pub(crate) struct LatticeTriangle {
     pub(crate) q: [[i64; 3]; 3],
     pub(crate) material: u16,
+    pub(crate) colours: [Colour; 3],
 }
 
 /// Where a run lies.
@@ -70,7 +75,13 @@ impl Encoder {
                 1 | 2 => {
                     self.values.extend(triangles.iter().map(|t| zigzag(t.q[corner][axis] - t.q[0][axis])));
                 }
-                _ => self.values.extend(triangles.iter().map(|t| u64::from(t.material))),
+                _ if column == MATERIAL_COLUMN => {
+                    self.values.extend(triangles.iter().map(|t| u64::from(t.material)));
+                }
+                _ => {
+                    let corner = column - MATERIAL_COLUMN - 1;
+                    self.values.extend(triangles.iter().map(|t| below_white(t.colours[corner])));
+                }
             }
             let all = self.values.iter().fold(0, |all, value| all | value);
             let width = (u64::BITS - all.leading_zeros()).div_ceil(8);
@@ -137,7 +148,8 @@ fn set_column<const WIDTH: usize>(
         match corner {
             0 => t.q[0][axis] = base[axis] + value(i) as i64,
             1 | 2 => t.q[corner][axis] = (t.q[0][axis] + unzigzag(value(i))) & COORDINATE_MASK,
-            _ => t.material = value(i) as u16,
+            _ if column == MATERIAL_COLUMN => t.material = value(i) as u16,
+            _ => t.colours[column - MATERIAL_COLUMN - 1] = of_below_white(value(i)),
         }
     }
 }
@@ -146,6 +158,16 @@ fn set_column<const WIDTH: usize>(
 fn zigzag(difference: i64) -> u64 {
     let value = difference << 24 >> 24;
     ((value << 1) ^ (value >> 63)) as u64
+}
+
+/// What a colour lacks of white, as a number.
+fn below_white([r, g, b]: Colour) -> u64 {
+    u64::from(u32::from_le_bytes([!r, !g, !b, 0]))
+}
+
+fn of_below_white(value: u64) -> Colour {
+    let [r, g, b, ..] = value.to_le_bytes();
+    [!r, !g, !b]
 }
 
 fn unzigzag(value: u64) -> i64 {
@@ -160,15 +182,16 @@ mod tests {
     proptest! {
         #[test]
         fn runs_survive(
-            corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>()), 1..300),
+            corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>(), any::<[Colour; 3]>()), 1..300),
             cut in 0u32..32,
             shift in 0u32..8,
         ) {
             let triangles: Vec<_> = corners
                 .iter()
-                .map(|(q, material)| LatticeTriangle {
+                .map(|(q, material, colours)| LatticeTriangle {
                     q: q.map(|c| c.map(|v| i64::from(v >> cut) << shift)),
                     material: *material,
+                    colours: *colours,
                 })
                 .collect();
             let mut back = Vec::new();

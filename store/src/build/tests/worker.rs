@@ -5,7 +5,7 @@ use super::super::clusters::workspace::{Workspace, worker_bytes};
 use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
 use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch};
 use super::*;
-use crate::cluster::LatticeBox;
+use crate::cluster::{LatticeBox, WHITE};
 use crate::scratch::Place;
 
 /// Steps along a side of a sheet of a chunk's triangles: two triangles a square.
@@ -42,7 +42,11 @@ fn a_full_chunk_takes_no_more_than_is_leased() {
         let triangle = |_| {
             let at = [0; 3].map(|_| below(1 << 36));
             let corner = |_| at.map(|v: i64| v + below(spread));
-            LatticeTriangle { q: [0; 3].map(corner), material: below(material_count) as u16 }
+            LatticeTriangle {
+                q: [0; 3].map(corner),
+                material: below(material_count) as u16,
+                colours: [WHITE; 3],
+            }
         };
         (0..CHUNK_TRIANGLES).map(triangle).collect::<Vec<_>>()
     };
@@ -51,7 +55,7 @@ fn a_full_chunk_takes_no_more_than_is_leased() {
         .flat_map(|at| {
             let (x, y) = (at % SIDE, at / SIDE);
             let [a, b, c, d] = [point(x, y), point(x + 1, y), point(x + 1, y + 1), point(x, y + 1)];
-            [[a, b, c], [a, c, d]].map(|q| LatticeTriangle { q, material: 0 })
+            [[a, b, c], [a, c, d]].map(|q| LatticeTriangle { q, material: 0, colours: [WHITE; 3] })
         })
         .collect();
     let one_place = vec![sheet[0]; CHUNK_TRIANGLES as usize];

@@ -1,6 +1,7 @@
 //! The disk form against the plain arrays that it was made from: what is encoded is installed, for meshes of any kind,
 //! and the same with and without BMI2. `hostile.rs`: bytes that no encoder wrote.
 
+mod colours;
 mod hostile;
 
 use super::fields::Machine;

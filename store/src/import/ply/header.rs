@@ -12,10 +12,16 @@ use super::super::input::{Input, WINDOW_BYTES};
 use super::super::scalar::{ByteOrder, Scalar};
 use super::super::text::{parse_integer, printable};
 use crate::error::{Code, Error, Result};
+use crate::geom::Lattice;
+use crate::stated_lattice;
 
 /// Most elements, and most properties of one: real files have below ten, and some dozens.
 const MAX_ELEMENTS: usize = 64;
 const MAX_PROPERTIES: usize = 1024;
+
+/// Columns of a colour, by channel.
+const COLOUR_NAMES: [&[&str]; 3] =
+    [&["red", "r", "diffuse_red"], &["green", "g", "diffuse_green"], &["blue", "b", "diffuse_blue"]];
 
 /// A header that has been checked.
 #[derive(Debug)]
@@ -24,6 +30,8 @@ pub(super) struct Header {
     pub(super) form: Form,
     /// In the order of the file.
     pub(super) elements: Vec<Element>,
+    /// The lattice that a comment states.
+    pub(super) lattice: Option<Lattice>,
     /// Line of the first byte after the header.
     pub(super) data_line: u64,
 }
@@ -66,6 +74,7 @@ impl Header {
         let mut lines = Lines { rest: input.window(), taken: 0, line: 0, only_cr: true };
         let mut form = None;
         let mut elements = Vec::new();
+        let mut lattice = None;
         loop {
             let Some(raw) = lines.next() else { return Err(no_end(input, lines.taken, lines.line)) };
             let text = String::from_utf8_lossy(raw);
@@ -77,7 +86,10 @@ impl Header {
                     .next("export the mesh again")
             };
             match words[..] {
-                ["comment" | "obj_info", ..] | [] => {}
+                ["comment" | "obj_info", ..] | [] => {
+                    let stated = text.trim_start().strip_prefix("comment").and_then(stated_lattice::parse);
+                    lattice = lattice.or(stated);
+                }
                 ["ply"] if lines.line == 1 => {}
                 ["format", name, _] => {
                     form = Some(Form::from_name(name).ok_or_else(|| wrong("unknown format"))?)
@@ -111,7 +123,7 @@ impl Header {
                 .next("export the mesh again")
         })?;
         input.consume(taken);
-        let header = Header { form, elements, data_line: line + 1 };
+        let header = Header { form, elements, lattice, data_line: line + 1 };
         header.check_length(input)?;
         Ok(header)
     }
@@ -186,6 +198,15 @@ impl Property {
             _ => None,
         }
     }
+}
+
+/// The columns of a colour, where all three are there.
+pub(super) fn colour_columns(properties: &[Property]) -> Option<[usize; 3]> {
+    let column = |names: &&[&str]| {
+        properties.iter().position(|p| names.contains(&p.name.as_str()) && p.list_count.is_none())
+    };
+    let [r, g, b] = [0, 1, 2].map(|channel| column(&COLOUR_NAMES[channel]));
+    Some([r?, g?, b?])
 }
 
 /// Lines of a header; the line end may be LF, CR LF or CR, and the last one's matters: data follow it.

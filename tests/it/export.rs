@@ -1,0 +1,233 @@
+//! The mesh back out: what `export` writes is what the page file holds, as another reader sees it, and a build of it
+//! gives the same triangles of the lattice.
+
+use crate::command::{document_in, folder, listing, run_in};
+use crate::fixtures::built_in;
+use crate::support::{Mesh, build_options, build_source};
+use ply_rs_bw::parser::Parser;
+use ply_rs_bw::ply::{DefaultElement, Property};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use trex_store::cluster::FrameView;
+use trex_store::layout::FRAME_BYTES;
+use trex_store::{Budget, Lattice, PageFile};
+
+/// Corners by their bits, the least first, in the order that they go round.
+type TriangleKey = [[u64; 3]; 3];
+
+/// How often each triangle is there, whatever their order.
+type TriangleCounts = BTreeMap<TriangleKey, usize>;
+
+fn key(corners: [[f64; 3]; 3]) -> TriangleKey {
+    let mut corners = corners.map(|corner| corner.map(f64::to_bits));
+    let first = (0..3).min_by_key(|&i| corners[i]).unwrap();
+    corners.rotate_left(first);
+    corners
+}
+
+fn counts(triangles: impl IntoIterator<Item = [[f64; 3]; 3]>) -> TriangleCounts {
+    let mut counts = TriangleCounts::new();
+    triangles.into_iter().for_each(|corners| *counts.entry(key(corners)).or_default() += 1);
+    counts
+}
+
+/// What a page file holds: its lattice, and positions of corners with names of materials.
+fn content(path: &Path) -> (Lattice, Vec<([[f64; 3]; 3], String)>) {
+    let file = PageFile::open(path, &Budget::unlimited()).unwrap();
+    let lattice = file.superblock().lattice;
+    let (mut frame, mut buffers, mut all) = (vec![0; FRAME_BYTES], [Vec::new(), Vec::new()], Vec::new());
+    for page in (0..file.pages().len() as u32).filter(|&page| !file.has_units(page)) {
+        file.read_page(page, &mut frame, &mut buffers).unwrap();
+        FrameView::new(&frame).for_each_cluster(|cluster| {
+            let mesh = cluster.decode();
+            for (corners, &material) in mesh.triangles.iter().zip(&mesh.materials) {
+                // Not `Lattice::position`, which is what the export computes.
+                let corner = |i: u8| {
+                    let q = mesh.vertices[usize::from(i)];
+                    [0, 1, 2].map(|a| lattice.origin[a] + q[a] as f64 * f64::powi(2.0, lattice.exponent))
+                };
+                all.push((corners.map(corner), file.material_names().get(material.into()).unwrap().into()));
+            }
+        });
+    }
+    (lattice, all)
+}
+
+/// The triangles of a page file.
+fn triangles(path: &Path) -> Vec<[[f64; 3]; 3]> {
+    content(path).1.into_iter().map(|(corners, _)| corners).collect()
+}
+
+/// The triangles of a PLY file, as `ply-rs-bw` reads them.
+fn ply_triangles(path: &Path) -> Vec<[[f64; 3]; 3]> {
+    let ply =
+        Parser::<DefaultElement>::new().read_ply(&mut BufReader::new(File::open(path).unwrap())).unwrap();
+    let real = |property: &Property| match *property {
+        Property::Float(value) => f64::from(value),
+        Property::Double(value) => value,
+        _ => panic!("no real number"),
+    };
+    let vertices: Vec<_> =
+        ply.payload["vertex"].iter().map(|v| ["x", "y", "z"].map(|a| real(&v[a]))).collect();
+    let face = |face: &DefaultElement| match &face["vertex_indices"] {
+        Property::ListUInt(list) => [0, 1, 2].map(|corner| vertices[list[corner] as usize]),
+        _ => panic!("no list of uint"),
+    };
+    ply.payload["face"].iter().map(face).collect()
+}
+
+/// Exports `m.trex` as PLY, compares it, builds that, and compares again.
+#[track_caller]
+fn check_round_trip(inside: &Path) {
+    let at = |name: &str| inside.join(name);
+    let (lattice, _) = content(&at("m.trex"));
+    let expected = counts(triangles(&at("m.trex")));
+    let told = document_in(inside, "export m.trex -o back.ply --overwrite");
+    assert_eq!(told["triangle_count"], expected.values().sum::<usize>());
+    assert_eq!(told["output_bytes"], at("back.ply").metadata().unwrap().len());
+    assert_eq!(counts(ply_triangles(&at("back.ply"))), expected);
+    let built = document_in(inside, "build back.ply -o back.trex --no-asvo --overwrite");
+    assert_eq!((&built["error_bound"], &built["triangle_count"]), (&0.0.into(), &told["triangle_count"]));
+    assert_eq!(content(&at("back.trex")).0, lattice);
+    assert_eq!(counts(triangles(&at("back.trex"))), expected);
+}
+
+#[test]
+fn what_is_exported_and_built_again_is_the_same() {
+    for spec in ["gen:isosurface:40k", "gen:pipes:20k", "gen:soup:10k"] {
+        let inside = folder();
+        // With voxels: their pages stand behind those of the mesh.
+        built_in(inside.path(), &format!("{spec} --voxels 64/256"), "m.trex");
+        check_round_trip(inside.path());
+    }
+}
+
+/// Far from the origin, with a step that no edge of the part suggests, and an origin that single precision has not.
+#[test]
+fn a_part_of_a_model_keeps_the_lattice_of_the_whole() {
+    let inside = folder();
+    let corner = |x: f64, y: f64| [1e7 + x, 2.0f64.powi(-9) * y, -3.0e6 + 0.1 * x * y];
+    let patch = |i: usize| {
+        let (x, y) = ((i % 40) as f64, (i / 40) as f64);
+        [corner(x, y), corner(x + 1.0, y), corner(x, y + 1.0)]
+    };
+    let mut source = Mesh::new("patches", (0..1600).map(patch).collect());
+    let built = build_source(&mut source, &build_options());
+    std::fs::copy(built.file.path(), inside.path().join("m.trex")).unwrap();
+    check_round_trip(inside.path());
+    let (lattice, _) = content(&inside.path().join("m.trex"));
+    document_in(inside.path(), "export m.trex -o few.obj --box 10000000,-1,-4000000,10000002,1,-2000000");
+    document_in(inside.path(), "build few.obj -o few.trex --no-asvo");
+    let (of_few, few) = content(&inside.path().join("few.trex"));
+    assert_eq!(of_few, lattice);
+    let all = counts(triangles(&inside.path().join("m.trex")));
+    assert!(
+        few.len() == 80 && few.iter().all(|(corners, _)| all.contains_key(&key(*corners))),
+        "{}",
+        few.len()
+    );
+}
+
+#[test]
+fn boxes_that_fill_space_part_the_model() {
+    let inside = folder();
+    built_in(inside.path(), "gen:isosurface:40k --no-asvo", "m.trex");
+    let all = triangles(&inside.path().join("m.trex"));
+    let bounds = PageFile::superblock_of(&inside.path().join("m.trex")).unwrap().bounds;
+    let cut = 0.4 * bounds.lo[0] + 0.6 * bounds.hi[0];
+    let mut together = Vec::new();
+    for (name, lo, hi) in [("left", -1e9, cut), ("right", cut, 1e9)] {
+        document_in(inside.path(), &format!("export m.trex -o {name}.ply --box {lo},-1e9,-1e9,{hi},1e9,1e9"));
+        let part = ply_triangles(&inside.path().join(format!("{name}.ply")));
+        assert!(part.len() > all.len() / 5);
+        let middle = |corners: &[[f64; 3]; 3]| corners.iter().map(|corner| corner[0]).sum::<f64>() / 3.0;
+        assert!(part.iter().map(middle).all(|x| x >= lo - 1e-9 && x <= hi + 1e-9), "{name}");
+        together.extend(part);
+    }
+    assert_eq!(counts(together), counts(all.iter().copied()));
+    // Both parts are one model again, on the same lattice.
+    document_in(inside.path(), "build left.ply right.ply -o both.trex --no-asvo");
+    assert_eq!(counts(triangles(&inside.path().join("both.trex"))), counts(all));
+}
+
+#[test]
+fn materials_go_to_obj_and_choose() {
+    let inside = folder();
+    // A step that nobody would choose for it, so that it is the one that comes back.
+    built_in(inside.path(), "gen:pipes:20k --no-asvo --error 0.01", "m.trex");
+    let (lattice, all) = content(&inside.path().join("m.trex"));
+    let named = |triangles: &[([[f64; 3]; 3], String)], name: &str| {
+        counts(triangles.iter().filter(|(_, material)| material == name).map(|(corners, _)| *corners))
+    };
+    document_in(inside.path(), "export m.trex -o all.obj");
+    document_in(inside.path(), "build all.obj -o all.trex --no-asvo");
+    let (of_back, back) = content(&inside.path().join("all.trex"));
+    assert_eq!(of_back, lattice);
+    let names: std::collections::BTreeSet<&String> = all.iter().map(|(_, name)| name).collect();
+    assert!(names.len() > 2);
+    names.iter().for_each(|name| assert_eq!(named(&back, name), named(&all, name), "{name}"));
+    let [one, other] = [names.first().unwrap(), names.last().unwrap()];
+    document_in(inside.path(), &format!("export m.trex -o two.ply --material {one} --material {other}"));
+    let mut expected = named(&all, one);
+    named(&all, other).into_iter().for_each(|(key, count)| *expected.entry(key).or_default() += count);
+    assert_eq!(counts(ply_triangles(&inside.path().join("two.ply"))), expected);
+    let unknown = run_in(inside.path(), "export m.trex -o no.ply --material nobody --json -q");
+    assert!(unknown.expect_error(2, "usage")["what"].as_str().unwrap().contains("nobody"));
+}
+
+/// A comment is not believed: where a vertex lies elsewhere, the lattice is chosen as for any other file.
+#[test]
+fn a_lattice_that_does_not_hold_is_not_taken() {
+    let inside = folder();
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0.3\nf 1 2 3\n";
+    for (name, comment) in [
+        ("none", ""),
+        ("coarse", "# trex lattice 2^-1 0e0 0e0 0e0\n"),
+        ("beyond", "# trex lattice 2^0 5e0 0e0 0e0\n"),
+        ("fine", "# trex lattice 2^-690 0e0 0e0 0e0\n"),
+    ] {
+        std::fs::write(inside.path().join(format!("{name}.obj")), format!("{comment}{square}")).unwrap();
+        let built = document_in(inside.path(), &format!("build {name}.obj -o {name}.trex --no-asvo"));
+        assert_eq!(built["triangle_count"], 1, "{name}");
+        let lattice = content(&inside.path().join(format!("{name}.trex"))).0;
+        assert_eq!(lattice, content(&inside.path().join("none.trex")).0, "{name}");
+    }
+    // One that holds is.
+    let square = "# trex lattice 2^-3 -1e0 0e0 0e0\nv 0 0 0\nv 1 0 0\nv 1 1 0.25\nf 1 2 3\n";
+    std::fs::write(inside.path().join("held.obj"), square).unwrap();
+    document_in(inside.path(), "build held.obj -o held.trex --no-asvo");
+    let held = content(&inside.path().join("held.trex")).0;
+    assert_eq!(held, Lattice { origin: [-1.0, 0.0, 0.0], exponent: -3 });
+}
+
+#[test]
+fn what_cannot_be_exported_leaves_nothing() {
+    let inside = folder();
+    built_in(inside.path(), "gen:isosurface:40k --no-asvo", "m.trex");
+    let file = PageFile::open(&inside.path().join("m.trex"), &Budget::unlimited()).unwrap();
+    let mut bytes = std::fs::read(file.path()).unwrap();
+    bytes[file.pages()[1].offset as usize + 100] ^= 1;
+    std::fs::write(inside.path().join("bad.trex"), bytes).unwrap();
+    std::fs::write(inside.path().join("there.ply"), "mine").unwrap();
+    std::fs::hard_link(inside.path().join("m.trex"), inside.path().join("same.mtl")).unwrap();
+    let before = listing(inside.path());
+    for (line, exit, code) in [
+        ("export bad.trex -o a.ply", 3, "damaged"),
+        ("export bad.trex -o a.obj", 3, "damaged"),
+        ("export m.trex -o there.ply", 2, "usage"),
+        ("export m.trex -o m.trex --overwrite", 2, "usage"),
+        ("export m.trex -o same.obj --overwrite", 2, "usage"),
+        ("export m.trex -o a.xyz", 2, "usage"),
+        ("export m.trex -o a.ply --box 90,90,90,91,91,91", 2, "usage"),
+        ("export there.ply -o a.ply", 3, "input-format"),
+        ("export m.trex -o a.ply --memory-limit 30MiB", 4, "memory-limit"),
+    ] {
+        run_in(inside.path(), &format!("{line} --json -q")).expect_error(exit, code);
+        assert_eq!(listing(inside.path()), before, "{line}");
+    }
+    for bounds in ["0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,1,0", "a"] {
+        run_in(inside.path(), &format!("export m.trex -o a.ply --box {bounds}")).expect(2);
+    }
+}
