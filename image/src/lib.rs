@@ -4,7 +4,7 @@
 //! reader -> source (position, end, interrupt) -> read_head ------------> Head: size, channels, bytes it will take
 //!                                                   |  the caller leases
 //!                                                read_picture (png, exr) -> Picture: linear RGB
-//! two Pictures -> compare -> Comparison;  two Pictures -> false_colour -> PNG
+//! two Pictures -> compare -> Comparison;  -> false_colour -> PNG;  -> flip -> how different they look
 //! ```
 //!
 //! Invariants: 1. a head is read within [`HEAD_BYTES`], whatever the file says; 2. no picture is allocated before
@@ -14,12 +14,14 @@
 mod compare;
 mod exr;
 pub mod false_colour;
+mod flip;
 mod head;
 mod png;
 mod read;
 mod source;
 
 pub use compare::{Comparison, Constants, DEFAULT_EPSILON, DEFAULT_PEAK, Figures, compare};
+pub use flip::{flip, flip_bytes};
 pub use head::{Format, HEAD_BYTES, Head, MAX_SIDE_PIXELS, Origin, Picture};
 pub use read::{read_head, read_picture};
 

@@ -37,8 +37,11 @@ pub struct ImageDiffArgs {
     /// End of the false colours' scale, radiance (default: what 99 % of the pixels do not exceed)
     #[arg(long, value_name = "RADIANCE", value_parser = values::positive, requires = "output")]
     pub scale_max: Option<f64>,
-    /// What the metric of all channels must keep to, else exit status 1: at most this RMSE or relMSE, at least this
-    /// PSNR in dB
+    /// Say also how different they look, by LDR-FLIP: 0 alike, 1 as different as can be
+    #[arg(long)]
+    pub flip: bool,
+    /// What the metric of all channels must keep to, else exit status 1: at most this RMSE, relMSE or FLIP, at least
+    /// this PSNR in dB
     #[arg(long, value_name = "X", value_parser = values::number, allow_hyphen_values = true)]
     pub threshold: Option<f64>,
     /// What the threshold is held against (default: rmse)
@@ -65,6 +68,8 @@ pub enum Metric {
     Relmse,
     /// 10 log10(peak^2 / mean squared error), dB
     Psnr,
+    /// Mean difference of looks, as --flip says it
+    Flip,
 }
 
 impl Metric {
@@ -74,6 +79,7 @@ impl Metric {
             Metric::Rmse => "rmse",
             Metric::Relmse => "relmse",
             Metric::Psnr => "psnr",
+            Metric::Flip => "flip",
         }
     }
 }
@@ -82,8 +88,10 @@ const AFTER_IMAGE_DIFF: &str = "\
 Figures are in linear radiance, per channel and for all together: a PNG is decoded from sRGB, an EXR taken as it is
 (channels R G B, else the first layer with NAME.R NAME.G NAME.B, else Y as grey). Alpha is left out; so are pixels
 that are not finite in one of the pictures, and counted. Equal pictures have an infinite PSNR, null in JSON.
+FLIP compares what is shown: radiance clamped to 0..1, on a screen 3840 pixels and 0.7 m wide, seen from 0.7 m.
 
 Examples:
   trex image diff photon.exr path.exr
   trex image diff photon.exr path.exr -o error.png
+  trex image diff draft.png normal.png --flip
   trex image diff new.exr old.exr --threshold 0.01 --metric relmse --json";

@@ -15,7 +15,8 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Instant;
 use trex_image::{
-    Comparison, Constants, Figures, Head, Origin, Picture, compare, false_colour, read_head, read_picture,
+    Comparison, Constants, Figures, Head, Origin, Picture, compare, false_colour, flip, flip_bytes,
+    read_head, read_picture,
 };
 use trex_store::{Code, Error, Lease, RESERVE_BYTES, Result, open_regular};
 
@@ -27,13 +28,19 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let target = args.output.as_deref().map(check).transpose()?;
     let (mut a, mut b) = (PictureInput::open(&args.a, ctx)?, PictureInput::open(&args.b, ctx)?);
     check_sizes(&a, &b)?;
-    let _lease = lease(&a, &b, target.is_some(), ctx)?;
+    let asks_flip = args.flip || args.metric == Some(Metric::Flip);
+    let drawn_bytes =
+        if target.is_some() { false_colour::work_bytes(a.head.width, a.head.height) } else { 0 };
+    let flip_bytes = if asks_flip { flip_bytes(a.head.width) } else { 0 };
+    let _lease = lease(&a, &b, drawn_bytes.max(flip_bytes), ctx)?;
     tell_what_to_know(&a, &b, ctx);
     let (picture, reference) = (a.read(ctx)?, b.read(ctx)?);
     let constants = Constants { epsilon: args.epsilon, peak: args.peak };
     let comparison = compare(&picture, &reference, constants);
     ctx.interrupt.check()?;
-    let threshold = args.threshold.map(|limit| Threshold::hold(limit, args.metric, &comparison));
+    let flip = asks_flip.then(|| flip(&picture, &reference, 1.0));
+    ctx.interrupt.check()?;
+    let threshold = args.threshold.map(|limit| Threshold::hold(limit, args.metric, (&comparison, flip)));
     let false_colour = match (&target, &args.output) {
         (Some(target), Some(path)) => {
             let scale_max = args.scale_max.unwrap_or_else(|| false_colour::scale_of(&picture, &reference));
@@ -52,6 +59,7 @@ pub fn run(args: &ImageDiffArgs, ctx: &Context) -> anyhow::Result<Exit> {
         psnr_peak: args.peak,
         verdict: verdict(&comparison, threshold.as_ref()),
         comparison,
+        flip,
         threshold,
         false_colour,
         time_ms: start.elapsed().as_millis() as u64,
@@ -102,11 +110,10 @@ fn check_sizes(a: &PictureInput<'_>, b: &PictureInput<'_>) -> Result<()> {
         .next("compare pictures of one size: render again with the same --resolution"))
 }
 
-/// Pays for both pictures and, one after the other, for their decoders and the false colours.
-fn lease(a: &PictureInput<'_>, b: &PictureInput<'_>, is_drawn: bool, ctx: &Context) -> Result<Lease> {
+/// Pays for both pictures and, one after the other, for their decoders and what is made of them, `made_bytes`.
+fn lease(a: &PictureInput<'_>, b: &PictureInput<'_>, made_bytes: u64, ctx: &Context) -> Result<Lease> {
     let pictures = a.head.picture_bytes() + b.head.picture_bytes();
-    let drawn = if is_drawn { false_colour::work_bytes(a.head.width, a.head.height) } else { 0 };
-    let work = a.head.decoder_bytes.max(b.head.decoder_bytes).max(drawn);
+    let work = a.head.decoder_bytes.max(b.head.decoder_bytes).max(made_bytes);
     ctx.budget.lease("two pictures", pictures + work).map_err(|_| {
         let smallest = RESERVE_BYTES + pictures + work;
         Error::new(Code::MemoryLimit, "the memory limit has no room for these pictures")
@@ -154,6 +161,8 @@ struct Diff {
     psnr_peak: f64,
     #[serde(flatten)]
     comparison: Comparison,
+    /// `None` where it was not asked for.
+    flip: Option<f64>,
     threshold: Option<Threshold>,
     verdict: &'static str,
     false_colour: Option<FalseColour>,
@@ -195,12 +204,13 @@ struct Threshold {
 }
 
 impl Threshold {
-    fn hold(limit: f64, metric: Option<Metric>, comparison: &Comparison) -> Threshold {
+    fn hold(limit: f64, metric: Option<Metric>, (comparison, flip): (&Comparison, Option<f64>)) -> Threshold {
         let (metric, figures) = (metric.unwrap_or(Metric::Rmse), &comparison.all);
         let at_most = |value: Option<f64>| value.is_some_and(|value| value <= limit);
         let (value, is_kept) = match metric {
             Metric::Rmse => (figures.rmse, at_most(figures.rmse)),
             Metric::Relmse => (figures.relmse, at_most(figures.relmse)),
+            Metric::Flip => (flip, at_most(flip)),
             // Without an error it is infinite; without a pixel there is none.
             Metric::Psnr => {
                 (figures.psnr_db, figures.psnr_db.map_or(figures.rmse.is_some(), |psnr| psnr >= limit))
@@ -263,6 +273,9 @@ impl fmt::Display for Diff {
             "relMSE = mean (a-b)^2 / (b^2 + {}), PSNR for a peak of {}",
             self.relmse_epsilon, self.psnr_peak
         )?;
+        if let Some(flip) = self.flip {
+            writeln!(f, "FLIP {flip:.4}: 0 looks alike, 1 as different as can be")?;
+        }
         let (comparison, odd) = (&self.comparison, self.comparison.non_finite_pixel_count);
         if comparison.compared_pixel_count < comparison.pixel_count {
             writeln!(

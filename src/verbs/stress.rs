@@ -212,8 +212,8 @@ impl fmt::Display for StressReport {
         for (ms, error) in figures.error_at_ms.iter().flatten() {
             writeln!(
                 f,
-                "relMSE at {ms} ms: median {:.4}, greatest {:.4} ({})",
-                error.median, error.max, error.count
+                "at {ms} ms: relMSE median {:.4}, greatest {:.4}; FLIP {:.3}, {:.3} ({})",
+                error.median, error.max, error.flip.median, error.flip.max, error.count
             )?;
         }
         if let Some(coverage) = figures.coverage {

@@ -196,7 +196,7 @@ const VERIFY: [(&str, Kind); 9] = [
 
 const FIGURES: [&str; 4] = ["all", "channels.r", "channels.g", "channels.b"];
 
-const IMAGE_DIFF: [(&str, Kind); 28] = [
+const IMAGE_DIFF: [(&str, Kind); 29] = [
     ("scene", Text),
     ("a.path", Text),
     ("a.format", Text),
@@ -209,6 +209,7 @@ const IMAGE_DIFF: [(&str, Kind); 28] = [
     ("unit", Text),
     ("relmse_epsilon", Number),
     ("psnr_peak", Number),
+    ("flip", MaybeNumber),
     ("pixel_count", Count),
     ("compared_pixel_count", Count),
     ("non_finite_pixel_count.a", Count),

@@ -111,6 +111,8 @@ fn the_threshold_decides_the_exit_status() {
         ("--threshold 12 --metric psnr", 0, "within"),
         ("--threshold 12.1 --metric psnr", 1, "beyond"),
         ("--threshold -3 --metric psnr", 0, "within"),
+        // Both are white where they are shown.
+        ("--threshold 0 --metric flip", 0, "within"),
     ] {
         let ran = diff(inside.path(), &format!("a.exr b.exr {flags}"));
         ran.expect(code);
@@ -123,12 +125,28 @@ fn the_threshold_decides_the_exit_status() {
         text.expect(code);
         assert!(text.stdout.lines().last().unwrap().starts_with(verdict), "{}", text.stdout);
     }
-    for metric in ["rmse", "relmse", "psnr"] {
+    for metric in ["rmse", "relmse", "psnr", "flip"] {
         let ran = diff(inside.path(), &format!("a.exr a.exr --threshold 0 --metric {metric}"));
         ran.expect(0);
         let document = ran.document();
         assert_eq!(document["verdict"], "equal");
         assert_eq!((&document["all"]["rmse"], &document["all"]["psnr_db"]), (&0.0.into(), &Value::Null));
+    }
+}
+
+/// FLIP is told where it is asked for, alone or as what the threshold holds.
+#[test]
+fn flip_tells_black_from_white() {
+    let inside = folder();
+    write(inside.path(), "black.exr", &exr(4, &vec![[0.0; 3]; 8]));
+    write(inside.path(), "white.exr", &exr(4, &vec![[1.0; 3]; 8]));
+    for (flags, code) in [("", 0), ("--flip", 0), ("--threshold 0.9 --metric flip", 1)] {
+        let ran = diff(inside.path(), &format!("black.exr white.exr {flags}"));
+        ran.expect(code);
+        let flip = ran.document()["flip"].as_f64();
+        assert_eq!(flip.is_some_and(|flip| (0.9..=1.0).contains(&flip)), !flags.is_empty(), "{flip:?}");
+        let text = run_in(inside.path(), &format!("image diff black.exr white.exr {flags}"));
+        assert_eq!(text.stdout.contains("FLIP 0.9"), !flags.is_empty(), "{}", text.stdout);
     }
 }
 

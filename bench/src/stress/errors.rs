@@ -3,7 +3,7 @@
 //! ```text
 //! references: each state of the scenario at leisure, many samples -> a file
 //! a frame that may end after a time of interest: the picture before it is copied; it counts if the frame did
-//! after the hold: copies against the reference -> relMSE
+//! after the hold: copies against the reference -> relMSE, FLIP
 //! ```
 //!
 //! Invariants: 1. a copy is of what was on show at its time; 2. its memory is leased: halves of 16 bits, whose rounding
@@ -15,12 +15,20 @@ use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_image::{Constants, Picture, compare};
+use trex_image::{Constants, Picture, compare, flip, flip_bytes};
 use trex_render::{Film, LiveSession, PagedTracer};
 use trex_store::{Budget, Error, Lease, Result};
 
 /// Times after an event at which errors are told, ms.
 pub const ERROR_TIMES_MS: [u64; 4] = [33, 100, 300, 1000];
+
+/// How wrong a picture is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PictureError {
+    pub(super) relmse: f64,
+    /// Of the picture as it is shown.
+    pub(super) flip: f64,
+}
 
 /// The pictures that others are measured by, one a state, in a file.
 #[derive(Debug)]
@@ -86,7 +94,7 @@ impl Snapshots {
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
         let copies = (1 + ERROR_TIMES_MS.len()) * size_of::<[f16; 3]>();
-        pixels * (copies + 2 * size_of::<[f32; 3]>()) as u64
+        pixels * (copies + 2 * size_of::<[f32; 3]>()) as u64 + flip_bytes(resolution[0])
     }
 
     /// Room for the pictures of one hold.
@@ -149,7 +157,8 @@ impl Snapshots {
         self.is_over.iter().all(|is_over| *is_over)
     }
 
-    /// relMSE of the copies against state `state`, by time; `None` for times that were not reached. They are forgotten.
+    /// Errors of the copies, shown with `exposure`, against state `state`, by time; `None` for times that were not
+    /// reached. They are forgotten.
     ///
     /// # Errors
     /// Those of reading the reference.
@@ -157,7 +166,8 @@ impl Snapshots {
         &mut self,
         references: &References,
         state: u32,
-    ) -> Result<[Option<f64>; ERROR_TIMES_MS.len()]> {
+        exposure: f32,
+    ) -> Result<[Option<PictureError>; ERROR_TIMES_MS.len()]> {
         let reference = references.read(state)?;
         let [width, height] = self.resolution;
         let mut errors = [None; ERROR_TIMES_MS.len()];
@@ -165,8 +175,10 @@ impl Snapshots {
         for (error, taken) in errors.iter_mut().zip(&mut self.taken) {
             let Some(copy) = taken.take() else { continue };
             let pixels = copy.iter().map(|pixel| pixel.map(f16::to_f32)).collect();
-            let comparison = compare(&Picture { width, height, pixels }, &reference, Constants::default());
-            *error = comparison.all.relmse;
+            let picture = Picture { width, height, pixels };
+            let relmse = compare(&picture, &reference, Constants::default()).all.relmse;
+            let flip = flip(&picture, &reference, exposure);
+            *error = relmse.map(|relmse| PictureError { relmse, flip });
             self.room.push(copy);
         }
         Ok(errors)

@@ -42,7 +42,7 @@ pub struct StressFigures {
     pub converged_ms: Times,
     /// Share of the photons of changed light in the picture at 300 ms, on average; `null` where none has changed.
     pub light_share_at_300: Option<f64>,
-    /// relMSE against references at times after the event, ms; `null` where none was asked for.
+    /// relMSE and FLIP against references at times after the event, ms; `null` where none was asked for.
     pub error_at_ms: Option<BTreeMap<u64, ErrorAt>>,
     /// Frames.
     pub frame_ms: Times,
@@ -92,6 +92,19 @@ pub struct StressFigures {
 pub struct ErrorAt {
     /// Pictures.
     pub count: u64,
+    /// Of the middle one.
+    pub median: f64,
+    /// Mean.
+    pub mean: f64,
+    /// The greatest.
+    pub max: f64,
+    /// FLIP of the same pictures, as they are shown.
+    pub flip: FlipAt,
+}
+
+/// FLIP of the pictures at one time after their events, 0 to 1.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct FlipAt {
     /// Of the middle one.
     pub median: f64,
     /// Mean.
@@ -224,11 +237,13 @@ fn errors_at(switches: &[Switch]) -> Option<BTreeMap<u64, ErrorAt>> {
     switches.iter().any(|switch| switch.error_at.is_some()).then(|| {
         let at = |(index, &ms): (usize, &u64)| {
             let errors: Vec<f64> = switches.iter().filter_map(|switch| switch.error_at?[index]).collect();
-            let count = errors.len();
-            let mean = errors.iter().sum::<f64>() / count.max(1) as f64;
-            (count > 0).then(|| {
-                let max = errors.iter().copied().fold(0.0, f64::max);
-                (ms, ErrorAt { count: count as u64, median: median(&errors), mean, max })
+            let flips: Vec<f64> = switches.iter().filter_map(|switch| switch.flip_at?[index]).collect();
+            let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len().max(1) as f64;
+            let most = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
+            (!errors.is_empty()).then(|| {
+                let flip = FlipAt { median: median(&flips), mean: mean(&flips), max: most(&flips) };
+                let [median, mean, max] = [median(&errors), mean(&errors), most(&errors)];
+                (ms, ErrorAt { count: errors.len() as u64, median, mean, max, flip })
             })
         };
         ERROR_TIMES_MS.iter().enumerate().filter_map(at).collect()

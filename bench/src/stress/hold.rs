@@ -48,6 +48,9 @@ pub struct Switch {
     /// relMSE against the reference of the state at the times of `error_at_ms`, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_at: Option<[Option<f64>; ERROR_TIMES_MS.len()]>,
+    /// FLIP of the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flip_at: Option<[Option<f64>; ERROR_TIMES_MS.len()]>,
 }
 
 /// The sums of a run.

@@ -118,8 +118,11 @@ pub fn run<T: PagedTracer + Send>(
         log.hold(session, event, &hold, compared.as_mut().map(|(_, snapshots)| &mut **snapshots))?;
         if let Some((references, snapshots)) = &mut compared {
             let begin = Instant::now();
-            let errors = snapshots.errors(references, script.state(index))?;
-            log.switches.last_mut().expect("a switch was held").error_at = Some(errors);
+            let exposure = session.view().settings.exposure;
+            let errors = snapshots.errors(references, script.state(index), exposure)?;
+            let held = log.switches.last_mut().expect("a switch was held");
+            held.error_at = Some(errors.map(|error| Some(error?.relmse)));
+            held.flip_at = Some(errors.map(|error| Some(error?.flip)));
             log.aside += begin.elapsed();
         }
         if let Some(bytes) = (stand.resident_bytes)() {

@@ -63,7 +63,7 @@ impl Cells<'_> {
         weights.iter_mut().for_each(|weight| *weight /= total);
     }
 
-    /// True when two neighbours are of one surface, or both saw nothing.
+    /// True when two neighbours are of one surface in one form, or both saw nothing.
     fn is_alike(&self, (row_a, a): Corner, (row_b, b): Corner) -> bool {
         let (here, there) = (self.surfaces[row_a], self.surfaces[row_b]);
         let [depth_a, depth_b] = [here.depth[a], there.depth[b]];
@@ -75,5 +75,6 @@ impl Cells<'_> {
         (depth_a - depth_b).abs() < DEPTH_SHARE * depth_a.min(depth_b)
             && dot > NORMAL_COS
             && apart < ALBEDO_APART
+            && here.is_voxel[a] == there.is_voxel[b]
     }
 }

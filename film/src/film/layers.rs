@@ -69,6 +69,11 @@ impl LayerPixel {
     /// Where no triangle is seen.
     pub const NOTHING: LayerPixel =
         LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID };
+
+    /// True where voxels are seen: a surface of no triangle.
+    pub(crate) fn is_voxel(&self) -> bool {
+        self.id == NO_ID && self.depth < f32::INFINITY
+    }
 }
 
 impl Layers {

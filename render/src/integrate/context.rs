@@ -32,6 +32,8 @@ pub(crate) struct RenderContext<'a> {
     pub(crate) photon_tree: Option<&'a PhotonTree>,
     /// True when the first sample of each pixel also says what its centre shows.
     pub(crate) has_layers: bool,
+    /// True when it says what its ray met, where it does not say that: a preview is to be judged by it.
+    pub(crate) judges_preview: bool,
     /// Most rays of a kind that leave a surface, whatever the settings say.
     rays_most: u32,
     /// True when nothing waits for pages: where one is missing, the resident voxels answer.
@@ -59,6 +61,7 @@ impl<'a> RenderContext<'a> {
             voxels: None,
             photon_tree: None,
             has_layers: false,
+            judges_preview: false,
             rays_most: u32::MAX,
             is_preview: false,
         }
@@ -78,6 +81,11 @@ impl<'a> RenderContext<'a> {
     /// This context, with what the layers of a film take.
     pub(crate) fn with_layers(self, layers: Layers) -> RenderContext<'a> {
         RenderContext { has_layers: layers.any() || layers.filter, ..self }
+    }
+
+    /// This context, beside a preview on show.
+    pub(crate) fn beside_preview(self) -> RenderContext<'a> {
+        RenderContext { judges_preview: true, ..self }
     }
 
     /// This context, with the photons of `full-gi`.

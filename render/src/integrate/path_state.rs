@@ -21,8 +21,8 @@ pub(crate) struct Sample {
     pub radiance: Vec3,
     /// The part of `radiance` that gather rays brought to the surface that is seen.
     pub indirect: Vec3,
-    /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for. Of a preview: those
-    /// where its ray from the camera ended.
+    /// Layers at the pixel's centre; of the first sample only, and only when layers are asked for. Of a preview, and of
+    /// the first sample beside one: those where its ray from the camera ended.
     pub layers: Option<LayerPixel>,
     /// True when the ray from the camera met the model.
     pub meets_model: bool,
@@ -44,6 +44,8 @@ pub(crate) struct Path {
     pub(crate) travelled: f64,
     /// True when the current C-ray leaves a place that voxels answered for.
     pub(crate) is_far: bool,
+    /// True when the sample's layers are those where its ray from the camera ends.
+    pub(crate) keeps_first_hit: bool,
     pub(crate) throughput: Vec3,
     /// The origin of the current C-ray.
     pub(crate) origin: Origin,
@@ -161,6 +163,7 @@ impl Path {
             vertex: 0,
             travelled: 0.0,
             is_far: false,
+            keeps_first_hit: false,
             throughput: Vec3::ONE,
             origin: Origin::Camera,
             sample: Sample::default(),

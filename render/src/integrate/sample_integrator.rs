@@ -72,14 +72,16 @@ impl<'a> SampleIntegrator<'a> {
         let sampler = Sampler::new(self.ctx.world.settings.seed, pixel, sample);
         let shows_layers = self.ctx.has_layers && sample == 0;
         let stage = if shows_layers { Stage::Layers } else { Stage::CRay(self.primary_ray(pixel, &sampler)) };
-        Path::new(pixel, sampler, stage)
+        let keeps_first_hit = self.ctx.judges_preview && sample == 0 && !shows_layers;
+        Path { keeps_first_hit, ..Path::new(pixel, sampler, stage) }
     }
 
     /// The sample of `pixel` (x, y) in a preview: together with those around it a set that is stratified, as the
     /// samples of one pixel are.
     pub(crate) fn start_preview(&self, pixel: [u32; 2]) -> Path {
         let sampler = Sampler::among(self.ctx.world.settings.seed, pixel);
-        Path::new(pixel, sampler, Stage::CRay(self.primary_ray(pixel, &sampler)))
+        let stage = Stage::CRay(self.primary_ray(pixel, &sampler));
+        Path { keeps_first_hit: true, ..Path::new(pixel, sampler, stage) }
     }
 
     /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is
@@ -260,7 +262,7 @@ impl<'a> SampleIntegrator<'a> {
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
         path.sample.rays.count(path.origin.ray_kind());
         path.sample.meets_model |= path.vertex == 0 && hit.is_some();
-        if self.ctx.is_preview && path.vertex == 0 {
+        if path.keeps_first_hit && path.vertex == 0 {
             path.sample.layers = Some(self.layer_pixel(hit));
         }
         self.integrator.c_ray_end(&self.ctx, path, ray, hit)

@@ -11,4 +11,4 @@ pub(crate) use job::PASS_SAMPLES_MAX;
 pub(crate) use pass::{Pass, Workers, pass_bytes};
 pub(crate) use preview::Grid;
 pub(crate) use samples::SampleWork;
-pub(crate) use worker::{TileWork, Until, WhenFull};
+pub(crate) use worker::{Canvas, TileWork, Until, WhenFull};

@@ -23,7 +23,7 @@
 
 use super::g_queue::{GQueue, batch_samples};
 use super::job::{JOB_SAMPLES_MAX, Job};
-use super::worker::{Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
+use super::worker::{Canvas, Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
 use crate::g_stage::GNeeds;
 use crate::integrate::{RayNeeds, Together};
 use crate::stats::PassStats;
@@ -32,7 +32,7 @@ use rayon::ThreadPool;
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
-use trex_film::{Film, Tiles};
+use trex_film::Tiles;
 
 /// The workers of a pass: a tracer each, and the threads that they run on.
 pub(crate) struct Workers<'a, T> {
@@ -91,7 +91,7 @@ impl Pass {
     pub(crate) fn run<T: PagedTracer + Send>(
         &mut self,
         work: &TileWork<'_>,
-        film: &mut Film,
+        canvas: Canvas<'_>,
         workers: Workers<'_, T>,
         until: &Until<'_>,
     ) -> PassStats {
@@ -100,7 +100,7 @@ impl Pass {
         let Pass { target, full, turn, deferred, queue, lanes } = self;
         let piece = Piece {
             work,
-            film: Mutex::new(film),
+            canvas: Mutex::new(canvas),
             target: *target,
             full: *full,
             until,

@@ -10,14 +10,14 @@ use crate::scene::camera::Camera;
 use crate::scene::method::Method;
 use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, View, World};
-use crate::schedule::{SampleWork, TileWork, Until, WhenFull};
+use crate::schedule::{Canvas, SampleWork, TileWork, Until, WhenFull};
 use crate::shading::light::Light;
 use crate::testing::{pool, settings};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Ray, Tracer};
 use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
 use std::time::Duration;
-use trex_film::{Layers, mix, write_exr};
+use trex_film::{Film, Layers, mix, write_exr};
 use trex_store::{Aabb, Budget, Material};
 
 const RESOLUTION: [u32; 2] = [37, 21];
@@ -89,7 +89,8 @@ fn render_pass<T: PagedTracer + Send>(
 ) -> PassStats {
     let until = Until { stop, deadline: None, tiles: u32::MAX };
     let pool = pool(tracers.len());
-    Pass::new(target, tracers.len(), WhenFull::Wait).run(work, film, Workers { tracers, pool: &pool }, &until)
+    let (canvas, workers) = (Canvas { film, display: None }, tracers.len());
+    Pass::new(target, workers, WhenFull::Wait).run(work, canvas, Workers { tracers, pool: &pool }, &until)
 }
 
 fn naive(count: usize) -> Vec<NaiveMesh> {

@@ -24,7 +24,7 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
-use trex_film::{Film, Tiles};
+use trex_film::{Display, Film, Tiles};
 
 /// Most tiles of a worker that wait for pages: about what a disk queue takes, at some requests a tile.
 pub(super) const PARKED_MAX: usize = 8;
@@ -33,6 +33,13 @@ pub(super) const PARKED_MAX: usize = 8;
 pub(crate) struct TileWork<'a> {
     pub(crate) samples: SampleWork<'a>,
     pub(crate) tiles: &'a Tiles,
+}
+
+/// What samples of tiles go to.
+pub(crate) struct Canvas<'a> {
+    pub(crate) film: &'a mut Film,
+    /// The picture on show beside it, which learns what they saw.
+    pub(crate) display: Option<&'a mut Display>,
 }
 
 /// The end of a piece of a pass, if it is not that of the pass.
@@ -65,7 +72,7 @@ pub(super) struct Lane {
 /// The state that the workers of a piece share.
 pub(super) struct Piece<'a> {
     pub(super) work: &'a TileWork<'a>,
-    pub(super) film: Mutex<&'a mut Film>,
+    pub(super) canvas: Mutex<Canvas<'a>>,
     pub(super) target: u32,
     /// What becomes of a blocked tile that finds no room among those parked.
     pub(super) full: WhenFull,
@@ -134,14 +141,14 @@ impl Piece<'_> {
                 break;
             }
             let tile = self.work.tiles.nth(turn);
-            let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
+            let from = self.canvas.lock().expect("a worker panicked").film.tile_samples(tile.index);
             if from < self.target {
                 return Some(Job::new(&self.work.samples.integrator, home, tile, [from, self.target]));
             }
         }
         let takes = || self.deferred.lock().expect("a worker panicked").pop_front();
         let tile = self.work.tiles.tile(if takes_deferred { takes() } else { None }?);
-        let from = self.film.lock().expect("a worker panicked").tile_samples(tile.index);
+        let from = self.canvas.lock().expect("a worker panicked").film.tile_samples(tile.index);
         Some(Job::new(&self.work.samples.integrator, home, tile, [from, self.target]))
     }
 }
@@ -338,7 +345,8 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
     }
 
     fn commit(&mut self, job: &Job) {
-        let mut film = self.piece.film.lock().expect("a worker panicked");
+        let mut canvas = self.piece.canvas.lock().expect("a worker panicked");
+        let Canvas { film, display } = &mut *canvas;
         film.add(&job.tile, &job.radiances);
         if film.layers().filter {
             film.add_indirect(&job.tile, &job.indirect);
@@ -346,7 +354,10 @@ impl<'a, T: PagedTracer> Worker<'a, T> {
         for (pixel, seen) in &job.layers {
             film.set_layers(*pixel, seen);
         }
-        drop(film);
+        if let Some(display) = display {
+            display.learn(&job.tile, &job.layers);
+        }
+        drop(canvas);
         self.piece.finished.fetch_add(1, Ordering::Relaxed);
         self.stats.tiles_finished += 1;
         self.stats.samples += job.radiances.len() as u64;

@@ -38,7 +38,7 @@ use crate::integrate::RenderContext;
 use crate::scene::camera::Camera;
 use crate::scene::settings::RenderSettings;
 use crate::scene::world::{MaterialEdit, Model, View, World};
-use crate::schedule::{PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
+use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::shading::light::Light;
 use crate::stats::{PassStats, PhotonStats};
 use crate::threads::WorkerThreads;
@@ -302,7 +302,8 @@ impl<T: PagedTracer + Send> Session<T> {
             let until = Until { stop, deadline: None, tiles: u32::MAX };
             let mut pass = Pass::new(target, self.tracers.len(), WhenFull::Wait);
             let workers = Workers { tracers: &mut self.tracers, pool: &self.pool };
-            stats.total.add(&pass.run(&work, &mut self.film, workers, &until));
+            let canvas = Canvas { film: &mut self.film, display: None };
+            stats.total.add(&pass.run(&work, canvas, workers, &until));
             stats.passes += 1;
             stats.spp = self.film.samples();
             if after_pass(&self.film, &stats).is_break() {

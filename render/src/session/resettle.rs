@@ -345,8 +345,9 @@ mod tests {
                 live.apply(event).unwrap();
             }
         }
-        // Two previews and five samples of each tile, thrice, and little more: not each tile in each frame.
-        assert!((3 * 12 * 5..3 * 12 * 12).contains(&changes), "{changes}");
+        // Two previews, six pictures with the light of samples and five samples of each tile, thrice, and little more:
+        // not each tile in each frame.
+        assert!((3 * 12 * 5..3 * 12 * 16).contains(&changes), "{changes}");
     }
 
     #[test]

@@ -12,10 +12,11 @@ use super::fetch_block::{
     BLOCK_PART, BLOCK_PART_LEAST, BLOCK_TILES_MIN, Block, FetchBlock, Nth, RESPONSE_SHARE,
 };
 use crate::integrate::RenderContext;
-use crate::schedule::{Pass, SampleWork, TileWork, Until, WhenFull, Workers};
+use crate::schedule::{Canvas, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use std::time::{Duration, Instant};
+use trex_film::Display;
 
 /// Share of the frames that pages asked for may take before frames are scarce.
 const DEMAND_MOST: f64 = 0.85;
@@ -91,6 +92,7 @@ impl TileRun {
     pub(super) fn run<T: PagedTracer + Send>(
         &mut self,
         session: &mut Session<T>,
+        display: &mut Display,
         event: &mut EventState,
         frame: &TileFrame<'_>,
     ) -> PassStats {
@@ -100,6 +102,7 @@ impl TileRun {
         let Session { world, model, light, film, tiles, tracers, pool, g_stage, .. } = session;
         let ctx = RenderContext::new(world, model, light.irradiance())
             .with_layers(film.layers())
+            .beside_preview()
             .with_photon_tree(light.photon_tree());
         let work = TileWork { samples: SampleWork::new(ctx, &**g_stage), tiles };
         let (begin, was_complete) = (Instant::now(), film.samples() > 0);
@@ -122,7 +125,8 @@ impl TileRun {
             let pass = self.pass.get_or_insert_with(|| Pass::new(samples + 1, tracers.len(), full));
             pass.set_full(full);
             let until = Until { stop: frame.stop, deadline: Some(deadline), tiles: wanted as u32 };
-            let stats = pass.run(&work, film, Workers { tracers, pool }, &until);
+            let canvas = Canvas { film, display: Some(display) };
+            let stats = pass.run(&work, canvas, Workers { tracers, pool }, &until);
             total.add(&stats);
             wanted = wanted.saturating_sub(stats.tiles_finished);
             event.note_tiles(stats.tiles_finished);

@@ -8,7 +8,7 @@ use crate::scene::camera::Camera;
 use crate::scene::method::{Method, Near};
 use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, View, World};
-use crate::schedule::{Pass, SampleWork, TileWork, Until, WhenFull, Workers};
+use crate::schedule::{Canvas, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::shading::light::Light;
 use crate::testing::{pool, settings};
 use crate::trace::{Answer, NaiveMesh, NaiveTriangle, NoPages, Pages};
@@ -222,7 +222,8 @@ fn film(work: SampleWork<'_>, triangles: &[NaiveTriangle], workers: usize) -> Ve
     let until = Until { stop: &|| false, deadline: None, tiles: u32::MAX };
     let mut pass = Pass::new(1, workers, WhenFull::Wait);
     let work = TileWork { samples: work, tiles: &tiles };
-    pass.run(&work, &mut film, Workers { tracers: &mut tracers, pool: &pool(workers) }, &until);
+    let canvas = Canvas { film: &mut film, display: None };
+    pass.run(&work, canvas, Workers { tracers: &mut tracers, pool: &pool(workers) }, &until);
     (0..RESOLUTION[1])
         .flat_map(|y| (0..RESOLUTION[0]).map(move |x| [x, y]))
         .map(|at| film.radiance(at))

@@ -1,0 +1,187 @@
+//! Tests of frames: what is mixed of samples and the picture on show, and light that changes under way.
+
+use super::*;
+use crate::scene::method::Method;
+use crate::scene::settings::RenderKeys;
+use crate::session::tests::{floor, floor_demanding, sun};
+use crate::session::{FetchBlock, FrameProgress};
+use crate::shading::light::Light;
+use std::ops::ControlFlow;
+
+/// The picture on show is worth some samples, as the preview and with the light of samples in it, until it is done.
+#[test]
+fn the_preview_is_mixed_in_while_samples_are_few() {
+    let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, ..RenderKeys::default() };
+    let options = FrameOptions {
+        t_max: Duration::from_secs(60),
+        fetch_block: FetchBlock::Tiles(4),
+        ..FrameOptions::default()
+    };
+    let mut live = floor_demanding(0, keys).go_live(options).unwrap();
+    // A lamp beside the floor's middle: each sample finds another part of it.
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    live.apply(Event::Lights(vec![lamp])).unwrap();
+    let (mut samples, mut mixed, mut worths) = (vec![], 0, vec![]);
+    while samples.last() != Some(&3) {
+        let progress = live.frame(3, &|| false).progress;
+        let n = live.film.tile_samples(0);
+        for pixel in (0..64).map(|at| [at % 8, at / 8]) {
+            let film = live.film.radiance(pixel);
+            let preview = live.live.display.radiances(pixel).next().unwrap();
+            let worth = live.live.display.worth(0, pixel);
+            worths.push(worth);
+            let expected = match progress {
+                FrameProgress::Preview => preview,
+                FrameProgress::Done => film,
+                _ => std::array::from_fn(|c| (n as f32 * film[c] + worth * preview[c]) / (n as f32 + worth)),
+            };
+            let found = live.shown(pixel);
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-5), "{progress:?} {pixel:?}");
+            mixed += u32::from(expected != film && expected != preview);
+        }
+        samples.push(n);
+    }
+    assert!(samples.contains(&1) && samples.contains(&2) && mixed > 0, "{samples:?} {mixed}");
+    worths.dedup();
+    assert_eq!(worths, [1.5, 4.0]);
+}
+
+/// The preview saw voxels alone, or mesh: the same floor. Once every pixel has an exact sample nothing tells which;
+/// before, voxels count for nothing in any pixel that has one.
+#[test]
+fn no_stand_in_shines_through_exact_samples() {
+    let keys = RenderKeys { resolution: [32, 16], n_shadow: 1, ..RenderKeys::default() };
+    let options = FrameOptions {
+        t_max: Duration::from_secs(60),
+        fetch_block: FetchBlock::Tiles(3),
+        order: TileOrder::ZCurve,
+        ..FrameOptions::default()
+    };
+    let pixels = || (0..512).map(|at| [at % 32, at / 32]);
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    let pictures = [true, false].map(|is_absent| {
+        let mut live = floor_demanding(0, keys).go_live(options).unwrap();
+        live.apply(Event::Lights(vec![lamp.clone()])).unwrap();
+        live.session.tracers[0].is_absent = is_absent;
+        while live.live.display.step() != Some(2) {
+            live.frame(3, &|| false);
+        }
+        live.session.tracers[0].is_absent = false;
+        let (mut pictures, mut previews) = (vec![], 0);
+        while live.frame(3, &|| false).progress != FrameProgress::Done {
+            for pixel in pixels() {
+                let tile = pixel[1] / 8 * 4 + pixel[0] / 8;
+                let worth = live.live.display.worth(tile, pixel);
+                let is_preview = live.film.tile_samples(tile) > 0 && worth == 1.5;
+                assert!(!is_preview || !is_absent, "{pixel:?}");
+                previews += u32::from(is_preview);
+            }
+            if live.film.samples() > 0 && live.live.event.finished() > 8 {
+                pictures.push(pixels().map(|pixel| live.shown(pixel)).collect::<Vec<_>>());
+            }
+        }
+        assert_eq!(previews == 0, is_absent);
+        pictures
+    });
+    assert!(pictures[0].len() > 1 && pictures[0] == pictures[1]);
+}
+
+/// Light that changes by itself while samples are taken: what was shown stays, and counts for some beside new ones.
+#[test]
+fn what_was_shown_counts_on_when_light_has_changed() {
+    let keys = RenderKeys { resolution: [8, 8], n_shadow: 1, ..RenderKeys::default() };
+    let t_max = Duration::from_secs(60);
+    let options = FrameOptions { t_max, fetch_block: FetchBlock::Tiles(1), ..FrameOptions::default() };
+    let mut live = floor_demanding(0, keys).go_live(options).unwrap();
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    live.apply(Event::Lights(vec![lamp])).unwrap();
+    let pixels = || (0..64).map(|at| [at % 8, at / 8]);
+    // The light of the first samples is in what is shown when the second come.
+    let (worth, mut changed) = (4.0, 0);
+    for _ in 0..3 {
+        while live.film.tile_samples(0) < 2 {
+            live.frame(9, &|| false);
+        }
+        let before: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
+        live.begin_light();
+        let shown: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
+        // As it was, to the bits that are kept of it: thirteen of the greatest channel.
+        for (before, kept) in before.iter().zip(&shown) {
+            let most = before.iter().fold(0.0, |most: f32, &x| most.max(x)) / 8000.0;
+            assert!((0..3).all(|c| (before[c] - kept[c]).abs() <= most), "{before:?} {kept:?}");
+        }
+        let stamp = live.tile_stamp(0);
+        assert_ne!(live.frame(9, &|| false).preview_tiles, 1);
+        assert_ne!(live.tile_stamp(0), stamp);
+        let n = live.film.tile_samples(0) as f32;
+        assert!(n > 0.0);
+        for (pixel, before) in pixels().zip(&shown) {
+            let (film, found) = (live.film.radiance(pixel), live.shown(pixel));
+            let expected: [f32; 3] = std::array::from_fn(|c| (n * film[c] + worth * before[c]) / (n + worth));
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-5), "{found:?} {expected:?}");
+            changed += u32::from(film != *before);
+        }
+    }
+    assert!(changed > 0);
+}
+
+/// The light of `full-gi` after an edit: on its way while frames go on, the one before on show meanwhile, and in the
+/// end the film of a session that had it from the beginning.
+#[test]
+fn full_gi_lights_itself_anew_while_frames_go_on() {
+    let keys = RenderKeys {
+        resolution: [16, 16],
+        n_shadow: 1,
+        integrator: Method::FullGi,
+        photons: 20_000,
+        k_nearest: 16,
+        ..RenderKeys::default()
+    };
+    let options = FrameOptions { t_max: Duration::from_millis(20), ..FrameOptions::default() };
+    let film = |film: &Film| (0..256).map(|at| film.radiance([at % 16, at / 16])).collect::<Vec<_>>();
+    let at_leisure = |irradiance| {
+        let mut session = floor(keys);
+        session.apply(Event::Lights(sun(irradiance))).unwrap();
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+        session.render(2, &|| false, &mut |_, _| ControlFlow::Continue(()));
+        film(session.film())
+    };
+    let mut live = floor(keys).go_live(options).unwrap();
+    for irradiance in [1.0, 3.0] {
+        live.apply(Event::Lights(sun(irradiance))).unwrap();
+        let mut shares = vec![];
+        while live.frame(2, &|| false).progress != FrameProgress::Done {
+            shares.push(live.light.share());
+            assert!(shares.len() < 10_000);
+        }
+        assert!(shares.is_sorted() && shares[0] < 1.0, "{shares:?}");
+        assert!(film(live.film()) == at_leisure(irradiance), "{irradiance}");
+        // An event in between forgets what was on its way.
+        live.apply(Event::Lights(sun(2.0))).unwrap();
+        for _ in 0..4 {
+            live.frame(2, &|| false);
+        }
+    }
+}
+
+/// Frames of a tile each, whatever the pages in demand: four tiles at the error that was asked for, and done.
+#[test]
+fn frames_are_as_exact_as_was_asked_for_whatever_the_demand() {
+    for percent in [0, 85, 86, 100] {
+        let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, lod_error: 1.0, ..RenderKeys::default() };
+        let t_max = Duration::from_secs(60);
+        let options = FrameOptions { t_max, fetch_block: FetchBlock::Tiles(1), ..FrameOptions::default() };
+        let mut live = floor_demanding(percent, keys).go_live(options).unwrap();
+        let distance = live.world.lod_distance;
+        let mut tiles = 0;
+        while live.frame(1, &|| false).progress != FrameProgress::Done {
+            assert!(tiles < 99 && live.world.lod_distance == distance && distance.is_finite());
+            tiles += 1;
+        }
+        let LiveSession { session, live } = &mut live;
+        assert_eq!(live.tiles.is_scarce(&session.tracers), percent > 85);
+    }
+}
