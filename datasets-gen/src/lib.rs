@@ -31,6 +31,9 @@ pub use write::write;
 use glam::DVec3;
 use trex_store::{Result, TriangleSource};
 
+/// Most materials of a generated mesh: writers lease memory for so many.
+pub(crate) const MATERIALS_MAX: usize = 64;
+
 /// Opens the stream of `spec`.
 ///
 /// # Errors
@@ -50,12 +53,14 @@ use trex_store::{Result, TriangleSource};
 /// # Ok::<(), trex_store::Error>(())
 /// ```
 pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>> {
-    match spec.kind {
+    let source = match spec.kind {
         Kind::Isosurface => isosurface::open(spec, options),
         Kind::Pipes => pipes::open(spec, options),
         Kind::Scan => scan::open(spec, options),
         Kind::Soup => soup::open(spec, options),
-    }
+    }?;
+    assert!(source.materials().len() <= MATERIALS_MAX, "writers lease memory for fewer materials");
+    Ok(source)
 }
 
 /// The median length of the triangles' edges. Generators that have no formula for it ask a sample.

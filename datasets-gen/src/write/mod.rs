@@ -89,10 +89,12 @@ pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOption
     }
 }
 
-/// Bytes that [`write()`] leases for a file of this name, beside what its source has leased.
+/// Bytes that [`write()`] leases for a file of this name of a generated mesh, beside what its source has leased.
 pub fn smallest_bytes(path: &Path) -> u64 {
-    let is_stl = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("stl"));
-    TriangleBatch::BYTES + if is_stl { 0 } else { window::Window::BYTES }
+    let is = |format: &str| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format));
+    let window = if is("stl") { 0 } else { window::Window::BYTES };
+    let words = if is("obj") { obj::words_bytes(crate::MATERIALS_MAX) } else { 0 };
+    TriangleBatch::BYTES + window + words
 }
 
 /// What every format needs.

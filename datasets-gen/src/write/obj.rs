@@ -122,6 +122,11 @@ struct MaterialWords {
 /// Bytes of a material in [`MaterialWords`], whose set is half empty at worst, and is copied when it grows.
 const WORD_BYTES: u64 = 50;
 
+/// Bytes of the words of so many materials.
+pub(super) fn words_bytes(materials: usize) -> u64 {
+    materials as u64 * WORD_BYTES
+}
+
 impl MaterialWords {
     fn new(job: &Job) -> Result<MaterialWords> {
         let lease = job.options.budget.lease(MATERIAL_WORDS, 0)?;
@@ -131,7 +136,7 @@ impl MaterialWords {
     /// Takes in the materials that were not there before.
     fn extend(&mut self, materials: &MaterialList) -> Result<()> {
         let first = self.is_taken.len();
-        self.lease.grow(MATERIAL_WORDS, (materials.len() - first) as u64 * WORD_BYTES)?;
+        self.lease.grow(MATERIAL_WORDS, words_bytes(materials.len() - first))?;
         for index in first..materials.len() {
             let word = one_word(materials.name(index));
             let mut hasher = DefaultHasher::new();
