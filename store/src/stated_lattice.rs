@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Invariants: 1. what is read back from a comment is the lattice to the bit; 2. a comment that says anything else is a
-//! comment; 3. no file is believed: a build takes such a lattice only where every vertex lies on it ([`LatticeCheck`]).
+//! comment; 3. no file is believed: a build takes such a lattice only where every vertex lies on it (`LatticeCheck`).
 
 use crate::geom::Lattice;
 
