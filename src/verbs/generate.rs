@@ -7,9 +7,10 @@ use crate::failure::Exit;
 use crate::memory::Memory;
 use crate::size;
 use datasets_gen::Spec;
-use datasets_gen::write::{ExistingOutput, WriteOptions, smallest_bytes, write};
+use datasets_gen::write::{ExistingOutput, WriteOptions, WriteReport, smallest_bytes, write};
 use serde::Serialize;
 use std::fmt;
+use std::path::Path;
 use std::time::Instant;
 use trex_store::NextStep;
 use trex_store::printable::one_line;
@@ -28,20 +29,12 @@ pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
         report: Some(&show),
     };
     let written = write(&mut *source, &args.output, &options)?;
-    let time_ms = start.elapsed().as_millis() as u64;
-    ctx.done(&GenerateReport {
-        scene: source.name(),
-        output: args.output.display().to_string(),
-        triangle_count: written.triangle_count,
-        output_bytes: written.bytes,
-        time_ms,
-        triangles_per_s: written.triangle_count as f64 * 1e3 / time_ms.max(1) as f64,
-        memory: Memory::new(&ctx.budget),
-    })
+    ctx.done(&MeshReport::new((source.name(), &args.output), written, start, ctx))
 }
 
+/// A mesh that was written.
 #[derive(Serialize)]
-struct GenerateReport {
+pub(super) struct MeshReport {
     scene: String,
     output: String,
     triangle_count: u64,
@@ -51,7 +44,28 @@ struct GenerateReport {
     memory: Memory,
 }
 
-impl fmt::Display for GenerateReport {
+impl MeshReport {
+    /// What `written` is, of work that began at `start`.
+    pub(super) fn new(
+        (scene, output): (String, &Path),
+        written: WriteReport,
+        start: Instant,
+        ctx: &Context,
+    ) -> MeshReport {
+        let time_ms = start.elapsed().as_millis() as u64;
+        MeshReport {
+            scene,
+            output: output.display().to_string(),
+            triangle_count: written.triangle_count,
+            output_bytes: written.bytes,
+            time_ms,
+            triangles_per_s: written.triangle_count as f64 * 1e3 / time_ms.max(1) as f64,
+            memory: Memory::new(&ctx.budget),
+        }
+    }
+}
+
+impl fmt::Display for MeshReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,

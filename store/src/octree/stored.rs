@@ -278,11 +278,25 @@ mod tests {
                 assert!(same, "leaves of one facet look the same way");
             }
         }
+        // All 64 bits, 0.6 of a square each, whatever of it is hidden: no more than that, and no less than a 16th.
         for (facet, leaves) in area.iter().enumerate() {
+            let sides = [0, 1].map(|side| octree.facets().side_area(2 * facet + side) / leaves);
+            assert!(sides.iter().all(|side| (2.4 / 16.0 - 1e-4..2.4 + 1e-4).contains(side)), "{sides:?}");
+        }
+        // Leaves of which none is beside another hide nothing, and have no more than their surface.
+        let apart = (0..64u64).map(|node| (node << 6, !0)).collect();
+        let (octree, _) = built(&apart, grid);
+        for facet in 0..octree.facets().count() {
+            let (n, flatness) = {
+                let leaf = octree.leaf(facet);
+                (leaf.normal, leaf.flatness)
+            };
+            // A cube: a square a face, each side of it by its projection or by what is open to that side.
+            let projected = n.iter().map(|v| v.abs()).sum::<f32>() / flatness.max(0.5);
+            let wanted = projected.clamp(0.73 * 3.0, 2.4);
             for side in [2 * facet, 2 * facet + 1] {
-                let per_leaf = octree.facets().side_area(side) / leaves;
-                // All 64 bits, 0.6 of a square each, of which a part is hidden; sums of f32.
-                assert!((0.6 / 4.0..0.6 * 4.0 + 1e-4).contains(&per_leaf), "{per_leaf}");
+                let found = octree.facets().side_area(side);
+                assert!((found - wanted).abs() < 1e-4, "{found}, not {wanted}");
             }
         }
     }
