@@ -54,6 +54,8 @@ pub(crate) enum Decision {
         /// Rays at this vertex.
         count: u32,
     },
+    /// Place near the path vertex with this index where its caustics are looked up (2 numbers).
+    Caustics(u32),
     /// Light that a photon leaves, and place on it (3 numbers).
     PhotonStart,
     /// Direction in which a photon leaves its light (2 numbers).
@@ -91,6 +93,7 @@ impl Sampler {
             }
             Decision::PhotonStart => (4, sample),
             Decision::PhotonDirection => (5, sample),
+            Decision::Caustics(vertex) => (6 | u64::from(vertex) << 8, sample),
         };
         let block = index >> SEQUENCE_BITS;
         let seed = mix(mix(self.pixel_seed ^ kind).wrapping_add(block)) as u32;

@@ -69,7 +69,7 @@ pub(crate) fn wall_means(folder: &Path, options: &str) -> [f64; 5] {
     std::array::from_fn(|wall| sums[wall] / counts[wall])
 }
 
-fn red(path: &Path) -> Vec<f64> {
+pub(crate) fn red(path: &Path) -> Vec<f64> {
     let picture = exr::prelude::read_all_flat_layers_from_file(path).unwrap();
     let channels = &picture.layer_data[0].channel_data.list;
     let red = channels.iter().find(|channel| channel.name.eq("R")).unwrap();

@@ -224,6 +224,7 @@ mod tests {
             photons,
             k_nearest,
             bake: integrator == Method::Photon && random.next_u32().is_multiple_of(2),
+            caustics: integrator == Method::Photon && random.next_u32().is_multiple_of(2),
             near: pick(random, &[Near::Voxel, Near::Contact, Near::Exact]),
             shadows: pick(random, &[Shadows::Voxel, Shadows::Mesh]),
             occluders: pick(random, &[Occluders::On, Occluders::Off]),

@@ -23,6 +23,7 @@ use crate::trace::Ray;
 use crate::voxel::{GKind, GRay, LeafHit, LowerScene, VoxelScene, VoxelSurface};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
+use trex_store::octree::NODE_SIDE;
 
 /// Length of the part of a ray that `near = exact` takes from the mesh, in leaves.
 const NEAR_LEAVES: f64 = 2.0;
@@ -193,6 +194,26 @@ impl GScene<'_> {
     pub(crate) fn leaving_surface(&self, surface: &SurfaceInteraction, material: &Material) -> Option<Vec3> {
         let side = self.voxels.side_at(surface.point, surface.normal)?;
         Some(diffuse_equivalent(material) * self.irradiance.at(side))
+    }
+
+    /// The radiance that leaves a surface by the light that points and suns bring there over mirrors alone, which
+    /// neither shadow rays nor gather rays find; `None` where it is not kept. Of the facet at a place by chance, as far
+    /// from the surface point as half of one, so that no borders of facets are seen.
+    pub(super) fn caustics(
+        &self,
+        surface: &SurfaceInteraction,
+        material: &Material,
+        u: [f32; 2],
+    ) -> Option<Vec3> {
+        if !self.irradiance.has_caustics() {
+            return None;
+        }
+        let facet = f64::from(NODE_SIDE) * self.voxels.leaf_side();
+        let (e, f) = surface.normal.any_orthonormal_pair();
+        let [along_e, along_f] = u.map(|u| (f64::from(u) - 0.5) * facet);
+        let side = |at| self.voxels.side_at(at, surface.normal);
+        let side = side(surface.point + along_e * e + along_f * f).or_else(|| side(surface.point))?;
+        Some(diffuse_equivalent(material) * self.irradiance.caustics_at(side))
     }
 
     fn leaving(&self, hit: &LeafHit<'_>) -> Vec3 {

@@ -43,7 +43,7 @@ impl BakeJob<'_> {
             return Ok(PhotonStats::default());
         };
         let facets = self.voxels.octree().facets();
-        let mut pass = PhotonPass::new(facets.count(), sources.flux(), self.budget)?;
+        let mut pass = PhotonPass::new(map.form(), sources.flux(), self.budget)?;
         let first = map.photons();
         let send = |indices: Range<u64>| {
             let land = |_, deposits: &[Deposit]| self.deposit(&pass, deposits);
@@ -62,7 +62,7 @@ impl BakeJob<'_> {
     fn deposit(&self, pass: &PhotonPass, deposits: &[Deposit]) -> u64 {
         let add = |deposit: &&Deposit| {
             let side = self.voxels.side_at(deposit.point, deposit.normal);
-            side.inspect(|&side| pass.add(side, deposit.flux)).is_some()
+            side.inspect(|&side| pass.add(side, &deposit.cargo)).is_some()
         };
         deposits.iter().filter(add).count() as u64
     }

@@ -5,6 +5,7 @@
 //! pass of 2^18 photons -> sums (u32 fixed point per side and channel)
 //!                      -> folded into the mean irradiance (13 bits a channel) -> next pass
 //! irradiance = flux / area of the side            side = 2 * facet, 1 more for its back
+//! place      = side; of its caustics alone, where they are kept (`--caustics`), as many places on as there are sides
 //! ```
 //!
 //! Why fixed point: its sums do not depend on the order in which threads add, nor do saturated ones. The sums are there
@@ -14,6 +15,7 @@
 //!
 //! Invariants: 1. the same photons give the same map, whatever the threads; 2. a pass counts whole or not at all.
 
+use super::trace::Cargo;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU32, Ordering};
 use trex_film::{PackedLight, chances};
@@ -24,10 +26,42 @@ use trex_store::{Budget, Lease, Result};
 /// fill a sum to a quarter.
 const UNITS_PER_PHOTON: f32 = 1024.0;
 
+/// What a map keeps of the light of an octree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MapForm {
+    /// Facets of the octree, of two sides each.
+    pub facets: usize,
+    /// Whether caustics of points and suns are kept by themselves, too.
+    pub caustics: bool,
+}
+
+impl MapForm {
+    /// Sides that all light is kept by.
+    fn sides(self) -> usize {
+        2 * self.facets
+    }
+
+    /// Places of light: all of each side, then the caustics of each.
+    fn places(self) -> usize {
+        self.sides() * (1 + usize::from(self.caustics))
+    }
+
+    /// Bytes of a map.
+    pub fn bytes(self) -> u64 {
+        (self.places() * size_of::<PackedLight>()) as u64
+    }
+
+    /// Bytes of the sums while a pass runs.
+    pub fn pass_bytes(self) -> u64 {
+        (self.places() * size_of::<[AtomicU32; 3]>()) as u64
+    }
+}
+
 /// Irradiance of the sides of the facets of an octree.
 #[derive(Debug)]
 pub struct PhotonMap {
-    /// Irradiance per side, W/m^2 in linear RGB.
+    form: MapForm,
+    /// Irradiance per place, W/m^2 in linear RGB.
     irradiance: Vec<PackedLight>,
     photons: u64,
     lease: Lease,
@@ -39,17 +73,20 @@ pub(crate) struct Irradiance<'a> {
     shown: &'a [PackedLight],
     /// The light that comes, and its share, 0 to 1.
     next: Option<(&'a [PackedLight], f32)>,
+    /// The place of the first side's caustics, if they are kept.
+    caustics: Option<u32>,
 }
 
 impl<'a> Irradiance<'a> {
     /// No light; what does not gather asks for none.
-    pub(crate) const NONE: Irradiance<'static> = Irradiance { shown: &[], next: None };
+    pub(crate) const NONE: Irradiance<'static> = Irradiance { shown: &[], next: None, caustics: None };
 
     /// The light of `shown` alone, or blended with `next` by its share, 0 to 1.
     pub(crate) fn new(shown: &'a PhotonMap, next: Option<(&'a PhotonMap, f32)>) -> Irradiance<'a> {
         let next = next.filter(|(_, share)| *share > 0.0);
         let next = next.map(|(map, share)| (map.irradiance.as_slice(), share));
-        Irradiance { shown: &shown.irradiance, next }
+        let caustics = shown.form.caustics.then_some(shown.form.sides() as u32);
+        Irradiance { shown: &shown.irradiance, next, caustics }
     }
 
     /// True when there is no map.
@@ -67,11 +104,23 @@ impl<'a> Irradiance<'a> {
             Some((next, share)) => shown + share * (light(next) - shown),
         }
     }
+
+    /// True when caustics of points and suns are kept.
+    pub(crate) fn has_caustics(&self) -> bool {
+        self.caustics.is_some()
+    }
+
+    /// The part of the irradiance of a side that came from points and suns over mirrors alone; none where it is not
+    /// kept.
+    pub(crate) fn caustics_at(&self, side: u32) -> Vec3 {
+        self.caustics.map_or(Vec3::ZERO, |first| self.at(first + side))
+    }
 }
 
 /// The sums of a pass.
 #[derive(Debug)]
 pub(crate) struct PhotonPass {
+    form: MapForm,
     sums: Vec<AtomicU32>,
     /// Flux of a unit, per channel.
     unit: Vec3,
@@ -81,28 +130,18 @@ pub(crate) struct PhotonPass {
 }
 
 impl PhotonMap {
-    /// Bytes that the map of `facet_count` facets takes.
-    pub fn bytes(facet_count: usize) -> u64 {
-        (2 * facet_count * size_of::<PackedLight>()) as u64
-    }
-
-    /// Bytes of the sums while a pass over `facet_count` facets runs.
-    pub fn pass_bytes(facet_count: usize) -> u64 {
-        (2 * facet_count * size_of::<[AtomicU32; 3]>()) as u64
-    }
-
-    /// A dark map of `facet_count` facets.
+    /// A dark map.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::bytes`].
-    pub fn new(facet_count: usize, budget: &Budget) -> Result<PhotonMap> {
-        let lease = budget.lease("the photon map", PhotonMap::bytes(facet_count))?;
-        Ok(PhotonMap::in_lease(facet_count, lease))
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`MapForm::bytes`].
+    pub fn new(form: MapForm, budget: &Budget) -> Result<PhotonMap> {
+        let lease = budget.lease("the photon map", form.bytes())?;
+        Ok(PhotonMap::in_lease(form, lease))
     }
 
-    /// As [`PhotonMap::new`], in a lease of [`PhotonMap::bytes`].
-    pub(crate) fn in_lease(facet_count: usize, lease: Lease) -> PhotonMap {
-        PhotonMap { irradiance: vec![PackedLight::default(); 2 * facet_count], photons: 0, lease }
+    /// As [`PhotonMap::new`], in a lease of [`MapForm::bytes`].
+    pub(crate) fn in_lease(form: MapForm, lease: Lease) -> PhotonMap {
+        PhotonMap { form, irradiance: vec![PackedLight::default(); form.places()], photons: 0, lease }
     }
 
     /// The lease of its memory.
@@ -115,14 +154,14 @@ impl PhotonMap {
         self.photons
     }
 
-    /// Count of facets, of two sides each.
-    pub(crate) fn facet_count(&self) -> usize {
-        self.irradiance.len() / 2
+    /// What it keeps.
+    pub(crate) fn form(&self) -> MapForm {
+        self.form
     }
 
     /// Irradiance per side, W/m^2 in linear RGB.
     pub fn irradiance(&self) -> impl ExactSizeIterator<Item = [f32; 3]> {
-        self.irradiance.iter().map(|light| light.rgb())
+        self.irradiance[..self.form.sides()].iter().map(|light| light.rgb())
     }
 
     /// Forgets all photons.
@@ -137,14 +176,14 @@ impl PhotonMap {
         self.photons += photons;
         let share = (photons as f64 / self.photons as f64) as f32;
         let sums = pass.sums.as_chunks_mut::<3>().0;
-        for (side, (irradiance, sums)) in self.irradiance.iter_mut().zip(sums).enumerate() {
-            let area = f64::from(facets.side_area(side)) * leaf_side * leaf_side;
+        for (place, (irradiance, sums)) in self.irradiance.iter_mut().zip(sums).enumerate() {
+            let area = f64::from(facets.side_area(place % self.form.sides())) * leaf_side * leaf_side;
             let per_area = (1.0 / (area * photons as f64)) as f32;
             let found = |c: usize| std::mem::take(sums[c].get_mut()) as f32 * pass.unit[c] * per_area;
             let found = Vec3::from_array(std::array::from_fn(found));
             let before = Vec3::from(irradiance.rgb());
-            // The same wherever they are drawn: by side and pass.
-            let chances = chances(side as u64 ^ self.photons.rotate_left(32));
+            // The same wherever they are drawn: by place and pass.
+            let chances = chances(place as u64 ^ self.photons.rotate_left(32));
             *irradiance = PackedLight::rounded_by((before + share * (found - before)).into(), chances);
         }
     }
@@ -154,16 +193,16 @@ impl PhotonPass {
     /// Empty sums for photons whose flux is `flux` on average.
     ///
     /// # Errors
-    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`PhotonMap::pass_bytes`].
-    pub(crate) fn new(facet_count: usize, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
-        let lease = budget.lease("the sums of photons", PhotonMap::pass_bytes(facet_count))?;
-        Ok(PhotonPass::in_lease(facet_count, flux, lease))
+    /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`MapForm::pass_bytes`].
+    pub(crate) fn new(form: MapForm, flux: Vec3, budget: &Budget) -> Result<PhotonPass> {
+        let lease = budget.lease("the sums of photons", form.pass_bytes())?;
+        Ok(PhotonPass::in_lease(form, flux, lease))
     }
 
-    /// As [`PhotonPass::new`], in a lease of [`PhotonMap::pass_bytes`].
-    pub(crate) fn in_lease(facet_count: usize, flux: Vec3, lease: Lease) -> PhotonPass {
-        let sums = (0..2 * 3 * facet_count).map(|_| AtomicU32::new(0)).collect();
-        let mut pass = PhotonPass { sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, lease };
+    /// As [`PhotonPass::new`], in a lease of [`MapForm::pass_bytes`].
+    pub(crate) fn in_lease(form: MapForm, flux: Vec3, lease: Lease) -> PhotonPass {
+        let sums = (0..3 * form.places()).map(|_| AtomicU32::new(0)).collect();
+        let mut pass = PhotonPass { form, sums, unit: Vec3::ZERO, per_flux: Vec3::ZERO, lease };
         pass.set_flux(flux);
         pass
     }
@@ -184,12 +223,20 @@ impl PhotonPass {
         self.per_flux = flux.map(|flux| if flux > 0.0 { UNITS_PER_PHOTON / flux } else { 0.0 });
     }
 
-    /// Adds a photon's flux to a side. Full sums stay full.
-    pub(crate) fn add(&self, side: u32, flux: Vec3) {
+    /// Adds what a photon brings to a side.
+    pub(crate) fn add(&self, side: u32, cargo: &Cargo) {
+        self.add_at(side as usize, cargo.flux);
+        if self.form.caustics && cargo.is_caustic() {
+            self.add_at(self.form.sides() + side as usize, cargo.flux);
+        }
+    }
+
+    /// Adds flux to a place. Full sums stay full.
+    fn add_at(&self, place: usize, flux: Vec3) {
         for (c, units) in (flux * self.per_flux).to_array().into_iter().enumerate() {
             let units = (units + 0.5) as u32;
             if units > 0 {
-                let sum = &self.sums[3 * side as usize + c];
+                let sum = &self.sums[3 * place + c];
                 let add = |sum: u32| Some(sum.saturating_add(units));
                 let _ = sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
             }

@@ -113,7 +113,7 @@ impl PhotonStore {
         for (index, deposit) in deposits.iter().enumerate() {
             self.places[from + index] = local(deposit.point, self.center);
             self.stored[from + index] = StoredHit {
-                flux: deposit.flux.into(),
+                flux: deposit.cargo.flux.into(),
                 normal: packed(deposit.normal),
                 from: packed(deposit.from.as_dvec3()),
             };
@@ -261,7 +261,7 @@ mod tests {
                         let bsdf = Bsdf { material: &material, normal: at.normal, wo: at.wo };
                         let f = bsdf.eval(deposit.from.as_dvec3());
                         let kernel = 2.0 / PI * (1.0 - squared(*point) / reach) / reach;
-                        f64::from(f[2] * deposit.flux[2]) * kernel / 10_000.0
+                        f64::from(f[2] * deposit.cargo.flux[2]) * kernel / 10_000.0
                     })
                     .sum();
                 let found = f64::from(tree.radiance(&at, std::slice::from_ref(&material), k as u32)[2]);

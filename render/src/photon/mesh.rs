@@ -11,7 +11,7 @@
 //! it has at most [`BOUNCES_MAX`] bounces; 4. a batch is handed over whole, in the order of photons and bounces,
 //! whatever was blocked, or not at all.
 
-use super::trace::{BOUNCES_MAX, bounce, keeps_light, photon_sampler};
+use super::trace::{BOUNCES_MAX, Cargo, bounce, keeps_light, photon_sampler};
 use crate::scene::world::World;
 use crate::shading::light::PhotonSources;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
@@ -47,8 +47,7 @@ pub(crate) struct Deposit {
     pub(crate) normal: DVec3,
     /// Unit, where it came from.
     pub(crate) from: Vec3,
-    /// Flux over the photon's chance, W in linear RGB.
-    pub(crate) flux: Vec3,
+    pub(crate) cargo: Cargo,
 }
 
 /// Most deposits that a batch of `photons` hands over: three a photon are the most on average, with a variance of 6;
@@ -80,7 +79,7 @@ struct Flight {
     /// Index in its batch.
     index: u32,
     vertex: u32,
-    flux: Vec3,
+    cargo: Cargo,
     ray: Ray,
 }
 
@@ -193,7 +192,7 @@ impl Batch<'_> {
         let off = EMITTER_OFF_SHARE * start.size + MODEL_OFF_SHARE * largest;
         let origin = start.front.map_or(start.origin, |front| start.origin + off * front);
         let ray = Ray::new(origin, start.direction, f64::INFINITY);
-        Some(Flight { index: (index - self.first) as u32, vertex: 0, flux: start.flux, ray })
+        Some(Flight { index: (index - self.first) as u32, vertex: 0, cargo: Cargo::new(&start), ray })
     }
 
     /// A photon as far as the answers go.
@@ -211,14 +210,14 @@ impl Batch<'_> {
             if keeps_light(bsdf.material) {
                 self.deposit(flight, &surface);
             }
-            let Some((direction, flux)) = bounce(&bsdf, &sampler, flight.vertex, flight.flux) else {
+            let Some((direction, cargo)) = bounce(&bsdf, &sampler, flight.vertex, flight.cargo) else {
                 return Advance::Done;
             };
             flight.vertex += 1;
             if flight.vertex > BOUNCES_MAX {
                 return Advance::Done;
             }
-            (flight.flux, flight.ray) = (flux, surface.ray_to(direction, f64::INFINITY, None));
+            (flight.cargo, flight.ray) = (cargo, surface.ray_to(direction, f64::INFINITY, None));
         }
     }
 
@@ -229,7 +228,7 @@ impl Batch<'_> {
         }
         let SurfaceInteraction { point, normal, wo, .. } = *surface;
         let key = flight.index << VERTEX_BITS | flight.vertex;
-        self.deposits.push(Deposit { key, point, normal, from: wo.as_vec3(), flux: flight.flux });
+        self.deposits.push(Deposit { key, point, normal, from: wo.as_vec3(), cargo: flight.cargo });
     }
 
     /// Hands over what has arrived, in the order of photons and bounces.
@@ -244,6 +243,7 @@ impl Batch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::photon::trace::Way;
     use crate::scene::camera::Camera;
     use crate::scene::method::Method;
     use crate::scene::settings::RenderKeys;
@@ -259,7 +259,7 @@ mod tests {
     impl Deposit {
         /// The first hit of the first photon.
         pub(crate) fn new(point: DVec3, normal: DVec3, from: Vec3, flux: Vec3) -> Deposit {
-            Deposit { key: 0, point, normal, from, flux }
+            Deposit { key: 0, point, normal, from, cargo: Cargo { flux, way: Way::Gathered } }
         }
     }
 
@@ -355,8 +355,9 @@ mod tests {
     }
 
     fn is_same(a: &[Vec<Deposit>], b: &[Vec<Deposit>]) -> bool {
-        let bits =
-            |d: &Deposit| (d.key, d.point.to_array().map(f64::to_bits), d.flux.to_array().map(f32::to_bits));
+        let bits = |d: &Deposit| {
+            (d.key, d.point.to_array().map(f64::to_bits), d.cargo.flux.to_array().map(f32::to_bits))
+        };
         a.iter().flatten().map(bits).eq(b.iter().flatten().map(bits))
     }
 
@@ -382,7 +383,7 @@ mod tests {
         let (found, _) = trace(vec![model().1], 3 * BATCH);
         let direction = DVec3::new(0.3, 0.2, -1.0).normalize();
         let first = |d: &&Deposit| d.key.trailing_zeros() >= VERTEX_BITS && d.normal[2] > 0.9;
-        let on_floor: f64 = found.iter().flatten().filter(first).map(|d| f64::from(d.flux[0])).sum();
+        let on_floor: f64 = found.iter().flatten().filter(first).map(|d| f64::from(d.cargo.flux[0])).sum();
         // The open top passes it all; the walls throw their shadows on the floor, but for mirrors, which take none.
         let lit = (1.0 - 0.3) * (1.0 - 0.2) * -direction[2] * 2.0;
         let found = on_floor / (3 * BATCH) as f64;

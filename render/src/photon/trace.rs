@@ -6,6 +6,7 @@
 
 use crate::sampler::{Decision, Sampler};
 use crate::shading::bsdf::Bsdf;
+use crate::shading::light::Emission;
 use crate::stats::PhotonStats;
 use glam::{DVec3, Vec3};
 use std::ops::{ControlFlow, Range};
@@ -31,16 +32,55 @@ pub(crate) fn keeps_light(material: &Material) -> bool {
     !material.mirror || material.kd != [0.0; 3]
 }
 
-/// The direction and the flux with which a photon of `flux` goes on from its hit `vertex`; `None` at its end. `bsdf`
-/// is seen from where the photon came.
-pub(crate) fn bounce(bsdf: &Bsdf<'_>, sampler: &Sampler, vertex: u32, flux: Vec3) -> Option<(DVec3, Vec3)> {
+/// What a photon carries from hit to hit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cargo {
+    /// Flux over the photon's chance, W in linear RGB.
+    pub(crate) flux: Vec3,
+    /// How it came here.
+    pub(crate) way: Way,
+}
+
+/// The way of a photon so far, by what other rays find of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// Straight from a point or a sun: shadow rays find it.
+    Straight,
+    /// From a point or a sun over mirrors alone: neither shadow rays nor gather rays find it.
+    Mirrored,
+    /// Any other: gather rays find it.
+    Gathered,
+}
+
+impl Cargo {
+    /// A photon as it leaves its light.
+    pub(crate) fn new(start: &Emission) -> Cargo {
+        Cargo { flux: start.flux, way: if start.is_delta { Way::Straight } else { Way::Gathered } }
+    }
+
+    /// True for light that only the photons themselves bring to a surface that is seen.
+    pub(crate) fn is_caustic(&self) -> bool {
+        self.way == Way::Mirrored
+    }
+}
+
+/// The direction and the cargo with which a photon goes on from its hit `vertex`; `None` at its end. `bsdf` is seen
+/// from where the photon came.
+pub(crate) fn bounce(
+    bsdf: &Bsdf<'_>,
+    sampler: &Sampler,
+    vertex: u32,
+    cargo: Cargo,
+) -> Option<(DVec3, Cargo)> {
     let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
     let bounce = bsdf.sample(u)?;
     let chance = bounce.weight.max_element().min(ROULETTE_MAX);
     if sampler.draw(Decision::Roulette(vertex))[0] >= chance {
         return None;
     }
-    Some((bounce.wi, 1.0 / chance * (flux * bounce.weight)))
+    let is_mirror = bounce.pdf.is_none();
+    let way = if is_mirror && cargo.way != Way::Gathered { Way::Mirrored } else { Way::Gathered };
+    Some((bounce.wi, Cargo { flux: 1.0 / chance * (cargo.flux * bounce.weight), way }))
 }
 
 /// Sends the photons of `indices` pass by pass, until `send` breaks: it sends those of one pass and says what came of

@@ -9,8 +9,8 @@
 //!
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
-use super::irradiance::{PhotonMap, PhotonPass};
-use super::trace::{BOUNCES_MAX, PASS_PHOTONS, bounce, keeps_light, photon_sampler, send_in_passes};
+use super::irradiance::{MapForm, PhotonMap, PhotonPass};
+use super::trace::{BOUNCES_MAX, Cargo, PASS_PHOTONS, bounce, keeps_light, photon_sampler, send_in_passes};
 use crate::g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GUnits, GView};
 use crate::sampler::Sampler;
 use crate::scene::world::World;
@@ -41,7 +41,7 @@ pub(crate) struct VoxelPhotons<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Photon {
     sampler: Sampler,
-    flux: Vec3,
+    cargo: Cargo,
 }
 
 /// Photons side by side, each with its ray and how far that starts from the cube; a worker's.
@@ -84,10 +84,9 @@ impl Flock {
 }
 
 impl PassInWork {
-    /// A pass over so many facets that is to be restarted before it is sent, in a lease of
-    /// [`PhotonMap::pass_bytes`].
-    pub(crate) fn in_lease(facets: usize, lease: Lease) -> PassInWork {
-        PassInWork { pass: PhotonPass::in_lease(facets, Vec3::ZERO, lease), done: 0 }
+    /// A pass over what a map keeps that is to be restarted before it is sent, in a lease of [`MapForm::pass_bytes`].
+    pub(crate) fn in_lease(form: MapForm, lease: Lease) -> PassInWork {
+        PassInWork { pass: PhotonPass::in_lease(form, Vec3::ZERO, lease), done: 0 }
     }
 
     /// The lease of its memory.
@@ -97,12 +96,12 @@ impl PassInWork {
 }
 
 impl VoxelPhotons<'_> {
-    /// A pass with empty sums.
+    /// A pass for a map of this form, with empty sums.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
-    pub(crate) fn begin(&self) -> Result<PassInWork> {
-        let pass = PhotonPass::new(self.voxels.octree().facets().count(), self.flux(), self.budget)?;
+    pub(crate) fn begin(&self, form: MapForm) -> Result<PassInWork> {
+        let pass = PhotonPass::new(form, self.flux(), self.budget)?;
         Ok(PassInWork { pass, done: 0 })
     }
 
@@ -234,7 +233,7 @@ impl VoxelPhotons<'_> {
         let start = sources.emit(&sampler)?;
         let off = start.front.map_or(DVec3::ZERO, |front| self.voxels.clearance(front.into()) * front);
         let ray = Ray::new(start.origin + off, start.direction, f64::INFINITY);
-        Some((Photon { sampler, flux: start.flux }, ray))
+        Some((Photon { sampler, cargo: Cargo::new(&start) }, ray))
     }
 
     /// Leaves the flux of a photon where it hit. The ray on, if it goes on.
@@ -248,11 +247,11 @@ impl VoxelPhotons<'_> {
         let hit = found.face(ray, &self.world.materials);
         let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: -DVec3::from(ray.direction) };
         if keeps_light(bsdf.material) {
-            pass.add(hit.side, photon.flux);
+            pass.add(hit.side, &photon.cargo);
             stats.deposits += 1;
         }
-        let (direction, flux) = bounce(&bsdf, &photon.sampler, vertex, photon.flux)?;
-        photon.flux = flux;
+        let direction;
+        (direction, photon.cargo) = bounce(&bsdf, &photon.sampler, vertex, photon.cargo)?;
         Some(self.voxels.ray_from_leaf(&hit, direction))
     }
 }

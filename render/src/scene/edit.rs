@@ -101,6 +101,7 @@ pub struct RenderEdit {
     pub photons: Option<u64>,
     pub k_nearest: Option<u32>,
     pub bake: Option<bool>,
+    pub caustics: Option<bool>,
     pub near: Option<Near>,
     pub shadows: Option<Shadows>,
     pub occluders: Option<Occluders>,
@@ -137,9 +138,10 @@ impl RenderEdit {
     pub fn apply(&self, keys: &RenderKeys) -> RenderKeys {
         let keys = self.quality.map_or(*keys, |quality| quality.apply(keys));
         let integrator = self.integrator.unwrap_or(keys.integrator);
-        let (mut bake, mut filter) = (keys.bake, keys.filter);
+        let (mut bake, mut caustics, mut filter) = (keys.bake, keys.caustics, keys.filter);
         if integrator != keys.integrator {
             bake &= (keys::BAKE.is_used_by)(integrator);
+            caustics &= (keys::CAUSTICS.is_used_by)(integrator);
             filter = if (keys::FILTER.is_used_by)(integrator) { filter } else { Filter::Off };
         }
         RenderKeys {
@@ -151,6 +153,7 @@ impl RenderEdit {
             photons: self.photons.unwrap_or(keys.photons),
             k_nearest: self.k_nearest.unwrap_or(keys.k_nearest),
             bake: self.bake.unwrap_or(bake),
+            caustics: self.caustics.unwrap_or(caustics),
             near: self.near.unwrap_or(keys.near),
             shadows: self.shadows.unwrap_or(keys.shadows),
             occluders: self.occluders.unwrap_or(keys.occluders),
@@ -223,7 +226,7 @@ mod tests {
 
     #[test]
     fn defaults_are_those_of_a_scene_that_says_nothing() {
-        let words = "normal photon 1024x1024 16 2 2 1048576 50 false contact mesh on 0.0 on 1.0 1";
+        let words = "normal photon 1024x1024 16 2 2 1048576 50 false false contact mesh on 0.0 on 1.0 1";
         let default = |key: &&'static Key| match key.default_value() {
             KeyValue::Pair([width, height]) => format!("{width}x{height}"),
             KeyValue::Choice(name) => name.to_owned(),
@@ -245,13 +248,14 @@ mod tests {
             integrator: Method::Photon,
             filter: Filter::On,
             bake: true,
+            caustics: true,
             ..RenderKeys::default()
         };
         let to = |integrator| RenderEdit { integrator: Some(integrator), ..RenderEdit::default() };
         let direct = RenderSettings::new(to(Method::Direct).apply(&keys)).unwrap();
-        assert!(direct.filter == Filter::Off && !direct.bake);
+        assert!(direct.filter == Filter::Off && !direct.bake && !direct.caustics);
         let full = RenderSettings::new(to(Method::FullGi).apply(&keys)).unwrap();
-        assert!(full.filter == Filter::On && !full.bake);
+        assert!(full.filter == Filter::On && !full.bake && !full.caustics);
         let asked = RenderEdit { filter: Some(Filter::On), ..to(Method::Direct) };
         assert!(RenderSettings::new(asked.apply(&keys)).is_err());
     }

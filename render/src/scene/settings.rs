@@ -22,6 +22,7 @@ pub struct RenderKeys {
     pub photons: u64,
     pub k_nearest: u32,
     pub bake: bool,
+    pub caustics: bool,
     pub near: Near,
     pub shadows: Shadows,
     pub occluders: Occluders,
@@ -43,6 +44,7 @@ impl Default for RenderKeys {
             // H. W. Jensen's own number for pictures with final gathering.
             k_nearest: 50,
             bake: false,
+            caustics: false,
             near: Near::Contact,
             shadows: Shadows::Mesh,
             occluders: Occluders::On,
@@ -56,7 +58,7 @@ impl Default for RenderKeys {
 
 impl RenderKeys {
     /// Each key with its value, in the order of the table.
-    pub fn values(&self) -> [(&'static Key, KeyValue); 15] {
+    pub fn values(&self) -> [(&'static Key, KeyValue); 16] {
         [
             (&keys::INTEGRATOR, KeyValue::Choice(self.integrator.as_str())),
             (&keys::RESOLUTION, KeyValue::Pair(self.resolution)),
@@ -66,6 +68,7 @@ impl RenderKeys {
             (&keys::PHOTONS, KeyValue::Count(self.photons)),
             (&keys::K_NEAREST, KeyValue::Count(self.k_nearest.into())),
             (&keys::BAKE, KeyValue::Flag(self.bake)),
+            (&keys::CAUSTICS, KeyValue::Flag(self.caustics)),
             (&keys::NEAR, KeyValue::Choice(self.near.as_str())),
             (&keys::SHADOWS, KeyValue::Choice(self.shadows.as_str())),
             (&keys::OCCLUDERS, KeyValue::Choice(self.occluders.as_str())),

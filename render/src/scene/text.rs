@@ -242,7 +242,7 @@ mod tests {
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
                     quality integrator resolution spp n_shadow n_gather photons near occluders k_nearest \
-                    lod_error bake filter exposure seed";
+                    lod_error bake caustics filter exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
         }

@@ -2,7 +2,7 @@
 
 use crate::g_stage::{CpuStage, GCall, GNeeds, GStage, GTurn};
 use crate::integrate::{RenderContext, SampleIntegrator};
-use crate::photon::irradiance::{Irradiance, PhotonMap};
+use crate::photon::irradiance::{Irradiance, MapForm, PhotonMap};
 use crate::photon::voxel::VoxelPhotons;
 use crate::scene::camera::Camera;
 use crate::scene::method::{Method, Near};
@@ -206,11 +206,11 @@ const PHOTONS: u64 = 10_000;
 /// What photons bring to the voxels, through a stage.
 fn light(world: &World, model: &Model, g_stage: &dyn GStage) -> PhotonMap {
     let (voxels, pool, budget) = (model.voxels.as_ref().unwrap(), pool(1), Budget::unlimited());
-    let mut map = PhotonMap::new(voxels.facet_count(), &budget).unwrap();
+    let mut map = PhotonMap::new(MapForm { facets: voxels.facet_count(), caustics: false }, &budget).unwrap();
     let voxels = voxels.scene(Occluders::On);
     let photons =
         VoxelPhotons { world, bounds: &model.bounds, voxels, g_stage, pool: &pool, budget: &budget };
-    photons.trace((&mut photons.begin().unwrap(), &mut map), PHOTONS, &|| false, &mut |_| {});
+    photons.trace((&mut photons.begin(map.form()).unwrap(), &mut map), PHOTONS, &|| false, &mut |_| {});
     map
 }
 

@@ -13,7 +13,7 @@
 use super::indirect::{Arrival, IndirectLight, LightBytes, LightRoom, LightWork};
 use crate::g_stage::GNeeds;
 use crate::photon::bake::BakeJob;
-use crate::photon::irradiance::{Irradiance, PhotonMap};
+use crate::photon::irradiance::{Irradiance, MapForm, PhotonMap};
 use crate::photon::mesh::flight_bytes;
 use crate::photon::voxel::{PassInWork, VoxelPhotons, flock_bytes};
 use crate::scene::settings::{RenderKeys, RenderSettings};
@@ -39,14 +39,14 @@ struct NextMap {
 }
 
 impl MapLight {
-    /// What light of so many facets takes: the map on show; in frames a second one, and the sums of a pass, which come
+    /// What light of this form takes: the map on show; in frames a second one, and the sums of a pass, which come
     /// and go at leisure.
     pub(super) fn bytes(
-        facets: usize,
+        form: MapForm,
         settings: &RenderSettings,
         (workers, g_needs): (usize, &GNeeds),
     ) -> LightBytes {
-        let (map, pass) = (PhotonMap::bytes(facets), PhotonMap::pass_bytes(facets));
+        let (map, pass) = (form.bytes(), form.pass_bytes());
         let photons = if settings.bake { flight_bytes(workers) } else { 0 };
         LightBytes {
             lasting: map,
@@ -58,10 +58,10 @@ impl MapLight {
         }
     }
 
-    /// Dark light of so many facets, in its `room`.
-    pub(super) fn new(facets: usize, room: LightRoom) -> MapLight {
-        let next = room.in_frames.map(|room| NextMap::new(facets, room));
-        MapLight { shown: PhotonMap::in_lease(facets, room.lasting), next }
+    /// Dark light of this form, in its `room`.
+    pub(super) fn new(form: MapForm, room: LightRoom) -> MapLight {
+        let next = room.in_frames.map(|room| NextMap::new(form, room));
+        MapLight { shown: PhotonMap::in_lease(form, room.lasting), next }
     }
 
     /// Sends the photons that the sides of facets still lack through the mesh.
@@ -96,12 +96,12 @@ impl IndirectLight for MapLight {
         }
         let target = work.world.settings.photons;
         let Some(photons) = work.voxel_photons() else { return Ok(PhotonStats::default()) };
-        let mut pass = photons.begin()?;
+        let mut pass = photons.begin(self.shown.form())?;
         Ok(photons.trace((&mut pass, &mut self.shown), target, work.stop, &mut |done| tell(done, target)))
     }
 
     fn go_live(&mut self, work: &LightWork<'_>, room: Lease) -> Result<()> {
-        let next = self.next.insert(NextMap::new(self.shown.facet_count(), room));
+        let next = self.next.insert(NextMap::new(self.shown.form(), room));
         if self.shown.photons() == 0
             && let Some(photons) = work.voxel_photons().filter(VoxelPhotons::is_lit)
         {
@@ -154,10 +154,10 @@ impl IndirectLight for MapLight {
 }
 
 impl NextMap {
-    /// The second map of so many facets and the sums of a pass, in a lease of both; nothing is on its way.
-    fn new(facets: usize, mut room: Lease) -> NextMap {
-        let map = PhotonMap::in_lease(facets, room.split(PhotonMap::bytes(facets)));
-        NextMap { map, work: PassInWork::in_lease(facets, room), share: None }
+    /// The second map of this form and the sums of a pass, in a lease of both; nothing is on its way.
+    fn new(form: MapForm, mut room: Lease) -> NextMap {
+        let map = PhotonMap::in_lease(form, room.split(form.bytes()));
+        NextMap { map, work: PassInWork::in_lease(form, room), share: None }
     }
 
     /// Begins anew: what was on its way is out of date.
@@ -219,27 +219,27 @@ mod tests {
         floor(RenderKeys { integrator, resolution: [8, 8], photons: TARGET, ..RenderKeys::default() })
     }
 
-    fn facets<T>(session: &Session<T>) -> usize {
-        session.model.voxels.as_ref().unwrap().facet_count()
+    fn form<T>(session: &Session<T>) -> MapForm {
+        MapForm { facets: session.model.voxels.as_ref().unwrap().facet_count(), caustics: false }
     }
 
     /// The light of `session`, sent in one go.
     fn whole<T: PagedTracer + Send>(session: &mut Session<T>, photons: u64) -> PhotonMap {
-        let mut map = PhotonMap::new(facets(session), &session.budget).unwrap();
+        let mut map = PhotonMap::new(form(session), &session.budget).unwrap();
         let (_, work) = session.light_parts(&|| false);
         let world = work.voxel_photons().unwrap();
-        world.trace((&mut world.begin().unwrap(), &mut map), photons, &|| false, &mut |_| {});
+        world.trace((&mut world.begin(map.form()).unwrap(), &mut map), photons, &|| false, &mut |_| {});
         assert_eq!(map.photons(), photons);
         map
     }
 
     /// Light in frames of which `shown` is on show, and nothing on its way.
     fn in_frames<T: PagedTracer + Send>(session: &Session<T>, shown: PhotonMap) -> MapLight {
-        let facets = facets(session);
+        let form = form(session);
         let lease = |bytes| session.budget.lease("light", bytes).unwrap();
-        let (map, pass) = (PhotonMap::bytes(facets), PhotonMap::pass_bytes(facets));
+        let (map, pass) = (form.bytes(), form.pass_bytes());
         let room = LightRoom { lasting: lease(map), in_frames: Some(lease(map + pass)) };
-        MapLight { shown, ..MapLight::new(facets, room) }
+        MapLight { shown, ..MapLight::new(form, room) }
     }
 
     fn restart<T: PagedTracer + Send>(session: &mut Session<T>, light: &mut MapLight) {
@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn the_first_light_of_all_is_there_in_full_with_its_first_pass() {
         let mut session = session();
-        let dark = PhotonMap::new(facets(&session), &session.budget).unwrap();
+        let dark = PhotonMap::new(form(&session), &session.budget).unwrap();
         let mut light = in_frames(&session, dark);
         assert!(light.precedes_response());
         restart(&mut session, &mut light);

@@ -16,6 +16,7 @@ mod tree;
 pub(super) use indirect::{Arrival, IndirectLight, LightBytes, LightRoom, LightWork};
 
 use crate::g_stage::GNeeds;
+use crate::photon::irradiance::MapForm;
 use crate::scene::method::Method;
 use crate::scene::settings::RenderSettings;
 use map::MapLight;
@@ -27,8 +28,8 @@ use tree::TreeLight;
 pub(super) enum LightKind {
     /// Nothing is kept.
     None,
-    /// Irradiance of so many facets.
-    Map { facets: usize },
+    /// Irradiance of facets.
+    Map(MapForm),
     /// Photons, each by itself.
     Tree,
 }
@@ -37,7 +38,7 @@ impl LightKind {
     /// The kind that `settings` ask for on a model whose octree has so many facets; `None` for a model without.
     pub(super) fn new(settings: &RenderSettings, facets: Option<usize>) -> LightKind {
         match (settings.integrator, facets) {
-            (Method::Photon, Some(facets)) => LightKind::Map { facets },
+            (Method::Photon, Some(facets)) => LightKind::Map(MapForm { facets, caustics: settings.caustics }),
             (Method::FullGi, _) => LightKind::Tree,
             _ => LightKind::None,
         }
@@ -47,7 +48,7 @@ impl LightKind {
     pub(super) fn bytes(self, settings: &RenderSettings, workers: usize, g_needs: &GNeeds) -> LightBytes {
         match self {
             LightKind::None => LightBytes::default(),
-            LightKind::Map { facets } => MapLight::bytes(facets, settings, (workers, g_needs)),
+            LightKind::Map(form) => MapLight::bytes(form, settings, (workers, g_needs)),
             LightKind::Tree => TreeLight::bytes(settings, workers),
         }
     }
@@ -56,7 +57,7 @@ impl LightKind {
     pub(super) fn light(self, room: LightRoom) -> Box<dyn IndirectLight> {
         match self {
             LightKind::None => Box::new(NoLight),
-            LightKind::Map { facets } => Box::new(MapLight::new(facets, room)),
+            LightKind::Map(form) => Box::new(MapLight::new(form, room)),
             LightKind::Tree => Box::new(TreeLight::default()),
         }
     }

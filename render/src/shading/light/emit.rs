@@ -33,6 +33,8 @@ pub(crate) struct Emission {
     pub(crate) size: f64,
     /// Unit direction of flight.
     pub(crate) direction: DVec3,
+    /// True for a point or a sun, which no ray meets by chance.
+    pub(crate) is_delta: bool,
     /// Flux over the photon's chance, W in linear RGB; the mean over photons is the flux of all lights.
     pub(crate) flux: Vec3,
 }
@@ -88,10 +90,12 @@ impl<'a> PhotonSources<'a> {
                 front: None,
                 size: 0.0,
                 direction: sphere_direction([u, v]),
+                is_delta: true,
                 flux: 4.0 * PI as f32 * *intensity,
             },
             Source::Directional { direction, irradiance } => {
-                self.parallel(unit(*direction)?, *irradiance, [a, b])
+                let sent = self.parallel(unit(*direction)?, *irradiance, [a, b]);
+                Emission { is_delta: true, ..sent }
             }
             Source::Rect { corner, edge_u, edge_v, radiance } => {
                 let normal = edge_u.cross(*edge_v);
@@ -101,6 +105,7 @@ impl<'a> PhotonSources<'a> {
                     front: None,
                     size: 0.0,
                     direction: cosine_direction(unit(normal)?, [u, v]),
+                    is_delta: false,
                     flux: (PI * area) as f32 * *radiance,
                 }
             }
@@ -111,6 +116,7 @@ impl<'a> PhotonSources<'a> {
                     front: Some(on.normal),
                     size: on.size(),
                     direction: cosine_direction(on.normal, [u, v]),
+                    is_delta: false,
                     flux: (PI / on.pdf) as f32 * on.radiance,
                 }
             }
@@ -131,6 +137,7 @@ impl<'a> PhotonSources<'a> {
             front: None,
             size: 0.0,
             direction,
+            is_delta: false,
             flux: (4.0 * reach_e * reach_f) as f32 * irradiance,
         }
     }

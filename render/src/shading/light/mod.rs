@@ -7,7 +7,7 @@ mod lights;
 mod sample;
 mod scene_light;
 
-pub(crate) use emit::PhotonSources;
+pub(crate) use emit::{Emission, PhotonSources};
 pub use emitter::{Emitter, Emitters};
 pub(crate) use lights::{Lights, SkyBy};
 pub(crate) use sample::LightSample;
