@@ -1,6 +1,7 @@
 //! Pictures whose light is known from a formula or from a reference picture, by every integrator that claims them.
 
 use crate::command::{document_in, folder, models, run_in, said};
+use crate::light_sides::red;
 use serde_json::Value;
 use std::fmt::Write;
 use std::fs;
@@ -332,4 +333,28 @@ fn the_cornell_box_has_the_light_of_its_reference() {
     check("--integrator photon --spp 8 --photons 500k --near exact --filter off", 0.03);
     check("--integrator photon --spp 8 --photons 500k --near exact --bake --filter off", 0.03);
     check("--integrator full-gi --spp 8 --photons 300k --filter off", 0.03);
+}
+
+/// Behind the cut of the footprint rule lamps shone to both sides: their voxels look to where a ray comes from. One
+/// lamp is a sheet that shines down, the other a box thinner than a voxel, which shines up, too.
+#[test]
+fn the_back_of_a_far_lamp_is_dark() {
+    let folder = folder();
+    let obj = "mtllib m.mtl\nv -1 2 -1\nv 1 2 -1\nv 1 2 1\nv -1 2 1\nv 3 2 -1\nv 5 2 -1\nv 5 2 1\nv 3 2 1\n\
+               v 3 2.01 -1\nv 5 2.01 -1\nv 5 2.01 1\nv 3 2.01 1\nusemtl lamp\nf 1 2 3 4\nf 5 6 7 8\nf 12 11 10 9\n";
+    fs::write(folder.path().join("m.obj"), obj).unwrap();
+    fs::write(folder.path().join("m.mtl"), "newmtl lamp\nKd 0 0 0\nKe 7 7 7\n").unwrap();
+    document_in(folder.path(), "build m.obj -o m.trex --voxels 256");
+    let view =
+        "--resolution 64x64 --integrator direct --spp 4 --camera-up 0,0,1 --camera-target 2,2,0 --fov-x 30";
+    for (height, lamps) in [(20, 1), (-16, 2)] {
+        let bright = |lod: &str| {
+            let camera = format!("--camera-position 2,{height},0 --lod-error {lod}");
+            document_in(folder.path(), &format!("render m.trex -o m.exr --overwrite {view} {camera}"));
+            let red = red(&folder.path().join("m.exr"));
+            red.into_iter().filter(|&radiance| radiance > 3.5).count()
+        };
+        let (near, far) = (bright("0"), bright("8"));
+        assert!(near > 150 * lamps && near < 200 * lamps && near.abs_diff(far) < 20 * lamps, "{near} {far}");
+    }
 }

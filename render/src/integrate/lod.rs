@@ -15,7 +15,9 @@ use super::context::RenderContext;
 use super::g_batch::GBatches;
 use super::g_scene::GScene;
 use super::path_state::{Origin, Path};
+use crate::scene::world::World;
 use crate::trace::{Answer, Hit, Ray, Tracer};
+use glam::{DVec3, Vec3};
 
 /// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing
 /// angles.
@@ -75,7 +77,18 @@ impl RenderContext<'_> {
     pub(super) fn far_hit(&self, asked: &AskedFar, batches: &GBatches) -> Option<CRayHit> {
         let (voxels, answer) = (&self.far_scene().voxels, batches.answered.answer(asked.place));
         assert!(!answer.is_blocked(), "the upper octree is resident");
-        asked.far.hit(voxels, answer.surface(asked.t_in, voxels.subvoxel_side()))
+        let found = answer.surface(asked.t_in, voxels.subvoxel_side());
+        let mut hit = asked.far.hit(voxels, found)?;
+        let World { materials, lights, .. } = self.world;
+        if materials[hit.point.material as usize].emits() {
+            // A voxel looks to where the ray came from; which side of a lamp that is, its triangles tell.
+            let clear = |normal: DVec3| voxels.clearance(normal.into());
+            let end = found.map_or(0.0, |surface| surface.t);
+            if lights.emitted_in_voxels(&asked.far.ray, end, clear) == Vec3::ZERO {
+                hit.point.normal = -hit.point.normal;
+            }
+        }
+        Some(hit)
     }
 
     fn far_scene(&self) -> &GScene<'_> {
