@@ -37,6 +37,7 @@ mod scratch;
 mod source;
 mod source_scene;
 mod spool;
+mod stamp;
 pub mod stated_lattice;
 pub mod verify;
 
@@ -52,6 +53,7 @@ pub use material_list::MaterialList;
 pub use material_names::{MaterialNames, stored_name};
 pub use next_step::{NextStep, Setting};
 pub use progress::{Interrupt, Progress, Report};
-pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource, stamp};
+pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 pub use source_scene::{SourceCamera, SourceLight, SourceScene};
 pub use spool::{SpooledSource, TriangleSpool};
+pub use stamp::stamp;

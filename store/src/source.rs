@@ -9,8 +9,6 @@ use crate::error::Result;
 use crate::geom::{Aabb, Lattice};
 use crate::material_list::MaterialList;
 use crate::source_scene::SourceScene;
-use std::os::unix::fs::MetadataExt;
-use std::path::Path;
 
 /// Triangles in flight between a source and its consumer. A source replaces the content; buffers are reused.
 #[derive(Clone, Debug, Default)]
@@ -100,18 +98,8 @@ pub struct SourceStats {
     /// Things worth telling the user, in plain words (a missing MTL, trailing bytes), bounded in number.
     pub warnings: Vec<String>,
     /// Files that the input names and the source looked for (MTL, buffers), as the system writes their paths, each
-    /// with its [`stamp`] at that time.
+    /// with its [`crate::stamp`] at that time.
     pub named_files: Vec<(Vec<u8>, String)>,
-}
-
-/// What tells a file from what it was before: its length, and when it changed; or that it cannot be found.
-pub fn stamp(path: &Path) -> String {
-    match path.metadata() {
-        Ok(found) => {
-            format!("{} bytes, changed at {}.{:09} s", found.len(), found.mtime(), found.mtime_nsec())
-        }
-        Err(_) => "not there".to_owned(),
-    }
 }
 
 /// A stream of triangles. See the module's invariants.

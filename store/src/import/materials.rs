@@ -15,7 +15,7 @@ use crate::layout::MATERIALS;
 use crate::material::Material;
 use crate::material_list::MaterialList;
 use crate::material_names::stored_name;
-use crate::source::stamp;
+use crate::stamp;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;

@@ -13,7 +13,7 @@ use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::import::ImportOptions;
 use crate::import::text::printable;
-use crate::source::stamp;
+use crate::stamp;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
