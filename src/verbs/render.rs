@@ -153,7 +153,7 @@ impl Job<'_> {
         let shown = self.make_pictures(&mut show, &shots, &clock)?;
         self.tell_what_is_missing(&shown, shots.len(), ctx);
         let damage = Damage::of(&stage);
-        report_stage(&stage, &damage, ctx);
+        damage.report(ctx);
         let passed = clock.start.elapsed();
         let (total_s, passed_ms) = ((passed - shown.finishing).as_secs_f64(), passed.as_millis() as u64);
         let times = Times { photons, photons_s, total_s, passed_ms };
@@ -284,7 +284,7 @@ impl Job<'_> {
             pool: pool.stats(),
             shares: stage.plan,
             memory: Memory::new(&ctx.budget),
-            io_backend: pool.io(),
+            io_backend: stage.io(ctx),
             device: device.name,
             device_reason: device.reason,
             device_notice: device.notice,
@@ -309,14 +309,6 @@ fn tell_samples(keys: &RenderKeys, ctx: &Context, done: SampleProgress) {
     let (now, total) = (done.place as u64 * whole + u64::from(done.spp) * pixels, done.shots as u64 * whole);
     let memory_bytes = ctx.budget.used_bytes();
     ctx.report()(Progress { phase: "render", done: now, total, unit: "samples", memory_bytes });
-}
-
-/// A backend that gave way to another, and what could not be drawn as it is.
-fn report_stage(stage: &Stage, damage: &Damage, ctx: &Context) {
-    if let Some(notice) = &stage.pool.io().notice {
-        ctx.console.note(&format!("note: {notice}"));
-    }
-    damage.report(ctx);
 }
 
 /// Name of a picture of a path: `turn.png` gives `turn-0001.png` and so on.

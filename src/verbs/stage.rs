@@ -12,7 +12,7 @@ use trex_model::{
     set_direct_without_voxels,
 };
 use trex_render::{Camera, MemoryPlan, Scene, parse_views};
-use trex_store::io::IoOptions;
+use trex_store::io::{IoDescription, IoOptions};
 use trex_store::layout::PageKind;
 use trex_store::pool::{PagePool, PageState};
 use trex_store::{Error, PageFile, Result, open_regular};
@@ -75,6 +75,15 @@ impl Stage {
         }
         tracing::info!("memory: {}", size::memory_plan(&plan));
         Ok((Stage { model, pool, plan }, session))
+    }
+
+    /// The backend that reads pages; that it took the place of another is told.
+    pub fn io(&self, ctx: &Context) -> IoDescription {
+        let io = self.pool.io();
+        if let Some(notice) = &io.notice {
+            ctx.console.note(&format!("note: {notice}"));
+        }
+        io
     }
 
     /// The device that answers G-rays; why the processor does in its place is told.

@@ -87,7 +87,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         figures,
         memory,
         resident_pages: stage.resident_pages(),
-        io_backend: stage.pool.io(),
+        io_backend: stage.io(ctx),
         device: stage.device(ctx),
         verdict: if passed { "pass" } else { "fail" },
     };

@@ -23,6 +23,7 @@ use std::time::Duration;
 use trex_model::{Device, DeviceReport, Pace, SessionOptions};
 use trex_render::{FrameOptions, PictureNeeds, Scene};
 use trex_store::DamageList;
+use trex_store::io::IoDescription;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result};
 use trex_view::{
@@ -104,6 +105,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         served,
         damaged_pages: stage.pool.damage().iter().map(|(page, _)| *page).collect(),
         damage,
+        io_backend: stage.io(ctx),
         device: stage.device(ctx),
         pool: stage.pool.stats(),
         memory: Memory::new(&ctx.budget),
@@ -256,6 +258,7 @@ struct ViewReport {
     served: ServeReport,
     damaged_pages: Vec<u32>,
     damage: Damage,
+    io_backend: IoDescription,
     device: DeviceReport,
     pool: trex_store::pool::PoolStats,
     memory: Memory,

@@ -58,6 +58,16 @@ fn a_ring_that_fails_costs_a_line() {
     if whole["io_backend"]["backend"] != "uring" {
         return cannot_run("this machine has no io_uring");
     }
+    let stress = "stress m.trex --json --progress none --scenario flip --switches 2 --integrator direct --resolution 64x64";
+    let stressed = run_with(inside.path(), "io_uring_enter:error=EIO:when=6+", stress);
+    stressed.expect(0);
+    let document = stressed.document();
+    assert_eq!(document["io_backend"]["backend"], "pread", "{document:#}");
+    assert!(
+        stressed.stderr.contains(document["io_backend"]["notice"].as_str().unwrap()),
+        "{}",
+        stressed.stderr
+    );
     for (errno, when) in [("ENOMEM", "10"), ("EIO", "10"), ("ENOMEM", "3"), ("EIO", "6+")] {
         let rendered = run_with(inside.path(), &format!("io_uring_enter:error={errno}:when={when}"), RENDER);
         rendered.expect(0);
