@@ -1,7 +1,11 @@
 //! Bit fields: numbers packed least bit first.
 //!
 //! Invariants: 1. a field has at most 57 bits, so that one unaligned 64-bit load holds it at any bit offset; 2. no read
-//! leaves the bytes: behind their end stand zeros, and the reader knows that it went there.
+//! leaves the bytes: behind their end stand zeros, and the reader knows that it went there; 3. a cluster is read from a
+//! window of fixed length, so that a mask of the place is all that a field costs to stay inside.
+
+/// Eight bytes, each 1.
+pub(super) const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
 
 /// Appends numbers of 0 to 57 bits to bytes.
 #[derive(Default)]
@@ -49,22 +53,31 @@ impl BitWriter {
     }
 }
 
-/// Reads what a [`BitWriter`] wrote. Behind the end stand zeros: ask [`BitReader::is_sound`] when all is read.
+/// Bytes that no cluster on disk is longer than, and the power of two that the reader masks its place with.
+pub(super) const WINDOW_BYTES: usize = 4096;
+/// What a cluster is read from: its bytes, what stands behind them, and zeros behind the end of the page.
+pub(super) type Window = [u8; WINDOW_BYTES + size_of::<u64>()];
+
+/// Reads what a [`BitWriter`] wrote. Nothing tells it where the bytes end: ask [`BitReader::is_within`] when all is
+/// read.
 #[derive(Clone, Copy)]
 pub(super) struct BitReader<'a> {
-    bytes: &'a [u8],
+    window: &'a Window,
     at: usize,
 }
 
 impl<'a> BitReader<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> BitReader<'a> {
-        BitReader { bytes, at: 0 }
+    pub(super) fn new(window: &'a Window) -> BitReader<'a> {
+        BitReader { window, at: 0 }
     }
 
     /// The next 57 bits, and up to seven more that are not to be believed.
     #[inline(always)]
     pub(super) fn peek(&self) -> u64 {
-        word_at(self.bytes, self.at / 8) >> (self.at % 8)
+        // The mask takes the place of a check: what lies behind the window is refused in the end.
+        let first = self.at / 8 % WINDOW_BYTES;
+        let eight = self.window[first..first + 8].try_into().expect("eight bytes");
+        u64::from_le_bytes(eight) >> (self.at % 8)
     }
 
     #[inline(always)]
@@ -90,9 +103,48 @@ impl<'a> BitReader<'a> {
         self.at.div_ceil(8)
     }
 
-    /// True when nothing was read from behind the end.
-    pub(super) fn is_sound(&self) -> bool {
-        self.at <= 8 * self.bytes.len()
+    /// True when nothing was read from behind the first `bytes`.
+    pub(super) fn is_within(&self, bytes: usize) -> bool {
+        self.at <= 8 * bytes.min(WINDOW_BYTES)
+    }
+}
+
+/// Windows on the clusters of a page, one after the other.
+pub(super) struct Windows<'a> {
+    rest: &'a [u8],
+    /// Whether `tail` holds what is left, from `tail_at` on, and zeros behind it.
+    is_in_tail: bool,
+    tail: [u8; 2 * size_of::<Window>()],
+    tail_at: usize,
+}
+
+impl<'a> Windows<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Windows<'a> {
+        Windows { rest: bytes, is_in_tail: false, tail: [0; 2 * size_of::<Window>()], tail_at: 0 }
+    }
+
+    /// What is to be read next, and how many bytes are left of the page.
+    pub(super) fn front(&mut self) -> (&Window, usize) {
+        let left = self.rest.len();
+        if let Some(window) = self.rest.first_chunk() {
+            return (window, left);
+        }
+        if !self.is_in_tail {
+            self.tail[..left].copy_from_slice(self.rest);
+            self.is_in_tail = true;
+        }
+        (self.tail[self.tail_at..].first_chunk().expect("a window behind all that was left"), left)
+    }
+
+    /// Passes over bytes, no more than are left.
+    pub(super) fn skip(&mut self, bytes: usize) {
+        self.rest = &self.rest[bytes..];
+        self.tail_at += if self.is_in_tail { bytes } else { 0 };
+    }
+
+    /// True when nothing is left.
+    pub(super) fn is_empty(&self) -> bool {
+        self.rest.is_empty()
     }
 }
 
@@ -138,7 +190,10 @@ mod tests {
                 writer.put(value & ((1 << bits) - 1), bits);
             }
             let bytes = writer.finish();
-            let mut reader = BitReader::new(&bytes);
+            let mut windows = Windows::new(&bytes);
+            let (window, left) = windows.front();
+            prop_assert_eq!(left, bytes.len());
+            let mut reader = BitReader::new(window);
             let mut at = 0;
             for &(value, bits) in &items {
                 prop_assert_eq!(get(&bytes, at, bits), value & ((1 << bits) - 1));
@@ -146,9 +201,30 @@ mod tests {
                 at += bits as usize;
             }
             prop_assert_eq!(bytes.len(), at.div_ceil(8));
-            prop_assert!(reader.align() && reader.is_sound() && reader.byte_count() == bytes.len());
+            prop_assert!(reader.align() && reader.is_within(left) && reader.byte_count() == bytes.len());
             reader.skip(1);
-            prop_assert!(!reader.is_sound());
+            prop_assert!(!reader.is_within(left));
+        }
+
+        /// Windows of a page of any length, by steps of any length, against the bytes and zeros behind them.
+        #[test]
+        fn windows_pass_over_all_bytes(
+            length in 0usize..3 * WINDOW_BYTES,
+            steps in proptest::collection::vec(1usize..1000, 0..60),
+        ) {
+            let bytes: Vec<u8> = (0..length).map(|i| (i * i + i / 251) as u8 | 1).collect();
+            let mut windows = Windows::new(&bytes);
+            let mut at = 0;
+            for step in steps {
+                let (window, left) = windows.front();
+                prop_assert_eq!(left, length - at);
+                let there = left.min(window.len());
+                prop_assert!(window[..there] == bytes[at..at + there] && window[there..].iter().all(|&b| b == 0));
+                let step = step.min(left);
+                windows.skip(step);
+                at += step;
+                prop_assert_eq!(windows.is_empty(), at == length);
+            }
         }
     }
 }

@@ -16,8 +16,10 @@
 
 #![allow(unsafe_code)]
 
-/// Eight bytes, each 1.
-pub(super) const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;
+use super::bits::BYTES_OF_ONE;
+use super::cells::{self, Cells, LeafRange};
+use super::finish::{self, Guides, Signs, Tags, VertexWords};
+use super::packing::VertexPacking;
 
 /// Places of three fields in a word.
 #[derive(Clone, Copy)]
@@ -26,29 +28,29 @@ pub(super) struct Fields {
     masks: [u64; 3],
     /// How far each field lies above where it is packed.
     up: [u32; 3],
-    /// All three.
-    #[cfg(target_arch = "x86_64")]
-    mask: u64,
 }
 
 impl Fields {
-    /// Fields of `bits` bits, `at` bits above the least, ascending and apart.
-    pub(super) fn new(bits: [u32; 3], at: [u32; 3]) -> Fields {
-        let masks: [u64; 3] = std::array::from_fn(|i| ((1u64 << bits[i]) - 1) << at[i]);
+    fn new(bits: [u32; 3], at: [u32; 3]) -> Fields {
         let packed = [0, bits[0], bits[0] + bits[1]];
-        Fields {
-            masks,
-            up: std::array::from_fn(|i| at[i] - packed[i]),
-            #[cfg(target_arch = "x86_64")]
-            mask: masks[0] | masks[1] | masks[2],
-        }
+        Fields { masks: masks(bits, at), up: std::array::from_fn(|i| at[i] - packed[i]) }
     }
+}
+
+/// Fields of `bits` bits, `at` bits above the least, in place.
+#[inline(always)]
+fn masks(bits: [u32; 3], at: [u32; 3]) -> [u64; 3] {
+    std::array::from_fn(|i| ((1u64 << bits[i]) - 1) << at[i])
 }
 
 /// Moves fields, and bytes of strips.
 pub(super) trait Mover: Copy {
+    /// What it knows of the places of three fields.
+    type Fields: Copy;
+    /// Fields of `bits` bits, `at` bits above the least, ascending and apart.
+    fn fields(self, bits: [u32; 3], at: [u32; 3]) -> Self::Fields;
     /// From packed to their places.
-    fn spread(self, packed: u64, fields: &Fields) -> u64;
+    fn spread(self, packed: u64, fields: &Self::Fields) -> u64;
     /// Eight bytes below 2^width in 8 * width bits; `width` is 1 to 8.
     fn narrow(self, bytes: u64, width: u32) -> u64;
     /// A byte for each bit: 1 where it is set.
@@ -60,6 +62,20 @@ pub(super) trait Mover: Copy {
     /// From the third corners `x` of a strip, its gate (from, to, opposite; a byte each from the lowest on) and its
     /// turns: the first two corners of each triangle, and the corner opposite of the edge on which it hangs.
     fn follow(self, x: u64, gate: u32, turns: usize) -> [u64; 3];
+    /// See [`cells::range_in_bytes`].
+    fn range(self, corners: [u64; 3], there: u64) -> LeafRange;
+    /// See [`finish::part_guides_in_bytes`].
+    fn part_guides(self, guides: &mut Guides, tags: &Tags, count: usize) -> Signs;
+    /// See [`finish::finish_in_words`].
+    fn finish(
+        self,
+        packing: &VertexPacking,
+        shift: [u8; 3],
+        placed: (&mut VertexWords, usize),
+        cells: &mut Cells,
+    ) -> [u32; 3];
+    /// See [`finish::pack_in_words`]: the first so many. Eight of them may be written behind the last, all zero.
+    fn pack(self, placed: (&VertexWords, usize), bits: u32, out: &mut [u8]);
 }
 
 /// Something to do with fields. `run` must be `#[inline(always)]`, as all that it calls in a loop.
@@ -106,6 +122,13 @@ impl Machine {
 pub(super) struct Portable;
 
 impl Mover for Portable {
+    type Fields = Fields;
+
+    #[inline(always)]
+    fn fields(self, bits: [u32; 3], at: [u32; 3]) -> Fields {
+        Fields::new(bits, at)
+    }
+
     #[inline(always)]
     fn spread(self, packed: u64, fields: &Fields) -> u64 {
         let Fields { masks, up, .. } = fields;
@@ -159,6 +182,32 @@ impl Mover for Portable {
         }
         all
     }
+
+    #[inline(always)]
+    fn range(self, corners: [u64; 3], there: u64) -> LeafRange {
+        cells::range_in_bytes(corners, there)
+    }
+
+    #[inline(always)]
+    fn part_guides(self, guides: &mut Guides, tags: &Tags, count: usize) -> Signs {
+        finish::part_guides_in_bytes(guides, tags, count)
+    }
+
+    #[inline(always)]
+    fn finish(
+        self,
+        packing: &VertexPacking,
+        shift: [u8; 3],
+        (placed, count): (&mut VertexWords, usize),
+        cells: &mut Cells,
+    ) -> [u32; 3] {
+        finish::finish_in_words(packing, shift, &mut placed[..count], cells)
+    }
+
+    #[inline(always)]
+    fn pack(self, (placed, count): (&VertexWords, usize), bits: u32, out: &mut [u8]) {
+        finish::pack_in_words(&placed[..count], bits, out);
+    }
 }
 
 /// By the turns of a strip: where in a register of its third corners (bytes 0 to 7) and its gate (8 to 10) the first
@@ -181,7 +230,10 @@ static TURNS: [[[u8; 16]; 2]; 128] = {
 
 #[cfg(target_arch = "x86_64")]
 mod bmi2 {
-    use super::{BYTES_OF_ONE, Fields, Mover, TURNS, Work};
+    use super::{
+        BYTES_OF_ONE, Cells, Guides, LeafRange, Mover, Signs, TURNS, Tags, VertexPacking, VertexWords, Work,
+        cells, finish, masks,
+    };
     use std::arch::x86_64::*;
 
     /// Proof that the machine has what `run_with_features` is compiled for.
@@ -211,16 +263,24 @@ mod bmi2 {
     }
 
     impl Mover for Bmi2 {
+        /// The bits of all three.
+        type Fields = u64;
+
         #[inline(always)]
-        fn spread(self, packed: u64, fields: &Fields) -> u64 {
+        fn fields(self, bits: [u32; 3], at: [u32; 3]) -> u64 {
+            masks(bits, at).into_iter().sum()
+        }
+
+        #[inline(always)]
+        fn spread(self, packed: u64, fields: &u64) -> u64 {
             // SAFETY: `self` is the proof.
-            unsafe { _pdep_u64(packed, fields.mask) }
+            unsafe { _pdep_u64(packed, *fields) }
         }
 
         #[inline(always)]
         fn narrow(self, bytes: u64, width: u32) -> u64 {
             // SAFETY: as above.
-            unsafe { _pext_u64(bytes, (u64::MAX >> (64 - width)) * BYTES_OF_ONE) }
+            unsafe { _pext_u64(bytes, !(u64::MAX << width) * BYTES_OF_ONE) }
         }
 
         #[inline(always)]
@@ -252,84 +312,38 @@ mod bmi2 {
                 [a, _mm_extract_epi64::<1>(ab) as u64, _mm_cvtsi128_si64(opposite) as u64]
             }
         }
-    }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    struct Spread(u64, Fields);
-
-    impl Work for Spread {
-        type Output = u64;
-        fn run<M: Mover>(self, mover: M) -> u64 {
-            mover.spread(self.0, &self.1)
+        #[inline(always)]
+        fn range(self, corners: [u64; 3], there: u64) -> LeafRange {
+            // SAFETY: as above.
+            unsafe { cells::range_in_lanes(corners, there) }
         }
-    }
 
-    struct Narrow(u64, u32);
-
-    impl Work for Narrow {
-        type Output = u64;
-        fn run<M: Mover>(self, mover: M) -> u64 {
-            mover.narrow(self.0, self.1)
+        #[inline(always)]
+        fn part_guides(self, guides: &mut Guides, tags: &Tags, count: usize) -> Signs {
+            // SAFETY: as above.
+            unsafe { finish::avx2::part_guides(guides, tags, count) }
         }
-    }
 
-    struct Lanes(u64, u8, u32);
-
-    impl Work for Lanes {
-        type Output = [u64; 6];
-        fn run<M: Mover>(self, mover: M) -> [u64; 6] {
-            let Lanes(word, bits, width) = self;
-            let lanes = mover.ones(bits);
-            let [a, b, opposite] = mover.follow(word, width * 0x01_0307, usize::from(bits) % 128);
-            [lanes, mover.deposit(word, lanes, width), mover.extract(word, lanes), a, b, opposite]
+        #[inline(always)]
+        fn finish(
+            self,
+            packing: &VertexPacking,
+            shift: [u8; 3],
+            placed: (&mut VertexWords, usize),
+            cells: &mut Cells,
+        ) -> [u32; 3] {
+            // SAFETY: as above.
+            unsafe { finish::avx2::finish(packing, shift, placed, cells) }
         }
-    }
 
-    proptest! {
-        #[test]
-        fn both_movers_have_the_same_lanes(word in any::<u64>(), bits in any::<u8>(), width in 0u32..=8) {
-            let found = Machine::best().run(Lanes(word, bits, width));
-            prop_assert_eq!(found, Machine::Portable.run(Lanes(word, bits, width)));
-            let [lanes, deposited, extracted, ..] = found;
-            let places = (0..8).filter(|i| bits >> i & 1 == 1);
-            prop_assert_eq!(lanes, places.clone().map(|i| 1u64 << (8 * i)).sum::<u64>());
-            for (nth, place) in places.enumerate() {
-                let name = word >> (nth as u32 * width) & ((1 << width) - 1);
-                prop_assert_eq!(deposited >> (8 * place) & 0xff, name);
-                prop_assert_eq!(extracted >> (8 * nth) & 0xff, word >> (8 * place) & 0xff);
+        #[inline(always)]
+        fn pack(self, (placed, count): (&VertexWords, usize), bits: u32, out: &mut [u8]) {
+            if bits < finish::avx2::LEAST_BITS {
+                return finish::pack_in_words(&placed[..count], bits, out);
             }
-        }
-
-        #[test]
-        fn both_movers_narrow_bytes_to_their_bits(word in any::<u64>(), width in 1u32..=8) {
-            let bytes = word & (u64::from(u8::MAX >> (8 - width)) * BYTES_OF_ONE);
-            let narrow = Machine::best().run(Narrow(bytes, width));
-            prop_assert_eq!(narrow, Machine::Portable.run(Narrow(bytes, width)));
-            for (i, byte) in bytes.to_le_bytes().into_iter().enumerate() {
-                prop_assert_eq!((narrow >> (width * i as u32) & 0xff) as u8 & (0xff >> (8 - width)), byte);
-            }
-        }
-
-        #[test]
-        fn both_movers_agree(
-            word in any::<u64>(),
-            bits in prop::array::uniform3(0u32..=19),
-            gaps in prop::array::uniform3(0u32..=2),
-        ) {
-            let at = [gaps[0], gaps[0] + bits[0] + gaps[1], gaps[0] + bits[0] + gaps[1] + bits[1] + gaps[2]];
-            let fields = Fields::new(bits, at);
-            let portable = Spread(word, fields).run(Portable);
-            prop_assert_eq!(portable, Machine::best().run(Spread(word, fields)));
-            let expected = (0..3).map(|a| {
-                let field = word >> bits[..a].iter().sum::<u32>() & ((1 << bits[a]) - 1);
-                field << at[a]
-            });
-            prop_assert_eq!(portable, expected.sum::<u64>());
+            // SAFETY: as above.
+            unsafe { finish::avx2::pack(placed, count, bits, out) }
         }
     }
 }

@@ -23,9 +23,11 @@
 //! clusters are exact, those of nodes and leaves rounded outward; 3. nodes and clusters are met in the order in which
 //! they stand, so that rays walk a tree: neither cycles nor paths that multiply; 4. no vertex lies behind the lattice.
 
+use super::bits::Windows;
 use super::encode::{DISK_HEADER_BYTES, FRAME_HEADER_BYTES, Head};
 use super::fields::Machine;
 use super::install_cluster::ClusterInstaller;
+use super::install_leaves::ROOM_BYTES;
 use super::view::FrameRef;
 use super::{CLUSTER_HEAD_BYTES, FRAME_TAIL_BYTES, LatticeBox, Node, bits};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, TREE_DEPTH, node_shift};
@@ -68,17 +70,31 @@ pub(super) fn install_on(
     if root_count % 8 != 0 && root_kinds[root_count / 8] >> (root_count % 8) != 0 {
         return Err("bits are left over behind the roots of a page");
     }
-    let (node_kinds, mut packed) = packed.split_at_checked(2 * node_count).ok_or(ENDS_EARLY)?;
+    let (node_kinds, packed) = packed.split_at_checked(2 * node_count).ok_or(ENDS_EARLY)?;
 
     let mut installer = ClusterInstaller::new(machine, head, lattice_bits);
     let mut end = clusters_at;
     let mut clusters = Vec::with_capacity(cluster_count);
+    let mut windows = Windows::new(packed);
+    // For those that stand near the frame's end.
+    let mut room = [0; ROOM_BYTES];
     for _ in 0..cluster_count {
-        let (bytes, bounds) = installer.install(&mut packed, &mut frame[end..])?;
-        clusters.push((bounds, FrameRef::cluster(end)));
-        end += bytes;
+        let (window, left) = windows.front();
+        let installed = match frame[end..].first_chunk_mut() {
+            Some(room) => installer.install((window, left), room)?,
+            None => {
+                let installed = installer.install((window, left), &mut room)?;
+                let written = installed.frame_bytes + FRAME_TAIL_BYTES;
+                let there = frame[end..].get_mut(..written).ok_or("a page does not fit its frame")?;
+                there.copy_from_slice(&room[..written]);
+                installed
+            }
+        };
+        clusters.push((installed.bounds, FrameRef::cluster(end)));
+        end += installed.frame_bytes;
+        windows.skip(installed.packed_bytes);
     }
-    if !packed.is_empty() {
+    if !windows.is_empty() {
         return Err("bytes are left over behind the last cluster");
     }
 

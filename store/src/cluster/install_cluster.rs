@@ -10,14 +10,15 @@
 //! Invariants: those of `install.rs`; 5. what is written is a function of the input alone, not of what was in the
 //! frame or in the installer before.
 
-use super::bits::BitReader;
+use super::bits::{BitReader, WINDOW_BYTES, Window};
 use super::cells::{self, Cells};
 use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
 use super::fields::{Machine, Mover, Work};
-use super::install_leaves::{Boxes, Indices, InstalledLeaf, LeafIndexer};
+use super::finish::{GROUP_BYTES, VertexWords};
+use super::install_leaves::{LeafWriter, ROOM_BYTES, Room};
 use super::leaves;
 use super::packing::VertexPacking;
-use super::strips::{self, Topology};
+use super::strips::{self, STRIP_TRIANGLES, Topology};
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, ClassWidths, VertexDecoder};
 use super::view::ClusterHead;
 use super::*;
@@ -29,6 +30,30 @@ const LEAST_FULL_BYTES: usize =
     CLUSTER_HEAD_BYTES + CLUSTER_LEAVES * (LEAF_HEAD_BYTES + 1) + 3 * CLUSTER_TRIANGLES / 8;
 const _: () = assert!(FRAME_BYTES / LEAST_FULL_BYTES * CLUSTER_TRIANGLES <= u16::MAX as usize);
 
+/// Bytes that a cluster takes in a frame, at most.
+const MOST_BYTES: usize = CLUSTER_HEAD_BYTES
+    + CLUSTER_LEAVES * (LEAF_HEAD_BYTES + 1)
+    + 3 * CLUSTER_TRIANGLES
+    + 3 * CLUSTER_TRIANGLES
+    + CLUSTER_VERTICES * WIDE_VERTEX_BYTES;
+const _: () = assert!(MOST_BYTES + GROUP_BYTES + FRAME_TAIL_BYTES <= ROOM_BYTES);
+// Heads have 229 bits; a strip of one triangle has 37, and the last may be longer than the cluster.
+const MOST_BITS: usize = 229
+    + CLUSTER_TRIANGLES * (16 + 8)
+    + (CLUSTER_TRIANGLES + STRIP_TRIANGLES) * 37
+    + CLUSTER_VERTICES * 8 * WIDE_VERTEX_BYTES;
+const _: () = assert!(MOST_BITS <= 8 * WINDOW_BYTES);
+
+/// What is known of a cluster when it stands in the frame.
+pub(super) struct InstalledCluster {
+    /// Bytes that it takes there.
+    pub(super) frame_bytes: usize,
+    /// Bytes that it took on disk.
+    pub(super) packed_bytes: usize,
+    /// The box of its vertices.
+    pub(super) bounds: LatticeBox,
+}
+
 /// Work memory for the clusters of a page.
 pub(super) struct ClusterInstaller {
     machine: Machine,
@@ -36,11 +61,11 @@ pub(super) struct ClusterInstaller {
     lattice_bits: u32,
     first_triangle: usize,
     topology: Topology,
-    placed: [u64; 256],
+    placed: VertexWords,
     /// By vertex.
     cells: Cells,
-    /// Those of the cluster under way.
-    leaves: [InstalledLeaf; CLUSTER_LEAVES],
+    /// Vertices of a wide cluster, as the frame holds them.
+    wide: [u8; CLUSTER_VERTICES * WIDE_VERTEX_BYTES],
 }
 
 /// The counts and widths of a cluster, checked.
@@ -117,8 +142,8 @@ impl ClusterInstaller {
             first_triangle: 0,
             topology: Topology::EMPTY,
             placed: [0; 256],
-            cells: [0; 257],
-            leaves: [InstalledLeaf::default(); CLUSTER_LEAVES],
+            cells: cells::NO_CELLS,
+            wide: [0; CLUSTER_VERTICES * WIDE_VERTEX_BYTES],
         }
     }
 
@@ -127,46 +152,48 @@ impl ClusterInstaller {
         self.first_triangle
     }
 
-    /// Installs the cluster at the front of `packed` at the start of `frame`; gives the bytes it takes there, and the
-    /// box of its vertices. Behind them stand [`FRAME_TAIL_BYTES`] zeros.
+    /// Installs the cluster at the front of `window`, of a page of which `left` bytes are left, at the start of `room`.
+    /// Behind it stand [`FRAME_TAIL_BYTES`] zeros.
     pub(super) fn install(
         &mut self,
-        packed: &mut &[u8],
-        frame: &mut [u8],
-    ) -> Result<(usize, LatticeBox), &'static str> {
-        let mut input = BitReader::new(packed);
+        (window, left): (&Window, usize),
+        room: &mut Room,
+    ) -> Result<InstalledCluster, &'static str> {
+        let mut input = BitReader::new(window);
         let plan = ClusterPlan::read(&mut input, &self.head, self.lattice_bits)?;
         let mut materials = input;
         input.skip(plan.material_bits(&self.head));
         let counts = (plan.triangle_count, plan.vertex_count);
         let machine = self.machine;
         machine.run(Strips { input: &mut input, counts, topology: &mut self.topology })?;
-        let leaves = &mut self.leaves[..plan.leaf_count];
-        machine.run(LeafIndexer { corners: &self.topology.corners, sizes: &plan.leaf_sizes, leaves });
-        let places = PartPlaces::new(&plan, leaves);
-        let Some(frame) = frame.get_mut(..places.end + FRAME_TAIL_BYTES) else {
-            return Err("a page does not fit its frame");
-        };
-        machine.run(Indices { leaves, frame });
-        self.materials(&mut materials, &plan, &mut frame[places.palette..places.vertices])?;
-        let vertices = &mut frame[places.vertices..];
         let bounds = if plan.widths.wide {
-            self.wide_vertices(&mut input, &plan, vertices)
+            self.wide_vertices(&mut input, &plan)
         } else {
-            machine.run(Vertices { installer: self, input: &mut input, plan: &plan, frame: vertices })
+            machine.run(Vertices { installer: self, input: &mut input, plan: &plan })
         };
-        if !input.align() || !input.is_sound() {
+        let sizes = &plan.leaf_sizes[..plan.leaf_count];
+        let leaves = LeafWriter { topology: &self.topology, sizes, cells: &self.cells, room };
+        let places = PartPlaces::new(&plan, machine.run(leaves));
+        self.materials(&mut materials, &plan, &mut room[places.palette..places.vertices])?;
+        if plan.widths.wide {
+            room[places.vertices..][..self.wide.len()].copy_from_slice(&self.wide);
+        } else {
+            machine.run(VertexPacker {
+                placed: &self.placed,
+                plan: &plan,
+                out: &mut room[places.vertices..],
+            });
+        }
+        room[places.end..][..FRAME_TAIL_BYTES].fill(0);
+        if !input.align() || !input.is_within(left) {
             return Err("the bits of a cluster are more or fewer than its counts say");
         }
         if bounds.hi.iter().any(|q| q >> self.lattice_bits != 0) {
             return Err("a vertex lies behind the lattice");
         }
-        self.write_head(&plan, &places, frame);
-        let leaves = &self.leaves[..plan.leaf_count];
-        machine.run(Boxes { leaves, starts: self.topology.starts, cells: &self.cells, frame });
+        self.write_head(&plan, &places, room);
         self.first_triangle += plan.triangle_count;
-        *packed = &packed[input.byte_count()..];
-        Ok((places.end, bounds))
+        Ok(InstalledCluster { frame_bytes: places.end, packed_bytes: input.byte_count(), bounds })
     }
 
     fn write_head(&self, plan: &ClusterPlan, places: &PartPlaces, frame: &mut [u8]) {
@@ -212,49 +239,24 @@ impl ClusterInstaller {
         Ok(())
     }
 
-    /// Vertices of a compact cluster, to the end of its frame bytes. Gives their box.
+    /// Vertices of a compact cluster, and their cells. Gives their box.
     #[inline(always)]
-    fn vertices<M: Mover>(
-        &mut self,
-        mover: M,
-        input: &mut BitReader<'_>,
-        plan: &ClusterPlan,
-        frame: &mut [u8],
-    ) -> LatticeBox {
+    fn vertices<M: Mover>(&mut self, mover: M, input: &mut BitReader<'_>, plan: &ClusterPlan) -> LatticeBox {
         let packing = VertexPacking::new(&plan.widths);
-        let guides = &self.topology.guides;
+        let guides = &mut self.topology.guides;
         let coded = VertexDecoder { packing, classes: plan.classes, count: plan.vertex_count, guides };
         coded.decode(mover, input, &mut self.placed);
-        let vertices = &self.placed[..plan.vertex_count];
-        cells::fill(&packing, plan.shift, vertices, &mut self.cells);
-        let (mut at, mut pending, mut pending_bits) = (0, 0u64, 0);
-        for &v in vertices {
-            pending |= v << pending_bits;
-            frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
-            pending_bits += plan.vertex_bits;
-            // In two steps, since all eight bytes may be full.
-            let full = pending_bits / 8;
-            pending = pending >> (4 * full) >> (4 * full);
-            at += full as usize;
-            pending_bits %= 8;
-        }
-        frame[at..at + 8].copy_from_slice(&pending.to_le_bytes());
-        frame[at + 8..].fill(0);
+        let greatest =
+            mover.finish(&packing, plan.shift, (&mut self.placed, plan.vertex_count), &mut self.cells);
         let base = plan.widths.base;
-        let greatest = packing.greatest(&self.placed[..plan.vertex_count]);
-        LatticeBox { lo: base, hi: std::array::from_fn(|a| base[a] + greatest[a] as i64) }
+        LatticeBox { lo: base, hi: std::array::from_fn(|a| base[a] + i64::from(greatest[a])) }
     }
 
-    /// Vertices of a wide cluster. Gives their box.
-    fn wide_vertices(
-        &mut self,
-        input: &mut BitReader<'_>,
-        plan: &ClusterPlan,
-        frame: &mut [u8],
-    ) -> LatticeBox {
+    /// Vertices of a wide cluster, and their cells. Gives their box.
+    fn wide_vertices(&mut self, input: &mut BitReader<'_>, plan: &ClusterPlan) -> LatticeBox {
         let mut bounds = LatticeBox { lo: plan.widths.base, hi: plan.widths.base };
-        let (vertices, tail) = frame.split_at_mut(plan.vertex_count * WIDE_VERTEX_BYTES);
-        for (bytes, cell) in vertices.as_chunks_mut::<WIDE_VERTEX_BYTES>().0.iter_mut().zip(&mut self.cells) {
+        let vertices = self.wide.as_chunks_mut::<WIDE_VERTEX_BYTES>().0.iter_mut().zip(&mut self.cells);
+        for (bytes, cell) in vertices.take(plan.vertex_count) {
             let vertex = vertices::decode_wide(input, &plan.widths);
             let mut places = 0;
             for axis in 0..3 {
@@ -265,17 +267,16 @@ impl ClusterInstaller {
             }
             *cell = cells::word(places);
         }
-        tail.fill(0);
         bounds
     }
 }
 
 impl PartPlaces {
-    fn new(plan: &ClusterPlan, leaves: &[InstalledLeaf]) -> PartPlaces {
-        let indices: usize = leaves.iter().map(|leaf| leaf.shape.bytes()).sum();
-        let palette = CLUSTER_HEAD_BYTES + leaves.len() * LEAF_HEAD_BYTES + indices;
+    /// Behind leaves that end at `palette`.
+    fn new(plan: &ClusterPlan, palette: usize) -> PartPlaces {
         let vertices = palette + palette_bytes(plan.palette_len, plan.triangle_count);
-        PartPlaces { palette, vertices, end: vertices + vertex_bytes(&plan.widths, plan.vertex_count) }
+        let bits = plan.vertex_count * plan.vertex_bits as usize;
+        PartPlaces { palette, vertices, end: vertices + bits.div_ceil(8) }
     }
 }
 
@@ -301,7 +302,6 @@ struct Vertices<'a, 'b> {
     installer: &'a mut ClusterInstaller,
     input: &'a mut BitReader<'b>,
     plan: &'a ClusterPlan,
-    frame: &'a mut [u8],
 }
 
 impl Work for Vertices<'_, '_> {
@@ -309,6 +309,22 @@ impl Work for Vertices<'_, '_> {
 
     #[inline(always)]
     fn run<M: Mover>(self, mover: M) -> LatticeBox {
-        self.installer.vertices(mover, self.input, self.plan, self.frame)
+        self.installer.vertices(mover, self.input, self.plan)
+    }
+}
+
+/// The loop that writes them to the frame.
+struct VertexPacker<'a> {
+    placed: &'a VertexWords,
+    plan: &'a ClusterPlan,
+    out: &'a mut [u8],
+}
+
+impl Work for VertexPacker<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<M: Mover>(self, mover: M) {
+        mover.pack((self.placed, self.plan.vertex_count), self.plan.vertex_bits, self.out);
     }
 }

@@ -58,7 +58,7 @@ impl LeafShape {
     /// The least shape of `count` triangles whose greatest index is `span` above the least.
     #[inline(always)]
     pub(super) fn new(count: usize, span: u8) -> LeafShape {
-        let width = (u8::BITS - span.leading_zeros()).max(1) as usize;
+        let width = (u32::BITS - (u32::from(span) | 1).leading_zeros()) as usize;
         LeafShape(((count - 1) | ((count * width).div_ceil(8) << 3)) as u8)
     }
 

@@ -13,6 +13,7 @@ mod cells;
 mod edges;
 mod encode;
 mod fields;
+mod finish;
 mod install;
 mod install_cluster;
 mod install_leaves;

@@ -11,7 +11,6 @@
 //! Invariant: the packed vertex is the prediction plus the digits, each times its axis' place, in this arithmetic.
 
 use super::Widths;
-use super::fields::Fields;
 
 /// How the axes of a cluster's vertices are packed.
 #[derive(Clone, Copy)]
@@ -62,13 +61,9 @@ impl VertexPacking {
 
     /// Half of the range of numbers of so many bits an axis, in place: what brings digits to numbers that are not
     /// negative.
+    #[inline(always)]
     pub(super) fn halves(&self, bits: [u32; 3]) -> u64 {
-        (0..3).filter(|&a| bits[a] > 0).map(|a| 1 << (self.shift[a] + bits[a] - 1)).sum()
-    }
-
-    /// Fields of so many bits, each in the lowest bits of its axis.
-    pub(super) fn fields(&self, bits: [u32; 3]) -> Fields {
-        Fields::new(bits, self.shift)
+        (0..3).map(|a| ((1u64 << bits[a]) / 2) << self.shift[a]).sum()
     }
 
     /// The greatest number of each axis.

@@ -21,8 +21,9 @@
 //! first use; 3. what `decode` accepts holds corners below the count of vertices, and a guide for each of them; those
 //! that no encoder wrote may guide to a vertex behind their own.
 
-use super::bits::{BitReader, BitWriter, bits_of};
-use super::fields::{BYTES_OF_ONE, Mover};
+use super::bits::{BYTES_OF_ONE, BitReader, BitWriter, bits_of};
+use super::fields::Mover;
+use super::finish::Guides;
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 // One more than the last vertex, and two of a free strip, are bytes.
@@ -35,23 +36,20 @@ const _: () = assert!(STRIP_TRIANGLES == 1 << STRIP_LENGTH_BITS && STRIP_TRIANGL
 
 /// Corners of a cluster's triangles, `[corner][triangle]`; eight from any of them on can be read.
 pub(super) type Corners = [[u8; CLUSTER_TRIANGLES + STRIP_TRIANGLES]; 3];
-/// What each vertex is predicted from, `[from, to, opposite][vertex]`: the edge across which it was met. All three
-/// are the same where there was none. Longer than what is in use, so that a byte needs no check.
-pub(super) type Guides = [[u8; 256 + STRIP_TRIANGLES]; 3];
 
 /// What is known of a cluster behind its topology.
 pub(super) struct Topology {
     pub(super) corners: Corners,
     pub(super) guides: Guides,
-    /// Bit t: triangle t is the first of a strip.
-    pub(super) starts: u128,
+    /// 1 for each triangle that is the first of a strip, 0 for others. Behind the last it means nothing.
+    pub(super) starts: [u8; CLUSTER_TRIANGLES + STRIP_TRIANGLES],
 }
 
 impl Topology {
     pub(super) const EMPTY: Topology = Topology {
         corners: [[0; CLUSTER_TRIANGLES + STRIP_TRIANGLES]; 3],
         guides: [[0; 256 + STRIP_TRIANGLES]; 3],
-        starts: 0,
+        starts: [0; CLUSTER_TRIANGLES + STRIP_TRIANGLES],
     };
 }
 
@@ -206,7 +204,6 @@ pub(super) fn decode<M: Mover>(
     // In registers, since nothing else knows it.
     let mut reader = *input;
     let (mut first, mut next) = (0, 0);
-    topology.starts = 0;
     while first < triangle_count {
         let word = reader.peek();
         let count = word as usize % STRIP_TRIANGLES + 1;
@@ -243,7 +240,8 @@ pub(super) fn decode<M: Mover>(
         for (guide, eight) in topology.guides.iter_mut().zip([a, b, opposite]) {
             guide[next % 256..][..8].copy_from_slice(&mover.extract(eight, is_new).to_le_bytes());
         }
-        topology.starts |= 1 << (first % CLUSTER_TRIANGLES);
+        // One, and zeros, of which the next strip takes what is its own.
+        topology.starts[first % CLUSTER_TRIANGLES..][..8].copy_from_slice(&1u64.to_le_bytes());
         first += count;
         next = after;
     }

@@ -22,10 +22,10 @@
 //! Invariants: 1. a vertex decodes to the integers that were encoded; 2. any bits at all decode to vertices within
 //! the axis widths.
 
-use super::bits::{BitReader, BitWriter};
-use super::fields::{Fields, Mover};
+use super::bits::{BYTES_OF_ONE, BitReader, BitWriter};
+use super::fields::Mover;
+use super::finish::{Guides, PLAIN, VertexWords};
 use super::packing::VertexPacking;
-use super::strips::Guides;
 use super::{ClusterMesh, Widths};
 use crate::layout::{AXIS_BITS, CLUSTER_VERTICES};
 
@@ -35,40 +35,35 @@ pub(super) const CLASSES: usize = 3;
 pub(super) const CLASS_WIDTH_BITS: u32 = 5;
 /// Bits of a tag.
 pub(super) const TAG_BITS: u32 = 2;
-/// Tags of one 57-bit load.
-const TAGS_A_LOAD: usize = 28;
-const _: () = assert!(TAGS_A_LOAD * TAG_BITS as usize <= 57);
+const _: () = assert!(PLAIN as usize == CLASSES && CLASSES < 1 << TAG_BITS);
 
 /// The widths of a cluster's classes, ascending.
 pub(super) type ClassWidths = [u32; CLASSES];
 
-/// How the value behind a tag is read, and what is done with it.
-#[derive(Clone, Copy)]
-struct Class {
+/// How the value behind each tag is read, and what is done with it. Arrays by tag, so that each is an operand of the
+/// instruction that takes it.
+struct TagTable<M: Mover> {
     /// Bits of the whole value.
-    bits: u32,
+    bits: [usize; CLASSES + 1],
     /// Where its axes go.
-    fields: Fields,
-    /// What is kept of the prediction: all of it, or nothing.
-    keep: u64,
+    fields: [M::Fields; CLASSES + 1],
     /// Half of the range of each axis, to be taken away in the end.
-    halves: u64,
+    halves: [u64; CLASSES + 1],
 }
 
-impl Class {
-    /// The class of one width for all axes.
-    fn difference(width: u32, packing: &VertexPacking) -> Class {
-        let bits = packing.bits.map(|b| b.min(width));
-        Class { keep: u64::MAX, halves: packing.halves(bits), ..Class::new(bits, packing) }
-    }
-
-    /// No prediction, no halves.
-    fn plain(packing: &VertexPacking) -> Class {
-        Class::new(packing.bits, packing)
-    }
-
-    fn new(bits: [u32; 3], packing: &VertexPacking) -> Class {
-        Class { bits: bits.iter().sum(), fields: packing.fields(bits), keep: 0, halves: 0 }
+impl<M: Mover> TagTable<M> {
+    /// Classes of one width for all axes, and plain ones, which have no prediction and no halves.
+    #[inline(always)]
+    fn new(mover: M, packing: &VertexPacking, classes: ClassWidths) -> TagTable<M> {
+        let [a, b, c] = classes.map(|width| packing.bits.map(|bits| bits.min(width)));
+        let all = [a, b, c, packing.bits];
+        let mut halves = all.map(|bits| packing.halves(bits));
+        halves[CLASSES] = 0;
+        TagTable {
+            bits: all.map(|bits| bits.iter().sum::<u32>() as usize),
+            fields: all.map(|bits| mover.fields(bits, packing.shift)),
+            halves,
+        }
     }
 }
 
@@ -166,35 +161,37 @@ pub(super) struct VertexDecoder<'a> {
     pub(super) packing: VertexPacking,
     pub(super) classes: ClassWidths,
     pub(super) count: usize,
-    pub(super) guides: &'a Guides,
+    /// Parted from the vertex before when they are used.
+    pub(super) guides: &'a mut Guides,
 }
 
 impl VertexDecoder<'_> {
-    /// Reads the vertices, packed, to the front of `placed`.
+    /// Reads the vertices, packed, to the front of `placed`; bits above the packing's mask mean nothing. Behind them
+    /// stand zeros.
     #[inline(always)]
-    pub(super) fn decode<M: Mover>(&self, mover: M, input: &mut BitReader<'_>, placed: &mut [u64; 256]) {
-        let (packing, count) = (&self.packing, self.count);
-        let mut classes = [Class::plain(packing); CLASSES + 1];
-        for (class, width) in classes.iter_mut().zip(self.classes) {
-            *class = Class::difference(width, packing);
-        }
+    pub(super) fn decode<M: Mover>(self, mover: M, input: &mut BitReader<'_>, placed: &mut VertexWords) {
+        let VertexDecoder { packing, classes, count, guides } = self;
+        let reading = TagTable::new(mover, &packing, classes);
         // In registers, since nothing else knows it.
         let (mut tags_input, mut reader) = (*input, *input);
         reader.skip(TAG_BITS as usize * count);
+        let mut tags = [0; CLUSTER_VERTICES];
+        for eight in tags.as_chunks_mut().0.iter_mut().take(count.div_ceil(8)) {
+            *eight = mover.deposit(tags_input.peek(), BYTES_OF_ONE, TAG_BITS).to_le_bytes();
+            tags_input.skip(TAG_BITS as usize * eight.len());
+        }
+        let signs = mover.part_guides(guides, &tags, count);
         // The first one's guide names itself, and those of garbage name anyone.
         placed[..CLUSTER_VERTICES].fill(0);
-        for first in (0..count).step_by(TAGS_A_LOAD) {
-            let mut tags = tags_input.peek();
-            tags_input.skip(TAG_BITS as usize * TAGS_A_LOAD);
-            for i in first..count.min(first + TAGS_A_LOAD) {
-                let class = &classes[tags as usize % (CLASSES + 1)];
-                tags >>= TAG_BITS;
-                let value = mover.spread(reader.peek(), &class.fields).wrapping_sub(class.halves);
-                reader.skip(class.bits as usize);
-                let [a, b, c] = [0, 1, 2].map(|corner| placed[usize::from(self.guides[corner][i % 256])]);
-                placed[i % 256] =
-                    (VertexPacking::predict(a, b, c) & class.keep).wrapping_add(value) & packing.mask;
-            }
+        let mut before = 0u64;
+        for i in 0..count.min(CLUSTER_VERTICES) {
+            let tag = usize::from(tags[i]) % (CLASSES + 1);
+            let value = mover.spread(reader.peek(), &reading.fields[tag]).wrapping_sub(reading.halves[tag]);
+            reader.skip(reading.bits[tag]);
+            let [a, b, c] = [0, 1, 2].map(|corner| placed[usize::from(guides[corner][i])]);
+            let others = VertexPacking::predict(a, b, c).wrapping_add(value);
+            before = others.wrapping_add(before.wrapping_mul(signs[i] as u64));
+            placed[i] = before;
         }
         *input = reader;
     }

@@ -6,7 +6,7 @@
 //! Invariants: 1. a frame in here was filled by `install`, which checked every count and index; 2. vertices read
 //! from different clusters agree (lattice integers).
 
-use super::fields::BYTES_OF_ONE;
+use super::bits::BYTES_OF_ONE;
 use super::{
     CLUSTER_HEAD_BYTES, ClusterMesh, LEAF_PLANES, LeafShape, Node, WIDE_VERTEX_BYTES, bits,
     palette_index_bits,

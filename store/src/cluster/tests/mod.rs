@@ -1,7 +1,10 @@
 //! The disk form against the plain arrays that it was made from: what is encoded is installed, for meshes of any kind,
-//! and the same with and without BMI2. `hostile.rs`: bytes that no encoder wrote.
+//! and the same with and without BMI2 and AVX2. `oracle.rs`: what any page holds, read bit by bit. `hostile.rs`: bytes
+//! that no encoder wrote.
 
 mod hostile;
+mod movers;
+mod oracle;
 
 use super::fields::Machine;
 use super::install::install_on;
@@ -106,7 +109,8 @@ fn installed(page: &PageContent) -> Vec<u8> {
     frame
 }
 
-/// Installs with the best that this machine has and without, in frames that held different bytes before.
+/// Installs with the best that this machine has and without, in frames that held different bytes before, and compares
+/// with the oracle.
 #[track_caller]
 fn install_twice(packed: &[u8]) -> Result<Vec<u8>, &'static str> {
     let (mut frame, mut twin) = (vec![0xa5; FRAME_BYTES], vec![0x5a; FRAME_BYTES]);
@@ -115,6 +119,9 @@ fn install_twice(packed: &[u8]) -> Result<Vec<u8>, &'static str> {
     result?;
     let used = FrameView::new(&frame).used_bytes();
     assert!(frame[..used] == twin[..used], "two installs of the same bytes differ");
+    let mut found = Vec::new();
+    FrameView::new(&frame).for_each_cluster(|cluster| found.push(cluster.decode()));
+    assert!(found == oracle::clusters(packed), "the frame holds other clusters than the page");
     Ok(frame)
 }
 
