@@ -253,6 +253,12 @@ pub fn vec3(text: &str) -> Result<Vec3, String> {
     })
 }
 
+/// Parses `x,y,z`, not all of them 0.
+pub fn direction(text: &str) -> Result<Vec3, String> {
+    let direction = vec3(text)?;
+    if direction.0 == [0.0; 3] { Err("a direction has a part that is not 0".into()) } else { Ok(direction) }
+}
+
 /// Parses `x0,y0,z0,x1,y1,z1`: the least and the greatest corner of a box.
 pub fn model_box(text: &str) -> Result<ModelBox, String> {
     let parts: Option<Vec<f64>> = text.split(',').map(|part| finite(part.trim())).collect();

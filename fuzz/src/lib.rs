@@ -193,6 +193,7 @@ pub fn scene(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let mut model = Model {
         bounds: Aabb { lo: [0.0; 3], hi: [1.0, 2.0, 3.0] },
+        outline: Default::default(),
         materials: vec![Material::default()],
         names: Arc::new(["floor"].into_iter().collect()),
         emitters: Vec::new(),

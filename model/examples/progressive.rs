@@ -25,7 +25,7 @@ fn main() -> Result<(), Error> {
     });
     session.smooth()?;
     let mut png = vec![];
-    write_png(session.film(), scene.render.exposure, session.thread_pool(), &mut png)
+    write_png(session.film(), session.view().settings.exposure.factor(), session.thread_pool(), &mut png)
         .map_err(|error| Error::io("encode", &found.path, &error))?;
     println!("a picture of {} bytes", png.len());
     Ok(())

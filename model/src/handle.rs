@@ -6,13 +6,13 @@
 
 use crate::device::{DeviceReport, StageSource};
 use crate::info::ModelInfo;
-use crate::options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
-use crate::scene_defaults::set_direct_without_voxels;
+use crate::options::{DamagePolicy, OpenOptions, SessionOptions, ThreadSource};
+use crate::outline::outline;
 use crate::shared_pool::{PoolSource, SharedPool};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use trex_render::{
-    Emitter, FrameOptions, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels, WorkerThreads,
+    Emitter, GStage, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels, WorkerThreads,
 };
 use trex_store::io::IoOptions;
 use trex_store::pool::PagePool;
@@ -119,48 +119,33 @@ impl Model {
         ModelInfo::new(&self.0.file)
     }
 
-    /// A session on what `scene` describes, with an empty film, for pictures at leisure. Where the scene says nothing
-    /// of how light is computed, and the file has no voxels, light is direct.
-    ///
-    /// # Errors
-    /// [`Code::SceneFormat`] for a scene that does not go with this model; [`Code::MemoryLimit`] with the smallest
-    /// limit that works; those of opening the file's octree and of starting the pool.
-    pub fn session(&self, scene: &Scene) -> Result<Session> {
-        self.session_with(scene, &SessionOptions::default())
-    }
-
-    /// As [`Model::session`], with these options.
-    ///
-    /// # Errors
-    /// Those of [`Model::session`].
-    pub fn session_with(&self, scene: &Scene, options: &SessionOptions) -> Result<Session> {
-        let mut scene = scene.clone();
-        set_direct_without_voxels(&mut scene, self.0.file.superblock());
-        let needs = self.0.device.with_needs(&options.picture_needs(&scene, self.worker_count())?);
+    /// A session on what `scene` describes, of which nothing is left to be decided; its G-rays are answered by `stage`,
+    /// or by the model's device.
+    pub(crate) fn begin_session(
+        &self,
+        scene: &Scene,
+        options: &SessionOptions,
+        stage: Option<Box<dyn GStage>>,
+    ) -> Result<Session> {
+        let needs = self.0.device.with_needs(&options.picture_needs(scene, self.worker_count())?);
         let mut latest = self.lock_room();
         let plan = self.make_room_for(&needs)?;
         let voxels = if needs.asks_voxels() { self.voxels()? } else { None };
         let mut model = self.scene_model(voxels);
         let view = scene.view(&mut model)?;
         let tracers = self.0.pool.tracers(&self.0.file, self.worker_count())?;
-        let (pool, g_stage) = (self.0.threads.clone(), self.0.device.stage()?);
-        let setup = SessionSetup { model, view, layers: needs.layers, tracers, pool, g_stage };
+        let g_stage = stage.map_or_else(|| self.0.device.stage(), Ok)?;
+        let setup = SessionSetup {
+            model,
+            view,
+            layers: needs.layers,
+            tracers,
+            pool: self.0.threads.clone(),
+            g_stage,
+        };
         let session = Session::new(setup, &self.0.budget)?;
         *latest = Some(plan);
         Ok(session)
-    }
-
-    /// A session on what `scene` describes, for pictures in frames with a deadline. Where the scene says nothing,
-    /// frames come sooner: see [`Scene::begin_live`].
-    ///
-    /// # Errors
-    /// Those of [`Model::session`]; [`Code::SceneFormat`] for a file without voxels: nothing could stand in for what is
-    /// missing.
-    pub fn live(&self, scene: &Scene, options: FrameOptions) -> Result<LiveSession> {
-        let mut scene = scene.clone();
-        scene.begin_live();
-        let in_frames = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
-        self.session_with(&scene, &in_frames)?.go_live(options)
     }
 
     /// Sets the frames of pages to what each of `pictures` leaves of the limit: one takes the place of the other. What
@@ -297,6 +282,12 @@ impl Model {
         self.0.plan.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Sets the frames to what a new picture with these needs leaves beside all that is leased.
+    pub(crate) fn fit_pool(&self, needs: &PictureNeeds) -> Result<()> {
+        let _room = self.lock_room();
+        self.make_room_for(&self.0.device.with_needs(needs)).map(drop)
+    }
+
     /// Sets the frames to what a new picture leaves beside all that is leased.
     fn make_room_for(&self, needs: &PictureNeeds) -> Result<MemoryPlan> {
         let beside = PictureNeeds { copies_bytes: needs.copies_bytes + self.foreign_bytes(), ..*needs };
@@ -324,6 +315,7 @@ impl Model {
         };
         trex_render::Model {
             bounds: block.bounds,
+            outline: outline(file),
             materials: file.materials().to_vec(),
             names: file.material_names().clone(),
             emitters: file.emitters().iter().map(emitter).collect(),

@@ -13,15 +13,17 @@
 //! ```
 //!
 //! Floors: each imports those before it alone: `device`, `options`, `info`, `scene_defaults`, `shared_pool`,
-//! `handle`, `rays`, `picture`. Apart from these `times` and `ray_rates`: what a caller makes of reports of frames
-//! and counts of rays.
+//! `outline`, `handle`, `opening`, `rays`, `picture`. Apart from these `times` and `ray_rates`: what a caller makes of
+//! reports of frames and counts of rays.
 //!
 //! This crate knows no flags and no terminal: it never prints, exits or reads the environment.
 
 mod device;
 mod handle;
 mod info;
+mod opening;
 mod options;
+mod outline;
 mod picture;
 mod ray_rates;
 mod rays;

@@ -29,7 +29,7 @@ impl Model {
         };
         let photons =
             session.illuminate(&stop, &mut |done, total| tell("photons", "photons", [done, total]))?;
-        let keys = scene.render;
+        let keys = *session.view().settings;
         let pixels = u64::from(keys.resolution[0]) * u64::from(keys.resolution[1]);
         let stats = session.render(keys.spp, &stop, &mut |_, stats| {
             tell("render", "samples", [u64::from(stats.spp) * pixels, u64::from(keys.spp) * pixels]);
@@ -37,7 +37,7 @@ impl Model {
         });
         interrupt.check()?;
         session.smooth()?;
-        Ok(Picture { session, exposure: keys.exposure, photons, stats })
+        Ok(Picture { session, exposure: keys.exposure.factor(), photons, stats })
     }
 }
 

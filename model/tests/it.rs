@@ -5,6 +5,8 @@
 mod all_hits;
 #[path = "it/built.rs"]
 mod built;
+#[path = "it/opening.rs"]
+mod opening;
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;

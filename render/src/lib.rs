@@ -44,20 +44,20 @@ mod voxel;
 
 pub use g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GTurn, GUnits, GView};
 pub use photon::irradiance::PhotonMap;
-pub use scene::camera::{
-    Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS, up_axis,
-};
+pub use scene::camera::{Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS};
 pub use scene::edit::{Quality, RenderEdit};
+pub use scene::exposure::Exposure;
+pub use scene::framing::{FramedView, up_axis};
 pub use scene::key::{Choice, Elsewhere, Key, KeyKind, KeyValue};
 pub use scene::keys;
-pub use scene::method::{Filter, Method, Near, Shadows};
+pub use scene::method::{Filter, LightRig, Method, Near, Shadows};
 pub use scene::parse_views;
 pub use scene::settings::{RenderKeys, RenderSettings};
 pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{
-    BLOCK_TILES_MIN, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan,
-    Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
+    BLOCK_TILES_MIN, Brightness, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession,
+    MemoryPlan, Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
 };
 pub use shading::{Emitter, Emitters, Light};
 pub use stats::{GStats, PassStats, PhotonStats, RayCounts};

@@ -10,7 +10,7 @@
 use crate::values;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
-use trex_render::keys::{BAKE, K_NEAREST, KEYS, OCCLUDERS, RESOLUTION, SEED, SPP};
+use trex_render::keys::{BAKE, EXPOSURE, K_NEAREST, KEYS, LIGHT, OCCLUDERS, RESOLUTION, SEED, SPP};
 use trex_render::{Key, KeyKind, KeyValue, RenderEdit, RenderKeys};
 
 /// Heading of what a picture is of. A group of flags stands where its first flag is declared, so verbs declare
@@ -21,6 +21,8 @@ pub const RESEARCH: &str = "Research options";
 /// Size of the pictures of `trex stress` where no other is asked for.
 pub const STRESS_RESOLUTION: [u32; 2] = [512, 512];
 
+/// What leaves an exposure to be decided.
+const AUTO: &str = "auto";
 /// Keys that are turned to compare methods, not to make pictures.
 const RESEARCH_KEYS: [&Key; 3] = [&K_NEAREST, &BAKE, &OCCLUDERS];
 
@@ -120,7 +122,7 @@ fn arg(key: &'static Key) -> Arg {
     match key.kind {
         KeyKind::Count { .. } => arg.value_name("N"),
         KeyKind::Length { .. } => arg.value_name("PX"),
-        KeyKind::Factor => arg.value_name("FACTOR"),
+        KeyKind::Factor => arg.value_name("auto|FACTOR"),
         KeyKind::Pair { .. } => arg.value_name("WxH"),
         KeyKind::Choice(_) => arg.value_name("NAME"),
         KeyKind::Flag => {
@@ -143,6 +145,7 @@ fn parser(key: &'static Key) -> ValueParser {
 fn parse(key: &Key, text: &str) -> Result<KeyValue, String> {
     let value = match key.kind {
         KeyKind::Count { .. } => KeyValue::Count(values::whole(text)?),
+        KeyKind::Factor if text == AUTO => KeyValue::Choice(AUTO),
         KeyKind::Length { .. } | KeyKind::Factor => KeyValue::Number(values::number(text)?),
         KeyKind::Pair { .. } => {
             let resolution = values::resolution(text)?;
@@ -174,6 +177,12 @@ fn live(key: &'static Key) -> String {
     if key.name == RESOLUTION.name {
         return format!("; stress: {}; view: that of the page", typed(KeyValue::Pair(STRESS_RESOLUTION)));
     }
+    if key.name == LIGHT.name {
+        return "; files without a scene: auto".into();
+    }
+    if key.name == EXPOSURE.name {
+        return "; view, files without a scene: auto".into();
+    }
     let value = key.live_value();
     if value == key.default_value() { String::new() } else { format!("; stress, view: {}", typed(value)) }
 }
@@ -190,7 +199,7 @@ mod tests {
     fn values_are_typed_in_their_ranges() {
         let count = |number| Some(KeyValue::Count(number));
         let number = |number| Some(KeyValue::Number(number));
-        let cases: [(&Key, &str, Option<KeyValue>); 18] = [
+        let cases: [(&Key, &str, Option<KeyValue>); 20] = [
             (&keys::SPP, "1000000000", count(1_000_000_000)),
             (&keys::SPP, "1000000001", None),
             (&keys::SPP, "0", None),
@@ -205,6 +214,8 @@ mod tests {
             (&keys::LOD_ERROR, "nan", None),
             (&keys::EXPOSURE, "1e-60", None),
             (&keys::EXPOSURE, "0.1", number(0.1)),
+            (&keys::EXPOSURE, "auto", Some(KeyValue::Choice("auto"))),
+            (&keys::EXPOSURE, "Auto", None),
             (&keys::RESOLUTION, "65536x1", Some(KeyValue::Pair([65_536, 1]))),
             (&keys::RESOLUTION, "65537x1", None),
             (&keys::BAKE, "false", Some(KeyValue::Flag(false))),

@@ -1,7 +1,7 @@
 //! The command line of `trex view`.
 
 use super::keys::ResearchKeys;
-use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs};
+use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs};
 use clap::Args;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -10,9 +10,13 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_VIEW)]
 pub struct ViewArgs {
-    /// A page file, or a scene (.toml) that names one
+    /// A page file, or a scene (.toml) that names one; or a mesh (.ply, .obj, .stl, .gltf, .glb) or a generator
+    /// (gen:KIND:COUNT), which is built first
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Where a mesh is built [default: FILE.trex, beside it]
+    #[arg(short, long, value_name = "OUT.trex")]
+    pub output: Option<PathBuf>,
     /// Address to listen on; any but this machine's own lets others see the model who know the token
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub bind: IpAddr,
@@ -31,6 +35,8 @@ pub struct ViewArgs {
     #[command(flatten)]
     pub picture: PictureArgs,
     #[command(flatten)]
+    pub scratch: ScratchArgs,
+    #[command(flatten)]
     pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
@@ -48,10 +54,12 @@ is served by this process alone, to who knows the token in the address. Ctrl-C e
 
 Exit status 1 when pages of the file that the picture asked for are damaged: it is shown without them, and says so.
 
-A page file without a scene is seen with photon, --lod-error 1, and as large as the page.
+A page file without a scene is seen with photon, --lod-error 1, and as large as the page. A mesh is built as
+MESH.trex beside it, once: it is opened at once from then on, until the mesh is newer.
 
 Examples:
   trex view statue.trex                                the browser opens by itself
+  trex view statue.ply                                 builds statue.ply.trex first, once
   trex statue.trex                                     the same, on a terminal
   trex view ship.toml --memory-limit 128MiB
   trex view iso.trex --no-open --port 8000             over SSH: ssh -L 8000:127.0.0.1:8000 HOST";

@@ -17,6 +17,8 @@ use trex_store::output::check_apart;
 use trex_store::printable::one_line;
 use trex_store::{Error, Result, TriangleSource, stamp};
 
+/// About how much work a kill may cost where nothing else is said: as the flag has it.
+const JOURNAL_EVERY: Duration = Duration::from_secs(3);
 /// Longest time between two records of a journal, seconds: a day.
 const JOURNAL_EVERY_MOST_S: f64 = 86_400.0;
 
@@ -51,8 +53,14 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, &args.inputs, &scratch, ctx))?)
 }
 
-/// What tells the inputs apart from others: a file by its path, length and time, a generator by its name.
 fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
+    let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
+    let resume = Resume { every, ..resume_of(&args.inputs)? };
+    Ok((!args.resume.no_resume).then_some(resume))
+}
+
+/// What tells the inputs apart from others: a file by its path, length and time, a generator by its name.
+pub fn resume_of(inputs: &[Input]) -> Result<Resume> {
     let fact = |(number, input): (usize, &Input)| {
         let value = match input {
             Input::Generated(name) => name.clone(),
@@ -63,9 +71,8 @@ fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
         };
         Ok((format!("input {}", number + 1), value))
     };
-    let input = args.inputs.iter().enumerate().map(fact).collect::<Result<_>>()?;
-    let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
-    Ok((!args.resume.no_resume).then_some(Resume { input, every }))
+    let input = inputs.iter().enumerate().map(fact).collect::<Result<_>>()?;
+    Ok(Resume { input, every: JOURNAL_EVERY })
 }
 
 fn voxels(args: &VoxelArgs) -> Voxels {

@@ -71,6 +71,7 @@ mod tests {
             }
             KeyKind::Flag => KeyValue::Flag(whole(0, 1) == 1),
             KeyKind::Length { most } => KeyValue::Number(most * (random.next_u64() as f64 / u64::MAX as f64)),
+            KeyKind::Factor if random.next_u32().is_multiple_of(8) => KeyValue::Choice("auto"),
             // Any float of single precision that is one, by its bits.
             KeyKind::Factor => {
                 let bits = 1 + random.next_u32() % (f32::INFINITY.to_bits() - 1);

@@ -19,6 +19,7 @@ mod picture_file;
 mod render;
 mod render_report;
 mod show;
+mod shown_file;
 mod stage;
 mod stress;
 mod tradeoff;

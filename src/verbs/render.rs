@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 use trex_model::RayRates;
 use trex_model::{Device, DeviceOptions, Pace, SessionOptions};
 use trex_render::{
-    Camera, Event, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
+    Camera, Event, Fov, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
     RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
@@ -141,7 +141,8 @@ impl Job<'_> {
         }
         let pace = if self.live.is_some() { Pace::InFrames } else { Pace::AtLeisure };
         let options = SessionOptions { layers: self.layers, pace, ..SessionOptions::default() };
-        let play = Play { scene: self.scene, file: self.file, options, io: &self.io, device: &self.device };
+        let scene = self.opening_scene()?;
+        let play = Play { scene: &scene, file: self.file, options, io: &self.io, device: &self.device };
         let (stage, mut session) = Stage::open(&play, ctx)?;
         let shots = self.shots(&session.view().camera)?;
 
@@ -158,6 +159,26 @@ impl Job<'_> {
         let (total_s, passed_ms) = ((passed - shown.finishing).as_secs_f64(), passed.as_millis() as u64);
         let times = Times { photons, photons_s, total_s, passed_ms };
         Ok(RenderReport { damage, ..self.rendered(show, shown, &stage, &times, ctx) })
+    }
+
+    /// The scene with the first view of a path: exposure and lamps are decided by it, for all of them.
+    fn opening_scene(&self) -> Result<Scene> {
+        let mut scene = self.scene.clone();
+        let Some(path) = self.camera_path else { return Ok(scene) };
+        let any =
+            Camera { position: [0.0; 3], target: [0.0, 0.0, -1.0], up: [0.0, 1.0, 0.0], fov: Fov::X(40.0) };
+        let first = read_views(path, &any)?.into_iter().next();
+        // One that sees nothing is refused with its number; one along what is up in the scene's camera says its own up.
+        let sees = |first: &Camera| {
+            let ups = scene.camera.up.map_or(vec![[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], |up| vec![up]);
+            ups.into_iter().all(|up| Camera { up, ..*first }.project([1, 1]).is_ok())
+        };
+        if let Some(first) = first.filter(sees) {
+            let keys = &mut scene.camera;
+            (keys.position, keys.target) = (Some(first.position), Some(first.target));
+            keys.direction = None;
+        }
+        Ok(scene)
     }
 
     fn check(&self, path: &Path) -> Result<PictureFile> {
@@ -208,7 +229,8 @@ impl Job<'_> {
             clock.ctx.interrupt.check()?;
             let rendered = Instant::now();
             show.smooth()?;
-            shot.target.write(show, keys.exposure, show.session().thread_pool())?;
+            let exposure = show.session().view().settings.exposure.factor();
+            shot.target.write(show, exposure, show.session().thread_pool())?;
             shown.finishing += rendered.elapsed();
             let stats = &mut shown.stats;
             stats.total.add(&one.total);
@@ -248,7 +270,7 @@ impl Job<'_> {
         times: &Times,
         ctx: &Context,
     ) -> RenderReport {
-        let (keys, pool) = (&self.scene.render, &stage.pool);
+        let (keys, pool) = (*show.session().view().settings, &stage.pool);
         let PictureRun { pictures, stats, first_picture_ms, .. } = shown;
         let Times { photons, photons_s, total_s, passed_ms } = *times;
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
@@ -262,6 +284,8 @@ impl Job<'_> {
             output: pictures[0].output.clone(),
             pictures,
             integrator: keys.integrator.as_str(),
+            light: keys.light.as_str(),
+            exposure: keys.exposure.factor(),
             spp: stats.spp,
             rays,
             rays_per_s: RayRates::new(&rays, render_s, photons_s),

@@ -21,6 +21,9 @@ pub struct RenderReport {
     /// Each picture, of a camera path one for each viewpoint.
     pub pictures: Vec<Picture>,
     pub integrator: &'static str,
+    /// The lamps, and the factor of the PNG, as they were decided.
+    pub light: &'static str,
+    pub exposure: f32,
     pub spp: u32,
     pub rays: RayCounts,
     pub rays_per_s: RayRates,

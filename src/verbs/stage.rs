@@ -111,10 +111,11 @@ impl Stage {
     }
 }
 
-/// A `.toml` is a scene that names a page file; anything else is a page file with the default scene.
+/// A `.toml` is a scene that names a page file; anything else is a page file, which is lit and shown so that all of it
+/// can be seen.
 pub fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
     if !file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        return Ok((Scene::default(), file.to_path_buf()));
+        return Ok((Scene::of_file(), file.to_path_buf()));
     }
     let text = read_text("read the scene", file)?;
     let scene = Scene::parse(&text, file)?;

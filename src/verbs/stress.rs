@@ -36,7 +36,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
     let io = io_options(&args.disk);
     let references = match args.reference_spp {
-        Some(spp) => Some(references(args, ctx, &scene, &path, spp)?),
+        Some(spp) => Some(references(args, ctx, &mut scene, &path, spp)?),
         None => None,
     };
     let resolution = scene.render.resolution;
@@ -63,7 +63,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let compared = references.as_ref().zip(snapshots.as_mut());
     let mut figures = stress::run(&mut session, &options, compared, &stand)?;
     if let Some(output) = output {
-        output.write(&session, scene.render.exposure, session.thread_pool())?;
+        output.write(&session, session.view().settings.exposure.factor(), session.thread_pool())?;
     }
     let memory = Memory::new(&ctx.budget);
     if memory.peak_rss_bytes.is_some_and(|peak| peak > memory.limit_bytes) {
@@ -123,11 +123,11 @@ fn stress_options<T: PagedTracer + Send>(
 }
 
 /// The pictures of the scenario's states on the exact mesh, `spp` samples a pixel; in a file without a name in the
-/// folder for temporary files.
+/// folder for temporary files. `scene` is lit as they are from then on.
 fn references(
     args: &StressArgs,
     ctx: &Context,
-    scene: &Scene,
+    scene: &mut Scene,
     path: &Path,
     spp: u32,
 ) -> anyhow::Result<References> {
@@ -137,6 +137,7 @@ fn references(
     let (options, device) = (SessionOptions::default(), DeviceOptions::default());
     let play = Play { scene: &exact, file: path, options, io: &io, device: &device };
     let (stage, mut session) = Stage::open(&play, ctx)?;
+    scene.render.light = session.view().settings.light;
     let options = stress_options(args, scene, &session)?;
     let states = stress::state_count(&session, &options);
     if states == 0 {

@@ -6,6 +6,7 @@
 
 use super::command_line::render_line;
 use super::damage::Damage;
+use super::shown_file::shown_file;
 use super::stage::{Play, Stage, io_options, open_scene};
 use crate::args::ViewArgs;
 use crate::context::Context;
@@ -21,7 +22,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use trex_model::{Device, DeviceReport, Pace, SessionOptions};
-use trex_render::{FrameOptions, PictureNeeds, Scene};
+use trex_render::{Exposure, FrameOptions, PictureNeeds, Scene};
 use trex_store::DamageList;
 use trex_store::io::IoDescription;
 use trex_store::layout::FRAME_BYTES;
@@ -40,9 +41,13 @@ const SIDE_LEAST: u32 = 80;
 
 /// Runs `trex view`.
 pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    let (mut scene, path) = open_scene(&args.file)?;
+    let file = shown_file(args, ctx)?;
+    let (mut scene, path) = open_scene(&file)?;
     let follows_page = follows_page(args, &scene);
     scene.begin_live();
+    if scene.given.exposure.is_none() {
+        scene.render.exposure = Exposure::Auto;
+    }
     if follows_page {
         scene.render.resolution = FIRST_RESOLUTION;
     }
@@ -65,7 +70,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let needs = |room: &Room| picture_needs(room, ctx.threads);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
-    let input = args.file.display().to_string();
+    let input = file.display().to_string();
     let around = Surroundings {
         name: &name,
         command_line: &|recipe| render_line(&input, recipe),

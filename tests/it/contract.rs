@@ -144,10 +144,12 @@ const INFO: [(&str, Kind); 34] = [
     ("shares.frames_bytes", Count),
 ];
 
-const RENDER: [(&str, Kind); 35] = [
+const RENDER: [(&str, Kind); 37] = [
     ("scene", Text),
     ("output", Text),
     ("integrator", Text),
+    ("light", Text),
+    ("exposure", Number),
     ("spp", Count),
     ("rays.primary", Count),
     ("rays.mirror", Count),

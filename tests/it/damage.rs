@@ -281,7 +281,7 @@ fn a_picture_of_a_damaged_file_differs_only_where_the_damage_is() {
     let line = |file: &str, output: &str| {
         format!(
             "render {file} -o {output} --integrator direct --resolution {side}x{side} --spp 2 \
-             --camera-position {},{},{} \
+             --exposure 1 --camera-position {},{},{} \
              --camera-target {},{},{} --camera-up 0,1,0 --fov-x {degrees}",
             center[0],
             center[1],

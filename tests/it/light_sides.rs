@@ -107,8 +107,9 @@ fn pipes_hide_lamps_as_they_do_on_the_mesh() {
     let folder = folder();
     document_in(folder.path(), "build gen:pipes:100k -o m.trex --voxels 64");
     let picture = |options: &str| {
-        let line =
-            format!("render m.trex -o m.exr --overwrite --resolution 96x96 --spp 64 --filter off {options}");
+        let line = format!(
+            "render m.trex -o m.exr --overwrite --resolution 96x96 --spp 64 --filter off --light scene {options}"
+        );
         document_in(folder.path(), &line);
         red(&folder.path().join("m.exr"))
     };

@@ -103,7 +103,9 @@ fn a_camera_path_gives_the_pictures_of_its_views() {
     };
     let path: String = views.iter().map(table).collect();
     std::fs::write(inside.path().join("path.toml"), &path).unwrap();
-    let picture = "render model.trex --integrator direct --resolution 40x24 --spp 2 --fov-x 70";
+    // A path is lit and exposed by its first view, not by each by itself.
+    let picture = "render model.trex --integrator direct --resolution 40x24 --spp 2 --fov-x 70 \
+                   --exposure 1 --light scene";
     let document = document_in(inside.path(), &format!("{picture} --camera-path path.toml -o turn.png"));
     for (number, (position, target)) in (1..).zip(views) {
         let alone = format!("{picture} --camera-position={position} --camera-target={target} -o alone.png");
@@ -115,6 +117,18 @@ fn a_camera_path_gives_the_pictures_of_its_views() {
     }
     assert_ne!(hash_of(&inside.path().join("turn-0001.png")), hash_of(&inside.path().join("turn-0002.png")));
     assert!(!inside.path().join("turn.png").exists());
+
+    // What is left to be decided the first view decides.
+    let decided = |views: &str| {
+        let line =
+            format!("render model.trex --integrator direct --resolution 40x24 --spp 2 --overwrite {views}");
+        let document = document_in(inside.path(), &line);
+        (document["light"].clone(), document["exposure"].clone())
+    };
+    let (position, target) = views[0];
+    let first = decided(&format!("--camera-position={position} --camera-target={target} -o alone.png"));
+    assert_eq!(decided("--camera-path path.toml -o turn.png"), first);
+    assert_ne!(decided("-o alone.png"), first, "the path begins with the view that frames the model");
 
     // A view that sees nothing is told by its number, before any picture is made.
     std::fs::write(inside.path().join("path.toml"), path + &table(&("1,1,1", "1,1,1"))).unwrap();

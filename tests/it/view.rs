@@ -1,7 +1,7 @@
 //! `trex view` without a browser: its address, its page, its end, and what it refuses. What it sends is tested in
 //! `view/tests/`, what a person does with it in `browser.rs`.
 
-use crate::command::{Ran, folder, ran, run_in, trex_in};
+use crate::command::{Ran, document_in, folder, hash_of, ran, run_in, trex_in};
 use crate::fixtures::built_in;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -133,7 +133,10 @@ fn what_cannot_be_seen_is_told_with_what_to_do() {
     built_in(inside.path(), "gen:soup:10k --no-asvo", "flat.trex");
     std::fs::write(inside.path().join("mesh.ply"), "ply\nformat ascii 1.0\nend_header\n").unwrap();
     for (line, exit, code, next) in [
-        ("mesh.ply", 3, "input-format", "trex build"),
+        ("mesh.ply", 3, "input-empty", "check the input"),
+        ("none.ply", 3, "input-unreadable", "spelling"),
+        ("gen:soup:1k -o none/mesh.trex", 7, "io", "-o FILE.trex"),
+        ("flat.trex -o other.trex", 2, "usage", "leave out"),
         ("none.trex", 3, "input-unreadable", "spelling"),
         ("flat.trex --integrator direct --lod-error 0", 3, "scene-format", "--no-asvo"),
         ("flat.trex --resolution 20000x10", 2, "usage", "smaller"),
@@ -146,6 +149,36 @@ fn what_cannot_be_seen_is_told_with_what_to_do() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let line = format!("view flat.trex --no-open --json --port {}", taken.local_addr().unwrap().port());
     run_in(inside.path(), &line).expect_error(7, "io");
+}
+
+/// A newcomer has a mesh, and was told to build it first. It is built beside itself, again when it has changed, and
+/// nothing else is replaced.
+#[test]
+fn a_mesh_is_built_beside_itself_once() {
+    let inside = folder();
+    let built = inside.path().join("mesh.ply.trex");
+    let write = |seed| {
+        let line = format!("gen isosurface --triangles 10k --seed {seed} -o mesh.ply --overwrite");
+        document_in(inside.path(), &line);
+    };
+    let stamp = |path: &Path| (hash_of(path), path.metadata().unwrap().modified().unwrap());
+    let line = "mesh.ply --quiet --spp 1 --memory-limit 160MiB";
+    write(1);
+    let (_, page, document) = view(inside.path(), line);
+    assert!(page.starts_with("HTTP/1.1 200 ") && document["scene"] == "mesh.ply.trex", "{document}");
+    let first = stamp(&built);
+    view(inside.path(), line);
+    assert_eq!(stamp(&built), first, "it was built again");
+    write(2);
+    view(inside.path(), line);
+    assert_ne!(stamp(&built).0, first.0, "the mesh has changed");
+    // One that was named is the user's own.
+    std::fs::copy(&built, inside.path().join("own.trex")).unwrap();
+    write(3);
+    let ran = run_in(inside.path(), "view mesh.ply -o own.trex --no-open --json");
+    ran.expect_error(2, "usage");
+    let (_, _, document) = view(inside.path(), &format!("{line} -o other.trex"));
+    assert_eq!(document["scene"], "other.trex");
 }
 
 /// A file whose pages had flipped bits was shown as finished, with exit status 0. The page, the document and the exit

@@ -7,7 +7,7 @@
 import { button, choice_row, element, number_row, slider_row, switch_row } from "./widgets.js";
 
 /** Keys with controls of their own; the others are rows of the table. */
-const APART = ["quality", "integrator", "resolution", "exposure"];
+const APART = ["quality", "integrator", "light", "resolution", "exposure"];
 /** Those that the debug key goes through. */
 const DEBUG_KEYS = ["debug-upper", "debug-pages"];
 const MOVING = [
@@ -88,6 +88,7 @@ export class Settings {
   light() {
     const { integrator } = this.now;
     const { title, choices, text } = this.app.key("integrator");
+    const lamps = this.app.key("light");
     const debug = choices.filter(({ name }) => is_debug(name)).map((choice) =>
       button(choice.title, () => this.integrator(integrator === choice.name ? this.before_debug : choice.name),
         { "aria-pressed": String(integrator === choice.name), title: choice.text }));
@@ -101,6 +102,9 @@ export class Settings {
     return [
       choice_row(title, is_debug(integrator) ? this.before_debug : integrator, methods,
         (name) => this.integrator(name), text),
+      lamps.methods.includes(integrator)
+        ? choice_row(lamps.title, this.now.light, pairs(lamps.choices), (light) => this.set({ light }), lamps.text)
+        : null,
       element("div", { class: "buttons", role: "group", "aria-label": "Debug views" }, ...debug),
       choice_row("Debug views", String(this.share), SHOWN_THROUGH, blend, "Until the view moves"),
     ];
@@ -159,6 +163,9 @@ export class Settings {
       element("h3", {}, "Display"),
       slider_row(exposure.title, this.now.exposure ?? 1, { ...EXPOSURES, least: exposure.min, most: exposure.max },
         (value) => this.set({ exposure: value }), exposure.text),
+      // The server says which number that is.
+      button("Exposure for this view", () => app.edit({ type: "settings", settings: { exposure: "auto" } }),
+        { id: "auto-exposure", title: "By the surfaces that are seen now; it stays while the view moves" }),
       choice_row("While moving", this.moving, MOVING, moving, "Size of the picture while the view moves"),
       app.state.follows_page === false ? null : choice_row("Pixels", String(app.pixel_share), SHARES, share),
       element("p", { class: "hint" }, `${width} × ${height} pixels${app.state.follows_page === false ? fixed : ""}.`),

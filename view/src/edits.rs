@@ -12,7 +12,7 @@ use crate::state::{BoundsText, HitText, LightsText, LimitText, PickAnswer, Small
 use crate::surroundings::Room;
 use crate::texts;
 use crate::wire::BLOCK_SIDE;
-use trex_render::{Event, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
+use trex_render::{Event, Exposure, LightRig, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
 use trex_store::{Code, Error, Result};
 
 /// Most pixels on a side of a picture that follows a page.
@@ -132,10 +132,25 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 Ok(State { material, ..State::default() })
             }
             Edit::Settings(edit) => {
-                let keys = edit.apply(&self.session().view().settings);
+                let keys = self.decided(edit.apply(&self.session().view().settings));
                 self.set_settings(RenderSettings::new(keys)?)
             }
         }
+    }
+
+    /// `keys` without what is to be decided: the exposure is, by what is on show. It stays until it is asked for again,
+    /// as lamps stay what they are.
+    fn decided(&self, keys: RenderKeys) -> RenderKeys {
+        let old = self.session().view().settings;
+        let exposure = match keys.exposure {
+            Exposure::Auto => {
+                let factor = self.session().brightness().exposure();
+                factor.map_or(old.exposure, Exposure::Factor)
+            }
+            given => given,
+        };
+        let light = if keys.light == LightRig::Auto { old.light } else { keys.light };
+        RenderKeys { exposure, light, ..keys }
     }
 
     /// Sets the size of the picture, or the largest below it that memory allows: that is told once a size.
@@ -169,7 +184,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let (room, exchange) = (self.room(settings), self.around.exchange);
         exchange(room, &mut || self.change_settings(settings))?;
         self.frame_again(old.resolution, settings.resolution)?;
-        self.tone.set_exposure(settings.exposure);
+        self.tone.set_exposure(settings.exposure.factor());
         self.shared.picture().forget();
         let (session, size) = (self.session(), settings.resolution);
         let (view, home) = (session.view(), self.around.camera.camera(session.model(), size));

@@ -114,7 +114,14 @@ pub(crate) mod tests {
     /// A model without triangles.
     pub(crate) fn model(materials: Vec<Material>, names: &[&str]) -> Model {
         let names = Arc::new(names.iter().copied().collect());
-        Model { bounds: Aabb::EMPTY, materials, names, emitters: vec![], voxels: None }
+        Model {
+            bounds: Aabb::EMPTY,
+            outline: Default::default(),
+            materials,
+            names,
+            emitters: vec![],
+            voxels: None,
+        }
     }
 
     fn numbered(count: usize) -> Model {

@@ -175,7 +175,7 @@ impl ShotWork<'_> {
         let mut writer = BoundedWriter::new(&mut bytes, most as usize, &stop);
         let film = session.film();
         let written = match shot.format {
-            Format::Png => write_png(film, settings.exposure, session.thread_pool(), writer),
+            Format::Png => write_png(film, settings.exposure.factor(), session.thread_pool(), writer),
             Format::Exr => write_exr(film, &mut writer),
         };
         written.map_err(|error| {

@@ -99,7 +99,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     ) -> SessionLoop<'a, T> {
         let view = session.view();
         let mut this = SessionLoop {
-            tone: Tone::new(view.settings.exposure),
+            tone: Tone::new(view.settings.exposure.factor()),
             input_lights: view.lights.clone(),
             input_fingerprint: fingerprint(&session.model().materials),
             session: Some(session),

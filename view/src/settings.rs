@@ -4,8 +4,8 @@
 //! are narrowed here.
 
 use serde::Serialize;
-use trex_render::keys::KEYS;
-use trex_render::{Key, KeyKind, Method, Quality, RenderKeys};
+use trex_render::keys::{KEYS, LIGHT};
+use trex_render::{Choice, Key, KeyKind, LightRig, Method, Quality, RenderKeys};
 
 /// Greatest whole number that a page counts exactly: its numbers are of double precision.
 const PAGE_COUNT_MAX: u64 = (1 << 53) - 1;
@@ -93,6 +93,7 @@ impl KeyText {
             KeyKind::Choice(choices) => KindText::Choice {
                 choices: choices
                     .iter()
+                    .filter(|choice| !is_decided(key, choice))
                     .map(|choice| ChoiceText { name: choice.name, title: choice.title, text: choice.text })
                     .collect(),
             },
@@ -101,6 +102,11 @@ impl KeyText {
         let methods = key.methods().map(Method::as_str).collect();
         KeyText { name: key.name, title: key.title, unit: key.unit, text: key.text, methods, kind }
     }
+}
+
+/// True for a choice that a page is shown the outcome of.
+fn is_decided(key: &Key, choice: &Choice) -> bool {
+    key.name == LIGHT.name && choice.name == LightRig::Auto.as_str()
 }
 
 #[cfg(test)]

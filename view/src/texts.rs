@@ -142,7 +142,7 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
     use rand_pcg::rand_core::{Rng, SeedableRng};
     use std::path::Path;
-    use trex_render::{Filter, Method, Near, Occluders, RenderSettings, Scene, Shadows};
+    use trex_render::{Exposure, Filter, LightRig, Method, Near, Occluders, RenderSettings, Scene, Shadows};
 
     #[test]
     fn a_scene_comes_back_as_it_was() {
@@ -171,7 +171,7 @@ mod tests {
         let edit = MaterialEdit { kd, ks, mirror: Some(true), ..MaterialEdit::default() };
         let keys = RenderKeys {
             integrator: Method::FullGi,
-            exposure: 0.1,
+            exposure: Exposure::Factor(0.1),
             lod_error: 1.0,
             filter: Filter::On,
             photons: 12345,
@@ -217,6 +217,7 @@ mod tests {
         let exposure = f32::from_bits(random.next_u32() & 0x7fff_ffff);
         RenderKeys {
             integrator,
+            light: pick(random, &[LightRig::Scene, LightRig::Studio]),
             resolution: [width, height],
             spp,
             n_shadow,
@@ -230,7 +231,7 @@ mod tests {
             occluders: pick(random, &[Occluders::On, Occluders::Off]),
             lod_error: 1024.0 * (random.next_u64() as f64 / u64::MAX as f64).powi(7),
             filter: if gathers { pick(random, &[Filter::On, Filter::Off]) } else { Filter::Off },
-            exposure: if exposure > 0.0 && exposure.is_finite() { exposure } else { 1.0 },
+            exposure: Exposure::Factor(if exposure > 0.0 && exposure.is_finite() { exposure } else { 1.0 }),
             seed,
         }
     }

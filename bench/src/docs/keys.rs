@@ -1,7 +1,7 @@
 //! The table of a picture's keys, for `docs/scene.md`: what the renderer's own table says, as Markdown.
 
 use std::fmt::Write;
-use trex_render::keys::KEYS;
+use trex_render::keys::{EXPOSURE, KEYS, LIGHT};
 use trex_render::{Key, KeyKind};
 
 /// A row per key: its sentence, the methods that use it, its unit, range and default.
@@ -33,6 +33,12 @@ fn choices(key: &Key) -> String {
 
 /// The default, and that of what changes while it is looked at.
 fn default(key: &Key) -> String {
+    if key.name == LIGHT.name {
+        return format!("`{}`; files without a scene: `\"auto\"`", key.default_value());
+    }
+    if key.name == EXPOSURE.name {
+        return format!("`{}`; `view`, files without a scene: `\"auto\"`", key.default_value());
+    }
     let (default, live) = (key.default_value(), key.live_value());
     if live == default { format!("`{default}`") } else { format!("`{default}`; `view`, `stress`: `{live}`") }
 }
@@ -48,7 +54,7 @@ mod tests {
     #[test]
     fn each_key_has_a_row_with_its_range() {
         let table = render();
-        assert_eq!(table.lines().count(), 19);
+        assert_eq!(table.lines().count(), 20);
         let photons = table.lines().find(|line| line.starts_with("| `photons` ")).unwrap();
         for word in
             ["`photon`, `full-gi`", "1 to 2^40; full-gi: 2^30", "`1048576`; `view`, `stress`: `2097152`"]

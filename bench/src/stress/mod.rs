@@ -118,7 +118,7 @@ pub fn run<T: PagedTracer + Send>(
         log.hold(session, event, &hold, compared.as_mut().map(|(_, snapshots)| &mut **snapshots))?;
         if let Some((references, snapshots)) = &mut compared {
             let begin = Instant::now();
-            let exposure = session.view().settings.exposure;
+            let exposure = session.view().settings.exposure.factor();
             let errors = snapshots.errors(references, script.state(index), exposure)?;
             let held = log.switches.last_mut().expect("a switch was held");
             held.error_at = Some(errors.map(|error| Some(error?.relmse)));

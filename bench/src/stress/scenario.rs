@@ -257,8 +257,14 @@ mod tests {
     #[test]
     fn half_a_turn_is_the_other_side_and_a_whole_one_is_none() {
         let bounds = Aabb { lo: [0.0, 0.0, 0.0], hi: [2.0, 4.0, 2.0] };
-        let model =
-            Model { bounds, materials: vec![], names: Default::default(), emitters: vec![], voxels: None };
+        let model = Model {
+            bounds,
+            outline: Default::default(),
+            materials: vec![],
+            names: Default::default(),
+            emitters: vec![],
+            voxels: None,
+        };
         let camera = Camera { position: [5.0, 6.0, 1.0], ..Camera::framing(&bounds, [64, 64], None, None) };
         let near = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 1e-9);
         assert!(near(around(&model, &camera, 0.5).position, [-3.0, 6.0, 1.0]));

@@ -70,6 +70,7 @@ impl Case {
         let emitters = self.triangles.iter().filter(emits).map(emitter).collect();
         let model = Model {
             bounds,
+            outline: Default::default(),
             materials: self.materials.clone(),
             names: Default::default(),
             emitters,

@@ -285,7 +285,14 @@ mod tests {
         let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
         let materials = vec![Material::default(), mirror];
         (
-            Model { bounds, materials, names: Default::default(), emitters: vec![], voxels: None },
+            Model {
+                bounds,
+                outline: Default::default(),
+                materials,
+                names: Default::default(),
+                emitters: vec![],
+                voxels: None,
+            },
             NaiveMesh::new(triangles),
         )
     }

@@ -7,14 +7,13 @@
 //! ```
 //!
 //! Invariants: 1. a [`Projection`] exists only for a camera that has one: finite, with a direction, an up that is
-//! not along it and an angle in [0.001, 179] degrees; 2. rays are unit, set up in f64, and start at the position;
-//! 3. a framed camera sees the whole box.
+//! not along it and an angle in [0.001, 179] degrees; 2. rays are unit, set up in f64, and start at the position.
 
-use crate::math::{ground_axes, unit};
+use crate::math::unit;
 use crate::trace::Ray;
 use glam::DVec3;
 use trex_film::Lens;
-use trex_store::{Aabb, Code, Error, Result};
+use trex_store::{Code, Error, Result};
 
 /// Smallest angle of view, degrees.
 pub const FOV_MIN_DEGREES: f64 = 0.001;
@@ -22,20 +21,6 @@ pub const FOV_MIN_DEGREES: f64 = 0.001;
 pub const FOV_MAX_DEGREES: f64 = 179.0;
 /// Most pixels on a side: what PNG and EXR readers take, and what keeps `width * height` in 32 bits.
 pub const SIDE_MAX_PIXELS: u32 = 1 << 16;
-
-/// Angle of view of a framed camera (of its greater side), degrees: a normal lens.
-const FRAMED_FOV_DEGREES: f64 = 40.0;
-/// Share of the picture's half side that a framed box may take.
-const FRAMED_SHARE: f64 = 0.94;
-/// A box is seen from this far beside its front, degrees: a three-quarter view that shows most of the long side.
-const FRAMED_AZIMUTH_DEGREES: f64 = 30.0;
-/// A box is seen from this far above, degrees; a flat one (terrain) from higher up.
-const FRAMED_ELEVATION_DEGREES: [f64; 2] = [20.0, 35.0];
-/// A box is seen from its side, not its front, when that is longer than the front by this factor; below it the
-/// front wins, since scans look towards it.
-const SIDE_ON_RATIO: f64 = 1.5;
-/// A box is flat along an axis where it is thinner than this share of both other sides.
-const FLAT_SHARE: f64 = 0.5;
 
 /// The angle of view, across the picture or from top to bottom, degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,57 +50,16 @@ pub struct Camera {
 /// A camera with a film behind it: what makes rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Projection {
-    position: DVec3,
-    forward: DVec3,
+    pub(super) position: DVec3,
+    pub(super) forward: DVec3,
     /// Way from the middle of the picture to its right edge, at distance 1 along `forward`.
-    right: DVec3,
+    pub(super) right: DVec3,
     /// Way from the middle of the picture to its lower edge, at distance 1 along `forward`.
-    down: DVec3,
+    pub(super) down: DVec3,
     resolution: [u32; 2],
 }
 
 impl Camera {
-    /// A camera that sees the whole of `bounds` at `resolution` (width, height; pixels), three-quarter from above the
-    /// front (the left side, where that is much longer). `up`: [`up_axis`] of the box when `None`; `fov`: 40 degrees.
-    ///
-    /// # Panics
-    /// When a side of the picture is 0.
-    pub fn framing(bounds: &Aabb, resolution: [u32; 2], up: Option<[f64; 3]>, fov: Option<Fov>) -> Camera {
-        assert!(resolution.iter().all(|&side| side > 0));
-        let up = up.and_then(|up| unit(up.into())).unwrap_or_else(|| up_axis(bounds).into());
-        let (bounds, size) = solid(bounds);
-        let (right, front) = ground_axes(up);
-        let extent_along = |direction: DVec3| size.dot(direction.abs());
-        let (across, towards) = if extent_along(front) <= SIDE_ON_RATIO * extent_along(right) {
-            (right, front)
-        } else {
-            (front, -right)
-        };
-        let flat = extent_along(up) < FLAT_SHARE * extent_along(across).min(extent_along(towards));
-        let elevation = FRAMED_ELEVATION_DEGREES[usize::from(flat)].to_radians();
-        let azimuth = FRAMED_AZIMUTH_DEGREES.to_radians();
-        let level = azimuth.cos() * towards + azimuth.sin() * across;
-        let backward = elevation.cos() * level + elevation.sin() * up;
-
-        let center = bounds.center();
-        let wide = resolution[0] >= resolution[1];
-        let fov = fov.unwrap_or(if wide { Fov::X(FRAMED_FOV_DEGREES) } else { Fov::Y(FRAMED_FOV_DEGREES) });
-        let half = half_sides(fov, resolution).map(|side| side * FRAMED_SHARE);
-        let picture_right = unit(up.cross(backward)).expect("a framed view is not along up");
-        let picture_up = backward.cross(picture_right);
-        let mut distance = 0.0f64;
-        for corner in 0..8 {
-            let sign = |axis: u32| if corner >> axis & 1 == 0 { -0.5 } else { 0.5 };
-            let corner = DVec3::new(sign(0), sign(1), sign(2)) * size;
-            let nearer = corner.dot(backward);
-            let x = corner.dot(picture_right).abs() / half[0];
-            let y = corner.dot(picture_up).abs() / half[1];
-            distance = distance.max(nearer + x.max(y));
-        }
-        let position = DVec3::from(center) + distance * backward;
-        Camera { position: position.to_array(), target: center, up: up.to_array(), fov }
-    }
-
     /// The rays of this camera for a picture of `resolution` (width, height; pixels).
     ///
     /// # Errors
@@ -206,28 +150,14 @@ impl Lens for Projection {
     }
 }
 
-/// Unit upward axis of a model with this box: +y, as OBJ and PLY scans have it, unless the box is flat along z alone
-/// (terrain, maps), then +z.
-pub fn up_axis(bounds: &Aabb) -> [f64; 3] {
-    let (_, size) = solid(bounds);
-    if size.z < FLAT_SHARE * size.x.min(size.y) { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] }
-}
-
 /// Half width and half height of the picture at distance 1.
-fn half_sides(fov: Fov, [width, height]: [u32; 2]) -> [f64; 2] {
+pub(super) fn half_sides(fov: Fov, [width, height]: [u32; 2]) -> [f64; 2] {
     let aspect = f64::from(width) / f64::from(height);
     let half = |degrees: f64| (0.5 * degrees).to_radians().tan();
     match fov {
         Fov::X(degrees) => [half(degrees), half(degrees) / aspect],
         Fov::Y(degrees) => [half(degrees) * aspect, half(degrees)],
     }
-}
-
-/// A box that is not empty and no point, with its sides.
-fn solid(bounds: &Aabb) -> (Aabb, DVec3) {
-    let bounds = if bounds.is_empty() { Aabb { lo: [-1.0; 3], hi: [1.0; 3] } } else { *bounds };
-    let size = DVec3::from(bounds.hi) - DVec3::from(bounds.lo);
-    (bounds, if bounds.extent() == 0.0 { DVec3::ONE } else { size })
 }
 
 fn bad(key: &str, what: &str, numbers: String, next: &str) -> Error {
@@ -285,40 +215,5 @@ mod tests {
             assert!(!error.numbers_text().is_empty() && !error.next_step().is_empty());
         }
         assert_eq!(good.project([0, 4]).unwrap_err().place(), "render.resolution");
-    }
-
-    #[test]
-    fn a_framed_box_is_whole_and_fills_the_picture() {
-        let boxes = [
-            [[0.0; 3], [1.0; 3]],
-            [[1e7, -5.0, 3.0], [1e7 + 4.0, -2.0, 3.5]],
-            [[0.0; 3], [100.0, 80.0, 3.0]],
-            [[0.0; 3], [1.0, 9.0, 30.0]],
-            [[2.0; 3], [2.0; 3]],
-            [[0.0; 3], [5.0, 0.0, 0.0]],
-        ];
-        for [lo, hi] in boxes {
-            for resolution in [[64, 64], [160, 90], [50, 200]] {
-                let bounds = Aabb { lo, hi };
-                let camera = Camera::framing(&bounds, resolution, None, None);
-                let projection = camera.project(resolution).unwrap();
-                let mut most = 0.0f64;
-                for corner in 0..8 {
-                    let point: [f64; 3] =
-                        std::array::from_fn(|a| if corner >> a & 1 == 0 { lo[a] } else { hi[a] });
-                    let from = DVec3::from(point) - projection.position;
-                    let z = from.dot(projection.forward);
-                    assert!(z > 0.0);
-                    for axis in [projection.right, projection.down] {
-                        most = most.max((from.dot(axis) / axis.dot(axis) / z).abs());
-                    }
-                }
-                assert!(most <= 0.9401, "{lo:?} {hi:?} {resolution:?}: {most}");
-                assert!(most >= 0.7 || bounds.extent() == 0.0, "{lo:?} {hi:?} {resolution:?}: {most}");
-            }
-        }
-        assert_eq!(up_axis(&Aabb { lo: [0.0; 3], hi: [100.0, 80.0, 3.0] }), [0.0, 0.0, 1.0]);
-        assert_eq!(ground_axes(DVec3::Y), (DVec3::X, DVec3::Z));
-        assert_eq!(ground_axes(DVec3::Z), (DVec3::X, DVec3::NEG_Y));
     }
 }

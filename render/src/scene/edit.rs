@@ -3,9 +3,10 @@
 //! Invariants: 1. names are those of scene files; 2. what an integrator has no use for is turned off when it is changed
 //! to, unless it is asked for.
 
+use super::exposure::Exposure;
 use super::key::{Key, KeyValue};
 use super::keys;
-use super::method::{Filter, Method, Near, Shadows};
+use super::method::{Filter, LightRig, Method, Near, Shadows};
 use super::settings::RenderKeys;
 use crate::voxel::Occluders;
 use serde::Deserialize;
@@ -41,13 +42,14 @@ impl Quality {
         }
     }
 
-    /// `keys` with all that trades time for accuracy as this says. Resolution, exposure and seed stay; so does the
-    /// error of the footprint rule with [`Quality::Normal`], since pictures and sessions differ in it.
+    /// `keys` with all that trades time for accuracy as this says. Resolution, lamps, exposure and seed stay; so does
+    /// the error of the footprint rule with [`Quality::Normal`], since pictures and sessions differ in it.
     #[must_use]
     pub fn apply(self, keys: &RenderKeys) -> RenderKeys {
-        let RenderKeys { resolution, lod_error, exposure, seed, .. } = *keys;
+        let RenderKeys { light, resolution, lod_error, exposure, seed, .. } = *keys;
         let normal = RenderKeys {
             integrator: Method::Photon,
+            light,
             resolution,
             lod_error,
             exposure,
@@ -94,6 +96,7 @@ pub struct RenderEdit {
     /// Many at once; the others go before it.
     pub quality: Option<Quality>,
     pub integrator: Option<Method>,
+    pub light: Option<LightRig>,
     pub resolution: Option<[u32; 2]>,
     pub spp: Option<u32>,
     pub n_shadow: Option<u32>,
@@ -107,7 +110,7 @@ pub struct RenderEdit {
     pub occluders: Option<Occluders>,
     pub lod_error: Option<f64>,
     pub filter: Option<Filter>,
-    pub exposure: Option<f32>,
+    pub exposure: Option<Exposure>,
     pub seed: Option<u64>,
 }
 
@@ -146,6 +149,7 @@ impl RenderEdit {
         }
         RenderKeys {
             integrator,
+            light: self.light.unwrap_or(keys.light),
             resolution: self.resolution.unwrap_or(keys.resolution),
             spp: self.spp.unwrap_or(keys.spp),
             n_shadow: self.n_shadow.unwrap_or(keys.n_shadow),
@@ -179,11 +183,19 @@ mod tests {
 
     #[test]
     fn every_quality_is_a_picture() {
-        let keys = RenderKeys { resolution: [7, 5], exposure: 2.0, seed: 9, ..RenderKeys::default() };
+        let keys = RenderKeys {
+            resolution: [7, 5],
+            exposure: Exposure::Factor(2.0),
+            seed: 9,
+            ..RenderKeys::default()
+        };
         for quality in [Quality::Draft, Quality::Normal, Quality::Reference] {
             let edit = RenderEdit { quality: Some(quality), ..RenderEdit::default() };
             let settings = RenderSettings::new(edit.apply(&keys)).unwrap();
-            assert_eq!((settings.resolution, settings.exposure, settings.seed), ([7, 5], 2.0, 9));
+            assert_eq!(
+                (settings.resolution, settings.exposure, settings.seed),
+                ([7, 5], Exposure::Factor(2.0), 9)
+            );
             assert!(settings.integrator != Method::Direct, "{quality:?} has all light");
         }
     }
@@ -193,7 +205,10 @@ mod tests {
         match key.kind {
             KeyKind::Count { least, most } => vec![KeyValue::Count(least), KeyValue::Count(most)],
             KeyKind::Length { most } => [0.0, 0.1, most].map(KeyValue::Number).to_vec(),
-            KeyKind::Factor => [0.1, 1e-30, 1e30].map(KeyValue::Number).to_vec(),
+            KeyKind::Factor => {
+                let numbers = [0.1, 1e-30, 1e30].map(KeyValue::Number);
+                numbers.into_iter().chain([KeyValue::Choice("auto")]).collect()
+            }
             KeyKind::Pair { most } => [[1, most], [most, 1]].map(KeyValue::Pair).to_vec(),
             KeyKind::Choice(choices) => choices.iter().map(|choice| KeyValue::Choice(choice.name)).collect(),
             KeyKind::Flag => [true, false].map(KeyValue::Flag).to_vec(),
@@ -226,7 +241,8 @@ mod tests {
 
     #[test]
     fn defaults_are_those_of_a_scene_that_says_nothing() {
-        let words = "normal photon 1024x1024 16 2 2 1048576 50 false false contact mesh on 0.0 on 1.0 1";
+        let words =
+            "normal photon scene 1024x1024 16 2 2 1048576 50 false false contact mesh on 0.0 on 1.0 1";
         let default = |key: &&'static Key| match key.default_value() {
             KeyValue::Pair([width, height]) => format!("{width}x{height}"),
             KeyValue::Choice(name) => name.to_owned(),

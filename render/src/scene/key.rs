@@ -4,6 +4,7 @@
 //! Invariants: 1. a name is that of scene files; 2. [`Key::check`] alone judges a range, and [`Key::range`] alone words
 //! it: for scene files, flags and pages alike.
 
+use super::exposure::AUTO;
 use super::method::Method;
 use std::fmt;
 use trex_store::{Code, Error, Result};
@@ -44,7 +45,7 @@ pub enum KeyKind {
         /// The most.
         most: f64,
     },
-    /// A finite number above zero, of single precision.
+    /// A finite number above zero, of single precision; or `auto`.
     Factor,
     /// Two whole numbers.
     Pair {
@@ -88,7 +89,7 @@ pub enum KeyValue {
     Number(f64),
     /// Of [`KeyKind::Pair`].
     Pair([u32; 2]),
-    /// Of [`KeyKind::Choice`]: its name.
+    /// Of [`KeyKind::Choice`]: its name. Of [`KeyKind::Factor`]: `auto`.
     Choice(&'static str),
     /// Of [`KeyKind::Flag`].
     Flag(bool),
@@ -123,7 +124,7 @@ impl Key {
                 format!("{least} to {}{narrower}", round(most))
             }
             KeyKind::Length { most } => format!("0 to {most}"),
-            KeyKind::Factor => "a finite number above 0".into(),
+            KeyKind::Factor => format!("a finite number above 0, or {AUTO}"),
             KeyKind::Pair { most } => format!("1 to {most} each"),
             KeyKind::Choice(choices) => {
                 choices.iter().map(|choice| choice.name).collect::<Vec<_>>().join(", ")
@@ -142,6 +143,7 @@ impl Key {
             (KeyKind::Length { most }, KeyValue::Number(number)) => (0.0..=most).contains(&number),
             // What single precision takes for zero or for infinity is neither.
             (KeyKind::Factor, KeyValue::Number(number)) => number as f32 > 0.0 && (number as f32).is_finite(),
+            (KeyKind::Factor, KeyValue::Choice(name)) => name == AUTO,
             (KeyKind::Pair { most }, KeyValue::Pair(pair)) => {
                 pair.iter().all(|part| (1..=most).contains(part))
             }

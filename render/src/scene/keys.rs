@@ -81,6 +81,32 @@ pub static INTEGRATOR: Key = Key {
     text: "How light is computed; for a file without voxels the default is direct",
     ..OF_ALL
 };
+/// The lamps.
+pub static LIGHT: Key = Key {
+    name: "light",
+    title: "Lamps",
+    kind: KeyKind::Choice(&[
+        choice(
+            "auto",
+            "Those that show it",
+            "Studio where the model has lamps of its own, the scene none, and these leave most of the opening view \
+             dark; else scene. Decided once",
+        ),
+        choice(
+            "scene",
+            "Of scene and model",
+            "Those of scene and model; where neither has any, a sun and a pale sky",
+        ),
+        choice(
+            "studio",
+            "With sun and sky",
+            "Those of scene and model, with that sun and that sky beside them",
+        ),
+    ]),
+    is_used_by: Method::computes_light,
+    text: "What gives light",
+    ..OF_ALL
+};
 /// Width and height.
 pub static RESOLUTION: Key = Key {
     name: "resolution",
@@ -227,7 +253,8 @@ pub static EXPOSURE: Key = Key {
     name: "exposure",
     title: "Exposure",
     kind: KeyKind::Factor,
-    text: "Factor on the light before it becomes a PNG",
+    text: "Factor on the light before it becomes a PNG; auto is decided once, by the surfaces that the opening view \
+           shows",
     ..OF_ALL
 };
 /// Random numbers.
@@ -240,9 +267,10 @@ pub static SEED: Key = Key {
 };
 
 /// All of them, in the order in which they are listed.
-pub static KEYS: [&Key; 17] = [
+pub static KEYS: [&Key; 18] = [
     &QUALITY,
     &INTEGRATOR,
+    &LIGHT,
     &RESOLUTION,
     &SPP,
     &N_SHADOW,

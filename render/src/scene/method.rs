@@ -135,6 +135,31 @@ impl Shadows {
     }
 }
 
+/// The lamps of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightRig {
+    /// Decided once, by what the opening view shows in the light of the model's own lamps ([`crate::Brightness`]). A
+    /// session has it decided before its first picture, see `trex_model`; until then it is [`LightRig::Scene`].
+    Auto,
+    /// Those of scene and model; where neither has any, a sun and a sky.
+    #[default]
+    Scene,
+    /// Those of scene and model, with that sun and that sky beside them.
+    Studio,
+}
+
+impl LightRig {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            LightRig::Auto => "auto",
+            LightRig::Scene => "scene",
+            LightRig::Studio => "studio",
+        }
+    }
+}
+
 /// Smoothing of indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -2,6 +2,8 @@
 
 pub(crate) mod camera;
 pub(crate) mod edit;
+pub(crate) mod exposure;
+pub(crate) mod framing;
 pub(crate) mod key;
 pub mod keys;
 pub(crate) mod method;

@@ -2,9 +2,10 @@
 //!
 //! Invariant: a [`RenderSettings`] has every key in its range, and no key beside an integrator that has no use for it.
 
+use super::exposure::{AUTO, Exposure};
 use super::key::{Key, KeyValue};
 use super::keys;
-use super::method::{Filter, Method, Near, Shadows};
+use super::method::{Filter, LightRig, Method, Near, Shadows};
 use crate::voxel::Occluders;
 use std::ops::Deref;
 use trex_store::Result;
@@ -15,6 +16,7 @@ use trex_store::Result;
 #[expect(missing_docs, reason = "each is the key of that name of `keys`")]
 pub struct RenderKeys {
     pub integrator: Method,
+    pub light: LightRig,
     pub resolution: [u32; 2],
     pub spp: u32,
     pub n_shadow: u32,
@@ -28,7 +30,7 @@ pub struct RenderKeys {
     pub occluders: Occluders,
     pub lod_error: f64,
     pub filter: Filter,
-    pub exposure: f32,
+    pub exposure: Exposure,
     pub seed: u64,
 }
 
@@ -36,6 +38,7 @@ impl Default for RenderKeys {
     fn default() -> RenderKeys {
         RenderKeys {
             integrator: Method::Direct,
+            light: LightRig::Scene,
             resolution: [1024, 1024],
             spp: 16,
             n_shadow: 2,
@@ -50,7 +53,7 @@ impl Default for RenderKeys {
             occluders: Occluders::On,
             lod_error: 0.0,
             filter: Filter::Off,
-            exposure: 1.0,
+            exposure: Exposure::Factor(1.0),
             seed: 1,
         }
     }
@@ -58,9 +61,10 @@ impl Default for RenderKeys {
 
 impl RenderKeys {
     /// Each key with its value, in the order of the table.
-    pub fn values(&self) -> [(&'static Key, KeyValue); 16] {
+    pub fn values(&self) -> [(&'static Key, KeyValue); 17] {
         [
             (&keys::INTEGRATOR, KeyValue::Choice(self.integrator.as_str())),
+            (&keys::LIGHT, KeyValue::Choice(self.light.as_str())),
             (&keys::RESOLUTION, KeyValue::Pair(self.resolution)),
             (&keys::SPP, KeyValue::Count(self.spp.into())),
             (&keys::N_SHADOW, KeyValue::Count(self.n_shadow.into())),
@@ -74,7 +78,7 @@ impl RenderKeys {
             (&keys::OCCLUDERS, KeyValue::Choice(self.occluders.as_str())),
             (&keys::LOD_ERROR, KeyValue::Number(self.lod_error)),
             (&keys::FILTER, KeyValue::Choice(self.filter.as_str())),
-            (&keys::EXPOSURE, KeyValue::Number(shortest(self.exposure))),
+            (&keys::EXPOSURE, value_of(self.exposure)),
             (&keys::SEED, KeyValue::Count(self.seed)),
         ]
     }
@@ -90,6 +94,14 @@ impl RenderKeys {
     /// Those of [`Key::check`].
     pub fn check_ranges(&self) -> Result<()> {
         self.values().into_iter().try_for_each(|(key, value)| key.check(value))
+    }
+}
+
+/// An exposure as the value of its key.
+fn value_of(exposure: Exposure) -> KeyValue {
+    match exposure {
+        Exposure::Auto => KeyValue::Choice(AUTO),
+        Exposure::Factor(factor) => KeyValue::Number(shortest(factor)),
     }
 }
 
@@ -177,6 +189,7 @@ mod tests {
             check(RenderKeys { lod_error, ..keys }, "render.lod_error");
         }
         for exposure in [0.0, f32::NAN, f32::INFINITY] {
+            let exposure = Exposure::Factor(exposure);
             check(RenderKeys { exposure, ..keys }, "render.exposure");
         }
         check(RenderKeys { resolution: [5, 65_537], ..keys }, "render.resolution");

@@ -5,8 +5,10 @@
 
 use super::camera::{Camera, Fov};
 use super::edit::{Quality, RenderEdit};
+use super::exposure::Exposure;
+use super::framing::FramedView;
 use super::key::{Key, KeyValue, out_of_range};
-use super::method::Filter;
+use super::method::{Filter, LightRig};
 use super::settings::{RenderKeys, RenderSettings};
 use super::world::{MaterialEdit, Model, View};
 use crate::shading::light::Light;
@@ -56,6 +58,8 @@ pub struct CameraKeys {
     pub target: Option<[f64; 3]>,
     /// Upward direction of the picture; any length, not along the view.
     pub up: Option<[f64; 3]>,
+    /// The direction in which a camera looks that frames the model; any length. Not with `position` and `target`.
+    pub direction: Option<[f64; 3]>,
     /// Angle across, degrees.
     pub fov_x: Option<f64>,
     /// Angle from top to bottom, degrees.
@@ -63,6 +67,13 @@ pub struct CameraKeys {
 }
 
 impl Scene {
+    /// The scene of a file that has none: lit and shown so that all of it can be seen.
+    pub fn of_file() -> Scene {
+        let mut scene = Scene::default();
+        (scene.render.light, scene.render.exposure) = (LightRig::Auto, Exposure::Auto);
+        scene
+    }
+
     /// Parses and checks the text of a scene file; `path` is for messages alone.
     ///
     /// # Errors
@@ -113,10 +124,19 @@ impl Scene {
             error.at_place(place)
         };
         let bad = |key: &str, numbers: String, next: &str| Err(in_file(out_of_range(key, numbers, next)));
-        let CameraKeys { position, target, fov_x, fov_y, .. } = self.camera;
+        let CameraKeys { position, target, direction, fov_x, fov_y, .. } = self.camera;
         if position.is_some() != target.is_some() {
             let numbers = format!("position {position:?}, target {target:?}");
             return bad("camera.position", numbers, "give both position and target, or neither");
+        }
+        if let Some(direction) = direction {
+            let numbers = format!("direction {direction:?}, position {position:?}");
+            if position.is_some() {
+                return bad("camera.direction", numbers, "give a direction, or position and target");
+            }
+            if direction == [0.0; 3] || direction.iter().any(|part| !part.is_finite()) {
+                return bad("camera.direction", numbers, "give three finite numbers, not all of them 0");
+            }
         }
         if fov_x.is_some() && fov_y.is_some() {
             return bad(
@@ -151,11 +171,13 @@ impl CameraKeys {
     /// The camera that these keys and the model's box make.
     pub fn camera(&self, model: &Model, resolution: [u32; 2]) -> Camera {
         let fov = self.fov_x.map(Fov::X).or(self.fov_y.map(Fov::Y));
-        let framed = Camera::framing(&model.bounds, resolution, self.up, fov);
+        let framing = FramedView { up: self.up, direction: self.direction, fov };
+        let framed = Camera::framing_along(&model.bounds, &model.outline, resolution, framing);
         Camera {
             position: self.position.unwrap_or(framed.position),
             target: self.target.unwrap_or(framed.target),
-            up: self.up.unwrap_or(framed.up),
+            // Straight from above it cannot be the one that was asked for.
+            up: self.up.filter(|_| self.position.is_some()).unwrap_or(framed.up),
             fov: framed.fov,
         }
     }
@@ -222,6 +244,7 @@ mod tests {
         let bounds = Aabb { lo: [-1.0; 3], hi: [1.0; 3] };
         let mut model = Model {
             bounds,
+            outline: Default::default(),
             materials: vec![Material::default()],
             names: Arc::new(["default"].into_iter().collect()),
             emitters: vec![],
@@ -241,7 +264,7 @@ mod tests {
         let manual = include_str!("../../../docs/scene.md");
         let keys = "model camera position target up fov_x fov_y light type point directional rect sky intensity \
                     direction irradiance corner edge_u edge_v radiance material kd ks ns ke mirror render \
-                    quality integrator resolution spp n_shadow n_gather photons near occluders k_nearest \
+                    quality integrator resolution spp n_shadow n_gather photons near occluders k_nearest studio auto \
                     lod_error bake caustics filter exposure seed";
         for key in keys.split_whitespace() {
             assert!(manual.contains(key), "{key}");
@@ -256,6 +279,7 @@ mod tests {
         let view = scene
             .view(&mut Model {
                 bounds,
+                outline: Default::default(),
                 materials: vec![],
                 names: Default::default(),
                 emitters: vec![],
@@ -308,6 +332,8 @@ mod tests {
         check_error("model = 'x'\n[render]\nresolution = [0, 5]", "a.toml, key render.resolution", "65536");
         check_error("model = 'x'\n[render]\nexposure = nan", "a.toml, key render.exposure", "NaN");
         check_error("model = 'x'\n[camera]\ntarget = [1,1,1]", "a.toml, key camera.position", "both");
+        let turned = "model = 'x'\n[camera]\ndirection = [0, 0, 0]";
+        check_error(turned, "a.toml, key camera.direction", "finite");
         check_error("model = 'x'\n[camera]\nfov_x = 3\nfov_y = 4", "a.toml, key camera.fov_x", "one angle");
         check_error("model = 'x'\n[material.a]\nkd = [1,-2,1]", "a.toml, key material.\"a\".kd", "-2");
         let light = "model = 'x'\n[[light]]\ntype = 'sky'\nradiance = [1,1,-1]";

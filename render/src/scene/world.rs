@@ -2,7 +2,9 @@
 //!
 //! Invariant: every material is checked, every emitter has a material, the camera has rays.
 
-use super::camera::{Camera, Projection, up_axis};
+use super::camera::{Camera, Projection};
+use super::framing::up_axis;
+use super::method::LightRig;
 use super::settings::RenderSettings;
 use crate::shading::light::{Emitter, Light, Lights, SkyBy};
 use crate::voxel::{Occluders, Voxels};
@@ -17,6 +19,8 @@ const NAMES_SHOWN: usize = 8;
 pub struct Model {
     /// Box around all triangles, model units.
     pub bounds: Aabb,
+    /// Boxes that hold all triangles together, closer than `bounds`; empty where there are none.
+    pub outline: Arc<[Aabb]>,
     /// The materials, in the order that hits name them.
     pub materials: Vec<Material>,
     /// Their names, which edits do not change: copies of a model share them. What has no name here is called nothing.
@@ -149,11 +153,16 @@ impl World {
         let materials: Vec<Material> = model.materials.iter().map(|material| material.checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
         let up = up_axis(&model.bounds);
+        let lights = Lights::new(&view.lights, &model.emitters, &materials, up.into())?;
+        let lights = match settings.light {
+            LightRig::Studio => lights.with_sun_and_sky(up.into()),
+            LightRig::Auto | LightRig::Scene => lights,
+        };
         let sky_by = if method.gathers() { SkyBy::GatherRays } else { SkyBy::LightSamples };
         Ok(World {
             lod_distance: World::lod_distance(model, &projection, settings.lod_error),
             projection,
-            lights: Lights::new(&view.lights, &model.emitters, &materials, up.into())?.with_sky_by(sky_by),
+            lights: lights.with_sky_by(sky_by),
             materials,
             settings,
             ao_radius: 0.5 * model.bounds.diagonal(),
@@ -177,6 +186,7 @@ mod tests {
         let emitter = Emitter { corners: [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], material: 1 };
         Model {
             bounds: Aabb::EMPTY,
+            outline: Default::default(),
             materials: vec![Material::default(), lamp],
             names: Arc::new(["default", "lamp"].into_iter().collect()),
             emitters: vec![emitter],

@@ -45,6 +45,7 @@ fn world(method: Method) -> World {
     let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
     let model = Model {
         bounds,
+        outline: Default::default(),
         materials: vec![Material::default(), mirror],
         names: Default::default(),
         emitters: vec![],

@@ -13,6 +13,7 @@
 //! Invariants: 1. an event that is refused changes nothing; 2. an accepted one clears the film of a session at leisure,
 //! so all of its samples are of one state; 3. film and passes are leased from the budget for the life of the session.
 
+mod brightness;
 mod event_state;
 mod fetch_block;
 mod frame;
@@ -25,6 +26,7 @@ mod resettle;
 mod shares;
 mod tile_run;
 
+pub use brightness::Brightness;
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
@@ -104,7 +106,7 @@ pub struct SessionSetup<T> {
 /// let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
 /// let bounds = Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] };
 /// let (materials, names) = (vec![Material::default()], Arc::new(["default"].into_iter().collect()));
-/// let mut model = Model { bounds, materials, names, emitters: vec![], voxels: None };
+/// let mut model = Model { bounds, outline: Default::default(), materials, names, emitters: vec![], voxels: None };
 ///
 /// let text = "model = 'one.ply'\n[render]\nintegrator = 'direct'\nresolution = [32, 32]";
 /// let scene = Scene::parse(text, "scene.toml".as_ref())?;
@@ -117,7 +119,7 @@ pub struct SessionSetup<T> {
 /// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
 ///
 /// let mut png = vec![];
-/// write_png(session.film(), scene.render.exposure, session.thread_pool(), &mut png).unwrap();
+/// write_png(session.film(), scene.render.exposure.factor(), session.thread_pool(), &mut png).unwrap();
 /// # Ok::<(), trex_store::Error>(())
 /// ```
 #[derive(Debug)]

@@ -14,6 +14,7 @@ use super::light::{LightKind, LightRoom};
 use super::live::Live;
 use super::shares::SessionShares;
 use super::{Change, LiveSession, Session};
+use crate::scene::exposure::Exposure;
 use crate::scene::method::Filter;
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
@@ -23,14 +24,14 @@ use trex_store::{Lease, Result};
 
 /// True when photons sent under one of the settings are those of the other.
 fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
-    let light = |of: &RenderSettings| (of.integrator, of.photons, of.seed, of.occluders, of.bake);
+    let light = |of: &RenderSettings| (of.integrator, of.light, of.photons, of.seed, of.occluders, of.bake);
     light(a) == light(b)
 }
 
 /// True when samples under one of the settings are those under the other: these only say how many, and how they are
 /// shown.
 fn are_sampled_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
-    let sampled = |of: &RenderSettings| RenderKeys { spp: 1, exposure: 1.0, ..**of };
+    let sampled = |of: &RenderSettings| RenderKeys { spp: 1, exposure: Exposure::Auto, ..**of };
     sampled(a) == sampled(b)
 }
 
@@ -232,7 +233,7 @@ mod tests {
         assert_eq!(sent(&mut session), 30_000);
         for (keys, photons) in [
             (RenderKeys { resolution: [50, 50], ..keys() }, 0),
-            (RenderKeys { lod_error: 1.0, n_gather: 7, exposure: 2.0, ..keys() }, 0),
+            (RenderKeys { lod_error: 1.0, n_gather: 7, exposure: Exposure::Factor(2.0), ..keys() }, 0),
             (RenderKeys { seed: 2, ..keys() }, 30_000),
             (RenderKeys { photons: 20_000, seed: 2, ..keys() }, 20_000),
         ] {
@@ -303,7 +304,8 @@ mod tests {
     fn samples_stay_where_they_are_the_same() {
         let (mut session, mut live) = (floor(keys()), floor(keys()).go_live(options()).unwrap());
         let (film, shown) = (finished(&mut session), done(&mut live));
-        let other = Event::Settings(settings(RenderKeys { exposure: 3.0, spp: 99, ..keys() }));
+        let other =
+            Event::Settings(settings(RenderKeys { exposure: Exposure::Factor(3.0), spp: 99, ..keys() }));
         session.apply(other.clone()).unwrap();
         live.apply(other).unwrap();
         assert!(pixels(session.film()) == film && pixels(live.film()) == shown);

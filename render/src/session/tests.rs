@@ -111,6 +111,7 @@ fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Sess
     let voxels = Some(Arc::new(Voxels::open(&file, &budget).unwrap().unwrap()));
     let model = Model {
         bounds: file.superblock().bounds,
+        outline: Default::default(),
         materials: file.materials().to_vec(),
         names: file.material_names().clone(),
         emitters: vec![],
@@ -132,6 +133,7 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
     let bounds = Aabb { lo: [-9.0, -9.0, 0.0], hi: [9.0, 9.0, 0.0] };
     let model = Model {
         bounds,
+        outline: Default::default(),
         materials: vec![Material::default()],
         names: Default::default(),
         emitters: vec![],

@@ -143,8 +143,9 @@ fn has_only(object: &Value, keys: &[&str]) {
 fn stress_tells_times_rays_and_a_verdict() {
     let inside = folder();
     built_in(inside.path(), "gen:isosurface:20k", "iso.trex");
+    // With nothing to be decided, or the pool would have been read before the first switch.
     let flags = "--resolution 64x48 --photons 5k --memory-limit 128MiB --switches 4 --hold 80 --t-max 50 \
-                 --reference-spp 2";
+                 --reference-spp 2 --exposure 1 --light scene";
     let document = document_in(inside.path(), &format!("stress iso.trex --scenario flip {flags}"));
     let mut nested: Vec<(String, Kind)> = Vec::new();
     for key in TIMES {

@@ -144,7 +144,14 @@ fn with_session<R>(
     let mut names = MaterialNames::clone(file.material_names());
     materials.extend((0..play.more_materials).map(numbered));
     (0..play.more_materials).for_each(|index| names.push(&numbered_name(index)));
-    let mut model = Model { bounds, materials, names: Arc::new(names), emitters: vec![], voxels };
+    let mut model = Model {
+        bounds,
+        outline: Default::default(),
+        materials,
+        names: Arc::new(names),
+        emitters: vec![],
+        voxels,
+    };
     let camera = CameraKeys {
         position: Some([1.5, 1.0, 2.0]),
         target: Some([0.5, 0.0, 0.5]),
@@ -166,7 +173,7 @@ pub(crate) fn rendered(keys: RenderKeys) -> Vec<u8> {
         session.illuminate(&|| false, &mut |_, _| {}).unwrap();
         session.render(keys.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
         let mut png = vec![];
-        write_png(session.film(), keys.exposure, session.thread_pool(), &mut png).unwrap();
+        write_png(session.film(), keys.exposure.factor(), session.thread_pool(), &mut png).unwrap();
         png
     })
 }

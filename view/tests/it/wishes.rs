@@ -5,7 +5,7 @@ use crate::stage::{Play, SIZE, Server, keys, rendered};
 use crate::stream::camera;
 use serde_json::json;
 use std::time::Duration;
-use trex_render::{Method, RenderKeys};
+use trex_render::{Exposure, Method, RenderKeys};
 
 #[test]
 fn edits_are_seen_by_those_who_watch_and_in_the_texts() {
@@ -56,14 +56,58 @@ fn settings_and_sizes_make_the_picture_that_they_say() {
     page.say(&json!({"type": "settings", "seq": 1, "settings": {"integrator": "direct", "spp": 2, "exposure": 0.5}}));
     let settled = page.frame_until(|frame| frame.kind == 2 && frame.seq == 1);
     assert_eq!(settled.size, [96, 64]);
-    let expected =
-        RenderKeys { integrator: Method::Direct, spp: 2, exposure: 0.5, resolution: [96, 64], ..keys() };
+    let expected = RenderKeys {
+        integrator: Method::Direct,
+        spp: 2,
+        exposure: Exposure::Factor(0.5),
+        resolution: [96, 64],
+        ..keys()
+    };
     assert!(settled.body == rendered(expected));
     let before = server.exchanges();
     page.say(&json!({"type": "size", "seq": 2, "size": [50, 40]}));
     let settled = page.frame_until(|frame| frame.kind == 2 && frame.seq == 2);
     assert!(settled.body == rendered(RenderKeys { resolution: [50, 40], ..expected }));
     assert_eq!(server.exchanges(), before + 1, "memory is planned once for another size");
+}
+
+/// The exposure is decided when it is asked for, by what is on show, and stays a number; lamps are those that are said.
+#[test]
+fn an_exposure_is_decided_when_it_is_asked_for() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, SIZE);
+    assert_eq!(
+        (&page.welcome["settings"]["exposure"], &page.welcome["settings"]["light"]),
+        (&json!(1.0), &json!("scene"))
+    );
+    let key =
+        page.welcome["keys"].as_array().unwrap().iter().find(|key| key["name"] == "light").unwrap().clone();
+    assert_eq!(key["choices"].as_array().unwrap().len(), 2, "what is decided is no choice of a page: {key}");
+    page.settle();
+    // A surface that is brighter than white is brought below it, and one that is dark is brought there, too.
+    let (mut found, mut exposure) = (vec![], 0.0);
+    for (seq, radiance) in [(1, 40.0), (3, 0.01)] {
+        let lights = json!([{"type": "sky", "radiance": [radiance, radiance, radiance]}]);
+        page.say(&json!({"type": "lights", "seq": seq, "lights": lights}));
+        page.frame_until(|frame| frame.seq == seq && frame.kind == 2);
+        page.say(
+            &json!({"type": "settings", "seq": seq + 1, "settings": {"exposure": "auto", "light": "auto"}}),
+        );
+        let settings = loop {
+            let state = page.text("state");
+            if !state["settings"].is_null() {
+                break state["settings"].clone();
+            }
+        };
+        assert_eq!(settings["light"], "scene");
+        exposure = settings["exposure"].as_f64().unwrap();
+        found.push(exposure * radiance);
+        page.frame_until(|frame| frame.seq == seq + 1 && frame.kind == 2);
+    }
+    assert!(found[0] > 0.5 && found[0] < 20.0 && (found[1] / found[0] - 1.0).abs() < 0.1, "{found:?}");
+    // What is copied has the number.
+    let said = format!("exposure = {exposure:?}\n");
+    while !page.text("texts")["scene"].as_str().unwrap().contains(&said) {}
 }
 
 /// A page that asks for more than there is memory for gets the largest that fits, and is told so once, with the limit

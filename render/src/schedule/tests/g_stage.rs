@@ -72,6 +72,7 @@ fn heap() -> (Vec<NaiveTriangle>, Model, PageFile) {
     let bounds = Aabb { lo: [0.0; 3], hi: [1.0; 3] };
     let model = Model {
         bounds,
+        outline: Default::default(),
         materials: file.materials().to_vec(),
         names: Arc::default(),
         emitters: vec![],

@@ -27,6 +27,8 @@ pub struct Lights {
     emitters: Emitters,
     sky: Vec3,
     sky_by: SkyBy,
+    /// The sun and the sky of models without lights are among them.
+    has_defaults: bool,
 }
 
 /// The rays that bring the sky's light to a surface.
@@ -92,15 +94,28 @@ impl Lights {
         }
         let emitters = Emitters::new(emitters, materials);
         let defaults = default_lights(up);
-        let lights = if lights.is_empty() && emitters.is_empty() { &defaults[..] } else { lights };
-        let mut all = Lights { lights: vec![], emitters, sky: Vec3::ZERO, sky_by: SkyBy::LightSamples };
+        let has_defaults = lights.is_empty() && emitters.is_empty();
+        let (sky, sky_by) = (Vec3::ZERO, SkyBy::LightSamples);
+        let mut all = Lights { lights: vec![], emitters, sky, sky_by, has_defaults };
+        all.add(if has_defaults { &defaults } else { lights });
+        Ok(all)
+    }
+
+    /// Lights as these, with the sun and the sky of models without lights beside them, once.
+    pub(crate) fn with_sun_and_sky(mut self, up: DVec3) -> Lights {
+        if !std::mem::replace(&mut self.has_defaults, true) {
+            self.add(&default_lights(up));
+        }
+        self
+    }
+
+    fn add(&mut self, lights: &[Light]) {
         for light in lights {
             match *light {
-                Light::Sky { radiance } => all.sky += Vec3::from(radiance),
-                _ => all.lights.push(*light),
+                Light::Sky { radiance } => self.sky += Vec3::from(radiance),
+                _ => self.lights.push(*light),
             }
         }
-        Ok(all)
     }
 
     /// Lights as these, with the sky brought by the rays that `sky_by` names.

@@ -1,0 +1,138 @@
+//! The file that `view` shows: a page file or a scene as it is; a mesh is built first, beside itself, once.
+//!
+//! ```text
+//! statue.ply -> statue.ply.trex, unless that is there and no older -> shown
+//!            -> statue.ply.toml where the mesh has cameras or lights: that is shown
+//! ```
+//!
+//! Invariant: the only file that is replaced is one of that name which is older than its mesh.
+
+use super::build::{Work, resume_of};
+use super::inputs;
+use crate::args::ViewArgs;
+use crate::context::Context;
+use crate::values::Input;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use trex_store::build::{self, ExistingOutput, Precision, Voxels};
+use trex_store::output::{check_apart, draft};
+use trex_store::printable::one_line;
+use trex_store::{Code, Error, PageFile, Result};
+
+/// Endings of files that are built first.
+const MESHES: [&str; 5] = ["ply", "obj", "stl", "gltf", "glb"];
+
+/// The page file or scene to show; it is built where the command names a mesh or a generator, and has not been.
+///
+/// # Errors
+/// [`Code::Usage`] for an output beside what needs none; [`Code::Io`] where the folder cannot be written; those of the
+/// build.
+pub fn shown_file(args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
+    let Some(input) = mesh_input(&args.file) else {
+        return match &args.output {
+            None => Ok(args.file.clone()),
+            Some(output) => Err(Error::new(Code::Usage, "there is nothing to build")
+                .at_place("-o")
+                .numbers(format!("{} is shown as it is", args.file.display()))
+                .next(format!("leave out -o {}, or name a mesh", output.display()))),
+        };
+    };
+    let output = args.output.clone().unwrap_or_else(|| beside(&input));
+    if !is_current(&output, &input) {
+        build_first(&input, &output, args, ctx)?;
+    }
+    // A build writes a scene where its input has a camera or lights.
+    let scene = output.with_extension("toml");
+    Ok(if args.output.is_none() && scene.is_file() { scene } else { output })
+}
+
+/// The mesh or generator that `file` names, if it is one.
+fn mesh_input(file: &Path) -> Option<Input> {
+    match Input::from(OsString::from(file)) {
+        Input::File(path) => {
+            let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+            MESHES.contains(&ending.as_str()).then_some(Input::File(path))
+        }
+        generated => Some(generated),
+    }
+}
+
+/// Where the page file of `input` is: `statue.ply.trex`, so that it is taken for no other mesh's.
+fn beside(input: &Input) -> PathBuf {
+    let mut name = match input {
+        Input::File(path) => path.clone().into_os_string(),
+        Input::Generated(name) => name.trim_start_matches("gen:").replace(':', "-").into(),
+    };
+    name.push(".trex");
+    name.into()
+}
+
+/// True when `output` is a page file, and no older than its mesh.
+fn is_current(output: &Path, input: &Input) -> bool {
+    let changed = |path: &Path| path.metadata().and_then(|found| found.modified());
+    let is_newer = match input {
+        Input::Generated(_) => true,
+        Input::File(mesh) => changed(output).is_ok_and(|built| changed(mesh).is_ok_and(|mesh| built >= mesh)),
+    };
+    is_newer && PageFile::superblock_of(output).is_ok()
+}
+
+fn build_first(input: &Input, output: &Path, args: &ViewArgs, ctx: &Context) -> Result<()> {
+    if let Input::File(path) = input {
+        // What is not there is said of the mesh.
+        path.metadata().map_err(|error| Error::io("open the input", path, &error))?;
+        check_apart(output, path)?;
+    }
+    if args.output.is_some() && output.symlink_metadata().is_ok() {
+        return Err(Error::new(
+            Code::Usage,
+            "the output exists, and is no page file of this mesh as it is now",
+        )
+        .at(output)
+        .numbers("-o never replaces a file")
+        .next("remove it, or name another -o"));
+    }
+    draft(output).map_err(|error| {
+        Error::new(Code::Io, "the page file of this mesh cannot be written")
+            .at(output)
+            .numbers(error.to_string())
+            .next("name a place for it: -o FILE.trex")
+    })?;
+    ctx.console.note(&format!("building {}, once", one_line(&output.display().to_string())));
+    let inputs = [input.clone()];
+    let work = Work {
+        output,
+        temp_dir: args.scratch.temp_dir.as_deref(),
+        existing: ExistingOutput::replace_if(args.output.is_none()),
+        precision: Precision::Default,
+        voxels: Voxels::default(),
+        resume: Some(resume_of(&inputs)?),
+    };
+    let scratch = work.scratch_folder();
+    let built = inputs::open(&inputs, &scratch, build::smallest_bytes(), ctx)
+        .and_then(|mut source| work.build(&mut *source, ctx))
+        .map_err(|error| inputs::with_smallest_limit(error, &inputs, &scratch, ctx))?;
+    ctx.console.finish();
+    built.to_string().lines().for_each(|line| ctx.console.note(line));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn meshes_are_built_under_names_of_their_own() {
+        for (file, expected) in [
+            ("a/statue.ply", Some("a/statue.ply.trex")),
+            ("a/statue.OBJ", Some("a/statue.OBJ.trex")),
+            ("gen:pipes:2M:3", Some("pipes-2M-3.trex")),
+            ("statue.trex", None),
+            ("view.toml", None),
+            ("statue", None),
+        ] {
+            let found = mesh_input(Path::new(file)).map(|input| beside(&input));
+            assert_eq!(found.as_deref(), expected.map(Path::new), "{file}");
+        }
+    }
+}
