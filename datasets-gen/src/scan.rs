@@ -76,6 +76,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         bounds: Aabb { lo: [-1.6, -1.6, -0.2], hi: [1.6, 1.6, 5.2] },
         median_edge: MEDIAN_SAFETY * scan.sample_median_edge(),
         triangle_count: scan.triangle_count(),
+        has_colours: false,
     };
     let material = |kd, ks| Material { kd, ks: [ks; 3], ns: 40.0, ..Material::default() };
     let materials = MaterialList::from_iter([

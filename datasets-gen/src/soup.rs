@@ -54,6 +54,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         bounds: Aabb { lo: CENTER.map(|c| c - reach), hi: CENTER.map(|c| c + reach) },
         median_edge: MEDIAN_SAFETY * median_edge(&sample.corners),
         triangle_count: spec.triangles,
+        has_colours: false,
     };
     let materials = [[0.7, 0.3, 0.2], [0.2, 0.5, 0.7], [0.6, 0.6, 0.3], [0.5; 3]]
         .iter()

@@ -105,7 +105,7 @@ fn y_up_bounds(bounds: &Aabb) -> Aabb {
 pub(crate) fn lease_bytes(threads: usize) -> u64 {
     let threads = thread_count(threads);
     let chunks = (window(threads) + threads + 2) as u64;
-    chunks * TriangleBatch::BYTES + RECIPE_BYTES
+    chunks * TriangleBatch::bytes(false) + RECIPE_BYTES
 }
 
 /// Chunks that are made ahead of the reader.

@@ -175,7 +175,7 @@ pub fn journal(bytes: &[u8]) -> bool {
         0 => return go_on(&LEFT, "journal", part),
         1 | 2 => (&LEFT, "chunks", 1),
         3..=7 => (&LEFT, "done", 3),
-        8..=11 => (&READING, "sorted", 8),
+        8..=12 => (&READING, "sorted", 8),
         _ => return false,
     };
     go_on(files, ending, &with_part(files, ending, usize::from(number - first), part))

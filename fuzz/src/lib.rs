@@ -114,7 +114,7 @@ fn read_page_file(bytes: &[u8]) {
             // A page is damaged by itself: the others are read.
             let is_read = file.read_page(page, &mut frame, &mut buffers);
             match is_read {
-                Ok(()) if !file.has_units(page) => walk(&frame, file.superblock().lattice_bits),
+                Ok(()) if file.has_mesh(page) => walk(&frame, file.superblock().lattice_bits),
                 Ok(()) => {}
                 Err(error) => check(&error),
             }

@@ -2,8 +2,8 @@
 
 use super::{CommonArgs, OverwriteArgs, ScratchArgs};
 use crate::values::{self, Bytes, Input};
-use clap::Args;
 use clap::builder::{OsStringValueParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use trex_store::verify::Level;
 
@@ -26,6 +26,9 @@ pub struct BuildArgs {
     /// Largest distance a vertex may move when snapped to the lattice, model units
     #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
     pub error: Option<f64>,
+    /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = Colors::Keep)]
+    pub colors: Colors,
     #[command(flatten)]
     pub voxels: VoxelArgs,
     #[command(flatten)]
@@ -34,6 +37,15 @@ pub struct BuildArgs {
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// `--colors`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Colors {
+    /// In pages of their own
+    Keep,
+    /// Left out: the model is its materials alone
+    Drop,
 }
 
 /// What becomes of a build that is killed or interrupted.

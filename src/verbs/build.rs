@@ -1,7 +1,7 @@
 //! `trex build`: meshes to a page file.
 
 use super::{beside, inputs};
-use crate::args::{BuildArgs, VoxelArgs};
+use crate::args::{BuildArgs, Colors, VoxelArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -15,7 +15,7 @@ use trex_store::build::left_over::{self, LeftOver};
 use trex_store::build::{self, BuildOptions, BuildReport, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Error, Result, TriangleSource, stamp};
+use trex_store::{Colourless, Error, Result, TriangleSource, stamp};
 
 /// About how much work a kill may cost where nothing else is said: as the flag has it.
 const JOURNAL_EVERY: Duration = Duration::from_secs(3);
@@ -48,14 +48,24 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         }
     }
     let scratch = work.scratch_folder();
-    let built = inputs::open(&args.inputs, &scratch, build::smallest_bytes(), ctx)
-        .and_then(|mut source| work.build(&mut *source, ctx));
+    let built = inputs::open(&args.inputs, &scratch, build::smallest_bytes(), ctx).and_then(|source| {
+        match args.colors {
+            Colors::Keep => {
+                let mut source = source;
+                work.build(&mut *source, ctx)
+            }
+            Colors::Drop => work.build(&mut Colourless(source), ctx),
+        }
+    });
     ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, &args.inputs, &scratch, ctx))?)
 }
 
 fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
-    let resume = Resume { every, ..resume_of(&args.inputs)? };
+    let mut resume = Resume { every, ..resume_of(&args.inputs)? };
+    if args.colors == Colors::Drop {
+        resume.input.push(("colours".to_owned(), "dropped".to_owned()));
+    }
     Ok((!args.resume.no_resume).then_some(resume))
 }
 
@@ -137,6 +147,10 @@ impl Work<'_> {
                 size::bytes(plan.output_bytes),
                 size::bytes(plan.free_bytes),
             ));
+            if plan.has_colours {
+                ctx.console
+                    .note("plan: colours are kept, in pages of their own; --colors drop leaves them out");
+            }
             if plan.memory_bytes > plan.limit_bytes {
                 ctx.console
                     .note("plan: the limit may not be enough for the tables; --memory-limit sets another");
@@ -256,7 +270,7 @@ impl fmt::Display for BuildSummary {
         if self.dropped_attribute_count > 0 {
             writeln!(
                 f,
-                "dropped {} normals, colours and texture coordinates",
+                "dropped {} normals, texture coordinates and other attributes",
                 size::count(self.dropped_attribute_count)
             )?;
         }

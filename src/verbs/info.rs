@@ -17,7 +17,7 @@ use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, Encoding, Format, ImportOptions, InputInfo};
-use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind};
+use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind, Superblock};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
 use trex_view::view_bytes;
@@ -149,6 +149,8 @@ impl fmt::Display for Mesh {
 #[derive(Serialize)]
 struct BytesPerTriangle {
     disk: f64,
+    /// Of their pages, on disk.
+    colours: f64,
     resident: f64,
     file: f64,
 }
@@ -157,6 +159,7 @@ struct BytesPerTriangle {
 struct SectionBytes {
     mesh: u64,
     tree: u64,
+    colours: u64,
     asvo_upper: u64,
     asvo_lower: u64,
     tables: u64,
@@ -202,6 +205,8 @@ struct FileInfo {
     cluster_count: u64,
     wide_cluster_count: u64,
     page_count: usize,
+    /// Pages among these that hold colours, which shading alone reads.
+    colour_page_count: usize,
     material_count: usize,
     /// Their names, in order.
     #[serde(serialize_with = "names")]
@@ -227,6 +232,16 @@ fn names<S: Serializer>(names: &MaterialNames, to: S) -> Result<S::Ok, S::Error>
     to.collect_seq(names.iter())
 }
 
+impl RejectedCounts {
+    fn of(block: &Superblock) -> RejectedCounts {
+        RejectedCounts {
+            degenerate: block.rejected_degenerate,
+            collapsed: block.rejected_collapsed,
+            non_finite: block.rejected_non_finite,
+        }
+    }
+}
+
 impl FileInfo {
     fn new(file: &PageFile, ctx: &Context) -> trex_store::Result<FileInfo> {
         let block = file.superblock();
@@ -239,11 +254,12 @@ impl FileInfo {
         };
         let (mesh_page_count, mesh_and_tree) = stored_pages(PageKind::Mesh);
         let (unit_page_count, unit_bytes) = stored_pages(PageKind::Units);
+        let (colour_page_count, colour_bytes) = stored_pages(PageKind::Colours);
         let top = size_of_val(file.top()) as u64;
         let (upper, lower) = (file.upper_size()?, file.lower_size()?);
         let upper_bytes = upper.map_or(0, |upper| upper.stored_bytes);
         let lower_bytes = unit_bytes + lower.map_or(0, |lower| lower.stored_bytes);
-        let tables = block.file_bytes - mesh_and_tree - top - upper_bytes - lower_bytes;
+        let tables = block.file_bytes - mesh_and_tree - top - colour_bytes - upper_bytes - lower_bytes;
         let resident = (mesh_page_count * FRAME_BYTES) as u64 + file.resident_table_bytes();
         let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
         Ok(FileInfo {
@@ -255,18 +271,21 @@ impl FileInfo {
             cluster_count: block.cluster_count,
             wide_cluster_count: block.wide_cluster_count,
             page_count: file.pages().len(),
+            colour_page_count,
             material_count: file.materials().len(),
             materials: file.material_names().clone(),
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
-                disk: per(block.file_bytes - upper_bytes - lower_bytes),
+                disk: per(block.file_bytes - colour_bytes - upper_bytes - lower_bytes),
+                colours: per(colour_bytes),
                 resident: per(resident),
                 file: per(block.file_bytes),
             },
             section_bytes: SectionBytes {
                 mesh: mesh_and_tree - block.page_tree_bytes.min(mesh_and_tree),
                 tree: block.page_tree_bytes.min(mesh_and_tree) + top,
+                colours: colour_bytes,
                 asvo_upper: upper_bytes,
                 asvo_lower: lower_bytes,
                 tables,
@@ -297,11 +316,7 @@ impl FileInfo {
                 }
             }),
             bounds: block.bounds,
-            rejected: RejectedCounts {
-                degenerate: block.rejected_degenerate,
-                collapsed: block.rejected_collapsed,
-                non_finite: block.rejected_non_finite,
-            },
+            rejected: RejectedCounts::of(block),
             smallest_limit_bytes,
             smallest_limit_view_bytes: smallest_view_bytes(file, ctx)?,
             shares: MemoryPlan::new(file, &picture, limit_bytes)?,
@@ -347,6 +362,9 @@ impl fmt::Display for FileInfo {
             "lattice of {} bits, step {:e}, vertices within {:e} of the input",
             self.grid.bits, self.grid.step, self.grid.error_bound
         )?;
+        if self.colour_page_count > 0 {
+            writeln!(f, "colours: {} pages, {:.2} bytes per triangle", self.colour_page_count, per.colours)?;
+        }
         match &self.asvo {
             Some(asvo) => writeln!(
                 f,

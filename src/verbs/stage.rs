@@ -24,6 +24,8 @@ pub struct ResidentPages {
     pub mesh: u32,
     /// Units of the finer octrees.
     pub units: u32,
+    /// Colours of triangles.
+    pub colours: u32,
 }
 
 /// What is to be shown, and how.
@@ -104,6 +106,7 @@ impl Stage {
                 *match entry.kind {
                     PageKind::Mesh => &mut resident.mesh,
                     PageKind::Units => &mut resident.units,
+                    PageKind::Colours => &mut resident.colours,
                 } += 1;
             }
         }

@@ -91,12 +91,18 @@ impl TriangleSource for Chain {
     }
 
     fn hint(&self) -> Option<ScanHint> {
-        let mut all = ScanHint { bounds: Aabb::EMPTY, median_edge: f64::INFINITY, triangle_count: 0 };
+        let mut all = ScanHint {
+            bounds: Aabb::EMPTY,
+            median_edge: f64::INFINITY,
+            triangle_count: 0,
+            has_colours: false,
+        };
         for source in &self.sources {
             let hint = source.hint()?;
             all.bounds.join(&hint.bounds);
             all.median_edge = all.median_edge.min(hint.median_edge);
             all.triangle_count += hint.triangle_count;
+            all.has_colours |= hint.has_colours;
         }
         Some(all)
     }

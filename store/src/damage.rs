@@ -3,6 +3,7 @@
 //! Invariants: 1. every damaged page that rays have asked for is counted; 2. the list is bounded, and its first pages
 //! are the first that were met; 3. serialized, no page names a file: what goes wrong with it stays with its error.
 
+use crate::layout::PageKind;
 use crate::pool::PagePool;
 use crate::verify::boxes_of;
 use crate::{Aabb, Error, PageFile};
@@ -45,7 +46,11 @@ impl DamageList {
         let boxes = boxes_of(file, &errors.iter().map(|(page, _)| *page).collect());
         let pages = errors.into_iter().map(|(page, error)| DamagedPage {
             page,
-            drawn: if file.has_units(page) { "by coarser voxels" } else { "as empty" },
+            drawn: match file.pages()[page as usize].kind {
+                PageKind::Mesh => "as empty",
+                PageKind::Units => "by coarser voxels",
+                PageKind::Colours => "without its colours",
+            },
             bounds: boxes.get(&page).copied(),
             error,
         });

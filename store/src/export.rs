@@ -8,12 +8,12 @@
 //! A box takes the triangles whose mean of three corners lies in it, its far sides not counted: of boxes that fill
 //! space without gaps each triangle is in one.
 //!
-//! Invariants: 1. memory is a frame, a byte of each page and a list of materials; 2. triangles come in the order of
+//! Invariants: 1. memory is two frames, a byte of each page and a list of materials; 2. triangles come in the order of
 //! their ids, and corners at `origin + integer * 2^e`, which is exact in f64; 3. a page that is damaged ends the stream
 //! with an error: nothing is left out in silence.
 
 use crate::budget::{Budget, Lease};
-use crate::cluster::{ClusterView, FrameView};
+use crate::cluster::{ClusterView, Colour, ColourView, FrameView};
 use crate::error::{Code, Error, Result};
 use crate::file::PageFile;
 use crate::geom::{Aabb, Lattice};
@@ -50,6 +50,7 @@ pub struct PageTriangles {
     is_wanted: Vec<bool>,
     frame: Vec<u8>,
     buffers: [Vec<u8>; 2],
+    colours: ColourReader,
     /// The page at hand, whether it is in the frame, and how many of its clusters have been handed out.
     page: u32,
     is_installed: bool,
@@ -67,7 +68,8 @@ impl PageTriangles {
         let names = file.material_names();
         let list_bytes = MaterialList::bytes(names.len() as u64, names.text_bytes() as u64);
         let index_bytes = (names.len() * size_of::<Option<u32>>() + file.pages().len()) as u64;
-        let bytes = list_bytes + index_bytes + 3 * FRAME_BYTES as u64;
+        let frames = if file.superblock().colour_page_count > 0 { 6 } else { 3 };
+        let bytes = list_bytes + index_bytes + frames * FRAME_BYTES as u64;
         let lease = budget.lease("the triangles of the file", bytes)?;
         let (material_of, materials) = chosen_materials(&file, &options.materials)?;
         let is_wanted = wanted_pages(&file, options.bounds);
@@ -81,6 +83,7 @@ impl PageTriangles {
             is_wanted,
             frame: vec![0; FRAME_BYTES],
             buffers: [Vec::new(), Vec::new()],
+            colours: ColourReader::default(),
             page: 0,
             is_installed: false,
             cluster_count: 0,
@@ -91,22 +94,24 @@ impl PageTriangles {
     }
 
     /// Adds what there is room for of the clusters of the page at hand; true when none is left.
-    fn take_clusters(&mut self, batch: &mut TriangleBatch) -> bool {
+    fn take_clusters(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
         let choice = TriangleChoice {
-            lattice: self.file.superblock().lattice,
+            file: &self.file,
+            page: self.page,
             bounds: self.bounds,
             material_of: &self.material_of,
         };
-        let (mut at, mut next) = (0, self.cluster_count);
+        let (mut at, mut next, mut added) = (0, self.cluster_count, Ok(()));
         FrameView::new(&self.frame).for_each_cluster(|cluster| {
-            if at == next && batch.len() + CLUSTER_TRIANGLES <= BATCH_TRIANGLES {
-                choice.add(cluster, batch);
+            let has_room = batch.len() + CLUSTER_TRIANGLES <= BATCH_TRIANGLES;
+            if at == next && has_room && added.is_ok() {
+                added = choice.add(cluster, &mut self.colours, batch);
                 next += 1;
             }
             at += 1;
         });
         self.cluster_count = next;
-        next == at
+        added.map(|()| next == at)
     }
 
     /// The error of a stream without a triangle.
@@ -136,7 +141,7 @@ impl TriangleSource for PageTriangles {
                     self.stats.bytes_read += u64::from(self.file.pages()[page as usize].stored_bytes);
                     self.is_installed = true;
                 }
-                if !self.take_clusters(batch) {
+                if !self.take_clusters(batch)? {
                     break;
                 }
             }
@@ -163,6 +168,10 @@ impl TriangleSource for PageTriangles {
         Some(self.file.superblock().lattice)
     }
 
+    fn has_colours(&self) -> bool {
+        self.file.superblock().colour_page_count > 0
+    }
+
     fn materials(&self) -> &MaterialList {
         &self.materials
     }
@@ -172,30 +181,74 @@ impl TriangleSource for PageTriangles {
     }
 }
 
+/// The page of colours that was asked for last.
+#[derive(Default)]
+struct ColourReader {
+    page: Option<u32>,
+    frame: Vec<u8>,
+    buffers: [Vec<u8>; 2],
+}
+
+impl ColourReader {
+    /// The colours of the corners of a triangle, by its store id, of mesh page `page`; `None` where all of the
+    /// page are white.
+    fn colours(
+        &mut self,
+        file: &PageFile,
+        page: u32,
+        triangle: u32,
+        vertices: [u8; 3],
+    ) -> Result<Option<[Colour; 3]>> {
+        let Some(colours) = file.colour_page(page, triangle) else { return Ok(None) };
+        if self.page != Some(colours) {
+            self.page = None;
+            self.frame.resize(FRAME_BYTES, 0);
+            file.read_page(colours, &mut self.frame, &mut self.buffers)?;
+            self.page = Some(colours);
+        }
+        let triangle = (triangle - file.pages()[colours as usize].first_triangle) as usize;
+        Ok(Some(ColourView::new(&self.frame).colours(triangle, vertices.map(usize::from))))
+    }
+}
+
 /// Which triangles of a cluster are handed out, and how.
 struct TriangleChoice<'a> {
-    lattice: Lattice,
+    file: &'a PageFile,
+    page: u32,
     bounds: Option<Aabb>,
     material_of: &'a [Option<u32>],
 }
 
 impl TriangleChoice<'_> {
-    fn add(&self, cluster: ClusterView<'_>, batch: &mut TriangleBatch) {
-        let mesh = cluster.decode();
-        for (corners, &material) in mesh.triangles.iter().zip(&mesh.materials) {
-            let q = corners.map(|vertex| mesh.vertices[usize::from(vertex)]);
+    fn add(
+        &self,
+        cluster: ClusterView<'_>,
+        colours: &mut ColourReader,
+        batch: &mut TriangleBatch,
+    ) -> Result<()> {
+        let (mesh, lattice) = (cluster.decode(), self.file.superblock().lattice);
+        let first_triangle = self.file.pages()[self.page as usize].first_triangle;
+        for (index, (vertices, &material)) in mesh.triangles.iter().zip(&mesh.materials).enumerate() {
+            let q = vertices.map(|vertex| mesh.vertices[usize::from(vertex)]);
             let Some(material) = self.material_of[usize::from(material)] else { continue };
-            if self.bounds.is_none_or(|bounds| holds(&bounds, self.middle(&q))) {
-                batch.push(q.map(|corner| self.lattice.position(corner)), material);
+            if self.bounds.is_some_and(|bounds| !holds(&bounds, middle(&lattice, &q))) {
+                continue;
+            }
+            let corners = q.map(|corner| lattice.position(corner));
+            let triangle = first_triangle + (cluster.first_triangle() + index) as u32;
+            match colours.colours(self.file, self.page, triangle, *vertices)? {
+                Some(colours) => batch.push_coloured(corners, material, colours),
+                None => batch.push(corners, material),
             }
         }
+        Ok(())
     }
+}
 
-    /// The mean of the corners: of all boxes that are asked, the same number.
-    fn middle(&self, q: &[[i64; 3]; 3]) -> [f64; 3] {
-        let step = self.lattice.step();
-        std::array::from_fn(|a| self.lattice.origin[a] + (q[0][a] + q[1][a] + q[2][a]) as f64 * step / 3.0)
-    }
+/// The mean of the corners: of all boxes that are asked, the same number.
+fn middle(lattice: &Lattice, q: &[[i64; 3]; 3]) -> [f64; 3] {
+    let step = lattice.step();
+    std::array::from_fn(|a| lattice.origin[a] + (q[0][a] + q[1][a] + q[2][a]) as f64 * step / 3.0)
 }
 
 /// Whether a point lies in a box, its far sides not counted.

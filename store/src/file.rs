@@ -6,7 +6,7 @@
 //! written; 4. what does not match its hash is read again before it counts as damaged (`twice`).
 
 use crate::budget::{Budget, Lease};
-use crate::cluster::{FrameView, Node, install};
+use crate::cluster::{FrameView, Node, install, install_colours};
 use crate::error::{Code, Error, Result};
 use crate::io::{Extent, drop_cached};
 use crate::layout::*;
@@ -213,9 +213,29 @@ impl PageFile {
         streamed_section(&self.file, section, (kind, self.block.file_id), &self.path, &mut read_all)
     }
 
+    /// Whether `page` is a page of the mesh.
+    pub fn has_mesh(&self, page: u32) -> bool {
+        self.pages.get(page as usize).is_some_and(|entry| entry.kind == PageKind::Mesh)
+    }
+
     /// Whether `page` is a page of units.
     pub fn has_units(&self, page: u32) -> bool {
         self.pages.get(page as usize).is_some_and(|entry| entry.kind == PageKind::Units)
+    }
+
+    /// The page with the colours of a triangle of mesh page `page`, by its store id; `None` where they are white. The
+    /// colours of a page may take several pages, and several may share one.
+    pub fn colour_page(&self, page: u32, triangle: u32) -> Option<u32> {
+        let entry = &self.pages[page as usize];
+        if entry.colours_behind == 0 {
+            return None;
+        }
+        let is_before =
+            |colours: &PageEntry| colours.kind == PageKind::Colours && colours.first_triangle <= triangle;
+        let first = page + entry.colours_behind;
+        let behind =
+            self.pages[first as usize + 1..].iter().take_while(|&colours| is_before(colours)).count();
+        Some(first + behind as u32)
     }
 
     /// Bytes of memory that the tables keep.
@@ -247,6 +267,9 @@ impl PageFile {
             let is_units = &|page| self.has_units(page);
             let context = UnitsContext { material_count: self.materials.len(), is_units };
             return install_units(raw, &context, frame).map_err(|what| self.damaged_page(page, what));
+        }
+        if entry.kind == PageKind::Colours {
+            return install_colours(raw, frame).map_err(|what| self.damaged_page(page, what));
         }
         install(raw, self.block.lattice_bits, frame).map_err(|what| self.damaged_page(page, what))?;
         let view = FrameView::new(frame);

@@ -24,9 +24,11 @@ pub const MAGIC: [u8; 8] = *b"TREX\r\n\x1a\n";
 /// Version of the format; another one is refused.
 pub const VERSION: u32 = 4;
 /// Required features that this build knows. A bit that is not known here refuses the file.
-pub const REQUIRED_FEATURES: u64 = FEATURE_LOWER;
+pub const REQUIRED_FEATURES: u64 = FEATURE_LOWER | FEATURE_COLOURS;
 /// The file has pages of units, and the section that links them.
 pub const FEATURE_LOWER: u64 = 1;
+/// The file has pages of colours.
+pub const FEATURE_COLOURS: u64 = 2;
 
 /// Bytes of a frame: the memory of one page, whatever its size on disk.
 pub const FRAME_BYTES: usize = 64 << 10;

@@ -2,6 +2,8 @@
 //!
 //! Invariants: 1. all numbers are finite and >= 0; 2. kd + ks <= 1 per channel; both hold after [`Material::checked`].
 
+use crate::cluster::{Colour, WHITE};
+
 /// A surface: diffuse and glossy reflection, emission, and whether it is a perfect mirror. Its name stands in a
 /// [`MaterialNames`](crate::MaterialNames).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,12 +20,22 @@ pub struct Material {
     pub d: f32,
     /// `illum` 3 or 5 with `ks` > 0: a perfect mirror.
     pub mirror: bool,
+    /// Mean by area of the mesh's colours on it, sRGB, by which voxels multiply `kd`; white where it has none.
+    pub mean_colour: Colour,
 }
 
 impl Default for Material {
     /// Diffuse grey 0.7, the surface of inputs without materials.
     fn default() -> Material {
-        Material { kd: [0.7; 3], ks: [0.0; 3], ns: 1.0, ke: [0.0; 3], d: 1.0, mirror: false }
+        Material {
+            kd: [0.7; 3],
+            ks: [0.0; 3],
+            ns: 1.0,
+            ke: [0.0; 3],
+            d: 1.0,
+            mirror: false,
+            mean_colour: WHITE,
+        }
     }
 }
 

@@ -6,6 +6,7 @@
 //! Invariants: 1. what is read stops at the count that was asked for, at a name that is too long, and at a string that
 //! no name could need, before memory is taken for it; 2. what is written is read back.
 
+use crate::cluster::{Colour, WHITE};
 use crate::error::Result;
 use crate::layout::{MATERIAL_JSON_BYTES, MATERIAL_NAME_BYTES};
 use crate::material::Material;
@@ -22,8 +23,9 @@ const PIECE_BYTES: usize = 64 << 10;
 const ESCAPE_BYTES: usize = 6;
 /// Most bytes between the quotes of a string.
 const STRING_BYTES: usize = ESCAPE_BYTES * MATERIAL_NAME_BYTES;
-/// Most bytes of a material beside its name: keys, eleven numbers of up to 16 characters, commas and brackets.
-const NUMBERS_BYTES: usize = 72 + 11 * 17;
+/// Most bytes of a material beside its name: keys, eleven numbers of up to 16 characters and three of
+/// up to 3, commas and brackets.
+const NUMBERS_BYTES: usize = 84 + 11 * 17 + 3 * 4;
 
 const _: () = assert!(STRING_BYTES + NUMBERS_BYTES <= MATERIAL_JSON_BYTES);
 
@@ -38,17 +40,28 @@ struct StoredMaterial<'a> {
     ke: [f32; 3],
     d: f32,
     mirror: bool,
+    /// Mean of the mesh's colours on it.
+    #[serde(default = "white", skip_serializing_if = "is_white")]
+    colour: Colour,
+}
+
+fn white() -> Colour {
+    WHITE
+}
+
+fn is_white(colour: &Colour) -> bool {
+    *colour == WHITE
 }
 
 impl<'a> StoredMaterial<'a> {
     fn new((name, material): (&'a str, &Material)) -> StoredMaterial<'a> {
-        let Material { kd, ks, ns, ke, d, mirror } = *material;
-        StoredMaterial { name: Cow::Borrowed(name), kd, ks, ns, ke, d, mirror }
+        let Material { kd, ks, ns, ke, d, mirror, mean_colour: colour } = *material;
+        StoredMaterial { name: Cow::Borrowed(name), kd, ks, ns, ke, d, mirror, colour }
     }
 
     fn material(&self) -> Material {
-        let StoredMaterial { kd, ks, ns, ke, d, mirror, .. } = *self;
-        Material { kd, ks, ns, ke, d, mirror }
+        let StoredMaterial { kd, ks, ns, ke, d, mirror, colour: mean_colour, .. } = *self;
+        Material { kd, ks, ns, ke, d, mirror, mean_colour }
     }
 }
 
@@ -173,9 +186,11 @@ mod tests {
             names in proptest::collection::vec("(.|[\\x01-\\x1f\"\\\\]){0,300}", 1..9),
             numbers: [f32; 11],
             mirror: bool,
+            mean_colour: [u8; 3],
         ) {
             let [a, b, c, d, e, f, g, h, i, ns, alpha] = numbers;
-            let material = Material { kd: [a, b, c], ks: [d, e, f], ke: [g, h, i], ns, d: alpha, mirror };
+            let (kd, ks, ke) = ([a, b, c], [d, e, f], [g, h, i]);
+            let material = Material { kd, ks, ke, ns, d: alpha, mirror, mean_colour };
             let list: MaterialList = names.iter().map(|name| (name, material)).collect();
             let bytes = written(&list);
             prop_assert!(bytes.len() <= 2 + names.len() * MATERIAL_JSON_BYTES);
@@ -185,10 +200,13 @@ mod tests {
                 prop_assert_eq!(entry["ks"][1].as_f64().unwrap() as f32, material.ks[1]);
                 prop_assert_eq!(entry["d"].as_f64().unwrap() as f32, material.d);
                 prop_assert_eq!(entry["mirror"].as_bool().unwrap(), material.mirror);
+                let green = entry["colour"][1].as_u64();
+                prop_assert_eq!(green, (mean_colour != WHITE).then_some(u64::from(mean_colour[1])));
             }
             let text_bytes = list.names().text_bytes();
             let read_back = read(bytes.as_slice(), 1..=9, text_bytes).unwrap();
             prop_assert_eq!(read_back.names(), list.names());
+            prop_assert!(read_back.iter().all(|read| read.mean_colour == mean_colour));
             // Names that have less room, or another count of entries.
             prop_assert!(text_bytes == 0 || read(bytes.as_slice(), 1..=9, text_bytes - 1).is_none());
             prop_assert!(read(bytes.as_slice(), names.len() + 1..=9, text_bytes).is_none());

@@ -86,6 +86,9 @@ impl std::fmt::Display for Damage {
         if self.kind == Some(PageKind::Units) {
             write!(f, " (voxels)")?;
         }
+        if self.kind == Some(PageKind::Colours) {
+            write!(f, " (colours)")?;
+        }
         write!(f, ", bytes {}..{}", self.offset, self.offset + self.bytes)?;
         if let Some(b) = &self.bounds {
             write!(f, ", box {:?} to {:?}", b.lo, b.hi)?;
@@ -294,14 +297,16 @@ impl Verdict {
     fn add_page(&mut self, file: &PageFile, page: u32, what: &str, boxes: &mut Option<Vec<Aabb>>) {
         let entry = &file.pages()[page as usize];
         let boxes = boxes.get_or_insert_with(|| page_boxes(file));
-        self.add(Damage { bounds: boxes.get(page as usize).copied(), ..Damage::of_page(what, page, entry) });
+        let bounds = boxes.get(page as usize).copied().filter(|bounds| !bounds.is_empty());
+        self.add(Damage { bounds, ..Damage::of_page(what, page, entry) });
     }
 }
 
-/// Box of each page of the mesh, from the top tree (8-bit boxes: a little larger than the triangles).
+/// Box of each page before those of units, from the top tree (8-bit boxes: a little larger than the triangles); that of
+/// a page of colours is empty.
 pub fn page_boxes(file: &PageFile) -> Vec<Aabb> {
-    let mesh_count = file.pages().partition_point(|entry| entry.kind == PageKind::Mesh);
-    let mut boxes = vec![Aabb::EMPTY; mesh_count];
+    let count = file.pages().partition_point(|entry| entry.kind != PageKind::Units);
+    let mut boxes = vec![Aabb::EMPTY; count];
     each_child_box(file, |page, child| boxes[page as usize].join(&child));
     boxes
 }

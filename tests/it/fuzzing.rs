@@ -216,6 +216,15 @@ fn hills(n: usize) -> String {
     text
 }
 
+/// Hills whose vertices have colours.
+fn coloured_hills(n: usize) -> String {
+    let coloured = |(at, line): (usize, &str)| match line.starts_with("v ") {
+        true => format!("{line} 0.{} 0.5 0.{}\n", at % 10, 9 - at % 7),
+        false => format!("{line}\n"),
+    };
+    hills(n).lines().enumerate().map(coloured).collect()
+}
+
 #[test]
 #[ignore = "writes fuzz/seeds anew, checks nothing: cargo test --test it -- --ignored fuzz_seeds"]
 fn fuzz_seeds() {
@@ -229,6 +238,7 @@ fn fuzz_seeds() {
         ("units", sliver.to_owned(), "--voxels 64/256"),
         ("hills", hills(9), "--no-asvo"),
         ("fine", hills(4), "--no-asvo --grid-bits 36"),
+        ("coloured", coloured_hills(3), "--no-asvo"),
     ] {
         fs::write(inside.path().join("m.obj"), &text).unwrap();
         document_in(inside.path(), &format!("build m.obj -o {name}.trex {flags}"));
@@ -294,7 +304,8 @@ fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
     let vector = "5126,\"type\":\"VEC3\"";
     let accessors =
         [rows(0, vector, 4, sparse), rows(1, "5121,\"type\":\"SCALAR\"", 4, ""), rows(2, vector, 1, "")];
-    let primitive = "\"attributes\":{\"POSITION\":0,\"NORMAL\":0},\"indices\":1,\"mode\":5,\"material\":0";
+    let primitive =
+        "\"attributes\":{\"POSITION\":0,\"NORMAL\":0,\"COLOR_0\":0},\"indices\":1,\"mode\":5,\"material\":0";
     let node = ",\"scale\":[-1,2,1],\"rotation\":[0,0,1,1],\"camera\":0,\"children\":[1],\"extensions\":{\
                 \"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2}},\
                 \"KHR_lights_punctual\":{\"light\":0}}},{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]";

@@ -3,6 +3,8 @@
 mod browser;
 mod cgroup;
 mod cli;
+mod colours;
+mod colours_seen;
 mod command;
 mod contract;
 mod crash;

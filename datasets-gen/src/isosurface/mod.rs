@@ -45,6 +45,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         bounds,
         median_edge: MEDIAN_EDGE_CELLS * f64::from(layer.field.step),
         triangle_count: size.triangle_count,
+        has_colours: false,
     };
     let interface = Material { kd: [0.74, 0.69, 0.63], ..Material::default() };
     let label = Label {

@@ -132,6 +132,7 @@ impl Pipes {
             bounds: self.plant.bounds(),
             median_edge: MEDIAN_SAFETY * self.sample_median_edge(),
             triangle_count: self.triangle_count,
+            has_colours: false,
         }
     }
 

@@ -9,6 +9,7 @@ use super::{Draft, Job, WriteReport};
 use std::collections::HashSet;
 use std::fmt::Write;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use trex_store::cluster::{Colour, WHITE};
 use trex_store::stated_lattice::comment;
 use trex_store::{Lease, MaterialList, Result, TriangleSource};
 
@@ -41,16 +42,18 @@ fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft
     job.for_each_batch(source, "triangles", |materials, batch| {
         // A source knows the materials of a batch when it hands it out.
         words.extend(materials)?;
-        for (corners, &material) in batch.corners.iter().zip(&batch.material) {
+        for (at, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
+            let colours = batch.colours_of(at);
             text.clear();
             if current != Some(material) {
                 current = Some(material);
                 push(&mut text, format_args!("usemtl {}\n", words.name(materials, material as usize)));
             }
-            let indices = corners.map(|corner| {
-                let place = window.place(corner);
+            let indices = [0, 1, 2].map(|slot| {
+                let place = window.place(corners[slot], colours[slot]);
                 if let WindowEntry::New(_) = place {
-                    push_vertex(&mut text, corner, precision);
+                    push_vertex(&mut text, corners[slot], precision);
+                    push_colour(&mut text, colours[slot]);
                 }
                 place.index() + 1
             });
@@ -81,6 +84,13 @@ fn push_vertex(text: &mut String, corner: [f64; 3], precision: TextPrecision) {
         } else {
             push(text, format_args!(" {value}"));
         }
+    }
+}
+
+/// The colour behind a vertex, which white does not need, and the end of the line.
+fn push_colour(text: &mut String, colour: Colour) {
+    if colour != WHITE {
+        colour.iter().for_each(|&channel| push(text, format_args!(" {:.4}", f64::from(channel) / 255.0)));
     }
     text.push('\n');
 }

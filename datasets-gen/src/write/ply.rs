@@ -1,4 +1,4 @@
-//! PLY, binary little endian: `vertex` (x y z) and `face` (uchar 3, three uint).
+//! PLY, binary little endian: `vertex` (x y z, also red green blue) and `face` (uchar 3, three uint).
 //!
 //! All vertices stand before all faces, and the header tells their counts. The stream runs three times
 //! (count, vertices, faces), which needs neither memory nor scratch space, and a generator is several times
@@ -6,6 +6,7 @@
 
 use super::window::{Window, WindowEntry};
 use super::{Draft, Job, WriteReport};
+use trex_store::cluster::WHITE;
 use trex_store::stated_lattice::comment;
 use trex_store::{Code, Error, Result, TriangleSource};
 
@@ -15,6 +16,8 @@ struct Survey {
     triangle_count: u64,
     /// Every coordinate is an f32.
     single: bool,
+    /// A corner is not white.
+    is_coloured: bool,
 }
 
 pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteReport> {
@@ -39,17 +42,17 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
 }
 
 fn survey(source: &mut dyn TriangleSource, job: &Job) -> Result<Survey> {
-    let (mut window, mut triangle_count, mut single) = (Window::new(), 0, true);
-    job.for_each_batch(source, "survey", |_, batch| {
-        triangle_count += batch.len() as u64;
-        for &corner in batch.corners.as_flattened() {
-            if let WindowEntry::New(_) = window.place(corner) {
-                single &= corner.iter().all(|&value| f64::from(value as f32).to_bits() == value.to_bits());
-            }
+    let (mut window, mut corner_count, mut single, mut is_coloured) = (Window::new(), 0, true, false);
+    job.for_each_corner(source, "survey", |corner, colour| {
+        corner_count += 1;
+        if let WindowEntry::New(_) = window.place(corner, colour) {
+            single &= corner.iter().all(|&value| f64::from(value as f32).to_bits() == value.to_bits());
+            is_coloured |= colour != WHITE;
         }
         Ok(())
     })?;
-    Ok(Survey { vertex_count: window.vertex_count(), triangle_count, single })
+    let (vertex_count, triangle_count) = (window.vertex_count(), corner_count / 3);
+    Ok(Survey { vertex_count, triangle_count, single, is_coloured })
 }
 
 fn header(source: &dyn TriangleSource, survey: &Survey) -> String {
@@ -58,9 +61,11 @@ fn header(source: &dyn TriangleSource, survey: &Survey) -> String {
     let name: String = source.name().chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect();
     let lattice = source.lattice().map(|lattice| format!("comment {}\n", comment(&lattice)));
     let lattice = lattice.unwrap_or_default();
+    let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    let colour = if survey.is_coloured { colour } else { "" };
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment {name}\n{lattice}element vertex {}\nproperty {real} x\n\
-         property {real} y\nproperty {real} z\nelement face {}\nproperty list uchar uint vertex_indices\n\
+         property {real} y\nproperty {real} z\n{colour}element face {}\nproperty list uchar uint vertex_indices\n\
          end_header\n",
         survey.vertex_count, survey.triangle_count
     )
@@ -73,14 +78,15 @@ fn write_vertices(
     draft: &mut Draft,
 ) -> Result<()> {
     let mut window = Window::new();
-    job.for_each_batch(source, "vertices", |_, batch| {
-        for &corner in batch.corners.as_flattened() {
-            if let WindowEntry::New(_) = window.place(corner) {
-                if survey.single {
-                    draft.write(corner.map(|value| (value as f32).to_le_bytes()).as_flattened())?;
-                } else {
-                    draft.write(corner.map(f64::to_le_bytes).as_flattened())?;
-                }
+    job.for_each_corner(source, "vertices", |corner, colour| {
+        if let WindowEntry::New(_) = window.place(corner, colour) {
+            if survey.single {
+                draft.write(corner.map(|value| (value as f32).to_le_bytes()).as_flattened())?;
+            } else {
+                draft.write(corner.map(f64::to_le_bytes).as_flattened())?;
+            }
+            if survey.is_coloured {
+                draft.write(&colour)?;
             }
         }
         Ok(())
@@ -90,10 +96,10 @@ fn write_vertices(
 fn write_faces(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) -> Result<u64> {
     let (mut window, mut written) = (Window::new(), 0);
     job.for_each_batch(source, "faces", |_, batch| {
-        for corners in &batch.corners {
+        for (index, corners) in batch.corners.iter().enumerate() {
             let mut face = [3u8; 13];
-            for (slot, &corner) in corners.iter().enumerate() {
-                let index = window.place(corner).index() as u32;
+            for (slot, (&corner, colour)) in corners.iter().zip(batch.colours_of(index)).enumerate() {
+                let index = window.place(corner, colour).index() as u32;
                 face[1 + 4 * slot..5 + 4 * slot].copy_from_slice(&index.to_le_bytes());
             }
             draft.write(&face)?;

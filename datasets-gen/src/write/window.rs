@@ -1,9 +1,11 @@
 //! A window of recent vertices: finds the index of a position that was met not too long ago.
 //!
 //! Invariants: 1. memory is [`Window::BYTES`], whatever the stream; 2. the answers depend on the sequence of
-//! positions only, so a second pass gets the same indices; 3. a position found is equal to the bit.
+//! vertices only, so a second pass gets the same indices; 3. a vertex found has the same position to the bit, and the
+//! same colour.
 
 use crate::dice::mix;
+use trex_store::cluster::Colour;
 
 /// Slots, each overwritten by the next position that falls there: 16 MiB. Streams are coherent, so most shared
 /// vertices come back before they are forgotten.
@@ -18,8 +20,12 @@ pub(super) struct Window {
 #[derive(Clone, Copy)]
 struct Slot {
     bits: [u64; 3],
-    index: u64,
+    /// The index, and the colour above it; all ones: none.
+    tag: u64,
 }
+
+/// Bits of an index.
+const INDEX_BITS: u32 = 40;
 
 /// What the window says about a position.
 pub(super) enum WindowEntry {
@@ -34,7 +40,7 @@ impl Window {
     pub(super) const BYTES: u64 = (SLOTS * size_of::<Slot>()) as u64;
 
     pub(super) fn new() -> Window {
-        Window { slots: vec![Slot { bits: [0; 3], index: u64::MAX }; SLOTS], next: 0 }
+        Window { slots: vec![Slot { bits: [0; 3], tag: u64::MAX }; SLOTS], next: 0 }
     }
 
     /// Count of indices given.
@@ -42,16 +48,18 @@ impl Window {
         self.next
     }
 
-    /// Looks `position` up, and remembers it.
-    pub(super) fn place(&mut self, position: [f64; 3]) -> WindowEntry {
+    /// Looks a position with a colour up, and remembers it.
+    pub(super) fn place(&mut self, position: [f64; 3], [r, g, b]: Colour) -> WindowEntry {
         let bits = position.map(f64::to_bits);
+        let colour = u64::from(u32::from_le_bytes([r, g, b, 0]));
         let key = mix(bits[0] ^ bits[1].rotate_left(21) ^ bits[2].rotate_left(42));
         let slot = &mut self.slots[key as usize % SLOTS];
-        if slot.index != u64::MAX && slot.bits == bits {
-            return WindowEntry::Known(slot.index);
+        if slot.tag != u64::MAX && slot.bits == bits && slot.tag >> INDEX_BITS == colour {
+            return WindowEntry::Known(slot.tag & ((1 << INDEX_BITS) - 1));
         }
         let index = self.next;
-        *slot = Slot { bits, index };
+        assert!(index < (1 << INDEX_BITS) - 1, "more vertices than any format has");
+        *slot = Slot { bits, tag: index | colour << INDEX_BITS };
         self.next += 1;
         WindowEntry::New(index)
     }

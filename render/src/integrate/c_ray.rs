@@ -1,5 +1,6 @@
 //! What a C-ray meets first: a place on the mesh, or behind the cut of the footprint rule in the voxels.
 
+use crate::scene::world::World;
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
 use crate::trace::{Hit, Ray};
 use crate::voxel::{VoxelScene, VoxelSurface};
@@ -66,10 +67,16 @@ impl FarRay {
     }
 
     /// The surface `found`, as a hit of the C-ray.
-    pub(crate) fn hit(&self, voxels: &VoxelScene<'_>, found: Option<VoxelSurface>) -> Option<CRayHit> {
+    pub(crate) fn hit(
+        &self,
+        voxels: &VoxelScene<'_>,
+        found: Option<VoxelSurface>,
+        world: &World,
+    ) -> Option<CRayHit> {
         let VoxelSurface { t, normal, material, .. } = found?;
         let error = CLEARANCES * voxels.clearance(normal.as_dvec3().into()) / OFFSET_ERRORS;
         let t = self.cut + t;
-        Some(CRayHit { point: HitPoint { t, material, normal, error }, form: Form::Voxel })
+        let (_, colour) = world.voxel_material(material);
+        Some(CRayHit { point: HitPoint { t, material, normal, colour, error }, form: Form::Voxel })
     }
 }

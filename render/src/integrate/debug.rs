@@ -86,8 +86,9 @@ impl RenderContext<'_> {
         path.sample.meets_model = answer.outcome == GAnswer::MET;
         path.gain(match answer.outcome {
             GAnswer::MET => {
-                let material = &self.world.materials[answer.material as usize];
-                FACE_SHADE[answer.axis as usize] * (Vec3::from(material.kd) + Vec3::from(material.ks))
+                let (material, colour) = self.world.voxel_material(answer.material);
+                let albedo = colour * Vec3::from(material.kd) + Vec3::from(material.ks);
+                FACE_SHADE[answer.axis as usize] * albedo
             }
             _ => BACKGROUND,
         });

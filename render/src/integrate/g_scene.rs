@@ -167,7 +167,7 @@ impl GScene<'_> {
     ) -> Option<Ray> {
         let GatherLeg { ray, mirrors, gathered, spread, .. } = leg;
         let lights = &world.lights;
-        let found = found.map(|surface| surface.face(ray, &world.materials));
+        let found = found.map(|surface| surface.face(ray, world.voxel_material(surface.material)));
         let direction = DVec3::from(ray.direction);
         let end = found.map_or(f64::INFINITY, |hit| (hit.point - DVec3::from(ray.origin)).dot(direction));
         let (lamp, emitted) = if mirrors.is_none() {
@@ -193,7 +193,7 @@ impl GScene<'_> {
     /// The radiance that leaves a place on the exact mesh by the light in its leaf; `None` where no leaf is near.
     pub(crate) fn leaving_surface(&self, surface: &SurfaceInteraction, material: &Material) -> Option<Vec3> {
         let side = self.voxels.side_at(surface.point, surface.normal)?;
-        Some(diffuse_equivalent(material) * self.irradiance.at(side))
+        Some(diffuse_equivalent(material, surface.colour) * self.irradiance.at(side))
     }
 
     /// The radiance that leaves a surface by the light that points and suns bring there over mirrors alone, which
@@ -213,10 +213,10 @@ impl GScene<'_> {
         let [along_e, along_f] = u.map(|u| (f64::from(u) - 0.5) * facet);
         let side = |at| self.voxels.side_at(at, surface.normal);
         let side = side(surface.point + along_e * e + along_f * f).or_else(|| side(surface.point))?;
-        Some(diffuse_equivalent(material) * self.irradiance.caustics_at(side))
+        Some(diffuse_equivalent(material, surface.colour) * self.irradiance.caustics_at(side))
     }
 
     fn leaving(&self, hit: &LeafHit<'_>) -> Vec3 {
-        diffuse_equivalent(hit.material) * self.irradiance.at(hit.side)
+        diffuse_equivalent(hit.material, hit.colour) * self.irradiance.at(hit.side)
     }
 }

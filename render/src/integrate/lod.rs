@@ -78,7 +78,7 @@ impl RenderContext<'_> {
         let (voxels, answer) = (&self.far_scene().voxels, batches.answered.answer(asked.place));
         assert!(!answer.is_blocked(), "the upper octree is resident");
         let found = answer.surface(asked.t_in, voxels.subvoxel_side());
-        let mut hit = asked.far.hit(voxels, found)?;
+        let mut hit = asked.far.hit(voxels, found, self.world)?;
         let World { materials, lights, .. } = self.world;
         if materials[hit.point.material as usize].emits() {
             // A voxel looks to where the ray came from; which side of a lamp that is, its triangles tell.

@@ -221,7 +221,7 @@ mod tests {
     /// The surface that a ray from above sees at (x, y) of a plane with normal `normal`.
     fn surface([x, y]: [f64; 2], normal: [f32; 3]) -> SurfaceInteraction {
         let ray = Ray { origin: [x, y, 2.0], direction: [0.0, 0.6, -0.8], t_max: 9.0 };
-        let hit = HitPoint { t: 2.5, material: 0, normal: normal.into(), error: 0.0 };
+        let hit = HitPoint { t: 2.5, material: 0, normal: normal.into(), colour: Vec3::ONE, error: 0.0 };
         let mut seen = SurfaceInteraction::new(&ray, &hit);
         seen.point = DVec3::new(x, y, 0.0);
         seen
@@ -258,7 +258,8 @@ mod tests {
                     .iter()
                     .filter(|(_, deposit)| deposit.normal[2] > 0.0)
                     .map(|(point, deposit)| {
-                        let bsdf = Bsdf { material: &material, normal: at.normal, wo: at.wo };
+                        let bsdf =
+                            Bsdf { material: &material, colour: Vec3::ONE, normal: at.normal, wo: at.wo };
                         let f = bsdf.eval(deposit.from.as_dvec3());
                         let kernel = 2.0 / PI * (1.0 - squared(*point) / reach) / reach;
                         f64::from(f[2] * deposit.cargo.flux[2]) * kernel / 10_000.0

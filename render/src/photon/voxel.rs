@@ -244,8 +244,13 @@ impl VoxelPhotons<'_> {
         pass: &PhotonPass,
         stats: &mut PhotonStats,
     ) -> Option<Ray> {
-        let hit = found.face(ray, &self.world.materials);
-        let bsdf = Bsdf { material: hit.material, normal: hit.normal, wo: -DVec3::from(ray.direction) };
+        let hit = found.face(ray, self.world.voxel_material(found.material));
+        let bsdf = Bsdf {
+            material: hit.material,
+            colour: hit.colour,
+            normal: hit.normal,
+            wo: -DVec3::from(ray.direction),
+        };
         if keeps_light(bsdf.material) {
             pass.add(hit.side, &photon.cargo);
             stats.deposits += 1;

@@ -8,8 +8,10 @@ use super::method::LightRig;
 use super::settings::RenderSettings;
 use crate::shading::light::{Emitter, Light, Lights, SkyBy};
 use crate::voxel::{Occluders, Voxels};
+use glam::Vec3;
 use std::sync::Arc;
-use trex_store::{Aabb, Code, Error, Material, MaterialNames, NextStep, Result};
+use trex_store::cluster::WHITE;
+use trex_store::{Aabb, Code, Error, Material, MaterialNames, NextStep, Result, srgb};
 
 /// Most names of materials that a message lists.
 const NAMES_SHOWN: usize = 8;
@@ -56,6 +58,8 @@ pub struct World {
     pub lights: Lights,
     /// Checked materials, as hits name them.
     pub materials: Vec<Material>,
+    /// Mean colour of the mesh on each material, linear; none where all are white.
+    pub(crate) mean_colours: Vec<Vec3>,
     /// The numbers of the picture.
     pub settings: RenderSettings,
     /// Length of the rays of `ao`, model units: half of the model's diagonal.
@@ -97,6 +101,7 @@ impl Model {
             ke: ke.unwrap_or(old.ke),
             d: old.d,
             mirror: mirror.unwrap_or(old.mirror),
+            mean_colour: old.mean_colour,
         }
         .checked();
         let kept = || self.emitters.iter().any(|emitter| emitter.material as usize == material);
@@ -163,10 +168,17 @@ impl World {
             lod_distance: World::lod_distance(model, &projection, settings.lod_error),
             projection,
             lights: lights.with_sky_by(sky_by),
+            mean_colours: mean_colours(&materials),
             materials,
             settings,
             ao_radius: 0.5 * model.bounds.diagonal(),
         })
+    }
+
+    /// The material of a voxel, and what its `kd` is multiplied by there, linear.
+    pub(crate) fn voxel_material(&self, index: u32) -> (&Material, Vec3) {
+        let index = index as usize;
+        (&self.materials[index], self.mean_colours.get(index).copied().unwrap_or(Vec3::ONE))
     }
 
     /// The cut of the footprint rule: where a leaf voxel covers `lod_error` pixels, model units from the camera;
@@ -175,6 +187,15 @@ impl World {
         let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
         leaf_side.map_or(f64::INFINITY, |side| side / (lod_error * projection.pixel_angle()))
     }
+}
+
+/// The mean colours of materials, linear; none where all are white.
+fn mean_colours(materials: &[Material]) -> Vec<Vec3> {
+    if materials.iter().all(|material| material.mean_colour == WHITE) {
+        return Vec::new();
+    }
+    let linear = |byte: u8| srgb::linear_of(byte) as f32;
+    materials.iter().map(|material| material.mean_colour.map(linear).into()).collect()
 }
 
 #[cfg(test)]

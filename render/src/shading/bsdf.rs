@@ -14,6 +14,8 @@ use trex_store::Material;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bsdf<'a> {
     pub(crate) material: &'a Material,
+    /// What its `kd` is multiplied by, linear: at most 1, so that the surface reflects no more than its material.
+    pub(crate) colour: Vec3,
     /// Unit normal, on the side that is looked at.
     pub(crate) normal: DVec3,
     /// Unit direction to where the surface is looked at from, on the side of the normal.
@@ -37,8 +39,12 @@ impl Bsdf<'_> {
         self.eval_with_lobe(self.lobe(wi))
     }
 
+    fn kd(&self) -> Vec3 {
+        self.colour * Vec3::from(self.material.kd)
+    }
+
     fn eval_with_lobe(&self, lobe: f32) -> Vec3 {
-        Vec3::from(self.material.kd) * FRAC_1_PI + Vec3::from(self.material.ks) * lobe
+        self.kd() * FRAC_1_PI + Vec3::from(self.material.ks) * lobe
     }
 
     /// `(n + 2) / (2 pi) cos^n` of the angle between `wi` and the mirror image of `wo`; 0 where there is no lobe.
@@ -112,17 +118,16 @@ impl Bsdf<'_> {
 
     /// Chance to scatter by the cosine; `None` for black.
     fn diffuse_chance(&self) -> Option<f64> {
-        let [kd, ks] =
-            [self.material.kd, self.material.ks].map(|rgb| f64::from(Vec3::from(rgb).max_element()));
+        let [kd, ks] = [self.kd(), self.material.ks.into()].map(|rgb| f64::from(Vec3::max_element(rgb)));
         (kd + ks > 0.0).then(|| kd / (kd + ks))
     }
 }
 
 /// The BSDF of a diffuse surface that reflects as much as `material` does on average over all directions: what a place
 /// looks like to a ray that asks only for its irradiance.
-pub(crate) fn diffuse_equivalent(material: &Material) -> Vec3 {
+pub(crate) fn diffuse_equivalent(material: &Material, colour: Vec3) -> Vec3 {
     let glossy = if material.mirror { 0.0 } else { hemispherical_albedo(material.ns) };
-    (Vec3::from(material.kd) + glossy * Vec3::from(material.ks)) * FRAC_1_PI
+    (colour * Vec3::from(material.kd) + glossy * Vec3::from(material.ks)) * FRAC_1_PI
 }
 
 /// Share of light from everywhere that a lobe of Ks = 1 reflects: at grazing angles half of it points into the
@@ -158,11 +163,13 @@ mod tests {
             let mut sum = 0.0;
             for from in (0..SHARES).map(|i| direction(i, 0)) {
                 for to in (0..SHARES * SHARES).map(|i| direction(i / SHARES, i % SHARES)) {
-                    sum += f64::from(Bsdf { material: &material, normal: NORMAL, wo: from }.eval(to)[0]);
+                    sum += f64::from(
+                        Bsdf { material: &material, colour: Vec3::ONE, normal: NORMAL, wo: from }.eval(to)[0],
+                    );
                 }
             }
             let mean = sum / (SHARES * SHARES * SHARES) as f64;
-            let (integral, fit) = (mean as f32, diffuse_equivalent(&material)[0]);
+            let (integral, fit) = (mean as f32, diffuse_equivalent(&material, Vec3::ONE)[0]);
             assert!(
                 (integral / fit - 1.0).abs() < 5e-3,
                 "n {ns}: {integral} by integration, {fit} by the fit"
@@ -173,7 +180,7 @@ mod tests {
     const NORMAL: DVec3 = DVec3::Z;
 
     fn at(material: &Material, wo: DVec3) -> Bsdf<'_> {
-        Bsdf { material, normal: NORMAL, wo }
+        Bsdf { material, colour: Vec3::ONE, normal: NORMAL, wo }
     }
 
     /// Share of the light from `wo` that is reflected, by cosine-weighted points: mean of `pi * bsdf`.

@@ -25,13 +25,21 @@ pub(crate) struct HitPoint {
     pub(crate) normal: Vec3,
     /// Index into the materials.
     pub(crate) material: u32,
+    /// What the material's `kd` is multiplied by, linear.
+    pub(crate) colour: Vec3,
     /// Bound on the distance between the surface and the point on the ray, model units.
     pub(crate) error: f64,
 }
 
 impl From<&Hit> for HitPoint {
     fn from(hit: &Hit) -> HitPoint {
-        HitPoint { t: hit.t, normal: hit.normal.into(), material: hit.material, error: hit.error }
+        HitPoint {
+            t: hit.t,
+            normal: hit.normal.into(),
+            material: hit.material,
+            colour: hit.colour.into(),
+            error: hit.error,
+        }
     }
 }
 
@@ -43,6 +51,8 @@ pub(crate) struct SurfaceInteraction {
     pub(crate) wo: DVec3,
     error: f64,
     pub(crate) material: u32,
+    /// What the material's `kd` is multiplied by, linear.
+    pub(crate) colour: Vec3,
 }
 
 /// A place that light is asked for at.
@@ -65,12 +75,14 @@ impl SurfaceInteraction {
             wo: -direction,
             error: hit.error,
             material: hit.material,
+            colour: hit.colour,
         }
     }
 
     /// The scattering of the surface towards where the ray came from; `materials` are the world's.
     pub(crate) fn bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
-        Bsdf { material: &materials[self.material as usize], normal: self.normal, wo: self.wo }
+        let material = &materials[self.material as usize];
+        Bsdf { material, colour: self.colour, normal: self.normal, wo: self.wo }
     }
 
     /// The place as lights see it; `materials` are the world's.

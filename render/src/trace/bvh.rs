@@ -20,6 +20,7 @@
 //! kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
 use super::Ray;
+use super::hit_colour::HitColours;
 use super::kernel::{Kernel, TrianglesMet};
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::{Page, Pages};
@@ -94,6 +95,8 @@ impl MissingPages {
 pub(super) struct LatticeScene {
     pub(super) file: Arc<PageFile>,
     pub(super) frame: LatticeFrame,
+    /// Where hits have their colours from; `None` for a file without.
+    pub(super) colours: Option<HitColours>,
 }
 
 /// The best hit so far.

@@ -5,6 +5,7 @@ mod arithmetic;
 mod bvh;
 mod corners;
 mod crossings;
+mod hit_colour;
 mod kernel;
 mod lattice_ray;
 mod naive;
@@ -74,6 +75,8 @@ pub struct Hit {
     pub barycentric: [f32; 3],
     /// Unit normal of the counter-clockwise side, model space (f64 cross product of the decoded corners).
     pub normal: [f32; 3],
+    /// Colour of the mesh there, linear, by which the material's `kd` is multiplied; white where the file has none.
+    pub colour: [f32; 3],
     /// Bound on the distance between the true surface point and `origin + t * direction`, model units;
     /// secondary rays start off the surface by it.
     pub error: f64,

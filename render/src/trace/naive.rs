@@ -77,6 +77,7 @@ impl NaiveMesh {
             material: triangle.material,
             barycentric: [1.0 - u - v, u, v].map(|weight| weight as f32),
             normal: normal.as_vec3().to_array(),
+            colour: [1.0; 3],
             error: ERROR_ULPS * f64::EPSILON * magnitude,
         }
     }

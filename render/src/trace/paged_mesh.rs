@@ -10,6 +10,7 @@
 use super::arithmetic::Arithmetic;
 use super::bvh::{AnyHit, ClosestHit, Found, Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
 use super::crossings::trace_crossings;
+use super::hit_colour::HitColours;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
@@ -53,7 +54,11 @@ impl<P: Pages> PagedMesh<P> {
     /// For f32 on a lattice of more than 24 bits, and for AVX2 where the machine has none.
     pub fn with_arithmetic(file: &Arc<PageFile>, pages: P, arithmetic: Arithmetic) -> PagedMesh<P> {
         arithmetic.check(file);
-        let scene = LatticeScene { file: file.clone(), frame: LatticeFrame::new(file) };
+        let scene = LatticeScene {
+            file: file.clone(),
+            frame: LatticeFrame::new(file),
+            colours: HitColours::of(file),
+        };
         PagedMesh {
             scene,
             pages,
@@ -109,6 +114,10 @@ impl<P: Pages> PagedMesh<P> {
             hits.truncate(first);
             return Answer::Blocked;
         }
+        if hits[first..].iter_mut().any(|hit| set_colour(scene, pages, hit) == Answer::Blocked) {
+            hits.truncate(first);
+            return Answer::Blocked;
+        }
         hits[first..].sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)));
         Answer::Exact(())
     }
@@ -119,7 +128,7 @@ impl<P: Pages> PagedMesh<P> {
         &mut self,
         rays: &[Ray],
         (outside, answers): (A, &mut Vec<A>),
-        answer: impl Fn(&mut P, &Ray, &RayEnd, &MissingPages) -> A,
+        answer: impl Fn(&LatticeScene, &mut P, &Ray, &RayEnd, &MissingPages) -> A,
     ) {
         let PagedMesh { scene, pages, stack, packet, .. } = self;
         for rays in rays.chunks(PACKET_RAYS) {
@@ -127,7 +136,7 @@ impl<P: Pages> PagedMesh<P> {
             let first = answers.len();
             answers.resize(first + rays.len(), outside);
             for ((ended, missing), &place) in packet.ended.iter().zip(&packet.missing).zip(&packet.places) {
-                answers[first + place] = answer(pages, &rays[place], ended, missing);
+                answers[first + place] = answer(scene, pages, &rays[place], ended, missing);
             }
         }
     }
@@ -136,7 +145,7 @@ impl<P: Pages> PagedMesh<P> {
 /// The answer of a ray that asked for the closest hit.
 fn closest(
     pages: &mut impl Pages,
-    (frame, ray): (&LatticeFrame, &Ray),
+    (scene, ray): (&LatticeScene, &Ray),
     RayEnd { span, found }: &RayEnd,
     missing: &MissingPages,
 ) -> Answer<Option<Hit>> {
@@ -145,8 +154,27 @@ fn closest(
         want(pages, missing, hit_t);
         return Answer::Blocked;
     }
-    let hit = found.as_ref().map(|found| hit(frame, ray, span, found));
-    Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
+    let hit = found.as_ref().map(|found| hit(&scene.frame, ray, span, found));
+    let Some(mut hit) = hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max) else {
+        return Answer::Exact(None);
+    };
+    match set_colour(scene, pages, &mut hit) {
+        Answer::Exact(()) => Answer::Exact(Some(hit)),
+        Answer::Blocked => Answer::Blocked,
+    }
+}
+
+/// Gives a hit the colour of the mesh there. Blocked: a page that has it is missing, and wanted.
+fn set_colour(scene: &LatticeScene, pages: &mut impl Pages, hit: &mut Hit) -> Answer<()> {
+    let Some(colours) = &scene.colours else { return Answer::Exact(()) };
+    match colours.at(&scene.file, pages, hit) {
+        Ok(colour) => hit.colour = colour.to_array(),
+        Err(missing) => {
+            pages.want(missing);
+            return Answer::Blocked;
+        }
+    }
+    Answer::Exact(())
 }
 
 /// The answer of a ray that asked for any.
@@ -181,6 +209,7 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
         page: found.page,
         material: u32::from(found.material),
         barycentric: [u, v, w].map(|weight| (weight / (u + v + w)) as f32),
+        colour: [1.0; 3],
         normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
         error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
     }
@@ -193,7 +222,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
         match self.run::<ClosestHit>(ray) {
-            Some(ended) => closest(&mut self.pages, (&self.scene.frame, ray), &ended, &self.missing),
+            Some(ended) => closest(&mut self.pages, (&self.scene, ray), &ended, &self.missing),
             None => Answer::Exact(None),
         }
     }
@@ -209,10 +238,11 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(None);
-            let frame = self.scene.frame;
-            return self.packets::<_, ClosestHit>(rays, (outside, answers), |pages, ray, ended, missing| {
-                closest(pages, (&frame, ray), ended, missing)
-            });
+            return self.packets::<_, ClosestHit>(
+                rays,
+                (outside, answers),
+                |scene, pages, ray, ended, missing| closest(pages, (scene, ray), ended, missing),
+            );
         }
         answers.extend(rays.iter().map(|ray| self.intersect(ray)));
     }
@@ -221,7 +251,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
         #[cfg(target_arch = "x86_64")]
         if self.arithmetic == Arithmetic::Avx2 {
             let outside = Answer::Exact(false);
-            return self.packets::<_, AnyHit>(rays, (outside, answers), |pages, _, ended, missing| {
+            return self.packets::<_, AnyHit>(rays, (outside, answers), |_, pages, _, ended, missing| {
                 any(pages, ended, missing)
             });
         }

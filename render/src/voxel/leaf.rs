@@ -35,6 +35,8 @@ pub(crate) struct LeafHit<'a> {
     /// Unit, on the side that the ray came from.
     pub(crate) normal: DVec3,
     pub(crate) material: &'a Material,
+    /// What the material's `kd` is multiplied by, linear: the mean of the mesh's colours on it.
+    pub(crate) colour: Vec3,
 }
 
 impl GAnswer {
@@ -48,10 +50,10 @@ impl GAnswer {
 }
 
 impl VoxelSurface {
-    /// The surface as `ray`, which has met it, finds it.
-    pub(crate) fn face<'a>(&self, ray: &Ray, materials: &'a [Material]) -> LeafHit<'a> {
-        let material = &materials[self.material as usize];
-        LeafHit { side: self.side, point: ray.at(self.t), normal: self.normal.as_dvec3(), material }
+    /// The surface as `ray`, which has met it, finds it; of its material, and the mean colour on that.
+    pub(crate) fn face<'a>(&self, ray: &Ray, (material, colour): (&'a Material, Vec3)) -> LeafHit<'a> {
+        let normal = self.normal.as_dvec3();
+        LeafHit { side: self.side, point: ray.at(self.t), normal, material, colour }
     }
 }
 

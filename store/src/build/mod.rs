@@ -144,6 +144,7 @@ impl Site<'_> {
             Checkpoint::Sorted(sorted) => {
                 self.plan(&InputSizes {
                     triangle_count: sorted.scan.triangle_count,
+                    has_colours: sorted.scan.has_colours,
                     ..InputSizes::default()
                 })?;
                 let start = SortStart::Resumed(sorted);
@@ -185,7 +186,8 @@ impl Site<'_> {
         let grid = lattice::choose(&scan, self.options.precision, &source.name())?;
         self.check_apart(&source.stats())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
-        self.plan(&InputSizes { triangle_count: scan.triangle_count, ..InputSizes::default() })?;
+        let Scan { triangle_count, has_colours, .. } = scan;
+        self.plan(&InputSizes { triangle_count, has_colours, ..InputSizes::default() })?;
         Ok((scan, grid))
     }
 
@@ -216,7 +218,7 @@ impl Site<'_> {
         let mut source = CountingSource::new(source);
         let partition = partition::partition(&mut source, work)?;
         out.phase_ms.generate += partition.wait_ms;
-        let materials = ModelMaterials::of(source.materials(), &options.budget)?;
+        let materials = ModelMaterials::of(source.materials(), &partition.mean_colours, &options.budget)?;
         let (sizes, source) = (source.sizes(), source.stats());
         let outcome = PartitionOutcome { partition, materials, sizes, source };
         if let Some(journal) = journal.filter(|journal| journal.has_records() || journal.is_due()) {

@@ -5,6 +5,7 @@
 //! section is made in pieces.
 
 use crate::budget::{Budget, Lease};
+use crate::cluster::Colour;
 use crate::error::Result;
 use crate::layout::{MATERIAL_NAME_BYTES, MATERIALS};
 use crate::material::Material;
@@ -22,10 +23,19 @@ pub(super) struct ModelMaterials {
 }
 
 impl ModelMaterials {
-    /// Those of a source whose stream has ended.
-    pub(super) fn of(list: &MaterialList, budget: &Budget) -> Result<ModelMaterials> {
+    /// Those of a source whose stream has ended, with the mean colours of the first of them.
+    pub(super) fn of(
+        list: &MaterialList,
+        mean_colours: &[Colour],
+        budget: &Budget,
+    ) -> Result<ModelMaterials> {
         let lease = budget.lease(LEASED, size_of_val::<[Material]>(list) as u64)?;
-        Ok(ModelMaterials { list: list.clone(), _lease: lease })
+        let mut list = list.clone();
+        let coloured = mean_colours.iter().enumerate().take(list.len());
+        for (index, &mean_colour) in coloured {
+            list.replace(index, Material { mean_colour, ..list[index] });
+        }
+        Ok(ModelMaterials { list, _lease: lease })
     }
 
     /// Those of the journal; `None` where it holds anything else.

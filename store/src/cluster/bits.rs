@@ -109,6 +109,50 @@ impl<'a> BitReader<'a> {
     }
 }
 
+/// Reads what a [`BitWriter`] wrote, of any length, with a check at each field. Behind the end stand zeros: ask
+/// [`BitStream::is_sound`] when all is read.
+#[derive(Clone, Copy)]
+pub(super) struct BitStream<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> BitStream<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> BitStream<'a> {
+        BitStream { bytes, at: 0 }
+    }
+
+    /// The next 57 bits, and up to seven more that are not to be believed.
+    #[inline(always)]
+    pub(super) fn peek(&self) -> u64 {
+        word_at(self.bytes, self.at / 8) >> (self.at % 8)
+    }
+
+    #[inline(always)]
+    pub(super) fn skip(&mut self, bits: u32) {
+        self.at += bits as usize;
+    }
+
+    /// The next `bits`, at most 57.
+    #[inline(always)]
+    pub(super) fn take(&mut self, bits: u32) -> u64 {
+        let value = self.peek() & ((1u64 << bits) - 1);
+        self.skip(bits);
+        value
+    }
+
+    /// True when all bytes were read and no more, with zeros in the rest of the last.
+    pub(super) fn is_whole(&self) -> bool {
+        let rest = (8 - self.at as u32 % 8) % 8;
+        get(self.bytes, self.at, rest) == 0 && self.at.div_ceil(8) == self.bytes.len()
+    }
+
+    /// True when nothing was read from behind the end.
+    pub(super) fn is_sound(&self) -> bool {
+        self.at <= 8 * self.bytes.len()
+    }
+}
+
 /// Windows on the clusters of a page, one after the other.
 pub(super) struct Windows<'a> {
     rest: &'a [u8],

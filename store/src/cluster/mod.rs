@@ -10,6 +10,8 @@
 
 mod bits;
 mod cells;
+mod colour_packer;
+mod colours;
 mod edges;
 mod encode;
 mod fields;
@@ -27,6 +29,9 @@ mod tests;
 mod vertices;
 mod view;
 
+pub(crate) use colour_packer::{ColourPacker, PackedColours};
+pub(crate) use colours::install_colours;
+pub use colours::{Colour, ColourView, WHITE};
 pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use leaves::LeafShape;
@@ -58,6 +63,8 @@ pub struct ClusterMesh {
     pub leaf_sizes: Vec<u8>,
     /// Material index per triangle.
     pub materials: Vec<u16>,
+    /// Colours of the corners per triangle; empty where all are white, and after decoding.
+    pub colours: Vec<[Colour; 3]>,
 }
 
 /// How the vertices of a cluster are packed.

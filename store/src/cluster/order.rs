@@ -198,6 +198,7 @@ impl Orderer {
             triangles: Vec::with_capacity(old.triangles.len()),
             leaf_sizes: Vec::with_capacity(old.leaf_sizes.len()),
             materials: Vec::with_capacity(old.materials.len()),
+            colours: Vec::with_capacity(old.colours.len()),
         };
         while let Some(leaf) = self.next_leaf() {
             new.leaf_sizes.push(self.leaves[leaf].count as u8);
@@ -302,5 +303,8 @@ impl Orderer {
         }
         new.triangles.push(triangle);
         new.materials.push(old.materials[first + way / 3]);
+        if let Some(&[a, b, c]) = old.colours.get(first + way / 3) {
+            new.colours.push([[a, b, c], [b, c, a], [c, a, b]][way % 3]);
+        }
     }
 }

@@ -337,6 +337,7 @@ impl<'a> ClusterView<'a> {
             triangles: triangles.collect(),
             leaf_sizes,
             materials: (0..self.triangle_count()).map(|i| self.material(i)).collect(),
+            colours: Vec::new(),
         }
     }
 

@@ -1,7 +1,8 @@
 //! The gates for the tables of a file: from the bytes of a section to what [`PageFile`](super::PageFile) keeps of it.
 //!
 //! Invariants: 1. each gives `None` for anything that is out of its range, and allocates by what is there, which was
-//! compared with its count and leased before; 2. pages stand without gaps, those of the mesh first; 3. the top tree is
+//! compared with its count and leased before; 2. pages stand without gaps, those of units last, pages of
+//! colours in the order of triangles; 3. the top tree is
 //! a tree of bounded depth, whose references lead to pages.
 
 use super::sections::out_of_range;
@@ -95,27 +96,62 @@ pub(super) fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEn
         return None;
     }
     let mut end = SUPERBLOCK_BYTES as u64;
-    let mut triangles = 0;
+    let (mut triangles, mut colours_of) = (0, 0);
     let mut pages = Vec::with_capacity(count);
     for record in records {
         let entry = PageEntry::parse(record)?;
         // Without gaps, in order: so every byte belongs to a page, and ids are dense.
-        if entry.offset != end || u64::from(entry.first_triangle) != triangles {
+        let is_next = match entry.kind {
+            PageKind::Colours => colour_page_follows(&mut colours_of, &pages, &entry),
+            _ => u64::from(entry.first_triangle) == triangles,
+        };
+        if entry.offset != end || !is_next {
             return None;
         }
-        // Those of the mesh first: so neither kind is read with the other.
-        if pages.last().is_some_and(|last: &PageEntry| last.kind as u8 > entry.kind as u8) {
+        // Those of the mesh and their colours first: so units are not read with others.
+        let is_behind_units = pages.last().is_some_and(|last: &PageEntry| last.kind == PageKind::Units);
+        if is_behind_units && entry.kind != PageKind::Units {
             return None;
         }
         end += u64::from(entry.stored_bytes);
         triangles += u64::from(entry.triangle_count);
         pages.push(entry);
     }
+    let is_coloured = |(page, entry): (usize, &PageEntry)| {
+        // The one that has its first triangle: the next begins behind it.
+        let begins_before = |page: Option<&PageEntry>| {
+            page.is_some_and(|colours| {
+                colours.kind == PageKind::Colours && colours.first_triangle <= entry.first_triangle
+            })
+        };
+        let first = page.saturating_add(entry.colours_behind as usize);
+        begins_before(pages.get(first)) && !begins_before(pages.get(first.saturating_add(1)))
+    };
+    let mut coloured = pages.iter().enumerate().filter(|(_, entry)| entry.colours_behind > 0);
+    let colour_pages = pages.iter().filter(|entry| entry.kind == PageKind::Colours).count() as u64;
+    if !coloured.all(is_coloured) || colour_pages != block.colour_page_count {
+        return None;
+    }
     let has_units = pages.last().is_some_and(|last| last.kind == PageKind::Units);
     let sound = triangles == block.triangle_count
         && end == block.section(SectionKind::PageTable).offset
         && has_units == block.find_section(SectionKind::Lower).is_some();
     sound.then_some(pages)
+}
+
+/// Whether a page of colours comes where it may: behind the mesh page that it is of, and in the order of triangles.
+/// `colours_of` is the mesh page that the page of colours before it was of.
+fn colour_page_follows(colours_of: &mut usize, pages: &[PageEntry], entry: &PageEntry) -> bool {
+    let is_of = |page: &PageEntry| {
+        page.kind == PageKind::Mesh
+            && entry.first_triangle.checked_sub(page.first_triangle).is_some_and(|i| i < page.triangle_count)
+    };
+    let found = pages[*colours_of..].iter().position(is_of);
+    if let Some(further) = found {
+        *colours_of += further;
+    }
+    let ascends = pages.iter().rev().find(|page| page.kind == PageKind::Colours);
+    found.is_some() && ascends.is_none_or(|before| before.first_triangle < entry.first_triangle)
 }
 
 /// Checks every reference, and that the tree is a tree of bounded depth. The nodes, and how many roots they ask of
@@ -128,7 +164,7 @@ pub(super) fn parse_top(
     if bytes.len() != block.section(SectionKind::TopTree).count as usize * Node::BYTES {
         return None;
     }
-    let mut root_counts = vec![0u8; pages.partition_point(|entry| entry.kind == PageKind::Mesh)];
+    let mut root_counts = vec![0u8; pages.partition_point(|entry| entry.kind != PageKind::Units)];
     let top: Vec<Node> = bytemuck::allocation::pod_collect_to_vec(bytes);
     let mut seen = vec![false; top.len()];
     let mut stack = vec![(block.root, 0)];
@@ -136,6 +172,9 @@ pub(super) fn parse_top(
         match TopRef::from_word(word) {
             TopRef::Page { page, slot } => {
                 let asked = root_counts.get_mut(page as usize)?;
+                if pages[page as usize].kind != PageKind::Mesh {
+                    return None;
+                }
                 *asked = (*asked).max(slot as u8 + 1);
             }
             TopRef::Node(index) if depth < TREE_DEPTH => {

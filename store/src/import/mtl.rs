@@ -124,6 +124,7 @@ fn from_tobj(material: &tobj::Material) -> Material {
         ns: material.shininess.unwrap_or(default.ns),
         ke: material.emissive.unwrap_or(default.ke),
         mirror: matches!(material.illumination_model, Some(3 | 5)),
+        mean_colour: default.mean_colour,
     }
     .checked()
 }

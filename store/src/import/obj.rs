@@ -12,7 +12,8 @@ use super::ImportOptions;
 use super::input::Input;
 use super::materials::MaterialTable;
 use super::polygon::{MAX_POLYGON_SIDES, Polygon};
-use super::text::{Mark, Text, parse_integer, printable};
+use super::scalar::Scalar;
+use super::text::{Mark, Text, parse_integer, parse_number, printable};
 use super::vertices::VertexCache;
 use super::warn;
 use crate::error::Result;
@@ -29,8 +30,9 @@ pub(super) struct ObjSource {
     vertices: VertexCache,
     /// `v` rows since the start of this pass: what a face may refer to.
     defined_count: u64,
-    /// Vertices with a colour, counted when they are appended.
-    coloured_count: u64,
+    /// Colours of the vertices, from the first that has one on.
+    colours: Option<VertexCache>,
+    options: ImportOptions,
     materials: MaterialTable,
     material: u32,
     /// What a comment states.
@@ -47,7 +49,8 @@ impl ObjSource {
             start: text.mark(),
             vertices: VertexCache::growing(options)?,
             defined_count: 0,
-            coloured_count: 0,
+            colours: None,
+            options: options.clone(),
             materials: MaterialTable::new(options)?,
             material: 0,
             lattice: None,
@@ -103,13 +106,25 @@ impl ObjSource {
         }
         let position = [self.text.number()?, self.text.number()?, self.text.number()?];
         self.vertices.push(position)?;
-        let mut extra_count = 0;
-        while self.text.word()?.is_some() {
-            extra_count += 1;
+        // One number more is the weight of a rational curve's point, three are a colour.
+        let (mut more, mut count) = ([None; 3], 0);
+        while let Some(word) = self.text.word()? {
+            if let Some(value) = more.get_mut(count) {
+                *value = parse_number(word);
+            }
+            count += 1;
         }
-        // One number more is the weight of a rational curve's point, three or more are a colour.
-        self.coloured_count += u64::from(extra_count >= 3);
-        Ok(())
+        let colour = match (more, count) {
+            ([Some(r), Some(g), Some(b)], 3) => Some([r, g, b]),
+            _ => None,
+        };
+        if self.colours.is_none() && colour.is_some() {
+            self.polygon.lease_colours()?;
+            let mut colours = VertexCache::growing(&self.options)?;
+            (1..self.vertices.count()).try_for_each(|_| colours.push([1.0; 3]))?;
+            self.colours = Some(colours);
+        }
+        self.colours.as_mut().map_or(Ok(()), |colours| colours.push(colour.unwrap_or([1.0; 3])))
     }
 
     fn face(&mut self, batch: &mut TriangleBatch) -> Result<()> {
@@ -121,7 +136,13 @@ impl ObjSource {
                     .out_of_range("a face has too many sides", format!("more than {MAX_POLYGON_SIDES}")));
             }
             let corner = self.vertices.get(index)?;
-            self.polygon.push(corner);
+            match &mut self.colours {
+                Some(colours) => {
+                    let colour = colours.get(index)?.map(|value| Scalar::F64.channel(value));
+                    self.polygon.push_coloured(corner, colour);
+                }
+                None => self.polygon.push(corner),
+            }
         }
         self.polygon.emit(self.material, batch, &mut self.stats);
         Ok(())
@@ -208,7 +229,6 @@ impl TriangleSource for ObjSource {
             bytes_read: self.text.input().offset(),
             bytes_total: self.text.input().length(),
             vertex_count: self.defined_count,
-            dropped_attribute_count: self.stats.dropped_attribute_count + self.coloured_count,
             vertex_lookups,
             vertex_cache_misses,
             transparent_material_count: self.materials.transparent_count(),

@@ -9,6 +9,7 @@
 //! its corners are; 2. only its own corners are used; 3. memory is fixed by [`MAX_POLYGON_SIDES`].
 
 use crate::budget::{Budget, Lease};
+use crate::cluster::{Colour, WHITE};
 use crate::error::Result;
 use crate::source::{SourceStats, TriangleBatch};
 
@@ -18,25 +19,40 @@ pub(super) const MAX_POLYGON_SIDES: usize = TriangleBatch::TARGET_TRIANGLES;
 /// Most sides that are searched for ears: the search takes up to n^3 steps, 16 million at this size.
 const EAR_CLIP_MAX_SIDES: usize = 256;
 
-/// Bytes of the corners.
+/// Bytes of the corners, and of their colours.
 const POLYGON_BYTES: u64 = (MAX_POLYGON_SIDES * size_of::<[f64; 3]>()) as u64;
+const COLOUR_BYTES: u64 = (MAX_POLYGON_SIDES * size_of::<Colour>()) as u64;
+/// What they are called in messages.
+const LEASED: &str = "the corners of a face";
 
 /// The corners of the face at hand. Reused from face to face.
 pub(super) struct Polygon {
     corners: Vec<[f64; 3]>,
-    _lease: Lease,
+    /// As long as `corners`, or empty where all are white.
+    colours: Vec<Colour>,
+    lease: Lease,
 }
 
 impl Polygon {
     /// Leases and takes memory for the largest face.
     pub(super) fn new(budget: &Budget) -> Result<Polygon> {
-        let lease = budget.lease("the corners of a face", POLYGON_BYTES)?;
-        Ok(Polygon { corners: Vec::with_capacity(MAX_POLYGON_SIDES), _lease: lease })
+        let lease = budget.lease(LEASED, POLYGON_BYTES)?;
+        Ok(Polygon { corners: Vec::with_capacity(MAX_POLYGON_SIDES), colours: Vec::new(), lease })
+    }
+
+    /// Makes room for the colours of corners, before the first that has one.
+    pub(super) fn lease_colours(&mut self) -> Result<()> {
+        if self.colours.capacity() == 0 {
+            self.lease.grow(LEASED, COLOUR_BYTES)?;
+            self.colours.reserve_exact(MAX_POLYGON_SIDES);
+        }
+        Ok(())
     }
 
     /// Forgets all corners.
     pub(super) fn clear(&mut self) {
         self.corners.clear();
+        self.colours.clear();
     }
 
     /// Corners so far.
@@ -48,6 +64,23 @@ impl Polygon {
     pub(super) fn push(&mut self, corner: [f64; 3]) {
         assert!(self.corners.len() < MAX_POLYGON_SIDES);
         self.corners.push(corner);
+        if !self.colours.is_empty() {
+            self.colours.push(WHITE);
+        }
+    }
+
+    /// Adds a corner with its colour, as [`Polygon::push`] does. [`Polygon::lease_colours`] comes before.
+    pub(super) fn push_coloured(&mut self, corner: [f64; 3], colour: Colour) {
+        assert!(self.corners.len() < MAX_POLYGON_SIDES);
+        self.colours.resize(self.corners.len(), WHITE);
+        self.corners.push(corner);
+        self.colours.push(colour);
+    }
+
+    /// Gives all corners this colour.
+    pub(super) fn paint(&mut self, colour: Colour) {
+        self.colours.clear();
+        self.colours.resize(self.corners.len(), colour);
     }
 
     /// Adds the triangles of the face to `batch`, and counts.
@@ -55,11 +88,20 @@ impl Polygon {
         let corners = &self.corners[..];
         match *corners {
             [] | [_] | [_, _] => stats.skipped_face_count += 1,
-            [a, b, c] => batch.push([a, b, c], material),
+            [_, _, _] => self.push_triangle([0, 1, 2], material, batch),
             _ => {
                 stats.polygon_count += 1;
-                triangulate(corners, |triangle| batch.push(triangle.map(|corner| corners[corner]), material));
+                triangulate(corners, |triangle| self.push_triangle(triangle, material, batch));
             }
+        }
+    }
+
+    fn push_triangle(&self, triangle: [usize; 3], material: u32, batch: &mut TriangleBatch) {
+        let corners = triangle.map(|corner| self.corners[corner]);
+        if self.colours.is_empty() {
+            batch.push(corners, material);
+        } else {
+            batch.push_coloured(corners, material, triangle.map(|corner| self.colours[corner]));
         }
     }
 }

@@ -78,6 +78,18 @@ impl Scalar {
         }
     }
 
+    /// A channel of a colour of this type, as a byte: integers of 8 bits as they are, wider ones by their share of
+    /// 65535, fractions from 0 to 1.
+    pub(super) fn channel(self, value: f64) -> u8 {
+        let share = match self {
+            Scalar::U8 | Scalar::I8 => value / 255.0,
+            Scalar::F32 | Scalar::F64 => value,
+            _ => value / 65535.0,
+        };
+        // What is no number counts as 0.
+        (share * 255.0).round().clamp(0.0, 255.0) as u8
+    }
+
     /// The integer that `bytes` begins with. For integer types only.
     #[inline]
     pub(super) fn integer(self, bytes: &[u8], order: ByteOrder) -> i64 {

@@ -14,12 +14,14 @@ pub enum PageKind {
     Mesh = 0,
     /// Units of the lower octrees.
     Units = 1,
+    /// Colours of the triangles of a mesh page.
+    Colours = 2,
 }
 
 impl PageKind {
     /// The kind of a byte.
     fn from_byte(byte: u32) -> Option<PageKind> {
-        [PageKind::Mesh, PageKind::Units].into_iter().find(|kind| *kind as u32 == byte)
+        [PageKind::Mesh, PageKind::Units, PageKind::Colours].into_iter().find(|kind| *kind as u32 == byte)
     }
 }
 
@@ -44,7 +46,7 @@ pub struct PageEntry {
     pub stored_bytes: u32,
     /// Length of the disk form after unpacking.
     pub unpacked_bytes: u32,
-    /// Store id of its first triangle.
+    /// Store id of its first triangle; of a page of colours, of the first triangle that it is of.
     pub first_triangle: u32,
     /// Triangles in it.
     pub triangle_count: u32,
@@ -52,6 +54,8 @@ pub struct PageEntry {
     pub kind: PageKind,
     /// How it is stored.
     pub packing: Packing,
+    /// Of a mesh page with colours: how many pages behind it the first page of these stands. Else 0.
+    pub colours_behind: u32,
 }
 
 impl PageEntry {
@@ -65,7 +69,7 @@ impl PageEntry {
         w.u32(self.first_triangle);
         w.u32(self.triangle_count);
         w.u32(u32::from(self.kind as u8) | u32::from(self.packing as u8) << 8);
-        w.u32(0);
+        w.u32(self.colours_behind);
         *out = w.0;
     }
 
@@ -74,15 +78,14 @@ impl PageEntry {
         let mut r = Cursor { bytes, at: 0 };
         let (offset, hash, stored_bytes, unpacked_bytes) = (r.u64(), r.u64(), r.u32(), r.u32());
         let (first_triangle, triangle_count) = (r.u32(), r.u32());
-        let (kind, reserved) = (r.u32(), r.u32());
+        let (kind, colours_behind) = (r.u32(), r.u32());
         let packing = match kind >> 8 {
             0 => Packing::Raw,
             1 => Packing::Lz4,
             _ => return None,
         };
         let page_kind = PageKind::from_byte(kind & 0xff)?;
-        let sound = reserved == 0
-            && (page_kind == PageKind::Mesh || triangle_count == 0)
+        let sound = (page_kind == PageKind::Mesh || colours_behind == 0 && triangle_count == 0)
             && (1..=STORED_BYTES as u32).contains(&stored_bytes)
             && (1..=FRAME_BYTES as u32).contains(&unpacked_bytes);
         sound.then_some(PageEntry {
@@ -94,6 +97,7 @@ impl PageEntry {
             triangle_count,
             kind: page_kind,
             packing,
+            colours_behind,
         })
     }
 }

@@ -68,6 +68,8 @@ pub struct Superblock {
     pub resident_bytes: u64,
     /// Bytes of in-page nodes, on disk before packing.
     pub page_tree_bytes: u64,
+    /// Pages of colours.
+    pub colour_page_count: u64,
     /// Where the root of the top tree leads, in the encoding of [`crate::cluster::TopRef`].
     pub root: u32,
     /// The sections.
@@ -81,7 +83,7 @@ impl Superblock {
         w.0.extend_from_slice(&MAGIC);
         w.u32(VERSION);
         w.u32(FRAME_BYTES as u32);
-        w.u64(if self.has_lower() { FEATURE_LOWER } else { 0 });
+        w.u64(self.features());
         w.u64(0); // optional features
         w.u64(self.file_bytes);
         w.u64(self.file_id);
@@ -115,6 +117,7 @@ impl Superblock {
             w.u64(section.hash);
         }
         w.u64(self.rejected_collapsed);
+        w.u64(self.colour_page_count);
         let mut bytes = [0; SUPERBLOCK_BYTES];
         assert!(w.0.len() <= SUPERBLOCK_BYTES - 8, "the superblock outgrew its bytes");
         bytes[..w.0.len()].copy_from_slice(&w.0);
@@ -176,6 +179,7 @@ impl Superblock {
             rejected_collapsed: 0,
             resident_bytes: 0,
             page_tree_bytes: 0,
+            colour_page_count: 0,
             sections: [Section::default(); SECTIONS],
         };
         block.lattice_bounds.as_flattened_mut().iter_mut().for_each(|v| *v = r.u64() as i64);
@@ -194,12 +198,13 @@ impl Superblock {
         }
         block.sections.fill_with(|| read_section(&mut r));
         block.rejected_collapsed = r.u64();
+        block.colour_page_count = r.u64();
         if bytes[r.at..SUPERBLOCK_BYTES - 8].iter().any(|&byte| byte != 0) {
             let numbers = format!("bytes {} to {} must be zero", r.at, SUPERBLOCK_BYTES - 8);
             return Err(damaged("the superblock goes on behind its end", path).numbers(numbers));
         }
-        if block.has_lower() != (required & FEATURE_LOWER != 0) {
-            return Err(damaged("the superblock's features are not those of its sections", path)
+        if block.features() != required {
+            return Err(damaged("the superblock's features are not those of its parts", path)
                 .numbers(format!("features {required:x}")));
         }
         block.check(path)?;
@@ -209,6 +214,12 @@ impl Superblock {
     /// The section of `kind`, if the file has it.
     pub fn find_section(&self, kind: SectionKind) -> Option<Section> {
         self.sections.iter().find(|s| s.kind == kind as u32).copied()
+    }
+
+    /// The required features that follow from what the file has.
+    fn features(&self) -> u64 {
+        let lower = if self.has_lower() { FEATURE_LOWER } else { 0 };
+        lower | if self.colour_page_count > 0 { FEATURE_COLOURS } else { 0 }
     }
 
     fn has_lower(&self) -> bool {
@@ -235,6 +246,7 @@ impl Superblock {
             && self.vertex_count <= 3 * self.triangle_count
             && self.cluster_count <= self.triangle_count
             && self.wide_cluster_count <= self.cluster_count
+            && self.colour_page_count <= u64::from(PAGES)
             && self.resident_bytes <= frame_bytes_most
             && self.page_tree_bytes <= frame_bytes_most
     }

@@ -215,11 +215,18 @@ mod tests {
     use std::f64::consts::TAU;
     use trex_store::{Code, Material};
 
-    const GREY: Material =
-        Material { kd: [0.7; 3], ks: [0.0; 3], ns: 0.0, ke: [0.0; 3], d: 1.0, mirror: false };
+    const GREY: Material = Material {
+        kd: [0.7; 3],
+        ks: [0.0; 3],
+        ns: 0.0,
+        ke: [0.0; 3],
+        d: 1.0,
+        mirror: false,
+        mean_colour: [255; 3],
+    };
     static AT: ShadingPoint<'_> = ShadingPoint {
         point: DVec3::ZERO,
-        bsdf: Bsdf { material: &GREY, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },
+        bsdf: Bsdf { material: &GREY, colour: Vec3::ONE, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },
     };
 
     /// Irradiance on [`AT`] by points of a lattice, drawn as the integrator does.

@@ -3,8 +3,8 @@
 //! Invariants: 1. every triangle ends in exactly one cluster; 2. boxes in the tree are exact unions of lattice boxes.
 
 use super::sah::{Prim, Rule, Splitter};
-use crate::build::scratch::LatticeTriangle;
-use crate::cluster::{ClusterMesh, LatticeBox, Orderer};
+use crate::build::scratch::TriangleList;
+use crate::cluster::{ClusterMesh, LatticeBox, Orderer, WHITE};
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
@@ -34,7 +34,7 @@ pub(crate) struct Clusterer {
 
 impl Clusterer {
     /// The clusters of triangles, whose primitives are reordered.
-    pub(crate) fn clusters(&mut self, prims: &mut [Prim], triangles: &[LatticeTriangle]) -> Clusters {
+    pub(crate) fn clusters(&mut self, prims: &mut [Prim], triangles: &TriangleList) -> Clusters {
         let mut out = Clusters::default();
         self.grow(prims, triangles, 0, &mut out);
         out
@@ -44,7 +44,7 @@ impl Clusterer {
     fn grow(
         &mut self,
         prims: &mut [Prim],
-        triangles: &[LatticeTriangle],
+        triangles: &TriangleList,
         depth: usize,
         out: &mut Clusters,
     ) -> u32 {
@@ -86,7 +86,7 @@ fn order_leaves(splitter: &mut Splitter, prims: &mut [Prim], rule: Rule, sizes: 
 
 /// Welds the primitives' corners into `cluster`; false when they are more than it can hold. Vertices stand in the
 /// order of first use.
-fn weld(prims: &[Prim], triangles: &[LatticeTriangle], cluster: &mut ClusterMesh) -> bool {
+fn weld(prims: &[Prim], triangles: &TriangleList, cluster: &mut ClusterMesh) -> bool {
     const SLOTS: usize = 4 * CLUSTER_TRIANGLES;
     const FREE: u8 = 255;
     const { assert!(CLUSTER_VERTICES <= FREE as usize && SLOTS > CLUSTER_VERTICES) }
@@ -94,8 +94,9 @@ fn weld(prims: &[Prim], triangles: &[LatticeTriangle], cluster: &mut ClusterMesh
     cluster.vertices.clear();
     cluster.triangles.clear();
     cluster.materials.clear();
+    cluster.colours.clear();
     for prim in prims {
-        let triangle = &triangles[prim.index as usize];
+        let triangle = &triangles.triangles[prim.index as usize];
         let mut corners = [0; 3];
         for (corner, q) in triangle.q.iter().enumerate() {
             let mut slot = hash(q) % SLOTS;
@@ -114,6 +115,12 @@ fn weld(prims: &[Prim], triangles: &[LatticeTriangle], cluster: &mut ClusterMesh
         }
         cluster.triangles.push(corners);
         cluster.materials.push(triangle.material);
+        if triangles.has_colours() {
+            cluster.colours.push(triangles.colours_of(prim.index as usize));
+        }
+    }
+    if cluster.colours.iter().all(|corners| *corners == [WHITE; 3]) {
+        cluster.colours.clear();
     }
     true
 }

@@ -15,7 +15,9 @@
 //! node stands before its children.
 
 use super::clusterer::{BinaryNode, Clusters};
-use crate::cluster::{ClusterMesh, FRAME_TAIL_BYTES, LatticeBox, Node, PageContent, PageRef};
+use crate::cluster::{
+    ClusterMesh, ColourPacker, FRAME_TAIL_BYTES, LatticeBox, Node, PackedColours, PageContent, PageRef,
+};
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
 
 /// A page ready to be written.
@@ -48,6 +50,8 @@ pub(crate) struct PackContext<'a> {
     pub(crate) emissive: &'a [bool],
     /// Holds all of them.
     pub(crate) bounds: LatticeBox,
+    /// Whether any of them has colours.
+    pub(crate) has_colours: bool,
 }
 
 /// A page that may take more.
@@ -89,6 +93,11 @@ impl OpenPage {
         slot
     }
 
+    /// Adds its colours to those of the pages before it.
+    pub(crate) fn pack_colours(&self, colours: &mut ColourPacker) {
+        colours.add(&self.content.clusters);
+    }
+
     /// Ends it. Panics when it is empty.
     pub(crate) fn pack(self, context: PackContext<'_>) -> PackedPage {
         let page = self.content;
@@ -114,6 +123,8 @@ impl OpenPage {
 /// The result of a chunk.
 pub(crate) struct ChunkPages {
     pub(crate) pages: Vec<PackedPage>,
+    /// Of these pages.
+    pub(crate) colours: PackedColours,
     /// The page behind these.
     pub(crate) open: OpenPage,
     /// Where rays enter its pages.
@@ -142,10 +153,16 @@ pub(crate) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
         sizes,
         clusters: &mut clusters,
         context,
-        out: ChunkPages { pages: Vec::new(), open: OpenPage::default(), roots: Vec::new() },
+        colours: ColourPacker::default(),
+        out: ChunkPages {
+            pages: Vec::new(),
+            colours: PackedColours::default(),
+            open: OpenPage::default(),
+            roots: Vec::new(),
+        },
     };
     packer.place(wide.root_bounds, wide.root);
-    packer.out
+    ChunkPages { colours: packer.colours.finish(), ..packer.out }
 }
 
 /// A subtree of the wide tree.
@@ -218,6 +235,7 @@ struct Packer<'a> {
     subtree_bytes: Vec<usize>,
     clusters: &'a mut [Option<ClusterMesh>],
     context: PackContext<'a>,
+    colours: ColourPacker,
     out: ChunkPages,
 }
 
@@ -238,6 +256,7 @@ impl Packer<'_> {
             }
             WideRef::Leaf(_) if !fits => {
                 let full = std::mem::take(&mut self.out.open);
+                full.pack_colours(&mut self.colours);
                 self.out.pages.push(full.pack(self.context));
             }
             _ => {}

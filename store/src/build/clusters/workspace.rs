@@ -6,25 +6,30 @@ use super::clusterer::{Clusterer, Clusters};
 use super::pages::{self, ChunkPages, PackContext};
 use super::sah::Prim;
 use crate::build::partition::chunk::{CHUNK_TRIANGLES, Chunk};
-use crate::build::scratch::{LatticeTriangle, Scratch};
+use crate::build::scratch::{LatticeTriangle, Scratch, TriangleList};
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 
 /// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (20 B in
 /// a sheet, up to 82 where no corner is shared), the pages that wait for their turn. Counted by the allocator
-/// (`store/src/build/tests/worker.rs`): 143 B a triangle of a sheet, 213 where no corner is shared.
+/// (`store/src/build/tests/worker.rs`): 143 B a triangle of a sheet, 213 where no corner is shared. Colours are there
+/// twice, with the triangles and with the clusters, and then in pages.
 ///
 /// Lost: triangles of 48 B and primitives of 32 B, 33 B less a triangle: builds took 14 % longer on an iso-surface.
-pub(crate) fn worker_bytes() -> u64 {
-    CHUNK_TRIANGLES * (80 + 36 + 8 + 82 + 10)
+pub(crate) fn worker_bytes(has_colours: bool) -> u64 {
+    let colour_bytes = if has_colours { 2 * TriangleList::COLOUR_BYTES + COLOUR_PAGE_BYTES } else { 0 };
+    CHUNK_TRIANGLES * (80 + 36 + 8 + 82 + 10 + colour_bytes)
 }
+
+/// Bytes of a triangle's colours while its page is packed, and packed, at most.
+const COLOUR_PAGE_BYTES: u64 = 12;
 
 /// Memory of a worker, reused from chunk to chunk.
 #[derive(Default)]
 pub(crate) struct Workspace {
     buffer: Vec<u8>,
-    run: Vec<LatticeTriangle>,
-    triangles: Vec<LatticeTriangle>,
+    run: TriangleList,
+    list: TriangleList,
     prims: Vec<Prim>,
     clusterer: Clusterer,
 }
@@ -37,19 +42,23 @@ impl Workspace {
         scratch: &Scratch,
         context: PackContext<'_>,
     ) -> Result<ChunkPages> {
-        self.triangles.clear();
-        self.triangles.reserve_exact(chunk.triangle_count as usize);
+        self.list.clear();
+        self.list.reserve_exact(chunk.triangle_count as usize);
         for piece in &chunk.pieces {
             self.run.clear();
             scratch.read(&piece.run, &mut self.buffer, &mut self.run)?;
-            self.triangles.extend_from_slice(&self.run[piece.skip as usize..][..piece.take as usize]);
+            let (skip, take) = (piece.skip as usize, piece.take as usize);
+            self.list.extend(&self.run, skip..skip + take);
         }
         // Not needed any more; clusters are.
-        (self.buffer, self.run) = (Vec::new(), Vec::new());
+        (self.buffer, self.run) = (Vec::new(), TriangleList::default());
         let all = self.bounds();
         // A left-over that was sealed by somebody else.
         let is_known = |t: &LatticeTriangle| usize::from(t.material) < context.emissive.len();
-        if all.join(&context.bounds) != context.bounds || !self.triangles.iter().all(is_known) {
+        let is_ours = all.join(&context.bounds) == context.bounds
+            && self.list.triangles.iter().all(is_known)
+            && (context.has_colours || !self.list.has_colours());
+        if !is_ours {
             return Err(scratch.damaged(chunk.pieces.first().map_or(0, |piece| piece.run.offset)));
         }
         Ok(pages::pack(self.cluster_all(&all), context))
@@ -57,23 +66,23 @@ impl Workspace {
 
     /// The triangles of the chunk that was built last.
     pub(crate) fn triangles(&self) -> &[LatticeTriangle] {
-        &self.triangles
+        &self.list.triangles
     }
 
     fn bounds(&self) -> LatticeBox {
         let mut all = LatticeBox::EMPTY;
-        self.triangles.iter().for_each(|t| t.q.iter().for_each(|&q| all.add(q)));
+        self.list.triangles.iter().for_each(|t| t.q.iter().for_each(|&q| all.add(q)));
         all
     }
 
     fn cluster_all(&mut self, all: &LatticeBox) -> Clusters {
         self.prims.clear();
-        self.prims.reserve_exact(self.triangles.len());
-        self.prims.extend(self.triangles.iter().enumerate().map(|(index, t)| {
+        self.prims.reserve_exact(self.list.len());
+        self.prims.extend(self.list.triangles.iter().enumerate().map(|(index, t)| {
             let mut exact = LatticeBox::EMPTY;
             t.q.iter().for_each(|&q| exact.add(q));
             Prim::new(&exact, all.lo, index as u32)
         }));
-        self.clusterer.clusters(&mut self.prims, &self.triangles)
+        self.clusterer.clusters(&mut self.prims, &self.list)
     }
 }

@@ -34,8 +34,8 @@ struct EmitHead {
     open_chunks: Vec<usize>,
     draft_bytes: u64,
     emitter_count: u64,
-    /// Triangles, vertices, clusters, wide clusters, resident bytes, bytes of page trees.
-    counts: [u64; 6],
+    /// Triangles, vertices, clusters, wide clusters, resident bytes, bytes of page trees, pages of colours.
+    counts: [u64; 7],
 }
 
 /// Chunks that stand in the output.
@@ -49,7 +49,7 @@ pub(crate) struct EmitCheckpoint {
 }
 
 /// The counts of what is in the output.
-fn counts(block: &mut Superblock) -> [&mut u64; 6] {
+fn counts(block: &mut Superblock) -> [&mut u64; 7] {
     [
         &mut block.triangle_count,
         &mut block.vertex_count,
@@ -57,6 +57,7 @@ fn counts(block: &mut Superblock) -> [&mut u64; 6] {
         &mut block.wide_cluster_count,
         &mut block.resident_bytes,
         &mut block.page_tree_bytes,
+        &mut block.colour_page_count,
     ]
 }
 
@@ -140,17 +141,23 @@ impl EmitCheckpoint {
     fn is_sound(&self, parted: &Partition) -> bool {
         let EmitCheckpoint { head, pages, roots, emitters, .. } = self;
         let [lo, hi] = parted.lattice_bounds;
+        let is_mesh = |page: usize| pages.get(page).is_some_and(|page| page.kind == PageKind::Mesh);
+        let colour_page_count = pages.iter().filter(|page| page.kind == PageKind::Colours).count() as u64;
         let is_root = |(bounds, root): &(LatticeBox, TopRef)| {
             let all = LatticeBox { lo, hi };
             let is_box = (0..3).all(|axis| bounds.lo[axis] <= bounds.hi[axis]) && all.join(bounds) == all;
-            is_box && matches!(root, TopRef::Page { page, .. } if (*page as usize) < pages.len())
+            is_box && matches!(root, TopRef::Page { page, .. } if is_mesh(*page as usize))
         };
         let mut block = superblock_of(parted);
         counts(&mut block).into_iter().zip(head.counts).for_each(|(count, there)| *count = there);
         // Pages follow each other, and so do their triangles.
         let next = |(offset, triangle_count): (u64, u64), page: &PageEntry| {
-            let follows = page.offset == offset && u64::from(page.first_triangle) == triangle_count;
-            (page.kind == PageKind::Mesh && follows).then(|| {
+            let follows = match page.kind {
+                PageKind::Mesh => u64::from(page.first_triangle) == triangle_count,
+                PageKind::Colours => u64::from(page.first_triangle) < triangle_count,
+                PageKind::Units => false,
+            };
+            (page.offset == offset && follows).then(|| {
                 (offset + u64::from(page.stored_bytes), triangle_count + u64::from(page.triangle_count))
             })
         };
@@ -159,6 +166,7 @@ impl EmitCheckpoint {
             && head.open_chunks.last().is_none_or(|&open| open < head.chunk_count)
             && pages.iter().try_fold((SUPERBLOCK_BYTES as u64, 0), next)
                 == Some((head.draft_bytes, head.counts[0]))
+            && colour_page_count == head.counts[6]
             && roots.iter().all(is_root)
             && emitters.len() as u64 == head.emitter_count.saturating_mul(EMITTER_BYTES as u64)
             && self.voxels.as_ref().is_none_or(|written| written.is_of(head.chunk_count))

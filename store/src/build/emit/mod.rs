@@ -51,10 +51,11 @@ pub(crate) fn emit(
     out: &mut BuildReport,
 ) -> Result<Superblock> {
     let EmitWork { outcome, mut voxels, journal, checkpoint } = work;
-    let PartitionOutcome { partition: parted, materials, .. } = outcome;
+    let PartitionOutcome { partition: parted, materials, sizes, .. } = outcome;
     let emissive = materials.emissive();
     let [lo, hi] = parted.lattice_bounds;
-    let context = PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi } };
+    let context =
+        PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi }, has_colours: sizes.has_colours };
     let file_id = file_id(parted, voxels.as_ref(), materials);
     let mut writer = PageWriter::new(file_id, superblock_of(parted), context, &options.budget)?;
 
@@ -160,7 +161,7 @@ impl ChunkWork<'_> {
 /// What one worker needs.
 pub(crate) fn needed_bytes(sizes: &InputSizes, options: &BuildOptions) -> u64 {
     let voxelizer = if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES };
-    worker_bytes() + chunk_emitter_bytes(sizes) + voxelizer
+    worker_bytes(sizes.has_colours) + chunk_emitter_bytes(sizes) + voxelizer
 }
 
 /// Bytes of the emitters in the chunks of a worker that wait for their turn.
@@ -183,7 +184,7 @@ fn reopen(
     context: PackContext<'_>,
     options: &BuildOptions,
 ) -> Result<()> {
-    let _lease = options.budget.lease("a cluster builder", worker_bytes())?;
+    let _lease = options.budget.lease("a cluster builder", worker_bytes(context.has_colours))?;
     let mut workspace = Workspace::default();
     for &chunk in open {
         options.interrupt.check()?;

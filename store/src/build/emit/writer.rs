@@ -15,7 +15,7 @@ use crate::build::draft::DraftFile;
 use crate::build::model_materials::ModelMaterials;
 use crate::build::partition::Partition;
 use crate::build::report::BuildReport;
-use crate::cluster::{LatticeBox, Node, TopRef};
+use crate::cluster::{ColourPacker, LatticeBox, Node, PackedColours, TopRef};
 use crate::error::Result;
 use crate::geom::Aabb;
 use crate::layout::*;
@@ -107,10 +107,12 @@ impl<'a> PageWriter<'a> {
         file: &mut DraftFile<'_>,
     ) -> Result<()> {
         let (first_page, open_page) = (self.pages.len() as u32, chunk.pages.len() as u32);
+        let first_triangle = self.block.triangle_count as u32;
         make_room(&mut self.roots, chunk.roots.len(), &mut self.lease)?;
         for page in std::mem::take(&mut chunk.pages) {
             self.add_page(page, file)?;
         }
+        self.add_colours((first_page, first_triangle), std::mem::take(&mut chunk.colours), file)?;
         // Those of the open page stand last.
         let closed = chunk.roots.iter().filter(|root| root.page < open_page);
         let entered =
@@ -148,7 +150,10 @@ impl<'a> PageWriter<'a> {
         let here = self.pages.len() as u32;
         let full = std::mem::take(&mut self.open);
         if !full.is_empty() {
+            let (first_triangle, mut colours) = (self.block.triangle_count as u32, ColourPacker::default());
+            full.pack_colours(&mut colours);
             self.add_page(full.pack(self.context), file)?;
+            self.add_colours((here, first_triangle), colours.finish(), file)?;
         }
         for (_, root) in &mut self.roots[self.open_root..] {
             if let TopRef::Page { page, .. } = root {
@@ -177,6 +182,7 @@ impl<'a> PageWriter<'a> {
             triangle_count: page.triangle_count as u32,
             kind: PageKind::Mesh,
             packing: page.packing,
+            colours_behind: 0,
         });
         for emitter in &page.emitters {
             emitter.corners.as_flattened().iter().for_each(|q| self.emitters.extend(q.to_le_bytes()));
@@ -194,8 +200,41 @@ impl<'a> PageWriter<'a> {
         Ok(())
     }
 
+    /// Writes the colours of the last mesh pages, of which this is the first, with its first triangle.
+    fn add_colours(
+        &mut self,
+        (first_page, first_triangle): (u32, u32),
+        colours: PackedColours,
+        file: &mut DraftFile<'_>,
+    ) -> Result<()> {
+        let first_colours = self.pages.len() as u32;
+        for (page, first) in (first_page..).zip(colours.first_pages) {
+            self.pages[page as usize].colours_behind = first.map_or(0, |first| first_colours + first - page);
+        }
+        for part in colours.pages {
+            let first_triangle = first_triangle + part.first_triangle;
+            self.add_plain(PageKind::Colours, part.bytes, first_triangle, file)?;
+            self.block.colour_page_count += 1;
+        }
+        Ok(())
+    }
+
     /// Writes a page of units, given in its stored form before packing.
     pub(crate) fn add_units(&mut self, raw: Vec<u8>, file: &mut DraftFile<'_>) -> Result<()> {
+        self.add_plain(PageKind::Units, raw, self.block.triangle_count as u32, file)
+    }
+
+    /// Writes a page that holds no triangles, given in its stored form before packing.
+    fn add_plain(
+        &mut self,
+        kind: PageKind,
+        raw: Vec<u8>,
+        first_triangle: u32,
+        file: &mut DraftFile<'_>,
+    ) -> Result<()> {
+        if self.pages.len() >= PAGES as usize {
+            return Err(too_many_pages());
+        }
         let (id, unpacked_bytes) = (self.pages.len() as u32, raw.len() as u32);
         let (stored, packing) = packed(raw);
         make_room(&mut self.pages, 1, &mut self.lease)?;
@@ -204,10 +243,11 @@ impl<'a> PageWriter<'a> {
             hash: page_hash(&stored, self.file_id, id),
             stored_bytes: stored.len() as u32,
             unpacked_bytes,
-            first_triangle: self.block.triangle_count as u32,
+            first_triangle,
             triangle_count: 0,
-            kind: PageKind::Units,
+            kind,
             packing,
+            colours_behind: 0,
         });
         Ok(())
     }

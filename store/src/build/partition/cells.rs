@@ -7,7 +7,8 @@ use super::chunk::{CHUNK_TRIANGLES, Chunk, ChunkJoiner};
 use crate::build::options::BuildOptions;
 use crate::build::scan::Grid;
 use crate::build::scratch::run_writer::{RunWriter, WrittenRun};
-use crate::build::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch};
+use crate::build::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch, TriangleList};
+use crate::cluster::Colour;
 use crate::error::Result;
 use crate::geom::hilbert_key;
 use std::collections::HashMap;
@@ -24,7 +25,7 @@ struct PartitionCell {
     place: CellPlace,
     key: u64,
     runs: Vec<Run>,
-    buffer: Vec<LatticeTriangle>,
+    buffer: TriangleList,
     triangle_count: u64,
 }
 
@@ -64,7 +65,7 @@ pub(crate) struct SortRule {
 impl PartitionCell {
     fn new(place: CellPlace, runs: Vec<Run>) -> PartitionCell {
         let triangle_count = runs.iter().map(|run| u64::from(run.triangle_count)).sum();
-        PartitionCell { place, key: place.key(), runs, buffer: Vec::new(), triangle_count }
+        PartitionCell { place, key: place.key(), runs, buffer: TriangleList::default(), triangle_count }
     }
 }
 
@@ -99,10 +100,10 @@ impl PartitionCells {
         }
     }
 
-    pub(crate) fn push(&mut self, triangle: LatticeTriangle) -> Result<()> {
+    pub(crate) fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()> {
         let index = self.cell_of(&triangle);
         let cell = &mut self.cells[index];
-        cell.buffer.push(triangle);
+        cell.buffer.push(triangle, colours);
         cell.triangle_count += 1;
         self.buffered += 1;
         if cell.buffer.len() >= RUN_TRIANGLES {
@@ -211,16 +212,17 @@ fn cut(
     options: &BuildOptions,
 ) -> Result<(RunWriter, Vec<Chunk>)> {
     let mut finer = PartitionCells::new(writer, SortRule { levels, by: SortKey::CellPlace, ..*like });
-    let (mut buffer, mut triangles) = (Vec::new(), Vec::new());
+    let (mut buffer, mut list) = (Vec::new(), TriangleList::default());
     for run in &cell.runs {
-        triangles.clear();
-        finer.writer.scratch().read(run, &mut buffer, &mut triangles)?;
+        list.clear();
+        finer.writer.scratch().read(run, &mut buffer, &mut list)?;
         // A run that somebody else has sealed may hold what no lattice does.
-        if !triangles.iter().all(|triangle| is_on_lattice(&triangle.q, like.bits)) {
+        if !list.triangles.iter().all(|triangle| is_on_lattice(&triangle.q, like.bits)) {
             return Err(finer.writer.scratch().damaged(run.offset));
         }
         finer.writer.scratch().consume(run, run.triangle_count);
-        triangles.iter().try_for_each(|&triangle| finer.push(triangle))?;
+        let mut all = list.triangles.iter().enumerate();
+        all.try_for_each(|(index, &triangle)| finer.push(triangle, list.colours_of(index)))?;
     }
     finer.into_chunks(options)
 }

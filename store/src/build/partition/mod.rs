@@ -11,6 +11,7 @@
 
 pub(super) mod cells;
 pub(super) mod chunk;
+mod colour_means;
 pub(super) mod outcome;
 mod resolution;
 mod snap;
@@ -25,7 +26,8 @@ use crate::build::report::PhaseReport;
 use crate::build::scan::rejected::{RejectedCounts, no_triangles};
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::run_writer::RunWriter;
-use crate::build::scratch::{LatticeTriangle, Scratch};
+use crate::build::scratch::{Scratch, TriangleList};
+use crate::cluster::Colour;
 use crate::error::{Error, Result};
 use crate::geom::Aabb;
 use crate::layout::{SECTIONS, Section, Superblock, node_shift};
@@ -34,19 +36,16 @@ use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
 use cells::{PartitionCells, SortKey, SortRule, first_levels};
 use chunk::Chunk;
+use colour_means::ColourMeans;
 use snap::{Prefix, SnapSummary, Snapper};
 use sort_checkpoint::SortCheckpoint;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 
-/// Bytes of a buffered triangle.
-const TRIANGLE_BYTES: u64 = size_of::<LatticeTriangle>() as u64;
 /// Memory for buffered triangles: at least this, so that runs are worth a disk access.
 const BUFFER_BYTES_LEAST: u64 = 16 << 20;
 /// Batches on their way from the reader.
 const BATCHES: u64 = 4;
-/// Least that this phase leases.
-pub(crate) const SMALLEST_BYTES: u64 = BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::BYTES;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 
@@ -68,6 +67,8 @@ pub(crate) struct Partition {
     /// Leaves of the resident octree along an axis, and how much finer the finest are; `None` for no octree.
     pub(crate) octree: Option<(u32, Refinement)>,
     pub(crate) content_hash: u64,
+    /// Of each material, once; none where the input has no colours.
+    pub(crate) mean_colours: Vec<Colour>,
     pub(crate) wait_ms: u64,
 }
 
@@ -88,6 +89,14 @@ pub(crate) enum SortStart {
 }
 
 impl SortStart {
+    /// What is known of the input.
+    fn scan(&self) -> &Scan {
+        match self {
+            SortStart::New { scan, .. } => scan,
+            SortStart::Resumed(checkpoint) => &checkpoint.scan,
+        }
+    }
+
     /// Triangles that are in cells already.
     pub(crate) fn sorted_count(&self) -> u64 {
         match self {
@@ -109,7 +118,10 @@ pub(crate) struct PartitionWork<'a> {
 /// Runs the phase. The source is read once, on its own thread.
 pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
     let PartitionWork { start, journal, options, report } = work;
-    let _batches = options.budget.lease("batches of triangles", BATCHES * TriangleBatch::BYTES)?;
+    let has_colours = start.scan().has_colours;
+    let batch_bytes = BATCHES * TriangleBatch::bytes(has_colours);
+    let _batches = options.budget.lease("batches of triangles", batch_bytes)?;
+    let _means = options.budget.lease("the mean colours of materials", means_bytes(has_colours))?;
     let buffer_bytes = buffer_bytes(options.budget.free_bytes());
     let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
     let name = source.name();
@@ -117,7 +129,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         by: SortKey::SizeAndPlace,
         levels: first_levels(scan.triangle_count, grid),
         bits: grid.bits,
-        buffered_most: buffer_bytes / TRIANGLE_BYTES,
+        buffered_most: buffer_bytes / triangle_bytes(has_colours),
     };
     let (mut sorter, grid) = match start {
         SortStart::New { scan, grid, place } => {
@@ -165,6 +177,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         median_edge: scan.median_edge,
         octree: resolution::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
         content_hash: snapper.prefix().hash,
+        mean_colours: snapped.means.iter().flat_map(ColourMeans::colours).collect(),
         wait_ms: waited.as_millis() as u64,
     })
 }
@@ -263,10 +276,25 @@ fn buffer_bytes(free_bytes: u64) -> u64 {
     (free_bytes / 3).clamp(BUFFER_BYTES_LEAST, BUFFER_BYTES_MOST)
 }
 
+/// Least that this phase leases.
+pub(crate) fn smallest_bytes(has_colours: bool) -> u64 {
+    BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::bytes(has_colours) + means_bytes(has_colours)
+}
+
+/// Bytes for the mean colours of materials.
+fn means_bytes(has_colours: bool) -> u64 {
+    if has_colours { ColourMeans::BYTES } else { 0 }
+}
+
+/// Bytes of a buffered triangle.
+fn triangle_bytes(has_colours: bool) -> u64 {
+    TriangleList::TRIANGLE_BYTES + if has_colours { TriangleList::COLOUR_BYTES } else { 0 }
+}
+
 /// Bytes that this phase leases when so many are free.
-pub(crate) fn phase_bytes(free_bytes: u64) -> u64 {
-    let batches = BATCHES * TriangleBatch::BYTES;
-    batches + buffer_bytes(free_bytes.saturating_sub(batches))
+pub(crate) fn phase_bytes(free_bytes: u64, has_colours: bool) -> u64 {
+    let fixed = BATCHES * TriangleBatch::bytes(has_colours) + means_bytes(has_colours);
+    fixed + buffer_bytes(free_bytes.saturating_sub(fixed))
 }
 
 /// The superblock of a file in which nothing is yet.
@@ -291,6 +319,7 @@ pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
         rejected_non_finite: parted.rejected_non_finite,
         resident_bytes: 0,
         page_tree_bytes: 0,
+        colour_page_count: 0,
         root: 0,
         sections: [Section::default(); SECTIONS],
     }

@@ -51,6 +51,8 @@ struct ChunksHead<'a> {
     /// Triangles whose material emits.
     #[serde(default)]
     emissive_count: u64,
+    #[serde(default)]
+    has_colours: bool,
     content_hash: u64,
     source: SourceStats,
 }
@@ -85,6 +87,7 @@ impl PartitionOutcome {
             lattice_bounds: parted.lattice_bounds,
             octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
             emissive_count: self.sizes.emissive_count,
+            has_colours: self.sizes.has_colours,
             content_hash: parted.content_hash,
             source: self.source.clone(),
         };
@@ -129,6 +132,8 @@ impl PartitionOutcome {
             median_edge: f64::from_bits(head.median_edge),
             octree: octree.flatten(),
             content_hash: head.content_hash,
+            // The materials of the record have them.
+            mean_colours: Vec::new(),
             wait_ms: 0,
         };
         let sizes = InputSizes {
@@ -137,6 +142,7 @@ impl PartitionOutcome {
             vertex_count: head.source.vertex_count,
             material_count: materials.count() as u64,
             name_bytes: head.source.material_name_bytes,
+            has_colours: head.has_colours,
         };
         let outcome = PartitionOutcome { partition, materials, sizes, source: head.source };
         Ok(outcome.is_sound().then_some(outcome))

@@ -3,6 +3,7 @@
 //! Invariant: what is counted, and the hash of what was read, follow from the stream alone.
 
 use super::cells::PartitionCells;
+use super::colour_means::ColourMeans;
 use super::surface::Surface;
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::LatticeTriangle;
@@ -28,6 +29,8 @@ pub(crate) struct SnapSummary {
     pub(crate) exact: bool,
     pub(crate) bounds: LatticeBox,
     pub(crate) surface: Surface,
+    /// Of the materials of a model with colours.
+    pub(crate) means: Option<ColourMeans>,
 }
 
 impl SnapSummary {
@@ -40,6 +43,7 @@ impl SnapSummary {
             exact: true,
             bounds: LatticeBox::EMPTY,
             surface: Surface::new(scan, grid),
+            means: scan.has_colours.then(ColourMeans::new),
         }
     }
 }
@@ -68,6 +72,10 @@ impl Snapper {
     pub(crate) fn hash(&mut self, batch: &TriangleBatch) -> Result<()> {
         self.hasher.update(bytemuck::cast_slice(&batch.corners));
         self.hasher.update(bytemuck::cast_slice(&batch.material));
+        // White that is said is white that is not said: a source may learn of colours on its way.
+        if batch.has_colours() {
+            self.hasher.update(batch.colours.as_flattened().as_flattened());
+        }
         self.read += batch.len() as u64;
         if self.read > TRIANGLES {
             return Err(self.too_many("triangles", TRIANGLES));
@@ -83,7 +91,7 @@ impl Snapper {
         cells: &mut PartitionCells,
     ) -> Result<()> {
         let Grid { lattice, bits } = self.grid;
-        for (corners, &material) in batch.corners.iter().zip(&batch.material) {
+        for (index, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
             let q = corners.map(|corner| lattice.snap(corner));
             if q.as_flattened().iter().fold(0, |all, v| all | v) as u64 >> bits != 0 {
                 if !corners.as_flattened().iter().all(|v| v.is_finite()) {
@@ -106,7 +114,11 @@ impl Snapper {
             };
             q.iter().for_each(|&q| snapped.bounds.add(q));
             snapped.surface.add(&q);
-            cells.push(LatticeTriangle { q, material })?;
+            let colours = batch.colours_of(index);
+            if let Some(means) = &mut snapped.means {
+                means.add(&q, material, &colours);
+            }
+            cells.push(LatticeTriangle { q, material }, colours)?;
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! `SortCheckpoint`: how far a partition has come, as a record of its journal, and the way back from it.
 //!
 //! ```text
-//! sorted   scan, counts, bounds, hash of what was read | sketches of the surface | cells | runs
+//! sorted   scan, counts, bounds, hash of what was read | sketches of the surface | cells | runs | sums of colours
 //! cell     level, place x, y, z, runs of it             (8 bytes each)
 //! run      offset, bytes << 32 | triangles              (8 bytes each; cell after cell)
 //! ```
@@ -14,6 +14,7 @@
 //! short, or whose numbers cannot be true together, counts as absent.
 
 use super::cells::{CellPlace, PartitionCells, first_levels, is_on_lattice};
+use super::colour_means::ColourMeans;
 use super::snap::{Prefix, SnapSummary};
 use crate::budget::Budget;
 use crate::build::journal::record::JournalRecord;
@@ -47,6 +48,7 @@ struct SortedHead {
     expected: [u64; 2],
     /// Exponent and origin of the lattice that the input states.
     lattice: Option<(i32, [u64; 3])>,
+    has_colours: bool,
     /// Triangles read, and their hash.
     triangle_count: u64,
     hash: u64,
@@ -94,6 +96,7 @@ impl SortCheckpoint {
             median_edge: scan.median_edge.to_bits(),
             expected: [scan.triangle_count, scan.non_finite_count],
             lattice: scan.lattice.map(|lattice| (lattice.exponent, lattice.origin.map(f64::to_bits))),
+            has_colours: scan.has_colours,
             triangle_count: prefix.triangle_count,
             hash: prefix.hash,
             rejected_degenerate: snapped.rejected_degenerate,
@@ -111,7 +114,9 @@ impl SortCheckpoint {
             words[1].extend(runs.iter().flat_map(run));
         }
         let [cell_words, run_words] = [&words[0], &words[1]].map(|words| bytemuck::cast_slice(words));
-        journal.write_record((FileKind::Sorted, begin), &head, &[&registers, cell_words, run_words])?;
+        let means = snapped.means.as_ref().map_or(&[][..], ColourMeans::words);
+        let blobs = [&registers[..], cell_words, run_words, means];
+        journal.write_record((FileKind::Sorted, begin), &head, &blobs)?;
         scratch.keep_segments();
         Ok(())
     }
@@ -144,7 +149,8 @@ impl SortCheckpoint {
         });
         let (bounds, is_lattice) = (Aabb { lo, hi }, lattice != Some(None));
         let lattice = lattice.flatten();
-        let scan = Scan { bounds, median_edge, triangle_count, non_finite_count, lattice };
+        let has_colours = head.has_colours;
+        let scan = Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, has_colours };
         let is_scan = is_lattice
             && lo.iter().chain(&hi).chain([&median_edge]).all(|v| v.is_finite())
             && (0..3).all(|axis| lo[axis] <= hi[axis])
@@ -159,10 +165,11 @@ impl SortCheckpoint {
             return Ok(None);
         };
         let mut snapped = SnapSummary::new(&scan, &grid);
-        let Ok([registers, cell_words, run_words]) = <[Vec<u8>; 3]>::try_from(record.blobs) else {
+        let Ok([registers, cell_words, run_words, means]) = <[Vec<u8>; 4]>::try_from(record.blobs) else {
             return Ok(None);
         };
-        let is_surface = snapped.surface.restore(head.surface, &registers);
+        let is_surface = snapped.surface.restore(head.surface, &registers)
+            && snapped.means.as_mut().map_or(means.is_empty(), |sums| sums.restore(&means));
         (snapped.rejected_degenerate, snapped.rejected_collapsed) =
             (head.rejected_degenerate, head.rejected_collapsed);
         (snapped.rejected_non_finite, snapped.exact) = (head.rejected_non_finite, head.is_exact);

@@ -81,7 +81,8 @@ mod tests {
     use crate::geom::Aabb;
 
     fn scan_of(lo: [f64; 3], hi: [f64; 3], median_edge: f64) -> Scan {
-        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count: 1, non_finite_count: 0, lattice: None }
+        let (triangle_count, non_finite_count, lattice, has_colours) = (1, 0, None, false);
+        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count, non_finite_count, lattice, has_colours }
     }
 
     #[test]

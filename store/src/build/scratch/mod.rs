@@ -12,7 +12,7 @@
 mod run;
 pub(super) mod run_writer;
 
-pub(crate) use run::{Encoder, LatticeTriangle, RUN_TRIANGLES, Run};
+pub(crate) use run::{Encoder, LatticeTriangle, RUN_TRIANGLES, Run, TriangleList};
 
 use crate::error::{Error, Result};
 use crate::scratch::{Place, ScratchFile, seal};
@@ -112,7 +112,7 @@ impl Scratch {
     }
 
     /// Reads a run and appends its triangles to `out`.
-    pub(crate) fn read(&self, run: &Run, buffer: &mut Vec<u8>, out: &mut Vec<LatticeTriangle>) -> Result<()> {
+    pub(crate) fn read(&self, run: &Run, buffer: &mut Vec<u8>, out: &mut TriangleList) -> Result<()> {
         let content = self.file.read(run.offset, run.bytes as usize, run.offset, buffer)?;
         drop_cache(self.file.file(), run.offset, u64::from(run.bytes));
         decode(content, run.triangle_count as usize, out).ok_or_else(|| self.damaged(run.offset))
@@ -171,9 +171,11 @@ mod tests {
         let scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
         let blocks = |scratch: &Scratch| scratch.file.file().metadata().unwrap().blocks();
         let corner = |i: i64| [i * 0x1234_5678 % 0xff_ffff_ffff, i * 0x7654_3211 % 0xff_ffff_ffff, i];
-        let triangles: Vec<_> = (0..RUN_TRIANGLES as i64)
-            .map(|i| LatticeTriangle { q: [corner(i), corner(i + 7), corner(2 * i)], material: 0 })
-            .collect();
+        let mut triangles = TriangleList::default();
+        for i in 0..RUN_TRIANGLES as i64 {
+            let q = [corner(i), corner(i + 7), corner(2 * i)];
+            triangles.push(LatticeTriangle { q, material: 0 }, [crate::cluster::WHITE; 3]);
+        }
         let mut runs = Vec::new();
         scratch.keep_segments();
         while scratch.bytes() < SEGMENT_BYTES {
@@ -184,7 +186,7 @@ mod tests {
         let full = blocks(&scratch);
         runs.iter().for_each(|run| scratch.consume(run, run.triangle_count));
         assert_eq!(blocks(&scratch), full);
-        let mut back = Vec::new();
+        let mut back = TriangleList::default();
         scratch.read(&runs[0], &mut Vec::new(), &mut back).unwrap();
         assert_eq!(back, triangles);
         scratch.release_segments();

@@ -1,23 +1,28 @@
 //! Runs: snapped triangles of one cell as bytes, packed column by column.
 //!
 //! ```text
-//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 10 widths, LZ4(columns)
-//! columns = corner 0 minus the least corner; corners 1 and 2 minus corner 0 (zigzag); material
+//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 13 widths, LZ4(columns)
+//! columns = corner 0 minus the least corner; corners 1 and 2 minus corner 0 (zigzag); material;
+//!           what the colours of the corners lack of white
 //! column  = as many byte planes as its width says: what its greatest value takes
 //! ```
 //!
 //! Invariant: a run comes back as it was, or not at all.
 
+use crate::cluster::{Colour, WHITE};
 use crate::scratch::SEAL_BYTES;
 use lz4_flex::block::get_maximum_output_size;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Triangles of a full run.
 pub(crate) const RUN_TRIANGLES: usize = 4096;
 /// Bits of a lattice coordinate.
 const COORDINATE_MASK: i64 = (1 << crate::geom::Lattice::MAX_BITS) - 1;
-/// Columns of a run: nine coordinates and the material.
-const COLUMNS: usize = 10;
+/// Columns of a run: nine coordinates, the material, three colours.
+const COLUMNS: usize = 13;
+/// The column of the material; those of the colours follow.
+const MATERIAL_COLUMN: usize = 9;
 /// Most bytes of a value.
 const WIDTH_MOST: usize = 5;
 /// Bytes between the seal and the columns.
@@ -28,6 +33,73 @@ const HEAD_BYTES: usize = 3 * 8 + COLUMNS;
 pub(crate) struct LatticeTriangle {
     pub(crate) q: [[i64; 3]; 3],
     pub(crate) material: u16,
+}
+
+/// Triangles, and the colours of their corners.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct TriangleList {
+    pub(crate) triangles: Vec<LatticeTriangle>,
+    /// As long as `triangles`, or empty where all are white: a model without colours takes no memory for them.
+    colours: Vec<[Colour; 3]>,
+}
+
+impl TriangleList {
+    /// Bytes of a triangle, and how many more it has in a model with colours.
+    pub(crate) const TRIANGLE_BYTES: u64 = size_of::<LatticeTriangle>() as u64;
+    pub(crate) const COLOUR_BYTES: u64 = size_of::<[Colour; 3]>() as u64;
+
+    pub(crate) fn len(&self) -> usize {
+        self.triangles.len()
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// Whether a corner may have another colour than white.
+    pub(crate) fn has_colours(&self) -> bool {
+        !self.colours.is_empty()
+    }
+
+    /// The colours of the corners of a triangle.
+    pub(crate) fn colours_of(&self, triangle: usize) -> [Colour; 3] {
+        self.colours.get(triangle).copied().unwrap_or([WHITE; 3])
+    }
+
+    pub(crate) fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) {
+        if self.has_colours() || colours != [WHITE; 3] {
+            self.set_white();
+            self.colours.push(colours);
+        }
+        self.triangles.push(triangle);
+    }
+
+    /// Appends a stretch of another list.
+    pub(crate) fn extend(&mut self, other: &TriangleList, stretch: Range<usize>) {
+        if self.has_colours() || other.has_colours() {
+            self.set_white();
+            self.colours.extend(stretch.clone().map(|triangle| other.colours_of(triangle)));
+        }
+        self.triangles.extend_from_slice(&other.triangles[stretch]);
+    }
+
+    /// Makes room for so many triangles in all.
+    pub(crate) fn reserve_exact(&mut self, triangle_count: usize) {
+        self.triangles.reserve_exact(triangle_count);
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.triangles.clear();
+        self.colours.clear();
+    }
+
+    /// Gives the triangles so far a colour each, where they have none: as much room as they have.
+    fn set_white(&mut self) {
+        if self.colours.is_empty() {
+            self.colours.reserve_exact(self.triangles.capacity());
+            self.colours.resize(self.triangles.len(), [WHITE; 3]);
+        }
+    }
 }
 
 /// Where a run lies.
@@ -58,7 +130,8 @@ pub(crate) struct Encoder {
 
 impl Encoder {
     /// The bytes of a run, with room for its seal.
-    pub(crate) fn encode(&mut self, triangles: &[LatticeTriangle]) -> Vec<u8> {
+    pub(crate) fn encode(&mut self, list: &TriangleList) -> Vec<u8> {
+        let triangles = &list.triangles;
         let least = |axis: usize| triangles.iter().map(|t| t.q[0][axis]).min().unwrap_or(0);
         let base = [0, 1, 2].map(least);
         self.planes.clear();
@@ -70,7 +143,13 @@ impl Encoder {
                 1 | 2 => {
                     self.values.extend(triangles.iter().map(|t| zigzag(t.q[corner][axis] - t.q[0][axis])));
                 }
-                _ => self.values.extend(triangles.iter().map(|t| u64::from(t.material))),
+                _ if column == MATERIAL_COLUMN => {
+                    self.values.extend(triangles.iter().map(|t| u64::from(t.material)));
+                }
+                _ => {
+                    let corner = column - MATERIAL_COLUMN - 1;
+                    self.values.extend(list.colours.iter().map(|colours| below_white(colours[corner])));
+                }
             }
             let all = self.values.iter().fold(0, |all, value| all | value);
             let width = (u64::BITS - all.leading_zeros()).div_ceil(8);
@@ -93,7 +172,7 @@ impl Encoder {
 }
 
 /// Appends the triangles of a run, of which `bytes` are what follows the seal; `None` when that is no run of so many.
-pub(super) fn decode(bytes: &[u8], n: usize, out: &mut Vec<LatticeTriangle>) -> Option<()> {
+pub(super) fn decode(bytes: &[u8], n: usize, out: &mut TriangleList) -> Option<()> {
     let (head, packed) = bytes.split_at_checked(HEAD_BYTES)?;
     let (base, widths) = head.split_at(24);
     let base: [i64; 3] =
@@ -104,21 +183,40 @@ pub(super) fn decode(bytes: &[u8], n: usize, out: &mut Vec<LatticeTriangle>) -> 
     let bytes = n * widths.iter().map(|&width| usize::from(width)).sum::<usize>();
     let planes = lz4_flex::block::decompress(packed, bytes).ok().filter(|planes| planes.len() == bytes)?;
     let from = out.len();
-    out.resize(from + n, LatticeTriangle::default());
-    let (out, mut planes) = (&mut out[from..], planes.as_slice());
+    let has_colours = out.has_colours() || widths[MATERIAL_COLUMN + 1..].iter().any(|&width| width > 0);
+    out.triangles.resize(from + n, LatticeTriangle::default());
+    if has_colours {
+        out.colours.resize(from + n, [WHITE; 3]);
+    }
+    let (triangles, mut planes) = (&mut out.triangles[from..], planes.as_slice());
     for (column, &width) in widths.iter().enumerate() {
         let (these, rest) = planes.split_at(n * usize::from(width));
         planes = rest;
+        if let Some(corner) = column.checked_sub(MATERIAL_COLUMN + 1) {
+            if has_colours {
+                set_colours(these, usize::from(width), corner, &mut out.colours[from..]);
+            }
+            continue;
+        }
         match width {
-            0 => set_column::<0>(these, column, base, out),
-            1 => set_column::<1>(these, column, base, out),
-            2 => set_column::<2>(these, column, base, out),
-            3 => set_column::<3>(these, column, base, out),
-            4 => set_column::<4>(these, column, base, out),
-            _ => set_column::<WIDTH_MOST>(these, column, base, out),
+            0 => set_column::<0>(these, column, base, triangles),
+            1 => set_column::<1>(these, column, base, triangles),
+            2 => set_column::<2>(these, column, base, triangles),
+            3 => set_column::<3>(these, column, base, triangles),
+            4 => set_column::<4>(these, column, base, triangles),
+            _ => set_column::<WIDTH_MOST>(these, column, base, triangles),
         }
     }
     Some(())
+}
+
+/// Sets the colour of a corner of triangles.
+fn set_colours(planes: &[u8], width: usize, corner: usize, colours: &mut [[Colour; 3]]) {
+    let n = colours.len();
+    for (i, colours) in colours.iter_mut().enumerate() {
+        let value = (0..width).fold(0, |all, plane| all | u64::from(planes[plane * n + i]) << (8 * plane));
+        colours[corner] = of_below_white(value);
+    }
 }
 
 /// Sets a column of triangles, whose corner 0 is set before the others.
@@ -148,6 +246,16 @@ fn zigzag(difference: i64) -> u64 {
     ((value << 1) ^ (value >> 63)) as u64
 }
 
+/// What a colour lacks of white, as a number.
+fn below_white([r, g, b]: Colour) -> u64 {
+    u64::from(u32::from_le_bytes([!r, !g, !b, 0]))
+}
+
+fn of_below_white(value: u64) -> Colour {
+    let [r, g, b, ..] = value.to_le_bytes();
+    [!r, !g, !b]
+}
+
 fn unzigzag(value: u64) -> i64 {
     (value >> 1) as i64 ^ -((value & 1) as i64)
 }
@@ -160,21 +268,27 @@ mod tests {
     proptest! {
         #[test]
         fn runs_survive(
-            corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>()), 1..300),
+            corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>(), any::<[Colour; 3]>()), 1..300),
             cut in 0u32..32,
             shift in 0u32..8,
+            is_white: bool,
         ) {
-            let triangles: Vec<_> = corners
-                .iter()
-                .map(|(q, material)| LatticeTriangle {
-                    q: q.map(|c| c.map(|v| i64::from(v >> cut) << shift)),
-                    material: *material,
-                })
-                .collect();
-            let mut back = Vec::new();
-            let run = Encoder::default().encode(&triangles);
-            decode(&run[SEAL_BYTES..], triangles.len(), &mut back).unwrap();
-            prop_assert_eq!(back, triangles);
+            let mut list = TriangleList::default();
+            for (q, material, colours) in &corners {
+                let q = q.map(|c| c.map(|v| i64::from(v >> cut) << shift));
+                list.push(LatticeTriangle { q, material: *material }, if is_white { [WHITE; 3] } else { *colours });
+            }
+            prop_assert!(list.has_colours() != is_white || corners.iter().all(|of| of.2 == [WHITE; 3]));
+            let mut back = TriangleList::default();
+            let run = Encoder::default().encode(&list);
+            decode(&run[SEAL_BYTES..], list.len(), &mut back).unwrap();
+            prop_assert_eq!(&back, &list);
+            // Behind one without colours, which is white then.
+            let mut both = TriangleList::default();
+            both.push(list.triangles[0], [WHITE; 3]);
+            decode(&run[SEAL_BYTES..], list.len(), &mut both).unwrap();
+            prop_assert_eq!((both.len(), both.colours_of(0)), (list.len() + 1, [WHITE; 3]));
+            prop_assert_eq!(both.colours_of(list.len()), list.colours_of(list.len() - 1));
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Invariants: 1. runs come back in the order in which they were given; 2. no more than [`MOST`] are under way;
 //! 3. an error comes back in the place of its run.
 
-use super::{Encoder, LatticeTriangle, Run, Scratch};
+use super::{Encoder, Run, Scratch, TriangleList};
 use crate::error::{Error, Result};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -22,7 +22,7 @@ pub(crate) struct WrittenRun {
 pub(crate) struct RunWriter {
     scratch: Arc<Scratch>,
     /// `None` once no more can come.
-    jobs: Option<SyncSender<(usize, Vec<LatticeTriangle>)>>,
+    jobs: Option<SyncSender<(usize, TriangleList)>>,
     done: Receiver<Result<WrittenRun>>,
     under_way: usize,
     thread: Option<JoinHandle<()>>,
@@ -34,7 +34,7 @@ impl RunWriter {
     /// # Errors
     /// [`Code::Io`] where the system gives none.
     pub(crate) fn start(scratch: Scratch) -> Result<RunWriter> {
-        let (jobs, given) = sync_channel::<(usize, Vec<LatticeTriangle>)>(MOST);
+        let (jobs, given) = sync_channel::<(usize, TriangleList)>(MOST);
         let (answers, done) = sync_channel(MOST);
         let scratch = Arc::new(scratch);
         let file = Arc::clone(&scratch);
@@ -60,11 +60,7 @@ impl RunWriter {
     }
 
     /// Gives a run to the thread; waits for the first of those under way where they are [`MOST`], and gives it.
-    pub(crate) fn write(
-        &mut self,
-        owner: usize,
-        triangles: Vec<LatticeTriangle>,
-    ) -> Result<Option<WrittenRun>> {
+    pub(crate) fn write(&mut self, owner: usize, triangles: TriangleList) -> Result<Option<WrittenRun>> {
         let written = if self.under_way == MOST { self.next()? } else { None };
         let jobs = self.jobs.as_ref().expect("runs come before the end");
         jobs.send((owner, triangles)).expect("the thread takes runs until the channel is closed");

@@ -3,28 +3,34 @@
 use super::super::clusters::pages::PackContext;
 use super::super::clusters::workspace::{Workspace, worker_bytes};
 use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
-use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch};
+use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch, TriangleList};
 use super::*;
-use crate::cluster::LatticeBox;
+use crate::cluster::{LatticeBox, WHITE};
 use crate::scratch::Place;
 
 /// Steps along a side of a sheet of a chunk's triangles: two triangles a square.
 const SIDE: i64 = 256;
 
 /// Bytes at most for a chunk of `triangles`, and pages of it.
-fn taken(triangles: &[LatticeTriangle], material_count: usize) -> (u64, usize) {
+fn taken(triangles: &[LatticeTriangle], material_count: usize, has_colours: bool) -> (u64, usize) {
     let folder = tempfile::tempdir().unwrap();
     let scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
     let (mut encoder, mut chunk) = (Encoder::default(), Chunk::default());
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
     for run in triangles.chunks(RUN_TRIANGLES) {
-        let run = scratch.append(encoder.encode(run), run.len()).unwrap();
+        let mut list = TriangleList::default();
+        // Noise: every corner of every triangle has a colour of its own.
+        let mut colour =
+            |_| if has_colours { rng.next_u32().to_le_bytes()[..3].try_into().unwrap() } else { WHITE };
+        run.iter().for_each(|&triangle| list.push(triangle, [0; 3].map(&mut colour)));
+        let run = scratch.append(encoder.encode(&list), list.len()).unwrap();
         chunk.pieces.push(Piece { run, skip: 0, take: run.triangle_count });
         chunk.triangle_count += u64::from(run.triangle_count);
     }
     let mut bounds = LatticeBox::EMPTY;
     triangles.iter().for_each(|t| t.q.iter().for_each(|&q| bounds.add(q)));
     let emissive = vec![false; material_count];
-    let context = PackContext { emissive: &emissive, bounds };
+    let context = PackContext { emissive: &emissive, bounds, has_colours };
     let mut page_count = 0;
     let counted = allocation_counter::measure(|| {
         let mut workspace = Workspace::default();
@@ -61,11 +67,14 @@ fn a_full_chunk_takes_no_more_than_is_leased() {
         ("soup of all materials", soup(1 << 30, 1 << 16), 1 << 16),
         ("one triangle again and again", one_place, 1),
     ] {
-        let (bytes, page_count) = taken(&triangles, material_count);
-        assert!(page_count > 0 || name.starts_with("one"), "{name}");
-        assert!(bytes <= worker_bytes(), "{name}: {bytes} bytes, {} are leased", worker_bytes());
-        // A lease that is far too large would hold builds up.
-        let is_worst = name == "soup of all materials";
-        assert!(!is_worst || bytes > worker_bytes() * 9 / 10, "{name}: {bytes} bytes of {}", worker_bytes());
+        for has_colours in [false, true] {
+            let leased = worker_bytes(has_colours);
+            let (bytes, page_count) = taken(&triangles, material_count, has_colours);
+            let told = format!("{name}, colours {has_colours}: {bytes} bytes of {leased}");
+            assert!(page_count > 0 || name.starts_with("one"), "{told}");
+            assert!(bytes <= leased, "{told}");
+            // A lease that is far too large would hold builds up.
+            assert!(name != "soup of all materials" || bytes > leased * 9 / 10, "{told}");
+        }
     }
 }

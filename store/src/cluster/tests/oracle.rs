@@ -79,7 +79,8 @@ impl Page {
         };
         bits.at = bits.at.next_multiple_of(8);
         let placed = |v: [u64; 3]| std::array::from_fn(|axis| (base[axis] + v[axis]) as i64);
-        ClusterMesh { vertices: above.into_iter().map(placed).collect(), triangles, leaf_sizes, materials }
+        let (vertices, colours) = (above.into_iter().map(placed).collect(), Vec::new());
+        ClusterMesh { vertices, triangles, leaf_sizes, materials, colours }
     }
 }
 

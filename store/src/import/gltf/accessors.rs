@@ -27,6 +27,8 @@ pub(super) enum AccessorUse {
     Rotations,
     /// Indices: one unsigned integer.
     Indices,
+    /// Colours: three numbers, and opacity or not; integers are shares.
+    Colours,
 }
 
 /// The gate.
@@ -53,6 +55,10 @@ impl Accessors<'_, '_> {
         let is_fit = match used {
             AccessorUse::Vectors => &*accessor.kind == "VEC3" && scalar != Scalar::U32,
             AccessorUse::Rotations => &*accessor.kind == "VEC4" && scalar != Scalar::U32,
+            AccessorUse::Colours => {
+                matches!(&*accessor.kind, "VEC3" | "VEC4")
+                    && matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32)
+            }
             AccessorUse::Indices => {
                 &*accessor.kind == "SCALAR" && matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::U32)
             }
@@ -72,9 +78,11 @@ impl Accessors<'_, '_> {
                 AccessorUse::Vectors => 3,
                 AccessorUse::Rotations => 4,
                 AccessorUse::Indices => 1,
+                AccessorUse::Colours if &*accessor.kind == "VEC3" => 3,
+                AccessorUse::Colours => 4,
             },
             is_normalized: scalar.is_integer()
-                && (accessor.normalized || used == AccessorUse::Rotations)
+                && (accessor.normalized || matches!(used, AccessorUse::Rotations | AccessorUse::Colours))
                 && used != AccessorUse::Indices,
         };
         let sparse =

@@ -147,10 +147,11 @@ pub(super) struct JsonPrimitiveExtensions {
     pub(super) draco: Option<IgnoredAny>,
 }
 
-/// The attribute that is read, and how many others there are.
+/// The attributes that are read, and how many others there are.
 #[derive(Debug, Default)]
 pub(super) struct JsonAttributes {
     pub(super) position: Option<u32>,
+    pub(super) colour: Option<u32>,
     pub(super) other_count: u32,
 }
 
@@ -264,7 +265,7 @@ impl<'de> Deserialize<'de> for JsonAttributes {
     }
 }
 
-/// Reads the names of attributes, and keeps one of them.
+/// Reads the names of attributes, and keeps two of them.
 struct AttributeNames;
 
 impl<'de> Visitor<'de> for AttributeNames {
@@ -280,6 +281,7 @@ impl<'de> Visitor<'de> for AttributeNames {
             let accessor: u32 = names.next_value()?;
             match &*name {
                 "POSITION" => all.position = Some(accessor),
+                "COLOR_0" => all.colour = Some(accessor),
                 _ => all.other_count = all.other_count.saturating_add(1),
             }
         }

@@ -5,7 +5,7 @@
 
 use super::accessors::{AccessorUse, Accessors};
 use super::buffers::wrong;
-use super::json::JsonPrimitive;
+use super::json::{JsonDocument, JsonPrimitive};
 use super::nodes::Placement;
 use super::rows::{ElementRows, ViewPlace};
 use crate::budget::Lease;
@@ -34,6 +34,8 @@ pub(super) enum PrimitiveShape {
 pub(super) struct GltfPrimitive {
     pub(super) positions: ElementRows,
     pub(super) indices: Option<ElementRows>,
+    /// Of the vertices, as many as positions.
+    pub(super) colours: Option<Box<ElementRows>>,
     pub(super) topology: PrimitiveShape,
     pub(super) material: u32,
     /// Where the mesh stands, in the list of placements.
@@ -51,12 +53,13 @@ impl GltfPrimitive {
     }
 
     fn beside_bytes(&self) -> u64 {
-        let rows = [Some(&self.positions), self.indices.as_ref()].into_iter().flatten();
-        rows.map(|rows| {
+        let rows = [Some(&self.positions), self.indices.as_ref(), self.colours.as_deref()];
+        let boxed = self.colours.as_ref().map_or(0, |_| size_of::<ElementRows>() as u64);
+        let beside = rows.into_iter().flatten().map(|rows| {
             let packed = matches!(rows.view, Some(ViewPlace::Packed(_)));
             u64::from(packed) * PACKED_BYTES + u64::from(rows.sparse.is_some()) * SPARSE_BYTES
-        })
-        .sum()
+        });
+        boxed + beside.sum::<u64>()
     }
 }
 
@@ -179,8 +182,11 @@ impl Primitives {
         if draco && (!has_bytes(position) || json.indices.is_some_and(|indices| !has_bytes(indices))) {
             return Err(draco_error(accessors.path));
         }
+        let positions = accessors.rows(position, AccessorUse::Vectors)?;
+        let (colours, dropped_colour) = colours(json, &positions, accessors)?;
         let primitive = GltfPrimitive {
-            positions: accessors.rows(position, AccessorUse::Vectors)?,
+            positions,
+            colours: colours.map(Box::new),
             indices: json.indices.map(|indices| accessors.rows(indices, AccessorUse::Indices)).transpose()?,
             topology,
             material: json.material.map_or(0, |material| material + 1),
@@ -192,7 +198,8 @@ impl Primitives {
             self.loose_corner_count += corners % 3;
         }
         let vertices = primitive.positions.layout.count;
-        let dropped = u64::from(json.attributes.other_count).saturating_mul(vertices);
+        let dropped =
+            u64::from(json.attributes.other_count.saturating_add(dropped_colour)).saturating_mul(vertices);
         self.dropped_attribute_count = self.dropped_attribute_count.saturating_add(dropped);
         self.has_targets |= json.targets.is_some();
         let triangles = primitive.triangle_count().saturating_mul(times);
@@ -200,6 +207,35 @@ impl Primitives {
         self.list.push(primitive);
         Ok(())
     }
+}
+
+/// The colours of the vertices of a primitive, and how many attributes are dropped since none can be had.
+fn colours(
+    json: &JsonPrimitive,
+    positions: &ElementRows,
+    accessors: &mut Accessors<'_, '_>,
+) -> Result<(Option<ElementRows>, u32)> {
+    let Some(colour) = json.attributes.colour else { return Ok((None, 0)) };
+    if !has_plain_bytes(accessors.document, colour) {
+        return Ok((None, 1));
+    }
+    let rows = accessors.rows(colour, AccessorUse::Colours)?;
+    let (colour_count, position_count) = (rows.layout.count, positions.layout.count);
+    if colour_count != position_count {
+        let what = "the vertices of a primitive do not all have a colour";
+        return Err(wrong(accessors.path, "accessors", colour, what)
+            .numbers(format!("{colour_count} colours, {position_count} positions")));
+    }
+    Ok((Some(rows), 0))
+}
+
+/// Whether the rows of an accessor are compressed, if at all, without a filter that is made for colours or normals.
+fn has_plain_bytes(document: &JsonDocument<'_>, accessor: u32) -> bool {
+    let accessor = document.accessors.get(accessor as usize);
+    let view = accessor.and_then(|accessor| document.buffer_views.get(accessor.buffer_view? as usize));
+    let meshopt = view.and_then(|view| view.extensions.as_deref()?.meshopt.as_deref());
+    let filter = meshopt.and_then(|meshopt| meshopt.filter.as_deref());
+    !matches!(filter, Some("COLOR" | "OCTAHEDRAL"))
 }
 
 /// The error of what Draco has compressed.

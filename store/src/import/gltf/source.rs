@@ -12,12 +12,14 @@ use super::primitives::{GltfPrimitive, Primitives};
 use super::rows::{ElementRows, PlainRows, RowWindow, number_of_share};
 use super::triangles::TriangleCorners;
 use crate::budget::Lease;
+use crate::cluster::{Colour, WHITE};
 use crate::error::{Code, Error, Result};
 use crate::import::ImportOptions;
 use crate::import::scalar::{ByteOrder, Scalar};
 use crate::import::vertices::{MAX_STRIDE_BYTES, VertexCache, VertexLayout};
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+use crate::srgb;
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
@@ -41,6 +43,8 @@ pub(in crate::import) struct GltfSource {
     at: GltfCursor,
     /// Positions of the accessor at hand.
     positions: Option<OpenPositions>,
+    /// Colours of the accessor at hand.
+    colours: Option<OpenColours>,
     /// Corners of the primitive at hand.
     corners: Option<TriangleCorners>,
     instances: Option<OpenInstances>,
@@ -73,6 +77,20 @@ struct OpenPositions {
     share_of: Option<Scalar>,
 }
 
+struct OpenColours {
+    accessor: u32,
+    cache: VertexCache,
+    scalar: Scalar,
+}
+
+impl OpenColours {
+    /// The colour of a vertex: linear numbers in the file, sRGB bytes here.
+    fn of(&mut self, vertex: u64) -> Result<Colour> {
+        let linear = self.cache.get(vertex)?.map(|part| number_of_share(self.scalar, part));
+        Ok(linear.map(srgb::byte_of))
+    }
+}
+
 /// Windows of the instances of a node.
 struct OpenInstances {
     placement: u32,
@@ -89,6 +107,7 @@ impl GltfSource {
             options: options.clone(),
             at: GltfCursor::default(),
             positions: None,
+            colours: None,
             corners: None,
             instances: None,
             lookups: [0; 2],
@@ -160,8 +179,17 @@ impl GltfSource {
             }
             let layout = &primitive.positions.layout;
             let share_of = layout.is_normalized.then_some(layout.scalar);
-            let cache = open_positions(&primitive.positions, &mut self.parts.store, &self.options)?;
+            let cache = open_vectors(&primitive.positions, &mut self.parts.store, &self.options)?;
             self.positions = Some(OpenPositions { accessor, cache, share_of });
+        }
+        let colours = primitive.colours.as_deref();
+        if colours.map(|rows| rows.accessor) != self.colours.as_ref().map(|open| open.accessor) {
+            self.colours = None;
+            let open = |rows: &ElementRows| -> Result<OpenColours> {
+                let cache = open_vectors(rows, &mut self.parts.store, &self.options)?;
+                Ok(OpenColours { accessor: rows.accessor, cache, scalar: rows.layout.scalar })
+            };
+            self.colours = colours.map(open).transpose()?;
         }
         let indices = primitive.indices.as_ref().map(|rows| self.parts.store.window(rows)).transpose()?;
         self.corners = Some(TriangleCorners::new(primitive.topology, indices));
@@ -200,19 +228,26 @@ impl GltfSource {
             if is_mirrored {
                 triangle.swap(1, 2);
             }
-            batch.push(triangle, material);
+            match &mut self.colours {
+                Some(open) => {
+                    let [a, b, c] = indices;
+                    let corners = if is_mirrored { [a, c, b] } else { [a, b, c] };
+                    let mut colours = [WHITE; 3];
+                    for (colour, index) in colours.iter_mut().zip(corners) {
+                        *colour = open.of(index)?;
+                    }
+                    batch.push_coloured(triangle, material, colours);
+                }
+                None => batch.push(triangle, material),
+            }
             self.at.triangle += 1;
         }
         Ok(())
     }
 }
 
-/// A cache of positions: in the file, where they lie there as plain numbers, else of its own.
-fn open_positions(
-    rows: &ElementRows,
-    store: &mut DenseStore,
-    options: &ImportOptions,
-) -> Result<VertexCache> {
+/// A cache of the first three numbers of rows: in the file, where they lie there as plain numbers, else of its own.
+fn open_vectors(rows: &ElementRows, store: &mut DenseStore, options: &ImportOptions) -> Result<VertexCache> {
     let plain = store.plain(rows)?;
     let PlainRows { place, layout } = &plain;
     if let BufferPlace::File { path, offset, .. } = place

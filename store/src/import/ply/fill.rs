@@ -7,7 +7,8 @@ use super::super::scalar::Scalar;
 use super::header::Property;
 use super::rows::{Rows, TriangleRows};
 use super::section::{Kind, OpenStrip};
-use super::{PlyMesh, PlySource};
+use super::{PlyMesh, PlySource, PlyVertices, colour_of};
+use crate::cluster::Colour;
 use crate::error::{Code, Error, Result};
 use crate::source::TriangleBatch;
 
@@ -55,7 +56,7 @@ impl<R: Rows> PlySource<R> {
         let room = (TriangleBatch::TARGET_TRIANGLES - batch.len()) as u64;
         self.rows.triangles(rows, room.min(mesh.progress.rows_left), &mut self.run)?;
         let signed = mesh.sections[mesh.at].0.item == Scalar::I32;
-        let count = mesh.vertices.count();
+        let count = mesh.vertices.positions.count();
         let bound = if signed { count.min(1 << 31) } else { count };
         for (row, triangle) in self.run.indices.iter().enumerate() {
             if let Some(&index) = triangle.iter().find(|&&index| u64::from(index) >= bound) {
@@ -69,7 +70,13 @@ impl<R: Rows> PlySource<R> {
                 }));
             }
             let [a, b, c] = triangle.map(u64::from);
-            batch.push([mesh.vertices.get(a)?, mesh.vertices.get(b)?, mesh.vertices.get(c)?], 0);
+            let vertices = &mut mesh.vertices;
+            let corners =
+                [vertices.positions.get(a)?, vertices.positions.get(b)?, vertices.positions.get(c)?];
+            match [vertices.colour(a)?, vertices.colour(b)?, vertices.colour(c)?] {
+                [Some(a), Some(b), Some(c)] => batch.push_coloured(corners, 0, [a, b, c]),
+                _ => batch.push(corners, 0),
+            }
         }
         mesh.progress.rows_left -= self.run.indices.len() as u64;
         Ok(())
@@ -77,8 +84,9 @@ impl<R: Rows> PlySource<R> {
 
     fn face(&mut self, mesh: &mut PlyMesh<R>, batch: &mut TriangleBatch) -> Result<()> {
         let section = &mesh.sections[mesh.at].0;
+        let mut colour = section.colour.map(|columns| (columns, [0.0; 3], [Scalar::U8; 3]));
         self.rows.begin_row()?;
-        self.skip_values(&section.before)?;
+        self.face_values(&section.before, 0, &mut colour)?;
         let sides = self.list_length(section.list_count)?;
         if sides > MAX_POLYGON_SIDES as u64 {
             let numbers = format!("{sides}, and {MAX_POLYGON_SIDES} are allowed");
@@ -87,11 +95,16 @@ impl<R: Rows> PlySource<R> {
         self.polygon.clear();
         for _ in 0..sides {
             let index = self.rows.integer(section.item)?;
-            let corner = self.corner(index, &mut mesh.vertices)?;
-            self.polygon.push(corner);
+            match self.corner(index, &mut mesh.vertices)? {
+                (corner, Some(colour)) => self.polygon.push_coloured(corner, colour),
+                (corner, None) => self.polygon.push(corner),
+            }
         }
-        self.skip_values(&section.after)?;
+        self.face_values(&section.after, section.before.len(), &mut colour)?;
         self.end_row()?;
+        if let Some((_, values, types)) = colour {
+            self.polygon.paint(colour_of(values, types));
+        }
         self.polygon.emit(0, batch, &mut self.stats);
         mesh.progress.rows_left -= 1;
         Ok(())
@@ -107,7 +120,7 @@ impl<R: Rows> PlySource<R> {
                 self.skip_values(&section.before)?;
                 OpenStrip {
                     items_left: self.list_length(section.list_count)?,
-                    last: [[0.0; 3]; 2],
+                    last: [([0.0; 3], None); 2],
                     length: 0,
                 }
             }
@@ -124,8 +137,8 @@ impl<R: Rows> PlySource<R> {
             match strip.length {
                 0 | 1 => {}
                 // Every second triangle of a strip turns the other way: its first two corners change places.
-                length if length % 2 == 0 => batch.push([a, b, corner], 0),
-                _ => batch.push([b, a, corner], 0),
+                length if length % 2 == 0 => push_corners([a, b, corner], batch),
+                _ => push_corners([b, a, corner], batch),
             }
             strip.last = [b, corner];
             strip.length += 1;
@@ -141,13 +154,37 @@ impl<R: Rows> PlySource<R> {
         Ok(())
     }
 
-    fn corner(&self, index: i64, vertices: &mut super::VertexCache) -> Result<[f64; 3]> {
+    fn corner(&self, index: i64, vertices: &mut PlyVertices) -> Result<([f64; 3], Option<Colour>)> {
         match u64::try_from(index) {
-            Ok(index) if index < vertices.count() => vertices.get(index),
-            _ => Err(no_vertex(index, vertices.count(), |what, numbers| {
+            Ok(index) if index < vertices.positions.count() => {
+                Ok((vertices.positions.get(index)?, vertices.colour(index)?))
+            }
+            _ => Err(no_vertex(index, vertices.positions.count(), |what, numbers| {
                 self.rows.error(Code::InputRange, what, numbers)
             })),
         }
+    }
+
+    /// Passes over values of a face, `first` of which stand before these, and takes those of its colour.
+    fn face_values(
+        &mut self,
+        properties: &[Property],
+        first: usize,
+        colour: &mut Option<([usize; 3], [f64; 3], [Scalar; 3])>,
+    ) -> Result<()> {
+        let Some((columns, values, types)) = colour else { return self.skip_values(properties) };
+        for (at, property) in properties.iter().enumerate() {
+            let channel = columns.iter().position(|&column| column == first + at);
+            match (property.list_count, channel) {
+                (Some(count), _) => self.skip_list(count, property.scalar)?,
+                (None, Some(channel)) => {
+                    values[channel] = self.rows.number(property.scalar)?;
+                    types[channel] = property.scalar;
+                }
+                (None, None) => self.rows.skip(property.scalar, 1)?,
+            }
+        }
+        Ok(())
     }
 
     fn skip_values(&mut self, properties: &[Property]) -> Result<()> {
@@ -155,6 +192,15 @@ impl<R: Rows> PlySource<R> {
             Some(count) => self.skip_list(count, property.scalar),
             None => self.rows.skip(property.scalar, 1),
         })
+    }
+}
+
+/// A triangle whose corners all have a colour, or none.
+fn push_corners(corners: [([f64; 3], Option<Colour>); 3], batch: &mut TriangleBatch) {
+    let positions = corners.map(|(position, _)| position);
+    match corners.map(|(_, colour)| colour) {
+        [Some(a), Some(b), Some(c)] => batch.push_coloured(positions, 0, [a, b, c]),
+        _ => batch.push(positions, 0),
     }
 }
 

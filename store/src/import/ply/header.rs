@@ -19,6 +19,10 @@ use crate::stated_lattice;
 const MAX_ELEMENTS: usize = 64;
 const MAX_PROPERTIES: usize = 1024;
 
+/// Columns of a colour, by channel.
+const COLOUR_NAMES: [&[&str]; 3] =
+    [&["red", "r", "diffuse_red"], &["green", "g", "diffuse_green"], &["blue", "b", "diffuse_blue"]];
+
 /// A header that has been checked.
 #[derive(Debug)]
 pub(super) struct Header {
@@ -194,6 +198,15 @@ impl Property {
             _ => None,
         }
     }
+}
+
+/// The columns of a colour, where all three are there.
+pub(super) fn colour_columns(properties: &[Property]) -> Option<[usize; 3]> {
+    let column = |names: &&[&str]| {
+        properties.iter().position(|p| names.contains(&p.name.as_str()) && p.list_count.is_none())
+    };
+    let [r, g, b] = [0, 1, 2].map(|channel| column(&COLOUR_NAMES[channel]));
+    Some([r?, g?, b?])
 }
 
 /// Lines of a header; the line end may be LF, CR LF or CR, and the last one's matters: data follow it.

@@ -14,7 +14,7 @@ mod header;
 mod rows;
 mod section;
 
-use self::header::{Element, Form, Header};
+use self::header::{Element, Form, Header, colour_columns};
 use self::rows::{AsciiRows, BinaryRows, Rows, TriangleRun};
 use self::section::{PlySection, SectionProgress};
 use super::input::Input;
@@ -24,15 +24,15 @@ use super::text::Text;
 use super::vertices::{MAX_STRIDE_BYTES, VertexCache, VertexLayout};
 use super::{Encoding, ImportOptions, warn};
 use crate::budget::Lease;
+use crate::cluster::Colour;
 use crate::error::{Code, Error, Result};
 use crate::geom::Lattice;
 use crate::material::Material;
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
-/// Columns that tell of an attribute that is dropped: normal, colour, texture coordinate.
-const ATTRIBUTE_NAMES: [&[&str]; 3] = [&["nx"], &["red", "r", "diffuse_red"], &["s", "u", "texture_u"]];
-
+/// Columns that tell of an attribute that is dropped: normal, texture coordinate.
+const ATTRIBUTE_NAMES: [&[&str]; 2] = [&["nx"], &["s", "u", "texture_u"]];
 /// Opens the PLY file that `input` stands at the beginning of.
 pub(super) fn open(mut input: Input, options: &ImportOptions) -> Result<Box<dyn TriangleSource>> {
     let header = Header::parse(&mut input)?;
@@ -76,9 +76,29 @@ struct PlySource<R: Rows> {
     _lease: Lease,
 }
 
+/// Vertices by index.
+struct PlyVertices {
+    positions: VertexCache,
+    /// Where they have colours: these, as they stand in the file, and the types of the channels.
+    colours: Option<(VertexCache, [Scalar; 3])>,
+}
+
+impl PlyVertices {
+    /// The colour of a vertex, where they have any.
+    fn colour(&mut self, index: u64) -> Result<Option<Colour>> {
+        let Some((colours, types)) = &mut self.colours else { return Ok(None) };
+        Ok(Some(colour_of(colours.get(index)?, *types)))
+    }
+}
+
+/// A colour from values of these types.
+fn colour_of(values: [f64; 3], types: [Scalar; 3]) -> Colour {
+    [0, 1, 2].map(|channel| types[channel].channel(values[channel]))
+}
+
 /// What preparing finds.
 struct PlyMesh<R: Rows> {
-    vertices: VertexCache,
+    vertices: PlyVertices,
     sections: Vec<(PlySection, R::Place)>,
     /// The section at hand, and how far it has come.
     at: usize,
@@ -129,7 +149,7 @@ impl<R: Rows> PlySource<R> {
         walked?;
         let vertices = match vertices {
             Some(vertices) => vertices,
-            None => VertexCache::growing(&self.options)?,
+            None => PlyVertices { positions: VertexCache::growing(&self.options)?, colours: None },
         };
         let progress = sections.first().map(|(section, _)| section.start()).unwrap_or_default();
         if let Some((_, place)) = sections.first() {
@@ -141,7 +161,7 @@ impl<R: Rows> PlySource<R> {
     fn walk(
         &mut self,
         elements: &[Element],
-        vertices: &mut Option<VertexCache>,
+        vertices: &mut Option<PlyVertices>,
         sections: &mut Vec<(PlySection, R::Place)>,
     ) -> Result<()> {
         let matters = |element: &Element| matches!(&*element.name, "vertex" | "face" | "tristrips");
@@ -152,6 +172,9 @@ impl<R: Rows> PlySource<R> {
                 continue;
             }
             if let Some(section) = PlySection::new(element, self.rows.input().path())? {
+                if section.colour.is_some() {
+                    self.polygon.lease_colours()?;
+                }
                 sections.push((section, self.rows.place()));
             }
             if at + 1 < count {
@@ -162,40 +185,60 @@ impl<R: Rows> PlySource<R> {
     }
 
     /// The vertices of `element`; afterwards the rows stand behind it.
-    fn take_vertices(&mut self, element: &Element) -> Result<VertexCache> {
+    fn take_vertices(&mut self, element: &Element) -> Result<PlyVertices> {
         let axes = ["x", "y", "z"].map(|name| element.column(&[name]).unwrap_or_default());
+        let channels = colour_columns(&element.properties);
+        let types = channels.map(|columns| columns.map(|column| element.properties[column].scalar));
+        let mut options = self.options.clone();
+        if channels.is_some() {
+            self.polygon.lease_colours()?;
+            options.vertex_cache_bytes /= 2;
+        }
         if let (Form::Binary(order), Some(stride @ 1..=MAX_STRIDE_BYTES)) =
             (self.header.form, element.row_bytes())
         {
             let offset = |column: usize| element.properties[..column].iter().map(|p| p.scalar.size()).sum();
-            let axes = axes.map(|column| (offset(column), element.properties[column].scalar));
-            let layout = VertexLayout { stride: stride as usize, axes, order };
+            let of = |columns: [usize; 3]| VertexLayout {
+                stride: stride as usize,
+                axes: columns.map(|column| (offset(column), element.properties[column].scalar)),
+                order,
+            };
             let input = self.rows.input();
             let first_byte = input.offset();
-            let file = (input.second_handle()?, input.path().to_path_buf());
+            let cache = |columns: [usize; 3]| {
+                let file = (input.second_handle()?, input.path().to_path_buf());
+                VertexCache::in_input(file, first_byte, element.count, of(columns), &options)
+            };
+            let (positions, colours) = (cache(axes)?, channels.map(cache).transpose()?);
             self.skip_element(element)?;
-            return VertexCache::in_input(file, first_byte, element.count, layout, &self.options);
+            return Ok(PlyVertices { positions, colours: colours.zip(types) });
         }
-        let mut vertices = VertexCache::growing(&self.options)?;
+        let mut positions = VertexCache::growing(&options)?;
+        let mut colours = channels.map(|_| VertexCache::growing(&options)).transpose()?;
+        let columns = [axes, channels.unwrap_or([usize::MAX; 3])];
         for _ in 0..element.count {
-            let position = self.vertex_row(element, axes)?;
-            vertices.push(position)?;
+            let [position, colour] = self.vertex_row(element, columns)?;
+            positions.push(position)?;
+            if let Some(colours) = &mut colours {
+                colours.push(colour)?;
+            }
         }
-        Ok(vertices)
+        Ok(PlyVertices { positions, colours: colours.zip(types) })
     }
 
-    fn vertex_row(&mut self, element: &Element, axes: [usize; 3]) -> Result<[f64; 3]> {
-        let mut position = [0.0; 3];
+    /// A position and a colour, from these columns.
+    fn vertex_row(&mut self, element: &Element, columns: [[usize; 3]; 2]) -> Result<[[f64; 3]; 2]> {
+        let mut values = [[0.0; 3]; 2];
         self.rows.begin_row()?;
         for (column, property) in element.properties.iter().enumerate() {
-            match (property.list_count, axes.iter().position(|&axis| axis == column)) {
+            match (property.list_count, columns.as_flattened().iter().position(|&other| other == column)) {
                 (Some(count), _) => self.skip_list(count, property.scalar)?,
-                (None, Some(axis)) => position[axis] = self.rows.number(property.scalar)?,
+                (None, Some(at)) => values.as_flattened_mut()[at] = self.rows.number(property.scalar)?,
                 (None, None) => self.rows.skip(property.scalar, 1)?,
             }
         }
         self.end_row()?;
-        Ok(position)
+        Ok(values)
     }
 
     fn skip_element(&mut self, element: &Element) -> Result<()> {
@@ -271,7 +314,7 @@ impl<R: Rows> TriangleSource for PlySource<R> {
         if let Some(mesh) = &mut self.mesh {
             mesh.at = 0;
             mesh.progress = SectionProgress::default();
-            mesh.vertices.reset_counters();
+            mesh.vertices.positions.reset_counters();
             if let Some((section, place)) = mesh.sections.first() {
                 mesh.progress = section.start();
                 self.rows.seek(*place);
@@ -295,7 +338,7 @@ impl<R: Rows> TriangleSource for PlySource<R> {
     }
 
     fn stats(&self) -> SourceStats {
-        let counters = self.mesh.as_ref().map(|mesh| mesh.vertices.lookups_and_misses());
+        let counters = self.mesh.as_ref().map(|mesh| mesh.vertices.positions.lookups_and_misses());
         let (vertex_lookups, vertex_cache_misses) = counters.unwrap_or_default();
         let bytes_read = self.rows.input().offset();
         SourceStats { bytes_read, vertex_lookups, vertex_cache_misses, ..self.stats.clone() }

@@ -6,8 +6,9 @@
 //! sides than a polygon may have are refused before their indices are read.
 
 use super::super::scalar::Scalar;
-use super::header::{Element, Property};
+use super::header::{Element, Property, colour_columns};
 use super::rows::TriangleRows;
+use crate::cluster::Colour;
 use crate::error::{Code, Error, Result};
 use std::path::Path;
 
@@ -23,6 +24,8 @@ pub(super) struct PlySection {
     pub(super) list_count: Scalar,
     pub(super) item: Scalar,
     pub(super) after: Vec<Property>,
+    /// Columns of a face's colour, counted over `before` and `after`.
+    pub(super) colour: Option<[usize; 3]>,
     /// Set when rows may be plain triangles of fixed size.
     pub(super) triangle_rows: Option<TriangleRows>,
 }
@@ -44,8 +47,8 @@ pub(super) struct SectionProgress {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OpenStrip {
     pub(super) items_left: u64,
-    /// The last two corners.
-    pub(super) last: [[f64; 3]; 2],
+    /// The last two corners, and their colours.
+    pub(super) last: [([f64; 3], Option<Colour>); 2],
     /// Corners since the start or the last -1.
     pub(super) length: u64,
 }
@@ -75,10 +78,14 @@ impl PlySection {
             )));
         }
         let (before, after) = (&element.properties[..column], &element.properties[column + 1..]);
+        let around: Vec<Property> = before.iter().chain(after).cloned().collect();
+        let colour = colour_columns(&around).filter(|_| kind == Kind::Faces);
         Ok(Some(PlySection {
             kind,
             count: element.count,
-            triangle_rows: triangle_rows(kind, before, after, (list_count, item)),
+            triangle_rows: triangle_rows(kind, before, after, (list_count, item))
+                .filter(|_| colour.is_none()),
+            colour,
             before: before.to_vec(),
             list_count,
             item,

@@ -237,7 +237,7 @@ fn every_layout_in_every_format() {
         for line_end in ["\n", "\r\n", "\r"] {
             for layout in [Layout::Plain, Layout::Crowded, Layout::FacesFirst] {
                 let mesh = check(Variant { format, line_end, layout, list_name: "vertex_index", ..PLAIN });
-                let dropped = if layout == Layout::Crowded { 16 } else { 0 };
+                let dropped = if layout == Layout::Crowded { 8 } else { 0 };
                 assert_eq!((mesh.stats.vertex_count, mesh.stats.dropped_attribute_count), (8, dropped));
                 assert_eq!((mesh.stats.vertex_lookups, &mesh.stats.warnings[..]), (12, &[][..]));
             }

@@ -2,6 +2,7 @@
 //! writer of these tests (`glb.rs`), which shares nothing with the reader; real ones are read by the `gltf` crate as
 //! well.
 
+mod colours;
 mod encodings;
 mod glb;
 mod meshopt;
