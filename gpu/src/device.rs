@@ -7,6 +7,7 @@
 use crate::adapters::{AdapterReport, DeviceQuery, choose};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 use trex_store::{Budget, Code, Error, Lease, NextStep, RESERVE_BYTES, Result};
 
 /// Bytes of host memory that the driver takes for a device with these kernels, beside what is asked of it: 92 MiB
@@ -17,6 +18,9 @@ const DRIVER_BYTES: u64 = 128 << 20;
 const HARDWARE_LIMIT_BYTES: u64 = 2 << 30;
 /// Share of the process's memory limit that is the video memory of a software adapter where no limit is named.
 const SOFTWARE_SHARE: u64 = 4;
+/// Between two looks at what the device has done: first, and at most.
+const PAUSE_LEAST: Duration = Duration::from_micros(20);
+const PAUSE_MOST: Duration = Duration::from_micros(200);
 
 /// How a device is opened.
 #[derive(Clone, Debug)]
@@ -176,6 +180,30 @@ impl GpuDevice {
     pub fn lost(&self) -> Option<&str> {
         let is_lost = self.loss.is_lost.load(Ordering::Acquire);
         is_lost.then(|| self.loss.why.get().map_or("it gave no reason", String::as_str))
+    }
+
+    /// Looks at the device until `is_done`, or it is lost; so long at most. False when the time is up. Not by wgpu's own
+    /// wait for a submission: it panicked (30.0.2, software adapter) where the queue ran empty while it looked.
+    ///
+    /// # Errors
+    /// Those of wgpu.
+    pub(crate) fn poll_until(
+        &self,
+        longest: Duration,
+        mut is_done: impl FnMut() -> bool,
+    ) -> std::result::Result<bool, wgpu::PollError> {
+        let (begin, mut pause) = (Instant::now(), PAUSE_LEAST);
+        loop {
+            self.device.poll(wgpu::PollType::Poll)?;
+            if is_done() || self.lost().is_some() {
+                return Ok(true);
+            }
+            if begin.elapsed() >= longest {
+                return Ok(false);
+            }
+            std::thread::sleep(pause);
+            pause = PAUSE_MOST.min(2 * pause);
+        }
     }
 
     /// Gives it up, as a driver does whose hardware hangs: the processor answers from then on.

@@ -13,6 +13,7 @@
 use crate::device::{GpuDevice, VideoLease, count};
 use crate::words::Params;
 use std::sync::Arc;
+use std::sync::mpsc::channel;
 use std::time::Duration;
 use trex_render::Voxels;
 use trex_store::Result;
@@ -102,10 +103,15 @@ pub(crate) fn send(device: &GpuDevice, to: &wgpu::Buffer, at: u64, words: impl I
         at += bytes.len() as u64;
         count(&device.counters.uploaded_bytes, bytes.len() as u64);
         block.clear();
-        let submission_index = Some(device.queue.submit([]));
-        let wait = wgpu::PollType::Wait { submission_index, timeout: Some(BLOCK_WAIT) };
-        if let Err(error) = device.device.poll(wait) {
-            device.give_up(&error.to_string());
+        device.queue.submit([]);
+        let (is_sent, sent) = channel();
+        device.queue.on_submitted_work_done(move || {
+            let _ = is_sent.send(());
+        });
+        match device.poll_until(BLOCK_WAIT, || sent.try_recv().is_ok()) {
+            Ok(true) => {}
+            Ok(false) => device.give_up("a block of the octree did not arrive in time"),
+            Err(error) => device.give_up(&error.to_string()),
         }
     };
     for word in words {

@@ -51,10 +51,10 @@ struct KernelClock {
 /// A batch on its way.
 #[derive(Debug)]
 struct BatchInFlight {
-    submission: wgpu::SubmissionIndex,
     word_count: usize,
-    /// Whether each of the two buffers could be mapped.
-    mapped: Receiver<bool>,
+    /// Tells whether a buffer could be mapped, and what it told: of two.
+    mapping: Receiver<bool>,
+    mapped: Vec<bool>,
 }
 
 /// What came of a wait.
@@ -176,11 +176,11 @@ impl Slot {
             encoder.resolve_query_set(&clock.queries, 0..TIMES, &clock.times, 0);
             encoder.copy_buffer_to_buffer(&clock.times, 0, &self.used_read_back, used_bytes, TIMES_BYTES);
         }
-        let submission = device.queue.submit([encoder.finish()]);
-        let (is_mapped, mapped) = channel();
+        device.queue.submit([encoder.finish()]);
+        let (is_mapped, mapping) = channel();
         map(&self.read_back, answer_bytes, is_mapped.clone());
         map(&self.used_read_back, used_bytes + TIMES_BYTES, is_mapped);
-        self.under_way = Some(BatchInFlight { submission, word_count, mapped });
+        self.under_way = Some(BatchInFlight { word_count, mapping, mapped: Vec::new() });
         count(&device.counters.batches, 1);
         count(&device.counters.rays, u64::from(params.ray_count));
         count(&device.counters.uploaded_bytes, ray_bytes.len() as u64);
@@ -192,20 +192,21 @@ impl Slot {
     /// # Panics
     /// When none is under way.
     pub(crate) fn collect(&mut self, device: &GpuDevice, units: &UnitCache, wait: Duration) -> SlotState {
-        let sending = self.under_way.as_ref().expect("a batch is under way");
-        let submission_index = Some(sending.submission.clone());
-        match device.device.poll(wgpu::PollType::Wait { submission_index, timeout: Some(wait) }) {
-            Err(wgpu::PollError::Timeout) => return SlotState::UnderWay,
+        let BatchInFlight { mapping, mapped, .. } = self.under_way.as_mut().expect("a batch is under way");
+        let is_done = || {
+            mapped.extend(mapping.try_iter());
+            mapped.len() == 2
+        };
+        match device.poll_until(wait, is_done) {
             Err(error) => return SlotState::Failed(error.to_string()),
-            Ok(_) => {}
+            Ok(false) => return SlotState::UnderWay,
+            Ok(true) => {}
         }
-        // What was submitted has ended, and with it both callbacks; each of them drops its sender.
-        let is_mapped = [sending.mapped.recv(), sending.mapped.recv()] == [Ok(true), Ok(true)];
+        let is_mapped = *mapped == [true, true];
         if !is_mapped || device.lost().is_some() {
             return SlotState::Failed(device.lost().unwrap_or("its answers cannot be read").to_owned());
         }
-        let word_count = sending.word_count;
-        self.under_way = None;
+        let word_count = self.under_way.take().expect("a batch is under way").word_count;
         let used_words = units.used_words();
         let with_times = used_words + TIMES_BYTES as usize / 4;
         match (read(&self.read_back, word_count), read(&self.used_read_back, with_times)) {

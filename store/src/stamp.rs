@@ -4,9 +4,9 @@
 //! length, time of its last change, hash of its first 4 KiB, of its last, and of 63 parts as long between them
 //! ```
 //!
-//! A file that is written over in place may keep its length, and tools that copy set its time back: the parts tell what
-//! these do not. All of a file of up to 256 KiB is in them. Of a larger one a change between them goes unseen, as long as
-//! length and time stay.
+//! A file that is written over in place may keep its length, and tools that copy set its time back: the parts tell
+//! what these do not. All of a file of up to 256 KiB is in them. Of a larger one a change between them goes unseen, as
+//! long as length and time stay.
 
 use std::fs::File;
 use std::io;

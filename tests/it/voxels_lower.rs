@@ -342,7 +342,7 @@ fn units_give_the_same_picture_whatever_threads_and_limit() {
     built_in(folder.path(), "gen:pipes:10k --voxels 64/256", "p.trex");
     for integrator in ["photon", "photon --near exact", "photon --occluders off", "ao", "debug-lower"] {
         let mut first = None;
-        for options in ["--threads 1", "--threads 2", "--threads 1 --memory-limit 33MiB"] {
+        for options in ["--threads 1", "--threads 2", "--threads 1 --memory-limit 34MiB"] {
             let line = format!(
                 "render p.trex -o p.exr --overwrite --resolution 48x48 --spp 2 --photons 10k \
                  --integrator {integrator} {options}"

@@ -18,6 +18,7 @@
 //! leaves and sums do not depend on threads: records are made and merged in the order of chunks.
 
 mod coarsen;
+mod divisor;
 mod emit;
 mod exposed;
 mod facets;

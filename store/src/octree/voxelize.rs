@@ -13,6 +13,7 @@
 //! Invariants: 1. in a run records are in order of leaf and material, each pair once; 2. sums depend on the order of
 //! triangles alone.
 
+use super::divisor::Divisor;
 use super::merge::{RunOrder, VoxelRuns};
 use super::overlap::{NARROW_REACH, Triangle, Wide};
 use super::record::Record;
@@ -36,7 +37,7 @@ pub(crate) struct Voxelizer<'a> {
     /// Of the next run.
     order: RunOrder,
     pile: Vec<Record>,
-    /// The triangle that was added last, its material, and how often it came in a row: a copy brings nothing new but area.
+    /// The triangle that was added last, its material, and how often it came in a row: a copy brings area alone.
     last: Option<([[i64; 3]; 3], u16, u32)>,
     /// The first error of writing a run.
     outcome: Result<()>,
@@ -190,26 +191,6 @@ impl<'a> Voxelizer<'a> {
         }
         self.order.number += 1;
         self.pile.clear();
-    }
-}
-
-/// Whole quotients by a number that is the same for many.
-struct Divisor {
-    by: i64,
-    inverse: f64,
-}
-
-impl Divisor {
-    fn new(by: i64) -> Divisor {
-        Divisor { by, inverse: 1.0 / by as f64 }
-    }
-
-    /// `value / by`, rounded down; `value` is from 0 to 2^52.
-    fn of(&self, value: i64) -> i64 {
-        // One too many or one too few at most: the product is wrong by three roundings of what is below 2^52.
-        let near = (value as f64 * self.inverse) as i64;
-        let rest = value - near * self.by;
-        near + i64::from(rest >= self.by) - i64::from(rest < 0)
     }
 }
 
@@ -398,19 +379,6 @@ mod tests {
             assert_eq!(record.bitmap, alone.bitmap);
             let expected = 30_000.0 * alone.area;
             assert!((record.area - expected).abs() <= 1e-5 * expected, "{record:?} {alone:?}");
-        }
-    }
-
-    #[test]
-    fn quotients_are_rounded_down() {
-        for by in [2, 6, 14, 1 << 20, (1 << 40) - 2, 3 << 37] {
-            let divisor = Divisor::new(by);
-            for quotient in [0, 1, 2, 1023, (1 << 41) / by, (1 << 52) / by] {
-                for value in [quotient * by - 1, quotient * by, quotient * by + 1, quotient * by + by - 1] {
-                    let value = value.clamp(0, 1 << 52);
-                    assert_eq!(divisor.of(value), value / by, "{value} / {by}");
-                }
-            }
         }
     }
 
