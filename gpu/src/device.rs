@@ -182,8 +182,8 @@ impl GpuDevice {
         is_lost.then(|| self.loss.why.get().map_or("it gave no reason", String::as_str))
     }
 
-    /// Looks at the device until `is_done`, or it is lost; so long at most. False when the time is up. Not by wgpu's own
-    /// wait for a submission: it panicked (30.0.2, software adapter) where the queue ran empty while it looked.
+    /// Looks at the device until `is_done`, or it is lost; so long at most. False when the time is up. Not by wgpu's
+    /// own wait for a submission: it panicked (30.0.2, software adapter) where the queue ran empty while it looked.
     ///
     /// # Errors
     /// Those of wgpu.
