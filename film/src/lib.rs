@@ -36,7 +36,7 @@ mod tests;
 mod tile;
 
 pub use coarse::{STEPS, grid_size};
-pub use display::Display;
+pub use display::{Display, tune};
 pub use encode::{Image, encoder_bytes, write_exr, write_png};
 pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
 pub use filter::{filter_bytes, smooth};

@@ -31,10 +31,13 @@ pub struct StressArgs {
     /// percentile; may be given more than once [default: whole.p99 within a frame]
     #[arg(long, value_name = "TIME.PERCENTILE=MS")]
     pub require: Vec<Requirement>,
-    /// Tell how wrong pictures are 33, 100, 300 and 1000 ms after an event, by references of so many samples, which
+    /// Tell how wrong pictures are 33, 80, 100, 200, 300, 1000 and 3000 ms after an event, by references of so many samples, which
     /// are rendered first (256 is good, and takes a minute or more a view)
     #[arg(long, value_name = "SPP", value_parser = keys::samples)]
     pub reference_spp: Option<u32>,
+    /// Keep the references in this file, or take them from it where a run of the same scene has left them
+    #[arg(long, value_name = "FILE", requires = "reference_spp")]
+    pub references: Option<PathBuf>,
     /// Where to write the picture that is on show at the end (.png, .exr)
     #[arg(short, long, value_name = "PICTURE")]
     pub output: Option<PathBuf>,

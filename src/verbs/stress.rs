@@ -10,9 +10,11 @@ use crate::size;
 use crate::values::Milliseconds;
 use serde::Serialize;
 use std::fmt;
-use std::path::Path;
+use std::fs::File;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
-use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
+use trex_bench::stress::{self, References, ReferencesKey, Requirement, Snapshots, Stand, StressFigures, StressOptions};
 use trex_model::Times;
 use trex_model::{Device, DeviceOptions, DeviceReport, Pace, SessionOptions};
 use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
@@ -143,13 +145,19 @@ fn references(
         let error = Error::new(Code::SceneFormat, "the states of this scenario have no references")
             .at_place("--reference-spp")
             .numbers(format!("{} never comes to one twice", options.scenario.name()))
-            .next("leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze or still");
+            .next("leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze, still or drag");
         return Err(error.into());
     }
-    let place = args.scratch.temp_dir.clone().unwrap_or_else(|| ".".into());
-    let file = tempfile::tempfile_in(&place);
-    let file = file.map_err(|error| Error::io("make a file for the references", &place, &error))?;
-    let mut references = References::new(file, place, exact.render.resolution);
+    let resolution = exact.render.resolution;
+    let key = ReferencesKey { hash: hash_of(&exact, path, &options, spp), count: states };
+    let (file, place) = references_file(args)?;
+    if args.references.is_some() {
+        let again = file.try_clone().map_err(|error| Error::io("open the references", &place, &error))?;
+        if let Some(references) = References::kept(again, place.clone(), resolution, key)? {
+            return Ok(references);
+        }
+    }
+    let mut references = References::new(file, place, resolution);
     let stand = Stand {
         pool: &stage.pool,
         resident_bytes: &resident_bytes,
@@ -158,7 +166,29 @@ fn references(
         t_max: Duration::ZERO,
     };
     stress::render_references(&mut session, &options, spp, &mut references, &stand)?;
+    references.finish(key)?;
     Ok(references)
+}
+
+/// The file of the references, and its place: the one that keeps them, or one without a name.
+fn references_file(args: &StressArgs) -> Result<(File, PathBuf)> {
+    let fails = |place: &Path, error| Error::io("make a file for the references", place, &error);
+    if let Some(path) = &args.references {
+        let file = File::options().read(true).write(true).create(true).truncate(false).open(path);
+        return Ok((file.map_err(|error| fails(path, error))?, path.clone()));
+    }
+    let place = args.scratch.temp_dir.clone().unwrap_or_else(|| ".".into());
+    let file = tempfile::tempfile_in(&place).map_err(|error| fails(&place, error))?;
+    Ok((file, place))
+}
+
+/// A hash of all that decides the references.
+fn hash_of(exact: &Scene, path: &Path, options: &StressOptions, spp: u32) -> u64 {
+    let file = std::fs::metadata(path).and_then(|file| Ok((file.len(), file.modified()?))).ok();
+    let mut hasher = DefaultHasher::new();
+    let StressOptions { scenario, seed, views, .. } = options;
+    format!("{exact:?} {path:?} {file:?} {scenario:?} {seed} {views:?} {spp}").hash(&mut hasher);
+    hasher.finish()
 }
 
 #[derive(Serialize)]
@@ -219,6 +249,21 @@ impl fmt::Display for StressReport {
                 "at {ms} ms: relMSE median {:.4}, greatest {:.4}; FLIP {:.3}, {:.3} ({})",
                 error.median, error.max, error.flip.median, error.flip.max, error.count
             )?;
+        }
+        if let Some(drag) = &figures.drag {
+            let [p50, p95] = [50.0, 95.0].map(|percentile| drag.picture_ms.percentile(percentile));
+            writeln!(
+                f,
+                "while the hand moves: {:.1} pictures/s, median {p50:.1} ms from event to picture, 95 % within {p95:.1} ms",
+                drag.pictures_per_s
+            )?;
+            if let (Some(relmse), Some(flip)) = (drag.relmse, drag.flip) {
+                writeln!(
+                    f,
+                    "relMSE median {:.4}, 95 % within {:.4}; FLIP {:.3}, {:.3} ({})",
+                    relmse.median, relmse.p95, flip.median, flip.p95, flip.count
+                )?;
+            }
         }
         if let Some(coverage) = figures.coverage {
             writeln!(f, "the model covers {:.0} % of the pictures", 100.0 * coverage)?;

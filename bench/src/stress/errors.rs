@@ -11,7 +11,6 @@
 
 use half::f16;
 use std::fs::File;
-use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -20,7 +19,7 @@ use trex_render::{Film, LiveSession, PagedTracer};
 use trex_store::{Budget, Error, Lease, Result};
 
 /// Times after an event at which errors are told, ms.
-pub const ERROR_TIMES_MS: [u64; 4] = [33, 100, 300, 1000];
+pub const ERROR_TIMES_MS: [u64; 7] = [33, 80, 100, 200, 300, 1000, 3000];
 
 /// How wrong a picture is.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +27,27 @@ pub(super) struct PictureError {
     pub(super) relmse: f64,
     /// Of the picture as it is shown.
     pub(super) flip: f64,
+}
+
+/// Bytes before the pictures in a file of references: what they are of.
+const HEAD_BYTES: u64 = 16;
+
+/// What references are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReferencesKey {
+    /// A hash of all that decides them.
+    pub hash: u64,
+    /// States.
+    pub count: u32,
+}
+
+impl ReferencesKey {
+    fn head(self) -> [u8; HEAD_BYTES as usize] {
+        let mut head = *b"trexref0\0\0\0\0\0\0\0\0";
+        head[4..8].copy_from_slice(&self.count.to_le_bytes());
+        head[8..].copy_from_slice(&self.hash.to_le_bytes());
+        head
+    }
 }
 
 /// The pictures that others are measured by, one a state, in a file.
@@ -55,10 +75,45 @@ pub struct Snapshots {
     _lease: Lease,
 }
 
+impl PictureError {
+    /// That of `picture`, shown with `exposure`; `None` where no pixel can be compared.
+    fn of(picture: &Picture, reference: &Picture, exposure: f32) -> Option<PictureError> {
+        let relmse = compare(picture, reference, Constants::default()).all.relmse?;
+        Some(PictureError { relmse, flip: flip(picture, reference, exposure) })
+    }
+}
+
 impl References {
     /// No references yet; `file` is empty and lies in `place`.
     pub fn new(file: File, place: PathBuf, resolution: [u32; 2]) -> References {
         References { file, place, resolution, count: 0 }
+    }
+
+    /// The references that [`References::finish`] left in `file`, `place`; `None` where it left none, or other ones.
+    ///
+    /// # Errors
+    /// Those of reading the file.
+    pub fn kept(file: File, place: PathBuf, resolution: [u32; 2], of: ReferencesKey) -> Result<Option<References>> {
+        let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
+        let needed = HEAD_BYTES + u64::from(of.count) * pixels * size_of::<[f32; 3]>() as u64;
+        let length = file.metadata().map_err(|error| Error::io("read references", &place, &error))?.len();
+        let mut head = [0; HEAD_BYTES as usize];
+        if length < needed {
+            return Ok(None);
+        }
+        file.read_exact_at(&mut head, 0).map_err(|error| Error::io("read references", &place, &error))?;
+        let is_same = head == of.head();
+        Ok(is_same.then_some(References { file, place, resolution, count: of.count }))
+    }
+
+    /// Notes that all references are there, for runs to come.
+    ///
+    /// # Errors
+    /// Those of writing the file.
+    pub fn finish(&self, of: ReferencesKey) -> Result<()> {
+        assert_eq!(self.count, of.count, "a state without a reference");
+        let written = self.file.write_all_at(&of.head(), 0);
+        written.map_err(|error| Error::io("write references", &self.place, &error))
     }
 
     /// Adds the picture of the next state.
@@ -66,23 +121,49 @@ impl References {
     /// # Errors
     /// Those of writing the file.
     pub fn add(&mut self, film: &Film) -> Result<()> {
-        let [width, height] = self.resolution;
-        for y in 0..height {
-            let row: Vec<[f32; 3]> = (0..width).map(|x| film.radiance([x, y])).collect();
-            let written = self.file.write_all(bytemuck::cast_slice(&row));
-            written.map_err(|error| Error::io("write a reference picture", &self.place, &error))?;
-        }
+        self.write(self.count, |pixel| film.radiance(pixel))?;
         self.count += 1;
         Ok(())
     }
 
-    /// The picture of state `index`.
-    fn read(&self, index: u32) -> Result<Picture> {
+    /// Copies what is on show, as a picture that is to be compared with that of state `index`.
+    ///
+    /// # Errors
+    /// Those of writing the file.
+    pub(super) fn copy(&self, index: u32, shown: impl Fn([u32; 2]) -> [f32; 3]) -> Result<()> {
         assert!(index < self.count, "a state without a reference");
+        self.write(self.count + index, shown)
+    }
+
+    /// Error of the copy of state `index`, shown with `exposure`; `None` where nothing can be compared.
+    ///
+    /// # Errors
+    /// Those of reading the file.
+    pub(super) fn error_of_copy(&self, index: u32, exposure: f32) -> Result<Option<PictureError>> {
+        Ok(PictureError::of(&self.read(self.count + index)?, &self.read(index)?, exposure))
+    }
+
+    /// Writes the picture at place `index` of the file.
+    fn write(&self, index: u32, radiance: impl Fn([u32; 2]) -> [f32; 3]) -> Result<()> {
+        let [width, height] = self.resolution;
+        for y in 0..height {
+            let row: Vec<[f32; 3]> = (0..width).map(|x| radiance([x, y])).collect();
+            let bytes: &[u8] = bytemuck::cast_slice(&row);
+            let row = u64::from(index) * u64::from(height) + u64::from(y);
+            let at = HEAD_BYTES + row * bytes.len() as u64;
+            let written = self.file.write_all_at(bytes, at);
+            written.map_err(|error| Error::io("write a picture to be compared", &self.place, &error))?;
+        }
+        Ok(())
+    }
+
+    /// The picture at place `index` of the file: that of a state, behind them the copies.
+    fn read(&self, index: u32) -> Result<Picture> {
+        assert!(index < 2 * self.count, "a state without a reference");
         let [width, height] = self.resolution;
         let mut pixels = vec![[0f32; 3]; width as usize * height as usize];
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut pixels);
-        let at = u64::from(index) * bytes.len() as u64;
+        let at = HEAD_BYTES + u64::from(index) * bytes.len() as u64;
         let read = self.file.read_exact_at(bytes, at);
         read.map_err(|error| Error::io("read a reference picture", &self.place, &error))?;
         Ok(Picture { width, height, pixels })
@@ -176,9 +257,7 @@ impl Snapshots {
             let Some(copy) = taken.take() else { continue };
             let pixels = copy.iter().map(|pixel| pixel.map(f16::to_f32)).collect();
             let picture = Picture { width, height, pixels };
-            let relmse = compare(&picture, &reference, Constants::default()).all.relmse;
-            let flip = flip(&picture, &reference, exposure);
-            *error = relmse.map(|relmse| PictureError { relmse, flip });
+            *error = PictureError::of(&picture, &reference, exposure);
             self.room.push(copy);
         }
         Ok(errors)

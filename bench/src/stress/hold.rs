@@ -8,6 +8,7 @@
 //! Invariants: 1. a time counts from before the event is applied; 2. a time is that of the end of the frame that shows
 //! it; 3. while a picture is copied for its error the clock stands still.
 
+use super::drag::DragLog;
 use super::errors::{ERROR_TIMES_MS, Snapshots};
 use super::options::StressFigure;
 use serde::Serialize;
@@ -57,6 +58,7 @@ pub struct Switch {
 #[derive(Default)]
 pub(super) struct Log {
     pub(super) switches: Vec<Switch>,
+    pub(super) drags: DragLog,
     pub(super) times: [Times; StressFigure::NAMED.len()],
     /// Events that changed light.
     pub(super) changes_of_light: u64,
@@ -187,7 +189,8 @@ impl Log {
         is_new
     }
 
-    fn add(&mut self, report: &FrameReport) {
+    /// Adds what a frame did.
+    pub(super) fn add(&mut self, report: &FrameReport) {
         self.pass.add(&report.pass);
         self.other_rays.add(&report.preview_rays);
         self.other_rays.photon += report.photon_rays;

@@ -11,19 +11,21 @@
 //!
 //! Invariant: a figure of time counts from before the event is applied.
 
+mod drag;
 mod errors;
 mod figures;
 mod hold;
 mod options;
 mod scenario;
 
-pub use errors::{ERROR_TIMES_MS, References, Snapshots};
+pub use drag::{DragFigures, Spread};
+pub use errors::{ERROR_TIMES_MS, References, ReferencesKey, Snapshots};
 pub use figures::{PixelError, StressFigures};
 pub use hold::Switch;
 pub use options::{Requirement, Scenario, StressFigure, StressOptions};
 
 use hold::{Hold, Log};
-use scenario::{Script, Step};
+use scenario::{DRAG_EVENTS, Script, Step};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 use trex_render::{LiveSession, PagedTracer, Session};
@@ -112,8 +114,15 @@ pub fn run<T: PagedTracer + Send>(
     let begin = Instant::now();
     for switch in 0..options.switches {
         stand.interrupt.check()?;
+        let index = match options.scenario {
+            Scenario::Drag => {
+                let references = compared.as_ref().map(|(references, _)| *references);
+                log.drag(session, &script, &hold, references)?;
+                DRAG_EVENTS - 1
+            }
+            _ => script.first() + switch,
+        };
         let event = Instant::now();
-        let index = script.first() + switch;
         step(session, index)?;
         log.hold(session, event, &hold, compared.as_mut().map(|(_, snapshots)| &mut **snapshots))?;
         if let Some((references, snapshots)) = &mut compared {
@@ -123,6 +132,9 @@ pub fn run<T: PagedTracer + Send>(
             let held = log.switches.last_mut().expect("a switch was held");
             held.error_at = Some(errors.map(|error| Some(error?.relmse)));
             held.flip_at = Some(errors.map(|error| Some(error?.flip)));
+            if options.scenario == Scenario::Drag {
+                log.drags.compare(references, exposure)?;
+            }
             log.aside += begin.elapsed();
         }
         if let Some(bytes) = (stand.resident_bytes)() {

@@ -6,6 +6,7 @@
 //! pingpong   overview and close-up                  soak        flip, inside and poses in turn; memory is watched
 //! teleport   one of twelve poses, by chance         sweep       an orbit, a step a response
 //! still      one view, again and again: what the table 2 of the paper shows
+//! drag       an orbit, a pan and a zoom of 30 events a second; a step an event
 //! ```
 //!
 //! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state
@@ -30,6 +31,15 @@ const CLOSE_SHARE: f64 = 0.01;
 /// Poses of `teleport`, and states of `light-edit`.
 const POSES: u32 = 12;
 const LIGHT_STATES: u32 = 8;
+/// Events of a drag, those of its orbit and its pan, and the views of its way that have references.
+pub(super) const DRAG_EVENTS: u32 = 150;
+const DRAG_ORBIT_EVENTS: u32 = 90;
+const DRAG_PAN_EVENTS: u32 = 30;
+pub(super) const DRAG_VIEWS: u32 = 12;
+/// Turns of its orbit; how far it pans, and how near it comes, as shares of the way to the target.
+const DRAG_TURNS: f64 = 0.25;
+const DRAG_PAN: f64 = 0.15;
+const DRAG_ZOOM: f64 = 0.4;
 /// Irradiance of the light that goes round, as strong as the default sun.
 const SUN: f32 = 3.0;
 
@@ -80,13 +90,40 @@ impl Script {
             Scenario::Still => 1,
             Scenario::Teleport => POSES,
             Scenario::LightEdit => LIGHT_STATES,
+            Scenario::Drag => DRAG_VIEWS,
             Scenario::Sweep | Scenario::Soak => 0,
         }
+    }
+
+    /// The event of a drag after which the scene is in state `view`.
+    pub(super) fn drag_event(&self, view: u32) -> u32 {
+        (view + 1) * DRAG_EVENTS / DRAG_VIEWS - 1
+    }
+
+    /// The camera after event `index` of a drag.
+    fn drag(&self, index: u32) -> Camera {
+        let part = |first: u32, count: u32| {
+            (f64::from((index + 1).saturating_sub(first)) / f64::from(count)).min(1.0)
+        };
+        let turned = part(0, DRAG_ORBIT_EVENTS);
+        let panned = part(DRAG_ORBIT_EVENTS, DRAG_PAN_EVENTS);
+        let zoom_first = DRAG_ORBIT_EVENTS + DRAG_PAN_EVENTS;
+        let zoomed = part(zoom_first, DRAG_EVENTS - zoom_first);
+        let camera = around(&self.model, &self.views[0], DRAG_TURNS * turned);
+        let way: [f64; 3] = std::array::from_fn(|a| camera.target[a] - camera.position[a]);
+        let up = up_axis(&self.model.bounds);
+        let side =
+            unit([way[1] * up[2] - way[2] * up[1], way[2] * up[0] - way[0] * up[2], way[0] * up[1] - way[1] * up[0]]);
+        let aside = DRAG_PAN * panned * length(way);
+        let target = along(camera.target, aside, side);
+        let position = along(along(camera.position, aside, side), DRAG_ZOOM * zoomed, way);
+        Camera { position, target, ..camera }
     }
 
     /// The state of the scene after switch `index`; below [`Script::state_count`], where that is not 0.
     pub(super) fn state(&self, index: u32) -> u32 {
         match self.scenario {
+            Scenario::Drag => (index + 1) * DRAG_VIEWS / DRAG_EVENTS - 1,
             Scenario::Teleport => (Numbers::new(self.seed, index).next() * f64::from(POSES)) as u32,
             _ => index % self.state_count().max(1),
         }
@@ -101,6 +138,7 @@ impl Script {
     pub(super) fn steps_to(&self, state: u32) -> Vec<Step> {
         match self.scenario {
             Scenario::Teleport => vec![look(self.pose(state))],
+            Scenario::Drag => vec![look(self.drag(self.drag_event(state)))],
             _ => self.steps(state),
         }
     }
@@ -111,6 +149,7 @@ impl Script {
         match self.scenario {
             Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
             Scenario::Still => vec![look(self.views[0])],
+            Scenario::Drag => vec![look(self.drag(index))],
             Scenario::Teleport => vec![look(self.pose(self.state(index)))],
             Scenario::Sweep => {
                 vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]

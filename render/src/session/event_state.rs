@@ -27,8 +27,15 @@ pub(super) struct EventState {
     first_block: Option<u32>,
     /// The tiles are in order.
     is_ordered: bool,
+    /// Tiles done when the picture on show was made anew.
+    refreshed: u64,
     progress: FrameProgress,
 }
+
+/// Parts of the first pass after which the picture on show is made anew; then it is after each pass.
+const REFRESH_PARTS: u64 = 16;
+/// Passes after which it no longer is: by then the samples count for more.
+const REFRESH_PASSES: u64 = 16;
 
 impl EventState {
     /// An event at a time, from which on the film is in `film_state`; its preview is as fine as `ladder` says.
@@ -40,6 +47,7 @@ impl EventState {
             finished: 0,
             first_block: None,
             is_ordered: false,
+            refreshed: 0,
             progress: FrameProgress::Preview,
         }
     }
@@ -67,6 +75,19 @@ impl EventState {
     /// Notes that the tiles are put in order. True the first time.
     pub(super) fn note_order(&mut self) -> bool {
         !std::mem::replace(&mut self.is_ordered, true)
+    }
+
+    /// Notes that the picture on show is made anew, if it is time for that: the picture has so many `tiles`.
+    pub(super) fn note_refresh(&mut self, tiles: u32) -> bool {
+        let tiles = u64::from(tiles);
+        let parts = trex_film::tune(2, REFRESH_PARTS as f32) as u64;
+        // In the first pass by parts; then each time that samples have doubled.
+        let part = if self.refreshed < tiles { tiles.div_ceil(parts.max(1)) } else { self.refreshed };
+        let is_time = parts > 0 && self.refreshed < REFRESH_PASSES * tiles && self.finished - self.refreshed >= part;
+        if is_time {
+            self.refreshed = self.finished;
+        }
+        is_time
     }
 
     /// Notes that so many more tiles are done.

@@ -48,6 +48,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             return self.report(FrameProgress::Preview, PassStats::default(), other);
         }
         self.fill_preview();
+        self.refresh_display();
         let has_responded = self.live.event.first_block().is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.light.precedes_response() {
@@ -122,6 +123,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Arrival::Replaced => self.begin_samples(),
         }
         rays
+    }
+
+    /// Makes the picture on show anew with the light of the samples, where it is time for that.
+    fn refresh_display(&mut self) {
+        let Session { film, tiles, pool, view, .. } = &self.session;
+        let Live { display, event, .. } = &mut self.live;
+        let is_alike = view.settings.integrator.has_own_preview();
+        if is_alike && event.note_refresh(tiles.count()) {
+            display.refresh(film, pool);
+        }
     }
 
     /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all
