@@ -29,7 +29,7 @@ mod exact;
 mod surface;
 
 use self::cells::{CellPixels, Cells};
-pub(crate) use self::exact::{CornersOf, TileCorners};
+pub(crate) use self::exact::{CornersOf, TileCorners, luminance};
 use self::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, Surface, SurfaceRow, SurfaceRows};
 use super::film::LayerPixel;
 use super::packed::PackedLight;

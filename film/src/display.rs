@@ -18,7 +18,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::coarse::{Coarse, STEPS, TileCorners};
+use super::coarse::{Coarse, STEPS, TileCorners, luminance};
 use super::film::{Film, LayerPixel};
 use super::filter::filter_bytes;
 use super::packed::PackedLight;
@@ -34,6 +34,9 @@ const FIRST_WORTH: f32 = 1.5;
 
 /// The same of a picture that exact samples have come into.
 const REFRESHED_WORTH: f32 = 4.0;
+
+/// How many times brighter than the picture on show a pixel of no sample would count.
+const HIT_MOST: f32 = 8.0;
 
 /// Samples of a pixel that what was shown before light changed by itself is worth at most: it is of the light before.
 const BEFORE_WORTH_MOST: f32 = 4.0;
@@ -137,6 +140,23 @@ impl Display {
         if pixels >> bit(pixel) & 1 == 1 { worth } else { 0.0 }
     }
 
+    /// Radiance at pixel (x, y) of tile `index` whose so many exact samples have the mean `exact`, where the display
+    /// shows `own`. Chance hits far brighter than that count up to a bound, which rises with the samples.
+    pub fn mixed(
+        &self,
+        (index, pixel): (u32, [u32; 2]),
+        (samples, exact): (u32, [f32; 3]),
+        own: [f32; 3],
+    ) -> [f32; 3] {
+        let worth = self.worth(index, pixel);
+        let share = worth / (worth + samples as f32);
+        let exact = Vec3::from(exact);
+        let (bright, most) =
+            (luminance(exact), tune(4, HIT_MOST) * (samples + 1) as f32 * luminance(own.into()));
+        let exact = if share > 0.0 && most > 0.0 && bright > most { exact * (most / bright) } else { exact };
+        exact.lerp(own.into(), share).into()
+    }
+
     /// Learns what the first exact samples of pixels (x, y) of `tile` saw. Where the preview saw something else it is
     /// worth nothing from now on.
     pub fn learn(&mut self, tile: &Tile, seen: &[([u32; 2], LayerPixel)]) {
@@ -227,7 +247,8 @@ impl Display {
     pub fn fill(&mut self, pool: &ThreadPool) {
         if let Some((_, step)) = self.shown.filter(|_| std::mem::take(&mut self.is_sparse)) {
             let standings = &self.standings;
-            let known = |index: u32| Some(standings[index as usize].corners).filter(|corners| corners.any() != 0);
+            let known =
+                |index: u32| Some(standings[index as usize].corners).filter(|corners| corners.any() != 0);
             self.coarse.fill(step, &known, &mut self.radiance, pool);
         }
     }

@@ -14,7 +14,9 @@ use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use trex_bench::stress::{self, References, ReferencesKey, Requirement, Snapshots, Stand, StressFigures, StressOptions};
+use trex_bench::stress::{
+    self, References, ReferencesKey, Requirement, Snapshots, Stand, StressFigures, StressOptions,
+};
 use trex_model::Times;
 use trex_model::{Device, DeviceOptions, DeviceReport, Pace, SessionOptions};
 use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
@@ -145,7 +147,9 @@ fn references(
         let error = Error::new(Code::SceneFormat, "the states of this scenario have no references")
             .at_place("--reference-spp")
             .numbers(format!("{} never comes to one twice", options.scenario.name()))
-            .next("leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze, still or drag");
+            .next(
+                "leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze, still or drag",
+            );
         return Err(error.into());
     }
     let resolution = exact.render.resolution;

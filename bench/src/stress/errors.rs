@@ -93,7 +93,12 @@ impl References {
     ///
     /// # Errors
     /// Those of reading the file.
-    pub fn kept(file: File, place: PathBuf, resolution: [u32; 2], of: ReferencesKey) -> Result<Option<References>> {
+    pub fn kept(
+        file: File,
+        place: PathBuf,
+        resolution: [u32; 2],
+        of: ReferencesKey,
+    ) -> Result<Option<References>> {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
         let needed = HEAD_BYTES + u64::from(of.count) * pixels * size_of::<[f32; 3]>() as u64;
         let length = file.metadata().map_err(|error| Error::io("read references", &place, &error))?.len();

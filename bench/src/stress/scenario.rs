@@ -112,8 +112,11 @@ impl Script {
         let camera = around(&self.model, &self.views[0], DRAG_TURNS * turned);
         let way: [f64; 3] = std::array::from_fn(|a| camera.target[a] - camera.position[a]);
         let up = up_axis(&self.model.bounds);
-        let side =
-            unit([way[1] * up[2] - way[2] * up[1], way[2] * up[0] - way[0] * up[2], way[0] * up[1] - way[1] * up[0]]);
+        let side = unit([
+            way[1] * up[2] - way[2] * up[1],
+            way[2] * up[0] - way[0] * up[2],
+            way[0] * up[1] - way[1] * up[0],
+        ]);
         let aside = DRAG_PAN * panned * length(way);
         let target = along(camera.target, aside, side);
         let position = along(along(camera.position, aside, side), DRAG_ZOOM * zoomed, way);

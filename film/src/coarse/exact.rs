@@ -4,6 +4,10 @@
 //! s p     light of s: the mean over those of s, p, q, r that are of one surface with s, over its albedo
 //! q r
 //! ```
+//!
+//! A pixel far brighter than its tile, in a cell where others are not, is a chance hit of a small light: smoothed it would
+//! be a bright spot of many pixels. It counts up to a bound. That is the display's alone, and counts less with each
+//! sample.
 
 use super::surface::Surface;
 use super::{Coarse, KEPT_STEP, LIGHT_MOST, TILE_SIDE_SAMPLES, grid_size};
@@ -33,6 +37,10 @@ impl TileCorners {
     }
 }
 
+/// Pixels of a tile that may be chance hits, and how many times brighter than the mean of the others a pixel counts.
+const HITS: usize = 2;
+const BRIGHT_MOST: f32 = 16.0;
+
 /// The samples of a row of tiles: red, green and blue.
 type Band<'a> = [&'a mut [f32]; 3];
 
@@ -54,7 +62,8 @@ impl Coarse {
             let around = [[x, y], [right, y], [x, below], [right, below]];
             for (corner, at) in corners.0.iter_mut().zip(around) {
                 // A sample is the one surface that it saw, whatever else is like it.
-                let is_same = at == *pixel && is_sample(pixel) || self.surfaces[self.place(at)].is_same(&surface);
+                let is_same =
+                    at == *pixel && is_sample(pixel) || self.surfaces[self.place(at)].is_same(&surface);
                 *corner |= u64::from(is_same) << bit(*pixel);
             }
         }
@@ -90,24 +99,47 @@ fn take_tile(film: &Film, (index, cells): (u32, u64), surfaces: &[Surface], ligh
     let columns = grid_size(resolution, KEPT_STEP)[0] as usize;
     let tile = tile(resolution, index);
     let [width, height] = tile.size;
+    let mut rows = [[[0.0; 3]; TILE_SIDE_PIXELS as usize]; TILE_SIDE_PIXELS as usize];
+    for (y, row) in (0..height).zip(&mut rows) {
+        film.radiances([tile.first[0], tile.first[1] + y], &mut row[..width as usize]);
+    }
+    let most = bright_most(&rows, [width, height]);
     for v in (0..height).step_by(KEPT_STEP as usize) {
-        let mut rows = [[[0.0; 3]; TILE_SIDE_PIXELS as usize]; KEPT_STEP as usize];
-        for (y, row) in (v..height).zip(&mut rows) {
-            film.radiances([tile.first[0], tile.first[1] + y], &mut row[..width as usize]);
-        }
         for u in (0..width).step_by(KEPT_STEP as usize) {
-            let (mut sum, mut count) = (Vec3::ZERO, 0.0);
-            for (y, row) in (v..height).zip(&rows) {
-                for x in u..width.min(u + KEPT_STEP) {
-                    if cells >> bit([x, y]) & 1 == 1 {
-                        (sum, count) = (sum + Vec3::from(row[x as usize]), count + 1.0);
-                    }
-                }
-            }
+            let pixels = (v..height.min(v + KEPT_STEP))
+                .flat_map(|y| (u..width.min(u + KEPT_STEP)).map(move |x| [x, y]))
+                .filter(|pixel| cells >> bit(*pixel) & 1 == 1)
+                .map(|[x, y]| Vec3::from(rows[y as usize][x as usize]));
+            // Where all are bright, so is what they saw.
+            let least = match pixels.clone().count() {
+                0 | 1 => 0.0,
+                _ => pixels.clone().map(luminance).fold(f32::INFINITY, f32::min),
+            };
+            let bound =
+                |light: Vec3| light * (most.max(least) / luminance(light).max(f32::MIN_POSITIVE)).min(1.0);
+            let (sum, count) =
+                pixels.fold((Vec3::ZERO, 0.0), |(sum, count), light| (sum + bound(light), count + 1.0));
             let at = (v / KEPT_STEP) as usize * columns + ((tile.first[0] + u) / KEPT_STEP) as usize;
             let shade = sum / f32::max(count, 1.0) / Vec3::from(surfaces[at].albedo());
             let shade = shade.min(Vec3::splat(LIGHT_MOST));
             (0..3).for_each(|c| light[c][at] = shade[c]);
         }
     }
+}
+
+/// Luminance above which a pixel of a tile, of so many columns and rows of `rows`, may be a chance hit.
+fn bright_most(rows: &[[[f32; 3]; TILE_SIDE_PIXELS as usize]], [width, height]: [u32; 2]) -> f32 {
+    let mut sorted = [0.0; (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize];
+    let count = (width * height) as usize;
+    let pixels = rows[..height as usize].iter().flat_map(|row| &row[..width as usize]);
+    sorted.iter_mut().zip(pixels).for_each(|(place, rgb)| *place = luminance(Vec3::from(*rgb)));
+    let sorted = &mut sorted[..count];
+    sorted.sort_unstable_by(f32::total_cmp);
+    let others = &sorted[..count.saturating_sub(HITS).max(1)];
+    crate::display::tune(3, BRIGHT_MOST) * others.iter().sum::<f32>() / others.len() as f32
+}
+
+/// Luminance of linear RGB, ITU-R BT.709.
+pub(crate) fn luminance(rgb: Vec3) -> f32 {
+    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }

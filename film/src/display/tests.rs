@@ -204,6 +204,27 @@ fn a_pixel_beside_an_edge_has_its_own_samples_alone() {
     }
 }
 
+/// Columns from 3 on saw the surface behind. Column 3, whose cell's sample is of the one in front, has the light of
+/// column 4: the edge is where the exact samples say, not on the grid.
+#[test]
+fn a_pixel_beside_an_edge_has_the_light_of_its_own_side() {
+    let mut display = display(RESOLUTION);
+    pixels().filter(|[x, y]| x % 2 == 0 && y % 2 == 0).for_each(|pixel| {
+        display.set(pixel, Vec3::ONE, &LayerPixel { id: NO_ID, ..seen(pixel) });
+    });
+    display.show(0, 2, false, &pool(2));
+    let mut film = Film::new(RESOLUTION, Layers::default(), &Budget::unlimited()).unwrap();
+    let first = tile(RESOLUTION, 0);
+    let light = |x: u32| if x < 3 { 2.0 } else { 9.0 };
+    film.add(&first, &(0..64).map(|i| [light(first.pixel(i)[0]); 3]).collect::<Vec<_>>());
+    learn(&mut display, |[x, _]| seen([if x < 3 { 0 } else { 15 }, 0]));
+    display.refresh(&film, &pool(1));
+    for [x, y] in pixels().filter(|[x, y]| *x < 8 && *y < 8) {
+        assert_eq!(display.worth(0, [x, y]), REFRESHED_WORTH);
+        assert!((at(&display, [x, y])[0] - light(x)).abs() < 1e-2, "{x} {y}");
+    }
+}
+
 /// The mean of some samples of a pixel, less noisy: light by chance, of mean 1.
 #[test]
 fn a_picture_that_is_made_anew_is_smoother_than_its_samples() {

@@ -83,7 +83,8 @@ impl EventState {
         let parts = trex_film::tune(2, REFRESH_PARTS as f32) as u64;
         // In the first pass by parts; then each time that samples have doubled.
         let part = if self.refreshed < tiles { tiles.div_ceil(parts.max(1)) } else { self.refreshed };
-        let is_time = parts > 0 && self.refreshed < REFRESH_PASSES * tiles && self.finished - self.refreshed >= part;
+        let is_time =
+            parts > 0 && self.refreshed < REFRESH_PASSES * tiles && self.finished - self.refreshed >= part;
         if is_time {
             self.refreshed = self.finished;
         }
@@ -103,5 +104,25 @@ impl EventState {
     /// Notes the state of the picture at the end of a frame.
     pub(super) fn note_progress(&mut self, progress: FrameProgress) {
         self.progress = progress;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In sixteenths of the first pass, then at twice as many samples each time, to sixteen.
+    #[test]
+    fn the_picture_on_show_is_made_anew_ever_more_seldom() {
+        let mut event = EventState::new(Instant::now(), 0, Ladder::new(false));
+        let mut times = vec![];
+        for finished in 1..=160 * 40 {
+            event.note_tiles(1);
+            if event.note_refresh(160) {
+                times.push(finished);
+            }
+        }
+        let expected: Vec<u64> = (1..=16).map(|part| part * 10).chain([320, 640, 1280, 2560]).collect();
+        assert_eq!(times, expected);
     }
 }

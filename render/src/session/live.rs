@@ -175,11 +175,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let is_alike = self.view.settings.integrator.has_own_preview();
         if is_alike && !self.live.event.is_done() && self.film.tile_state(index) == display.tile_state(index)
         {
-            let samples = self.film.tile_samples(index) as f32;
+            let samples = self.film.tile_samples(index);
             for (x, (shown, preview)) in (first[0]..).zip(radiances.iter_mut().zip(preview)) {
-                let worth = display.worth(index, [x, first[1]]);
-                let share = worth / (worth + samples);
-                *shown = std::array::from_fn(|c| shown[c] + share * (preview[c] - shown[c]));
+                *shown = display.mixed((index, [x, first[1]]), (samples, *shown), preview);
             }
         }
     }
