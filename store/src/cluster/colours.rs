@@ -274,7 +274,7 @@ fn take_values(input: &mut BitStream<'_>, values: &mut [Colour]) {
     }
 }
 
-/// A frame that [`install_colours`] filled.
+/// A frame that a page of colours was decoded into.
 #[derive(Clone, Copy)]
 pub struct ColourView<'a> {
     bytes: &'a [u8],
