@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Lower octrees on and off: views that jump on four kinds of model in 128 MiB, by default files and by files with units
-# down to 2048^3. Keeps the records that docs/measurements.md shows. Ten minutes of a quiet machine that may make memory
-# control groups (v1).
+# down to 2048^3. Keeps records `units-*`. Fifteen minutes of a quiet machine that may make memory control groups (v1).
 #
 #   bench/units.sh WORK_FOLDER
 set -euo pipefail
