@@ -15,6 +15,7 @@ mod keys;
 mod render;
 mod stress;
 mod view;
+mod volume;
 
 use crate::values::MemoryLimit;
 pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchTradeoffArgs, BenchVerb};
@@ -32,6 +33,7 @@ use std::ffi::OsString;
 use std::path::Path;
 pub use stress::StressArgs;
 pub use view::ViewArgs;
+pub use volume::{RawArgs, VolumeArgs};
 
 /// Opens triangle meshes far larger than memory and renders them under a memory limit.
 #[derive(Debug, Parser)]

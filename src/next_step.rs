@@ -73,6 +73,12 @@ pub(crate) fn words(step: &NextStep) -> String {
         }
         NextStep::FewerThreads => "ask for fewer --threads, or raise the limit on processes (ulimit -u)",
         NextStep::ListMaterials => "use a name that `trex info` lists",
+        NextStep::DescribeVolume => {
+            "add --size XxYxZ --type TYPE, or name a .nhdr or .mhd file that says both"
+        }
+        NextStep::NameIsoValue => {
+            "add --iso VALUE, between the samples inside and outside; once for each surface"
+        }
         NextStep::Text(text) => text,
     };
     words.to_owned()

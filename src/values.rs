@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use trex_model::Device;
 use trex_render::keys::RESOLUTION;
 use trex_render::{FetchBlock, KeyValue};
+use trex_store::import::{ByteOrder, SampleType};
 use trex_store::octree::Refinement;
 
 /// Most triangles that one command may be asked for: four times what the format's ids are meant for.
@@ -82,6 +83,19 @@ pub struct Voxels {
     pub upper: u32,
     /// By 1, 4 or 16.
     pub refinement: Refinement,
+}
+
+/// `--size`: samples of a volume along each axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VolumeSize(pub [u64; 3]);
+
+/// `--type`: the samples of a file without a header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SampleFormat {
+    /// Their type.
+    pub sample: SampleType,
+    /// Of their bytes.
+    pub order: ByteOrder,
 }
 
 /// What `build` reads: a file, or a generator's name.
@@ -251,6 +265,33 @@ pub fn vec3(text: &str) -> Result<Vec3, String> {
     parts.and_then(|parts| <[f64; 3]>::try_from(parts).ok()).map(Vec3).ok_or_else(|| {
         "accepted are three finite numbers x,y,z with no space between, like 1.5,-2,0.25".into()
     })
+}
+
+/// Parses `512x512x300`.
+pub fn volume_size(text: &str) -> Result<VolumeSize, String> {
+    let sides: Option<Vec<u64>> = text.split(['x', 'X']).map(|side| side.trim().parse().ok()).collect();
+    let sides = sides.and_then(|sides| <[u64; 3]>::try_from(sides).ok()).filter(|sides| !sides.contains(&0));
+    sides.map(VolumeSize).ok_or_else(|| "accepted are samples along three axes, like 512x512x300".into())
+}
+
+/// Parses `uint16`, `float32be`.
+pub fn sample_format(text: &str) -> Result<SampleFormat, String> {
+    let (name, order) = match text.trim().strip_suffix("be") {
+        Some(name) => (name, ByteOrder::Big),
+        None => (text.trim(), ByteOrder::Little),
+    };
+    let sample = SampleType::from_name(name);
+    sample.map(|sample| SampleFormat { sample, order }).ok_or_else(|| {
+        "accepted are int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32 and float64, with `be` behind \
+         it for the most significant byte first"
+            .into()
+    })
+}
+
+/// Parses `x,y,z`, each above 0.
+pub fn spacing(text: &str) -> Result<Vec3, String> {
+    let spacing = vec3(text)?;
+    if spacing.0.iter().all(|&part| part > 0.0) { Ok(spacing) } else { Err("a spacing is above 0".into()) }
 }
 
 /// Parses `x,y,z`, not all of them 0.

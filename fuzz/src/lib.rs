@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::Arc;
 use trex_render::{Camera, Model, Scene, parse_views};
 use trex_store::cluster::{self, FrameView};
-use trex_store::import::{self, ImportOptions};
+use trex_store::import::{self, ByteOrder, ImportOptions, RawVolume, SampleType, VolumeOptions};
 use trex_store::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, Superblock};
 use trex_store::{Aabb, Budget, Code, Error, Material, PageFile, RESERVE_BYTES, Result, TriangleBatch};
 use xxhash_rust::xxh3::xxh3_64;
@@ -22,7 +22,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 14] = [
+pub const TARGETS: [Target; 17] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
@@ -34,6 +34,9 @@ pub const TARGETS: [Target; 14] = [
     ("stl", stl),
     ("gltf", gltf),
     ("glb", glb),
+    ("nrrd", nrrd),
+    ("mhd", mhd),
+    ("raw", raw),
     ("mtl", mtl),
     ("scene", scene),
     ("views", views),
@@ -180,12 +183,32 @@ pub fn glb(bytes: &[u8]) {
     import("fuzzed.glb", bytes);
 }
 
+/// A volume as NRRD, whose samples are in it.
+pub fn nrrd(bytes: &[u8]) {
+    import("fuzzed.nrrd", bytes);
+}
+
+/// A volume as MetaImage.
+pub fn mhd(bytes: &[u8]) {
+    import("fuzzed.mhd", bytes);
+}
+
+/// Samples of a volume, behind three bytes that choose the size.
+pub fn raw(bytes: &[u8]) {
+    let Some((size, samples)) = bytes.split_first_chunk::<3>() else { return };
+    let size = size.map(|side| u64::from(side) % 16);
+    let sample = SampleType::Float32;
+    let raw = RawVolume { size, sample, order: ByteOrder::Little, spacing: [1.0; 3] };
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    import_in(folder.path(), "fuzzed.raw", samples, Some(raw));
+}
+
 /// The materials of an OBJ file.
 pub fn mtl(bytes: &[u8]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     std::fs::write(folder.path().join("fuzzed.mtl"), bytes).expect("room for a small file");
     let mesh = "mtllib fuzzed.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 3 2\n";
-    import_in(folder.path(), "mesh.obj", mesh.as_bytes());
+    import_in(folder.path(), "mesh.obj", mesh.as_bytes(), None);
 }
 
 /// A scene, and the view of a model that it makes.
@@ -217,13 +240,14 @@ pub fn views(bytes: &[u8]) {
 }
 
 fn import(name: &str, bytes: &[u8]) {
-    import_in(tempfile::tempdir().expect("a temporary folder").path(), name, bytes);
+    import_in(tempfile::tempdir().expect("a temporary folder").path(), name, bytes, None);
 }
 
-fn import_in(folder: &Path, name: &str, bytes: &[u8]) {
+fn import_in(folder: &Path, name: &str, bytes: &[u8], raw: Option<RawVolume>) {
     let path = folder.join(name);
     std::fs::write(&path, bytes).expect("room for a small file");
-    let options = ImportOptions::new(Budget::new(BUDGET_BYTES), folder);
+    let mut options = ImportOptions::new(Budget::new(BUDGET_BYTES), folder);
+    options.volumes = VolumeOptions { iso_values: vec![0.5, 60.0], raw };
     let read = || -> Result<()> {
         let mut source = import::open(&path, &options)?;
         let mut batch = TriangleBatch::default();

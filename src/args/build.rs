@@ -1,6 +1,6 @@
 //! The command line of `trex build`, `trex info` and `trex verify`.
 
-use super::{CommonArgs, OverwriteArgs, ScratchArgs};
+use super::{CommonArgs, OverwriteArgs, RawArgs, ScratchArgs, VolumeArgs};
 use crate::values::{self, Bytes, Input};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
@@ -11,7 +11,8 @@ use trex_store::verify::Level;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
-    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED; several become one model
+    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED; volumes: .nrrd, .nhdr, .mhd,
+    /// .mha or .raw, with --iso; several become one model
     #[arg(value_name = "INPUT", required_unless_present = "clean", num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
@@ -29,6 +30,8 @@ pub struct BuildArgs {
     /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = Colors::Keep)]
     pub colors: Colors,
+    #[command(flatten)]
+    pub volumes: VolumeArgs,
     #[command(flatten)]
     pub voxels: VoxelArgs,
     #[command(flatten)]
@@ -96,6 +99,8 @@ Examples:
   trex build statue.ply -o statue.trex
   trex build hull.obj engine.stl -o ship.trex --error 0.0001
   trex build hull.obj -o ship.trex --render-limit 128MiB
+  trex build head.nrrd -o head.trex --iso 60 --iso 120
+  trex build head.raw -o head.trex --iso 60 --size 256x256x180 --type uint16
   trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json
   trex build --clean -o ship.trex                      remove what a killed build has left";
 
@@ -103,10 +108,12 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
-    /// A page file, a mesh (.ply, .obj, .stl, .gltf, .glb or gen:KIND:COUNT), or a folder or an output with
-    /// unfinished builds
+    /// A page file, a mesh (.ply, .obj, .stl, .gltf, .glb or gen:KIND:COUNT), a volume (.nrrd, .nhdr, .mhd, .mha or
+    /// .raw), or a folder or an output with unfinished builds
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
+    #[command(flatten)]
+    pub raw: RawArgs,
     #[command(flatten)]
     pub common: CommonArgs,
 }

@@ -1,6 +1,7 @@
 //! `trex build`: meshes to a page file.
 
-use super::{beside, inputs};
+use super::beside;
+use super::inputs::{self, InputList};
 use crate::args::{BuildArgs, Colors, VoxelArgs};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -15,7 +16,7 @@ use trex_store::build::left_over::{self, LeftOver};
 use trex_store::build::{self, BuildOptions, BuildReport, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Colourless, Error, Result, TriangleSource, stamp};
+use trex_store::{Colourless, Error, Result, SourceStats, TriangleSource, stamp};
 
 /// About how much work a kill may cost where nothing else is said: as the flag has it.
 const JOURNAL_EVERY: Duration = Duration::from_secs(3);
@@ -48,16 +49,17 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         }
     }
     let scratch = work.scratch_folder();
-    let built = inputs::open(&args.inputs, &scratch, build::smallest_bytes(), ctx).and_then(|source| {
-        match args.colors {
+    let volumes = args.volumes.options();
+    let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
+    let built =
+        inputs::open(inputs, &scratch, build::smallest_bytes(), ctx).and_then(|source| match args.colors {
             Colors::Keep => {
                 let mut source = source;
                 work.build(&mut *source, ctx)
             }
             Colors::Drop => work.build(&mut Colourless(source), ctx),
-        }
-    });
-    ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, &args.inputs, &scratch, ctx))?)
+        });
+    ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, inputs, &scratch, ctx))?)
 }
 
 fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
@@ -65,6 +67,10 @@ fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let mut resume = Resume { every, ..resume_of(&args.inputs)? };
     if args.colors == Colors::Drop {
         resume.input.push(("colours".to_owned(), "dropped".to_owned()));
+    }
+    let volumes = args.volumes.options();
+    if !volumes.iso_values.is_empty() {
+        resume.input.push(("volumes".to_owned(), format!("{volumes:?}")));
     }
     Ok((!args.resume.no_resume).then_some(resume))
 }
@@ -138,6 +144,7 @@ impl Work<'_> {
                     size::count(placed.instanced_mesh_count),
                 ));
             }
+            tell_volumes(&placed, ctx);
             ctx.console.note(&format!(
                 "plan: {} triangles; memory {} of {}; scratch about {}, output about {}, free {}",
                 size::count(plan.triangle_count),
@@ -191,6 +198,17 @@ impl Work<'_> {
             memory: Memory::new(&ctx.budget),
             report,
         })
+    }
+}
+
+/// What volumes among the inputs take.
+fn tell_volumes(placed: &SourceStats, ctx: &Context) {
+    if placed.slab_count > 0 {
+        ctx.console.note(&format!(
+            "plan: volumes of {} slabs, one after the other: {} of samples in memory",
+            size::count(placed.slab_count),
+            size::bytes(placed.slab_bytes),
+        ));
     }
 }
 

@@ -1,6 +1,7 @@
 //! `trex info`: what a mesh or a page file holds, without loading it.
 
 use super::build::UnfinishedBuilds;
+use super::input_summary::InputSummary;
 use super::inputs;
 use super::view::FIRST_RESOLUTION;
 use crate::args::InfoArgs;
@@ -16,7 +17,7 @@ use std::sync::Arc;
 use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
-use trex_store::import::{self, Encoding, Format, ImportOptions, InputInfo};
+use trex_store::import::{self, ImportOptions};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind, Superblock};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
@@ -52,9 +53,10 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             ctx.done(&FileInfo::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
         Input::File(path) => {
-            let options = ImportOptions::new(ctx.budget.clone(), Path::new("."));
+            let mut options = ImportOptions::new(ctx.budget.clone(), Path::new("."));
+            options.volumes.raw = args.raw.volume();
             let info = import::info(path, &options)?;
-            ctx.done(&Mesh { scene: path.display().to_string(), info })
+            ctx.done(&InputSummary { scene: path.display().to_string(), info })
         }
     }
 }
@@ -112,37 +114,6 @@ impl fmt::Display for GeneratorInfo {
             size::count(self.triangle_count)
         )?;
         write!(f, "box {:?} to {:?}, median edge {:.4e}", self.bounds.lo, self.bounds.hi, self.median_edge)
-    }
-}
-
-#[derive(Serialize)]
-struct Mesh {
-    scene: String,
-    #[serde(flatten)]
-    info: InputInfo,
-}
-
-impl fmt::Display for Mesh {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let info = &self.info;
-        let encoding = match info.encoding {
-            Encoding::Ascii => "text",
-            Encoding::BinaryLittleEndian => "binary, little-endian",
-            Encoding::BinaryBigEndian => "binary, big-endian",
-        };
-        let format = match info.format {
-            Format::Ply => "PLY",
-            Format::Obj => "OBJ",
-            Format::Stl => "STL",
-            Format::Gltf | Format::Glb => "glTF",
-        };
-        write!(f, "{}: {format} ({encoding}), {}", one_line(&self.scene), size::bytes(info.file_bytes))?;
-        for (what, count) in [("vertices", info.vertex_count), ("faces", info.face_count)] {
-            if let Some(count) = count {
-                write!(f, ", {} {what} declared", size::count(count))?;
-            }
-        }
-        Ok(())
     }
 }
 

@@ -6,7 +6,7 @@ use crate::values::Input;
 use datasets_gen::{GenOptions, Spec};
 use std::path::Path;
 use trex_store::build::{self, InputSizes};
-use trex_store::import::{self, ImportOptions, MaterialNaming};
+use trex_store::import::{self, Format, ImportOptions, MaterialNaming, VolumeOptions};
 use trex_store::{Budget, Chain, Code, Error, RESERVE_BYTES, Result, TriangleSource};
 
 /// Bytes of the vertex caches of inputs that are only counted.
@@ -14,14 +14,52 @@ const COUNTING_CACHE_BYTES: u64 = 1 << 20;
 /// Most bytes of a vertex in a cache, with its share of the cache's lists.
 const VERTEX_BYTES: u64 = 32;
 
+/// What is read, in order, and how the volumes among it are.
+#[derive(Clone, Copy)]
+pub struct InputList<'a> {
+    pub inputs: &'a [Input],
+    pub volumes: &'a VolumeOptions,
+}
+
+impl InputList<'_> {
+    /// Refuses what is said of volumes where there are none.
+    ///
+    /// # Errors
+    /// [`Code::Usage`].
+    pub fn check(&self) -> Result<()> {
+        let formats = || {
+            self.inputs.iter().filter_map(|input| match input {
+                Input::File(path) => Some(Format::of_path(path)),
+                Input::Generated(_) => None,
+            })
+        };
+        // The content decides where the ending says nothing.
+        let has_volume = formats().any(|format| format.is_none_or(Format::is_volume));
+        let refused = |flag: &str, endings: &str| {
+            Err(Error::new(Code::Usage, format!("{flag} says nothing of these inputs"))
+                .at_place(flag)
+                .numbers(format!("{} inputs, none of them {endings}", self.inputs.len()))
+                .next(format!("leave {flag} out, or name a volume")))
+        };
+        if !self.volumes.iso_values.is_empty() && !has_volume {
+            return refused("--iso", "a volume: .nrrd, .nhdr, .mhd, .mha or .raw");
+        }
+        if self.volumes.raw.is_some() && !formats().any(|format| format == Some(Format::Raw)) {
+            return refused("--size", "a .raw file");
+        }
+        Ok(())
+    }
+}
+
 /// Opens all inputs as one source, and leaves `work_bytes` of the limit to what comes after; vertices that do not
 /// fit go to scratch in `temp_dir`.
 pub fn open(
-    inputs: &[Input],
+    inputs: InputList<'_>,
     temp_dir: &Path,
     work_bytes: u64,
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
+    inputs.check()?;
     let open_all = |budget: &Budget, caches_bytes: u64| {
         let reading = ReadOptions { budget, caches_bytes, naming: MaterialNaming::Names };
         open_all(inputs, temp_dir, &reading, ctx)
@@ -29,7 +67,7 @@ pub fn open(
     // Vertex caches fill while the files are read. All of them together take a quarter of the limit, and nothing of
     // what the sources' fixed parts and the work need.
     let mut caches_bytes = 0;
-    if inputs.iter().any(|input| matches!(input, Input::File(_))) {
+    if inputs.inputs.iter().any(|input| matches!(input, Input::File(_))) {
         let (ledger, free_bytes) = (Budget::unlimited(), ctx.budget.free_bytes());
         let _sources = open_all(&ledger, 0)?;
         caches_bytes = (free_bytes / 4).min(free_bytes.saturating_sub(work_bytes + ledger.used_bytes()));
@@ -46,12 +84,13 @@ struct ReadOptions<'a> {
 }
 
 fn open_all(
-    inputs: &[Input],
+    inputs: InputList<'_>,
     temp_dir: &Path,
     reading: &ReadOptions<'_>,
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
     let ReadOptions { budget, caches_bytes, naming } = *reading;
+    let InputList { inputs, volumes } = inputs;
     let open_one = |input: &Input| match input {
         Input::Generated(text) => generate_in(&Spec::parse(text)?, budget, ctx),
         Input::File(path) => {
@@ -59,6 +98,7 @@ fn open_all(
             options.interrupt = ctx.interrupt.clone();
             options.vertex_cache_bytes = caches_bytes / inputs.len() as u64;
             options.naming = naming;
+            options.volumes = volumes.clone();
             // Where the ledger only counts, the process still has its limit, of which other inputs have taken their
             // part.
             let is_counting = budget.limit_bytes() > ctx.budget.limit_bytes();
@@ -74,7 +114,7 @@ fn open_all(
 /// The error of a build of these inputs. Where the limit has no room for it, the inputs are read once more, to name the
 /// limit that has room for all of the build: each lease alone knows only of those before it, and what materials,
 /// emitters and tables take is known at the end of the stream.
-pub fn with_smallest_limit(error: Error, inputs: &[Input], temp_dir: &Path, ctx: &Context) -> Error {
+pub fn with_smallest_limit(error: Error, inputs: InputList<'_>, temp_dir: &Path, ctx: &Context) -> Error {
     if error.code() != Code::MemoryLimit {
         return error;
     }
@@ -97,7 +137,7 @@ pub fn with_smallest_limit(error: Error, inputs: &[Input], temp_dir: &Path, ctx:
 }
 
 /// A limit that does for a build of these inputs, and what they are called. Nothing is held of them but counts.
-fn smallest_limit(inputs: &[Input], temp_dir: &Path, ctx: &Context) -> Result<(String, u64)> {
+fn smallest_limit(inputs: InputList<'_>, temp_dir: &Path, ctx: &Context) -> Result<(String, u64)> {
     let opened_bytes = {
         let ledger = Budget::unlimited();
         let reading = ReadOptions { budget: &ledger, caches_bytes: 0, naming: MaterialNaming::Names };
@@ -111,7 +151,7 @@ fn smallest_limit(inputs: &[Input], temp_dir: &Path, ctx: &Context) -> Result<(S
     let sizes = InputSizes::of(&mut *source, &ctx.interrupt)?;
     let vertex_bytes = sizes.vertex_count * VERTEX_BYTES;
     // Several inputs have a list of all materials beside their own.
-    let joined_bytes = if inputs.len() > 1 { sizes.name_bytes } else { 0 };
+    let joined_bytes = if inputs.inputs.len() > 1 { sizes.name_bytes } else { 0 };
     let read_bytes =
         ledger.peak_bytes().saturating_sub(vertex_bytes.min(COUNTING_CACHE_BYTES)) + joined_bytes;
     let needed = read_bytes + build::smallest_bytes_for(&sizes);

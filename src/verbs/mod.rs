@@ -14,6 +14,7 @@ mod export;
 mod generate;
 mod image_diff;
 mod info;
+mod input_summary;
 mod inputs;
 mod picture_file;
 mod references;

@@ -8,13 +8,14 @@
 //! Invariant: the only file that is replaced is one of that name which is older than its mesh.
 
 use super::build::{Work, resume_of};
-use super::inputs;
+use super::inputs::{self, InputList};
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::values::Input;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use trex_store::build::{self, ExistingOutput, Precision, Voxels};
+use trex_store::import::{Format, VolumeOptions};
 use trex_store::output::{check_apart, draft};
 use trex_store::printable::one_line;
 use trex_store::{Code, Error, PageFile, Result};
@@ -28,6 +29,13 @@ const MESHES: [&str; 5] = ["ply", "obj", "stl", "gltf", "glb"];
 /// [`Code::Usage`] for an output beside what needs none; [`Code::Io`] where the folder cannot be written; those of the
 /// build.
 pub fn shown_file(args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
+    if Format::of_path(&args.file).is_some_and(Format::is_volume) {
+        let (file, output) = (args.file.display(), beside(&Input::File(args.file.clone())));
+        return Err(Error::new(Code::Usage, "a volume is shown once it has been built at a value")
+            .at(&args.file)
+            .numbers("which value its surface has is for you to say")
+            .next(format!("trex build {file} -o {} --iso VALUE", output.display())));
+    }
     let Some(input) = mesh_input(&args.file) else {
         return match &args.output {
             None => Ok(args.file.clone()),
@@ -108,10 +116,11 @@ fn build_first(input: &Input, output: &Path, args: &ViewArgs, ctx: &Context) -> 
         voxels: Voxels::default(),
         resume: Some(resume_of(&inputs)?),
     };
-    let scratch = work.scratch_folder();
-    let built = inputs::open(&inputs, &scratch, build::smallest_bytes(), ctx)
+    let (scratch, volumes) = (work.scratch_folder(), VolumeOptions::default());
+    let list = InputList { inputs: &inputs, volumes: &volumes };
+    let built = inputs::open(list, &scratch, build::smallest_bytes(), ctx)
         .and_then(|mut source| work.build(&mut *source, ctx))
-        .map_err(|error| inputs::with_smallest_limit(error, &inputs, &scratch, ctx))?;
+        .map_err(|error| inputs::with_smallest_limit(error, list, &scratch, ctx))?;
     ctx.console.finish();
     built.to_string().lines().for_each(|line| ctx.console.note(line));
     Ok(())

@@ -1,4 +1,5 @@
-//! How fast a mesh file is read: `cargo run --release -p trex-store --example read_speed -- FILE [CACHE_MIB]`.
+//! How fast a mesh file is read: `cargo run --release -p trex-store --example read_speed -- FILE [CACHE_MIB [VALUE]]`.
+//! VALUE is that of the surface of a volume.
 //! Reads it twice, prints both; the second pass has the file in the page cache if memory allows.
 #![allow(clippy::print_stdout)]
 
@@ -9,11 +10,12 @@ use trex_store::import::{ImportOptions, open};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let path = PathBuf::from(arguments.next().ok_or("usage: read_speed FILE [CACHE_MIB]")?);
+    let path = PathBuf::from(arguments.next().ok_or("usage: read_speed FILE [CACHE_MIB [VALUE]]")?);
     let mut options = ImportOptions::unlimited(&std::env::temp_dir());
     if let Some(mebibytes) = arguments.next() {
         options.vertex_cache_bytes = mebibytes.parse::<u64>()? << 20;
     }
+    options.volumes.iso_values = arguments.map(|value| value.parse()).collect::<Result<_, _>>()?;
     let mut source = open(&path, &options)?;
     for pass in 1..=2 {
         let start = Instant::now();

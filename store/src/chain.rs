@@ -132,6 +132,8 @@ impl TriangleSource for Chain {
             all.material_name_bytes += stats.material_name_bytes;
             all.instanced_mesh_count += stats.instanced_mesh_count;
             all.instance_count += stats.instance_count;
+            all.slab_count += stats.slab_count;
+            all.slab_bytes += stats.slab_bytes;
             all.scene.join(stats.scene);
             all.warnings.extend(stats.warnings);
             all.named_files.extend(stats.named_files);

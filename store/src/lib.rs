@@ -24,6 +24,7 @@ pub mod geom;
 pub mod import;
 pub mod io;
 pub mod layout;
+pub mod marching_cubes;
 mod material;
 mod material_json;
 mod material_list;

@@ -83,6 +83,10 @@ pub enum NextStep {
         /// What does without voxels.
         or: &'static str,
     },
+    /// Say what a file of plain samples holds, or name a header that does.
+    DescribeVolume,
+    /// Name the value of a volume's surface.
+    NameIsoValue,
     /// Words for a step that names no setting of the caller. Empty for none.
     Text(String),
 }
@@ -141,6 +145,12 @@ impl fmt::Display for NextStep {
             NextStep::BuildFromGenerator => "ask for fewer triangles, or build from the generator itself",
             NextStep::FewerThreads => "ask for fewer threads, or raise the limit on processes (ulimit -u)",
             NextStep::ListMaterials => "list the materials of the model, and use one of their names",
+            NextStep::DescribeVolume => {
+                "say its size and the type of its samples, or name a .nhdr or .mhd file that does"
+            }
+            NextStep::NameIsoValue => {
+                "name the value, between those of the samples inside and outside; one for each surface"
+            }
             NextStep::Text(text) => text,
         };
         f.write_str(words)

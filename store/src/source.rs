@@ -122,6 +122,12 @@ pub struct SourceStats {
     /// See `instanced_mesh_count`.
     #[serde(default)]
     pub instance_count: u64,
+    /// Slabs of a volume, which are read one after the other; 0 for meshes.
+    #[serde(default)]
+    pub slab_count: u64,
+    /// Bytes of samples that are held at a time.
+    #[serde(default)]
+    pub slab_bytes: u64,
     /// Cameras and lights of the input.
     #[serde(default)]
     pub scene: SourceScene,

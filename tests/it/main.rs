@@ -55,6 +55,7 @@ mod tidy;
 mod tradeoff;
 mod verify;
 mod view;
+mod volumes;
 mod voxels;
 mod voxels_lower;
 mod voxels_lower_batch;

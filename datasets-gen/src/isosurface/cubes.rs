@@ -1,18 +1,13 @@
 //! Marching cubes over one block of samples, by row masks.
 //!
-//! The table is made from a rule instead of being copied: on each face of a cell, segments run with the
-//! inside (value < 0) on their left as seen from outside; on an ambiguous face each inside corner is cut off
-//! by a segment of its own. Linked segments are loops, loops are cut into triangles.
+//! Which triangles a pattern of signs makes, and why there are no holes, stands in [`trex_store::marching_cubes`].
 //!
-//! Invariants: 1. a face is cut the same way from both of its cells, since the rule sees nothing but the face:
-//! no holes; 2. no diagonal of a loop lies in a face, so an edge belongs to two triangles at most;
-//! 3. triangles are counter-clockwise seen from the side of positive values; 4. a vertex depends on the two
-//! samples of its edge and on their global place only, so blocks share it to the bit.
-//!
-//! Lorensen and Cline, "Marching Cubes", SIGGRAPH 1987; the rule for faces is Montani, Scateni, Scopigno 1994.
+//! Invariants: 1. inside is what is below zero; 2. a vertex depends on the two samples of its edge and on their global
+//! place only, so blocks share it to the bit.
 
 use super::field::{Block, CELLS, SIDE, STRIDE};
 use trex_store::TriangleBatch;
+use trex_store::marching_cubes::{self, CellEdge, MAX_TRIANGLES};
 
 /// Samples per axis that the cells of a block touch.
 const SAMPLES: usize = CELLS + 1;
@@ -27,7 +22,7 @@ const EDGE_MARGIN: f32 = 0.05;
 /// Which triangles each of the 256 sign patterns of a cell makes.
 pub(super) struct Table {
     /// Places in the vertex array, relative to the cell's.
-    corners: [[u16; 3 * Table::MAX_TRIANGLES]; 256],
+    corners: [[u16; 3 * MAX_TRIANGLES]; 256],
     count: [u8; 256],
 }
 
@@ -142,106 +137,22 @@ fn for_each_cell(masks: &Masks, place: &Place, mut visit: impl FnMut(usize, usiz
 }
 
 impl Table {
-    /// No pattern makes more; checked while the table is made.
-    const MAX_TRIANGLES: usize = 6;
-
-    /// Makes the table. Corner `c` of a cell stands at `(c & 1, c >> 1 & 1, c >> 2)`.
+    /// Makes the table.
     pub(super) fn new() -> Table {
-        let mut table = Table { corners: [[0; 3 * Table::MAX_TRIANGLES]; 256], count: [0; 256] };
+        let mut table = Table { corners: [[0; 3 * MAX_TRIANGLES]; 256], count: [0; 256] };
         for case in 0..256 {
-            let mut slot = 0;
-            for ring in rings(case) {
-                let apex = fan_apex(&ring);
-                for i in 1..ring.len() - 1 {
-                    for edge in [0, i, i + 1].map(|step| ring[(apex + step) % ring.len()]) {
-                        table.corners[case][slot] = vertex_slot(edge);
-                        slot += 1;
-                    }
-                }
+            let triangles = marching_cubes::triangles(case);
+            table.count[case] = triangles.len() as u8;
+            for (slot, &edge) in table.corners[case].iter_mut().zip(triangles.as_flattened()) {
+                *slot = vertex_slot(edge);
             }
-            table.count[case] = (slot / 3) as u8;
         }
         table
     }
 }
 
-/// An edge of the cell: axis and lower corner.
-type Edge = (usize, usize);
-
 /// Place of the edge's vertex in the vertex array, relative to the cell's.
-fn vertex_slot((axis, corner): Edge) -> u16 {
+fn vertex_slot(CellEdge { axis, corner }: CellEdge) -> u16 {
     let [dx, dy, dz] = [corner & 1, corner >> 1 & 1, corner >> 2];
     (axis * PLANE + (dz * SAMPLES + dy) * ROW + dx) as u16
-}
-
-/// The edge between two neighbouring corners.
-fn edge_between(a: usize, b: usize) -> Edge {
-    ((a ^ b).trailing_zeros() as usize, a & b)
-}
-
-/// The six faces, corners counter-clockwise seen from outside of the cell.
-const FACES: [[usize; 4]; 6] =
-    [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-
-/// The loops of edges that the surface makes in a cell with the given sign pattern.
-fn rings(case: usize) -> Vec<Vec<Edge>> {
-    let inside = |corner: usize| case >> corner & 1 == 1;
-    let mut next: Vec<(Edge, Edge)> = Vec::new();
-    for face in FACES {
-        // A run of inside corners (one alone on an ambiguous face) is cut off by one segment.
-        for i in 0..4 {
-            if inside(face[i]) && !inside(face[(i + 3) % 4]) {
-                let run = (0..4).take_while(|&step| inside(face[(i + step) % 4])).count();
-                let last = i + run - 1;
-                let entry = edge_between(face[(i + 3) % 4], face[i]);
-                let exit = edge_between(face[last % 4], face[(last + 1) % 4]);
-                next.push((entry, exit));
-            }
-        }
-    }
-    let mut rings = Vec::new();
-    while let Some((start, mut at)) = next.pop() {
-        let mut ring = vec![start];
-        while at != start {
-            ring.push(at);
-            let found = next.iter().position(|&(from, _)| from == at).expect("segments close to loops");
-            at = next.swap_remove(found).1;
-        }
-        rings.push(ring);
-    }
-    rings
-}
-
-/// The place in `ring` from which a fan has the fewest diagonals within a face.
-fn fan_apex(ring: &[Edge]) -> usize {
-    (0..ring.len()).min_by_key(|&apex| face_diagonals(ring, apex)).unwrap_or(0)
-}
-
-/// Count of the fan's diagonals whose two ends lie on one face.
-fn face_diagonals(ring: &[Edge], apex: usize) -> usize {
-    let ends = |(axis, corner): Edge| [corner, corner | 1 << axis];
-    (2..ring.len() - 1)
-        .filter(|step| {
-            let [a, b] = [ends(ring[apex]), ends(ring[(apex + step) % ring.len()])];
-            FACES.iter().any(|face| a.iter().chain(&b).all(|corner| face.contains(corner)))
-        })
-        .count()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_pattern_has_a_diagonal_within_a_face_or_too_many_triangles() {
-        for case in 0..256 {
-            let rings = rings(case);
-            assert!(rings.iter().map(|ring| ring.len() - 2).sum::<usize>() <= Table::MAX_TRIANGLES, "{case}");
-            for ring in rings {
-                assert_eq!(face_diagonals(&ring, fan_apex(&ring)), 0, "pattern {case}: {ring:?}");
-            }
-        }
-        let table = Table::new();
-        assert_eq!((table.count[0], table.count[255], table.count[1]), (0, 0, 1));
-    }
 }

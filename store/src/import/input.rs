@@ -24,7 +24,7 @@ pub(super) const WINDOW_BYTES: usize = 1 << 20;
 
 /// Bytes after which the page cache behind the reader is dropped: rare enough to cost nothing, small beside any
 /// memory limit that a mesh can be opened under.
-const DROP_STEP_BYTES: u64 = 16 << 20;
+pub(super) const DROP_STEP_BYTES: u64 = 16 << 20;
 
 /// A regular file that is read mostly forward.
 pub(super) struct Input {
@@ -211,7 +211,7 @@ impl Input {
 }
 
 /// Asks the kernel to forget `length` bytes of `file`. Only a hint: where it is refused, memory is reclaimed later.
-fn drop_page_cache(file: &File, offset: u64, length: u64) {
+pub(super) fn drop_page_cache(file: &File, offset: u64, length: u64) {
     if let Some(length) = NonZeroU64::new(length) {
         let _ = rustix::fs::fadvise(file, offset, Some(length), Advice::DontNeed);
     }

@@ -4,6 +4,7 @@
 //! file -> Input (a window) -> Text (words) ----> ObjSource, StlTextSource, ascii PlySource
 //!                        `-> records ----------> StlSource, binary PlySource
 //!      `-> JSON, rows of accessors -----------> GltfSource
+//!      `-> a header, slices of samples -------> VolumeSource
 //! vertices by index: VertexCache                 faces to triangles: Polygon
 //! ```
 //!
@@ -27,14 +28,17 @@ mod stl_text;
 mod tests;
 mod text;
 mod vertices;
+mod volume;
 
 use crate::error::Result;
 use crate::source::{SourceStats, TriangleSource};
 use input::Input;
 use std::path::Path;
 
-pub use options::{ImportOptions, MaterialNaming};
+pub use options::{ImportOptions, MaterialNaming, RawVolume, VolumeOptions};
+pub use scalar::ByteOrder;
 pub use sniff::{Encoding, Format};
+pub use volume::{MAX_ISO_VALUES, SamplePacking, SampleType, VolumeInfo};
 
 /// Most warnings that a source keeps.
 const MAX_WARNINGS: usize = 16;
@@ -52,11 +56,14 @@ pub struct InputInfo {
     pub vertex_count: Option<u64>,
     /// Faces (PLY: faces and strips) that the header declares; `None` where only reading tells.
     pub face_count: Option<u64>,
+    /// What a volume is; `None` for meshes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume: Option<VolumeInfo>,
 }
 
-/// Opens a mesh file as a stream of triangles. The format comes from the file's ending (`.ply`, `.obj`, `.stl`,
-/// `.gltf`, `.glb` in any case), which its content must not contradict; other endings are decided by content where
-/// that is unambiguous.
+/// Opens a mesh file, or a volume, as a stream of triangles. The format comes from the file's ending (`.ply`, `.obj`,
+/// `.stl`, `.gltf`, `.glb`; `.nrrd`, `.nhdr`, `.mhd`, `.mha`, `.raw`; in any case), which its content must not
+/// contradict; other endings are decided by content where that is unambiguous.
 ///
 /// # Errors
 /// `Code::Input*` with path and line or byte offset; [`crate::Code::MemoryLimit`] when the budget has no room for
@@ -79,6 +86,7 @@ pub fn open(path: &Path, options: &ImportOptions) -> Result<Box<dyn TriangleSour
     let mut input = Input::open(path, options)?;
     Ok(match sniff::format(&mut input)? {
         format @ (Format::Gltf | Format::Glb) => Box::new(gltf::open(input, format, options)?),
+        format @ (Format::Nrrd | Format::MetaImage | Format::Raw) => volume::open(input, format, options)?,
         Format::Ply => ply::open(input, options)?,
         Format::Obj => Box::new(obj::ObjSource::new(input, options)?),
         Format::Stl => match stl::form(&mut input)? {
@@ -96,8 +104,14 @@ pub fn info(path: &Path, options: &ImportOptions) -> Result<InputInfo> {
     let mut input = Input::open(path, options)?;
     let format = sniff::format(&mut input)?;
     let file_bytes = input.length();
+    let mut volume = None;
     let (encoding, vertex_count, face_count) = match format {
         Format::Gltf | Format::Glb => gltf::declared(input, format, options)?,
+        Format::Nrrd | Format::MetaImage | Format::Raw => {
+            let (encoding, declared) = volume::declared(input, format, options)?;
+            volume = Some(declared);
+            (encoding, None, None)
+        }
         Format::Ply => ply::declared(&mut input)?,
         Format::Obj => (Encoding::Ascii, None, None),
         Format::Stl => match stl::form(&mut input)? {
@@ -105,7 +119,7 @@ pub fn info(path: &Path, options: &ImportOptions) -> Result<InputInfo> {
             stl::StlForm::Binary { count } => (Encoding::BinaryLittleEndian, None, Some(count)),
         },
     };
-    Ok(InputInfo { format, encoding, file_bytes, vertex_count, face_count })
+    Ok(InputInfo { format, encoding, file_bytes, vertex_count, face_count, volume })
 }
 
 /// Adds a warning once, and no more than there is room for.

@@ -1,5 +1,7 @@
 //! `ImportOptions`: how an input is read.
 
+use super::scalar::ByteOrder;
+use super::volume::SampleType;
 use crate::budget::Budget;
 use crate::progress::Interrupt;
 use std::path::{Path, PathBuf};
@@ -12,6 +14,28 @@ pub enum MaterialNaming {
     Names,
     /// A hash of each, in its place, while memory is leased as for the names: to tell what reading takes, in less.
     Hashes,
+}
+
+/// How volumes are read.
+#[derive(Clone, Debug, Default)]
+pub struct VolumeOptions {
+    /// The values of their surfaces, finite: what is a value or more is inside. Each surface has a material of its own.
+    pub iso_values: Vec<f64>,
+    /// What files of plain samples hold.
+    pub raw: Option<RawVolume>,
+}
+
+/// A volume whose file has no header.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawVolume {
+    /// Samples along each axis, those that lie side by side first.
+    pub size: [u64; 3],
+    /// Their type.
+    pub sample: SampleType,
+    /// The order of their bytes.
+    pub order: ByteOrder,
+    /// From a sample to the next one along each axis.
+    pub spacing: [f64; 3],
 }
 
 /// How an input is read.
@@ -31,6 +55,8 @@ pub struct ImportOptions {
     pub held_bytes: u64,
     /// What is kept of the names of materials.
     pub naming: MaterialNaming,
+    /// How volumes are read.
+    pub volumes: VolumeOptions,
 }
 
 impl ImportOptions {
@@ -44,6 +70,7 @@ impl ImportOptions {
             vertex_cache_bytes,
             held_bytes,
             naming: MaterialNaming::default(),
+            volumes: VolumeOptions::default(),
         }
     }
 

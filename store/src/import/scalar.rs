@@ -4,7 +4,7 @@
 
 /// Order of the bytes of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ByteOrder {
+pub enum ByteOrder {
     /// Least byte first.
     Little,
     /// Greatest byte first.

@@ -6,8 +6,10 @@
 use super::input::Input;
 use super::stl;
 use super::text::printable;
+use super::volume::nrrd;
 use crate::error::{Code, Error, Result};
 use crate::layout::MAGIC;
+use std::path::Path;
 
 /// Bytes that are looked at.
 const PROBE_BYTES: usize = 4096;
@@ -26,6 +28,12 @@ pub enum Format {
     Gltf,
     /// glTF in a container.
     Glb,
+    /// A volume: nearly raw raster data.
+    Nrrd,
+    /// A volume with a header of ITK.
+    MetaImage,
+    /// Samples of a volume without a header.
+    Raw,
 }
 
 /// How a file writes its numbers.
@@ -41,6 +49,16 @@ pub enum Encoding {
 }
 
 impl Format {
+    /// The format that a path's ending names.
+    pub fn of_path(path: &Path) -> Option<Format> {
+        Format::from_ending(&path.extension()?.to_str()?.to_ascii_lowercase())
+    }
+
+    /// Whether files of this format are volumes, which become triangles at a value.
+    pub fn is_volume(self) -> bool {
+        matches!(self, Format::Nrrd | Format::MetaImage | Format::Raw)
+    }
+
     fn from_ending(ending: &str) -> Option<Format> {
         match ending {
             "ply" => Some(Format::Ply),
@@ -48,6 +66,9 @@ impl Format {
             "stl" => Some(Format::Stl),
             "gltf" => Some(Format::Gltf),
             "glb" => Some(Format::Glb),
+            "nrrd" | "nhdr" => Some(Format::Nrrd),
+            "mhd" | "mha" => Some(Format::MetaImage),
+            "raw" => Some(Format::Raw),
             _ => None,
         }
     }
@@ -59,6 +80,9 @@ impl Format {
             Format::Stl => ".stl",
             Format::Gltf => ".gltf",
             Format::Glb => ".glb",
+            Format::Nrrd => ".nrrd",
+            Format::MetaImage => ".mhd",
+            Format::Raw => ".raw",
         }
     }
 }
@@ -68,6 +92,10 @@ pub(super) fn format(input: &mut Input) -> Result<Format> {
     input.fill(PROBE_BYTES)?;
     let ending = input.path().extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let named = Format::from_ending(&ending);
+    if named == Some(Format::Raw) {
+        // Samples may look like anything.
+        return Ok(Format::Raw);
+    }
     let probe = &input.window()[..input.window().len().min(PROBE_BYTES)];
     let is_stl_by_length =
         named.is_none_or(|named| named == Format::Stl) && length_is_stl(probe, input.length());
@@ -86,22 +114,19 @@ pub(super) fn format(input: &mut Input) -> Result<Format> {
                 )));
         }
         (Some(Format::Ply), None) => {
-            return Err(Error::new(
-                Code::InputFormat,
+            return Err(other_beginning(
                 "a PLY file begins with a line `ply`, this one does not",
-            )
-            .at_byte(input.path(), 0)
-            .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
-            .next("check the file's name and content"));
+                probe,
+                input,
+            ));
         }
         (Some(Format::Glb), None) => {
-            return Err(Error::new(
-                Code::InputFormat,
-                "a GLB file begins with the letters `glTF`, this one does not",
-            )
-            .at_byte(input.path(), 0)
-            .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
-            .next("check the file's name and content"));
+            let what = "a GLB file begins with the letters `glTF`, this one does not";
+            return Err(other_beginning(what, probe, input));
+        }
+        (Some(Format::Nrrd), None) => {
+            let what = "an NRRD file begins with the letters `NRRD000`, this one does not";
+            return Err(other_beginning(what, probe, input));
         }
         (Some(named), _) => named,
         (None, Some(Certain(content))) => content,
@@ -112,13 +137,21 @@ pub(super) fn format(input: &mut Input) -> Result<Format> {
             return Err(Error::new(Code::InputFormat, "this is no mesh file that can be read")
                 .at(input.path())
                 .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
-                .next("convert it to .ply, .obj, .stl, .gltf or .glb"));
+                .next("convert it to .ply, .obj, .stl, .gltf or .glb, a volume to .nrrd or .mhd"));
         }
     };
     if probe.starts_with(UTF8_MARK) && !is_stl_by_length {
         input.consume(UTF8_MARK.len());
     }
     Ok(found)
+}
+
+/// The error of a file that begins otherwise than its name says.
+fn other_beginning(what: &str, probe: &[u8], input: &Input) -> Error {
+    Error::new(Code::InputFormat, what)
+        .at_byte(input.path(), 0)
+        .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
+        .next("check the file's name and content")
 }
 
 const UTF8_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -132,6 +165,7 @@ fn of_content(probe: &[u8]) -> Option<Certain> {
     match text {
         [b'p', b'l', b'y', b'\n' | b'\r' | b' ' | b'\t', ..] => Some(Certain(Format::Ply)),
         [b'g', b'l', b'T', b'F', ..] => Some(Certain(Format::Glb)),
+        _ if text.starts_with(nrrd::MAGIC) => Some(Certain(Format::Nrrd)),
         _ if stl::begins_with_solid(text) && facets() => Some(Certain(Format::Stl)),
         _ => None,
     }
@@ -156,8 +190,9 @@ fn begins_like_gltf(probe: &[u8]) -> bool {
 }
 
 fn refuse_other_files(probe: &[u8], named: Option<Format>, input: &Input) -> Result<()> {
-    // A PLY, GLB or binary STL file may hold any bytes behind its head.
-    let text_only = named != Some(Format::Stl) && !probe.starts_with(b"ply") && !probe.starts_with(b"glTF");
+    // Files of several formats may hold any bytes behind their head.
+    let may_hold_bytes = matches!(named, Some(Format::Stl | Format::MetaImage)) || begins_with_head(probe);
+    let text_only = !may_hold_bytes;
     let (what, next) = match probe {
         [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => {
             ("the text is UTF-32", "convert it: iconv -t UTF-8")
@@ -179,6 +214,10 @@ fn refuse_other_files(probe: &[u8], named: Option<Format>, input: &Input) -> Res
         .at_byte(input.path(), 0)
         .numbers(format!("it begins `{}`", printable(&probe[..probe.len().min(16)])))
         .next(next))
+}
+
+fn begins_with_head(probe: &[u8]) -> bool {
+    [b"ply".as_slice(), b"glTF", nrrd::MAGIC].iter().any(|head| probe.starts_with(head))
 }
 
 /// True for Latin text in UTF-16 or UTF-32 without a mark: plain characters that stand alone between NULs.

@@ -7,6 +7,7 @@ mod models;
 mod obj;
 mod ply;
 mod stl;
+mod volume;
 
 use super::{ImportOptions, open};
 use crate::budget::Budget;
