@@ -2,7 +2,8 @@
 //!
 //! Invariants: 1. every end of the program passes through [`Exit`]; 2. a `trex_store::Error` keeps its code and
 //! its parts; anything else is an I/O failure of our own output, or a bug; 3. a panic in any thread is told
-//! once, with what to report, and ends in status 70 within [`LEAVE_AFTER`], whatever the other threads wait for.
+//! once, with what to report, and ends in status 70 within [`LEAVE_AFTER`], whatever the other threads wait for; 4. no
+//! panic ends in an abort, which would have no status.
 
 use crate::next_step;
 use crate::progress::Console;
@@ -18,6 +19,13 @@ use trex_store::{Code, Error};
 
 /// Time for threads to end and for temporary files to go after a panic. Then the process ends as it stands.
 const LEAVE_AFTER: Duration = Duration::from_millis(700);
+
+/// How the standard library begins to say, as a panic of the thread, that a thread which has started gets no stack for
+/// its signals. The system has no memory left for it: nobody's mistake.
+const NO_SIGNAL_STACK: [&str; 2] =
+    ["failed to allocate an alternative stack", "failed to set up alternative stack guard page"];
+/// Its words for a panic where none can end a thread: it aborts the process next.
+const CANNOT_UNWIND: &str = "panic in a function that cannot unwind";
 
 /// A thread has panicked.
 static PANICKED: AtomicBool = AtomicBool::new(false);
@@ -122,6 +130,17 @@ impl Failure {
         (failure, exit)
     }
 
+    /// What a panic with this `message` is, told in full by `text`.
+    fn from_panic(message: &str, text: impl FnOnce() -> String) -> (Failure, Exit) {
+        if NO_SIGNAL_STACK.iter().any(|begin| message.starts_with(begin)) {
+            let refused = Error::thread_refused("a thread at its start", &message);
+            return Failure::from_store(
+                &refused.next("leave the process more memory (ulimit -v), or ask for less"),
+            );
+        }
+        (Failure::bug(text()), Exit::Bug)
+    }
+
     fn bug(what: String) -> Failure {
         Failure {
             code: "bug",
@@ -183,13 +202,20 @@ pub fn tell_usage(error: &clap::Error, output: &Output) -> Exit {
 /// from it. The process ends soon after it: some other thread may wait for ever for the one that is gone.
 pub fn install_panic_hook(output: Output) {
     std::panic::set_hook(Box::new(move |info| {
+        let leave = || std::process::exit(i32::from(Exit::Bug as u8));
+        let message = message_of(info);
         if PANICKED.swap(true, Ordering::SeqCst) {
+            if message == CANNOT_UNWIND {
+                leave();
+            }
             return;
         }
-        let failure = Failure::bug(panic_text(info));
+        let (failure, exit) = Failure::from_panic(message, || panic_text(info));
         let _ = writeln!(io::stderr().lock(), "\n{}", failure.text());
         output.error_document(&failure);
-        let leave = || std::process::exit(i32::from(Exit::Bug as u8));
+        if exit != Exit::Bug {
+            std::process::exit(i32::from(exit as u8));
+        }
         let leave_later = move || {
             std::thread::sleep(LEAVE_AFTER);
             leave();
@@ -205,13 +231,17 @@ pub fn has_panicked() -> bool {
     PANICKED.load(Ordering::SeqCst)
 }
 
-fn panic_text(info: &PanicHookInfo<'_>) -> String {
+fn message_of<'a>(info: &'a PanicHookInfo<'_>) -> &'a str {
     let payload = info.payload();
-    let message = payload
+    payload
         .downcast_ref::<&str>()
         .copied()
         .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
-        .unwrap_or("a panic without a message");
+        .unwrap_or("a panic without a message")
+}
+
+fn panic_text(info: &PanicHookInfo<'_>) -> String {
+    let message = message_of(info);
     let thread = std::thread::current();
     let thread = thread.name().unwrap_or("unnamed");
     match info.location() {
@@ -277,5 +307,14 @@ mod tests {
         let (failure, exit) = Failure::from_error(&anyhow::anyhow!("odd"));
         assert_eq!((failure.code, exit), ("bug", Exit::Bug));
         assert!(failure.text().contains("please report it"));
+    }
+
+    #[test]
+    fn a_thread_that_gets_no_stack_is_no_bug() {
+        let refused = format!("{}: Cannot allocate memory (os error 12)", NO_SIGNAL_STACK[0]);
+        let (failure, exit) =
+            Failure::from_panic(&refused, || unreachable!("it is told by the store's error"));
+        assert_eq!((failure.code, exit, failure.numbers.as_str()), ("io", Exit::Io, refused.as_str()));
+        assert_eq!(Failure::from_panic("odd", || "odd".to_owned()).1, Exit::Bug);
     }
 }

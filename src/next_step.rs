@@ -11,7 +11,6 @@ const MIB: u64 = 1 << 20;
 pub(crate) fn place(error: &Error) -> String {
     match error.setting() {
         Some(Setting::MemoryLimit) => "--memory-limit".to_owned(),
-        Some(Setting::FrameDeadline) => "--t-max".to_owned(),
         None => error.place().to_owned(),
     }
 }

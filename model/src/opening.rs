@@ -6,9 +6,10 @@
 //! exposure = auto   a look in all light -> a number
 //! ```
 //!
-//! Invariants: 1. what is decided depends on the scene alone: a look has a seed of its own, is rendered at leisure, and
-//! by the processor; 2. a look takes no more memory than the picture that it is for, so that the smallest limit stays;
-//! 3. a session has nothing left to be decided, and nothing is decided again while its camera moves.
+//! Invariants: 1. what is decided depends on the scene alone, unless the work is to stop first: a look has a seed of
+//! its own, is rendered at leisure, and by the processor; 2. a look takes no more memory than the picture that it is
+//! for, so that the smallest limit stays; 3. a session has nothing left to be decided, and nothing is decided again
+//! while its camera moves.
 
 use crate::handle::{LiveSession, Model, Session};
 use crate::options::{Pace, SessionOptions};
@@ -17,7 +18,7 @@ use std::ops::ControlFlow;
 use trex_render::{
     Brightness, CpuStage, Exposure, Filter, FrameOptions, Layers, LightRig, RenderKeys, Scene,
 };
-use trex_store::Result;
+use trex_store::{Result, StopSignal};
 
 /// Greater side of a look, pixels.
 const LOOK_SIDE: u32 = 96;
@@ -48,23 +49,36 @@ impl Model {
     /// # Errors
     /// Those of [`Model::session`].
     pub fn session_with(&self, scene: &Scene, options: &SessionOptions) -> Result<Session> {
+        self.session_until(scene, options, &StopSignal::default())
+    }
+
+    /// As [`Model::session_with`], until `stop`: what would have been decided by a look that it ends is as nobody had
+    /// asked for it, lights of the scene and an exposure of 1.
+    ///
+    /// # Errors
+    /// Those of [`Model::session`].
+    pub fn session_until(
+        &self,
+        scene: &Scene,
+        options: &SessionOptions,
+        stop: &StopSignal,
+    ) -> Result<Session> {
         let mut scene = scene.clone();
         set_direct_without_voxels(&mut scene, self.file().superblock());
         if scene.render.light == LightRig::Auto || scene.render.exposure == Exposure::Auto {
             // The pool is started for the picture, which leaves fewer frames than a look; and what is refused is
             // refused with the numbers of the picture.
             self.fit_pool(&options.picture_needs(&scene, self.worker_count())?)?;
-            self.decide(&mut scene)?;
+            self.decide(&mut scene, stop)?;
         }
         self.begin_session(&scene, options, None)
     }
 
     /// A session on what `scene` describes, for pictures in frames with a deadline. Where the scene says nothing,
-    /// frames come sooner: see [`Scene::begin_live`].
+    /// frames come sooner: see [`Scene::begin_live`]. Of a file without voxels nothing stands in for what is missing.
     ///
     /// # Errors
-    /// Those of [`Model::session`]; [`trex_store::Code::SceneFormat`] for a file without voxels: nothing could stand in
-    /// for what is missing.
+    /// Those of [`Model::session`].
     pub fn live(&self, scene: &Scene, options: FrameOptions) -> Result<LiveSession> {
         let mut scene = scene.clone();
         scene.begin_live();
@@ -73,18 +87,16 @@ impl Model {
     }
 
     /// Decides what `scene` leaves open.
-    fn decide(&self, scene: &mut Scene) -> Result<()> {
+    fn decide(&self, scene: &mut Scene, stop: &StopSignal) -> Result<()> {
         let method = scene.render.integrator;
         let mut seen = None;
         if scene.render.light == LightRig::Auto {
             scene.render.light = LightRig::Scene;
             let has_own_lamps = scene.lights.is_empty() && !self.file().emitters().is_empty();
             if has_own_lamps && method.has_exposure() {
-                let look = self.look(scene)?;
-                if look.dark_share() > DARK_SHARE_MAX {
+                seen = self.look(scene, stop)?;
+                if seen.take_if(|look| look.dark_share() > DARK_SHARE_MAX).is_some() {
                     scene.render.light = LightRig::Studio;
-                } else {
-                    seen = Some(look);
                 }
             }
         }
@@ -92,15 +104,15 @@ impl Model {
             let factor = match seen {
                 _ if !method.has_exposure() => None,
                 Some(look) => look.exposure(),
-                None => self.look(scene)?.exposure(),
+                None => self.look(scene, stop)?.and_then(|look| look.exposure()),
             };
             scene.render.exposure = Exposure::Factor(factor.unwrap_or(1.0));
         }
         Ok(())
     }
 
-    /// What the opening view of `scene` shows.
-    fn look(&self, scene: &Scene) -> Result<Brightness> {
+    /// What the opening view of `scene` shows; `None` where the work stopped before all of it was seen.
+    fn look(&self, scene: &Scene, stop: &StopSignal) -> Result<Option<Brightness>> {
         let keys = scene.render;
         let mut small = scene.clone();
         small.render = RenderKeys {
@@ -118,9 +130,10 @@ impl Model {
             ..SessionOptions::default()
         };
         let mut session = self.begin_session(&small, &options, Some(Box::new(CpuStage::default())))?;
-        session.illuminate(&|| false, &mut |_, _| {})?;
-        session.render(LOOK_SPP, &|| false, &mut |_, _| ControlFlow::Continue(()));
-        Ok(Brightness::of_film(session.film()))
+        session.stop_by(stop);
+        session.illuminate(&|| stop.is_due(), &mut |_, _| {})?;
+        let seen = session.render(LOOK_SPP, &|| stop.is_due(), &mut |_, _| ControlFlow::Continue(()));
+        Ok((seen.spp > 0).then(|| Brightness::of_film(session.film())))
     }
 }
 

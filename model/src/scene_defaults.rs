@@ -7,11 +7,16 @@ use trex_render::{Method, RenderEdit, Scene};
 use trex_store::layout::{SectionKind, Superblock};
 
 /// Sets direct light in a scene that says nothing of how light is computed, where the default needs voxels and the file
-/// with this superblock has none. True when that was so.
+/// with this superblock has none. True when that was so. The footprint rule, which needs them as well, is off where
+/// nobody has asked for it.
 pub fn set_direct_without_voxels(scene: &mut Scene, file: &Superblock) -> bool {
-    let is_given = scene.given.says_integrator();
-    let has_voxels = file.find_section(SectionKind::Upper).is_some();
-    if is_given || has_voxels || !scene.render.integrator.needs_voxels() {
+    if file.find_section(SectionKind::Upper).is_some() {
+        return false;
+    }
+    if scene.given.lod_error.is_none() {
+        scene.render.lod_error = 0.0;
+    }
+    if scene.given.says_integrator() || !scene.render.integrator.needs_voxels() {
         return false;
     }
     let direct = RenderEdit { integrator: Some(Method::Direct), ..RenderEdit::default() };

@@ -38,9 +38,15 @@ def test_frames_come_to_an_end_and_follow_changes(sphere_file):
         live.frame()
 
 
+def test_a_file_without_voxels_is_live_in_direct_light(surface_file):
+    with trex.open(surface_file) as plain, plain.live(t_max=0.05, resolution=(32, 32)) as live:
+        *_, last = live.frames(spp=1)
+        assert last.progress == "done" and last.picture.any()
+
+
 def test_what_cannot_be_live_is_refused(surface_file, model):
     with trex.open(surface_file) as plain, pytest.raises(SceneFormatError):
-        plain.live()
+        plain.live(integrator="photon")
     for t_max in (0, -1, np.nan, 1e9):
         with pytest.raises(UsageError):
             model.live(t_max=t_max)

@@ -237,7 +237,8 @@ class Model:
     ) -> Live:
         """A picture that is made in frames of up to ``t_max`` seconds, and changes while it is looked at.
 
-        Needs a file with voxels. Arguments as of :meth:`render`; what is not said is chosen so that frames come soon.
+        Arguments as of :meth:`render`; what is not said is chosen so that frames come soon. Of a file without voxels
+        light is direct, and nothing stands in for pages that are missing.
         """
         scene = scene_text(camera, lights, materials, {"resolution": resolution, **settings})
         return Live(self._native.live(scene, float(t_max)))

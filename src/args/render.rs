@@ -18,7 +18,8 @@ pub struct RenderArgs {
     /// The picture: .png, or .exr for linear values and layers
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
-    /// Stop after this time, with the samples done by then (90s, 2min, 1500ms)
+    /// Stop after this time, with the samples done by then (90s, 2min, 1500ms); smoothing and writing the picture come
+    /// after it
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     pub time_limit: Option<Seconds>,
     /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an
@@ -128,10 +129,11 @@ impl PictureArgs {
         if fov_x.is_some() || fov_y.is_some() {
             (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
         }
-        let edit = self.keys.edit();
-        scene.render = research.edit().apply(&edit.apply(&scene.render));
+        let (edit, research) = (self.keys.edit(), research.edit());
+        scene.render = research.apply(&edit.apply(&scene.render));
         scene.given.quality = edit.quality.or(scene.given.quality);
         scene.given.integrator = edit.integrator.or(scene.given.integrator);
+        scene.given.lod_error = edit.lod_error.or(research.lod_error).or(scene.given.lod_error);
     }
 }
 

@@ -18,7 +18,7 @@ use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, ImportOptions};
-use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, SectionKind, Superblock};
+use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, Superblock};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
 use trex_view::view_bytes;
@@ -79,22 +79,16 @@ fn render_needs(file: &PageFile, ctx: &Context) -> trex_store::Result<PictureNee
     SessionOptions::default().picture_needs(&scene, ctx.threads)
 }
 
-/// The smallest limit of the picture that `view` begins with; `None` where it refuses the file.
-fn smallest_view_bytes(file: &PageFile, ctx: &Context) -> trex_store::Result<Option<u64>> {
-    if !has_voxels(file) {
-        return Ok(None);
-    }
+/// The smallest limit of the picture that `view` begins with.
+fn smallest_view_bytes(file: &PageFile, ctx: &Context) -> trex_store::Result<u64> {
     let mut scene = Scene::default();
     scene.begin_live();
+    set_direct_without_voxels(&mut scene, file.superblock());
     scene.render.resolution = FIRST_RESOLUTION;
     let copies_bytes = view_bytes(FIRST_RESOLUTION);
     let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
     let needs = options.picture_needs(&scene, ctx.threads)?;
-    MemoryPlan::smallest_limit_bytes(file, &needs).map(Some)
-}
-
-fn has_voxels(file: &PageFile) -> bool {
-    file.superblock().find_section(SectionKind::Upper).is_some()
+    MemoryPlan::smallest_limit_bytes(file, &needs)
 }
 
 #[derive(Serialize)]
@@ -192,8 +186,8 @@ struct FileInfo {
     rejected: RejectedCounts,
     /// Of `render` with nothing said.
     smallest_limit_bytes: u64,
-    /// Of `view` with nothing said; `null` for a file without voxels, which it does not show.
-    smallest_limit_view_bytes: Option<u64>,
+    /// Of `view` with nothing said.
+    smallest_limit_view_bytes: u64,
     /// Of this run's limit, or the smallest, for `render` with nothing said.
     shares: MemoryPlan,
 }
@@ -355,13 +349,11 @@ impl fmt::Display for FileInfo {
         writeln!(f, "memory of `trex render`: {}", size::memory_plan(&self.shares))?;
         // Rounded up: a limit that is named works.
         let named = |bytes: u64| format!("{}MiB", bytes.div_ceil(1 << 20));
-        write!(f, "smallest --memory-limit: {} for `trex render`", named(self.smallest_limit_bytes))?;
-        match self.smallest_limit_view_bytes {
-            Some(bytes) => {
-                let [width, height] = FIRST_RESOLUTION;
-                write!(f, ", {} for `trex view` of {width}x{height}", named(bytes))
-            }
-            None => write!(f, "; `trex view` needs voxels"),
-        }
+        let [render, view] = [self.smallest_limit_bytes, self.smallest_limit_view_bytes].map(named);
+        let [width, height] = FIRST_RESOLUTION;
+        write!(
+            f,
+            "smallest --memory-limit: {render} for `trex render`, {view} for `trex view` of {width}x{height}"
+        )
     }
 }

@@ -19,7 +19,7 @@ use trex_bench::stress::{
 use trex_model::{DeviceOptions, Model, SessionOptions};
 use trex_render::{Filter, Scene};
 use trex_store::output::{ExistingOutput, check_apart, draft};
-use trex_store::{Code, Error, Result};
+use trex_store::{Code, Error, Result, StopSignal};
 
 /// Checks the name of the file of references, which must be none of `inputs`, before any work.
 pub fn check(path: &Path, inputs: &[&Path]) -> Result<()> {
@@ -42,7 +42,8 @@ pub fn references(
     exact.render.seed = other_seed(scene.render.seed);
     let io = io_options(&args.disk);
     let (options, device) = (SessionOptions::default(), DeviceOptions::default());
-    let play = Play { scene: &exact, file: path, options, io: &io, device: &device };
+    let stop = StopSignal::new(&ctx.interrupt, None);
+    let play = Play { scene: &exact, file: path, options, io: &io, device: &device, stop: &stop };
     let (stage, mut session) = Stage::open(&play, ctx)?;
     scene.render.light = session.view().settings.light;
     let options = stress_options(args, scene, &session)?;

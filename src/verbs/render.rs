@@ -23,7 +23,7 @@ use trex_render::{
     RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
-use trex_store::{Code, Error, Progress, Result};
+use trex_store::{Code, Error, Progress, Result, StopSignal};
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -54,7 +54,8 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         layers,
         io: io_options(&args.disk),
         device: args.device.options(Device::Cpu),
-        time_limit: args.time_limit.as_ref().map(|limit| Duration::from_secs_f64(limit.0)),
+        // Beyond what a duration holds there is no limit.
+        time_limit: args.time_limit.as_ref().and_then(|limit| Duration::try_from_secs_f64(limit.0).ok()),
         live: args.deadline.t_max.as_ref().map(|t_max| args.deadline.options(t_max)),
     };
     let rendered = job.render(ctx)?;
@@ -83,17 +84,25 @@ pub struct Job<'a> {
 /// When the work began, and when it is to stop.
 struct Clock<'a> {
     start: Instant,
-    time_limit: Option<Duration>,
+    deadline: Option<Instant>,
+    stop: StopSignal,
     ctx: &'a Context,
 }
 
 impl Clock<'_> {
+    /// From now on, for so long.
+    fn start(time_limit: Option<Duration>, ctx: &Context) -> Clock<'_> {
+        let start = Instant::now();
+        let deadline = time_limit.and_then(|limit| start.checked_add(limit));
+        Clock { start, deadline, stop: StopSignal::new(&ctx.interrupt, deadline), ctx }
+    }
+
     fn is_late(&self) -> bool {
-        self.time_limit.is_some_and(|limit| self.start.elapsed() >= limit)
+        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     fn stops(&self) -> bool {
-        self.ctx.interrupt.is_raised() || self.is_late()
+        self.stop.is_due()
     }
 }
 
@@ -135,15 +144,23 @@ struct PictureRun {
 impl Job<'_> {
     /// Renders and writes the pictures.
     pub fn render(&self, ctx: &Context) -> Result<RenderReport> {
-        let clock = Clock { start: Instant::now(), time_limit: self.time_limit, ctx };
+        let clock = Clock::start(self.time_limit, ctx);
         if self.camera_path.is_none() {
             self.check(self.output)?;
         }
         let pace = if self.live.is_some() { Pace::InFrames } else { Pace::AtLeisure };
         let options = SessionOptions { layers: self.layers, pace, ..SessionOptions::default() };
         let scene = self.opening_scene()?;
-        let play = Play { scene: &scene, file: self.file, options, io: &self.io, device: &self.device };
+        let play = Play {
+            scene: &scene,
+            file: self.file,
+            options,
+            io: &self.io,
+            device: &self.device,
+            stop: &clock.stop,
+        };
         let (stage, mut session) = Stage::open(&play, ctx)?;
+        session.stop_by(&clock.stop);
         let shots = self.shots(&session.view().camera)?;
 
         let photons_start = Instant::now();
@@ -228,7 +245,8 @@ impl Job<'_> {
             });
             clock.ctx.interrupt.check()?;
             let rendered = Instant::now();
-            show.smooth()?;
+            show.smooth(&|| clock.ctx.interrupt.is_raised())?;
+            clock.ctx.interrupt.check()?;
             let exposure = show.session().view().settings.exposure.factor();
             shot.target.write(show, exposure, show.session().thread_pool())?;
             shown.finishing += rendered.elapsed();

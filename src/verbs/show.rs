@@ -68,9 +68,10 @@ impl<T: PagedTracer + Send> Show<T> {
         }
     }
 
-    pub fn smooth(&mut self) -> Result<()> {
+    /// Smooths the picture, until `stop`.
+    pub fn smooth(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<()> {
         match self {
-            Show::AtLeisure(session) => session.smooth(),
+            Show::AtLeisure(session) => session.smooth_until(stop),
             // Frames smooth what they show.
             Show::InFrames(_) => Ok(()),
         }

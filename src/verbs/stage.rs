@@ -15,7 +15,7 @@ use trex_render::{Camera, MemoryPlan, Scene, parse_views};
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::layout::PageKind;
 use trex_store::pool::{PagePool, PageState};
-use trex_store::{Error, PageFile, Result, open_regular};
+use trex_store::{Error, PageFile, Result, StopSignal, open_regular};
 
 /// Counts of pages that are in frames.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -36,6 +36,8 @@ pub struct Play<'a> {
     pub options: SessionOptions,
     pub io: &'a IoOptions,
     pub device: &'a DeviceOptions,
+    /// When what is decided by a look at the opening view is to be decided without.
+    pub stop: &'a StopSignal,
 }
 
 /// A model with a session on it.
@@ -51,7 +53,7 @@ impl Stage {
     /// # Errors
     /// Those of [`Model::open`] and [`Model::session`].
     pub fn open(play: &Play<'_>, ctx: &Context) -> Result<(Stage, Session)> {
-        let Play { scene, file, options, io, device } = play;
+        let Play { scene, file, options, io, device, stop } = play;
         let open_options = OpenOptions {
             budget: ctx.budget.clone(),
             threads: ThreadSource::Shared(ctx.thread_pool()?),
@@ -61,7 +63,7 @@ impl Stage {
             picture: Some(options.picture_needs(scene, ctx.threads)?),
         };
         let model = Model::open(file, &open_options)?;
-        let session = model.session_with(scene, options)?;
+        let session = model.session_until(scene, options, stop)?;
         let begun = "a session has a pool and a plan";
         let (pool, plan) = (model.pool().expect(begun), model.memory_plan().expect(begun));
         let io = pool.io();

@@ -2,7 +2,7 @@
 
 use super::picture_file::PictureFile;
 use super::references::{self, references, snapshots};
-use super::stage::{Play, ResidentPages, Stage, io_options, open_scene};
+use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, suit_file};
 use super::stress_options::{T_MAX, stress_options, tell};
 use crate::args::{STRESS_RESOLUTION, StressArgs};
 use crate::context::Context;
@@ -16,6 +16,7 @@ use trex_bench::stress::{self, DragFigures, Snapshots, Stand, StressFigures};
 use trex_model::{Device, DeviceReport, Pace, SessionOptions, Times};
 use trex_render::{FetchBlock, Layers};
 use trex_store::io::IoDescription;
+use trex_store::StopSignal;
 
 /// Runs `trex stress`.
 pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -30,6 +31,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         scene.render.resolution = STRESS_RESOLUTION;
     }
     args.picture.override_scene(&args.research, &mut scene);
+    suit_file(&mut scene, &path, ctx)?;
     let frames = args.deadline.options(args.deadline.t_max.as_ref().unwrap_or(&T_MAX));
     let io = io_options(&args.disk);
     let references = match args.reference_spp {
@@ -40,7 +42,8 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let copies_bytes = if references.is_some() { Snapshots::bytes(resolution) } else { 0 };
     let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
     let device = args.device.options(Device::Auto);
-    let play = Play { scene: &scene, file: &path, options, io: &io, device: &device };
+    let stop_signal = StopSignal::new(&ctx.interrupt, None);
+    let play = Play { scene: &scene, file: &path, options, io: &io, device: &device, stop: &stop_signal };
     let (stage, mut session) = Stage::open(&play, ctx)?;
     let mut snapshots = references.map(|references| snapshots(args, ctx, references)).transpose()?;
     let stop = || ctx.interrupt.is_raised();

@@ -7,7 +7,7 @@
 use super::command_line::render_line;
 use super::damage::Damage;
 use super::shown_file::shown_file;
-use super::stage::{Play, Stage, io_options, open_scene};
+use super::stage::{Play, Stage, io_options, open_scene, suit_file};
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -26,7 +26,7 @@ use trex_render::{Exposure, FrameOptions, PictureNeeds, Scene};
 use trex_store::DamageList;
 use trex_store::io::IoDescription;
 use trex_store::layout::FRAME_BYTES;
-use trex_store::{Code, Error, Result};
+use trex_store::{Code, Error, Result, StopSignal};
 use trex_view::{
     MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX, ServeOptions, ServeReport,
     Surroundings, Token, serve, view_bytes,
@@ -53,6 +53,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     }
     args.picture.override_scene(&args.research, &mut scene);
     check_resolution(&scene)?;
+    suit_file(&mut scene, &path, ctx)?;
     let t_max = args.deadline.t_max.as_ref().unwrap_or(&T_MAX);
     // Pages are sent the samples themselves while the hand moves.
     let frames = FrameOptions { fills_while_moving: false, ..args.deadline.options(t_max) };
@@ -131,10 +132,11 @@ fn open_stage(
     ctx: &Context,
 ) -> Result<(Stage, trex_model::Session)> {
     let (io, device) = (io_options(&args.disk), args.device.options(Device::Auto));
+    let stop = StopSignal::new(&ctx.interrupt, None);
     loop {
         let copies_bytes = view_bytes(scene.render.resolution);
         let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-        match Stage::open(&Play { scene, file: path, options, io: &io, device: &device }, ctx) {
+        match Stage::open(&Play { scene, file: path, options, io: &io, device: &device, stop: &stop }, ctx) {
             Err(error) if error.code() == Code::MemoryLimit && follows_page(args, scene) => {
                 scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
             }

@@ -7,6 +7,7 @@
 
 use crate::next_step::{NextStep, Setting};
 use crate::printable::one_line;
+use rustix::io::Errno;
 use std::fmt;
 use std::path::Path;
 
@@ -176,14 +177,19 @@ impl Error {
         self
     }
 
-    /// An I/O failure while `doing` something to `path`; a full disk and an interrupt get their own codes.
+    /// An I/O failure while `doing` something to `path`; a full disk and a path that leads nowhere get their own codes.
     pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Error {
         use std::io::ErrorKind;
+        // Kinds of the standard library have no name for it yet.
+        let is_loop = error.raw_os_error() == Some(Errno::LOOP.raw_os_error());
         let (code, next) = match error.kind() {
+            _ if is_loop => (Code::InputUnreadable, "check where the symbolic links lead".into()),
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
                 (Code::DiskFull, NextStep::FreeSpace)
             }
-            ErrorKind::NotFound => (Code::InputUnreadable, "check the spelling of the path".into()),
+            ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::InvalidFilename => {
+                (Code::InputUnreadable, "check the spelling of the path".into())
+            }
             ErrorKind::PermissionDenied => {
                 (Code::InputUnreadable, "check the permissions of the path".into())
             }

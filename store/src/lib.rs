@@ -56,7 +56,7 @@ pub use material::Material;
 pub use material_list::MaterialList;
 pub use material_names::{MaterialNames, stored_name};
 pub use next_step::{NextStep, Setting};
-pub use progress::{Interrupt, Progress, Report};
+pub use progress::{Interrupt, Progress, Report, StopSignal};
 pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 pub use source_scene::{SourceCamera, SourceLight, SourceScene};
 pub use spool::{SpooledSource, TriangleSpool};

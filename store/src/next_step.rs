@@ -174,15 +174,12 @@ impl From<String> for NextStep {
 pub enum Setting {
     /// The memory limit.
     MemoryLimit,
-    /// The deadline of a frame.
-    FrameDeadline,
 }
 
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Setting::MemoryLimit => "the memory limit",
-            Setting::FrameDeadline => "the deadline of a frame",
         })
     }
 }

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 /// One report of progress.
 #[derive(Clone, Copy, Debug)]
@@ -41,5 +42,25 @@ impl Interrupt {
     /// [`Error::interrupted`] once raised.
     pub fn check(&self) -> Result<()> {
         if self.is_raised() { Err(Error::interrupted()) } else { Ok(()) }
+    }
+}
+
+/// When work is to stop with what it has: once a switch is raised, or at a time. Never, unless it is said. Cheap to
+/// clone and to ask.
+#[derive(Clone, Debug, Default)]
+pub struct StopSignal {
+    interrupt: Interrupt,
+    deadline: Option<Instant>,
+}
+
+impl StopSignal {
+    /// Once `interrupt` is raised, or at the `deadline`, where there is one.
+    pub fn new(interrupt: &Interrupt, deadline: Option<Instant>) -> StopSignal {
+        StopSignal { interrupt: interrupt.clone(), deadline }
+    }
+
+    /// True from then on.
+    pub fn is_due(&self) -> bool {
+        self.interrupt.is_raised() || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 }

@@ -24,8 +24,13 @@ struct Stage {
 
 impl Stage {
     fn new() -> Stage {
+        Stage::of("gen:isosurface:58k")
+    }
+
+    /// As `trex build` makes it of `what`.
+    fn of(what: &str) -> Stage {
         let inside = folder();
-        built_in(inside.path(), "gen:isosurface:58k", "iso.trex");
+        built_in(inside.path(), what, "iso.trex");
         let options = OpenOptions {
             budget: Budget::unlimited(),
             threads: ThreadSource::Start(2.try_into().unwrap()),
@@ -205,4 +210,29 @@ fn a_hand_that_moves_gets_the_finest_picture_that_fits() {
     frame_until(&mut session, FrameProgress::Done);
     session.apply(Event::Camera(camera)).unwrap();
     assert_eq!(frame(&mut session).sample_step, Some(4), "a hand that rested");
+}
+
+/// A file without voxels was refused. Nothing stands in for the pages that its previews lack, no ray of theirs waits,
+/// and the end is the picture at leisure.
+#[test]
+fn frames_do_without_voxels() {
+    let stage = Stage::of("gen:isosurface:58k --no-asvo");
+    for method in [Method::Direct, Method::Path, Method::FullGi, Method::Ao, Method::DebugPages] {
+        let mut session = stage.live(method);
+        let rough = frame(&mut session);
+        assert_eq!((rough.progress, rough.sample_step), (FrameProgress::Preview, Some(4)), "{method:?}");
+        frame_until(&mut session, FrameProgress::Done);
+        let end = shown(&session);
+        assert!(end == at_leisure(&stage, method, 1, None), "{method:?}");
+        // Now that its pages are there, a preview shows the mesh.
+        let moved =
+            Camera { position: session.view().camera.position.map(|x| x + 1e-6), ..session.view().camera };
+        session.apply(Event::Camera(moved)).unwrap();
+        assert_eq!(frame(&mut session).progress, FrameProgress::Preview);
+        let mean = end.iter().map(|p| p[0]).sum::<f32>() / end.len() as f32;
+        let (error, flat) = (rmse(&shown(&session), &end), rmse(&vec![[mean; 3]; end.len()], &end));
+        // Those of the others show direct light alone, or one ray of many.
+        let is_alike = matches!(method, Method::Direct | Method::DebugPages);
+        assert!(error < 0.9 * flat || !is_alike, "{method:?}: {error}, flat {flat}");
+    }
 }

@@ -283,6 +283,37 @@ fn pipes_sockets_and_devices_end_at_once() {
     }
 }
 
+/// A link that leads to itself, a file in place of a folder, a name that no file system takes: failures of the disk, by
+/// their status, with the advice to check the device.
+#[test]
+fn paths_that_lead_nowhere_are_bad_input() {
+    let inside = folder();
+    std::fs::write(inside.path().join("mesh.obj"), OBJ).unwrap();
+    let long = "n".repeat(256);
+    // Not `check`, which looks into every file of the folder.
+    let refused = |line: &str, place: &str| {
+        let document =
+            run_in(inside.path(), &format!("{line} --json -q")).expect_error(3, "input-unreadable");
+        assert!(document["where"].as_str().unwrap().ends_with(place), "{line}: {document}");
+    };
+    for ending in ["obj", "trex", "toml", "png"] {
+        let name = format!("loop.{ending}");
+        std::os::unix::fs::symlink(&name, inside.path().join(&name)).unwrap();
+        for file in [name, format!("mesh.obj/x.{ending}"), format!("{long}.{ending}")] {
+            let line = match ending {
+                "obj" => "build FILE -o out.trex",
+                "trex" => "verify FILE",
+                "toml" => "render FILE -o out.png",
+                _ => "image diff FILE FILE",
+            };
+            refused(&line.replace("FILE", &file), &file);
+            refused(&format!("info {file}"), &file);
+        }
+    }
+    refused("view loop.obj --no-open", "loop.obj");
+    refused("stress loop.trex --scenario flip", "loop.trex");
+}
+
 /// Root may read everything, so the command runs as nobody here, where that is allowed.
 #[test]
 fn a_file_without_permission_is_named() {

@@ -72,17 +72,20 @@ fn info_tells_the_smallest_limit_of_a_picture() {
     assert_eq!(refused["smallest_limit_bytes"], smallest);
     run_in(inside.path(), &line(smallest)).expect(0);
     // The viewer takes a smaller picture where a larger one has no room, unless a size was asked for.
-    let smallest = info["smallest_limit_view_bytes"].as_u64().unwrap();
-    let line = format!(
-        "view scan.trex --no-open --resolution 1280x720 --threads 2 --memory-limit {}B --json -q",
-        smallest - 1
-    );
-    let refused = run_in(inside.path(), &line).expect_error(4, "memory-limit");
-    assert_eq!(refused["smallest_limit_bytes"], smallest);
+    let refuses_less = |file: &str, info: &serde_json::Value, threads: u32| {
+        let smallest = info["smallest_limit_view_bytes"].as_u64().unwrap();
+        let line = format!(
+            "view {file} --no-open --resolution 1280x720 --threads {threads} --memory-limit {}B --json -q",
+            smallest - 1
+        );
+        let refused = run_in(inside.path(), &line).expect_error(4, "memory-limit");
+        assert_eq!(refused["smallest_limit_bytes"], smallest, "{file}");
+    };
+    refuses_less("scan.trex", &info, 2);
 
     document_in(inside.path(), "build gen:scan:100k -o bare.trex --no-asvo");
     let info = document_in(inside.path(), "info bare.trex --threads 1");
-    assert_eq!(info["smallest_limit_view_bytes"], serde_json::Value::Null, "{info}");
+    refuses_less("bare.trex", &info, 1);
     check(inside.path(), "render bare.trex -o bare.png --spp 1 --threads 1 --overwrite");
     let smallest = info["smallest_limit_bytes"].as_u64().unwrap();
     let line = format!("render bare.trex -o less.png --threads 1 --memory-limit {}B --json -q", smallest - 1);

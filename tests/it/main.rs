@@ -52,6 +52,7 @@ mod real_models;
 mod resume;
 mod support;
 mod tidy;
+mod time_limit;
 mod tradeoff;
 mod verify;
 mod view;

@@ -224,6 +224,31 @@ fn a_folder_that_refuses_is_said() {
     }
 }
 
+/// The folder may be written to and not opened: the last sync is refused, when the file has its name. The message said
+/// that an input could not be read.
+#[test]
+fn a_last_sync_that_is_refused_says_that_the_file_is_there() {
+    const NOBODY: u32 = 65_534;
+    let inside = folder();
+    std::fs::create_dir(inside.path().join("dark")).unwrap();
+    for (path, mode) in [("dark", 0o333), (".", 0o755)] {
+        std::fs::set_permissions(inside.path().join(path), PermissionsExt::from_mode(mode)).unwrap();
+    }
+    let line = "build gen:soup:10k --no-asvo --no-resume -o dark/out.trex --json -q";
+    let mut command = trex_in(inside.path(), line);
+    if std::fs::read_dir(inside.path().join("dark")).is_ok() {
+        command.uid(NOBODY).gid(NOBODY);
+    }
+    let Ok(output) = command.output() else {
+        return cannot_run("this user opens every folder, and nobody cannot run the command");
+    };
+    let document = ran(line, output).expect_error(7, "io");
+    assert!(document["next_step"].as_str().unwrap().contains("the file is there, and whole"), "{document}");
+    std::fs::set_permissions(inside.path().join("dark"), PermissionsExt::from_mode(0o755)).unwrap();
+    assert_eq!(listing(&inside.path().join("dark")).len(), 1);
+    document_in(inside.path(), "verify dark/out.trex");
+}
+
 /// Within this, interrupted work has ended. What has to end first (a batch, a chunk, a tile) takes a fraction of a
 /// second; the rest is for a machine whose cores are all taken. Work that does not hear ends with another status.
 const ENDED_WITHIN: Duration = Duration::from_secs(60);

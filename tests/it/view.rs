@@ -1,7 +1,8 @@
 //! `trex view` without a browser: its address, its page, its end, and what it refuses. What it sends is tested in
 //! `view/tests/`, what a person does with it in `browser.rs`.
 
-use crate::command::{Ran, document_in, folder, hash_of, ran, run_in, trex_in};
+use crate::command::{Ran, cannot_run, document_in, folder, hash_of, ran, run_in, trex_in};
+use crate::faults::traced_folder;
 use crate::fixtures::built_in;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -138,7 +139,8 @@ fn what_cannot_be_seen_is_told_with_what_to_do() {
         ("gen:soup:1k -o none/mesh.trex", 7, "io", "-o FILE.trex"),
         ("flat.trex -o other.trex", 2, "usage", "leave out"),
         ("none.trex", 3, "input-unreadable", "spelling"),
-        ("flat.trex --integrator direct --lod-error 0", 3, "scene-format", "--no-asvo"),
+        ("flat.trex --integrator photon", 3, "scene-format", "--no-asvo"),
+        ("flat.trex --integrator direct --lod-error 1", 3, "scene-format", "--no-asvo"),
         ("flat.trex --resolution 20000x10", 2, "usage", "smaller"),
     ] {
         let ran = run_in(inside.path(), &format!("view {line} --no-open --json"));
@@ -211,6 +213,26 @@ fn damage_is_reported_as_render_reports_it() {
     }
 }
 
+/// A file without voxels was refused, whatever light was asked for.
+#[test]
+fn a_file_without_voxels_is_seen_in_direct_light() {
+    let inside = folder();
+    built_in(inside.path(), "gen:soup:10k --no-asvo", "flat.trex");
+    for (flags, integrator) in [("", "direct"), ("--integrator path --light studio", "path")] {
+        let line = format!("flat.trex --spp 1 --quiet {flags}");
+        let limit = smallest_limit_mib(inside.path(), &line);
+        let viewing = ViewProcess::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
+        let mut page = viewing.page();
+        let welcome = text_until(&mut page, |text| text["type"] == "welcome");
+        assert_eq!(welcome["settings"]["integrator"], integrator, "{welcome:#}");
+        text_until(&mut page, |text| text["progress"] == "done");
+        let ran = viewing.end();
+        ran.expect(0);
+        let memory = &ran.document()["memory"];
+        assert!(memory["peak_rss_bytes"].as_u64().unwrap() <= limit << 20, "{memory}");
+    }
+}
+
 /// The list of all materials, some 10 MB, went to each page at each edit: past its bound, and past the limit.
 #[test]
 fn as_many_materials_as_there_may_be_work_under_the_smallest_limit() {
@@ -279,4 +301,44 @@ fn a_screenshot_leaves_the_viewer_where_pages_take_all_memory() {
         document["screenshots"] == 3 && frames < pages as u64,
         "{frames} frames, {pages} pages: {document}"
     );
+}
+
+/// A thread whose stack for signals the system refuses: the process was aborted, without a document. Threads that are
+/// refused as a whole are told by whoever starts them.
+#[test]
+fn a_thread_that_gets_no_memory_at_its_start_ends_in_a_document() {
+    let Some(inside) = traced_folder() else { return };
+    built_in(inside.path(), "gen:soup:10k --voxels 64", "model.trex");
+    let viewing = ViewProcess::start(inside.path(), "model.trex --resolution 16x16 --spp 1 --photons 1k");
+    let mut page = viewing.page();
+    text_until(&mut page, |text| text["progress"] == "done");
+    drop(page);
+    // Its threads end, and leave their stacks to those of the next connection.
+    let host = viewing.address.trim_start_matches("http://").split('/').next().unwrap().to_owned();
+    std::thread::sleep(Duration::from_secs(1));
+    let mut command = Command::new("timeout");
+    command.args([
+        "60",
+        "strace",
+        "-f",
+        "-o",
+        "/dev/null",
+        "-e",
+        "trace=mmap",
+        "-e",
+        "inject=mmap:error=ENOMEM",
+    ]);
+    command.args(["-p", &viewing.child.id().to_string()]).stderr(Stdio::piped());
+    let mut tracing = command.spawn().unwrap();
+    let mut said = String::new();
+    BufReader::new(tracing.stderr.as_mut().unwrap()).read_line(&mut said).unwrap();
+    if !said.contains("attached") {
+        drop((tracing.wait(), viewing.end()));
+        return cannot_run(&format!("strace cannot attach to a process: {said}"));
+    }
+    let _connection = TcpStream::connect(&host).unwrap();
+    let ran = ran(&viewing.line, viewing.child.wait_with_output().unwrap());
+    let _ = tracing.wait();
+    let document = ran.expect_error(7, "io");
+    assert_eq!(document["where"], "a thread at its start", "{document}");
 }

@@ -2,9 +2,11 @@
 //!
 //! A page of another site cannot read what a loopback server says, but it can send to it, and a name of its own that
 //! resolves to 127.0.0.1 makes it the same site. So the name by which the server was asked has to be one of ours, and
-//! so has the site that a socket is opened from. Other users of the machine are kept out by the token.
+//! so has the site that a socket is opened from: that of the page itself, so the one by which the socket is asked, port
+//! and all: another port of this machine is another program. Other users of the machine are kept out by the token.
 //!
-//! Invariants: 1. a name is compared as a whole, ports are not; 2. tokens are compared in a time that says nothing of
+//! Invariants: 1. a name is compared as a whole, its port only with that of an origin, since a tunnel may give the
+//! server any; 2. tokens are compared in a time that says nothing of
 //! where they differ, and never shown by `Debug`.
 
 use std::net::IpAddr;
@@ -70,26 +72,44 @@ impl Hosts {
         bare(host).is_some_and(|name| self.0.iter().any(|ours| ours.eq_ignore_ascii_case(name)))
     }
 
-    /// True for the value of an `Origin` header whose host names us.
-    pub(crate) fn has_origin(&self, origin: &str) -> bool {
-        let host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
-        host.is_some_and(|host| self.has(host))
+    /// True for the value of an `Origin` header that is the site by which `host`, the `Host` header of the request,
+    /// names us.
+    pub(crate) fn has_origin(&self, origin: &str, host: &str) -> bool {
+        let schemes = [("http://", "80"), ("https://", "443")];
+        let site = schemes.iter().find_map(|(scheme, port)| Some((origin.strip_prefix(scheme)?, *port)));
+        let Some((site, default_port)) = site else { return false };
+        let (Some((name, port)), Some((asked, asked_port))) = (parts(site), parts(host)) else {
+            return false;
+        };
+        self.has(site) && name.eq_ignore_ascii_case(asked) && is_same_port([port, asked_port], default_port)
     }
+}
+
+/// True for ports that are one, where those that are not said are `default`.
+fn is_same_port(ports: [&str; 2], default: &str) -> bool {
+    let [a, b] = ports.map(|port| if port.is_empty() { default } else { port }.trim_start_matches('0'));
+    a == b
 }
 
 /// The name in `name`, `name:port`, `[address]` or `[address]:port`; `None` for anything else.
 fn bare(host: &str) -> Option<&str> {
+    parts(host).map(|(name, _)| name)
+}
+
+/// The name and the port in `name`, `name:port`, `[address]` or `[address]:port`, an empty one for none; `None` for
+/// anything else.
+fn parts(host: &str) -> Option<(&str, &str)> {
     let is_port = |port: &str| port.len() <= 5 && port.bytes().all(|byte| byte.is_ascii_digit());
     if let Some(rest) = host.strip_prefix('[') {
         let (address, after) = rest.split_once(']')?;
-        let is_good = after.is_empty() || after.strip_prefix(':').is_some_and(is_port);
-        return is_good.then_some(address);
+        let port = if after.is_empty() { "" } else { after.strip_prefix(':')? };
+        return is_port(port).then_some((address, port));
     }
     match host.split_once(':') {
-        None => Some(host),
-        Some((name, port)) if is_port(port) => Some(name),
+        None => Some((host, "")),
+        Some((name, port)) if is_port(port) => Some((name, port)),
         // An address of version 6 without brackets, as users write it; no header has it so.
-        Some(_) => host.parse::<IpAddr>().is_ok().then_some(host),
+        Some(_) => host.parse::<IpAddr>().is_ok().then_some((host, "")),
     }
 }
 
@@ -123,12 +143,33 @@ mod tests {
         }
     }
 
+    /// Names alone were compared: a page of any other program of this machine was a page of ours.
     #[test]
-    fn origins_are_those_of_the_hosts() {
-        let hosts = Hosts::new("127.0.0.1".parse().unwrap(), &[]);
-        assert!(hosts.has_origin("http://127.0.0.1:4000") && hosts.has_origin("https://localhost"));
+    fn an_origin_is_the_site_that_was_asked() {
+        let hosts = Hosts::new("127.0.0.1".parse().unwrap(), &["render.lan".into()]);
+        for (origin, host) in [
+            ("http://127.0.0.1:4000", "127.0.0.1:4000"),
+            ("http://LocalHost:80", "localhost"),
+            ("http://localhost", "localhost:80"),
+            ("https://render.lan", "render.lan:443"),
+            ("https://render.lan", "render.lan"),
+            ("http://[::1]:9", "[::1]:9"),
+        ] {
+            assert!(hosts.has_origin(origin, host), "{origin} at {host}");
+        }
+        for (origin, host) in [
+            ("http://127.0.0.1:4000", "127.0.0.1:4001"),
+            ("http://localhost:4000", "127.0.0.1:4000"),
+            ("http://localhost", "localhost:4000"),
+            ("http://localhost:4000", "localhost"),
+            ("https://render.lan", "render.lan:80"),
+            ("http://[::1]:9", "[::1]:8"),
+            ("http://evil.com:4000", "evil.com:4000"),
+        ] {
+            assert!(!hosts.has_origin(origin, host), "{origin} at {host}");
+        }
         for bad in ["null", "", "http://evil.com", "file://localhost", "http://localhost/x", "localhost"] {
-            assert!(!hosts.has_origin(bad), "{bad}");
+            assert!(!hosts.has_origin(bad, "localhost"), "{bad}");
         }
     }
 

@@ -144,7 +144,7 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
 
 /// The key of a request to become a socket, and its place among the clients; else why not.
 fn grant<'a>(shared: &'a SharedState, head: &'a Head) -> Result<(&'a str, Place<'a>), Status> {
-    if head.origin.as_ref().is_some_and(|origin| !shared.hosts.has_origin(origin)) {
+    if head.origin.as_ref().is_some_and(|origin| !shared.hosts.has_origin(origin, &head.host)) {
         return Err(Status::Forbidden);
     }
     let key = head.socket_key.as_deref().ok_or(Status::UpgradeRequired)?;

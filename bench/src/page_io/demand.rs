@@ -7,6 +7,7 @@ use super::{Clock, Pages};
 use hdrhistogram::Histogram;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use trex_store::Error;
 use trex_store::pool::{PagePool, Want};
 
 /// One page of so many is waited for; no more than so many.
@@ -36,7 +37,9 @@ pub(super) fn wait_for_some(
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
         if is_busy && !ahead.is_empty() {
-            scope.spawn(|| ask_ahead(pool, ahead, &done));
+            let thread = std::thread::Builder::new().name("trex-ask-ahead".into());
+            let spawned = thread.spawn_scoped(scope, || ask_ahead(pool, ahead, &done));
+            spawned.map_err(|error| Error::thread_refused("the pages asked for ahead", &error))?;
             // Until the queue is full.
             while pool.stats().pages_read == 0 {
                 std::thread::sleep(ROUND);

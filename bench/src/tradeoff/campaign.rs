@@ -138,10 +138,16 @@ impl<'a> Campaign<'a> {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().map_err(|error| Error::io("start", self.program, &error))?;
         let mut pipe = child.stdout.take().expect("its output is piped");
-        let reader = std::thread::spawn(move || {
+        let read_all = move || {
             let mut text = String::new();
             pipe.read_to_string(&mut text).map(|_| text)
-        });
+        };
+        let reader = std::thread::Builder::new().name("trex-read-document".into()).spawn(read_all);
+        let reader = reader.map_err(|error| {
+            // It would wait for ever for somebody who reads what it says.
+            let _ = child.kill().and_then(|()| child.wait());
+            Error::thread_refused("the reader of a run's document", &error)
+        })?;
         let status = loop {
             if let Some(status) = child.try_wait()? {
                 break status;

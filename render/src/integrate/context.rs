@@ -36,7 +36,7 @@ pub(crate) struct RenderContext<'a> {
     pub(crate) judges_preview: bool,
     /// Most rays of a kind that leave a surface, whatever the settings say.
     rays_most: u32,
-    /// True when nothing waits for pages: where one is missing, the resident voxels answer.
+    /// True when nothing waits for pages: where one is missing, the resident voxels answer; without any, it is empty.
     pub(super) is_preview: bool,
 }
 

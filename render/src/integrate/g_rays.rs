@@ -132,18 +132,18 @@ impl RenderContext<'_> {
         let Place { surface, shadow, gather } = place;
         let shadows = &answered.shadows[shadow.range()];
         let is_blocked = |leg: &GatherLeg| leg.asked.is_some_and(|ray| answered.answer(ray).is_blocked());
-        if shadows.iter().any(|ray| answered.occlusion(ray) == Answer::Blocked)
+        if shadows.iter().any(|ray| self.occlusion(ray, answered) == Answer::Blocked)
             || answered.gathers[gather.range()].iter().any(is_blocked)
         {
             return Answer::Blocked;
         }
-        let is_unsure = |ray: &ShadowRay| answered.occlusion(ray) == Answer::Exact(Occlusion::Unsure);
+        let is_unsure = |ray: &ShadowRay| self.occlusion(ray, answered) == Answer::Exact(Occlusion::Unsure);
         let left = if shadows.iter().any(is_unsure) {
             self.ask_mesh(integrator, (path, surface), shadow, (answered, asked))
         } else {
             for ray in shadows {
                 path.sample.rays.count(integrator.shadow_kind());
-                if answered.occlusion(ray) == Answer::Exact(Occlusion::Clear) {
+                if self.occlusion(ray, answered) == Answer::Exact(Occlusion::Clear) {
                     path.gain(ray.light);
                 }
             }
@@ -167,6 +167,14 @@ impl RenderContext<'_> {
             path.gain_indirect(leg.weight * (leg.near.radiance + leg.gathered.radiance));
         }
         Answer::Exact(self.after_gather_ray(*surface, gather.rays.end))
+    }
+
+    /// What is known of a shadow ray. In a preview pages that are missing throw no shadow: it waits for none.
+    fn occlusion(&self, ray: &ShadowRay, answered: &GBatch) -> Answer<Occlusion> {
+        match answered.occlusion(ray) {
+            Answer::Blocked if self.is_preview => Answer::Exact(Occlusion::Clear),
+            known => known,
+        }
     }
 
     /// Asks the mesh for the shadow rays of a part of which the voxels leave it unsure whether they meet anything. The

@@ -25,7 +25,7 @@ const MIRROR_LEAVES: f64 = 16.0;
 
 /// Knowledge of the first thing that a C-ray meets.
 pub(super) enum Closest {
-    /// A page is missing; a preview has the voxels answer instead.
+    /// A page is missing; a preview has the voxels answer instead, or nothing.
     Blocked,
     /// A hit on the mesh, or that there is nothing.
     Known(Option<CRayHit>),
@@ -52,6 +52,7 @@ impl RenderContext<'_> {
     pub(super) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
         let cut = self.cut(path);
         let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
+            Some(Answer::Blocked) if self.is_preview && self.voxels.is_none() => return Closest::Known(None),
             Some(Answer::Blocked) if self.is_preview => return Closest::Far(self.far_instead(ray, path)),
             Some(Answer::Blocked) => return Closest::Blocked,
             Some(Answer::Exact(found)) => found,

@@ -44,10 +44,14 @@ impl RenderContext<'_> {
                 asking.push((path, is_blocked, ray, cut));
             }
         }
+        // What stands for the mesh in a preview: the voxels from the camera on, or nothing.
+        let instead = if self.voxels.is_some() { 0.0 } else { f64::INFINITY };
         tracer.intersect_coherent(rays, answers);
         for ((path, is_blocked, ray, cut), answer) in asking.into_iter().zip(answers) {
             match *answer {
-                Answer::Blocked if self.is_preview => path.stage = Stage::Met { ray, cut: 0.0, found: None },
+                Answer::Blocked if self.is_preview => {
+                    path.stage = Stage::Met { ray, cut: instead, found: None }
+                }
                 Answer::Blocked => *is_blocked = true,
                 Answer::Exact(found) => path.stage = Stage::Met { ray, cut, found },
             }

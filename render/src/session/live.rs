@@ -17,6 +17,9 @@
 //! A *state* is what samples are of: it changes with each event, and each time that more photons are in. A tile shows
 //! its samples until it has some of the present state, unless the preview is of a later one.
 //!
+//! Without voxels nothing stands in for pages that are missing: the background is seen there, and no shadow falls,
+//! until exact tiles come.
+//!
 //! Where the pages in demand approach the frames there are, no tile is begun while others wait for theirs. Tried and
 //! taken out: a governor that raised the error of the footprint rule until every pixel had a sample. The preview is
 //! there sooner, and a complete picture of the plant came twice as late (`docs/measurements.md`).
@@ -37,7 +40,7 @@ use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
 use trex_film::{Display, Film, Image, ReducedPicture, TILE_SIDE_PIXELS, Tile, TileOrder};
-use trex_store::{Code, Error, NextStep, Result, Setting};
+use trex_store::Result;
 
 /// Options of frames with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,18 +99,9 @@ impl<T: PagedTracer + Send> Session<T> {
     /// The session from now on: its pictures are made in frames.
     ///
     /// # Errors
-    /// [`Code::SceneFormat`] for a model without voxels: nothing could stand in for what is missing;
-    /// [`Code::MemoryLimit`] when the budget has no room for the picture on show and the second map of photons.
+    /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the picture on show and the second map of
+    /// photons.
     pub fn go_live(mut self, options: FrameOptions) -> Result<LiveSession<T>> {
-        if self.model.voxels.is_none() {
-            return Err(Error::new(
-                Code::SceneFormat,
-                "this file has no voxels to stand in for missing pages",
-            )
-            .at_setting(Setting::FrameDeadline)
-            .numbers("frames with a deadline need them")
-            .next(NextStep::BuildVoxels { or: "render without a deadline" }));
-        }
         let settings = self.view.settings;
         let leases = self.shares(&settings, self.film.layers(), true).lease_live(&self.budget)?;
         let (light, work) = self.light_parts(&|| false);

@@ -48,7 +48,7 @@ use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
 use trex_film::{Film, Layers, Tiles, filter_bytes, smooth};
-use trex_store::{Budget, Lease, Result};
+use trex_store::{Budget, Lease, Result, StopSignal};
 
 /// A change by the user.
 #[derive(Clone, Debug)]
@@ -240,6 +240,12 @@ impl<T: PagedTracer + Send> Session<T> {
             self.model = model;
         }
         Ok(change)
+    }
+
+    /// From now on, work also ends within a tile, or a batch of photons, once `stop` is due: those who are asked
+    /// between tiles (`stop` of [`Session::render`] and the like) have to say so then, too.
+    pub fn stop_by(&mut self, stop: &StopSignal) {
+        self.tracers.iter_mut().for_each(|tracer| tracer.stop_by(stop));
     }
 
     /// What is seen through the middle of a pixel (x, y) on the exact mesh; waits for its pages. `None` for nothing.

@@ -2,6 +2,7 @@
 
 use super::Tracer;
 use std::time::Duration;
+use trex_store::StopSignal;
 
 /// A tracer whose pages come and go, as work that waits for pages needs it.
 pub trait PagedTracer: Tracer {
@@ -16,6 +17,10 @@ pub trait PagedTracer: Tracer {
     /// From now on, or no more, a page that is missing is waited for while the ray that asks is on its way, for a
     /// second at most.
     fn set_patient(&mut self, _is_patient: bool) {}
+
+    /// From now on, rays that look up a page once `stop` is due are Blocked: a single ray may cross millions of
+    /// triangles. Whoever asks is to end on the same signal, or asks for ever.
+    fn stop_by(&mut self, _stop: &StopSignal) {}
 
     /// Sleeps until something has arrived, or for `longest`.
     fn wait(&mut self, longest: Duration);

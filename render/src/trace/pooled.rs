@@ -6,7 +6,8 @@
 //! lets all go but the one it needs now.
 //!
 //! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list holds each page that blocked a
-//! ray, whatever traced it, until the page has come or many later ones have been asked for.
+//! ray, whatever traced it, until the page has come or many later ones have been asked for; 3. once the work is to
+//! stop, a ray looks up at most [`LOOK_UPS_UNASKED`] pages more, and waits for none.
 
 use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
@@ -18,10 +19,13 @@ use std::cell::{Cell, OnceCell};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::pool::{PagePool, PageState, PinToken, Want};
-use trex_store::{PageFile, Result};
+use trex_store::{PageFile, Result, StopSignal};
 
 /// Longest that a ray on its way waits for a page: longer than disks take, unless something is wrong with them.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// Look-ups of pages from one question whether to stop to the next: less than a millisecond, however many triangles
+/// a ray meets in each.
+const LOOK_UPS_UNASKED: u32 = 32;
 
 /// Pages of a pool, pinned by one worker.
 pub struct PooledPages {
@@ -39,6 +43,9 @@ pub struct PooledPages {
     epoch: u64,
     /// True while pages that are missing are waited for.
     is_patient: bool,
+    stop: StopSignal,
+    /// Look-ups until it is asked whether to stop.
+    look_ups_left: u32,
 }
 
 impl PooledPages {
@@ -56,6 +63,8 @@ impl PooledPages {
             used: vec![Cell::new(0); (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
             is_patient: false,
+            stop: StopSignal::default(),
+            look_ups_left: 1,
         }
     }
 
@@ -85,10 +94,18 @@ impl PooledPages {
     /// Waits for one page, for [`PATIENCE`] at most.
     fn bring(&mut self, page: u32) {
         let until = Instant::now() + PATIENCE;
-        while is_awaited(&self.pool, page) && Instant::now() < until {
+        while is_awaited(&self.pool, page) && Instant::now() < until && !self.stop.is_due() {
             self.pool.submit(self.seat.number(), &[Want { page, weight: 1 }]);
             self.epoch = self.pool.wait_for_progress(self.epoch, WAIT);
         }
+    }
+
+    /// Asks whether to stop; when it is time, each look-up asks from then on.
+    #[cold]
+    fn is_stopped(&mut self) -> bool {
+        let is_due = self.stop.is_due();
+        self.look_ups_left = if is_due { 1 } else { LOOK_UPS_UNASKED };
+        is_due
     }
 
     /// Forgets what was asked for: nothing that has not been begun is read for it.
@@ -119,6 +136,10 @@ fn is_awaited(pool: &PagePool, page: u32) -> bool {
 impl Pages for PooledPages {
     #[inline]
     fn page(&mut self, page: u32) -> Page<'_> {
+        self.look_ups_left -= 1;
+        if self.look_ups_left == 0 && self.is_stopped() {
+            return Page::Missing;
+        }
         if self.pinned[page as usize].get() == 0 && self.pin_count.get() >= self.pins_max {
             self.unpin_all();
         }
@@ -184,6 +205,11 @@ impl PagedTracer for PagedMesh<PooledPages> {
 
     fn set_patient(&mut self, is_patient: bool) {
         self.pages_mut().is_patient = is_patient;
+    }
+
+    fn stop_by(&mut self, stop: &StopSignal) {
+        let pages = self.pages_mut();
+        (pages.stop, pages.look_ups_left) = (stop.clone(), 1);
     }
 
     fn wait(&mut self, longest: Duration) {

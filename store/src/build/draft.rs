@@ -86,10 +86,11 @@ impl Draft {
             // Somebody may have made the file meanwhile.
             ExistingOutput::Keep => self.file.persist_noclobber(output).map_err(failed)?,
         };
-        let folder = File::open(&self.folder).map_err(|e| Error::io("open the folder", &self.folder, &e))?;
-        folder.sync_all().map_err(|e| {
-            let failed = Error::io("write the folder to the disk", &self.folder, &e);
-            failed.next("the file is there, and whole; after a loss of power it may not be: check the disk")
+        // Whatever refuses from here on: what was built has its name.
+        File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(|e| {
+            let failed =
+                Error::writing("write the folder of the finished file to the disk", &self.folder, &e);
+            failed.next("the file is there, and whole; after a loss of power it may not be: check the folder")
         })
     }
 }

@@ -48,7 +48,14 @@ fn sockets_of_other_sites_and_names_are_refused() {
     assert_eq!(connect(&server, &[("Origin", "http://evil.com")]).err(), Some(403));
     assert_eq!(connect(&server, &[("Origin", "null")]).err(), Some(403));
     assert_eq!(connect(&server, &[("Host", "evil.com")]).err(), Some(421));
-    assert!(connect(&server, &[("Origin", "http://localhost:9")]).is_ok());
+    let ours = server.address.to_string();
+    // Another port is another program of this machine.
+    let other = format!("http://{}:{}", server.address.ip(), server.address.port() ^ 1);
+    assert_eq!(connect(&server, &[("Origin", &other), ("Host", &ours)]).err(), Some(403));
+    assert_eq!(connect(&server, &[("Origin", "http://localhost:9"), ("Host", &ours)]).err(), Some(403));
+    assert!(connect(&server, &[("Origin", &format!("http://{ours}")), ("Host", &ours)]).is_ok());
+    // As through a tunnel: both are what the page was asked by.
+    assert!(connect(&server, &[("Origin", "http://localhost:9"), ("Host", "localhost:9")]).is_ok());
 }
 
 #[test]
