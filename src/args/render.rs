@@ -12,7 +12,7 @@ use trex_render::{FetchBlock, FrameOptions, Saliency, Scene, TileOrder};
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_RENDER)]
 pub struct RenderArgs {
-    /// A page file, or a scene (.toml) that names one
+    /// A page file, also at an http(s):// address, or a scene (.toml) that names one
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// The picture: .png, or .exr for linear values and layers

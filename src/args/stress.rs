@@ -11,7 +11,7 @@ use trex_bench::stress::{Requirement, Scenario};
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_STRESS)]
 pub struct StressArgs {
-    /// A page file, or a scene (.toml) that names one
+    /// A page file, also at an http(s):// address, or a scene (.toml) that names one
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// What is done to it

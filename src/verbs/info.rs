@@ -18,6 +18,7 @@ use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, ImportOptions};
+use trex_store::io::is_url;
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, Superblock};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
@@ -69,7 +70,7 @@ fn has_unfinished(path: &Path) -> bool {
 fn is_page_file(path: &Path) -> bool {
     let mut head = [0; MAGIC.len()];
     let is_read = open_regular(path).is_ok_and(|mut file| file.read_exact(&mut head).is_ok());
-    (is_read && head == MAGIC) || path.extension().is_some_and(|ending| ending == "trex")
+    is_url(path) || (is_read && head == MAGIC) || path.extension().is_some_and(|ending| ending == "trex")
 }
 
 /// The needs of the picture that `render` makes of `file` when nothing is said.

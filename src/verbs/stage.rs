@@ -12,6 +12,7 @@ use trex_model::{
     set_direct_without_voxels,
 };
 use trex_render::{Camera, MemoryPlan, Scene, parse_views};
+use trex_store::io::is_url;
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::layout::PageKind;
 use trex_store::pool::{PagePool, PageState};
@@ -124,7 +125,13 @@ pub fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
     }
     let text = read_text("read the scene", file)?;
     let scene = Scene::parse(&text, file)?;
-    let model = file.parent().unwrap_or(Path::new("")).join(&scene.model);
+    // An address stands for itself.
+    let is_whole = is_url(Path::new(&scene.model));
+    let model = if is_whole {
+        PathBuf::from(&scene.model)
+    } else {
+        file.parent().unwrap_or(Path::new("")).join(&scene.model)
+    };
     Ok((scene, model))
 }
 

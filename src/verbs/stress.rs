@@ -15,8 +15,8 @@ use std::path::Path;
 use trex_bench::stress::{self, DragFigures, Snapshots, Stand, StressFigures};
 use trex_model::{Device, DeviceReport, Pace, SessionOptions, Times};
 use trex_render::{FetchBlock, Layers};
-use trex_store::io::IoDescription;
 use trex_store::StopSignal;
+use trex_store::io::IoDescription;
 
 /// Runs `trex stress`.
 pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {

@@ -5,6 +5,7 @@
 //! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one;
 //! 4. shown, each part is one line without control characters, whatever names it holds (`printable`).
 
+use crate::io::is_url;
 use crate::next_step::{NextStep, Setting};
 use crate::printable::one_line;
 use rustix::io::Errno;
@@ -93,6 +94,11 @@ impl Code {
             Code::Bug => "bug",
         }
     }
+}
+
+/// The next step where reading fails by no fault of what is read: `of_device`, for what is on one.
+pub(crate) fn try_again(path: &Path, of_device: &'static str) -> &'static str {
+    if is_url(path) { "check the network and the server, and try again" } else { of_device }
 }
 
 /// An error in four parts. `Display` prints them as lines: what, where, numbers, next step.
@@ -194,7 +200,11 @@ impl Error {
                 (Code::InputUnreadable, "check the permissions of the path".into())
             }
             ErrorKind::IsADirectory => (Code::InputUnreadable, "name a file, not a folder".into()),
-            _ => (Code::Io, "check the device and try again".into()),
+            ErrorKind::StaleNetworkFileHandle => (Code::Io, "open it again".into()),
+            ErrorKind::Unsupported | ErrorKind::InvalidInput if is_url(path) => {
+                (Code::InputUnreadable, "copy the file here, or see what the server allows".into())
+            }
+            _ => (Code::Io, try_again(path, "check the device and try again").into()),
         };
         let numbers = match error.raw_os_error() {
             Some(number) => format!("{error} [errno {number}]"),

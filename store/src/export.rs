@@ -137,6 +137,7 @@ impl TriangleSource for PageTriangles {
             let page = self.page;
             if self.is_wanted[page as usize] {
                 if !self.is_installed {
+                    self.file.fetch_run(page);
                     self.file.read_page(page, &mut self.frame, &mut self.buffers)?;
                     self.stats.bytes_read += u64::from(self.file.pages()[page as usize].stored_bytes);
                     self.is_installed = true;

@@ -8,7 +8,7 @@
 use crate::budget::{Budget, Lease};
 use crate::cluster::{FrameView, Node, install, install_colours};
 use crate::error::{Code, Error, Result};
-use crate::io::{Extent, drop_cached};
+use crate::io::{Backend, Extent, IoOptions, Origin};
 use crate::layout::*;
 use crate::material::Material;
 use crate::material_list::MaterialList;
@@ -18,9 +18,7 @@ use crate::octree::{
     LowerLinks, LowerSize, Refinement, UnitsContext, UpperOctree, UpperSize, VoxelGrid, install_units,
 };
 use crate::pool::PageStore;
-use std::fs::File;
 use std::io::Read;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -42,7 +40,7 @@ pub(crate) use twice::twice;
 /// An open page file. See the module's invariants.
 pub struct PageFile {
     path: PathBuf,
-    file: File,
+    file: Origin,
     block: Superblock,
     pages: Vec<PageEntry>,
     /// Roots that the top tree asks of each page of the mesh.
@@ -60,10 +58,11 @@ impl PageFile {
     /// [`Code::InputUnreadable`], [`Code::InputFormat`], [`Code::Version`], [`Code::Damaged`],
     /// [`Code::MemoryLimit`], [`Code::Io`].
     pub fn open(path: &Path, budget: &Budget) -> Result<PageFile> {
-        let file = open_regular(path)?;
+        let file = Origin::open(path)?;
         let block = read_superblock(&file, path)?;
         check_lengths(&block, path)?;
-        let mut lease = budget.lease("the tables of the file", table_bytes(&block))?;
+        let mut lease = budget.lease("the tables of the file", opening_bytes(&file, &block))?;
+        file.fetch_parts(&parts_at_opening(&block));
         let read = |kind: SectionKind| -> Result<Vec<u8>> {
             checked_section(&file, block.section(kind), (kind, block.file_id), path)
         };
@@ -80,7 +79,8 @@ impl PageFile {
         let kind = SectionKind::Emitters;
         let emitters =
             parse_emitters(&read(kind)?, &block, materials.len()).ok_or_else(|| out_of_range(kind))?;
-        lease.shrink_to(kept_bytes(&block));
+        file.forget_parts();
+        lease.shrink_to(kept_bytes(&block) + file.connection_bytes());
         let path = path.to_path_buf();
         Ok(PageFile { path, file, block, pages, root_counts, top, materials, emitters, _lease: lease })
     }
@@ -90,7 +90,7 @@ impl PageFile {
     /// # Errors
     /// Those of [`PageFile::open`] but of its tables.
     pub fn superblock_of(path: &Path) -> Result<Superblock> {
-        read_superblock(&open_regular(path)?, path)
+        read_superblock(&Origin::open(path)?, path)
     }
 
     /// The path it was opened by.
@@ -293,6 +293,13 @@ impl PageFile {
         })
     }
 
+    /// Tells that pages are read one by one from `page` on: behind HTTP they come in runs then.
+    pub(crate) fn fetch_run(&self, page: u32) {
+        let entry = &self.pages[page as usize];
+        let end = self.pages.last().map_or(0, |last| last.offset + u64::from(last.stored_bytes));
+        self.file.fetch_run((entry.offset, u64::from(entry.stored_bytes)), end);
+    }
+
     /// Reads one page and compares it with its hash; nothing is decoded.
     pub(crate) fn check_page(&self, page: u32, stored: &mut Vec<u8>) -> Result<()> {
         let entry = &self.pages[page as usize];
@@ -327,6 +334,29 @@ impl PageFile {
     }
 }
 
+/// Sections that opening reads one after the other, each a way to the server and back where the file is behind one.
+const OPENING_SECTIONS: [SectionKind; 4] =
+    [SectionKind::PageTable, SectionKind::TopTree, SectionKind::Materials, SectionKind::Emitters];
+
+/// All that opening reads, and the heads of the octree's sections: offset and bytes.
+fn parts_at_opening(block: &Superblock) -> Vec<(u64, u64)> {
+    let tables =
+        OPENING_SECTIONS.map(|kind| block.section(kind)).map(|section| (section.offset, section.bytes));
+    let octree =
+        [(SectionKind::Upper, UpperOctree::HEAD_BYTES), (SectionKind::Lower, LowerLinks::HEAD_BYTES)];
+    let head = |(kind, bytes): (SectionKind, usize)| {
+        block.find_section(kind).map(|section| (section.offset, section.bytes.min(bytes as u64)))
+    };
+    tables.into_iter().chain(octree.into_iter().filter_map(head)).collect()
+}
+
+/// Memory while the tables are read.
+fn opening_bytes(file: &Origin, block: &Superblock) -> u64 {
+    let ahead: u64 = parts_at_opening(block).iter().map(|&(_, bytes)| bytes).sum();
+    let ahead = if file.begins_at_end() { ahead } else { 0 };
+    table_bytes(block).saturating_add(ahead).saturating_add(file.connection_bytes())
+}
+
 impl PageStore for PageFile {
     fn page_count(&self) -> u32 {
         self.pages.len() as u32
@@ -342,11 +372,15 @@ impl PageStore for PageFile {
     }
 
     fn read_again(&self, page: u32, stored: &mut [u8]) -> Result<bool> {
-        drop_cached(&self.file, self.pages[page as usize].offset, stored.len() as u64);
+        self.file.drop_cached(self.pages[page as usize].offset, stored.len() as u64);
         self.read_stored(page, stored).map(|()| true)
     }
 
     fn frame_bytes(&self) -> usize {
         FRAME_BYTES
+    }
+
+    fn backend(&self, path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
+        self.file.backend(path, options)
     }
 }

@@ -19,11 +19,10 @@ use crate::budget::Budget;
 use crate::cluster::{FrameView, TopRef};
 use crate::error::{Code, Result};
 use crate::file::{
-    PageFile, check_lengths, lower_size, open_regular, read_superblock, section_bytes, table_bytes,
-    upper_size,
+    PageFile, check_lengths, lower_size, read_superblock, section_bytes, table_bytes, upper_size,
 };
 use crate::geom::Aabb;
-use crate::io::StagingBuffer;
+use crate::io::{Origin, StagingBuffer};
 use crate::layout::{FRAME_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES};
 use pace::Pace;
 use std::collections::{BTreeMap, BTreeSet};
@@ -216,7 +215,7 @@ impl Check<'_> {
 
     /// Bytes of the tables while they are read, and of the octree where it is read, by what their heads say.
     fn tables_bytes(&self, path: &Path) -> Result<u64> {
-        let opened = open_regular(path)?;
+        let opened = Origin::open(path)?;
         // What is wrong with them is told when the file is opened.
         let Ok(block) = read_superblock(&opened, path) else { return Ok(0) };
         if check_lengths(&block, path).is_err() {
@@ -239,6 +238,7 @@ impl Check<'_> {
         let mut boxes = None;
         let (mut frame, mut buffers) = (StagingBuffer::new(FRAME_BYTES)?, [Vec::new(), Vec::new()]);
         for (page, entry) in (0..).zip(file.pages()) {
+            file.fetch_run(page);
             let result = match self.pages {
                 PageCheck::Decoded => file.read_page(page, &mut frame, &mut buffers),
                 _ => file.check_page(page, &mut buffers[0]),

@@ -30,6 +30,8 @@ mod gltf;
 mod golden;
 mod gpu;
 mod house;
+#[cfg(feature = "http")]
+mod http;
 mod image_diff;
 mod inputs;
 mod lengths;

@@ -5,17 +5,17 @@
 
 use super::twice;
 use crate::error::{Code, Error, Result};
+use crate::io::{Origin, is_url};
 use crate::layout::*;
 use crate::next_step::NextStep;
 use crate::octree::{LowerLinks, LowerSize, UpperOctree, UpperSize};
 use std::fs::File;
 use std::io::Read;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 use xxhash_rust::xxh3::Xxh3;
 
 /// See [`PageFile::upper_size`].
-pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<UpperSize>> {
+pub(crate) fn upper_size(file: &Origin, block: &Superblock, path: &Path) -> Result<Option<UpperSize>> {
     let kind = SectionKind::Upper;
     let Some(section) = block.find_section(kind) else { return Ok(None) };
     let mut head = [0; UpperOctree::HEAD_BYTES];
@@ -29,7 +29,7 @@ pub(crate) fn upper_size(file: &File, block: &Superblock, path: &Path) -> Result
 }
 
 /// See [`PageFile::lower_size`].
-pub(crate) fn lower_size(file: &File, block: &Superblock, path: &Path) -> Result<Option<LowerSize>> {
+pub(crate) fn lower_size(file: &Origin, block: &Superblock, path: &Path) -> Result<Option<LowerSize>> {
     let kind = SectionKind::Lower;
     let Some(section) = block.find_section(kind) else { return Ok(None) };
     let mut head = [0; LowerLinks::HEAD_BYTES];
@@ -42,7 +42,7 @@ pub(crate) fn lower_size(file: &File, block: &Superblock, path: &Path) -> Result
 
 /// The bytes of a section of the file with this id, which match its hash.
 pub(super) fn checked_section(
-    file: &File,
+    file: &Origin,
     section: Section,
     (kind, file_id): (SectionKind, u64),
     path: &Path,
@@ -60,7 +60,7 @@ pub(super) fn checked_section(
 /// What `parse` makes of the bytes of a section, which match its hash, while no more than a piece of them is in memory.
 /// `parse` need not read to the end; what it gives may be of bytes that are damaged, and is then not used.
 pub(crate) fn streamed_section<T>(
-    file: &File,
+    file: &Origin,
     section: Section,
     (kind, file_id): (SectionKind, u64),
     path: &Path,
@@ -82,7 +82,7 @@ pub(crate) fn streamed_section<T>(
 
 /// Reads a section from its first byte, and hashes what it hands out.
 pub(crate) struct HashedSection<'a> {
-    file: &'a File,
+    file: &'a Origin,
     section: Section,
     /// Bytes that were read.
     done: u64,
@@ -91,7 +91,7 @@ pub(crate) struct HashedSection<'a> {
 }
 
 impl<'a> HashedSection<'a> {
-    fn new(file: &'a File, section: Section, file_id: u64) -> HashedSection<'a> {
+    fn new(file: &'a Origin, section: Section, file_id: u64) -> HashedSection<'a> {
         let hasher = section_hasher(file_id, section.kind);
         HashedSection { file, section, done: 0, hasher, failed: None }
     }
@@ -122,35 +122,39 @@ impl Read for HashedSection<'_> {
 /// Opens a regular file for reading.
 ///
 /// # Errors
-/// [`Code::InputUnreadable`] for a folder, a pipe, a socket or a device, and for what cannot be opened.
+/// Those of [`Origin::open`] for what is no address; [`Code::InputUnreadable`] for an address.
 pub fn open_regular(path: &Path) -> Result<File> {
-    let failed = |error| Error::io("open", path, &error);
-    // Asked before the open: opening a pipe would wait for a writer.
-    if !std::fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(Error::new(Code::InputUnreadable, "this is no regular file")
+    if is_url(path) {
+        return Err(Error::new(Code::InputUnreadable, "this is no file of this machine")
             .at(path)
-            .next("name a file: nothing is read from folders, pipes, sockets or devices"));
+            .next("copy the file here: page files alone are read from the web"));
     }
-    File::open(path).map_err(failed)
+    Ok(match Origin::open(path)? {
+        Origin::File(file) => file,
+        #[cfg(feature = "http")]
+        Origin::Http(_) => unreachable!("addresses were told apart"),
+    })
 }
 
-/// The head, or the tail where the head is damaged.
-pub(crate) fn read_superblock(file: &File, path: &Path) -> Result<Superblock> {
-    let length = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
+/// The head, or the tail where the head is damaged; the other way round where the tail is at hand.
+pub(crate) fn read_superblock(file: &Origin, path: &Path) -> Result<Superblock> {
+    let length = file.length().map_err(|e| Error::io("open", path, &e))?;
     if length < 2 * SUPERBLOCK_BYTES as u64 {
         return Err(Error::new(Code::InputFormat, "this is no trex file: it is too short")
             .at(path)
             .numbers(format!("{length} bytes, at least {}", 2 * SUPERBLOCK_BYTES))
             .next(NextStep::Build));
     }
+    let (head, tail) = (0, length - SUPERBLOCK_BYTES as u64);
+    let [first, other] = if file.begins_at_end() { [tail, head] } else { [head, tail] };
     let mut bytes = [0; SUPERBLOCK_BYTES];
-    file.read_exact_at(&mut bytes, 0).map_err(|e| Error::io("read", path, &e))?;
-    let block = Superblock::parse(&bytes, path).or_else(|head_error| {
-        if head_error.code() == Code::Version {
-            return Err(head_error);
+    file.read_exact_at(&mut bytes, first).map_err(|e| Error::io("read", path, &e))?;
+    let block = Superblock::parse(&bytes, path).or_else(|error| {
+        if error.code() == Code::Version {
+            return Err(error);
         }
-        file.read_exact_at(&mut bytes, length - SUPERBLOCK_BYTES as u64).map_err(|_| head_error.clone())?;
-        Superblock::parse(&bytes, path).map_err(|_| head_error)
+        file.read_exact_at(&mut bytes, other).map_err(|_| error.clone())?;
+        Superblock::parse(&bytes, path).map_err(|_| error)
     })?;
     if block.file_bytes != length {
         return Err(Error::new(Code::Damaged, "the file has another length than it was published with")

@@ -3,13 +3,11 @@
 //!
 //! Invariant: an opened file has the sizes that were told before it was opened.
 
-use super::{
-    PageFile, check_lengths, kept_bytes, lower_size, open_regular, read_superblock, table_bytes, upper_size,
-};
+use super::{PageFile, check_lengths, kept_bytes, lower_size, opening_bytes, read_superblock, upper_size};
 use crate::error::Result;
+use crate::io::Origin;
 use crate::layout::{SectionKind, Superblock};
 use crate::octree::{LowerSize, UpperSize};
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Sizes of a page file.
@@ -39,21 +37,21 @@ impl FileSizes {
     /// # Errors
     /// Those of [`PageFile::open`], but [`Code::MemoryLimit`](crate::Code::MemoryLimit).
     pub fn of(path: &Path) -> Result<FileSizes> {
-        let file = open_regular(path)?;
+        let file = Origin::open(path)?;
         let block = read_superblock(&file, path)?;
         check_lengths(&block, path)?;
         Ok(FileSizes::of_parts(&file, &block, path))
     }
 
-    fn of_parts(file: &File, block: &Superblock, path: &Path) -> FileSizes {
+    fn of_parts(file: &Origin, block: &Superblock, path: &Path) -> FileSizes {
         let count = |kind| block.section(kind).count;
         FileSizes {
             path: path.to_path_buf(),
             page_count: count(SectionKind::PageTable),
             material_count: count(SectionKind::Materials) as usize,
             emitter_count: count(SectionKind::Emitters) as usize,
-            kept_bytes: kept_bytes(block),
-            opening_bytes: table_bytes(block),
+            kept_bytes: kept_bytes(block) + file.connection_bytes(),
+            opening_bytes: opening_bytes(file, block),
             upper: upper_size(file, block, path),
             lower: lower_size(file, block, path),
         }

@@ -7,8 +7,7 @@
 //! again here: failed calls are repeated below (`io`).
 
 use crate::error::{Code, Result};
-use crate::io::drop_cached;
-use std::fs::File;
+use crate::io::Origin;
 
 /// What `attempt` gives, which reads `bytes` of `file` at `offset`; where that is damage, what it gives after the page
 /// cache has dropped them.
@@ -16,7 +15,7 @@ use std::fs::File;
 /// # Errors
 /// Those of the last attempt.
 pub(crate) fn twice<T>(
-    file: &File,
+    file: &Origin,
     (offset, bytes): (u64, u64),
     mut attempt: impl FnMut() -> Result<T>,
 ) -> Result<T> {
@@ -24,7 +23,7 @@ pub(crate) fn twice<T>(
         if first.code() != Code::Damaged {
             return Err(first);
         }
-        drop_cached(file, offset, bytes);
+        file.drop_cached(offset, bytes);
         attempt()
     })
 }
@@ -36,7 +35,7 @@ mod tests {
 
     #[test]
     fn damage_is_read_again_once_and_nothing_else() {
-        let file = tempfile::tempfile().unwrap();
+        let file = Origin::File(tempfile::tempfile().unwrap());
         let with = |codes: &[Option<Code>]| {
             let mut calls = 0;
             let result = twice(&file, (0, 10), || {

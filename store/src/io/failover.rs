@@ -10,13 +10,14 @@
 //! Invariants: 1. a read is in the ring or in `pread`, never in both; 2. the number of reads in flight, and so of
 //! buffers, is the same before and after; 3. the description says what happened, from the next completion on.
 
+use super::pread::pread;
 use super::uring::GLANCE;
-use super::{Backend, IoDescription, Pread, RawCompletion, RawRead, Source, Uring, Wait};
+use super::{Backend, IoDescription, RawCompletion, RawRead, ReadThreads, Source, Uring, Wait};
 
 /// A ring with `pread` behind it.
 pub struct Failover {
     pub(super) ring: Uring,
-    pread: Option<Pread>,
+    pread: Option<ReadThreads>,
     source: Source,
     depth: usize,
     pread_threads: usize,
@@ -37,7 +38,7 @@ impl Failover {
         let pread = self.pread.get_or_insert_with(|| {
             let notice = format!("io_uring failed while it read ({error}); reads continue through pread");
             let reason = format!("the ring failed; before that, {}", self.ring.describe().reason);
-            let mut pread = Pread::new(self.source.clone(), self.depth, self.pread_threads, reason);
+            let mut pread = pread(self.source.clone(), self.depth, self.pread_threads, reason);
             pread.description.notice = Some(notice);
             pread
         });
@@ -48,7 +49,7 @@ impl Failover {
 
 impl Backend for Failover {
     fn describe(&self) -> &IoDescription {
-        self.pread.as_ref().map_or(self.ring.describe(), Pread::describe)
+        self.pread.as_ref().map_or(self.ring.describe(), ReadThreads::describe)
     }
 
     fn align_bytes(&self) -> usize {
@@ -60,7 +61,7 @@ impl Backend for Failover {
     }
 
     fn in_flight(&self) -> usize {
-        self.ring.in_flight() + self.pread.as_ref().map_or(0, Pread::in_flight)
+        self.ring.in_flight() + self.pread.as_ref().map_or(0, ReadThreads::in_flight)
     }
 
     fn submit(&mut self, read: RawRead) {

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! pool -> Reader (alignment, retries, errors with a place)
-//!           -> Backend: failover(uring, pread) | pread | mmap | memory | fault(another)
+//!           -> Backend: failover(uring, pread) | pread | mmap | http | memory | fault(another)
 //!                                                                    (raw reads, may fall short or fail)
 //! ```
 //!
@@ -16,11 +16,15 @@
 
 mod failover;
 mod fault;
+#[cfg(feature = "http")]
+mod http;
 mod memory;
 mod mmap;
 mod open;
+mod origin;
 mod page_cache;
 mod pread;
+mod read_threads;
 mod reader;
 mod region;
 mod source;
@@ -33,8 +37,9 @@ pub use fault::{Fault, FaultPlan};
 pub use memory::Memory;
 pub use mmap::Mmap;
 pub use open::{DEPTH_MAX, DirectChoice, IoChoice, IoOptions, open};
+pub use origin::{Origin, is_url};
 pub(crate) use page_cache::drop_cached;
-pub use pread::Pread;
+pub use read_threads::ReadThreads;
 pub use reader::{Arrival, FAILURES_MAX, INTERRUPTIONS_MAX, Reader, ReaderStats, staging_bytes_for};
 pub(crate) use region::Region;
 pub use source::{IoDescription, Source};

@@ -9,8 +9,9 @@
 //! never replaced; 3. direct reading is proven by a read at open, not believed from a flag (tmpfs and some network
 //! file systems accept the flag and refuse the read).
 
+use super::pread::pread;
 use super::source::Source;
-use super::{ALIGN_BYTES, Backend, Failover, Mmap, Pread, StagingBuffer, Uring};
+use super::{ALIGN_BYTES, Backend, Failover, Mmap, StagingBuffer, Uring};
 use crate::error::{Code, Error, Result};
 use crate::next_step::NextStep;
 use rustix::fs::OFlags;
@@ -121,7 +122,7 @@ pub fn open(path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
     let (source, direct_reason) = open_source(path, options.direct)?;
     if options.io == IoChoice::Pread {
         let reason = format!("pread was asked for; {direct_reason}");
-        return Ok(Box::new(Pread::new(source, options.depth, options.pread_threads, reason)));
+        return Ok(Box::new(pread(source, options.depth, options.pread_threads, reason)));
     }
     let reason = format!("the kernel offers io_uring; {direct_reason}");
     match Uring::new(source.clone(), options.depth, reason) {
@@ -131,7 +132,7 @@ pub fn open(path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
         }
         Err(error) => {
             let reason = format!("io_uring does not work here ({error}); {direct_reason}");
-            Ok(Box::new(Pread::new(source, options.depth, options.pread_threads, reason)))
+            Ok(Box::new(pread(source, options.depth, options.pread_threads, reason)))
         }
     }
 }

@@ -13,7 +13,7 @@
 //! 3. Nothing is allocated or copied per read.
 
 use super::{Backend, Extent, IoDescription, RawCompletion, RawRead, StagingBuffer, Wait};
-use crate::error::{Code, Error, Result};
+use crate::error::{Code, Error, Result, try_again};
 use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -225,5 +225,5 @@ fn gives_up(path: &Path, pending: &ReadInFlight, error: Option<std::io::Error>) 
     Error::new(Code::Io, "cannot read")
         .at_byte(path, pending.offset + pending.head as u64)
         .numbers(format!("{cause}, {tries} tries, {} bytes", pending.wanted))
-        .next("check the device (dmesg) and try again")
+        .next(try_again(path, "check the device (dmesg) and try again"))
 }

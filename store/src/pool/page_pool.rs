@@ -98,7 +98,7 @@ impl PagePool {
         budget: &Budget,
         options: &PoolOptions,
     ) -> Result<PagePool> {
-        let backend = crate::io::open(path, &options.io)?;
+        let backend = store.backend(path, &options.io)?;
         PagePool::with_backend(store, backend, path, budget, options)
     }
 

@@ -1,7 +1,8 @@
 //! What callers ask for: `Want`; and what the pool asks of a file: `PageStore`.
 
 use crate::error::Result;
-use crate::io::Extent;
+use crate::io::{Backend, Extent, IoOptions};
+use std::path::Path;
 
 /// Origins (callers with want-lists of their own) are `0 .. ORIGINS_MAX`: one bit each.
 pub const ORIGINS_MAX: usize = 64;
@@ -42,4 +43,12 @@ pub trait PageStore: Send + Sync {
 
     /// Bytes of a frame, the same for all pages. A multiple of 4096.
     fn frame_bytes(&self) -> usize;
+
+    /// A backend that reads the bytes of `extent`s; `path` is where they are.
+    ///
+    /// # Errors
+    /// Those of [`crate::io::open`].
+    fn backend(&self, path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
+        crate::io::open(path, options)
+    }
 }

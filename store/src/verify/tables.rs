@@ -4,14 +4,14 @@
 
 use super::{Damage, Verdict};
 use crate::error::{Code, Error, Result};
-use crate::file::{open_regular, read_superblock, streamed_section, twice};
+use crate::file::{read_superblock, streamed_section, twice};
+use crate::io::Origin;
 use crate::layout::{SUPERBLOCK_BYTES, SectionKind, Superblock};
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// Head and tail must both be whole and the same.
 pub(super) fn check_superblocks(path: &Path, block: &Superblock, verdict: &mut Verdict) -> Result<()> {
-    let file = open_regular(path)?;
+    let file = Origin::open(path)?;
     let length = SUPERBLOCK_BYTES as u64;
     for (what, offset) in [("the head is damaged", 0), ("the tail is damaged", block.file_bytes - length)] {
         let checked = twice(&file, (offset, length), || {
@@ -27,7 +27,7 @@ pub(super) fn check_superblocks(path: &Path, block: &Superblock, verdict: &mut V
 /// What is damaged in a file that cannot be opened for `error`: sections that do not match their hashes, or, where
 /// no superblock tells of sections, the file.
 pub(super) fn check_sections(path: &Path, error: &Error, verdict: &mut Verdict) -> Result<()> {
-    let file = open_regular(path)?;
+    let file = Origin::open(path)?;
     if let Ok(block) = read_superblock(&file, path) {
         check_superblocks(path, &block, verdict)?;
         for section in block.sections.iter().filter(|section| section.kind != 0) {
@@ -41,7 +41,7 @@ pub(super) fn check_sections(path: &Path, error: &Error, verdict: &mut Verdict) 
         }
     }
     if verdict.damage_count == 0 {
-        let bytes = file.metadata().map_err(|e| Error::io("open", path, &e))?.len();
+        let bytes = file.length().map_err(|e| Error::io("open", path, &e))?;
         verdict.add(Damage::of_bytes(&summary(error), 0, bytes));
     }
     Ok(())
