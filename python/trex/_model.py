@@ -70,7 +70,7 @@ class Triangles(NamedTuple):
 
 
 def open(path: Path, memory_limit: int | str = "512MiB", threads: int | None = None) -> Model:
-    """Opens a page file of any size.
+    """Opens a page file of any size; ``path`` may be an ``http://`` or ``https://`` address.
 
     ``memory_limit`` holds for all that trex takes for this model: the interpreter and your arrays are beside it.
     ``threads``: one for each processor, unless you say how many.
