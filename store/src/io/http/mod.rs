@@ -167,7 +167,7 @@ fn side_by_side<T: Send>(items: Vec<T>, work: impl Fn(T) -> io::Result<()> + Syn
         for index in 1..count {
             let thread = thread::Builder::new().name(format!("trex-http-part-{index}"));
             // As many as the system gives: this one is there.
-            if thread.stack_size(STACK_BYTES).spawn_scoped(scope, &serve).is_err() {
+            if thread.stack_size(STACK_BYTES).spawn_scoped(scope, serve).is_err() {
                 break;
             }
         }
