@@ -1,4 +1,4 @@
-//! See `trex_fuzz::units`.
+//! See `trex_fuzz::parts::units`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| trex_fuzz::units(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| trex_fuzz::parts::units(bytes));

@@ -110,6 +110,13 @@ fn build_in(folder: &Path, is_end: impl Fn(&Progress) -> bool + Sync) -> Result<
     built.map(|report| report.resumed_triangle_count + report.resumed_sorted_count)
 }
 
+/// The file of a build that comes to its end.
+pub(super) fn finished() -> Vec<u8> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    build_in(folder.path(), |_| false).expect("a sheet can be built");
+    fs::read(folder.path().join(OUTPUT)).expect("a file")
+}
+
 /// Files by their endings: name and bytes.
 type Files = BTreeMap<String, (String, Vec<u8>)>;
 

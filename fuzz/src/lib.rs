@@ -5,16 +5,17 @@
 //! Hashes would stop every change at the gate, so page files are sealed again before they are read.
 
 pub mod left_over;
+pub mod parts;
 mod sealed;
 
-pub use sealed::{sealed, with_units};
+pub use sealed::{sealed, with_page, with_section};
 
 use std::path::Path;
 use std::sync::Arc;
 use trex_render::{Camera, Model, Scene, parse_views};
-use trex_store::cluster::{self, FrameView};
+use trex_store::cluster::{self, ColourView, FrameView};
 use trex_store::import::{self, ByteOrder, ImportOptions, RawVolume, SampleType, VolumeOptions};
-use trex_store::layout::{FRAME_BYTES, SUPERBLOCK_BYTES, Superblock};
+use trex_store::layout::{FRAME_BYTES, PageKind, SUPERBLOCK_BYTES, Superblock};
 use trex_store::{Aabb, Budget, Code, Error, Material, PageFile, RESERVE_BYTES, Result, TriangleBatch};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -22,11 +23,16 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 17] = [
+pub const TARGETS: [Target; 22] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
-    ("units", units),
+    ("tables", parts::tables),
+    ("tree", parts::tree),
+    ("cluster", parts::cluster),
+    ("octree", parts::octree),
+    ("units", parts::units),
+    ("colours", parts::colours),
     ("journal", journal),
     ("scratch", scratch),
     ("ply", ply),
@@ -46,6 +52,8 @@ pub const TARGETS: [Target; 17] = [
 pub const BUDGET_BYTES: u64 = RESERVE_BYTES + (8 << 20);
 /// Most bits of a lattice coordinate.
 const LATTICE_BITS_MAX: u32 = 40;
+/// Triangles of a page whose colours are asked for: more than a page has.
+const FRAME_TRIANGLES_ASKED: usize = 70_000;
 
 /// A page of the mesh, unpacked, behind a byte that chooses the lattice's bits.
 pub fn page(bytes: &[u8]) {
@@ -78,6 +86,14 @@ fn walk(frame: &[u8], lattice_bits: u32) {
     assert!(view.used_bytes() <= frame.len());
 }
 
+/// Asks an installed page of colours for those of triangles that it has, and of some that it has not.
+fn ask_colours(frame: &[u8]) {
+    let view = ColourView::new(frame);
+    for triangle in (0..FRAME_TRIANGLES_ASKED).step_by(7) {
+        view.colours(triangle, [triangle % 128, 0, 127]);
+    }
+}
+
 /// A superblock: short ones are filled up with zeros. What is taken is written and taken again as the same.
 pub fn superblock(bytes: &[u8]) {
     let mut head = [0; SUPERBLOCK_BYTES];
@@ -93,13 +109,6 @@ pub fn superblock(bytes: &[u8]) {
 /// A whole page file: opened, its octree and all of its pages read.
 pub fn page_file(bytes: &[u8]) {
     read_page_file(&sealed(bytes.to_vec()));
-}
-
-/// A page of units, unpacked, in a file that is sound but for it.
-pub fn units(bytes: &[u8]) {
-    if bytes.len() <= FRAME_BYTES {
-        read_page_file(&with_units(include_bytes!("../seeds/page_file/units.trex"), bytes));
-    }
 }
 
 fn read_page_file(bytes: &[u8]) {
@@ -118,6 +127,7 @@ fn read_page_file(bytes: &[u8]) {
             let is_read = file.read_page(page, &mut frame, &mut buffers);
             match is_read {
                 Ok(()) if file.has_mesh(page) => walk(&frame, file.superblock().lattice_bits),
+                Ok(()) if file.pages()[page as usize].kind == PageKind::Colours => ask_colours(&frame),
                 Ok(()) => {}
                 Err(error) => check(&error),
             }

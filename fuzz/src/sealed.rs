@@ -2,10 +2,15 @@
 
 use super::head_hash;
 use std::path::Path;
+use trex_store::cluster::Node;
 use trex_store::layout::{
     PAGE_ENTRY_BYTES, Packing, PageEntry, PageKind, SUPERBLOCK_BYTES, SectionKind, Superblock, page_hash,
     section_hash,
 };
+
+/// Bytes of an emitter; of what sections are aligned to.
+const EMITTER_BYTES: u64 = 80;
+const WORD: usize = 8;
 
 /// Makes the hash of a superblock right.
 pub(super) fn seal_head(head: &mut [u8; SUPERBLOCK_BYTES]) {
@@ -59,8 +64,39 @@ fn written(entry: &PageEntry) -> Vec<u8> {
     bytes
 }
 
-/// `file`, which is sound, with its first page of units replaced; what stands behind it moves.
-pub fn with_units(file: &[u8], content: &[u8]) -> Vec<u8> {
+/// Bytes of an item of the sections that are counted by their length.
+fn item_bytes(kind: SectionKind) -> Option<u64> {
+    match kind {
+        SectionKind::PageTable => Some(PAGE_ENTRY_BYTES as u64),
+        SectionKind::TopTree => Some(Node::BYTES as u64),
+        SectionKind::Emitters => Some(EMITTER_BYTES),
+        _ => None,
+    }
+}
+
+/// `file`, which is sound, with another section of this kind, counted by its length where that is how it is; what
+/// stands behind it moves, by whole words.
+pub fn with_section(file: &[u8], kind: SectionKind, content: &[u8]) -> Vec<u8> {
+    let head = file.first_chunk().expect("a superblock");
+    let mut block = Superblock::parse(head, Path::new("sound.trex")).expect("a sound file");
+    let old = block.section(kind);
+    let (begin, end) = (old.offset as usize, (old.offset + old.bytes) as usize);
+    let padding = vec![0; (old.bytes as usize).wrapping_sub(content.len()) % WORD];
+    let mut bytes = [&file[..begin], content, &padding, &file[end..]].concat();
+    for section in block.sections.iter_mut().filter(|section| section.kind != 0) {
+        if section.kind == kind as u32 {
+            section.bytes = content.len() as u64;
+            section.count = item_bytes(kind).map_or(section.count, |item| (section.bytes / item) as u32);
+        } else if section.offset >= end as u64 {
+            section.offset = section.offset - end as u64 + (begin + content.len() + padding.len()) as u64;
+        }
+    }
+    seal(&mut block, &mut bytes);
+    bytes
+}
+
+/// `file`, which is sound, with its first page of a kind replaced; what stands behind it moves.
+pub fn with_page(file: &[u8], kind: PageKind, content: &[u8]) -> Vec<u8> {
     let head = file.first_chunk().expect("a superblock");
     let mut block = Superblock::parse(head, Path::new("sound.trex")).expect("a sound file");
     let table = block.section(SectionKind::PageTable);
@@ -69,7 +105,7 @@ pub fn with_units(file: &[u8], content: &[u8]) -> Vec<u8> {
         .chunks_exact(PAGE_ENTRY_BYTES)
         .map(|entry| PageEntry::parse(entry.first_chunk().expect("an entry")).expect("a sound entry"))
         .collect();
-    let changed = entries.iter().position(|entry| entry.kind == PageKind::Units).expect("a page of units");
+    let changed = entries.iter().position(|entry| entry.kind == kind).expect("a page of this kind");
     let old = entries[changed];
     let (begin, end) = (old.offset, old.offset + u64::from(old.stored_bytes));
     let mut bytes = [&file[..begin as usize], content, &file[end as usize..]].concat();

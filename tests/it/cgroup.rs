@@ -46,12 +46,19 @@ impl Cgroup {
         }
     }
 
-    /// Runs `trex LINE` inside, in `folder`.
-    pub(crate) fn run_in(&self, folder: &Path, line: &str) -> Ran {
+    /// `trex LINE` inside, in `folder`.
+    pub(crate) fn command_in(&self, folder: &Path, line: &str) -> Command {
         // The shell enters the group and becomes the command: all that the command takes is counted.
         let script =
             format!("echo $$ > '{}' && exec '{TREX}' {line}", self.folder.join("cgroup.procs").display());
-        ran(line, Command::new("sh").args(["-c", &script]).current_dir(folder).output().unwrap())
+        let mut command = Command::new("sh");
+        command.args(["-c", &script]).current_dir(folder);
+        command
+    }
+
+    /// Runs `trex LINE` inside, in `folder`.
+    pub(crate) fn run_in(&self, folder: &Path, line: &str) -> Ran {
+        ran(line, self.command_in(folder, line).output().unwrap())
     }
 
     /// Processes of the group that the kernel has killed for memory.

@@ -9,7 +9,7 @@
 //! words: `<!-- not run: REASON -->`.
 
 use crate::command::{TREX, folder, trex_in};
-use crate::tidy::files;
+use crate::tidy::{files, root};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -115,4 +115,32 @@ fn commands_are_found_and_made_small() {
         small("render a.trex --memory-limit 256MiB")
             .starts_with("render a.trex --memory-limit 256MiB --spp 1")
     );
+}
+
+/// A promise without a test is a wish: each row of the list names files that are there. A name alone is beside the one
+/// before it.
+#[test]
+fn promises_name_tests_that_are_there() {
+    let page = std::fs::read_to_string(root().join("docs/reliability.md")).unwrap();
+    let list = page.split_once("## The promises").unwrap().1;
+    let rows: Vec<&str> =
+        list.lines().filter(|line| line.starts_with("| ") && !line.contains("**")).skip(1).collect();
+    assert!(rows.len() >= 36, "{} promises", rows.len());
+    for row in rows {
+        let mut folder = None;
+        let names = row
+            .split('`')
+            .skip(1)
+            .step_by(2)
+            .filter(|name| [".rs", ".py"].iter().any(|end| name.ends_with(end)));
+        let there = names.map(|name| {
+            let path = match (name.contains('/'), &folder) {
+                (false, Some(folder)) => root().join(folder).join(name),
+                _ => root().join(name),
+            };
+            folder = folder.take().or(Path::new(name).parent().map(Path::to_path_buf));
+            assert!(path.is_file(), "{row}: there is no {}", path.display());
+        });
+        assert!(there.count() > 0, "{row}: no test");
+    }
 }

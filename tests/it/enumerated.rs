@@ -2,7 +2,8 @@
 //! of a session that fails in every way through every backend. `TREX_FAULTS=full` runs all of them; a normal run takes
 //! one of each so many.
 
-use crate::command::{cannot_run, folder, said};
+use crate::colours;
+use crate::command::{cannot_run, document_in, folder, said};
 use crate::fixtures::built_in;
 use crate::random::Random;
 use std::fs::File;
@@ -11,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::io::{DirectChoice, Fault, FaultPlan, IoChoice, IoOptions, Memory};
-use trex_store::layout::{FRAME_BYTES, SUPERBLOCK_BYTES};
+use trex_store::layout::{FRAME_BYTES, PageKind, SUPERBLOCK_BYTES};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::verify::{Level, Options, check};
 use trex_store::{Budget, Code, PageFile};
@@ -30,9 +31,15 @@ fn step(normal: usize) -> usize {
     if std::env::var_os("TREX_FAULTS").is_some_and(|value| value == "full") { 1 } else { normal }
 }
 
-/// A model of some dozens of pages.
+/// A model of some dozens of pages, of every kind.
 fn model(inside: &Path) -> PathBuf {
-    built_in(inside, "gen:pipes:60k --voxels 64/256", "m.trex");
+    let (vertices, triangles) = colours::sheet(60);
+    std::fs::write(inside.join("sheet.ply"), colours::ply(&vertices, &triangles, "uchar", false)).unwrap();
+    document_in(inside, "build gen:pipes:60k sheet.ply -o m.trex --voxels 64/256");
+    let file = PageFile::open(&inside.join("m.trex"), &Budget::unlimited()).unwrap();
+    for kind in [PageKind::Mesh, PageKind::Units, PageKind::Colours] {
+        assert!(file.pages().iter().any(|entry| entry.kind == kind), "no page of {kind:?}");
+    }
     inside.join("m.trex")
 }
 

@@ -1,12 +1,13 @@
 //! The fuzz targets of `fuzz/` on their seeds, and on seeded changes of each: what cargo-fuzz does without end, for a
 //! moment, with the stable toolchain.
 
-use crate::command::{document_in, folder};
+use crate::command::{document_in, folder, said};
 use crate::gltf;
 use crate::random::Random;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 use trex_store::layout::{Packing, PageKind};
 use trex_store::{Budget, PageFile};
 
@@ -14,9 +15,11 @@ use trex_store::{Budget, PageFile};
 #[path = "../../fuzz/src/lib.rs"]
 mod targets;
 
-/// Changes of each seed, unless the variable says more.
+/// Changes of each seed, unless the first variable says how many of all seeds of a target together; the second, how
+/// many seconds a target may take, whatever is left of them then.
 const CHANGES: u64 = 300;
 const CHANGES_VARIABLE: &str = "TREX_FUZZ_CHANGES";
+const SECONDS_VARIABLE: &str = "TREX_FUZZ_SECONDS";
 /// What a case is that builds, over one that reads.
 const BUILD_WEIGHT: u64 = 10;
 /// Most bytes of all seeds together.
@@ -83,20 +86,32 @@ fn check(name: &str) {
     check_some(name, 1);
 }
 
+/// A number that the environment may give.
+fn number_of(variable: &str) -> Option<u64> {
+    std::env::var(variable).ok().map(|number| number.parse().unwrap())
+}
+
 /// A target whose cases take as long as so many of others.
 fn check_some(name: &str, weight: u64) {
     let target = *targets::TARGETS.iter().find(|(known, _)| *known == name).unwrap();
     let seeds = seeds_of(name);
     assert!(!seeds.is_empty());
-    let changes = std::env::var(CHANGES_VARIABLE).map_or(CHANGES, |count| count.parse().unwrap());
-    let changes = changes.div_ceil(weight);
-    for (at, (seed, bytes)) in seeds.iter().enumerate() {
-        run(target, seed, bytes);
-        let mut random = Random::seeded(at as u64);
-        for change in 0..changes {
-            run(target, &format!("change {change} of {seed}"), &changed(bytes, &mut random));
+    let changes = match number_of(CHANGES_VARIABLE) {
+        Some(of_all) => of_all.div_ceil(seeds.len() as u64),
+        None => CHANGES.div_ceil(weight),
+    };
+    let (begin, longest) = (Instant::now(), number_of(SECONDS_VARIABLE).map(Duration::from_secs));
+    seeds.iter().for_each(|(seed, bytes)| run(target, seed, bytes));
+    let mut randoms: Vec<Random> = (0..seeds.len()).map(|at| Random::seeded(at as u64)).collect();
+    let mut count = 0;
+    // A change of each seed in turn: where time is short all of them get their share.
+    for change in (0..changes).take_while(|_| longest.is_none_or(|longest| begin.elapsed() < longest)) {
+        for ((seed, bytes), random) in seeds.iter().zip(&mut randoms) {
+            run(target, &format!("change {change} of {seed}"), &changed(bytes, random));
+            count += 1;
         }
     }
+    said(&format!("{name}: {count} changes of {} seeds", seeds.len()));
 }
 
 #[test]
@@ -115,8 +130,33 @@ fn page_files() {
 }
 
 #[test]
+fn tables() {
+    check("tables");
+}
+
+#[test]
+fn trees() {
+    check("tree");
+}
+
+#[test]
+fn clusters() {
+    check("cluster");
+}
+
+#[test]
+fn octrees() {
+    check("octree");
+}
+
+#[test]
 fn units() {
     check("units");
+}
+
+#[test]
+fn colours() {
+    check("colours");
 }
 
 #[test]
@@ -197,11 +237,17 @@ fn seeds_are_sound_and_few() {
     for (name, bytes) in seeds_of("page_file") {
         assert_eq!(targets::sealed(bytes.clone()), bytes, "{name} is another file once it is sealed");
     }
+    for target in ["tables", "tree", "octree"] {
+        let whole = seeds_of(target).into_iter().filter(|(name, _)| !["emitters", "page"].contains(&&**name));
+        whole.for_each(|(name, bytes)| {
+            assert!(targets::parts::is_own_section(target, &bytes), "{target} {name}")
+        });
+    }
     assert!(seeds_of("journal").iter().all(|(_, bytes)| targets::left_over::journal(bytes)));
     assert!(seeds_of("scratch").iter().all(|(_, bytes)| targets::left_over::scratch(bytes)));
     let [(_, file), (_, content)] = [&seeds_of("page_file"), &seeds_of("units")]
         .map(|seeds| seeds.iter().find(|(name, _)| name.starts_with("units")).unwrap().clone());
-    fs::write(&path, targets::with_units(&file, &content)).unwrap();
+    fs::write(&path, targets::with_page(&file, PageKind::Units, &content)).unwrap();
     let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
     let (mut frame, mut buffers) = (vec![0; trex_store::layout::FRAME_BYTES], [Vec::new(), Vec::new()]);
     (0..file.pages().len() as u32).for_each(|page| file.read_page(page, &mut frame, &mut buffers).unwrap());
@@ -298,6 +344,8 @@ fn fuzz_seeds() {
     put_gltf(&put);
     put_volumes(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
+    let small = fs::read(inside.path().join("fine.trex")).unwrap();
+    targets::parts::sound(&small).iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let facet =
         "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     put("stl", "text.stl", format!("solid a\n{facet}{facet}endsolid a\n").as_bytes());

@@ -1,6 +1,7 @@
 //! Integration tests of trex, one binary: a module per theme.
 
 mod browser;
+mod calls;
 mod cgroup;
 mod cli;
 mod colours;
@@ -11,6 +12,7 @@ mod crash;
 mod damage;
 mod determinism;
 mod docs_commands;
+mod emulated;
 mod enumerated;
 mod examples;
 mod export;
@@ -58,6 +60,7 @@ mod time_limit;
 mod tradeoff;
 mod verify;
 mod view;
+mod view_wall;
 mod volumes;
 mod voxels;
 mod voxels_lower;

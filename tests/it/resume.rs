@@ -35,6 +35,8 @@ fn killed_builds_go_on_to_the_same_bytes() {
     document_in(inside.path(), "gen scan --triangles 300k -o scan.ply");
     let mut random = Random::seeded(31);
     let (mut killed, mut among_batches, mut among_chunks) = (0, 0, 0);
+    // Of each build that was killed, what it took in all over one that was let alone, by kill.
+    let mut lost_s = vec![];
     let inputs = ["gen:pipes:600k --voxels 64/256", "scan.ply gen:soup:300k --voxels 256"];
     for (index, input) in inputs.into_iter().enumerate() {
         let whole = format!("whole{index}.trex");
@@ -48,6 +50,7 @@ fn killed_builds_go_on_to_the_same_bytes() {
         while left > 0 {
             let line = format!("build {input} -o out.trex {OFTEN} --json -q");
             // Several kills of one build: those after the first meet one that goes on.
+            let (started, killed_before) = (Instant::now(), killed);
             let mut has_ended = false;
             while left > 0 && !has_ended {
                 let part = 1.1 * random.unit();
@@ -64,6 +67,10 @@ fn killed_builds_go_on_to_the_same_bytes() {
             if !has_ended {
                 run_in(inside.path(), &line).expect(0);
             }
+            if killed > killed_before {
+                let kills = f64::from(killed - killed_before);
+                lost_s.push((started.elapsed().as_secs_f64() - time.as_secs_f64()) / kills);
+            }
             assert_eq!(hash_of(&inside.path().join("out.trex")), whole, "{input}: other bytes");
             std::fs::remove_file(inside.path().join("out.trex")).unwrap();
             // A kill after the rename leaves what the build was going to remove.
@@ -74,6 +81,9 @@ fn killed_builds_go_on_to_the_same_bytes() {
     said(&format!(
         "{killed} builds killed, {among_batches} of them with cells to go on from, {among_chunks} with chunks"
     ));
+    let (mean, most) =
+        (lost_s.iter().sum::<f64>() / lost_s.len() as f64, lost_s.iter().copied().fold(0.0, f64::max));
+    said(&format!("a kill cost {mean:.2} s on average over builds, {most:.2} s at most"));
     assert!(killed > 0, "no kill met a build at work");
 }
 

@@ -17,12 +17,12 @@ use tungstenite::{Message, WebSocket};
 /// Longest wait for what has to come.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The kind of message that a file comes in.
-const KIND_FILE: u8 = 3;
+pub(crate) const KIND_FILE: u8 = 3;
 /// As many materials as a file may have, beside the one of triangles that name none.
 const MATERIALS: usize = 65_535;
 
 /// A viewer that runs.
-struct ViewProcess {
+pub(crate) struct ViewProcess {
     line: String,
     child: Child,
     /// Its address, with the token.
@@ -33,7 +33,12 @@ impl ViewProcess {
     #[track_caller]
     fn start(inside: &Path, line: &str) -> ViewProcess {
         let line = format!("view {line} --no-open --json");
-        let mut command = trex_in(inside, &line);
+        ViewProcess::start_as(trex_in(inside, &line), line)
+    }
+
+    /// A viewer that `command` becomes, which is that of `line`.
+    #[track_caller]
+    pub(crate) fn start_as(mut command: Command, line: String) -> ViewProcess {
         command.env_remove("SSH_CONNECTION");
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let mut said = String::new();
@@ -42,7 +47,7 @@ impl ViewProcess {
     }
 
     /// A socket that has said hello.
-    fn page(&self) -> WebSocket<TcpStream> {
+    pub(crate) fn page(&self) -> WebSocket<TcpStream> {
         let (base, token) = self.address.split_once("/#token=").unwrap();
         let host = base.trim_start_matches("http://");
         let stream = TcpStream::connect(host).unwrap();
@@ -54,28 +59,43 @@ impl ViewProcess {
     }
 
     /// Interrupts it, and gives how it ended.
-    fn end(self) -> Ran {
+    pub(crate) fn end(self) -> Ran {
         let signal = format!("kill -INT {}", self.child.id());
         assert!(Command::new("sh").args(["-c", &signal]).status().unwrap().success());
+        self.wait()
+    }
+
+    /// How it ended.
+    pub(crate) fn wait(self) -> Ran {
         ran(&self.line, self.child.wait_with_output().unwrap())
+    }
+
+    /// The number of the process that was started.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Its address, with the token; or what it said in its place.
+    pub(crate) fn address(&self) -> &str {
+        &self.address
     }
 }
 
 /// The least memory limit that `view LINE` names, MiB.
 #[track_caller]
-fn smallest_limit_mib(inside: &Path, line: &str) -> u64 {
+pub(crate) fn smallest_limit_mib(inside: &Path, line: &str) -> u64 {
     let ran = run_in(inside, &format!("view {line} --no-open --json --memory-limit 1MiB"));
     let document = ran.expect_error(4, "memory-limit");
     document["smallest_limit_bytes"].as_u64().unwrap().div_ceil(1 << 20)
 }
 
-fn say(page: &mut WebSocket<TcpStream>, message: &Value) {
+pub(crate) fn say(page: &mut WebSocket<TcpStream>, message: &Value) {
     page.send(Message::text(message.to_string())).unwrap();
 }
 
 /// The next text that `is_it`; frames are acknowledged meanwhile.
 #[track_caller]
-fn text_until(page: &mut WebSocket<TcpStream>, is_it: impl Fn(&Value) -> bool) -> Value {
+pub(crate) fn text_until(page: &mut WebSocket<TcpStream>, is_it: impl Fn(&Value) -> bool) -> Value {
     loop {
         match page.read().unwrap() {
             Message::Text(text) => {
