@@ -7,7 +7,7 @@ use datasets_gen::{GenOptions, Spec};
 use std::path::Path;
 use trex_store::build::{self, InputSizes};
 use trex_store::import::{self, Format, ImportOptions, MaterialNaming, VolumeOptions};
-use trex_store::{Budget, Chain, Code, Error, RESERVE_BYTES, Result, TriangleSource};
+use trex_store::{Budget, Chain, Code, Error, NextStep, RESERVE_BYTES, Result, TriangleSource};
 
 /// Bytes of the vertex caches of inputs that are only counted.
 const COUNTING_CACHE_BYTES: u64 = 1 << 20;
@@ -69,7 +69,7 @@ pub fn open(
     let mut caches_bytes = 0;
     if inputs.inputs.iter().any(|input| matches!(input, Input::File(_))) {
         let (ledger, free_bytes) = (Budget::unlimited(), ctx.budget.free_bytes());
-        let _sources = open_all(&ledger, 0)?;
+        let _sources = open_all(&ledger, 0).map_err(|error| with_work(error, work_bytes))?;
         caches_bytes = (free_bytes / 4).min(free_bytes.saturating_sub(work_bytes + ledger.used_bytes()));
     }
     leaving(work_bytes, ctx, |budget| open_all(budget, caches_bytes))
@@ -177,6 +177,17 @@ fn generate_in(spec: &Spec, budget: &Budget, ctx: &Context) -> Result<Box<dyn Tr
     datasets_gen::open(spec, &options)
 }
 
+/// The error of an input that the limit has no room to hold: named is the limit that has room for the work, too.
+fn with_work(error: Error, work_bytes: u64) -> Error {
+    match error.smallest_limit_bytes() {
+        Some(bytes) => {
+            let smallest = bytes.saturating_add(work_bytes);
+            error.next(NextStep::RaiseLimit { bytes: smallest }).smallest_limit(smallest)
+        }
+        None => error,
+    }
+}
+
 /// Opens a source under the limit of `ctx`. Where the limit has no room for it and `work_bytes` more, the error
 /// names the limit that has: each lease alone knows only of those before it.
 fn leaving(
@@ -191,7 +202,7 @@ fn leaving(
         Err(error) => return Err(error),
     }
     let ledger = Budget::unlimited();
-    let source = open(&ledger)?;
+    let source = open(&ledger).map_err(|error| with_work(error, work_bytes))?;
     let smallest = RESERVE_BYTES + ledger.used_bytes() + work_bytes;
     Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this work")
         .at_place(source.name())

@@ -172,6 +172,20 @@ fn slabs_stay_below_the_limit() {
     assert_eq!((group.oom_kill_count(), ran.code), (0, Some(0)), "{}", ran.stderr);
 }
 
+/// Slices for which the limit has no room at all: the limit that is named has room for the build, too.
+#[test]
+fn the_limit_that_is_named_is_enough() {
+    let inside = folder();
+    let size = [512, 512, 3];
+    fs::write(inside.path().join("wide.nrrd"), nrrd(size, &balls(size), "")).unwrap();
+    let line = "build wide.nrrd -o wide.trex --iso -20 --no-asvo --threads 1 --json -q";
+    let error =
+        run_in(inside.path(), &format!("{line} --memory-limit 25MiB")).expect_error(4, "memory-limit");
+    assert!(error["what"].as_str().unwrap().contains("two slices"), "{error:#}");
+    let smallest = error["smallest_limit_bytes"].as_u64().unwrap();
+    run_in(inside.path(), &format!("{line} --memory-limit {smallest}B")).expect(0);
+}
+
 /// A head by MRI, where it is at hand.
 #[test]
 fn a_real_volume_has_its_surface() {
