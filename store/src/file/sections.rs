@@ -107,7 +107,9 @@ impl<'a> HashedSection<'a> {
 impl Read for HashedSection<'_> {
     fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
         let length = (self.section.bytes - self.done).min(out.len() as u64) as usize;
-        let read = self.file.read_exact_at(&mut out[..length], self.section.offset + self.done);
+        let at = self.section.offset + self.done;
+        self.file.fetch_run((at, length as u64), self.section.offset + self.section.bytes);
+        let read = self.file.read_exact_at(&mut out[..length], at);
         if let Err(error) = read {
             let kind = error.kind();
             self.failed.get_or_insert(error);

@@ -65,7 +65,12 @@ pub(super) fn check(
 pub(super) fn check_bytes(file: &PageFile, pace: &mut Pace<'_>, verdict: &mut Verdict) -> Result<()> {
     for kind in [SectionKind::Upper, SectionKind::Lower] {
         let Some(section) = file.superblock().find_section(kind) else { continue };
-        if let Err(error) = file.check_section(section, kind, &mut |bytes| pace.read(bytes)) {
+        // A section has as many pieces as pages would be; the caller is asked at each.
+        let mut on_read = |bytes| {
+            pace.read(bytes)?;
+            pace.report_progress()
+        };
+        if let Err(error) = file.check_section(section, kind, &mut on_read) {
             verdict.add_section(&error, section)?;
         }
     }
