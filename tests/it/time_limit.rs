@@ -5,10 +5,15 @@ use crate::command::{document_in, folder};
 use crate::fixtures::{built_in, model};
 use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
 use trex_model::{Model, OpenOptions};
-use trex_render::{Answer, Method, Page, PagedTracer, Pages, Ray, RenderKeys, Scene, Tracer, pooled_tracers};
+use trex_render::{
+    Answer, CpuStage, Hit, Layers, Method, NaiveMesh, NaiveTriangle, Page, PagedTracer, Pages, Ray,
+    RenderKeys, Scene, Session, SessionSetup, Tracer, WorkerThreads, pooled_tracers,
+};
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Budget, Interrupt, StopSignal};
+use trex_store::{Aabb, Budget, Interrupt, Material, StopSignal};
 
 /// Look-ups within which a ray ends once it is to stop.
 const LOOK_UPS: usize = 64;
@@ -82,9 +87,9 @@ fn a_tile_under_way_ends_when_it_is_to_stop() {
     let stop = StopSignal::new(&interrupt, None);
     session.stop_by(&stop);
     // The tracers learn of it first: what they block waits, and ends with the next question.
-    let asked = std::sync::atomic::AtomicU32::new(0);
+    let asked = AtomicU32::new(0);
     let ask = || {
-        let times = asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let times = asked.fetch_add(1, Ordering::Relaxed);
         if times == 3 {
             interrupt.raise();
         }
@@ -95,4 +100,57 @@ fn a_tile_under_way_ends_when_it_is_to_stop() {
     session.stop_by(&StopSignal::default());
     let stats = session.render(4, &|| false, &mut |_, _| ControlFlow::Continue(()));
     assert!(stats.complete, "it goes on where it was");
+}
+
+/// A mesh that counts the rays that are asked of it.
+struct RayCounter {
+    mesh: NaiveMesh,
+    rays: Arc<AtomicU64>,
+}
+
+impl Tracer for RayCounter {
+    fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
+        self.rays.fetch_add(1, Ordering::Relaxed);
+        self.mesh.intersect(ray)
+    }
+
+    fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
+        self.mesh.occluded(ray)
+    }
+}
+
+impl PagedTracer for RayCounter {
+    fn begin_tile(&mut self) {}
+
+    fn request_missing(&mut self) -> usize {
+        0
+    }
+
+    fn wait(&mut self, _: Duration) {}
+}
+
+/// Photons on the mesh were asked between batches of 4,096 alone.
+#[test]
+fn photons_under_way_end_when_they_are_to_stop() {
+    const ENOUGH: u64 = 10;
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let rays = Arc::new(AtomicU64::new(0));
+    let mesh = NaiveMesh::new(vec![NaiveTriangle { corners, material: 0 }]);
+    let tracers = vec![RayCounter { mesh, rays: rays.clone() }];
+    let mut model = trex_render::Model {
+        bounds: Aabb { lo: [0.0; 3], hi: [1.0, 1.0, 0.0] },
+        outline: Default::default(),
+        materials: vec![Material::default()],
+        names: Arc::new(["default"].into_iter().collect()),
+        emitters: vec![],
+        voxels: None,
+    };
+    let text = "model = 'a.trex'\n[render]\nintegrator = 'full-gi'\nresolution = [8, 8]\nphotons = 100000";
+    let view = Scene::parse(text, "a.toml".as_ref()).unwrap().view(&mut model).unwrap();
+    let (pool, g_stage) = (WorkerThreads::start(1).unwrap(), Box::new(CpuStage::default()));
+    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool, g_stage };
+    let mut session = Session::new(setup, &Budget::unlimited()).unwrap();
+    let stats = session.illuminate(&|| rays.load(Ordering::Relaxed) >= ENOUGH, &mut |_, _| {}).unwrap();
+    let asked = rays.load(Ordering::Relaxed);
+    assert!((ENOUGH..100).contains(&asked) && stats.photons == 0, "{asked} rays, {stats:?}");
 }

@@ -147,7 +147,7 @@ impl<'a, T: PagedTracer> MeshWorker<'a, T> {
         }
     }
 
-    /// One batch, to its end; false when it was stopped before.
+    /// One batch, to its end; false when it was stopped before, which is asked for each photon.
     fn send(&mut self, indices: Range<u64>) -> bool {
         let MeshWorker { tracer, retry, flights, batch } = self;
         let stop = batch.photons.stop;
@@ -156,16 +156,17 @@ impl<'a, T: PagedTracer> MeshWorker<'a, T> {
         flights.clear();
         flights.extend(indices.filter_map(|index| batch.start(index)));
         loop {
-            if stop() {
-                return false;
-            }
             tracer.begin_tile();
-            let mut has_advanced = false;
+            let (mut has_advanced, mut is_stopped) = (false, false);
             flights.retain_mut(|flight| {
-                let advance = batch.fly(*tracer, flight);
+                is_stopped |= stop();
+                let advance = if is_stopped { Advance::Blocked } else { batch.fly(*tracer, flight) };
                 has_advanced |= advance != Advance::Blocked;
                 advance != Advance::Done
             });
+            if is_stopped {
+                return false;
+            }
             if flights.is_empty() {
                 break;
             }
