@@ -31,10 +31,14 @@ pub struct StressArgs {
     /// percentile; may be given more than once [default: whole.p99 within a frame]
     #[arg(long, value_name = "TIME.PERCENTILE=MS")]
     pub require: Vec<Requirement>,
-    /// Tell how wrong pictures are 33, 100, 300 and 1000 ms after an event, by references of so many samples, which
-    /// are rendered first (256 is good, and takes a minute or more a view)
+    /// Tell how wrong pictures are 33 to 3000 ms after an event, and those of a drag, by references of so many samples,
+    /// which are rendered first (256 is good, and takes a minute or more a view)
     #[arg(long, value_name = "SPP", value_parser = keys::samples)]
     pub reference_spp: Option<u32>,
+    /// Keep the references in this file for the next runs of the same model, scene and scenario; other references in it
+    /// are replaced
+    #[arg(long, value_name = "FILE", requires = "reference_spp")]
+    pub references: Option<PathBuf>,
     /// Where to write the picture that is on show at the end (.png, .exr)
     #[arg(short, long, value_name = "PICTURE")]
     pub output: Option<PathBuf>,
@@ -63,9 +67,12 @@ passed its limit or grew, or a time that was required was not kept.
 
 Times count from the event: rough and whole are a picture that shows nothing older, with a lit ray at
 every 4th and every 2nd pixel; response is an exact fetch block, complete an exact sample in every pixel.
+A switch of drag is 150 events in 5 s, a quarter of an orbit about what the first view looks at, a pan and
+a zoom, and then the rest, from whose event times count; 11 pictures of the way are compared, too.
 
 Examples:
   trex stress ship.trex --scenario inside --memory-limit 128MiB
   trex stress iso.trex --scenario flip --memory-limit 128MiB --require whole.p99=33 --require complete.p50=80
   trex stress iso.trex --scenario teleport --memory-limit 128MiB --reference-spp 256
+  trex stress iso.trex --scenario drag --switches 2 --reference-spp 64 --references iso-drag.refs
   trex stress ship.trex --scenario flip --views cockpit-and-hull.toml --json";

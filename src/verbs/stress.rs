@@ -1,32 +1,29 @@
 //! `trex stress`: views, lights and limits that change, and a verdict.
 
 use super::picture_file::PictureFile;
-use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, read_views};
+use super::references::{self, references, snapshots};
+use super::stage::{Play, ResidentPages, Stage, io_options, open_scene};
+use super::stress_options::{T_MAX, stress_options, tell};
 use crate::args::{STRESS_RESOLUTION, StressArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::{Memory, resident_bytes};
 use crate::size;
-use crate::values::Milliseconds;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
-use std::time::Duration;
-use trex_bench::stress::{self, References, Requirement, Snapshots, Stand, StressFigures, StressOptions};
-use trex_model::Times;
-use trex_model::{Device, DeviceOptions, DeviceReport, Pace, SessionOptions};
-use trex_render::{FetchBlock, Filter, Layers, PagedTracer, Scene, Session};
+use trex_bench::stress::{self, DragFigures, Snapshots, Stand, StressFigures};
+use trex_model::{Device, DeviceReport, Pace, SessionOptions, Times};
+use trex_render::{FetchBlock, Layers};
 use trex_store::io::IoDescription;
-use trex_store::{Code, Error, Progress, Result};
-
-/// Longest frame when no other is asked for: what the paper takes for the longest that users bear.
-const T_MAX: Milliseconds = Milliseconds(100.0);
 
 /// Runs `trex stress`.
 pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let (mut scene, path) = open_scene(&args.file)?;
     let inputs = [args.file.as_path(), &path].into_iter().chain(args.views.as_deref()).collect::<Vec<_>>();
-    let check = |path| PictureFile::check(path, args.overwrite, Layers::default(), &inputs);
+    args.references.as_deref().map(|path| references::check(path, &inputs)).transpose()?;
+    let read: Vec<&Path> = inputs.iter().copied().chain(args.references.as_deref()).collect();
+    let check = |path| PictureFile::check(path, args.overwrite, Layers::default(), &read);
     let output = args.output.as_deref().map(check).transpose()?;
     scene.begin_live();
     if scene.model.is_empty() {
@@ -45,7 +42,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let device = args.device.options(Device::Auto);
     let play = Play { scene: &scene, file: &path, options, io: &io, device: &device };
     let (stage, mut session) = Stage::open(&play, ctx)?;
-    let snapshots = references.is_some().then(|| Snapshots::new(resolution, &ctx.budget)).transpose()?;
+    let mut snapshots = references.map(|references| snapshots(args, ctx, references)).transpose()?;
     let stop = || ctx.interrupt.is_raised();
     session.illuminate(&stop, &mut |done, total| tell(ctx, "photons", [done, total], "photons"))?;
     ctx.interrupt.check()?;
@@ -59,9 +56,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         tell: &|done| tell(ctx, "stress", [done, switches], "switches"),
         t_max: frames.t_max,
     };
-    let mut snapshots = snapshots;
-    let compared = references.as_ref().zip(snapshots.as_mut());
-    let mut figures = stress::run(&mut session, &options, compared, &stand)?;
+    let mut figures = stress::run(&mut session, &options, snapshots.as_mut(), &stand)?;
     if let Some(output) = output {
         output.write(&session, session.view().settings.exposure.factor(), session.thread_pool())?;
     }
@@ -93,73 +88,6 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     ctx.done(&stressed)?;
     Ok(if passed { Exit::Done } else { Exit::No })
-}
-
-fn tell(ctx: &Context, phase: &'static str, [done, total]: [u64; 2], unit: &'static str) {
-    let show = ctx.report();
-    show(Progress { phase, done, total, unit, memory_bytes: ctx.budget.used_bytes() });
-}
-
-/// What is asked of `session`.
-fn stress_options<T: PagedTracer + Send>(
-    args: &StressArgs,
-    scene: &Scene,
-    session: &Session<T>,
-) -> Result<StressOptions> {
-    let views = args.views.as_ref().map(|path| read_views(path, &session.view().camera)).transpose()?;
-    let t_max = Duration::from_secs_f64(args.deadline.t_max.as_ref().unwrap_or(&T_MAX).0 / 1e3);
-    let mut requirements = args.require.clone();
-    if requirements.is_empty() {
-        requirements.push(Requirement::default_for(t_max));
-    }
-    Ok(StressOptions {
-        scenario: args.scenario,
-        switches: args.switches,
-        hold: Duration::from_secs_f64(args.hold.0 / 1e3),
-        seed: scene.render.seed,
-        views: views.unwrap_or_default(),
-        requirements,
-    })
-}
-
-/// The pictures of the scenario's states on the exact mesh, `spp` samples a pixel; in a file without a name in the
-/// folder for temporary files. `scene` is lit as they are from then on.
-fn references(
-    args: &StressArgs,
-    ctx: &Context,
-    scene: &mut Scene,
-    path: &Path,
-    spp: u32,
-) -> anyhow::Result<References> {
-    let mut exact = scene.clone();
-    (exact.render.lod_error, exact.render.filter) = (0.0, Filter::Off);
-    let io = io_options(&args.disk);
-    let (options, device) = (SessionOptions::default(), DeviceOptions::default());
-    let play = Play { scene: &exact, file: path, options, io: &io, device: &device };
-    let (stage, mut session) = Stage::open(&play, ctx)?;
-    scene.render.light = session.view().settings.light;
-    let options = stress_options(args, scene, &session)?;
-    let states = stress::state_count(&session, &options);
-    if states == 0 {
-        let error = Error::new(Code::SceneFormat, "the states of this scenario have no references")
-            .at_place("--reference-spp")
-            .numbers(format!("{} never comes to one twice", options.scenario.name()))
-            .next("leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze or still");
-        return Err(error.into());
-    }
-    let place = args.scratch.temp_dir.clone().unwrap_or_else(|| ".".into());
-    let file = tempfile::tempfile_in(&place);
-    let file = file.map_err(|error| Error::io("make a file for the references", &place, &error))?;
-    let mut references = References::new(file, place, exact.render.resolution);
-    let stand = Stand {
-        pool: &stage.pool,
-        resident_bytes: &resident_bytes,
-        interrupt: &ctx.interrupt,
-        tell: &|done| tell(ctx, "references", [done, states.into()], "views"),
-        t_max: Duration::ZERO,
-    };
-    stress::render_references(&mut session, &options, spp, &mut references, &stand)?;
-    Ok(references)
 }
 
 #[derive(Serialize)]
@@ -221,6 +149,13 @@ impl fmt::Display for StressReport {
                 error.median, error.max, error.flip.median, error.flip.max, error.count
             )?;
         }
+        if let Some(drag) = &figures.drag {
+            drag_lines(f, drag)?;
+        }
+        if let Some(floor) = figures.error_floor {
+            let (relmse, flip) = (floor.relmse, floor.flip);
+            writeln!(f, "two references against each other: relMSE {relmse:.4}; FLIP {flip:.3}")?;
+        }
         if let Some(coverage) = figures.coverage {
             writeln!(f, "the model covers {:.0} % of the pictures", 100.0 * coverage)?;
         }
@@ -244,4 +179,23 @@ impl fmt::Display for StressReport {
         }
         write!(f, "{}: {}", figures.scenario, self.verdict)
     }
+}
+
+/// Writes what a moving hand was shown.
+fn drag_lines(f: &mut fmt::Formatter<'_>, drag: &DragFigures) -> fmt::Result {
+    let [p50, p95] = [50.0, 95.0].map(|percentile| drag.picture_ms.percentile(percentile));
+    writeln!(
+        f,
+        "while the hand moves: {:.1} pictures/s; event to picture: median {p50:.1} ms, 95 % within {p95:.1} ms",
+        drag.pictures_per_s
+    )?;
+    if let (Some(relmse), Some(flip)) = (drag.relmse, drag.flip) {
+        writeln!(
+            f,
+            "these pictures: relMSE median {:.4}, 95 % within {:.4}; FLIP {:.3}, {:.3} ({})",
+            relmse.median, relmse.p95, flip.median, flip.p95, flip.count
+        )?;
+    }
+    let coverage = drag.coverage.unwrap_or(0.0);
+    writeln!(f, "the model covers {:.0} % of them", 100.0 * coverage)
 }

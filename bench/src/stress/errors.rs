@@ -1,118 +1,67 @@
 //! How wrong a picture is at some times after its event: snapshots of what is shown, compared with references.
 //!
 //! ```text
-//! references: each state of the scenario at leisure, many samples -> a file
-//! a frame that may end after a time of interest: the picture before it is copied; it counts if the frame did
-//! after the hold: copies against the reference -> relMSE, FLIP
+//! a frame that may end after a time of interest: the picture before it is copied, and written if the frame did
+//! after the hold: written pictures against the reference -> relMSE, FLIP
 //! ```
 //!
-//! Invariants: 1. a copy is of what was on show at its time; 2. its memory is leased: halves of 16 bits, whose rounding
-//! (2^-11) is far below any error of interest; 3. nothing is compared while a view is held.
+//! Invariants: 1. a written picture is of what was on show at its time; 2. memory is leased for one copy, of halves of
+//! 16 bits, whose rounding (2^-11) is far below any error of interest, and for the two pictures that are compared;
+//! 3. nothing is compared while a view is held.
 
+use super::picture_error::PictureError;
+use super::picture_store::PictureStore;
+use super::references::{ErrorFloor, References};
+use super::scenario::DRAG_VIEWS;
 use half::f16;
 use std::fs::File;
-use std::io::Write;
-use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_image::{Constants, Picture, compare, flip, flip_bytes};
-use trex_render::{Film, LiveSession, PagedTracer};
-use trex_store::{Budget, Error, Lease, Result};
+use trex_image::flip_bytes;
+use trex_render::{LiveSession, PagedTracer};
+use trex_store::{Budget, Lease, Result};
 
 /// Times after an event at which errors are told, ms.
-pub const ERROR_TIMES_MS: [u64; 4] = [33, 100, 300, 1000];
+pub const ERROR_TIMES_MS: [u64; 7] = [33, 80, 100, 200, 300, 1000, 3000];
 
-/// How wrong a picture is.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PictureError {
-    pub(super) relmse: f64,
-    /// Of the picture as it is shown.
-    pub(super) flip: f64,
-}
-
-/// The pictures that others are measured by, one a state, in a file.
-#[derive(Debug)]
-pub struct References {
-    file: File,
-    /// The folder that the file is in, for errors.
-    place: PathBuf,
-    resolution: [u32; 2],
-    count: u32,
-}
-
-/// The pictures of a hold that are to be compared.
+/// The pictures of a hold that are to be compared, and those of a way to it.
 #[derive(Debug)]
 pub struct Snapshots {
-    resolution: [u32; 2],
+    references: References,
+    /// By times, then by views of a way.
+    written: PictureStore,
     /// What was on show before the frame at hand, if it is of interest.
     before: Vec<[f16; 3]>,
     is_fresh: bool,
-    taken: [Option<Vec<[f16; 3]>>; ERROR_TIMES_MS.len()],
+    is_written: [bool; ERROR_TIMES_MS.len()],
     /// Times that have passed.
     is_over: [bool; ERROR_TIMES_MS.len()],
-    /// Room of those that are not taken.
-    room: Vec<Vec<[f16; 3]>>,
     _lease: Lease,
-}
-
-impl References {
-    /// No references yet; `file` is empty and lies in `place`.
-    pub fn new(file: File, place: PathBuf, resolution: [u32; 2]) -> References {
-        References { file, place, resolution, count: 0 }
-    }
-
-    /// Adds the picture of the next state.
-    ///
-    /// # Errors
-    /// Those of writing the file.
-    pub fn add(&mut self, film: &Film) -> Result<()> {
-        let [width, height] = self.resolution;
-        for y in 0..height {
-            let row: Vec<[f32; 3]> = (0..width).map(|x| film.radiance([x, y])).collect();
-            let written = self.file.write_all(bytemuck::cast_slice(&row));
-            written.map_err(|error| Error::io("write a reference picture", &self.place, &error))?;
-        }
-        self.count += 1;
-        Ok(())
-    }
-
-    /// The picture of state `index`.
-    fn read(&self, index: u32) -> Result<Picture> {
-        assert!(index < self.count, "a state without a reference");
-        let [width, height] = self.resolution;
-        let mut pixels = vec![[0f32; 3]; width as usize * height as usize];
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut pixels);
-        let at = u64::from(index) * bytes.len() as u64;
-        let read = self.file.read_exact_at(bytes, at);
-        read.map_err(|error| Error::io("read a reference picture", &self.place, &error))?;
-        Ok(Picture { width, height, pixels })
-    }
 }
 
 impl Snapshots {
     /// Bytes that snapshots take at `resolution` (width, height; pixels), with the two pictures that are compared.
     pub fn bytes(resolution: [u32; 2]) -> u64 {
         let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-        let copies = (1 + ERROR_TIMES_MS.len()) * size_of::<[f16; 3]>();
-        pixels * (copies + 2 * size_of::<[f32; 3]>()) as u64 + flip_bytes(resolution[0])
+        pixels * (size_of::<[f16; 3]>() + 2 * size_of::<[f32; 3]>()) as u64 + flip_bytes(resolution[0])
     }
 
-    /// Room for the pictures of one hold.
+    /// Snapshots that are compared with `references`, and written to `file`, which is empty, until then; `place` is its
+    /// folder.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when `budget` has no room for [`Snapshots::bytes`].
-    pub fn new(resolution: [u32; 2], budget: &Budget) -> Result<Snapshots> {
+    pub fn new(references: References, file: File, place: PathBuf, budget: &Budget) -> Result<Snapshots> {
+        let resolution = references.resolution();
         let lease = budget.lease("pictures to be compared", Snapshots::bytes(resolution))?;
         let pixels = resolution[0] as usize * resolution[1] as usize;
-        let picture = || vec![[f16::ZERO; 3]; pixels];
-        let room = ERROR_TIMES_MS.map(|_| picture()).into();
         Ok(Snapshots {
-            resolution,
-            before: picture(),
+            references,
+            written: PictureStore::new(file, place, resolution, 0),
+            before: vec![[f16::ZERO; 3]; pixels],
             is_fresh: false,
-            taken: Default::default(),
+            is_written: Default::default(),
             is_over: Default::default(),
-            room,
             _lease: lease,
         })
     }
@@ -129,7 +78,7 @@ impl Snapshots {
         let may_pass = |(ms, is_over): (&u64, &bool)| !is_over && end >= Duration::from_millis(*ms);
         self.is_fresh = ERROR_TIMES_MS.iter().zip(&self.is_over).any(may_pass);
         if self.is_fresh {
-            let width = self.resolution[0] as usize;
+            let width = self.written.resolution()[0] as usize;
             for (y, row) in self.before.chunks_exact_mut(width).enumerate() {
                 for (x, pixel) in row.iter_mut().enumerate() {
                     *pixel = session.shown([x as u32, y as u32]).map(f16::from_f32);
@@ -138,18 +87,24 @@ impl Snapshots {
         }
     }
 
-    /// Keeps the copy for the times of interest that have passed, `now` after the event.
-    pub(super) fn after_frame(&mut self, now: Duration) {
-        for (index, ms) in ERROR_TIMES_MS.iter().enumerate() {
-            let has_passed = now >= Duration::from_millis(*ms) && !self.is_over[index];
-            self.is_over[index] |= has_passed;
+    /// Writes the copy for the times of interest that have passed, `now` after the event.
+    ///
+    /// # Errors
+    /// Those of writing the file.
+    pub(super) fn after_frame(&mut self, now: Duration) -> Result<()> {
+        let width = self.written.resolution()[0];
+        for (index, ms) in (0..).zip(ERROR_TIMES_MS) {
+            let at = index as usize;
+            let has_passed = now >= Duration::from_millis(ms) && !self.is_over[at];
+            self.is_over[at] |= has_passed;
             // A frame that took longer than any should has no picture from before it.
             if has_passed && self.is_fresh {
-                let mut copy = self.room.pop().expect("as many pictures as times");
-                copy.copy_from_slice(&self.before);
-                self.taken[index] = Some(copy);
+                let copy = |[x, y]: [u32; 2]| self.before[(y * width + x) as usize].map(f16::to_f32);
+                self.written.write(index, copy)?;
+                self.is_written[at] = true;
             }
         }
+        Ok(())
     }
 
     /// True when every time has passed.
@@ -157,30 +112,57 @@ impl Snapshots {
         self.is_over.iter().all(|is_over| *is_over)
     }
 
-    /// Errors of the copies, shown with `exposure`, against state `state`, by time; `None` for times that were not
+    /// Errors of the pictures, shown with `exposure`, against state `state`, by time; `None` for times that were not
     /// reached. They are forgotten.
     ///
     /// # Errors
-    /// Those of reading the reference.
+    /// Those of reading both.
     pub(super) fn errors(
         &mut self,
-        references: &References,
         state: u32,
         exposure: f32,
     ) -> Result<[Option<PictureError>; ERROR_TIMES_MS.len()]> {
-        let reference = references.read(state)?;
-        let [width, height] = self.resolution;
+        let reference = self.references.picture(state)?;
         let mut errors = [None; ERROR_TIMES_MS.len()];
-        self.is_over = Default::default();
-        for (error, taken) in errors.iter_mut().zip(&mut self.taken) {
-            let Some(copy) = taken.take() else { continue };
-            let pixels = copy.iter().map(|pixel| pixel.map(f16::to_f32)).collect();
-            let picture = Picture { width, height, pixels };
-            let relmse = compare(&picture, &reference, Constants::default()).all.relmse;
-            let flip = flip(&picture, &reference, exposure);
-            *error = relmse.map(|relmse| PictureError { relmse, flip });
-            self.room.push(copy);
+        for (index, error) in (0..).zip(&mut errors) {
+            if self.is_written[index as usize] {
+                *error = PictureError::of(&self.written.read(index)?, &reference, exposure);
+            }
+        }
+        (self.is_over, self.is_written) = Default::default();
+        Ok(errors)
+    }
+
+    /// Writes what is on show at view `view` of a way.
+    ///
+    /// # Errors
+    /// Those of writing the file.
+    pub(super) fn write_on_way<T: PagedTracer + Send>(
+        &self,
+        view: u32,
+        session: &LiveSession<T>,
+    ) -> Result<()> {
+        self.written.write(ERROR_TIMES_MS.len() as u32 + view, |pixel| session.shown(pixel))
+    }
+
+    /// Errors of the pictures of a way, shown with `exposure`, all but that of its end.
+    ///
+    /// # Errors
+    /// Those of reading both.
+    pub(super) fn errors_of_way(&self, exposure: f32) -> Result<Vec<PictureError>> {
+        let mut errors = vec![];
+        for view in 0..DRAG_VIEWS - 1 {
+            let shown = self.written.read(ERROR_TIMES_MS.len() as u32 + view)?;
+            errors.extend(PictureError::of(&shown, &self.references.picture(view)?, exposure));
         }
         Ok(errors)
+    }
+
+    /// What the errors of references alone are, shown with `exposure`.
+    ///
+    /// # Errors
+    /// Those of reading them.
+    pub(super) fn floor(&self, exposure: f32) -> Result<Option<ErrorFloor>> {
+        self.references.floor(exposure)
     }
 }

@@ -1,8 +1,10 @@
 //! The figures of a run, and what it fails by.
 
+use super::drag_figures::DragFigures;
 use super::errors::ERROR_TIMES_MS;
 use super::hold::{LIVELOCK, Log, Switch};
 use super::options::{Requirement, Scenario, StressFigure, StressOptions};
+use super::references::ErrorFloor;
 use crate::median::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -44,6 +46,10 @@ pub struct StressFigures {
     pub light_share_at_300: Option<f64>,
     /// relMSE and FLIP against references at times after the event, ms; `null` where none was asked for.
     pub error_at_ms: Option<BTreeMap<u64, ErrorAt>>,
+    /// Two references of a state against each other; `null` where none was asked for.
+    pub error_floor: Option<ErrorFloor>,
+    /// Pictures of a hand that moves; `null` for scenarios without.
+    pub drag: Option<DragFigures>,
     /// Frames.
     pub frame_ms: Times,
     /// Rays by kind.
@@ -164,6 +170,8 @@ impl StressFigures {
             converged_ms,
             light_share_at_300: (!light.is_empty()).then(|| light.iter().sum::<f64>() / light.len() as f64),
             error_at_ms: errors_at(&log.switches),
+            error_floor: log.error_floor,
+            drag: log.drags.figures(),
             frame_ms,
             rays,
             rays_per_s: RayRates::new(&rays, seconds, seconds),

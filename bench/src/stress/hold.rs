@@ -8,8 +8,10 @@
 //! Invariants: 1. a time counts from before the event is applied; 2. a time is that of the end of the frame that shows
 //! it; 3. while a picture is copied for its error the clock stands still.
 
+use super::drag_figures::DragLog;
 use super::errors::{ERROR_TIMES_MS, Snapshots};
 use super::options::StressFigure;
+use super::references::ErrorFloor;
 use serde::Serialize;
 use std::time::{Duration, Instant};
 use trex_model::Times;
@@ -57,6 +59,8 @@ pub struct Switch {
 #[derive(Default)]
 pub(super) struct Log {
     pub(super) switches: Vec<Switch>,
+    pub(super) drags: DragLog,
+    pub(super) error_floor: Option<ErrorFloor>,
     pub(super) times: [Times; StressFigure::NAMED.len()],
     /// Events that changed light.
     pub(super) changes_of_light: u64,
@@ -124,7 +128,7 @@ impl Log {
             self.times[StressFigure::Frame as usize].add(begin.elapsed());
             let time = clock.elapsed();
             if let Some(snapshots) = &mut snapshots {
-                clock.stop(|| snapshots.after_frame(time));
+                clock.stop(|| snapshots.after_frame(time))?;
             }
             changes_light |= report.light_share < 1.0;
             self.add(&report);
@@ -151,6 +155,27 @@ impl Log {
                 return Ok(());
             }
         }
+    }
+
+    /// Compares the pictures of the last hold, and of a way to it, shown with `exposure`, with the references of
+    /// `state` and of the way.
+    ///
+    /// # Errors
+    /// Those of reading both.
+    pub(super) fn compare(&mut self, snapshots: &mut Snapshots, state: u32, exposure: f32) -> Result<()> {
+        let begin = Instant::now();
+        let errors = snapshots.errors(state, exposure)?;
+        let held = self.switches.last_mut().expect("a switch was held");
+        held.error_at = Some(errors.map(|error| Some(error?.relmse)));
+        held.flip_at = Some(errors.map(|error| Some(error?.flip)));
+        if self.drags.has_moved() {
+            self.drags.errors.extend(snapshots.errors_of_way(exposure)?);
+        }
+        if self.error_floor.is_none() {
+            self.error_floor = snapshots.floor(exposure)?;
+        }
+        self.aside += begin.elapsed();
+        Ok(())
     }
 
     /// Notes what the picture of a frame that ended `time` after the event is for the first time.
@@ -187,7 +212,8 @@ impl Log {
         is_new
     }
 
-    fn add(&mut self, report: &FrameReport) {
+    /// Adds what a frame did.
+    pub(super) fn add(&mut self, report: &FrameReport) {
         self.pass.add(&report.pass);
         self.other_rays.add(&report.preview_rays);
         self.other_rays.photon += report.photon_rays;

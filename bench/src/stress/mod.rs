@@ -11,24 +11,34 @@
 //!
 //! Invariant: a figure of time counts from before the event is applied.
 
+mod drag;
+mod drag_figures;
 mod errors;
 mod figures;
 mod hold;
 mod options;
+mod picture_error;
+mod picture_store;
+mod references;
 mod scenario;
 
-pub use errors::{ERROR_TIMES_MS, References, Snapshots};
+pub use drag_figures::{DragFigures, ErrorSpread};
+pub use errors::{ERROR_TIMES_MS, Snapshots};
 pub use figures::{PixelError, StressFigures};
 pub use hold::Switch;
 pub use options::{Requirement, Scenario, StressFigure, StressOptions};
+pub use references::{ErrorFloor, References, ReferencesKey};
 
 use hold::{Hold, Log};
-use scenario::{Script, Step};
+use scenario::{DRAG_EVENTS, Script, Step};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
-use trex_render::{LiveSession, PagedTracer, Session};
+use trex_render::{Event, LiveSession, PagedTracer, RenderKeys, RenderSettings, Session};
 use trex_store::pool::PagePool;
 use trex_store::{Interrupt, Result};
+
+/// Bits in which the seeds of two pictures of a state differ.
+const SEED_BITS: u64 = 0x5a5a_a5a5;
 
 /// The surroundings of a run.
 pub struct Stand<'a> {
@@ -50,15 +60,16 @@ pub fn state_count<T: PagedTracer + Send>(session: &Session<T>, options: &Stress
     Script::new(session, options, 0).state_count()
 }
 
-/// Renders each state of a scenario at leisure, `spp` samples a pixel, into `references`.
+/// Renders each state of a scenario at leisure, `spp` samples a pixel, into `references`; some of them again with other
+/// samples.
 ///
 /// # Errors
-/// Those of [`Session::apply`], [`Session::illuminate`] and [`References::add`]; an interrupt.
+/// Those of [`Session::apply`], [`Session::illuminate`] and of writing the file; an interrupt.
 pub fn render_references<T: PagedTracer + Send>(
     session: &mut Session<T>,
     options: &StressOptions,
     spp: u32,
-    references: &mut References,
+    references: &References,
     stand: &Stand<'_>,
 ) -> Result<()> {
     let script = Script::new(session, options, 0);
@@ -72,26 +83,38 @@ pub fn render_references<T: PagedTracer + Send>(
     for switch in 0..script.first() {
         step(session, script.steps(switch))?;
     }
+    let keys = *session.view().settings;
+    let other_keys = RenderKeys { seed: other_seed(keys.seed), ..keys };
     for state in 0..script.state_count() {
         step(session, script.steps_to(state))?;
-        session.illuminate(&stop, &mut |_, _| {})?;
-        session.render(spp, &stop, &mut |_, _| ControlFlow::Continue(()));
-        stand.interrupt.check()?;
-        references.add(session.film())?;
+        for (is_second, keys) in [(false, keys), (true, other_keys)] {
+            if is_second && !References::has_second(state) {
+                continue;
+            }
+            session.apply(Event::Settings(RenderSettings::new(keys)?))?;
+            session.illuminate(&stop, &mut |_, _| {})?;
+            session.render(spp, &stop, &mut |_, _| ControlFlow::Continue(()));
+            stand.interrupt.check()?;
+            references.write(state, is_second, session.film())?;
+        }
         (stand.tell)(u64::from(state) + 1);
     }
-    Ok(())
+    references.finish()
 }
 
-/// Runs a scenario on a session that is live; `compared` are the references, and the room for snapshots, where errors
-/// are asked for.
+/// A seed whose samples have nothing to do with those of `seed`, in the range of seeds.
+pub fn other_seed(seed: u64) -> u64 {
+    seed ^ SEED_BITS
+}
+
+/// Runs a scenario on a session that is live, with `snapshots` where errors are asked for.
 ///
 /// # Errors
-/// Those of [`LiveSession::apply`], [`PagePool::set_limit`] and reading the references; an interrupt.
+/// Those of [`LiveSession::apply`], [`PagePool::set_limit`], and of writing and reading pictures; an interrupt.
 pub fn run<T: PagedTracer + Send>(
     session: &mut LiveSession<T>,
     options: &StressOptions,
-    mut compared: Option<(&References, &mut Snapshots)>,
+    mut snapshots: Option<&mut Snapshots>,
     stand: &Stand<'_>,
 ) -> Result<StressFigures> {
     let script = Script::new(session, options, stand.pool.frames().frames as u64);
@@ -112,18 +135,18 @@ pub fn run<T: PagedTracer + Send>(
     let begin = Instant::now();
     for switch in 0..options.switches {
         stand.interrupt.check()?;
+        let index = match options.scenario {
+            Scenario::Drag => {
+                log.drag(session, &script, &hold, snapshots.as_deref())?;
+                DRAG_EVENTS - 1
+            }
+            _ => script.first() + switch,
+        };
         let event = Instant::now();
-        let index = script.first() + switch;
         step(session, index)?;
-        log.hold(session, event, &hold, compared.as_mut().map(|(_, snapshots)| &mut **snapshots))?;
-        if let Some((references, snapshots)) = &mut compared {
-            let begin = Instant::now();
-            let exposure = session.view().settings.exposure.factor();
-            let errors = snapshots.errors(references, script.state(index), exposure)?;
-            let held = log.switches.last_mut().expect("a switch was held");
-            held.error_at = Some(errors.map(|error| Some(error?.relmse)));
-            held.flip_at = Some(errors.map(|error| Some(error?.flip)));
-            log.aside += begin.elapsed();
+        log.hold(session, event, &hold, snapshots.as_deref_mut())?;
+        if let Some(snapshots) = &mut snapshots {
+            log.compare(snapshots, script.state(index), session.view().settings.exposure.factor())?;
         }
         if let Some(bytes) = (stand.resident_bytes)() {
             memory.push((f64::from(switch), bytes as f64));

@@ -26,6 +26,8 @@ pub enum Scenario {
     Soak,
     /// One view, again and again.
     Still,
+    /// A hand that orbits, pans and zooms, 30 events a second for 5 s, and rests; each switch is such a way.
+    Drag,
 }
 
 impl Scenario {
@@ -41,6 +43,7 @@ impl Scenario {
             Scenario::Squeeze => "squeeze",
             Scenario::Soak => "soak",
             Scenario::Still => "still",
+            Scenario::Drag => "drag",
         }
     }
 }

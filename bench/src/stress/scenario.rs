@@ -6,6 +6,7 @@
 //! pingpong   overview and close-up                  soak        flip, inside and poses in turn; memory is watched
 //! teleport   one of twelve poses, by chance         sweep       an orbit, a step a response
 //! still      one view, again and again: what the table 2 of the paper shows
+//! drag       an orbit, a pan and a zoom of 30 events a second; a step an event
 //! ```
 //!
 //! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state
@@ -30,6 +31,15 @@ const CLOSE_SHARE: f64 = 0.01;
 /// Poses of `teleport`, and states of `light-edit`.
 const POSES: u32 = 12;
 const LIGHT_STATES: u32 = 8;
+/// Events of a drag, those of its orbit and its pan, and the views of its way that have references.
+pub(super) const DRAG_EVENTS: u32 = 150;
+const DRAG_ORBIT_EVENTS: u32 = 90;
+const DRAG_PAN_EVENTS: u32 = 30;
+pub(super) const DRAG_VIEWS: u32 = 12;
+/// Turns of its orbit; how far it pans, and how near it comes, as shares of the way to the target.
+const DRAG_TURNS: f64 = 0.25;
+const DRAG_PAN: f64 = 0.15;
+const DRAG_ZOOM: f64 = 0.4;
 /// Irradiance of the light that goes round, as strong as the default sun.
 const SUN: f32 = 3.0;
 
@@ -80,13 +90,41 @@ impl Script {
             Scenario::Still => 1,
             Scenario::Teleport => POSES,
             Scenario::LightEdit => LIGHT_STATES,
+            Scenario::Drag => DRAG_VIEWS,
             Scenario::Sweep | Scenario::Soak => 0,
         }
+    }
+
+    /// The event of a drag after which the scene is in state `view`.
+    pub(super) fn drag_event(&self, view: u32) -> u32 {
+        (view + 1) * DRAG_EVENTS / DRAG_VIEWS - 1
+    }
+
+    /// The camera after event `index` of a drag: it orbits what it looks at.
+    pub(super) fn drag(&self, index: u32) -> Camera {
+        let part = |first: u32, count: u32| {
+            (f64::from((index + 1).saturating_sub(first)) / f64::from(count)).min(1.0)
+        };
+        let orbited = part(0, DRAG_ORBIT_EVENTS);
+        let panned = part(DRAG_ORBIT_EVENTS, DRAG_PAN_EVENTS);
+        let zoom_first = DRAG_ORBIT_EVENTS + DRAG_PAN_EVENTS;
+        let zoomed = part(zoom_first, DRAG_EVENTS - zoom_first);
+        let from = &self.views[0];
+        let camera = turned_about(from.target, up_axis(&self.model.bounds), from, DRAG_TURNS * orbited);
+        let way: [f64; 3] = std::array::from_fn(|a| camera.target[a] - camera.position[a]);
+        let side = unit(cross(way, up_axis(&self.model.bounds)));
+        let aside = DRAG_PAN * panned * length(way);
+        let target = along(camera.target, aside, side);
+        let position = along(along(camera.position, aside, side), DRAG_ZOOM * zoomed, way);
+        Camera { position, target, ..camera }
     }
 
     /// The state of the scene after switch `index`; below [`Script::state_count`], where that is not 0.
     pub(super) fn state(&self, index: u32) -> u32 {
         match self.scenario {
+            Scenario::Drag => {
+                (1..DRAG_VIEWS).take_while(|view| self.drag_event(*view) <= index).last().unwrap_or(0)
+            }
             Scenario::Teleport => (Numbers::new(self.seed, index).next() * f64::from(POSES)) as u32,
             _ => index % self.state_count().max(1),
         }
@@ -101,6 +139,7 @@ impl Script {
     pub(super) fn steps_to(&self, state: u32) -> Vec<Step> {
         match self.scenario {
             Scenario::Teleport => vec![look(self.pose(state))],
+            Scenario::Drag => vec![look(self.drag(self.drag_event(state)))],
             _ => self.steps(state),
         }
     }
@@ -111,6 +150,7 @@ impl Script {
         match self.scenario {
             Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
             Scenario::Still => vec![look(self.views[0])],
+            Scenario::Drag => vec![look(self.drag(index))],
             Scenario::Teleport => vec![look(self.pose(self.state(index)))],
             Scenario::Sweep => {
                 vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
@@ -163,13 +203,17 @@ fn look(camera: Camera) -> Step {
 
 /// The camera after `turns` of the way round the model.
 fn around(model: &Model, camera: &Camera, turns: f64) -> Camera {
-    let (up, center) = (up_axis(&model.bounds), model.bounds.center());
+    turned_about(model.bounds.center(), up_axis(&model.bounds), camera, turns)
+}
+
+/// The camera after `turns` about the axis `up` through `center`.
+fn turned_about(center: [f64; 3], up: [f64; 3], camera: &Camera, turns: f64) -> Camera {
     let (sin, cos) = (turns * std::f64::consts::TAU).sin_cos();
-    // Rodrigues, about the axis through the middle of the box.
+    // Rodrigues.
     let turn = |point: [f64; 3]| {
         let v: [f64; 3] = std::array::from_fn(|a| point[a] - center[a]);
         let lift: f64 = (0..3).map(|a| v[a] * up[a]).sum();
-        let across = [up[1] * v[2] - up[2] * v[1], up[2] * v[0] - up[0] * v[2], up[0] * v[1] - up[1] * v[0]];
+        let across = cross(up, v);
         std::array::from_fn(|a| center[a] + cos * v[a] + sin * across[a] + (1.0 - cos) * lift * up[a])
     };
     Camera { position: turn(camera.position), target: turn(camera.target), ..*camera }
@@ -237,6 +281,10 @@ impl Numbers {
     }
 }
 
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
 fn length(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
@@ -254,20 +302,53 @@ mod tests {
     use super::*;
     use trex_store::Aabb;
 
-    #[test]
-    fn half_a_turn_is_the_other_side_and_a_whole_one_is_none() {
-        let bounds = Aabb { lo: [0.0, 0.0, 0.0], hi: [2.0, 4.0, 2.0] };
-        let model = Model {
+    fn model(bounds: Aabb) -> Model {
+        Model {
             bounds,
             outline: Default::default(),
             materials: vec![],
             names: Default::default(),
             emitters: vec![],
             voxels: None,
-        };
+        }
+    }
+
+    fn near(a: [f64; 3], b: [f64; 3]) -> bool {
+        (0..3).all(|i| (a[i] - b[i]).abs() < 1e-9)
+    }
+
+    #[test]
+    fn half_a_turn_is_the_other_side_and_a_whole_one_is_none() {
+        let bounds = Aabb { lo: [0.0, 0.0, 0.0], hi: [2.0, 4.0, 2.0] };
+        let model = model(bounds);
         let camera = Camera { position: [5.0, 6.0, 1.0], ..Camera::framing(&bounds, [64, 64], None, None) };
-        let near = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 1e-9);
         assert!(near(around(&model, &camera, 0.5).position, [-3.0, 6.0, 1.0]));
         assert!(near(around(&model, &camera, 1.0).position, camera.position));
+    }
+
+    /// A quarter of an orbit about the target, then a way to the right, then nearer: each step alone.
+    #[test]
+    fn a_drag_orbits_pans_and_zooms_in_small_steps() {
+        let bounds = Aabb { lo: [0.0; 3], hi: [8.0, 2.0, 8.0] };
+        assert_eq!(up_axis(&bounds), [0.0, 1.0, 0.0]);
+        let (target, position) = ([1.0, 1.0, 1.0], [5.0, 1.0, 1.0]);
+        let view = Camera { position, target, ..Camera::framing(&bounds, [64, 64], None, None) };
+        let script =
+            Script { scenario: Scenario::Drag, seed: 1, model: model(bounds), views: vec![view], frames: 0 };
+        let end = |event: u32| (script.drag(event - 1).position, script.drag(event - 1).target);
+        let (orbited, from) = end(90);
+        assert!(near(from, target) && near(orbited, [1.0, 1.0, -3.0]), "{orbited:?}");
+        // It looks along +z there, with +y up: right is -x.
+        let (panned, seen) = end(120);
+        assert!(near(panned, [0.4, 1.0, -3.0]) && near(seen, [0.4, 1.0, 1.0]), "{panned:?} {seen:?}");
+        let (zoomed, seen_nearer) = end(150);
+        assert!(near(zoomed, [0.4, 1.0, -1.4]) && near(seen_nearer, seen), "{zoomed:?}");
+        let places: Vec<_> = (0..DRAG_EVENTS).map(|event| script.drag(event).position).collect();
+        let step = |pair: &[[f64; 3]]| length(std::array::from_fn(|a| pair[1][a] - pair[0][a]));
+        assert!(places.windows(2).map(step).all(|step| step > 0.01 && step < 0.1));
+        // Each state is that of one event, and the last is that of the rest.
+        let events: Vec<u32> = (0..DRAG_VIEWS).map(|view| script.drag_event(view)).collect();
+        assert!(events.windows(2).all(|pair| pair[0] < pair[1]) && events[11] == DRAG_EVENTS - 1);
+        assert!((0..DRAG_VIEWS).all(|view| script.state(events[view as usize]) == view));
     }
 }

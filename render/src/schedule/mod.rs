@@ -9,6 +9,6 @@ mod worker;
 
 pub(crate) use job::PASS_SAMPLES_MAX;
 pub(crate) use pass::{Pass, Workers, pass_bytes};
-pub(crate) use preview::Grid;
+pub(crate) use preview::{Grid, PreviewStats};
 pub(crate) use samples::SampleWork;
 pub(crate) use worker::{Canvas, TileWork, Until, WhenFull};

@@ -26,12 +26,29 @@ const PART_TILES: u32 = JOB_SAMPLES_MAX as u32 / (TILE_SIDE_PIXELS * TILE_SIDE_P
 /// A pixel, and what its sample came to.
 type SampledPixel = ([u32; 2], (Vec3, LayerPixel));
 
+/// Counts of a preview.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct PreviewStats {
+    pub(crate) rays: RayCounts,
+    pub(crate) samples: u64,
+    /// Samples whose ray from the camera met the model.
+    pub(crate) covered: u64,
+}
+
 /// Room of a worker.
 #[derive(Default)]
 struct Room {
     together: Together,
     taken: Vec<SampledPixel>,
-    rays: RayCounts,
+    stats: PreviewStats,
+}
+
+impl PreviewStats {
+    pub(crate) fn add(&mut self, other: &PreviewStats) {
+        self.rays.add(&other.rays);
+        self.samples += other.samples;
+        self.covered += other.covered;
+    }
 }
 
 /// A grid of pixels, of a picture of `resolution`: every `step`-th that no coarser grid holds.
@@ -61,8 +78,8 @@ impl Grid {
             .filter(move |pixel| is_coarsest || pixel.iter().any(|v| v % (2 * step) != 0))
     }
 
-    /// Takes the samples of `work` for `display`. Gives their rays, and whether all were taken before `stop`, which is
-    /// asked between parts, said true.
+    /// Takes the samples of `work` for `display`. Gives their counts, and whether all were taken before `stop`, which
+    /// is asked between parts, said true.
     ///
     /// # Panics
     /// When a worker panics.
@@ -72,9 +89,9 @@ impl Grid {
         display: &mut Display,
         workers: Workers<'_, T>,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> (RayCounts, bool) {
+    ) -> (PreviewStats, bool) {
         let (next, was_stopped) = (AtomicU32::new(0), AtomicBool::new(false));
-        let (display, rays) = (Mutex::new(display), Mutex::new(RayCounts::default()));
+        let (display, total) = (Mutex::new(display), Mutex::new(PreviewStats::default()));
         let take = |tracer: &mut T| {
             let mut room = Room::default();
             loop {
@@ -90,19 +107,19 @@ impl Grid {
                 let mut display = display.lock().expect("a worker panicked");
                 room.taken.iter().for_each(|(pixel, (radiance, seen))| display.set(*pixel, *radiance, seen));
             }
-            rays.lock().expect("a worker panicked").add(&room.rays);
+            total.lock().expect("a worker panicked").add(&room.stats);
         };
         workers.pool.scope(|scope| {
             for tracer in workers.tracers {
                 scope.spawn(|_| take(tracer));
             }
         });
-        (rays.into_inner().expect("a worker panicked"), !was_stopped.into_inner())
+        (total.into_inner().expect("a worker panicked"), !was_stopped.into_inner())
     }
 
     /// The samples of part `index`, with their pixels, to `room.taken`.
     fn part<T: PagedTracer>(&self, index: u32, work: &SampleWork<'_>, tracer: &mut T, room: &mut Room) {
-        let Room { together, taken, rays } = room;
+        let Room { together, taken, stats } = room;
         tracer.begin_tile();
         taken.clear();
         taken.extend(self.pixels(index).map(|pixel| (pixel, (Vec3::ZERO, LayerPixel::NOTHING))));
@@ -111,7 +128,9 @@ impl Grid {
         };
         let pending: Vec<OpenSample> = (0..).zip(&*taken).map(start).collect();
         Samples::new(pending, work.integrator.rays_asked()).finish(work, tracer, together, |slot, sample| {
-            rays.add(&sample.rays);
+            stats.rays.add(&sample.rays);
+            stats.samples += 1;
+            stats.covered += u64::from(sample.meets_model);
             let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3::ZERO };
             taken[slot as usize].1 = (radiance, sample.layers.unwrap_or(LayerPixel::NOTHING));
         });

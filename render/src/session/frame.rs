@@ -15,8 +15,8 @@ use super::light::Arrival;
 use super::live::{Live, LiveSession};
 use super::tile_run::TileFrame;
 use crate::integrate::RenderContext;
-use crate::schedule::{Grid, SampleWork, Workers};
-use crate::stats::{PassStats, RayCounts};
+use crate::schedule::{Grid, PreviewStats, SampleWork, Workers};
+use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use std::time::Instant;
 use trex_film::smooth;
@@ -28,10 +28,10 @@ const PHOTON_SHARE_LATE: u32 = 3;
 const PHOTON_PART: u32 = 2;
 const PHOTON_PART_LEAST: u32 = 50;
 
-/// Rays of a frame that are on no film.
+/// Work of a frame that is on no film.
 #[derive(Clone, Copy, Default)]
 struct OtherRays {
-    preview: RayCounts,
+    preview: PreviewStats,
     photon: u64,
 }
 
@@ -79,18 +79,18 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// Shows what is resident by a sample at every `step`-th pixel, and at finer grids while the ladder has a rung for
     /// this frame.
-    fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> RayCounts {
+    fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> PreviewStats {
         let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
         let Live { display, event, options, .. } = &mut self.live;
         let ladder = &mut event.ladder;
         let ctx = RenderContext::new(world, model, light.irradiance()).for_preview();
         let work = SampleWork::new(ctx, &**g_stage);
-        let (mut rays, mut rung, mut taken) = (RayCounts::default(), Some(step), None);
+        let (mut total, mut rung, mut taken) = (PreviewStats::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
             let grid = Grid { resolution: film.resolution(), step };
-            let (sent, is_whole) = grid.take(&work, display, Workers { tracers, pool }, stop);
-            rays.add(&sent);
+            let (stats, is_whole) = grid.take(&work, display, Workers { tracers, pool }, stop);
+            total.add(&stats);
             if !is_whole {
                 break;
             }
@@ -109,7 +109,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
                 tracer.request_missing();
             }
         }
-        rays
+        total
     }
 
     /// Sends photons of changed light. Gives the count of their rays.
@@ -165,7 +165,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             light_share: self.light.share(),
             lod_error: self.view.settings.lod_error,
             pass,
-            preview_rays: other.preview,
+            preview_rays: other.preview.rays,
+            preview_samples: other.preview.samples,
+            preview_covered: other.preview.covered,
             photon_rays: other.photon,
         }
     }

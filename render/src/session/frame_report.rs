@@ -41,6 +41,10 @@ pub struct FrameReport {
     pub pass: PassStats,
     /// Rays of the preview in this frame.
     pub preview_rays: RayCounts,
+    /// Samples of the preview in this frame.
+    pub preview_samples: u64,
+    /// Those of them whose ray from the camera met the model.
+    pub preview_covered: u64,
     /// Rays of photons in this frame.
     pub photon_rays: u64,
 }
