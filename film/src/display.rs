@@ -19,10 +19,10 @@ mod shrinkage;
 #[cfg(test)]
 mod tests;
 
-use super::coarse::{Coarse, STEPS, TileCorners, luminance};
+use super::coarse::{Coarse, STEPS, TileCorners};
 use super::film::{Film, LayerPixel};
 use super::filter::filter_bytes;
-use super::packed::PackedLight;
+use super::packed::{PackedLight, luminance};
 use super::saliency;
 use super::tile::{TILE_SIDE_PIXELS, Tile, bit, tile, tile_count};
 use glam::Vec3;

@@ -8,7 +8,7 @@
 //!
 //! Where exact samples said what the pixels between saw, of the corners that are of one surface with that.
 
-use super::exact::TileCorners;
+use super::corners::TileCorners;
 use super::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, SurfaceRow};
 use crate::packed::PackedLight;
 use glam::Vec3;

@@ -5,37 +5,19 @@
 //! q r
 //! ```
 //!
-//! A pixel far brighter than its tile, in a cell where others are not, is a chance hit of a small light: smoothed it would
-//! be a bright spot of many pixels. It counts up to a bound. That is the display's alone, and counts less with each
-//! sample.
+//! A pixel far brighter than its tile, in a cell where others are not, is a chance hit of a small light: smoothed it
+//! would be a bright spot of many pixels. It counts up to a bound. That is the display's alone, and counts less with
+//! each sample.
 
+use super::corners::{CornersOf, TileCorners};
 use super::surface::Surface;
 use super::{Coarse, KEPT_STEP, LIGHT_MOST, TILE_SIDE_SAMPLES, grid_size};
 use crate::film::{Film, LayerPixel};
+use crate::packed::luminance;
 use crate::tile::{TILE_SIDE_PIXELS, bit, tile};
 use glam::Vec3;
 use rayon::ThreadPool;
 use rayon::prelude::*;
-
-/// Of the pixels of a tile, a bit each, those that are of one surface with the sample at a corner of their cell: at the
-/// upper left one, which is the cell's own, the upper right, the lower left and the lower right one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct TileCorners(pub(super) [u64; 4]);
-
-/// The corners of a tile; `None` for one without exact samples.
-pub(crate) type CornersOf<'a> = &'a (dyn Fn(u32) -> Option<TileCorners> + Sync);
-
-impl TileCorners {
-    /// The pixels of the tile that are of one surface with any corner.
-    pub(crate) fn any(&self) -> u64 {
-        self.0.iter().fold(0, |any, corner| any | corner)
-    }
-
-    /// The corners that a pixel (x, y) is of one surface with.
-    pub(super) fn of(&self, pixel: [u32; 2]) -> [bool; 4] {
-        self.0.map(|corner| corner >> bit(pixel) & 1 == 1)
-    }
-}
 
 /// Pixels of a tile that may be chance hits, and how many times brighter than the mean of the others a pixel counts.
 const HITS: usize = 2;
@@ -137,9 +119,4 @@ fn bright_most(rows: &[[[f32; 3]; TILE_SIDE_PIXELS as usize]], [width, height]: 
     sorted.sort_unstable_by(f32::total_cmp);
     let others = &sorted[..count.saturating_sub(HITS).max(1)];
     BRIGHT_MOST * others.iter().sum::<f32>() / others.len() as f32
-}
-
-/// Luminance of linear RGB, ITU-R BT.709.
-pub(crate) fn luminance(rgb: Vec3) -> f32 {
-    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }

@@ -2,19 +2,19 @@
 //!
 //! ```text
 //! r = mean of the n samples of a pixel - smoothed light
-//! mean r^2             = noise + bias^2     noise: variance of the mean of a pixel's samples; bias: of the smoothed light
-//! mean (r - r')^2 / 2  = noise              r, r' of neighbours: their bias is alike, their noise is not
-//! worth = n noise / bias^2                  the mix that is nearest to the truth, by least squares
+//! mean r^2             = noise + bias^2   noise: variance of the mean of a pixel's samples; bias: of smoothed light
+//! mean (r - r')^2 / 2  = noise            r, r' of neighbours: their bias is alike, their noise is not
+//! worth = n noise / bias^2                the mix that is nearest to the truth, by least squares
 //! ```
 //!
-//! So light that is noisy gives way to smoothed light, and smoothed light to samples where it hides an edge of a shadow or
-//! a pattern; the more samples, the sooner. Shrinkage towards a target, after W. James and C. Stein, "Estimation with
-//! quadratic loss" (1961).
+//! So light that is noisy gives way to smoothed light, and smoothed light to samples where it hides an edge of a shadow
+//! or a pattern; the more samples, the sooner. Shrinkage towards a target, after W. James and C. Stein, "Estimation
+//! with quadratic loss" (1961).
 
 use crate::tile::{TILE_SIDE_PIXELS, bit};
 
-/// Most that smoothed light is worth, by the samples of a pixel, and at all: a bias of a third of the noise cannot be told
-/// in a tile, and to the eye a picture that is too smooth is as wrong as one that is too noisy.
+/// Most that smoothed light is worth, by the samples of a pixel, and at all: a bias of a third of the noise cannot be
+/// told in a tile, and to the eye a picture that is too smooth is as wrong as one that is too noisy.
 pub(super) const SHARE_MOST: f32 = 2.0;
 pub(super) const WORTH_MOST: f32 = 4.0;
 /// Pairs of neighbours that noise is told from, at least.
@@ -25,8 +25,8 @@ const LUMINANCE_STEP: f32 = 1.0 / 1024.0;
 /// Luminances of the pixels of a tile, by rows: of the mean of the samples, and as smoothed.
 pub(super) type TileLuminances = [[[f32; 2]; TILE_SIDE_PIXELS as usize]; TILE_SIDE_PIXELS as usize];
 
-/// Samples of a pixel that smoothed light is worth in a tile of pixels of `samples` each; of the pixels whose bit is set in
-/// `pixels`. 0 where too few are to tell.
+/// Samples of a pixel that smoothed light is worth in a tile of pixels of `samples` each; of the pixels whose bit is
+/// set in `pixels`. 0 where too few are to tell.
 pub(super) fn worth(luminances: &TileLuminances, pixels: u64, samples: u32) -> f32 {
     let is_there = |x: usize, y: usize| pixels >> bit([x as u32, y as u32]) & 1 == 1;
     let residual = |x: usize, y: usize| luminances[y][x][0] - luminances[y][x][1];
@@ -60,8 +60,8 @@ mod tests {
     use super::*;
     use crate::hash::mix;
 
-    /// A tile of truth 1 plus `edge` on its right half, smoothed to a ramp there, with noise of variance `variance` on the
-    /// means of its samples; the `index`-th of its kind.
+    /// A tile of truth 1 plus `edge` on its right half, smoothed to a ramp there, with noise of variance `variance` on
+    /// the means of its samples; the `index`-th of its kind.
     fn tile(edge: f32, variance: f32, index: u64) -> TileLuminances {
         let chance = |at: usize| (mix(index << 8 | at as u64) >> 40) as f32 / (1u64 << 24) as f32 - 0.5;
         std::array::from_fn(|y| {
@@ -100,7 +100,7 @@ mod tests {
             let (found, alone) = (error(&share), error(&|_| 0.0));
             let most = WORTH_MOST / (WORTH_MOST + samples as f32);
             let best = (0..=50).map(|at| error(&|_| most * at as f32 / 50.0)).fold(f32::INFINITY, f32::min);
-            // Of an edge neighbours differ, too, which counts as noise: some of its blur stays where there is little of it.
+            // Of an edge neighbours differ, too, which counts as noise: some of its blur stays where there is little.
             if variance >= 0.1 * edge * edge {
                 assert!(
                     found < 1.01 * alone && found < 1.35 * best,

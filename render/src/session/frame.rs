@@ -6,7 +6,8 @@
 //! ```
 //!
 //! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a batch of the
-//! G-stage, a batch of photons a worker, the picture on show made anew, the filter of a picture whose samples have doubled.
+//! G-stage, a batch of photons a worker, the picture on show made anew, the filter of a picture whose samples have
+//! doubled.
 
 use super::Session;
 use super::frame_report::{FrameProgress, FrameReport};
