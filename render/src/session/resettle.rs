@@ -347,7 +347,7 @@ mod tests {
                 live.apply(event).unwrap();
             }
         }
-        // Two previews, five samples and five times anew for each tile, thrice, and little more: not each in each frame.
+        // Two previews, five samples and five times anew for each tile, thrice, and little more.
         assert!((3 * 12 * 5..3 * 12 * 15).contains(&changes), "{changes}");
     }
 

@@ -47,8 +47,8 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
     assert!(worths[0] == 1.5 && worths.len() > 1 && worths.iter().all(|worth| *worth > 0.0), "{worths:?}");
 }
 
-/// The preview saw voxels alone, or mesh: the same floor. Voxels count for nothing in any pixel that has an exact sample,
-/// until the picture is made anew of these.
+/// The preview saw voxels alone, or mesh: the same floor. Voxels count for nothing in any pixel that has an exact
+/// sample, until the picture is made anew of these.
 #[test]
 fn no_stand_in_shines_through_exact_samples() {
     let keys = RenderKeys { resolution: [32, 16], n_shadow: 1, ..RenderKeys::default() };
@@ -62,7 +62,7 @@ fn no_stand_in_shines_through_exact_samples() {
     let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
     for is_absent in [true, false] {
         let mut live = floor_demanding(0, keys).go_live(options).unwrap();
-        live.apply(Event::Lights(vec![lamp.clone()])).unwrap();
+        live.apply(Event::Lights(vec![lamp])).unwrap();
         live.session.tracers[0].is_absent = is_absent;
         while live.live.display.step() != Some(2) {
             live.frame(3, &|| false);
