@@ -27,14 +27,17 @@
 mod cells;
 mod corners;
 mod exact;
+mod history;
 mod neighbours;
 mod surface;
 
 use self::cells::{CellPixels, Cells};
 pub(crate) use self::corners::{CornersOf, TileCorners};
+use self::history::History;
 use self::neighbours::Neighbours;
 use self::surface::{Surface, SurfaceRows};
 use super::film::LayerPixel;
+use super::lens::Eye;
 use super::packed::PackedLight;
 use super::tile::TILE_SIDE_PIXELS;
 use glam::Vec3;
@@ -65,6 +68,7 @@ pub(super) struct Coarse {
     surfaces: Vec<Surface>,
     /// Light that leaves the surfaces, over their albedo: three planes.
     light: Vec<f32>,
+    history: History,
     /// Room for the passes; empty until it is wanted.
     work: Vec<f32>,
 }
@@ -113,7 +117,7 @@ impl Coarse {
     /// Bytes that the samples of a picture of `resolution` take, without [`Coarse::work_bytes`].
     pub(super) fn bytes(resolution: [u32; 2]) -> u64 {
         let bytes = size_of::<Surface>() + 3 * size_of::<f32>();
-        (sample_count(resolution, KEPT_STEP) * bytes) as u64
+        (sample_count(resolution, KEPT_STEP) * bytes) as u64 + History::bytes(resolution)
     }
 
     /// Bytes that are taken beside them from [`Coarse::smooth`] on, until [`Coarse::release_work`].
@@ -125,7 +129,8 @@ impl Coarse {
     pub(super) fn new(resolution: [u32; 2]) -> Coarse {
         let count = sample_count(resolution, KEPT_STEP);
         let surfaces = vec![Surface::new(&LayerPixel::NOTHING); count];
-        Coarse { resolution, surfaces, light: vec![0.0; 3 * count], work: Vec::new() }
+        let (light, history) = (vec![0.0; 3 * count], History::new(resolution));
+        Coarse { resolution, surfaces, light, history, work: Vec::new() }
     }
 
     /// Lets the work go; [`Coarse::fill`] and [`Coarse::set_samples`] want it, after the next [`Coarse::smooth`].
@@ -138,9 +143,20 @@ impl Coarse {
         let at = self.place([x, y]);
         let surface = Surface::new(seen);
         let light = (radiance / Vec3::from(surface.albedo())).min(Vec3::splat(LIGHT_MOST));
+        let light = self.history.add([x, y], at, light, seen);
         self.surfaces[at] = surface;
         let count = self.surfaces.len();
         (0..3).for_each(|c| self.light[c * count + at] = light[c]);
+    }
+
+    /// Begins a picture that is seen from `eye`, in the light of the one before where `is_lit_alike`.
+    pub(super) fn begin(&mut self, eye: Eye, is_lit_alike: bool) {
+        self.history.begin(eye, is_lit_alike, &self.surfaces);
+    }
+
+    /// Forgets the light of pictures before.
+    pub(super) fn forget(&mut self) {
+        self.history.forget();
     }
 
     /// The place of the sample of the cell that a pixel (x, y) is in.
@@ -170,8 +186,12 @@ impl Coarse {
         if self.work.is_empty() {
             self.work = vec![0.0; work_count(self.resolution)];
         }
-        let Coarse { resolution, surfaces, light, work } = self;
+        let Coarse { resolution, surfaces, light, history, work } = self;
         let picked = SampleGrid { is_fixed, ..SampleGrid::new(surfaces, *resolution, step) };
+        match is_fixed {
+            Some(is_fixed) => history.keep_exact(&picked, is_fixed, planes(light)),
+            None => history.keep(step, &picked, planes(light)),
+        }
         let numbers = 3 * picked.count();
         let (mut from, mut to) = if step == KEPT_STEP {
             (&mut light[..], &mut work[..numbers])

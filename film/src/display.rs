@@ -22,6 +22,7 @@ mod tests;
 use super::coarse::{Coarse, STEPS, TileCorners};
 use super::film::{Film, LayerPixel};
 use super::filter::filter_bytes;
+use super::lens::Eye;
 use super::packed::{PackedLight, luminance};
 use super::saliency;
 use super::tile::{TILE_SIDE_PIXELS, Tile, bit, tile, tile_count};
@@ -258,6 +259,17 @@ impl Display {
     pub fn radiances(&self, [x, y]: [u32; 2]) -> impl Iterator<Item = [f32; 3]> {
         let first = y as usize * self.resolution[0] as usize + x as usize;
         self.radiance[first..].iter().map(|radiance| radiance.rgb())
+    }
+
+    /// Begins a picture that is seen from `eye`, in the light of the one before where `is_lit_alike`: light that is on show
+    /// goes on to count where its surface is seen.
+    pub fn begin(&mut self, eye: Eye, is_lit_alike: bool) {
+        self.coarse.begin(eye, is_lit_alike);
+    }
+
+    /// Forgets the light of pictures before: it has changed.
+    pub fn forget(&mut self) {
+        self.coarse.forget();
     }
 
     /// Sets the sample of a pixel (x, y), one of the finest grid: its radiance, linear RGB, and what it saw.

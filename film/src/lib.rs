@@ -41,7 +41,7 @@ pub use encode::{Image, encoder_bytes, write_exr, write_png};
 pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
 pub use filter::{filter_bytes, smooth};
 pub use hash::{chances, mix};
-pub use lens::Lens;
+pub use lens::{Eye, Lens};
 pub use packed::PackedLight;
 pub use saliency::{ReducedPicture, Saliency};
 pub use tile::{TILE_SIDE_PIXELS, Tile, TileOrder, Tiles, tile, tile_count};

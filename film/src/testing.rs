@@ -1,6 +1,6 @@
 //! What the tests of several files share.
 
-use crate::lens::Lens;
+use crate::lens::{Eye, Lens};
 use glam::DVec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
@@ -23,6 +23,21 @@ impl Pinhole {
     /// Half of the width of the picture at distance 1.
     fn half(&self) -> f64 {
         (0.5 * self.fov_x).to_radians().tan()
+    }
+
+    /// The same as plain numbers.
+    pub(crate) fn eye(&self) -> Eye {
+        let forward = (self.target - self.position).normalize();
+        let right = self.half() * forward.cross(DVec3::Y).normalize();
+        let [width, height] = self.resolution.map(f64::from);
+        let down = height / width * forward.cross(right);
+        Eye {
+            position: self.position.into(),
+            forward: forward.into(),
+            right: right.into(),
+            down: down.into(),
+            resolution: self.resolution,
+        }
     }
 }
 

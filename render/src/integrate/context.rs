@@ -38,6 +38,8 @@ pub(crate) struct RenderContext<'a> {
     rays_most: u32,
     /// True when nothing waits for pages: where one is missing, the resident voxels answer.
     pub(super) is_preview: bool,
+    /// Tells the samples of one preview from those of the next.
+    pub(super) preview: u32,
 }
 
 impl<'a> RenderContext<'a> {
@@ -65,19 +67,20 @@ impl<'a> RenderContext<'a> {
             judges_preview: false,
             rays_most: u32::MAX,
             is_preview: false,
+            preview: 0,
         }
     }
 
     /// This context for a picture at once: at most one G-ray of a kind leaves a surface, and nothing waits for pages:
-    /// where a unit is missing, the voxel above it answers.
-    pub(crate) fn for_preview(self) -> RenderContext<'a> {
+    /// where a unit is missing, the voxel above it answers. Another picture of number `preview` has other samples.
+    pub(crate) fn for_preview(self, preview: u32) -> RenderContext<'a> {
         let resident = |scene: GScene<'a>| {
             let lower = scene.lower.map(|lower| lower.on_missing(MissingUnits::StandIn));
             let (near, shadows) = (Near::Voxel, Shadows::Voxel);
             GScene { lower, near, shadows, answers_g_rays: true, ..scene }
         };
         let voxels = self.voxels.map(resident);
-        RenderContext { voxels, photon_tree: None, has_layers: false, rays_most: 1, is_preview: true, ..self }
+        RenderContext { voxels, photon_tree: None, has_layers: false, rays_most: 1, is_preview: true, preview, ..self }
     }
 
     /// This context, with what the layers of a film take.

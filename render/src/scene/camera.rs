@@ -12,7 +12,7 @@
 use crate::math::unit;
 use crate::trace::Ray;
 use glam::DVec3;
-use trex_film::Lens;
+use trex_film::{Eye, Lens};
 use trex_store::{Code, Error, Result};
 
 /// Smallest angle of view, degrees.
@@ -128,6 +128,17 @@ impl Projection {
     /// Width of a pixel in the middle of the picture, radians: model units at distance 1.
     pub fn pixel_angle(&self) -> f64 {
         2.0 * self.right.length() / f64::from(self.resolution[0])
+    }
+
+    /// Where the picture is seen from.
+    pub fn eye(&self) -> Eye {
+        Eye {
+            position: self.position.into(),
+            forward: self.forward.into(),
+            right: self.right.into(),
+            down: self.down.into(),
+            resolution: self.resolution,
+        }
     }
 
     /// The ray through film position (`x`, `y`), pixels from the top left corner.

@@ -85,7 +85,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
         let Live { display, event, options, .. } = &mut self.live;
         let ladder = &mut event.ladder;
-        let ctx = RenderContext::new(world, model, light.irradiance()).for_preview();
+        let ctx = RenderContext::new(world, model, light.irradiance()).for_preview(film.state());
         let work = SampleWork::new(ctx, &**g_stage);
         let (mut total, mut rung, mut taken) = (PreviewStats::default(), Some(step), None);
         while let Some(step) = rung {
@@ -121,7 +121,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         match arrival {
             Arrival::Nothing => {}
             Arrival::Blended => self.begin_light(),
-            Arrival::Replaced => self.begin_samples(),
+            Arrival::Replaced => {
+                self.live.display.forget();
+                self.begin_samples();
+            }
         }
         rays
     }

@@ -120,7 +120,7 @@ impl<T: PagedTracer + Send> Session<T> {
             tiles: TileRun::new(options.fetch_block),
         };
         let mut session = LiveSession { session: self, live };
-        session.begin_state(Change::View);
+        session.begin_state(Change::View, false);
         Ok(session)
     }
 }
@@ -131,12 +131,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// # Errors
     /// Those of [`Session::apply`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
+        let is_camera = matches!(event, Event::Camera(_));
         let change = match event {
             Event::Settings(settings) => self.resettle_live(settings)?,
             event => self.session.change(event)?,
         };
         if change != Change::Nothing {
-            self.begin_state(change);
+            self.begin_state(change, is_camera);
         }
         Ok(())
     }
@@ -206,9 +207,10 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         session
     }
 
-    /// Begins a new picture, after the world has become another.
-    fn begin_state(&mut self, change: Change) {
+    /// Begins a new picture, after the world has become another, or where `is_camera` the camera alone.
+    fn begin_state(&mut self, change: Change, is_camera: bool) {
         let LiveSession { session, live } = self;
+        live.display.begin(session.world.projection.eye(), is_camera && change == Change::View);
         // An event that comes before any tile is done finds a hand that moves.
         let ladder = Ladder::new(live.event.finished() == 0 && live.display.state().is_some());
         let event_at = Instant::now();
@@ -245,6 +247,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Begins to take samples in other light than that of a moment ago: what is shown stays, and counts for some
     /// samples beside those to come.
     pub(super) fn begin_light(&mut self) {
+        self.live.display.forget();
         let state = self.film.state() + 1;
         for index in 0..self.tiles.count() {
             let of = self.live.display.tile_state(index);
