@@ -20,7 +20,7 @@ use super::origin::RUN_BYTES;
 use super::read_threads::{ReadThreads, ThreadsSetup};
 use super::{IoDescription, IoOptions};
 use crate::error::{Code, Error, Result};
-use parts::Parts;
+use parts::{KEPT_BYTES_MAX, Parts};
 use request::{Client, Version};
 use std::io;
 use std::ops::Range;
@@ -105,7 +105,9 @@ impl HttpFile {
     pub(super) fn fetch_parts(&self, parts: &[(u64, u64)]) {
         let wanted = |&(offset, bytes): &(u64, u64)| {
             let end = offset.checked_add(bytes).filter(|&end| end <= self.version.length)?;
-            (bytes > 0 && !self.parts.has(offset, bytes)).then_some(offset..end)
+            // Heads stay when longer parts go, so they are parts of their own.
+            let is_head = bytes <= KEPT_BYTES_MAX as u64;
+            (bytes > 0 && (is_head || !self.parts.has(offset, bytes))).then_some(offset..end)
         };
         let wanted: Vec<Range<u64>> = parts.iter().filter_map(wanted).collect();
         let _ = side_by_side(wanted, |part: Range<u64>| {
@@ -139,6 +141,9 @@ impl HttpFile {
             read: Box::new(move |read| {
                 let (offset, bytes) = (read.offset, read.bytes);
                 let left = file.version.length.saturating_sub(offset).min(bytes as u64) as usize;
+                if left == 0 {
+                    return Ok(0);
+                }
                 let tried = file.client.range(&file.version, offset, &mut read.target()[..left]);
                 tried.map(|()| left).inspect_err(|_| pause(0))
             }),

@@ -5,7 +5,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Longest part that stays: heads of sections, which are asked for again.
-const KEPT_BYTES_MAX: usize = 256;
+pub(super) const KEPT_BYTES_MAX: usize = 256;
 
 /// Parts of a file, each with its place.
 #[derive(Default)]
