@@ -10,8 +10,8 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_VIEW)]
 pub struct ViewArgs {
-    /// A page file, also at an http(s):// address, or a scene (.toml) that names one; or a mesh (.ply, .obj, .stl, .gltf,
-    /// .glb) or a generator (gen:KIND:COUNT), which is built first
+    /// A page file, also at an http(s):// address, or a scene (.toml) that names one; or a mesh (.ply, .obj, .stl,
+    /// .gltf, .glb) or a generator (gen:KIND:COUNT), which is built first
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Where a mesh is built [default: FILE.trex, beside it]

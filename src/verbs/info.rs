@@ -18,10 +18,9 @@ use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
 use trex_store::import::{self, ImportOptions};
-use trex_store::io::is_url;
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, Superblock};
 use trex_store::printable::one_line;
-use trex_store::{Aabb, MaterialNames, PageFile, open_regular};
+use trex_store::{Aabb, MaterialNames, PageFile, is_url, open_regular};
 use trex_view::view_bytes;
 
 /// Materials named in the text.

@@ -12,11 +12,10 @@ use trex_model::{
     set_direct_without_voxels,
 };
 use trex_render::{Camera, MemoryPlan, Scene, parse_views};
-use trex_store::io::is_url;
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::layout::PageKind;
 use trex_store::pool::{PagePool, PageState};
-use trex_store::{Error, PageFile, Result, StopSignal, open_regular};
+use trex_store::{Error, PageFile, Result, StopSignal, is_url, open_regular};
 
 /// Counts of pages that are in frames.
 #[derive(Clone, Copy, Debug, Default, Serialize)]

@@ -5,9 +5,9 @@
 //! an `Error`: our own mistakes are asserts, and [`Code::Bug`] tells those who wait for a thread that met one;
 //! 4. shown, each part is one line without control characters, whatever names it holds (`printable`).
 
-use crate::io::is_url;
 use crate::next_step::{NextStep, Setting};
 use crate::printable::one_line;
+use crate::url::is_url;
 use rustix::io::Errno;
 use std::fmt;
 use std::path::Path;

@@ -42,6 +42,7 @@ mod spool;
 pub mod srgb;
 mod stamp;
 pub mod stated_lattice;
+mod url;
 pub mod verify;
 
 pub use budget::{Budget, Lease, RESERVE_BYTES};
@@ -61,3 +62,4 @@ pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 pub use source_scene::{SourceCamera, SourceLight, SourceScene};
 pub use spool::{SpooledSource, TriangleSpool};
 pub use stamp::stamp;
+pub use url::is_url;

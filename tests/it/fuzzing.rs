@@ -14,6 +14,7 @@ use trex_store::{Budget, PageFile};
 #[allow(unreachable_pub, dead_code)]
 #[path = "../../fuzz/src/lib.rs"]
 mod targets;
+mod volume_seeds;
 
 /// Changes of each seed, unless the first variable says how many of all seeds of a target together; the second, how
 /// many seconds a target may take, whatever is left of them then.
@@ -342,7 +343,7 @@ fn fuzz_seeds() {
     }
     put_texts(&put);
     put_gltf(&put);
-    put_volumes(&put);
+    volume_seeds::put_volumes(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let small = fs::read(inside.path().join("fine.trex")).unwrap();
     targets::parts::sound(&small).iter().for_each(|(target, name, bytes)| put(target, name, bytes));
@@ -386,42 +387,6 @@ fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
     let uri = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     let text = text.replace("BYTES", &format!("36,\"uri\":\"data:;base64,{uri}\""));
     put("gltf", "small.gltf", text.as_bytes());
-}
-
-/// Seeds of volumes: small balls, as plain samples and packed.
-fn put_volumes(put: &dyn Fn(&str, &str, &[u8])) {
-    let side = 0..6i32;
-    let places = side.clone().flat_map(|z| side.clone().flat_map(move |y| (0..6).map(move |x| [x, y, z])));
-    let bytes: Vec<u8> = places
-        .map(|at| {
-            (100 - at.iter().map(|part| 8 * (2 * part - 5) * (2 * part - 5) / 4).sum::<i32>()).max(0) as u8
-        })
-        .collect();
-    let floats = |swap: fn(f32) -> [u8; 4]| -> Vec<u8> {
-        bytes.iter().flat_map(|&byte| swap(f32::from(byte) - 0.25)).collect()
-    };
-    let head = "NRRD0004\n# c\nkey:=value\ndimension: 3\nsizes: 6 6 6\nspace origin: (1,2,3)\n";
-    let plain = format!("{head}type: float\nendian: big\nencoding: raw\nspacings: 1 2 nan\n\n");
-    put("nrrd", "plain.nrrd", &[plain.as_bytes(), &floats(f32::to_be_bytes)].concat());
-    let packed = format!("{head}type: uchar\nencoding: gzip\nspace directions: (1,0,0) (0,0,1) (0,1,0)\n\n");
-    // A member of gzip: head, deflate, sum and length of what was packed.
-    let member =
-        [&[0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3], &*miniz_oxide::deflate::compress_to_vec(&bytes, 6)].concat();
-    let sum = bytes.iter().fold(u32::MAX, |sum, &byte| {
-        (0..8).fold(sum ^ u32::from(byte), |sum, _| (sum >> 1) ^ (0xedb8_8320 & (sum & 1).wrapping_neg()))
-    });
-    let tail = [(!sum).to_le_bytes(), (bytes.len() as u32).to_le_bytes()].concat();
-    put("nrrd", "packed.nrrd", &[packed.as_bytes(), &member, &tail].concat());
-    let head =
-        "ObjectType = Image\nNDims = 3\nDimSize = 6 6 6\nElementType = MET_UCHAR\nElementSpacing = 1 2 1\n";
-    put("mhd", "local.mhd", &[head.as_bytes(), b"ElementDataFile = LOCAL\n", &bytes].concat());
-    let packed = miniz_oxide::deflate::compress_to_vec_zlib(&bytes, 6);
-    put(
-        "mhd",
-        "packed.mhd",
-        &[head.as_bytes(), b"CompressedData = True\nElementDataFile = LOCAL\n", &packed].concat(),
-    );
-    put("raw", "floats", &[&[6, 6, 6], &*floats(f32::to_le_bytes)].concat());
 }
 
 /// Seeds of materials, scenes and views.

@@ -93,7 +93,7 @@ fn failures_that_pass_are_not_seen() {
     assert_eq!(picture(inside.path(), &server.url, "256MiB"), known, "where it was sent on");
 }
 
-/// What a server does from its first request on, or from the pages on, ends in an error in four parts, and in no picture.
+/// What a server does from its first request on, or from the pages on, ends in an error in four parts and no picture.
 #[test]
 fn what_a_server_does_for_good_is_told() {
     let inside = folder();

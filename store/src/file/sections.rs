@@ -5,10 +5,11 @@
 
 use super::twice;
 use crate::error::{Code, Error, Result};
-use crate::io::{Origin, is_url};
+use crate::io::Origin;
 use crate::layout::*;
 use crate::next_step::NextStep;
 use crate::octree::{LowerLinks, LowerSize, UpperOctree, UpperSize};
+use crate::url::is_url;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;

@@ -37,7 +37,7 @@ pub use fault::{Fault, FaultPlan};
 pub use memory::Memory;
 pub use mmap::Mmap;
 pub use open::{DEPTH_MAX, DirectChoice, IoChoice, IoOptions, open};
-pub use origin::{Origin, is_url};
+pub use origin::Origin;
 pub(crate) use page_cache::drop_cached;
 pub use read_threads::ReadThreads;
 pub use reader::{Arrival, FAILURES_MAX, INTERRUPTIONS_MAX, Reader, ReaderStats, staging_bytes_for};

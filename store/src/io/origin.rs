@@ -12,6 +12,7 @@
 use super::http::HttpFile;
 use super::{Backend, IoOptions, drop_cached, open};
 use crate::error::{Code, Error, Result};
+use crate::url::is_url;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -29,17 +30,6 @@ pub enum Origin {
     /// What a server has at an address.
     #[cfg(feature = "http")]
     Http(Arc<HttpFile>),
-}
-
-/// True for a path that is an address of the web: `http://..` or `https://..`.
-pub fn is_url(path: &Path) -> bool {
-    let starts = |scheme: &str| {
-        path.as_os_str().as_encoded_bytes().get(..scheme.len()).is_some_and(|head| {
-            // Schemes are the same in capitals.
-            head.eq_ignore_ascii_case(scheme.as_bytes())
-        })
-    };
-    starts("http://") || starts("https://")
 }
 
 impl Origin {
@@ -119,8 +109,8 @@ impl Origin {
         }
     }
 
-    /// Gets the bytes from `offset` on, [`RUN_BYTES`] of them at most and none behind `end`, unless they are there; what
-    /// was got before goes.
+    /// Gets the bytes from `offset` on, a run of them, but none behind `end`, unless they are there; what was got before
+    /// goes.
     pub(crate) fn fetch_run(&self, (offset, bytes): (u64, u64), end: u64) {
         match self {
             Origin::File(_) => {
@@ -171,25 +161,6 @@ impl Origin {
             Origin::File(_) => open(path, options),
             #[cfg(feature = "http")]
             Origin::Http(file) => Ok(Box::new(file.threads(options))),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn addresses_are_told_from_paths() {
-        for (path, is_address) in [
-            ("http://host/x.trex", true),
-            ("HTTPS://host/x.trex", true),
-            ("https:/host", false),
-            ("http:", false),
-            ("models/http://x", false),
-            ("s3://bucket/x", false),
-        ] {
-            assert_eq!(is_url(Path::new(path)), is_address, "{path}");
         }
     }
 }

@@ -69,7 +69,7 @@ impl HttpFile {
                 .next("write https://HOST/PATH: no name and no password stand in it"));
         }
         let failed = |error: io::Error| Error::io("open", path, &error);
-        let client = Client::new(url, CONNECTIONS).map_err(failed)?;
+        let client = Client::new(url, CONNECTIONS);
         let (version, tail) = again(|| client.tail(TAIL_BYTES)).map_err(failed)?;
         let parts = Parts::default();
         parts.keep(version.length - tail.len() as u64, tail);

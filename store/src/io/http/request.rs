@@ -5,7 +5,6 @@
 use std::io::{self, ErrorKind, Read};
 use std::time::Duration;
 use ureq::http::{HeaderMap, Response, StatusCode, header};
-use ureq::tls::{Certificate, PemItem, RootCerts, TlsConfig, parse_pem};
 use ureq::{Agent, Body};
 
 /// Longest time until there is a connection.
@@ -18,11 +17,6 @@ const BODY_TIME: Duration = Duration::from_secs(30);
 const REDIRECTS_MAX: u32 = 4;
 /// Bytes of the buffers of a connection.
 const BUFFER_BYTES: usize = 16 << 10;
-/// Longest file of certificates.
-const CERTIFICATES_BYTES_MAX: u64 = 16 << 20;
-/// The variable that names a file of certificates (PEM), those of the system or of one's own authority.
-const CERTIFICATES: &str = "SSL_CERT_FILE";
-
 /// Asks for ranges of one address.
 pub(super) struct Client {
     agent: Agent,
@@ -47,12 +41,9 @@ struct ContentRange {
 
 impl Client {
     /// Keeps up to so many connections.
-    ///
-    /// # Errors
-    /// `InvalidInput` for a file of certificates that cannot be read.
-    pub(super) fn new(url: &str, connections: usize) -> io::Result<Client> {
+    pub(super) fn new(url: &str, connections: usize) -> Client {
         let is_tls = url.get(..6).is_some_and(|head| head.eq_ignore_ascii_case("https:"));
-        let mut config = Agent::config_builder()
+        let config = Agent::config_builder()
             .https_only(is_tls)
             .http_status_as_error(false)
             .max_redirects(REDIRECTS_MAX)
@@ -65,11 +56,7 @@ impl Client {
             .timeout_connect(Some(CONNECT_TIME))
             .timeout_recv_response(Some(ANSWER_TIME))
             .timeout_recv_body(Some(BODY_TIME));
-        if let Some(path) = std::env::var_os(CERTIFICATES).filter(|path| is_tls && !path.is_empty()) {
-            let roots = RootCerts::from(certificates(path.as_ref())?);
-            config = config.tls_config(TlsConfig::builder().root_certs(roots).build());
-        }
-        Ok(Client { agent: config.build().into(), url: url.to_owned() })
+        Client { agent: config.build().into(), url: url.to_owned() }
     }
 
     /// The last bytes of the file, and which version that is.
@@ -213,23 +200,6 @@ fn told(error: ureq::Error) -> io::Error {
         _ => ErrorKind::Other,
     };
     io::Error::new(kind, error.to_string())
-}
-
-/// The certificates of a PEM file.
-fn certificates(path: &std::path::Path) -> io::Result<Vec<Certificate<'static>>> {
-    let refused = |why: String| {
-        let what = format!("{CERTIFICATES} names {}, {why}", path.display());
-        io::Error::new(ErrorKind::InvalidInput, what)
-    };
-    let file = std::fs::File::open(path).map_err(|error| refused(error.to_string()))?;
-    let mut pem = Vec::new();
-    file.take(CERTIFICATES_BYTES_MAX).read_to_end(&mut pem).map_err(|error| refused(error.to_string()))?;
-    let found = parse_pem(&pem).filter_map(|item| match item {
-        Ok(PemItem::Certificate(certificate)) => Some(certificate),
-        _ => None,
-    });
-    let found: Vec<_> = found.collect();
-    if found.is_empty() { Err(refused("which holds no certificate".to_owned())) } else { Ok(found) }
 }
 
 #[cfg(test)]
