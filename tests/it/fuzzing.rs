@@ -11,10 +11,10 @@ use std::time::{Duration, Instant};
 use trex_store::layout::{Packing, PageKind};
 use trex_store::{Budget, PageFile};
 
+mod seed_files;
 #[allow(unreachable_pub, dead_code)]
 #[path = "../../fuzz/src/lib.rs"]
 mod targets;
-mod volume_seeds;
 
 /// Changes of each seed, unless the first variable says how many of all seeds of a target together; the second, how
 /// many seconds a target may take, whatever is left of them then.
@@ -341,9 +341,9 @@ fn fuzz_seeds() {
         }
         put("ply", &format!("{name}.ply"), &bytes);
     }
-    put_texts(&put);
+    seed_files::put_texts(&put);
     put_gltf(&put);
-    volume_seeds::put_volumes(&put);
+    seed_files::put_volumes(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let small = fs::read(inside.path().join("fine.trex")).unwrap();
     targets::parts::sound(&small).iter().for_each(|(target, name, bytes)| put(target, name, bytes));
@@ -387,19 +387,4 @@ fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
     let uri = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     let text = text.replace("BYTES", &format!("36,\"uri\":\"data:;base64,{uri}\""));
     put("gltf", "small.gltf", text.as_bytes());
-}
-
-/// Seeds of materials, scenes and views.
-fn put_texts(put: &dyn Fn(&str, &str, &[u8])) {
-    let materials = "newmtl a b\nKd 0.5 0.25 0\nKs 0.1 0.1 0.1\nNs 30\nd 0.5\nmap_Kd wood.png\n# c\n\
-                     newmtl a\nKe 4 5 6\nillum 5\nTr 0.25\nnewmtl b\nKd spectral x.rfl\n";
-    put("mtl", "odd.mtl", materials.as_bytes());
-    let all = "model = \"a.trex\"\n[camera]\nposition = [1, 2, 3.5]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\nfov_x = 44.0\n\
-               [[light]]\ntype = \"rect\"\ncorner = [-4.0, 4.0, -2]\nedge_u = [2, 0, 0]\nedge_v = [0, 0, 2]\n\
-               radiance = [2, 1.9, 1e1]\n[material.floor]\nkd = [0.5, 0.5, 0]\nmirror = true\n\
-               [render]\nresolution = [512, 256]\nspp = 64\nintegrator = \"photon\"\n";
-    put("scene", "all.toml", all.as_bytes());
-    let views = "[[view]]\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\n[[view]]\nposition = [1, 0, 0]\n\
-                 target = [0, 0, 0]\nup = [0, 0, 1]\n";
-    put("views", "two.toml", views.as_bytes());
 }

@@ -9,7 +9,7 @@
 //! changed there is an error; 2. nothing is opened but regular files and addresses.
 
 #[cfg(feature = "http")]
-use super::http::HttpFile;
+use super::http::{HttpFile, RUN_BYTES};
 use super::{Backend, IoOptions, drop_cached, open};
 use crate::error::{Code, Error, Result};
 use crate::url::is_url;
@@ -18,10 +18,6 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 #[cfg(feature = "http")]
 use std::sync::Arc;
-
-/// Bytes that are got at a time where a file is read from its beginning to its end.
-#[cfg(feature = "http")]
-pub(super) const RUN_BYTES: u64 = 4 << 20;
 
 /// The bytes of a page file.
 pub enum Origin {
@@ -109,8 +105,7 @@ impl Origin {
         }
     }
 
-    /// Gets the bytes from `offset` on, a run of them, but none behind `end`, unless they are there; what was got before
-    /// goes.
+    /// Gets a run of bytes from `offset` on, none behind `end`, unless they are there; what was got before goes.
     pub(crate) fn fetch_run(&self, (offset, bytes): (u64, u64), end: u64) {
         match self {
             Origin::File(_) => {

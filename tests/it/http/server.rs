@@ -42,13 +42,13 @@ pub(crate) enum Manners {
 pub(crate) struct Server {
     /// Address of the file.
     pub(crate) url: String,
-    state: Arc<State>,
+    state: Arc<ServerState>,
     thread: Option<JoinHandle<()>>,
 }
 
-struct State {
+struct ServerState {
     bytes: Vec<u8>,
-    /// The manners of request `n`.
+    /// The manners towards a request for bytes from this place on.
     manners: Box<dyn Fn(usize) -> Manners + Send + Sync>,
     requests: AtomicUsize,
     sent: AtomicUsize,
@@ -57,11 +57,11 @@ struct State {
 }
 
 impl Server {
-    /// Serves the file at `path`; `manners` says what becomes of each request, counted from 0.
+    /// Serves the file at `path`; `manners` says what becomes of a request for bytes from a place on.
     pub(crate) fn of(path: &Path, manners: impl Fn(usize) -> Manners + Send + Sync + 'static) -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let url = format!("http://{}/model.trex", listener.local_addr().unwrap());
-        let state = Arc::new(State {
+        let state = Arc::new(ServerState {
             bytes: std::fs::read(path).unwrap(),
             manners: Box::new(manners),
             requests: AtomicUsize::new(0),
@@ -117,11 +117,12 @@ struct Request {
     if_match: Option<String>,
 }
 
-impl State {
+impl ServerState {
     fn serve(&self, stream: &TcpStream) -> std::io::Result<()> {
         let mut lines = BufReader::new(stream);
         while let Some(request) = read_request(&mut lines)? {
-            let manners = (self.manners)(self.requests.fetch_add(1, Ordering::SeqCst));
+            self.requests.fetch_add(1, Ordering::SeqCst);
+            let manners = (self.manners)(self.range(request.range.as_deref().unwrap()).0);
             if !self.answer(&request, manners, stream)? {
                 break;
             }

@@ -16,11 +16,10 @@
 mod parts;
 mod request;
 
-use super::origin::RUN_BYTES;
 use super::read_threads::{ReadThreads, ThreadsSetup};
 use super::{IoDescription, IoOptions};
 use crate::error::{Code, Error, Result};
-use parts::{KEPT_BYTES_MAX, Parts};
+use parts::{FetchedParts, KEPT_BYTES_MAX};
 use request::{Client, Version};
 use std::io;
 use std::ops::Range;
@@ -30,6 +29,8 @@ use std::thread;
 
 /// Bytes of the end that opening asks for: the superblock, and what stands before it.
 const TAIL_BYTES: u64 = 64 << 10;
+/// Bytes that are got at a time where a file is read from its beginning to its end.
+pub(super) const RUN_BYTES: u64 = 4 << 20;
 /// Longest range of one request: several pieces come side by side.
 const PIECE_BYTES: usize = 512 << 10;
 /// Most requests under way at a time, and connections that are kept.
@@ -43,7 +44,7 @@ const TRIES: u32 = 3;
 pub struct HttpFile {
     client: Client,
     version: Version,
-    parts: Parts,
+    parts: FetchedParts,
 }
 
 impl HttpFile {
@@ -71,7 +72,7 @@ impl HttpFile {
         let failed = |error: io::Error| Error::io("open", path, &error);
         let client = Client::new(url, CONNECTIONS);
         let (version, tail) = again(|| client.tail(TAIL_BYTES)).map_err(failed)?;
-        let parts = Parts::default();
+        let parts = FetchedParts::default();
         parts.keep(version.length - tail.len() as u64, tail);
         Ok(HttpFile { client, version, parts })
     }

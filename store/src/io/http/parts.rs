@@ -1,4 +1,4 @@
-//! `Parts`: bytes that were got ahead, for those who read them one after the other.
+//! `FetchedParts`: bytes that were got ahead, for those who read them one after the other.
 //!
 //! Invariant: what is kept is what the server has from that place on.
 
@@ -7,11 +7,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Longest part that stays: heads of sections, which are asked for again.
 pub(super) const KEPT_BYTES_MAX: usize = 256;
 
-/// Parts of a file, each with its place.
+/// FetchedParts of a file, each with its place.
 #[derive(Default)]
-pub(super) struct Parts(Mutex<Vec<(u64, Vec<u8>)>>);
+pub(super) struct FetchedParts(Mutex<Vec<(u64, Vec<u8>)>>);
 
-impl Parts {
+impl FetchedParts {
     fn lock(&self) -> MutexGuard<'_, Vec<(u64, Vec<u8>)>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn a_part_gives_what_lies_in_it_and_nothing_else() {
-        let parts = Parts::default();
+        let parts = FetchedParts::default();
         parts.keep(10, vec![1, 2, 3, 4]);
         let read = |offset, count: usize| {
             let mut out = vec![0; count];
