@@ -124,13 +124,18 @@ fn what_a_server_does_for_good_is_told() {
         assert!(told["where"].as_str().unwrap().contains(&server.url), "{bad:?}: {told:#}");
     }
     // Pages stand at the beginning of the file.
-    for (bad, code, exit) in
-        [(Manners::Changed, "io", 7), (Manners::Unavailable, "io", 7), (Manners::Damaged, "damaged", 3)]
-    {
-        let server = Server::of(&path, move |first| if first < PAGES_END { bad } else { Manners::Good });
-        let told = render(&server.url).expect_error(exit, code);
+    let in_pages = |bad| Server::of(&path, move |first| if first < PAGES_END { bad } else { Manners::Good });
+    for bad in [Manners::Changed, Manners::Unavailable] {
+        let server = in_pages(bad);
+        let told = render(&server.url).expect_error(7, "io");
         assert!(told["where"].as_str().unwrap().contains(&server.url), "{bad:?}: {told:#}");
     }
+    // Damaged pages are left out of the picture, as those of a file are, and the status says so.
+    let server = in_pages(Manners::Damaged);
+    let line = format!("render {} -o holes.png {PICTURE} --memory-limit 256MiB --json", server.url);
+    let ran = run_in(inside.path(), &line);
+    ran.expect(1);
+    assert!(!ran.document()["damaged_pages"].as_array().unwrap().is_empty(), "{}", ran.stdout);
 }
 
 #[test]
