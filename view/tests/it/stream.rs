@@ -137,12 +137,16 @@ fn pages_that_come_and_go_leave_no_threads() {
         let mut guest = Page::new(&server, SIZE);
         guest.frame();
     }
-    let begin = Instant::now();
-    while view_threads() > before && begin.elapsed() < Duration::from_secs(20) {
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert_eq!(view_threads(), before);
+    // The system lists a thread for a moment after it was joined.
+    let left = |count| {
+        let begin = Instant::now();
+        while view_threads() > count && begin.elapsed() < Duration::from_secs(20) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        view_threads()
+    };
+    assert_eq!(left(before), before);
     drop(page);
     assert_eq!(server.end().clients, 51);
-    assert_eq!(view_threads(), 0);
+    assert_eq!(left(0), 0);
 }
