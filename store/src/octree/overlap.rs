@@ -10,28 +10,47 @@
 //! boundaries of voxels even. Needles and points (all corners on a line) are answered rightly, too: their edges then
 //! bound a slab from both sides.
 //!
-//! Invariants: 1. no rounding: i64 where the triangle and the box are small enough for all products, else i128.
+//! Invariants: 1. no rounding: i32 or i64 where the triangle and the box are small enough for all products, else i128.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// Integers wide enough for the products at hand.
 pub(super) trait Wide:
-    Copy
-    + PartialOrd
-    + From<i64>
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
-    + Neg<Output = Self>
+    Copy + PartialOrd + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
+    /// `value`, which fits.
+    fn of(value: i64) -> Self;
 }
-impl Wide for i64 {}
-impl Wide for i128 {}
+impl Wide for i32 {
+    fn of(value: i64) -> i32 {
+        debug_assert!(i32::try_from(value).is_ok(), "{value} is out of range");
+        value as i32
+    }
+}
+impl Wide for i64 {
+    fn of(value: i64) -> i64 {
+        value
+    }
+}
+impl Wide for i128 {
+    fn of(value: i64) -> i128 {
+        i128::from(value)
+    }
+}
 
 /// Greatest difference of coordinates, triangle and box together, for which i64 holds all products: normals are sums of
 /// two products, the plane's value one of three products of those.
 pub(super) const NARROW_REACH: i64 = 1 << 19;
 const _: () = assert!(2 * 3 * (NARROW_REACH as i128).pow(3) < i64::MAX as i128);
+
+/// True when i32 holds all products for triangles of which no two corners are further apart than `extent` along an
+/// axis, and `reach` with the box: normals are at most two squares of the first, the plane's value six products of such
+/// a square with the second, and what the box adds at its end a quarter of that.
+pub(super) fn is_narrowest(extent: i64, reach: i64) -> bool {
+    const MOST: i64 = 1 << 28;
+    const _: () = assert!(MOST / 2 * 15 < i32::MAX as i64);
+    reach < 1 << 14 && extent * extent * reach < MOST
+}
 
 /// A triangle made ready.
 pub(super) struct Triangle<T> {
@@ -48,14 +67,14 @@ const AXES: [[usize; 3]; 3] = [[0, 1, 2], [1, 2, 0], [2, 0, 1]];
 
 impl<T: Wide> Triangle<T> {
     pub(super) fn new(corner: [[i64; 3]; 3]) -> Triangle<T> {
-        let edge = |i: usize, axis: usize| T::from(corner[(i + 1) % 3][axis] - corner[i][axis]);
-        let other = |axis: usize| T::from(corner[2][axis] - corner[0][axis]);
+        let edge = |i: usize, axis: usize| T::of(corner[(i + 1) % 3][axis] - corner[i][axis]);
+        let other = |axis: usize| T::of(corner[2][axis] - corner[0][axis]);
         let normal = std::array::from_fn(|a| {
             let (b, c) = ((a + 1) % 3, (a + 2) % 3);
             edge(0, b) * other(c) - edge(0, c) * other(b)
         });
         let edges = AXES.map(|[a, b, away]| {
-            let turned = normal[away] < T::from(0);
+            let turned = normal[away] < T::of(0);
             std::array::from_fn(|i| {
                 let inner = [-edge(i, b), edge(i, a)];
                 if turned { inner.map(|v| -v) } else { inner }
@@ -77,10 +96,10 @@ impl<T: Wide> Triangle<T> {
     /// times (x, y, z). Only those of `range` are asked, first and last along each axis, at most 3: those that its box
     /// touches.
     pub(super) fn touched(&self, origin: [i64; 3], side: i64, range: [[usize; 2]; 3]) -> u64 {
-        let (zero, wide) = (T::from(0), T::from(side));
+        let (zero, wide) = (T::of(0), T::of(side));
         // Of a linear function, what each of four steps along an axis adds.
         let along = |axis: usize, factor: T, from: i64| {
-            let (at, step) = (factor * T::from(origin[axis] - from), factor * wide);
+            let (at, step) = (factor * T::of(origin[axis] - from), factor * wide);
             [at, at + step, at + step + step, at + step + step + step]
         };
         // Where all of the triangle is between two neighbouring planes of the grid.
@@ -138,11 +157,11 @@ impl<T: Wide> Triangle<T> {
     }
 
     fn plane_cuts(&self, lo: [i64; 3], side: i64) -> bool {
-        let (zero, side) = (T::from(0), T::from(side));
+        let (zero, side) = (T::of(0), T::of(side));
         let (mut least, mut most) = (zero, zero);
         for a in 0..3 {
             let n = self.normal[a];
-            let at = n * T::from(lo[a] - self.corner[0][a]);
+            let at = n * T::of(lo[a] - self.corner[0][a]);
             let across = n * side;
             least = least + at + if n < zero { across } else { zero };
             most = most + at + if n < zero { zero } else { across };
@@ -151,11 +170,11 @@ impl<T: Wide> Triangle<T> {
     }
 
     fn edges_reach(&self, lo: [i64; 3], side: i64) -> bool {
-        let (zero, side) = (T::from(0), T::from(side));
+        let (zero, side) = (T::of(0), T::of(side));
         AXES.iter().zip(&self.edge).all(|(&[a, b, _], edges)| {
             edges.iter().enumerate().all(|(i, &[na, nb])| {
                 let from = &self.corner[i];
-                let at = na * T::from(lo[a] - from[a]) + nb * T::from(lo[b] - from[b]);
+                let at = na * T::of(lo[a] - from[a]) + nb * T::of(lo[b] - from[b]);
                 let reach = |n: T| if n > zero { n * side } else { zero };
                 at + reach(na) + reach(nb) >= zero
             })

@@ -15,7 +15,7 @@
 
 use super::divisor::Divisor;
 use super::merge::{RunOrder, VoxelRuns};
-use super::overlap::{NARROW_REACH, Triangle, Wide};
+use super::overlap::{NARROW_REACH, Triangle, Wide, is_narrowest};
 use super::record::Record;
 use super::{LEAF_SIDE, NODE_SIDE, VoxelGrid, leaf_key};
 use crate::error::Result;
@@ -109,9 +109,12 @@ impl<'a> Voxelizer<'a> {
         let hi: [i64; 3] = std::array::from_fn(|a| corner.iter().map(|c| c[a]).max().expect("three"));
         let (first, last) = (lo.map(|v| self.subvoxels.of(v)), hi.map(|v| self.subvoxels.of(v)));
         let job = Job { corner, first, last, unit_normal: unit_normal(&corner), material, count };
-        let reach = (0..3).map(|a| hi[a] - lo[a]).max().expect("three") + 2 * self.grid.leaf_steps();
+        let extent = (0..3).map(|a| hi[a] - lo[a]).max().expect("three");
+        let reach = extent + 2 * self.grid.leaf_steps();
         if (0..3).all(|a| last[a] / LEAF - first[a] / LEAF < FEW) {
-            if reach < NARROW_REACH {
+            if is_narrowest(extent, reach) {
+                self.few(&job, &Triangle::<i32>::new(corner));
+            } else if reach < NARROW_REACH {
                 self.few(&job, &Triangle::<i64>::new(corner));
             } else {
                 self.few(&job, &Triangle::<i128>::new(corner));
