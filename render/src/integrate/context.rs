@@ -50,7 +50,16 @@ impl<'a> RenderContext<'a> {
         let voxels = model.voxels.as_ref().map(|voxels| {
             let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
             let shadows = if method == Method::Photon { shadows } else { Shadows::Voxel };
-            GScene { voxels: voxels.scene(occluders), lower, irradiance, near, shadows, answers_g_rays }
+            let parts = &*world.parts;
+            GScene {
+                voxels: voxels.scene(occluders),
+                lower,
+                irradiance,
+                near,
+                shadows,
+                answers_g_rays,
+                parts,
+            }
         });
         RenderContext { voxels, ..RenderContext::from_mesh(world) }
     }
