@@ -237,6 +237,7 @@ mod tests {
             side in 0i64..8,
         ) {
             let expected = clipped(corner, lo, side);
+            prop_assert_eq!(Triangle::<i32>::new(corner).touches(lo, side), expected);
             prop_assert_eq!(Triangle::<i64>::new(corner).touches(lo, side), expected);
             prop_assert_eq!(Triangle::<i128>::new(corner).touches(lo, side), expected);
         }
@@ -263,10 +264,40 @@ mod tests {
             if range.iter().all(|&[first, last]| first <= 3 && last >= 0) {
                 let range = range.map(|ends| ends.map(|v| v.clamp(0, 3) as usize));
                 prop_assert_eq!(narrow.touched(origin, side, range), expected);
+                prop_assert_eq!(Triangle::<i32>::new(corner).touched(origin, side, range), expected);
                 prop_assert_eq!(Triangle::<i128>::new(corner).touched(origin, side, range), expected);
             } else {
                 prop_assert_eq!(expected, 0);
             }
+        }
+
+        /// Triangles and leaves just within the bound of i32, where a product too many would overflow: the leaf lies at
+        /// an end of the triangle's box, or within it.
+        #[test]
+        fn the_narrowest_hold_all_products(
+            extent in 2i64..640,
+            ends in proptest::array::uniform3(proptest::array::uniform3(0.0f64..=1.0)),
+            is_corner in proptest::bool::ANY,
+            place in proptest::array::uniform3(0.0f64..=1.0),
+        ) {
+            let most = |reach: &i64| is_narrowest(extent, *reach);
+            let reach = (1..16).rev().map(|bit| 1i64 << bit).fold(extent, |reach, step| {
+                if most(&(reach + step)) { reach + step } else { reach }
+            });
+            prop_assert!(is_narrowest(extent, reach));
+            let side = (reach - extent) / 4;
+            prop_assume!(side > 0);
+            let at = |part: f64| (if is_corner { part.round() } else { part } * extent as f64) as i64;
+            let corner = ends.map(|corner| corner.map(at));
+            // From a leaf that ends at the box to one that begins at its other end.
+            let origin = place.map(|part| (part.round() * (extent + 4 * side) as f64) as i64 - 4 * side);
+            let range = [[0, 3]; 3];
+            let (narrowest, wide) = (Triangle::<i32>::new(corner), Triangle::<i128>::new(corner));
+            for (x, y, z) in (0..64).map(|i| (i & 3, i >> 2 & 3, i >> 4)) {
+                let lo = [origin[0] + x * side, origin[1] + y * side, origin[2] + z * side];
+                prop_assert_eq!(narrowest.touches(lo, side), wide.touches(lo, side));
+            }
+            prop_assert_eq!(narrowest.touched(origin, side, range), wide.touched(origin, side, range));
         }
 
         #[test]
