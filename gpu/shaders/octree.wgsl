@@ -1,5 +1,17 @@
 // Shared text 1 of 3: the octree, rays and answers as they lie in video memory, and how single words of them are read.
-// Structs are those of `gpu/src/words.rs`; a test compares every offset.
+// Structs are those of `gpu/src/words.rs`; a test compares every offset. Sizes and numbers of the store's are set when a
+// pipeline is made (`gpu/src/kernels.rs`).
+
+// Invocations of a workgroup.
+override WORKGROUP_RAYS: u32;
+// Words of a frame.
+override FRAME_WORDS: u32;
+// Bits of a unit's word that are its page.
+override PAGE_BITS: u32;
+// Bits of each of the two components of a leaf's normal.
+override OCTAHEDRAL_BITS: u32;
+// True where steps of walks are counted: what measures asks for that.
+override COUNTS_STEPS: bool;
 
 struct Params {
     // Levels of nodes above the upper leaves.
@@ -46,7 +58,7 @@ struct GRay {
 @group(0) @binding(6) var<storage, read> page_slots: array<u32>;
 // Pages of units, each as it lies in a frame of the pool.
 @group(0) @binding(7) var<storage, read> frames: array<u32>;
-// A bit a slot: set where a ray has read it.
+// A bit a slot: set where a ray has read it; then, as the last word, steps of all walks.
 @group(0) @binding(8) var<storage, read_write> slots_used: array<atomic<u32>>;
 
 // Outcomes: those of `GAnswer`, and that of a walk which was not ended.
@@ -67,9 +79,7 @@ const PAGE_SLOTS: u32 = 2u;
 
 // No unit, no leaf of a unit.
 const NONE: u32 = 0xffffffffu;
-const PAGE_BITS: u32 = 25u;
-// Words of a frame; bytes of its head.
-const FRAME_WORDS: u32 = 16384u;
+// Half words of the head of a frame.
 const FRAME_HEAD_HALVES: u32 = 4u;
 
 fn bit_of(mask: vec2<u32>, place: u32) -> bool {

@@ -1,10 +1,8 @@
 // Shared text 3 of 3: what a leaf says of the surface in it: the twin of `GRay::facing` and `VoxelScene::side`.
 
-// `FLAT`, `ALONG_LEAST` of `render/src/voxel/g_ray.rs`; `OCTAHEDRAL_*` of `store/src/octree/payload.rs`.
+// `FLAT`, `ALONG_LEAST` of `render/src/voxel/g_ray.rs`; `LENGTH_MOST` of `store/src/octree/payload.rs`.
 const FLAT: f32 = 0.85;
 const ALONG_LEAST: f32 = 1e-9;
-const OCTAHEDRAL_BITS: u32 = 6u;
-const OCTAHEDRAL_MOST: i32 = 62;
 const LENGTH_MOST: f32 = 15.0;
 
 fn folded(v: i32, fold: i32) -> i32 {
@@ -14,9 +12,10 @@ fn folded(v: i32, fold: i32) -> i32 {
 // The direction of a leaf's normal, of some length, in integers.
 fn octahedral(word: u32) -> vec3<i32> {
     let most = (1u << OCTAHEDRAL_BITS) - 1u;
-    let x = 2 * i32(word & most) - OCTAHEDRAL_MOST;
-    let y = 2 * i32(word >> OCTAHEDRAL_BITS & most) - OCTAHEDRAL_MOST;
-    let z = OCTAHEDRAL_MOST - abs(x) - abs(y);
+    let middle = i32(most) - 1;
+    let x = 2 * i32(word & most) - middle;
+    let y = 2 * i32(word >> OCTAHEDRAL_BITS & most) - middle;
+    let z = middle - abs(x) - abs(y);
     let fold = max(-z, 0);
     return vec3<i32>(folded(x, fold), folded(y, fold), z);
 }

@@ -1,6 +1,6 @@
 // Entry point: rays that learn which surface they meet: gather rays, C-rays behind the cut, photons.
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP_RAYS)
 fn surface_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     let index = params.shadow_count + id.x;
     if index >= params.ray_count {
@@ -8,6 +8,7 @@ fn surface_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let ray = rays[index];
     let found = find(ray);
+    tell_steps();
     let at = params.shadow_count + 8u * id.x;
     answers[at] = found.outcome | found.want << WANT_SHIFT;
     if found.outcome != MET {

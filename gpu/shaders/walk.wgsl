@@ -42,6 +42,9 @@ const FAR_AWAY: f32 = 3.4028234e38;
 const PATH_LEVELS: u32 = 6u;
 const OPEN_LEVELS: u32 = 3u;
 
+// Empty cubes that the ray of this invocation has left; counted where that is asked for.
+var<private> steps: u32 = 0u;
+
 fn found_nothing() -> VoxelFound {
     return VoxelFound(NOTHING, 0.0, 0u, 0u, 0u, NONE, NONE, 0u);
 }
@@ -189,6 +192,9 @@ fn walk(ray: Entry, finer: u32) -> VoxelFound {
             open_base[open + 1u] = below.base;
             open_leaf[open + 1u] = below.leaf;
         }
+        if COUNTS_STEPS {
+            steps += 1u;
+        }
         // Leaves the empty cube around the cell, or the empty eighth of the node around that.
         let corner = place_of(cell, shift, ray.flip) & 42u;
         let eighth = select(mask.x, mask.y, corner >= 32u) & EIGHTH << (corner & 31u);
@@ -279,4 +285,11 @@ fn find(ray: GRay) -> VoxelFound {
         start = end;
     }
     return found;
+}
+
+// Adds the steps of this invocation to those of the batch.
+fn tell_steps() {
+    if COUNTS_STEPS {
+        atomicAdd(&slots_used[arrayLength(&slots_used) - 1u], steps);
+    }
 }

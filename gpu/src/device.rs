@@ -49,6 +49,8 @@ pub struct GpuCounts {
     pub unit_uploads: u64,
     /// Pages of units that gave way to others.
     pub unit_evictions: u64,
+    /// Steps of all walks, of stages that count them ([`crate::StepCounts`]).
+    pub steps: u64,
     /// Time of the kernel of shadow rays, ns; 0 of a device without timestamps.
     pub shadow_ns: u64,
     /// Time of the kernel of all other rays, ns.
@@ -65,6 +67,7 @@ pub(crate) struct Counters {
     pub(crate) read_back_bytes: AtomicU64,
     pub(crate) unit_uploads: AtomicU64,
     pub(crate) unit_evictions: AtomicU64,
+    pub(crate) steps: AtomicU64,
     pub(crate) shadow_ns: AtomicU64,
     pub(crate) surface_ns: AtomicU64,
 }
@@ -238,6 +241,7 @@ impl GpuDevice {
             read_back_bytes,
             unit_uploads,
             unit_evictions,
+            steps,
             shadow_ns,
             surface_ns,
         } = &self.counters;
@@ -250,6 +254,7 @@ impl GpuDevice {
             read_back_bytes: of(read_back_bytes),
             unit_uploads: of(unit_uploads),
             unit_evictions: of(unit_evictions),
+            steps: of(steps),
             shadow_ns: of(shadow_ns),
             surface_ns: of(surface_ns),
         }

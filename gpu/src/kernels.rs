@@ -1,5 +1,8 @@
 //! `Kernels`: the shaders, joined from their texts, and the pipelines made of them.
 //!
+//! Sizes are override constants of the texts, set when a pipeline is made ([`StepCounts::constants`]): they stand in
+//! Rust alone. Whether steps are counted is one of them, so that kernels which do not count have no trace of it.
+//!
 //! Loops are not bounded by the compiler (that costs a shader much of its speed): the walk has a bound of its own,
 //! and the others go over a few levels. Indices into buffers are checked, all the same.
 //!
@@ -8,6 +11,8 @@
 #![allow(unsafe_code)]
 
 use crate::device::GpuDevice;
+use trex_store::layout::{FRAME_BYTES, PAGES};
+use trex_store::octree::OCTAHEDRAL_BITS;
 use trex_store::{Code, Error, NextStep, Result};
 
 /// The texts that kernels share, in the order in which they are joined.
@@ -17,7 +22,7 @@ const SHARED: [&str; 3] = [
     include_str!("../shaders/surface.wgsl"),
 ];
 
-/// Invocations of a workgroup, as the shaders say.
+/// Invocations of a workgroup.
 pub(crate) const WORKGROUP_RAYS: u32 = 64;
 
 /// A kernel: the name of its entry point, and the text of that.
@@ -25,6 +30,29 @@ pub(crate) const WORKGROUP_RAYS: u32 = 64;
 pub(crate) struct Kernel {
     name: &'static str,
     entry: &'static str,
+}
+
+/// Whether kernels count the steps of their walks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StepCounts {
+    /// They do not.
+    #[default]
+    Off,
+    /// They do, for who measures: an atomic addition a ray.
+    On,
+}
+
+impl StepCounts {
+    /// The override constants of all texts, by name.
+    pub(crate) fn constants(self) -> [(&'static str, f64); 5] {
+        [
+            ("WORKGROUP_RAYS", f64::from(WORKGROUP_RAYS)),
+            ("FRAME_WORDS", (FRAME_BYTES / 4) as f64),
+            ("PAGE_BITS", f64::from(PAGES.ilog2())),
+            ("OCTAHEDRAL_BITS", f64::from(OCTAHEDRAL_BITS)),
+            ("COUNTS_STEPS", f64::from(u8::from(self == StepCounts::On))),
+        ]
+    }
 }
 
 /// All kernels.
@@ -103,7 +131,7 @@ impl Kernels {
     ///
     /// # Errors
     /// [`Code::NoAdapter`] when the driver refuses one.
-    pub(crate) fn new(device: &GpuDevice) -> Result<Kernels> {
+    pub(crate) fn new(device: &GpuDevice, steps: StepCounts) -> Result<Kernels> {
         let gpu = &device.device;
         let scope = gpu.push_error_scope(wgpu::ErrorFilter::Validation);
         let entries = Binding::ALL.map(Binding::layout);
@@ -117,7 +145,7 @@ impl Kernels {
             immediate_size: 0,
         });
         let [shadow_rays, surface_rays] =
-            KERNELS.map(|kernel| Kernels::compile(gpu, &pipeline_layout, kernel));
+            KERNELS.map(|kernel| Kernels::compile(gpu, &pipeline_layout, (kernel, steps)));
         match pollster::block_on(scope.pop()) {
             Some(error) => Err(Error::new(Code::NoAdapter, "the driver refuses a shader")
                 .at_place(format!("the device {:?}", device.report().name))
@@ -127,7 +155,11 @@ impl Kernels {
         }
     }
 
-    fn compile(gpu: &wgpu::Device, layout: &wgpu::PipelineLayout, kernel: Kernel) -> wgpu::ComputePipeline {
+    fn compile(
+        gpu: &wgpu::Device,
+        layout: &wgpu::PipelineLayout,
+        (kernel, steps): (Kernel, StepCounts),
+    ) -> wgpu::ComputePipeline {
         let source = wgpu::ShaderSource::Wgsl(kernel.text().into());
         let descriptor = wgpu::ShaderModuleDescriptor { label: Some(kernel.name), source };
         let checks =
@@ -140,7 +172,10 @@ impl Kernels {
             layout: Some(layout),
             module: &module,
             entry_point: Some(kernel.name),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &steps.constants(),
+                ..wgpu::PipelineCompilationOptions::default()
+            },
             cache: None,
         })
     }
@@ -161,18 +196,37 @@ mod tests {
     use super::*;
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-    /// Without any adapter: what drivers are given is sound WGSL, and has the entry point that is asked for.
+    /// Without any adapter: what drivers are given is sound WGSL, has the entry point that is asked for, and needs the
+    /// override constants that are set, no others; with these it is sound, and becomes SPIR-V.
     #[test]
     fn shaders_are_valid() {
-        for kernel in KERNELS {
+        for (kernel, steps) in KERNELS.into_iter().flat_map(|k| [(k, StepCounts::Off), (k, StepCounts::On)]) {
             let text = kernel.text();
             let module = naga::front::wgsl::parse_str(&text)
                 .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(&text)));
-            Validator::new(ValidationFlags::all(), Capabilities::empty())
+            let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
                 .validate(&module)
                 .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(&text)));
+            let mut needed: Vec<_> =
+                module.overrides.iter().map(|(_, constant)| constant.name.as_deref().unwrap()).collect();
+            let mut set = steps.constants().map(|(name, _)| name).to_vec();
+            needed.sort_unstable();
+            set.sort_unstable();
+            assert_eq!(needed, set, "{}", kernel.name);
+            let constants = steps.constants().into_iter().map(|(name, value)| (name.to_owned(), value));
+            let stage = naga::ShaderStage::Compute;
+            let (module, info) = naga::back::pipeline_constants::process_overrides(
+                &module,
+                &info,
+                Some((stage, kernel.name)),
+                &constants.collect(),
+            )
+            .unwrap();
             let [entry] = module.entry_points.as_slice() else { panic!("{}: one entry point", kernel.name) };
             assert_eq!((entry.name.as_str(), entry.workgroup_size), (kernel.name, [WORKGROUP_RAYS, 1, 1]));
+            let words =
+                naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None);
+            assert!(words.unwrap().len() > 1000, "{}", kernel.name);
         }
     }
 

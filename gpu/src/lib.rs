@@ -39,4 +39,5 @@ mod worker;
 
 pub use adapters::{AdapterReport, DeviceQuery, adapters};
 pub use device::{GpuCounts, GpuDevice, GpuOptions};
+pub use kernels::StepCounts;
 pub use stage::{GpuStage, WhenTooLarge};

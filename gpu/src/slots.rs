@@ -20,11 +20,11 @@ use trex_store::Result;
 
 /// Batches under way: one that is sent, one that is answered, one that is read back.
 pub(crate) const SLOTS: usize = 3;
-/// Bytes of a ray in a slot: as it goes in, as it is answered, as that is read back.
 /// Kernels of a batch, and the times that are taken of each.
 const KERNEL_TIMES: u32 = 2;
 const TIMES: u32 = 2 * KERNEL_TIMES;
 const TIMES_BYTES: u64 = TIMES as u64 * wgpu::QUERY_SIZE as u64;
+/// Bytes of a ray in a slot: as it goes in, as it is answered, as that is read back.
 const SLOT_RAY_BYTES: u64 = (RAY_BYTES + 2 * 4 * SURFACE_WORDS) as u64;
 
 /// The buffers of a batch.
@@ -215,6 +215,7 @@ impl Slot {
                     count_times(device, &used[used_words..]);
                 }
                 used.truncate(used_words);
+                count(&device.counters.steps, u64::from(used[used_words - 1]));
                 SlotState::Answered(words, used)
             }
             _ => SlotState::Failed("its answers cannot be read".to_owned()),

@@ -12,7 +12,7 @@
 //! answer it at all; 2. rays in units are answered while their pages are lent.
 
 use crate::device::{GpuDevice, count};
-use crate::kernels::Kernels;
+use crate::kernels::{Kernels, StepCounts};
 use crate::packing::{DeviceAnswer, PackedRays};
 use crate::units::UnitUpload;
 use crate::worker::{Batch, Completion, Request, Worker};
@@ -75,7 +75,20 @@ impl GpuStage {
     /// # Errors
     /// [`Code::NoAdapter`] when its driver refuses the kernels; [`Code::Io`] when the system refuses a thread.
     pub fn new(device: Arc<GpuDevice>, when_too_large: WhenTooLarge) -> Result<GpuStage> {
-        let worker = Worker::new(device.clone(), Kernels::new(&device)?, GpuStage::batch_rays(&device));
+        GpuStage::counting(device, when_too_large, StepCounts::Off)
+    }
+
+    /// A stage on a device, whose kernels count their steps, or not.
+    ///
+    /// # Errors
+    /// Those of [`GpuStage::new`].
+    pub fn counting(
+        device: Arc<GpuDevice>,
+        when_too_large: WhenTooLarge,
+        steps: StepCounts,
+    ) -> Result<GpuStage> {
+        let kernels = Kernels::new(&device, steps)?;
+        let worker = Worker::new(device.clone(), kernels, GpuStage::batch_rays(&device));
         let (requests, received) = sync_channel(REQUESTS_MAX);
         let thread = std::thread::Builder::new().name("trex-gpu".into()).spawn(move || worker.run(&received));
         let thread = thread.map_err(|error| Error::thread_refused("the thread of the GPU", &error))?;

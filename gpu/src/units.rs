@@ -18,6 +18,9 @@ use trex_store::layout::{FRAME_BYTES, PAGES};
 
 /// Fewest slots that are of use: pages of some rays.
 const SLOTS_MIN: u64 = 8;
+/// Words behind the bits of slots: the steps of a batch. They wrap where walks have 2^17 steps on average, far more
+/// than cells on a ray's way.
+const STEPS_WORDS: u64 = 1;
 
 /// A page on its way to video memory: its frame, or none where it can never be had.
 #[derive(Debug)]
@@ -57,7 +60,7 @@ impl UnitCache {
             voxels.links().is_some() && slots >= SLOTS_MIN.min(page_count) && page_count < u64::from(PAGES);
         let (pages, slots) = if is_of_use { (page_count, slots) } else { (1, 0) };
         let frame_bytes = (slots * FRAME_BYTES as u64).max(16);
-        let used_words = slots.div_ceil(32).max(1);
+        let used_words = used_words(slots);
         let lease = device.lease("the units", frame_bytes + 4 * (pages + used_words))?;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
         let cache = UnitCache {
@@ -81,9 +84,9 @@ impl UnitCache {
         self.slots.len()
     }
 
-    /// Words of the bits of all slots.
+    /// Words of the bits of all slots, and [`STEPS_WORDS`].
     pub(crate) fn used_words(&self) -> usize {
-        self.slots.len().div_ceil(32).max(1)
+        used_words(self.slots.len() as u64) as usize
     }
 
     /// Writes a page to a slot, and the word that leads there.
@@ -131,4 +134,9 @@ impl UnitCache {
         self.states[page as usize] = state;
         device.queue.write_buffer(&self.page_slots, 4 * u64::from(page), &state.to_le_bytes());
     }
+}
+
+/// Words of the bits of so many slots, and [`STEPS_WORDS`].
+fn used_words(slots: u64) -> u64 {
+    slots.div_ceil(32).max(1) + STEPS_WORDS
 }

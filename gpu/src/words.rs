@@ -116,8 +116,6 @@ mod tests {
             ("PAGE_MISSING", PAGE_MISSING),
             ("PAGE_NEVER", PAGE_NEVER),
             ("PAGE_SLOTS", PAGE_SLOTS),
-            ("PAGE_BITS", trex_store::layout::PAGES.ilog2()),
-            ("FRAME_WORDS", trex_store::layout::FRAME_BYTES as u32 / 4),
             ("PATH_LEVELS", trex_store::octree::MAX_DEPTH as u32 + 1),
             ("OPEN_LEVELS", trex_store::octree::MAX_FINER as u32 + 1),
         ];

@@ -7,7 +7,7 @@ use serde::Serialize;
 #[cfg(feature = "gpu")]
 use std::sync::{Arc, OnceLock};
 #[cfg(feature = "gpu")]
-use trex_gpu::{DeviceQuery, GpuDevice, GpuOptions, GpuStage, WhenTooLarge};
+use trex_gpu::{DeviceQuery, GpuDevice, GpuOptions, GpuStage, StepCounts, WhenTooLarge};
 use trex_render::{CpuStage, GNeeds, GStage, PictureNeeds};
 use trex_store::{Budget, Result};
 #[cfg(not(feature = "gpu"))]
@@ -142,8 +142,25 @@ impl StageSource {
     /// # Errors
     /// Those of [`GpuStage::new`], where the device was asked for by name.
     pub fn stage(&self) -> Result<Box<dyn GStage>> {
+        self.stage_with(StepCounts::Off)
+    }
+
+    /// A stage that counts the steps of its walks, for who measures; [`StageSource::steps_and_walks`] tells them.
+    ///
+    /// # Errors
+    /// Those of [`StageSource::stage`].
+    pub fn counting_stage(&self) -> Result<Box<dyn GStage>> {
+        self.stage_with(StepCounts::On)
+    }
+
+    /// Steps and walks of the stages that count them, and of all, so far.
+    pub fn steps_and_walks(&self) -> [u64; 2] {
+        self.gpu.as_ref().map_or([0; 2], |(device, _)| [device.counts().steps, device.counts().rays])
+    }
+
+    fn stage_with(&self, steps: StepCounts) -> Result<Box<dyn GStage>> {
         let Some((device, when_too_large)) = &self.gpu else { return Ok(Box::new(CpuStage::default())) };
-        match GpuStage::new(device.clone(), *when_too_large) {
+        match GpuStage::counting(device.clone(), *when_too_large, steps) {
             Ok(stage) => Ok(Box::new(stage)),
             Err(error) if *when_too_large == WhenTooLarge::UseProcessor => {
                 let _ = self.refusal.set(format!("{}: {}", error.what(), error.numbers_text()));
@@ -217,6 +234,19 @@ impl StageSource {
     /// None.
     pub fn stage(&self) -> Result<Box<dyn GStage>> {
         Ok(Box::new(CpuStage::default()))
+    }
+
+    /// A stage that counts the steps of its walks: the processor's does not.
+    ///
+    /// # Errors
+    /// None.
+    pub fn counting_stage(&self) -> Result<Box<dyn GStage>> {
+        self.stage()
+    }
+
+    /// Steps and walks of stages that count them: none.
+    pub fn steps_and_walks(&self) -> [u64; 2] {
+        [0; 2]
     }
 
     /// What its stages ask of who calls them.

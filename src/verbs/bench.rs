@@ -13,7 +13,9 @@ use std::path::{Path, PathBuf};
 use trex_bench::building::{self, BuildFigures};
 use trex_bench::model::{Model, Surroundings};
 use trex_bench::page_io::{self, PageIoFigures, PageIoOptions, ReadStage};
-use trex_bench::rays::{self, DeviceFigures, RayFigures, RayOptions, SetFigures, VisitFigures};
+use trex_bench::rays::{
+    self, DeviceFigures, DeviceSetFigures, MixFigures, RayFigures, RayOptions, SetFigures, VisitFigures,
+};
 use trex_model::Device;
 use trex_store::printable::one_line;
 
@@ -114,16 +116,22 @@ impl fmt::Display for RayBenchReport {
 
 /// A line a set.
 fn show_device(device: &DeviceFigures, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    let DeviceFigures { report, call_ray_count, gather, shadow, finest_gather, finest_shadow } = device;
+    let DeviceFigures { report, call_ray_count, gather, shadow, mixes, .. } = device;
+    let DeviceFigures { finest_gather, finest_shadow, finest_mixes, .. } = device;
     write!(f, "\n{}, {call_ray_count} rays a call: {}", one_line(&report.name), report.reason)?;
-    for (name, set) in [
-        ("gather", Some(gather)),
-        ("shadow", Some(shadow)),
-        ("gather, finest", finest_gather.as_ref()),
-        ("shadow, finest", finest_shadow.as_ref()),
-    ] {
-        let Some(set) = set else { continue };
-        write!(f, "\n{name}: {}", size::rate(set.per_s, "rays"))?;
+    let mixed = |mix: &MixFigures, finest: &str| {
+        (format!("{} shadow, {} gather{finest}", mix.n_shadow, mix.n_gather), mix.set)
+    };
+    let named = |name: &str, set: &DeviceSetFigures| (name.to_owned(), *set);
+    let sets = [named("gather", gather), named("shadow", shadow)]
+        .into_iter()
+        .chain(mixes.iter().map(|mix| mixed(mix, "")))
+        .chain(finest_gather.iter().map(|set| named("gather, finest", set)))
+        .chain(finest_shadow.iter().map(|set| named("shadow, finest", set)))
+        .chain(finest_mixes.iter().map(|mix| mixed(mix, ", finest")));
+    for (name, set) in sets {
+        let [lanes, scalar] = [set.lanes_per_s, set.scalar_per_s].map(|rate| size::rate(rate, "rays"));
+        write!(f, "\n{name}: {}; lanes {lanes}, scalar {scalar}", size::rate(set.per_s, "rays"))?;
         if let Some(kernel) = set.kernel_per_s {
             write!(f, ", in kernels {}", size::rate(kernel, "rays"))?;
         }
@@ -132,6 +140,8 @@ fn show_device(device: &DeviceFigures, f: &mut fmt::Formatter<'_>) -> fmt::Resul
             "; {} of {} hit, {} not as the processor's",
             set.hit_count, set.ray_count, set.other_count
         )?;
+        let steps = set.steps_per_ray.unwrap_or(set.scalar_steps_per_ray);
+        write!(f, "; steps a ray: {steps:.2}, scalar {:.2}", set.scalar_steps_per_ray)?;
     }
     Ok(())
 }

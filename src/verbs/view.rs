@@ -28,8 +28,8 @@ use trex_store::io::IoDescription;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result, StopSignal};
 use trex_view::{
-    MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX, ServeOptions, ServeReport,
-    Surroundings, Token, serve, view_bytes,
+    DeviceFigures, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX, ServeOptions,
+    ServeReport, Surroundings, Token, serve, view_bytes,
 };
 
 /// Longest frame when no other is asked for.
@@ -83,6 +83,8 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
         budget: &ctx.budget,
         memory: &|| memory_figures(&stage, ctx),
         pool: &|| pool_figures(&stage),
+        device_name: &stage.model.device().name,
+        device: &|| device_figures(&stage),
         damage: &|| DamageList::of(stage.model.file(), &stage.pool),
         set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&now.get())),
         exchange: &|room, apply| {
@@ -241,6 +243,19 @@ fn memory_figures(stage: &Stage, ctx: &Context) -> MemoryFigures {
         peak_rss_bytes: Memory::new(&ctx.budget).peak_rss_bytes,
         frames_bytes: stage.pool.stats().frames * FRAME_BYTES as u64,
     }
+}
+
+fn device_figures(stage: &Stage) -> Option<DeviceFigures> {
+    stage.model.device().gpu.map(|gpu| DeviceFigures {
+        rays: gpu.rays,
+        processor_rays: gpu.processor_rays,
+        uploaded_bytes: gpu.uploaded_bytes,
+        read_back_bytes: gpu.read_back_bytes,
+        unit_uploads: gpu.unit_uploads,
+        unit_evictions: gpu.unit_evictions,
+        memory_used_bytes: gpu.memory_used_bytes,
+        memory_limit_bytes: gpu.memory_limit_bytes,
+    })
 }
 
 fn pool_figures(stage: &Stage) -> PoolFigures {

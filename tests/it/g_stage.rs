@@ -2,13 +2,11 @@
 //! the stages that it runs on here. Another stage comes in by one more line of `stages`.
 
 use crate::fixtures::model_with;
-use crate::gpu::device;
 use crate::voxels::rays_of_all_kinds;
 use crate::voxels_lower_batch::{BatchStage as Setting, PartialPages, State, all_there, half_missing};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
-use trex_gpu::{GpuStage, WhenTooLarge};
 use trex_render::{
     Answer, CpuStage, GAnswer, GCall, GKind, GNeeds, GRay, GRays, GStage, GTurn, GUnits, GView, LowerScene,
     MissingUnits, Occluders, Page, Pages, Ray, VoxelHit, VoxelScene, Voxels,
@@ -26,12 +24,24 @@ pub(crate) fn stages() -> Vec<(&'static str, NewStage)> {
         ("processor", || Box::new(CpuStage::default())),
         ("late", || Box::new(Late::new())),
     ];
-    let on_device: Option<(&str, NewStage)> = device().map(|_| ("device", new_gpu_stage as NewStage));
-    everywhere.into_iter().chain(on_device).collect()
+    everywhere.into_iter().chain(on_device()).collect()
 }
 
-fn new_gpu_stage() -> Box<dyn GStage> {
-    Box::new(GpuStage::new(device().expect("there is one").clone(), WhenTooLarge::Refuse).unwrap())
+/// The one on a device, where the build knows devices and the machine has one.
+#[cfg(feature = "gpu")]
+fn on_device() -> Option<(&'static str, NewStage)> {
+    use crate::gpu::device;
+    use trex_gpu::{GpuStage, WhenTooLarge};
+    let stage: NewStage = || {
+        let device = device().expect("there is one").clone();
+        Box::new(GpuStage::new(device, WhenTooLarge::Refuse).unwrap())
+    };
+    device().map(|_| ("device", stage))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn on_device() -> Option<(&'static str, NewStage)> {
+    None
 }
 
 /// One scalar ray at a time.

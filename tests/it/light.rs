@@ -129,7 +129,7 @@ const ROOM_SLOPE: f64 = 2.0;
 
 /// A room in the cube from -1 to 1 under lamps at y = 0.98, with a mirror for its wall at x = -1; or, without a mirror,
 /// the room and its mirror image, as one. Lamps of the scene, or of the model.
-fn write_room(folder: &Path, name: &str, has_mirror: bool, has_model_lamps: bool) {
+pub(crate) fn write_room(folder: &Path, name: &str, has_mirror: bool, has_model_lamps: bool) {
     let left = if has_mirror { -1.0 } else { -3.0 };
     let lamps: &[f64] = if has_mirror { &[-0.1] } else { &[-0.1, -2.4] };
     let (corners, faces) = cube();

@@ -30,7 +30,10 @@ mod g_cones;
 mod g_stage;
 mod gltf;
 mod golden;
+#[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_pictures;
 mod house;
 #[cfg(feature = "http")]
 mod http;

@@ -19,7 +19,7 @@ const PLOTS = [
     (s) => s.pixel_error?.asked],
 ];
 
-/** Rows of text by heading: [label, text of the statistics or undefined]. */
+/** Rows of text by heading: [label, text of the statistics and the state of the session, or undefined]. */
 const FACTS = [
   ["Picture", [
     ["Samples", (s) => given(s.samples, (x) => `${x} of ${s.spp}`)],
@@ -47,6 +47,17 @@ const FACTS = [
     ["Look-ups that found their page missing", (s) => given(s.pool?.misses, short)],
     ["Evictions", (s) => given(s.pool?.evictions, short)],
     ["Bytes read", (s) => given(s.pool?.bytes_read, bytes)],
+  ]],
+  ["Rays through the voxels", [
+    ["Answered by", (s, state) => state.device],
+    ["Answered on the device", (s) => given(s.gpu?.rays, short)],
+    ["Answered by the processor in its place", (s) => given(s.gpu?.processor_rays, short)],
+    ["Sent to it", (s) => given(s.gpu?.uploaded_bytes, bytes)],
+    ["Sent back", (s) => given(s.gpu?.read_back_bytes, bytes)],
+    ["Pages of finer voxels sent", (s) => given(s.gpu?.unit_uploads, short)],
+    ["Of these, that gave way", (s) => given(s.gpu?.unit_evictions, short)],
+    ["Video memory", (s) => given(s.gpu?.memory_used_bytes, bytes)],
+    ["Its limit", (s) => given(s.gpu?.memory_limit_bytes, bytes)],
   ]],
 ];
 
@@ -123,7 +134,7 @@ export class Statistics {
       put(`plot ${key}`, given(value(stats), text));
     }
     for (const [heading, rows] of FACTS) {
-      rows.forEach(([label, text]) => put(`${heading} ${label}`, text(stats)));
+      rows.forEach(([label, text]) => put(`${heading} ${label}`, text(stats, this.app.state)));
     }
   }
 }

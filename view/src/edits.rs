@@ -42,6 +42,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             keys: Some(KeyText::all()),
             sides: Some([BLOCK_SIDE, SIDE_MAX]),
             model: Some(self.around.model),
+            device: Some(self.around.device_name.to_owned()),
             t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
             memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),
             material_count: Some(model.materials.len()),

@@ -61,7 +61,7 @@ mod wire;
 
 pub use edits::SIDE_MAX;
 pub use guard::Token;
-pub use reports::{MemoryFigures, ModelFigures, PoolFigures};
+pub use reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
 pub use surroundings::{Exchange, Recipe, Room, SILENCE_MAX, ServeOptions, ServeReport, Surroundings};

@@ -1,4 +1,4 @@
-//! What the command reports of model, memory and pool: figures that the viewer hands on to its pages.
+//! What the command reports of model, memory, pool and device: figures that the viewer hands on to its pages.
 //!
 //! Invariant: plain numbers, no names of files.
 
@@ -47,4 +47,25 @@ pub struct PoolFigures {
     pub bytes_read: u64,
     /// Damaged pages that were met: nothing is drawn of them, or something coarser.
     pub damaged: u64,
+}
+
+/// The device that answers rays through the voxels; all is 0 where that is the processor.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct DeviceFigures {
+    /// Rays that it has answered.
+    pub rays: u64,
+    /// Rays that the processor has answered in its place.
+    pub processor_rays: u64,
+    /// Bytes that went to it.
+    pub uploaded_bytes: u64,
+    /// Bytes that came back.
+    pub read_back_bytes: u64,
+    /// Pages of units that went to it.
+    pub unit_uploads: u64,
+    /// Pages of units that gave way to others.
+    pub unit_evictions: u64,
+    /// Bytes of its memory that are leased.
+    pub memory_used_bytes: u64,
+    /// Most bytes of its memory.
+    pub memory_limit_bytes: u64,
 }

@@ -321,6 +321,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             rays_per_s,
             memory: (self.around.memory)(),
             pool,
+            gpu: (self.around.device)(),
         };
         self.stats = stats;
         self.send_damage(pool.damaged);
@@ -334,8 +335,8 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         }
         let (memory, pool) = ((self.around.memory)(), (self.around.pool)());
         self.send_damage(pool.damaged);
-        let rays_per_s = RaysText::default();
-        self.shared.send_stats(Stats { progress: SCREENSHOT, rays_per_s, memory, pool, ..self.stats });
+        let (rays_per_s, gpu) = (RaysText::default(), (self.around.device)());
+        self.shared.send_stats(Stats { progress: SCREENSHOT, rays_per_s, memory, pool, gpu, ..self.stats });
     }
 
     /// Sends every page the list of damaged pages of the file, when it has grown.

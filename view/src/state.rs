@@ -4,7 +4,7 @@
 
 use crate::materials::MaterialText;
 use crate::message::{CameraText, Role, text_of};
-use crate::reports::{MemoryFigures, ModelFigures, PoolFigures};
+use crate::reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::{KeyText, SettingsText};
 use crate::wire::LIGHTS_MAX;
 use serde::Serialize;
@@ -52,6 +52,9 @@ pub(crate) struct State {
     pub(crate) sides: Option<[u32; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model: Option<ModelFigures>,
+    /// Name of the device that answers rays through the voxels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) device: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) memory: Option<LimitText>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -155,6 +158,8 @@ pub(crate) struct Stats {
     pub(crate) rays_per_s: RaysText,
     pub(crate) memory: MemoryFigures,
     pub(crate) pool: PoolFigures,
+    /// `None` where the processor is the device.
+    pub(crate) gpu: Option<DeviceFigures>,
 }
 
 /// Error of the footprint rule, pixels.

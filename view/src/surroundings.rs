@@ -1,7 +1,7 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
 use crate::guard::Token;
-use crate::reports::{MemoryFigures, ModelFigures, PoolFigures};
+use crate::reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
 use std::time::Duration;
@@ -31,6 +31,10 @@ pub struct Surroundings<'a> {
     pub memory: &'a dyn Fn() -> MemoryFigures,
     /// The pool of pages now.
     pub pool: &'a dyn Fn() -> PoolFigures,
+    /// Name of the device that answers rays through the voxels.
+    pub device_name: &'a str,
+    /// That device now; `None` where it is the processor.
+    pub device: &'a dyn Fn() -> Option<DeviceFigures>,
     /// Damaged pages that were met; asked for when their count has changed.
     pub damage: &'a dyn Fn() -> DamageList,
     /// Sets the memory for frames of pages, bytes.

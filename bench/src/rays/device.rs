@@ -1,27 +1,25 @@
-//! Rays through the voxels as the renderer hands them to a device: the sets of gather and shadow rays in calls as
-//! large as its stage asks for, by all threads, each with as many calls under way as the stage wants.
+//! Rays through the voxels as the renderer hands them to a device: the sets of gather and shadow rays, and mixes of
+//! both, in calls as large as its stage asks for, by all threads, each with as many calls under way as the stage wants.
+//! In turn with it, the processor's stage in lanes, and its scalar walk, on the same calls.
 //!
 //! Times are those from the first call to the last answer, rays made before. Answers are compared with the processor's.
 //!
-//! Invariant: each round asks the same rays, and the first is not measured: units are on the device by then, if they
-//! fit.
+//! Invariants: 1. each round asks the same rays, and the first is not measured: units are on the device by then, if they
+//! fit; 2. steps are counted by a stage of its own, so that no count is in what is timed.
 
+use super::device_course::{AskedRays, DeviceCourse, DeviceSetFigures};
 use super::options::RayOptions;
-use super::sets::{GraySets, RaySet, Space};
-use crate::median::median;
+use super::sets::{self, BenchRay, GraySets, Query, RayMix, RaySet, Space};
 use crate::model::Surroundings;
 use serde::Serialize;
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
 use trex_model::{DeviceReport, StageSource};
-use trex_render::{
-    AllResident, CpuStage, GAnswer, GCall, GKind, GRay, GRays, GStage, GTurn, GUnits, GView, MissingUnits,
-    Occluders, Ray, Voxels,
-};
+use trex_render::{AllResident, GKind, GUnits, MissingUnits, Ray, Voxels};
+use trex_store::PageFile;
+use trex_store::layout::Superblock;
 
-/// Rays of a part of a call: about those of a tile.
-const PART_RAYS: usize = 512;
+/// Sets of each octree: gather, shadow, mixes.
+const SETS: usize = 2 + RayMix::ALL.len();
 
 /// Figures of a device.
 #[derive(Clone, Debug, Serialize)]
@@ -35,38 +33,37 @@ pub struct DeviceFigures {
     pub gather: DeviceSetFigures,
     /// Shadow rays through it.
     pub shadow: DeviceSetFigures,
+    /// Both, as points of a picture ask them.
+    pub mixes: Vec<MixFigures>,
     /// Gather rays through units; `None` for a file without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub finest_gather: Option<DeviceSetFigures>,
     /// Shadow rays through units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub finest_shadow: Option<DeviceSetFigures>,
+    /// Both through units.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub finest_mixes: Vec<MixFigures>,
 }
 
-/// Figures of a set of rays on a device.
+/// Figures of shadow and gather rays together.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct DeviceSetFigures {
-    /// Rays.
-    pub ray_count: usize,
-    /// Of these, with a hit.
-    pub hit_count: usize,
-    /// Rays per second of wall time, median.
-    pub per_s: f64,
-    /// Rays per second of the time of kernels; `None` of a device that does not tell.
-    pub kernel_per_s: Option<f64>,
-    /// Rays whose answers are not the processor's, bit for bit.
-    pub other_count: usize,
+pub struct MixFigures {
+    /// Shadow rays of a point.
+    pub n_shadow: u32,
+    /// Gather rays of a point.
+    pub n_gather: u32,
+    /// Figures of all.
+    #[serde(flatten)]
+    pub set: DeviceSetFigures,
 }
 
-/// The device, its stage and the octree that it has.
-struct DeviceCourse<'a> {
-    source: StageSource,
-    stage: Box<dyn GStage>,
-    processor: CpuStage,
-    voxels: &'a Arc<Voxels>,
-    pages: &'a AllResident,
-    threads: usize,
-    rounds: usize,
+/// The rays that are asked: sets of the upper octree, then of units where there are any.
+struct Asking<'a> {
+    space: Space,
+    block: &'a Superblock,
+    seed: u64,
+    octrees: Vec<(&'a GraySets, GUnits)>,
 }
 
 /// Measures the device that is asked for, if one is, on the sets through the upper octree and through units.
@@ -74,112 +71,82 @@ struct DeviceCourse<'a> {
 /// # Errors
 /// The device cannot be used, or has no room for the octree.
 pub(super) fn measure(
-    octree: Option<(&Arc<Voxels>, &AllResident)>,
+    (file, octree): (&PageFile, Option<(&Arc<Voxels>, &AllResident)>),
     (space, sets): (Space, &[Option<GraySets>; 2]),
     (options, around): (&RayOptions, &Surroundings),
 ) -> anyhow::Result<Option<DeviceFigures>> {
     let (Some(device), Some((voxels, pages))) = (&options.device, octree) else { return Ok(None) };
-    let [Some(upper_sets), finest_sets] = sets else { return Ok(None) };
     let source = StageSource::open(device, &around.budget)?;
-    let mut stage = source.stage()?;
-    stage.set_octree(voxels)?;
-    let mut processor = CpuStage::default();
-    processor.set_octree(voxels)?;
+    let units = [GUnits::None, GUnits::On(MissingUnits::Block)];
+    let octrees = sets.iter().zip(units).filter_map(|(sets, units)| Some((sets.as_ref()?, units)));
+    let asking = Asking { space, block: file.superblock(), seed: options.seed, octrees: octrees.collect() };
     let (threads, rounds) = (around.threads, options.rounds);
-    let course = DeviceCourse { source, stage, processor, voxels, pages, threads, rounds };
-    let run = |set: &RaySet, kind: GKind, units: GUnits| {
-        let bytes = set.rays.len() * (size_of::<GRay>() + 2 * size_of::<GAnswer>());
-        let _lease = around.budget.lease("the rays of the device", bytes as u64)?;
-        around.interrupt.check()?;
-        let rays: Vec<Ray> = set.rays.iter().map(|ray| space.to_gray(ray)).collect();
-        anyhow::Ok(course.run(&rays, kind, units))
+    let course = DeviceCourse { source: &source, voxels, pages, threads, rounds };
+
+    let mut stages = course.stages()?;
+    let call_ray_count = stages.call_rays();
+    let mut figures = asking.each(around, |asked| course.run(&mut stages, &asked))?;
+    let report = source.report();
+    // One octree at a time is on the device.
+    drop(stages);
+    if report.gpu.is_some() {
+        let mut counting = source.counting_stage()?;
+        counting.set_octree(voxels)?;
+        let steps = asking.each(around, |asked| course.steps_per_ray(&*counting, &asked))?;
+        figures.iter_mut().zip(steps).for_each(|(figures, steps)| figures.steps_per_ray = Some(steps));
+    }
+
+    let mut octrees = figures.chunks_exact(SETS).map(|sets| {
+        let mixes = RayMix::ALL.into_iter().zip(&sets[2..]);
+        let mix = |(RayMix { n_shadow, n_gather }, &set)| MixFigures { n_shadow, n_gather, set };
+        (sets[0], sets[1], mixes.map(mix).collect())
+    });
+    let Some((gather, shadow, mixes)) = octrees.next() else { return Ok(None) };
+    let (finest_gather, finest_shadow, finest_mixes) = match octrees.next() {
+        Some((gather, shadow, mixes)) => (Some(gather), Some(shadow), mixes),
+        None => (None, None, Vec::new()),
     };
-    let gather = run(&upper_sets.gather, GKind::Gather, GUnits::None)?;
-    let shadow = run(&upper_sets.shadow, GKind::Shadow, GUnits::None)?;
-    let units = GUnits::On(MissingUnits::Block);
-    let finest = |set: Option<&RaySet>, kind| set.map(|set| run(set, kind, units)).transpose();
-    let finest_gather = finest(finest_sets.as_ref().map(|sets| &sets.gather), GKind::Gather)?;
-    let finest_shadow = finest(finest_sets.as_ref().map(|sets| &sets.shadow), GKind::Shadow)?;
-    let call_ray_count = course.stage.needs().batch_rays;
-    let report = course.source.report();
-    Ok(Some(DeviceFigures { report, call_ray_count, gather, shadow, finest_gather, finest_shadow }))
+    Ok(Some(DeviceFigures {
+        report,
+        call_ray_count,
+        gather,
+        shadow,
+        mixes,
+        finest_gather,
+        finest_shadow,
+        finest_mixes,
+    }))
 }
 
-impl DeviceCourse<'_> {
-    /// Measures a set.
-    fn run(&self, rays: &[Ray], kind: GKind, units: GUnits) -> DeviceSetFigures {
-        let expected = self.round(&self.processor, self.calls(rays, kind, units)).1;
-        let (_, mut calls) = self.round(&*self.stage, self.calls(rays, kind, units));
-        let before = self.kernel_ns();
-        let mut per_s = Vec::with_capacity(self.rounds);
-        for _ in 0..self.rounds {
-            let (time_s, answered) = self.round(&*self.stage, calls);
-            per_s.push(rays.len() as f64 / time_s);
-            calls = answered;
-        }
-        let kernel_ns = self.kernel_ns() - before;
-        let answers = |calls: &[GCall]| -> Vec<GAnswer> {
-            calls.iter().flat_map(|call| &call.parts).flat_map(|part| part.answers()).copied().collect()
-        };
-        let (found, expected) = (answers(&calls), answers(&expected));
-        DeviceSetFigures {
-            ray_count: rays.len(),
-            hit_count: found.iter().filter(|answer| answer.outcome == GAnswer::MET).count(),
-            per_s: median(&per_s),
-            kernel_per_s: (kernel_ns > 0).then(|| (rays.len() * self.rounds) as f64 * 1e9 / kernel_ns as f64),
-            other_count: found.iter().zip(&expected).filter(|(found, expected)| found != expected).count(),
-        }
-    }
-
-    /// The rays as calls.
-    fn calls(&self, rays: &[Ray], kind: GKind, units: GUnits) -> Vec<GCall> {
-        let view = GView { occluders: Occluders::On, units };
-        let upper = self.voxels.scene(view.occluders);
-        let lower = self.voxels.lower_scene(view.occluders).filter(|_| units != GUnits::None);
-        let part = |rays: &[Ray]| {
-            let mut part = GRays::default();
-            for ray in rays {
-                part.push(lower.map_or_else(|| upper.g_ray(ray, kind).0, |lower| lower.g_ray(ray, kind).0));
+impl Asking<'_> {
+    /// Does `work` on each set, whose rays are made then.
+    fn each<T>(&self, around: &Surroundings, mut work: impl FnMut(AskedRays) -> T) -> anyhow::Result<Vec<T>> {
+        let mut done = Vec::with_capacity(SETS * self.octrees.len());
+        for &(sets, units) in &self.octrees {
+            let bytes = (AskedRays::RAY_BYTES * sets.points.len()) as u64;
+            let _lease = around.budget.lease("the rays of the device", bytes)?;
+            for number in 0..SETS {
+                around.interrupt.check()?;
+                done.push(work(AskedRays { rays: self.rays(sets, number), units }));
             }
-            part
-        };
-        let calls = rays.chunks(self.stage.needs().batch_rays);
-        calls.map(|rays| GCall { view, parts: rays.chunks(PART_RAYS).map(part).collect() }).collect()
-    }
-
-    /// Has all calls answered; seconds from the first call to the last answer, and the calls in their order.
-    fn round(&self, stage: &dyn GStage, calls: Vec<GCall>) -> (f64, Vec<GCall>) {
-        let share = calls.len().div_ceil(self.threads).max(1);
-        let mut rest = calls.into_iter();
-        let shares: Vec<Vec<GCall>> =
-            std::iter::repeat_with(|| rest.by_ref().take(share).collect::<Vec<_>>())
-                .take_while(|share| !share.is_empty())
-                .collect();
-        let began = Instant::now();
-        let answered = std::thread::scope(|scope| {
-            let workers: Vec<_> =
-                shares.into_iter().map(|share| scope.spawn(|| self.answer_share(stage, share))).collect();
-            let joined = workers.into_iter().map(|worker| worker.join().expect("a worker panicked"));
-            joined.flatten().collect()
-        });
-        (began.elapsed().as_secs_f64(), answered)
-    }
-
-    /// The calls of a worker, with so many under way as the stage wants.
-    fn answer_share(&self, stage: &dyn GStage, calls: Vec<GCall>) -> Vec<GCall> {
-        let (mut answered, mut under_way) = (Vec::with_capacity(calls.len()), VecDeque::new());
-        for call in calls {
-            if under_way.len() == stage.needs().calls {
-                let first: GTurn = under_way.pop_front().expect("at least one");
-                answered.push(first.wait());
-            }
-            under_way.push_back(stage.submit(call, &mut { self.pages }));
         }
-        answered.extend(under_way.into_iter().map(GTurn::wait));
-        answered
+        Ok(done)
     }
 
-    fn kernel_ns(&self) -> u64 {
-        self.source.report().gpu.map_or(0, |gpu| gpu.shadow_ns + gpu.surface_ns)
+    fn rays(&self, sets: &GraySets, number: usize) -> Vec<(Ray, GKind)> {
+        let of_set =
+            |set: &RaySet, kind| set.rays.iter().map(|ray| (self.space.to_gray(ray), kind)).collect();
+        let of_mix = |(ray, query): (BenchRay, Query)| match query {
+            Query::Any => (self.space.to_gray(&ray), GKind::Shadow),
+            Query::Closest => (self.space.to_gray(&ray), GKind::Gather),
+        };
+        match number {
+            0 => of_set(&sets.gather, GKind::Gather),
+            1 => of_set(&sets.shadow, GKind::Shadow),
+            mix => {
+                let asked = (sets.points.as_slice(), RayMix::ALL[mix - 2]);
+                sets::mixed(self.space, self.block, asked, self.seed).into_iter().map(of_mix).collect()
+            }
+        }
     }
 }

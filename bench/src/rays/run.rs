@@ -9,7 +9,7 @@ use super::falsehood;
 use super::figures::{PeerFigures, RayFigures, SetFigures};
 use super::options::{Peer, RayOptions};
 use super::peer::PeerSetup;
-use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space};
+use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space, Visible};
 use super::turns::{OwnContender, Turns, take_turns};
 use super::visits;
 use crate::full_pool;
@@ -25,7 +25,8 @@ use trex_store::{Lease, PageFile, Result};
 use xxhash_rust::xxh3::Xxh3;
 
 /// Bytes of a pixel's rays and of the answers to a set.
-const BYTES_PER_PIXEL: u64 = (6 * size_of::<BenchRay>() + 2 * size_of::<RayAnswer>()) as u64;
+const BYTES_PER_PIXEL: u64 =
+    (6 * size_of::<BenchRay>() + 2 * size_of::<RayAnswer>() + 3 * size_of::<Visible>()) as u64;
 
 /// Measures `model`.
 ///
@@ -76,7 +77,7 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
             }
         }
         let octree = voxels.as_ref().map(|voxels| (voxels, &pages));
-        figures.device = device::measure(octree, (space, &sets.gray), (options, around))?;
+        figures.device = device::measure((&file, octree), (space, &sets.gray), (options, around))?;
         let upper = file.upper_size()?;
         figures.voxel_resolution = upper.map(|size| size.resolution);
         if let (Some(upper), Some(lower)) = (upper, file.lower_size()?) {
@@ -148,7 +149,7 @@ fn make_sets(
         let clearance = clearance? / block.lattice.step();
         let points: Vec<_> = points.iter().map(|point| sets::lifted(point, clearance)).collect();
         let (gather, shadow) = (sets::incoherent(&points, options.seed), sets::shadow(space, block, &points));
-        Some(GraySets { gather, shadow })
+        Some(GraySets { gather, shadow, points })
     });
     Ok(RaySets { primary, shadow, incoherent, gray })
 }

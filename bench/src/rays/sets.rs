@@ -68,6 +68,23 @@ pub(crate) struct GraySets {
     pub(crate) gather: RaySet,
     /// Directions of the shadow rays.
     pub(crate) shadow: RaySet,
+    /// Where both start.
+    pub(crate) points: Vec<Visible>,
+}
+
+/// How many rays each visible point asks, as the renderer asks them: shadow rays to a lamp, then gather rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RayMix {
+    /// Shadow rays.
+    pub(crate) n_shadow: u32,
+    /// Gather rays.
+    pub(crate) n_gather: u32,
+}
+
+impl RayMix {
+    /// The paper's, and what pictures of higher quality ask.
+    pub(crate) const ALL: [RayMix; 2] =
+        [RayMix { n_shadow: 2, n_gather: 2 }, RayMix { n_shadow: 4, n_gather: 8 }];
 }
 
 /// How far off the surface secondary rays start, in units of the last place of the largest lattice coordinate.
@@ -75,6 +92,10 @@ const LIFT_ULPS: f64 = 4.0;
 /// Where the light stands: diagonals of the model from its centre, along up and along the other two axes.
 const LIGHT_UP: f64 = 0.8;
 const LIGHT_ASIDE: f64 = 0.3;
+/// Side of the lamp of mixed rays, diagonals of the model.
+const LAMP_SIDE: f64 = 0.1;
+/// Points that follow each other in the picture and are taken together: those of a tile.
+const TILE_POINTS: usize = 64;
 
 /// How lattice rays lie in model space.
 #[derive(Clone, Copy, Debug)]
@@ -120,7 +141,7 @@ impl Space {
 
 /// A visible point: where secondary rays start, and the normal on the side that is seen.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Visible {
+pub(crate) struct Visible {
     origin: [f32; 3],
     normal: [f32; 3],
 }
@@ -175,15 +196,47 @@ pub(super) fn lifted(point: &Visible, clearance: f64) -> Visible {
 
 /// A ray from each visible point to the light.
 pub(super) fn shadow(space: Space, block: &Superblock, points: &[Visible]) -> RaySet {
+    let light = space.to_lattice(light(block));
+    let rays = points.iter().map(|point| towards(point, light)).collect();
+    RaySet { query: Query::Any, is_coherent: true, rays }
+}
+
+/// Where the light stands, model units.
+fn light(block: &Superblock) -> [f64; 3] {
     let (up, center, size) = (up_axis(&block.bounds), block.bounds.center(), block.bounds.diagonal());
-    let at = |a: usize| center[a] + size * if up[a] != 0.0 { LIGHT_UP * up[a] } else { LIGHT_ASIDE };
-    let light = space.to_lattice(std::array::from_fn(at));
-    let towards = |point: &Visible| BenchRay {
+    std::array::from_fn(|a| center[a] + size * if up[a] != 0.0 { LIGHT_UP * up[a] } else { LIGHT_ASIDE })
+}
+
+fn towards(point: &Visible, light: [f64; 3]) -> BenchRay {
+    BenchRay {
         origin: point.origin,
         direction: std::array::from_fn(|a| (light[a] - f64::from(point.origin[a])) as f32),
         t_max: 1.0,
-    };
-    RaySet { query: Query::Any, is_coherent: true, rays: points.iter().map(towards).collect() }
+    }
+}
+
+/// The rays of points in tiles that are spread over the picture, point by point, at most as many as there are points.
+pub(super) fn mixed(
+    space: Space,
+    block: &Superblock,
+    (points, mix): (&[Visible], RayMix),
+    seed: u64,
+) -> Vec<(BenchRay, Query)> {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let (light, side) = (light(block), LAMP_SIDE * block.bounds.diagonal());
+    let rays_a_point = (mix.n_shadow + mix.n_gather) as usize;
+    let mut rays = Vec::with_capacity(points.len());
+    for point in points.chunks(TILE_POINTS).step_by(rays_a_point).flatten() {
+        for _ in 0..mix.n_shadow {
+            let lamp = light.map(|at| at + side * (unit(&mut rng) - 0.5));
+            rays.push((towards(point, space.to_lattice(lamp)), Query::Any));
+        }
+        for _ in 0..mix.n_gather {
+            let direction = cosine_direction(point.normal, &mut rng);
+            rays.push((BenchRay { origin: point.origin, direction, t_max: f32::INFINITY }, Query::Closest));
+        }
+    }
+    rays
 }
 
 /// A cosine-distributed ray from each visible point.
@@ -197,10 +250,14 @@ pub(super) fn incoherent(points: &[Visible], seed: u64) -> RaySet {
     RaySet { query: Query::Closest, is_coherent: false, rays: points.iter().map(gather).collect() }
 }
 
+/// A number from 0 to 1.
+fn unit(rng: &mut Pcg64) -> f64 {
+    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
 /// The normal plus a point of the unit sphere has a cosine-distributed direction.
 fn cosine_direction(normal: [f32; 3], rng: &mut Pcg64) -> [f32; 3] {
-    let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-    let (z, turn) = (2.0 * unit() - 1.0, std::f64::consts::TAU * unit());
+    let (z, turn) = (2.0 * unit(rng) - 1.0, std::f64::consts::TAU * unit(rng));
     let radius = (1.0 - z * z).max(0.0).sqrt();
     let point = [radius * turn.cos(), radius * turn.sin(), z];
     let sum: [f64; 3] = std::array::from_fn(|a| f64::from(normal[a]) + point[a]);

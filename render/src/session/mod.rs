@@ -37,6 +37,7 @@ use shares::{SessionFacts, SessionShares};
 
 use crate::g_stage::{GNeeds, GStage};
 use crate::integrate::RenderContext;
+use crate::photon::irradiance::PhotonMap;
 use crate::scene::camera::Camera;
 use crate::scene::settings::RenderSettings;
 use crate::scene::world::{MaterialEdit, Model, View, World};
@@ -280,6 +281,11 @@ impl<T: PagedTracer + Send> Session<T> {
     ) -> Result<PhotonStats> {
         let (light, mut work) = self.light_parts(stop);
         light.illuminate(&mut work, tell)
+    }
+
+    /// The light that photons brought, by side of the octree's facets; `photon` alone keeps it so.
+    pub fn photon_map(&self) -> Option<&PhotonMap> {
+        self.light.photon_map()
     }
 
     /// The light, and what its photons fly through; `stop` is asked in between.

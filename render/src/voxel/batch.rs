@@ -109,7 +109,7 @@ impl VoxelScene<'_> {
         }
         for ray in 0..count {
             let entry = entry(ray);
-            answer(ray, entry.and_then(|entry| Some((entry.t_in, self.walk(&entry)?))));
+            answer(ray, entry.and_then(|entry| Some((entry.t_in, self.walk(&entry, &mut ())?))));
         }
     }
 }

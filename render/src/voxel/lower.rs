@@ -23,6 +23,7 @@
 //! no part of one of the upper octree; 3. no allocation; a page is in use until the next one is looked up.
 
 use super::g_ray::{GAnswer, GKind, GRay};
+use super::steps::Steps;
 use super::traverse::{Cube, Entry, Occluders, VoxelFound, VoxelHit, VoxelScene};
 use crate::trace::{Answer, Page, Pages, Ray};
 use glam::DVec3;
@@ -192,7 +193,7 @@ impl<'a> LowerScene<'a> {
     /// The first voxel that the ray meets; blocked where that depends on a page that is missing.
     pub fn intersect(&self, ray: &Ray, pages: &mut impl Pages) -> Answer<Option<LowerHit>> {
         let Some(entry) = self.cube().enter(ray) else { return Answer::Exact(None) };
-        self.hit_of(self.walk(&entry, pages))
+        self.hit_of(self.walk(&entry, pages, &mut ()))
     }
 
     /// The hit of a walk.
@@ -217,6 +218,22 @@ impl<'a> LowerScene<'a> {
         if !ray.kind().asks_units() {
             return self.upper.answer(ray);
         }
+        let found = self.find(ray, pages, &mut ());
+        self.answer_of(ray, &found, pages)
+    }
+
+    /// Steps that [`LowerScene::answer`] takes for a ray, with the same pages.
+    pub fn steps(&self, ray: &GRay, pages: &mut impl Pages) -> u64 {
+        if !ray.kind().asks_units() {
+            return self.upper.steps(ray);
+        }
+        let mut steps = 0u64;
+        self.find(ray, pages, &mut steps);
+        steps
+    }
+
+    /// What a ray that asks units finds, through the leaves of each level that its cone lets it read, finest first.
+    fn find(&self, ray: &GRay, pages: &mut impl Pages, steps: &mut impl Steps) -> Answer<Option<LowerFound>> {
         let (mut from, mut found) = (0.0, Answer::Exact(None));
         for part in self.parts() {
             let to = ray.reach(part.next);
@@ -226,8 +243,10 @@ impl<'a> LowerScene<'a> {
             let entry = Entry::of(&ray.part(from, to, part.side));
             found = match (entry, part.lower) {
                 (None, _) => Answer::Exact(None),
-                (Some(entry), Some(lower)) => lower.walk(&entry, pages),
-                (Some(entry), None) => Answer::Exact(self.upper.walk(&entry).map(LowerFound::of_upper)),
+                (Some(entry), Some(lower)) => lower.walk(&entry, pages, steps),
+                (Some(entry), None) => {
+                    Answer::Exact(self.upper.walk(&entry, steps).map(LowerFound::of_upper))
+                }
             };
             match &mut found {
                 Answer::Blocked => break,
@@ -238,7 +257,7 @@ impl<'a> LowerScene<'a> {
                 Answer::Exact(None) => from = to,
             }
         }
-        self.answer_of(ray, &found, pages)
+        found
     }
 
     /// The answer of a ray that asks units and has `found` something, or nothing; where the page of that has gone in
@@ -273,7 +292,12 @@ impl<'a> LowerScene<'a> {
     }
 
     /// Walks from the cube's side on.
-    pub(super) fn walk(&self, ray: &Entry, pages: &mut impl Pages) -> Answer<Option<LowerFound>> {
+    pub(super) fn walk(
+        &self,
+        ray: &Entry,
+        pages: &mut impl Pages,
+        steps: &mut impl Steps,
+    ) -> Answer<Option<LowerFound>> {
         let octree = self.upper.octree();
         let (nodes, bitmaps) = (octree.nodes(), octree.bitmaps());
         let first_link = nodes.len() - octree.last_nodes().len();
@@ -328,6 +352,7 @@ impl<'a> LowerScene<'a> {
                     }
                 }
             };
+            steps.step();
             let Some((next, apart)) = ray.leave(cell, ray.within(cell, shift, bits), &mut t, &mut axis)
             else {
                 return Answer::Exact(None);

@@ -143,7 +143,8 @@ impl LowerScene<'_> {
             }
         }
         for ray in waiting {
-            let found = entry(ray as usize).map_or(Answer::Exact(None), |entry| self.walk(&entry, pages));
+            let found =
+                entry(ray as usize).map_or(Answer::Exact(None), |entry| self.walk(&entry, pages, &mut ()));
             answer(ray as usize, found);
         }
     }

@@ -7,6 +7,7 @@ mod lower;
 mod lower_batch;
 #[cfg(target_arch = "x86_64")]
 mod simd;
+mod steps;
 mod traverse;
 mod voxels;
 

@@ -18,6 +18,7 @@
 //! Invariants: 1. no allocation; 2. at most three cubes per unit of the resolution are visited.
 
 use super::g_ray::{GAnswer, GKind, GRay};
+use super::steps::Steps;
 use crate::trace::Ray;
 use glam::{DVec3, Vec3};
 use trex_store::Lattice;
@@ -283,7 +284,7 @@ impl<'a> VoxelScene<'a> {
     /// The first voxel that the ray meets.
     pub fn intersect(&self, ray: &Ray) -> Option<VoxelHit> {
         let entry = self.enter(ray)?;
-        Some(self.hit_of(entry.t_in, &self.walk(&entry)?))
+        Some(self.hit_of(entry.t_in, &self.walk(&entry, &mut ())?))
     }
 
     /// The ray from where it enters the cube; `None` where it passes the cube by, or its numbers are not finite.
@@ -309,8 +310,15 @@ impl<'a> VoxelScene<'a> {
     /// # Panics
     /// When the bits of the ray name no kind.
     pub fn answer(&self, ray: &GRay) -> GAnswer {
-        let found = Entry::of(ray).and_then(|entry| self.walk(&entry));
+        let found = Entry::of(ray).and_then(|entry| self.walk(&entry, &mut ()));
         self.answer_of(ray, found.as_ref())
+    }
+
+    /// Steps that [`VoxelScene::answer`] takes for a ray: what a device's are compared with.
+    pub fn steps(&self, ray: &GRay) -> u64 {
+        let mut steps = 0u64;
+        Entry::of(ray).map(|entry| self.walk(&entry, &mut steps));
+        steps
     }
 
     /// The answer of a ray that has `found` something, or nothing.
@@ -338,7 +346,7 @@ impl<'a> VoxelScene<'a> {
 
     /// Walks from the cube's side on.
     #[inline(always)]
-    pub(super) fn walk(&self, ray: &Entry) -> Option<VoxelFound> {
+    pub(super) fn walk(&self, ray: &Entry, steps: &mut impl Steps) -> Option<VoxelFound> {
         let (nodes, bitmaps) = (self.octree.nodes(), self.octree.bitmaps());
         let depth = self.octree.grid().depth();
         let last = 4u32.pow(depth as u32 + 1) - 1;
@@ -366,6 +374,7 @@ impl<'a> VoxelScene<'a> {
                 level += 1;
                 path[level] = child;
             };
+            steps.step();
             let (next, apart) = ray.leave(cell, ray.within(cell, shift, bits), &mut t, &mut axis)?;
             if next[axis] > last {
                 return None;

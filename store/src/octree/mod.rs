@@ -41,6 +41,7 @@ pub use links::{LowerLinks, LowerSize, UnitRef};
 pub(crate) use merge::{RUN_BYTES, RecordBounds, RunsSize, VoxelRunTable, VoxelRuns, merge};
 pub use node::OctreeNode;
 pub(crate) use payload::LeafNormal;
+pub use payload::OCTAHEDRAL_BITS;
 pub use units::{UnitNode, UnitsView};
 pub(crate) use units::{UnitsContext, install_units};
 pub(crate) use upper::leaf_bytes;

@@ -4,8 +4,8 @@
 
 use glam::Vec3;
 
-/// Bits of each octahedral coordinate, and of the length.
-const OCTAHEDRAL_BITS: u32 = 6;
+/// Bits of each octahedral coordinate of a leaf's normal, the lowest of its word.
+pub const OCTAHEDRAL_BITS: u32 = 6;
 /// Greatest coordinate. Even, so that 0 is one of them: axes and planes across them are met exactly.
 const OCTAHEDRAL_MOST: i32 = (1 << OCTAHEDRAL_BITS) - 2;
 const LENGTH_MOST: f32 = 15.0;

@@ -235,6 +235,8 @@ impl Server {
                     budget: &budget,
                     memory: &|| MemoryFigures { used_bytes: budget.used_bytes(), ..MemoryFigures::default() },
                     pool: &|| pool_figures(pool),
+                    device_name: "processor",
+                    device: &|| None,
                     damage: &|| DamageList::of(file, pool),
                     set_limit: &|bytes| pool.set_limit(bytes).map(drop),
                     exchange: &|_, apply| {

@@ -15,7 +15,7 @@
 //! at all; 3. in frames the light on show stays until what comes after it is there, or there is no room for both.
 
 use crate::g_stage::GStage;
-use crate::photon::irradiance::Irradiance;
+use crate::photon::irradiance::{Irradiance, PhotonMap};
 use crate::photon::kd_tree::PhotonTree;
 use crate::photon::tracers::PhotonTracers;
 use crate::photon::voxel::VoxelPhotons;
@@ -85,6 +85,11 @@ pub(crate) trait IndirectLight: Debug + Send + Sync {
     /// The light in the voxels.
     fn irradiance(&self) -> Irradiance<'_> {
         Irradiance::NONE
+    }
+
+    /// What keeps the light in the voxels, as it is on show.
+    fn photon_map(&self) -> Option<&PhotonMap> {
+        None
     }
 
     /// Photons, each by itself.

@@ -151,6 +151,10 @@ impl IndirectLight for MapLight {
         });
         Irradiance::new(&self.shown, next)
     }
+
+    fn photon_map(&self) -> Option<&PhotonMap> {
+        Some(&self.shown)
+    }
 }
 
 impl NextMap {
