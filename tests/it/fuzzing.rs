@@ -2,14 +2,13 @@
 //! moment, with the stable toolchain.
 
 use crate::command::{document_in, folder, said};
-use crate::gltf;
 use crate::random::Random;
-use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use trex_store::layout::{Packing, PageKind};
+use trex_store::layout::PageKind;
 use trex_store::{Budget, PageFile};
+use xxhash_rust::xxh3::xxh3_64;
 
 mod seed_files;
 #[allow(unreachable_pub, dead_code)]
@@ -21,6 +20,10 @@ mod targets;
 const CHANGES: u64 = 300;
 const CHANGES_VARIABLE: &str = "TREX_FUZZ_CHANGES";
 const SECONDS_VARIABLE: &str = "TREX_FUZZ_SECONDS";
+/// Another number here gives other changes.
+const SEED_VARIABLE: &str = "TREX_FUZZ_SEED";
+/// Failures after which a target ends: what fails once fails often.
+const FAILURES_MOST: usize = 10;
 /// What a case is that builds, over one that reads.
 const BUILD_WEIGHT: u64 = 10;
 /// Most bytes of all seeds together.
@@ -67,20 +70,22 @@ fn changed(seed: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Runs one input; what it panics with is told with the input, and so is what takes more memory than it was given.
-fn run(target: targets::Target, name: &str, bytes: &[u8]) {
+/// Runs one input. What it panics with is told with the input, which is kept, and so is what takes more memory than it
+/// was given.
+fn run(target: targets::Target, name: &str, bytes: &[u8]) -> Result<(), String> {
     let (target, body) = target;
     let caught = std::panic::catch_unwind(|| {
         let taken = allocation_counter::measure(|| body(bytes)).bytes_max;
         assert!(taken <= targets::BUDGET_BYTES, "{taken} bytes were taken at once");
     });
-    if let Err(panic) = caught {
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("crash-{target}"));
+    caught.map_err(|panic| {
+        let name_hash = xxh3_64(name.as_bytes());
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("crash-{target}-{name_hash:016x}"));
         fs::write(&path, bytes).unwrap();
         let text = panic.downcast_ref::<String>().map(String::as_str);
         let said = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("a panic");
-        panic!("{target} on {name} ({}): {said}", path.display());
-    }
+        format!("{target} on {name} ({}): {said}", path.display())
+    })
 }
 
 fn check(name: &str) {
@@ -102,17 +107,34 @@ fn check_some(name: &str, weight: u64) {
         None => CHANGES.div_ceil(weight),
     };
     let (begin, longest) = (Instant::now(), number_of(SECONDS_VARIABLE).map(Duration::from_secs));
-    seeds.iter().for_each(|(seed, bytes)| run(target, seed, bytes));
-    let mut randoms: Vec<Random> = (0..seeds.len()).map(|at| Random::seeded(at as u64)).collect();
-    let mut count = 0;
+    let (mut count, mut slowest, mut failures) = (0, Duration::ZERO, Vec::new());
+    let mut try_case = |case: &str, bytes: &[u8]| {
+        let begin = Instant::now();
+        failures.extend(run(target, case, bytes).err());
+        slowest = slowest.max(begin.elapsed());
+        failures.len() < FAILURES_MOST
+    };
+    let mut is_wanted = seeds.iter().all(|(seed, bytes)| try_case(seed, bytes));
+    let first = number_of(SEED_VARIABLE).unwrap_or(0) << 32;
+    let mut randoms: Vec<Random> = (0..seeds.len() as u64).map(|at| Random::seeded(first + at)).collect();
     // A change of each seed in turn: where time is short all of them get their share.
-    for change in (0..changes).take_while(|_| longest.is_none_or(|longest| begin.elapsed() < longest)) {
+    for change in 0..changes {
+        if !is_wanted || longest.is_some_and(|longest| begin.elapsed() >= longest) {
+            break;
+        }
         for ((seed, bytes), random) in seeds.iter().zip(&mut randoms) {
-            run(target, &format!("change {change} of {seed}"), &changed(bytes, random));
+            is_wanted &= try_case(&format!("change {change} of {seed}"), &changed(bytes, random));
             count += 1;
         }
     }
-    said(&format!("{name}: {count} changes of {} seeds", seeds.len()));
+    let took_s = begin.elapsed().as_secs();
+    said(&format!(
+        "{name}: {count} changes of {} seeds, {} failures, {took_s} s, the slowest case {} ms",
+        seeds.len(),
+        failures.len(),
+        slowest.as_millis()
+    ));
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
 #[test]
@@ -254,39 +276,6 @@ fn seeds_are_sound_and_few() {
     (0..file.pages().len() as u32).for_each(|page| file.read_page(page, &mut frame, &mut buffers).unwrap());
 }
 
-/// The content of a page, unpacked.
-fn unpacked(file: &PageFile, bytes: &[u8], kind: PageKind) -> Vec<u8> {
-    let entry = file.pages().iter().find(|entry| entry.kind == kind).unwrap();
-    let stored = &bytes[entry.offset as usize..][..entry.stored_bytes as usize];
-    match entry.packing {
-        Packing::Raw => stored.to_vec(),
-        Packing::Lz4 => lz4_flex::block::decompress(stored, entry.unpacked_bytes as usize).unwrap(),
-    }
-}
-
-/// A grid of n by n squares with hills, as OBJ.
-fn hills(n: usize) -> String {
-    let mut text = String::from("mtllib none.mtl\n");
-    for (y, x) in (0..=n).flat_map(|y| (0..=n).map(move |x| (y, x))) {
-        let z = (0.7 * x as f64).sin() * (0.5 * y as f64).cos();
-        writeln!(text, "v {x} {y} {z:.3}").unwrap();
-    }
-    for (y, x) in (0..n).flat_map(|y| (0..n).map(move |x| (y, x))) {
-        let at = 1 + y * (n + 1) + x;
-        writeln!(text, "usemtl m{}\nf {at} {} {} {}", (x + y) % 3, at + 1, at + n + 2, at + n + 1).unwrap();
-    }
-    text
-}
-
-/// Hills whose vertices have colours.
-fn coloured_hills(n: usize) -> String {
-    let coloured = |(at, line): (usize, &str)| match line.starts_with("v ") {
-        true => format!("{line} 0.{} 0.5 0.{}\n", at % 10, 9 - at % 7),
-        false => format!("{line}\n"),
-    };
-    hills(n).lines().enumerate().map(coloured).collect()
-}
-
 #[test]
 #[ignore = "writes fuzz/seeds anew, checks nothing: cargo test --test it -- --ignored fuzz_seeds"]
 fn fuzz_seeds() {
@@ -298,9 +287,9 @@ fn fuzz_seeds() {
     let sliver = "v 0 0 0\nv 9 1 0.3\nv 9 1.05 0.3\nf 1 2 3\n";
     for (name, text, flags) in [
         ("units", sliver.to_owned(), "--voxels 64/256"),
-        ("hills", hills(9), "--no-asvo"),
-        ("fine", hills(4), "--no-asvo --grid-bits 36"),
-        ("coloured", coloured_hills(3), "--no-asvo"),
+        ("hills", seed_files::hills(9), "--no-asvo"),
+        ("fine", seed_files::hills(4), "--no-asvo --grid-bits 36"),
+        ("coloured", seed_files::coloured_hills(3), "--no-asvo"),
     ] {
         fs::write(inside.path().join("m.obj"), &text).unwrap();
         document_in(inside.path(), &format!("build m.obj -o {name}.trex {flags}"));
@@ -310,12 +299,12 @@ fn fuzz_seeds() {
         put("superblock", name, &bytes[..1016]);
         let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
         let bits = [file.superblock().lattice_bits as u8];
-        put("page", name, &[&bits[..], &unpacked(&file, &bytes, PageKind::Mesh)].concat());
+        put("page", name, &[&bits[..], &seed_files::unpacked(&file, &bytes, PageKind::Mesh)].concat());
         if name == "units" {
-            put("units", name, &unpacked(&file, &bytes, PageKind::Units));
+            put("units", name, &seed_files::unpacked(&file, &bytes, PageKind::Units));
         }
     }
-    let text = hills(2);
+    let text = seed_files::hills(2);
     put("obj", "hills.obj", text.as_bytes());
     put(
         "obj",
@@ -342,7 +331,7 @@ fn fuzz_seeds() {
         put("ply", &format!("{name}.ply"), &bytes);
     }
     seed_files::put_texts(&put);
-    put_gltf(&put);
+    seed_files::put_gltf(&put);
     seed_files::put_volumes(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let small = fs::read(inside.path().join("fine.trex")).unwrap();
@@ -352,39 +341,4 @@ fn fuzz_seeds() {
     put("stl", "text.stl", format!("solid a\n{facet}{facet}endsolid a\n").as_bytes());
     let records: Vec<u8> = (0..100u8).map(|i| i.wrapping_mul(37) & 0x3f).collect();
     put("stl", "records.stl", &[&[b'x'; 80][..], &2u32.to_le_bytes(), &records].concat());
-}
-
-/// Seeds of glTF: a strip with a replaced row, instances, a material, a camera and a light; in a data URI, and in a
-/// container.
-fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
-    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5f32, 3.0, 2.0, 1.0];
-    let mut bin: Vec<u8> = corners.iter().flat_map(|value| value.to_le_bytes()).collect();
-    bin.extend([0, 1, 2, 3, 2, 0, 0, 0]);
-    let views = [(0, 48, ""), (60, 4, ""), (48, 12, ""), (64, 1, "")];
-    let rows = |view: usize, kind: &str, count: usize, more: &str| {
-        format!("{{\"bufferView\":{view},\"componentType\":{kind},\"count\":{count}{more}}}")
-    };
-    let sparse = ",\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":3,\"componentType\":5121},\
-                  \"values\":{\"bufferView\":2}}";
-    let vector = "5126,\"type\":\"VEC3\"";
-    let accessors =
-        [rows(0, vector, 4, sparse), rows(1, "5121,\"type\":\"SCALAR\"", 4, ""), rows(2, vector, 1, "")];
-    let primitive =
-        "\"attributes\":{\"POSITION\":0,\"NORMAL\":0,\"COLOR_0\":0},\"indices\":1,\"mode\":5,\"material\":0";
-    let node = ",\"scale\":[-1,2,1],\"rotation\":[0,0,1,1],\"camera\":0,\"children\":[1],\"extensions\":{\
-                \"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2}},\
-                \"KHR_lights_punctual\":{\"light\":0}}},{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]";
-    let text = gltf::document(&views, &accessors.join(","), primitive, node).replacen(
-        '{',
-        "{\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1]}],\"cameras\":[{\"type\":\"perspective\",\
-         \"perspective\":{\"yfov\":1}}],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\"}]}},",
-        1,
-    );
-    put("glb", "small.glb", &gltf::file(&text, &bin));
-    // A triangle, whose nine numbers are 48 letters.
-    let rows = rows(0, vector, 3, "");
-    let text = gltf::document(&[(0, 36, "")], &rows, "\"attributes\":{\"POSITION\":0}", "");
-    let uri = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
-    let text = text.replace("BYTES", &format!("36,\"uri\":\"data:;base64,{uri}\""));
-    put("gltf", "small.gltf", text.as_bytes());
 }

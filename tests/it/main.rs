@@ -2,6 +2,7 @@
 
 mod browser;
 mod calls;
+mod campaign;
 mod cgroup;
 mod cli;
 mod colours;

@@ -1,4 +1,9 @@
-//! Seeds of the targets that read volumes and texts.
+//! Seeds of the targets: meshes, volumes, glTF and texts, and what stands in a page of a file.
+
+use crate::gltf;
+use std::fmt::Write;
+use trex_store::PageFile;
+use trex_store::layout::{Packing, PageKind};
 
 /// Small balls, as plain samples and packed.
 pub(super) fn put_volumes(put: &dyn Fn(&str, &str, &[u8])) {
@@ -49,4 +54,72 @@ pub(super) fn put_texts(put: &dyn Fn(&str, &str, &[u8])) {
     let views = "[[view]]\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\n[[view]]\nposition = [1, 0, 0]\n\
                  target = [0, 0, 0]\nup = [0, 0, 1]\n";
     put("views", "two.toml", views.as_bytes());
+}
+
+/// The content of a page, unpacked.
+pub(super) fn unpacked(file: &PageFile, bytes: &[u8], kind: PageKind) -> Vec<u8> {
+    let entry = file.pages().iter().find(|entry| entry.kind == kind).unwrap();
+    let stored = &bytes[entry.offset as usize..][..entry.stored_bytes as usize];
+    match entry.packing {
+        Packing::Raw => stored.to_vec(),
+        Packing::Lz4 => lz4_flex::block::decompress(stored, entry.unpacked_bytes as usize).unwrap(),
+    }
+}
+
+/// A grid of n by n squares with hills, as OBJ.
+pub(super) fn hills(n: usize) -> String {
+    let mut text = String::from("mtllib none.mtl\n");
+    for (y, x) in (0..=n).flat_map(|y| (0..=n).map(move |x| (y, x))) {
+        let z = (0.7 * x as f64).sin() * (0.5 * y as f64).cos();
+        writeln!(text, "v {x} {y} {z:.3}").unwrap();
+    }
+    for (y, x) in (0..n).flat_map(|y| (0..n).map(move |x| (y, x))) {
+        let at = 1 + y * (n + 1) + x;
+        writeln!(text, "usemtl m{}\nf {at} {} {} {}", (x + y) % 3, at + 1, at + n + 2, at + n + 1).unwrap();
+    }
+    text
+}
+
+/// Hills whose vertices have colours.
+pub(super) fn coloured_hills(n: usize) -> String {
+    let coloured = |(at, line): (usize, &str)| match line.starts_with("v ") {
+        true => format!("{line} 0.{} 0.5 0.{}\n", at % 10, 9 - at % 7),
+        false => format!("{line}\n"),
+    };
+    hills(n).lines().enumerate().map(coloured).collect()
+}
+
+/// Seeds of glTF: a strip with a replaced row, instances, a material, a camera and a light; in a data URI, and in a
+/// container.
+pub(super) fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5f32, 3.0, 2.0, 1.0];
+    let mut bin: Vec<u8> = corners.iter().flat_map(|value| value.to_le_bytes()).collect();
+    bin.extend([0, 1, 2, 3, 2, 0, 0, 0]);
+    let views = [(0, 48, ""), (60, 4, ""), (48, 12, ""), (64, 1, "")];
+    let rows = |view: usize, kind: &str, count: usize, more: &str| {
+        format!("{{\"bufferView\":{view},\"componentType\":{kind},\"count\":{count}{more}}}")
+    };
+    let sparse = ",\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":3,\"componentType\":5121},\
+                  \"values\":{\"bufferView\":2}}";
+    let vector = "5126,\"type\":\"VEC3\"";
+    let accessors =
+        [rows(0, vector, 4, sparse), rows(1, "5121,\"type\":\"SCALAR\"", 4, ""), rows(2, vector, 1, "")];
+    let primitive =
+        "\"attributes\":{\"POSITION\":0,\"NORMAL\":0,\"COLOR_0\":0},\"indices\":1,\"mode\":5,\"material\":0";
+    let node = ",\"scale\":[-1,2,1],\"rotation\":[0,0,1,1],\"camera\":0,\"children\":[1],\"extensions\":{\
+                \"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2}},\
+                \"KHR_lights_punctual\":{\"light\":0}}},{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]";
+    let text = gltf::document(&views, &accessors.join(","), primitive, node).replacen(
+        '{',
+        "{\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1]}],\"cameras\":[{\"type\":\"perspective\",\
+         \"perspective\":{\"yfov\":1}}],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\"}]}},",
+        1,
+    );
+    put("glb", "small.glb", &gltf::file(&text, &bin));
+    // A triangle, whose nine numbers are 48 letters.
+    let rows = rows(0, vector, 3, "");
+    let text = gltf::document(&[(0, 36, "")], &rows, "\"attributes\":{\"POSITION\":0}", "");
+    let uri = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let text = text.replace("BYTES", &format!("36,\"uri\":\"data:;base64,{uri}\""));
+    put("gltf", "small.gltf", text.as_bytes());
 }
