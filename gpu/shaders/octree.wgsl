@@ -12,6 +12,8 @@ override PAGE_BITS: u32;
 override OCTAHEDRAL_BITS: u32;
 // True where steps of walks are counted: what measures asks for that.
 override COUNTS_STEPS: bool;
+// True where rays may go on into units; without them `params.finer` is 0, and the walk ends at upper leaves.
+override HAS_UNITS: bool;
 
 struct Params {
     // Levels of nodes above the upper leaves.

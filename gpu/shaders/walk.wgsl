@@ -132,43 +132,47 @@ fn walk(ray: Entry, finer: u32) -> VoxelFound {
     var open_leaf: array<u32, OPEN_LEVELS>;
     path[0] = 0u;
     var level = 0u;
+    // Of the node or leaf at `level`: read when the walk comes there, not at each step through it.
+    var mask = vec2<u32>(nodes[0], nodes[1]);
+    var first_child = nodes[2];
     for (var step = 0u; step < params.steps_max; step++) {
         var shift: u32;
-        var mask: vec2<u32>;
         // Down to a child that is missing, or to a voxel below which there is none.
         loop {
             shift = 2u * (finest - level);
             let place = place_of(cell, shift, ray.flip);
             if level < depth {
-                let at = 3u * path[level];
-                mask = vec2<u32>(nodes[at], nodes[at + 1u]);
                 if !bit_of(mask, place) {
                     break;
                 }
                 let rank = rank_of(mask, place);
-                let child = nodes[at + 2u] + rank;
+                let child = first_child + rank;
                 level += 1u;
                 path[level] = child;
                 if level == depth {
-                    open_bitmap[0] = vec2<u32>(bitmaps[2u * child], bitmaps[2u * child + 1u]);
+                    mask = vec2<u32>(bitmaps[2u * child], bitmaps[2u * child + 1u]);
+                    open_bitmap[0] = mask;
                     open_rank[0] = rank;
                     open_base[0] = NONE;
                     open_leaf[0] = NONE;
                     open_unit[0] = NONE;
-                    if finer > 0u {
+                    if HAS_UNITS && finer > 0u {
                         let number = path[depth - 1u] - params.first_last;
                         open_unit[0] = payload[params.last_nodes_at + 3u * number + 2u];
                     }
+                } else {
+                    mask = vec2<u32>(nodes[3u * child], nodes[3u * child + 1u]);
+                    first_child = nodes[3u * child + 2u];
                 }
                 continue;
             }
-            let open = level - depth;
-            mask = open_bitmap[open];
+            // Without units a constant, which spares the walk all arrays of open leaves.
+            let open = select(0u, level - depth, HAS_UNITS);
             if !bit_of(mask, place) && params.is_whole == 0u {
                 break;
             }
             var below = NO_BELOW;
-            if level < finest {
+            if HAS_UNITS && level < finest {
                 below = look_below(mask, open_unit[open], open_rank[open], place);
             }
             if below.state < PAGE_SLOTS {
@@ -186,7 +190,8 @@ fn walk(ray: Entry, finer: u32) -> VoxelFound {
                 break;
             }
             level += 1u;
-            open_bitmap[open + 1u] = below.bitmap;
+            mask = below.bitmap;
+            open_bitmap[open + 1u] = mask;
             open_unit[open + 1u] = below.unit;
             open_rank[open + 1u] = below.rank;
             open_base[open + 1u] = below.base;
@@ -220,8 +225,18 @@ fn walk(ray: Entry, finer: u32) -> VoxelFound {
         }
         let apart = (next.x ^ cell.x) | (next.y ^ cell.y) | (next.z ^ cell.z);
         // Up to the node that holds both.
-        level = min(level, finest - min((31u - countLeadingZeros(apart)) / 2u, finest));
+        let both = finest - min((31u - countLeadingZeros(apart)) / 2u, finest);
         cell = next;
+        if both < level {
+            level = both;
+            if level < depth {
+                let at = 3u * path[level];
+                mask = vec2<u32>(nodes[at], nodes[at + 1u]);
+                first_child = nodes[at + 2u];
+            } else {
+                mask = open_bitmap[select(0u, level - depth, HAS_UNITS)];
+            }
+        }
     }
     found = found_nothing();
     found.outcome = UNANSWERED;
@@ -253,7 +268,7 @@ fn find(ray: GRay) -> VoxelFound {
     let axis = ray.bits >> 6u & 3u;
     let origin = origin_of(ray);
     let asks_units = kind_of(ray) == KIND_SHADOW || kind_of(ray) == KIND_GATHER;
-    if params.finer == 0u || !asks_units {
+    if !HAS_UNITS || params.finer == 0u || !asks_units {
         return walk(enter(ray, origin, ray.t_max, axis), 0u);
     }
     let direction = direction_of(ray);

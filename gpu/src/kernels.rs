@@ -1,7 +1,8 @@
 //! `Kernels`: the shaders, joined from their texts, and the pipelines made of them.
 //!
-//! Sizes are override constants of the texts, set when a pipeline is made ([`StepCounts::constants`]): they stand in
-//! Rust alone. Whether steps are counted is one of them, so that kernels which do not count have no trace of it.
+//! Sizes are override constants of the texts, set when a pipeline is made ([`Form::constants`]): they stand in Rust
+//! alone. Whether steps are counted is one of them, so that kernels which do not count have no trace of it; and whether
+//! rays may go on into units, since most files have none: a walk without them has a third less to do on llvmpipe.
 //!
 //! Loops are not bounded by the compiler (that costs a shader much of its speed): the walk has a bound of its own,
 //! and the others go over a few levels. Indices into buffers are checked, all the same.
@@ -42,15 +43,24 @@ pub enum StepCounts {
     On,
 }
 
-impl StepCounts {
+/// What a pipeline is made for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Form {
+    pub(crate) steps: StepCounts,
+    /// Rays may go on into units; if not, `Params::finer` is 0.
+    pub(crate) has_units: bool,
+}
+
+impl Form {
     /// The override constants of all texts, by name.
-    pub(crate) fn constants(self) -> [(&'static str, f64); 5] {
+    pub(crate) fn constants(self) -> [(&'static str, f64); 6] {
         [
             ("WORKGROUP_RAYS", f64::from(WORKGROUP_RAYS)),
             ("FRAME_WORDS", (FRAME_BYTES / 4) as f64),
             ("PAGE_BITS", f64::from(PAGES.ilog2())),
             ("OCTAHEDRAL_BITS", f64::from(OCTAHEDRAL_BITS)),
-            ("COUNTS_STEPS", f64::from(u8::from(self == StepCounts::On))),
+            ("COUNTS_STEPS", f64::from(u8::from(self.steps == StepCounts::On))),
+            ("HAS_UNITS", f64::from(u8::from(self.has_units))),
         ]
     }
 }
@@ -118,11 +128,18 @@ impl Binding {
     }
 }
 
-/// The pipelines.
+/// The pipelines of one form.
 #[derive(Debug)]
-pub(crate) struct Kernels {
+pub(crate) struct Pipelines {
     pub(crate) shadow_rays: wgpu::ComputePipeline,
     pub(crate) surface_rays: wgpu::ComputePipeline,
+}
+
+/// All pipelines.
+#[derive(Debug)]
+pub(crate) struct Kernels {
+    pub(crate) plain: Pipelines,
+    pub(crate) in_units: Pipelines,
     layout: wgpu::BindGroupLayout,
 }
 
@@ -144,21 +161,25 @@ impl Kernels {
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         });
-        let [shadow_rays, surface_rays] =
-            KERNELS.map(|kernel| Kernels::compile(gpu, &pipeline_layout, (kernel, steps)));
+        let [plain, in_units] = [false, true].map(|has_units| {
+            let form = Form { steps, has_units };
+            let [shadow_rays, surface_rays] =
+                KERNELS.map(|kernel| Kernels::compile(gpu, &pipeline_layout, (kernel, form)));
+            Pipelines { shadow_rays, surface_rays }
+        });
         match pollster::block_on(scope.pop()) {
             Some(error) => Err(Error::new(Code::NoAdapter, "the driver refuses a shader")
                 .at_place(format!("the device {:?}", device.report().name))
                 .numbers(error.to_string())
                 .next(NextStep::OtherDevice)),
-            None => Ok(Kernels { shadow_rays, surface_rays, layout }),
+            None => Ok(Kernels { plain, in_units, layout }),
         }
     }
 
     fn compile(
         gpu: &wgpu::Device,
         layout: &wgpu::PipelineLayout,
-        (kernel, steps): (Kernel, StepCounts),
+        (kernel, form): (Kernel, Form),
     ) -> wgpu::ComputePipeline {
         let source = wgpu::ShaderSource::Wgsl(kernel.text().into());
         let descriptor = wgpu::ShaderModuleDescriptor { label: Some(kernel.name), source };
@@ -173,7 +194,7 @@ impl Kernels {
             module: &module,
             entry_point: Some(kernel.name),
             compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &steps.constants(),
+                constants: &form.constants(),
                 ..wgpu::PipelineCompilationOptions::default()
             },
             cache: None,
@@ -200,7 +221,9 @@ mod tests {
     /// override constants that are set, no others; with these it is sound, and becomes SPIR-V.
     #[test]
     fn shaders_are_valid() {
-        for (kernel, steps) in KERNELS.into_iter().flat_map(|k| [(k, StepCounts::Off), (k, StepCounts::On)]) {
+        let forms = [(StepCounts::Off, false), (StepCounts::Off, true), (StepCounts::On, true)];
+        let forms = forms.map(|(steps, has_units)| Form { steps, has_units });
+        for (kernel, form) in KERNELS.into_iter().flat_map(|kernel| forms.map(|form| (kernel, form))) {
             let text = kernel.text();
             let module = naga::front::wgsl::parse_str(&text)
                 .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(&text)));
@@ -209,11 +232,11 @@ mod tests {
                 .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(&text)));
             let mut needed: Vec<_> =
                 module.overrides.iter().map(|(_, constant)| constant.name.as_deref().unwrap()).collect();
-            let mut set = steps.constants().map(|(name, _)| name).to_vec();
+            let mut set = form.constants().map(|(name, _)| name).to_vec();
             needed.sort_unstable();
             set.sort_unstable();
             assert_eq!(needed, set, "{}", kernel.name);
-            let constants = steps.constants().into_iter().map(|(name, value)| (name.to_owned(), value));
+            let constants = form.constants().into_iter().map(|(name, value)| (name.to_owned(), value));
             let stage = naga::ShaderStage::Compute;
             let (module, info) = naga::back::pipeline_constants::process_overrides(
                 &module,

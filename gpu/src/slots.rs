@@ -8,7 +8,7 @@
 //! beginning.
 
 use crate::device::{GpuDevice, VideoLease, count};
-use crate::kernels::{Binding, Kernels, WORKGROUP_RAYS};
+use crate::kernels::{Binding, Kernels, Pipelines, WORKGROUP_RAYS};
 use crate::octree::OctreeBuffers;
 use crate::packing::PackedRays;
 use crate::units::UnitCache;
@@ -155,10 +155,10 @@ impl Slot {
         device.queue.write_buffer(&self.rays, 0, ray_bytes);
         let mut encoder = device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&units.slots_used, 0, None);
-        let kernels = [
-            (&kernels.shadow_rays, params.shadow_count),
-            (&kernels.surface_rays, params.ray_count - params.shadow_count),
-        ];
+        let Pipelines { shadow_rays, surface_rays } =
+            if params.finer == 0 { &kernels.plain } else { &kernels.in_units };
+        let kernels =
+            [(shadow_rays, params.shadow_count), (surface_rays, params.ray_count - params.shadow_count)];
         for (number, (kernel, count)) in (0..).zip(kernels) {
             let times = self.clock.as_ref().map(|clock| clock.writes(number));
             let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes: times };

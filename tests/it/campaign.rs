@@ -5,7 +5,7 @@
 //! TREX_PART=K/N    of all cases those whose number, counted from 0, is K where it is divided by N
 //! ```
 //!
-//! Invariants: 1. without these variables every case is due; 2. a case is written down once it has passed, never before;
+//! Invariants: 1. without these variables every case is due; 2. a case is written once it has passed, never before;
 //! 3. a count holds the cases of the runs before, too.
 
 use std::collections::BTreeMap;

@@ -24,24 +24,9 @@ pub(crate) fn stages() -> Vec<(&'static str, NewStage)> {
         ("processor", || Box::new(CpuStage::default())),
         ("late", || Box::new(Late::new())),
     ];
-    everywhere.into_iter().chain(on_device()).collect()
-}
-
-/// The one on a device, where the build knows devices and the machine has one.
-#[cfg(feature = "gpu")]
-fn on_device() -> Option<(&'static str, NewStage)> {
-    use crate::gpu::device;
-    use trex_gpu::{GpuStage, WhenTooLarge};
-    let stage: NewStage = || {
-        let device = device().expect("there is one").clone();
-        Box::new(GpuStage::new(device, WhenTooLarge::Refuse).unwrap())
-    };
-    device().map(|_| ("device", stage))
-}
-
-#[cfg(not(feature = "gpu"))]
-fn on_device() -> Option<(&'static str, NewStage)> {
-    None
+    #[cfg(feature = "gpu")]
+    let everywhere = everywhere.into_iter().chain(crate::gpu::stage());
+    everywhere.into_iter().collect()
 }
 
 /// One scalar ray at a time.

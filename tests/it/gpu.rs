@@ -4,7 +4,7 @@
 
 use crate::command::{cannot_run, document_in, folder, run_in, said};
 use crate::fixtures::built_in;
-use crate::g_stage::settings;
+use crate::g_stage::{NewStage, settings};
 use crate::voxels_lower_batch::{BatchStage as Setting, PartialPages, all_there};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -38,6 +38,15 @@ fn open(limit_bytes: u64) -> Option<Arc<GpuDevice>> {
             None
         }
     }
+}
+
+/// What makes a stage on that device, with its name.
+pub(crate) fn stage() -> Option<(&'static str, NewStage)> {
+    let stage: NewStage = || {
+        let device = device().expect("there is one").clone();
+        Box::new(GpuStage::new(device, WhenTooLarge::Refuse).unwrap())
+    };
+    device().map(|_| ("device", stage))
 }
 
 /// All rays of a setting, of all kinds, with cones and without, in parts of so many.

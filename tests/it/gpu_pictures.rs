@@ -104,7 +104,7 @@ fn pictures_are_those_of_the_processor() {
         if !obj.is_file() {
             continue;
         }
-        let line = format!("build {} -o {name}.trex --voxels 128", obj.display());
+        let line = format!("build {} -o {name}.trex --voxels 256", obj.display());
         document_in(inside.path(), &line);
         let scene = std::fs::read_to_string(format!("{scenes}/{name}.toml")).unwrap();
         std::fs::write(inside.path().join(format!("{name}.toml")), scene.replace("../../out/", "")).unwrap();
@@ -112,8 +112,8 @@ fn pictures_are_those_of_the_processor() {
     }
 }
 
-/// Video memory for an eighth of the units beside the upper octree and the batches: views that jump are exact in the end, without holes,
-/// within the limit. Units that have no room in a batch are the processor's.
+/// Video memory for an eighth of the units beside the upper octree and the batches: views that jump are exact in the
+/// end, without holes, within the limit. Units that have no room in a batch are the processor's.
 #[test]
 fn views_change_in_an_eighth_of_the_units_video_memory() {
     if device().is_none() {

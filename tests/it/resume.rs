@@ -133,8 +133,8 @@ fn killed_builds_go_on_to_the_same_bytes() {
     said(&format!("a kill cost {mean:.2} s of a processor on average over builds, {most:.2} s at most"));
 }
 
-/// What a kill costs that comes at the end of each phase, when most of it has been done since the last record: processor
-/// time over that of a build that is let alone, seconds.
+/// What a kill costs that comes at the end of each phase, when most of it has been done since the last record:
+/// processor time over that of a build that is let alone, seconds.
 #[test]
 #[ignore = "an instrument: prints a table, checks nothing but bytes; TREX_KILL_TRIANGLES says how large"]
 fn what_a_kill_costs_by_phase() {

@@ -4,7 +4,7 @@
 //!
 //! Times are those from the first call to the last answer, rays made before. Answers are compared with the processor's.
 //!
-//! Invariants: 1. each round asks the same rays, and the first is not measured: units are on the device by then, if they
+//! Invariants: 1. each round asks the same rays, and the first is not measured: units are on the device by then if they
 //! fit; 2. steps are counted by a stage of its own, so that no count is in what is timed.
 
 use super::device_course::{AskedRays, DeviceCourse, DeviceSetFigures};
@@ -59,7 +59,7 @@ pub struct MixFigures {
 }
 
 /// The rays that are asked: sets of the upper octree, then of units where there are any.
-struct Asking<'a> {
+struct RaySource<'a> {
     space: Space,
     block: &'a Superblock,
     seed: u64,
@@ -79,20 +79,20 @@ pub(super) fn measure(
     let source = StageSource::open(device, &around.budget)?;
     let units = [GUnits::None, GUnits::On(MissingUnits::Block)];
     let octrees = sets.iter().zip(units).filter_map(|(sets, units)| Some((sets.as_ref()?, units)));
-    let asking = Asking { space, block: file.superblock(), seed: options.seed, octrees: octrees.collect() };
+    let rays = RaySource { space, block: file.superblock(), seed: options.seed, octrees: octrees.collect() };
     let (threads, rounds) = (around.threads, options.rounds);
     let course = DeviceCourse { source: &source, voxels, pages, threads, rounds };
 
     let mut stages = course.stages()?;
     let call_ray_count = stages.call_rays();
-    let mut figures = asking.each(around, |asked| course.run(&mut stages, &asked))?;
+    let mut figures = rays.each(around, |asked| course.run(&mut stages, &asked))?;
     let report = source.report();
     // One octree at a time is on the device.
     drop(stages);
     if report.gpu.is_some() {
         let mut counting = source.counting_stage()?;
         counting.set_octree(voxels)?;
-        let steps = asking.each(around, |asked| course.steps_per_ray(&*counting, &asked))?;
+        let steps = rays.each(around, |asked| course.steps_per_ray(&*counting, &asked))?;
         figures.iter_mut().zip(steps).for_each(|(figures, steps)| figures.steps_per_ray = Some(steps));
     }
 
@@ -118,7 +118,7 @@ pub(super) fn measure(
     }))
 }
 
-impl Asking<'_> {
+impl RaySource<'_> {
     /// Does `work` on each set, whose rays are made then.
     fn each<T>(&self, around: &Surroundings, mut work: impl FnMut(AskedRays) -> T) -> anyhow::Result<Vec<T>> {
         let mut done = Vec::with_capacity(SETS * self.octrees.len());

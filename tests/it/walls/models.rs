@@ -6,7 +6,7 @@ use crate::random::Random;
 use std::fs;
 use std::path::Path;
 
-type Triangle = [[f64; 3]; 3];
+type WallTriangle = [[f64; 3]; 3];
 
 /// A mesh file, and how it is written.
 pub(super) struct WallModel {
@@ -41,7 +41,7 @@ pub(super) const MODELS: [WallModel; 10] = [
 ];
 
 const PLAIN: WallModel = WallModel { what: "", file: "m.ply", flags: "--voxels 256", write: |_| () };
-const LARGE: Triangle = [[0.0, 0.0, 0.0], [1000.0, 3.0, 500.0], [20.0, 1000.0, 700.0]];
+const LARGE: WallTriangle = [[0.0, 0.0, 0.0], [1000.0, 3.0, 500.0], [20.0, 1000.0, 700.0]];
 
 impl WallModel {
     /// Writes the mesh file into a folder, and builds `m.trex` of it.
@@ -57,7 +57,7 @@ fn generated(kind: &str, path: &Path) {
 }
 
 /// Writes triangles as binary PLY in f64, each with vertices of its own.
-fn ply(path: &Path, triangles: &[Triangle]) {
+fn ply(path: &Path, triangles: &[WallTriangle]) {
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
          property double z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
@@ -74,7 +74,7 @@ fn ply(path: &Path, triangles: &[Triangle]) {
 }
 
 /// `n` by `n` squares of side 1, each point of which is put somewhere.
-fn sheet(n: u32, point: impl Fn(f64, f64) -> [f64; 3]) -> Vec<Triangle> {
+fn sheet(n: u32, point: impl Fn(f64, f64) -> [f64; 3]) -> Vec<WallTriangle> {
     let squares = (0..n).flat_map(|y| (0..n).map(move |x| (f64::from(x), f64::from(y))));
     let pairs = squares.map(|(x, y)| {
         let [a, b, c, d] = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(u, v)| point(x + u, y + v));
@@ -84,7 +84,7 @@ fn sheet(n: u32, point: impl Fn(f64, f64) -> [f64; 3]) -> Vec<Triangle> {
 }
 
 /// Plates of two triangles as large as the model, and boxes on them that are a thousand times smaller.
-fn plates_and_bolts() -> Vec<Triangle> {
+fn plates_and_bolts() -> Vec<WallTriangle> {
     let (mut triangles, mut random) = (Vec::new(), Random::seeded(17));
     for floor in 0..40 {
         let z = 50.0 * f64::from(floor);
@@ -107,7 +107,7 @@ fn plates_and_bolts() -> Vec<Triangle> {
 }
 
 /// Loose triangles, of a millionth of the model's size to all of it.
-fn all_sizes() -> Vec<Triangle> {
+fn all_sizes() -> Vec<WallTriangle> {
     let mut random = Random::seeded(18);
     let one = |_| {
         let (size, center) = (10f64.powf(6.0 * random.unit() - 3.0), random.point([0.0; 3], [1000.0; 3]));
@@ -116,7 +116,7 @@ fn all_sizes() -> Vec<Triangle> {
     (0..60_000).map(one).collect()
 }
 
-/// Real models that are to be built in walls, and files that others found nasty; none, said aloud, where there are none.
+/// Real models that are to be built in walls, and files that others found nasty; none, said aloud, where none are.
 pub(super) fn real_files() -> (Vec<std::path::PathBuf>, Vec<std::path::PathBuf>) {
     let Some(models) = models() else { return (vec![], vec![]) };
     let honest = ["cad/kicad_150k.obj", "scans/bunny.ply", "scans/horse.ply"].map(|name| models.join(name));
