@@ -15,7 +15,7 @@ const KILLS: u32 = 8;
 const OFTEN: &str = "--journal-every 20ms";
 /// Threads and limits that builds go on with, whatever they had before.
 const THREADS: [u32; 3] = [1, 2, 3];
-const LIMITS: [&str; 4] = ["96MiB", "128MiB", "256MiB", "1GiB"];
+const LIMITS: [&str; 4] = ["112MiB", "128MiB", "256MiB", "1GiB"];
 
 /// A build that ran until it ended or was killed.
 struct BuildRun {
