@@ -10,10 +10,11 @@
 //!             -> render                       a picture
 //!             -> session -> apply, render     pictures at leisure
 //!             -> live    -> apply, frame      pictures in frames with a deadline
+//!             -> show                         a live session in pages of a browser (feature `view`)
 //! ```
 //!
-//! Floors: each imports those before it alone: `device`, `options`, `info`, `scene_defaults`, `shared_pool`,
-//! `outline`, `handle`, `opening`, `rays`, `picture`. Apart from these `times` and `ray_rates`: what a caller makes of
+//! Floors: each imports those before it alone: `device`, `options`, `info`, `scene_defaults`, `shared_pool`, `outline`,
+//! `handle`, `opening`, `rays`, `picture`, `show`. Apart from these `times` and `ray_rates`: what a caller makes of
 //! reports of frames and counts of rays.
 //!
 //! This crate knows no flags and no terminal: it never prints, exits or reads the environment.
@@ -29,6 +30,8 @@ mod ray_rates;
 mod rays;
 mod scene_defaults;
 mod shared_pool;
+#[cfg(feature = "view")]
+mod show;
 mod times;
 
 /// The example of the README is compiled with the others.
@@ -44,4 +47,6 @@ pub use picture::Picture;
 pub use ray_rates::RayRates;
 pub use rays::{AllHits, check_rays};
 pub use scene_defaults::set_direct_without_voxels;
+#[cfg(feature = "view")]
+pub use show::ShownModel;
 pub use times::Times;

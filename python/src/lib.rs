@@ -4,8 +4,8 @@
 //! is what needs the library: arrays to rays, answers to arrays, errors to exceptions, and work that leaves the
 //! interpreter free. Nothing here is public API of its own.
 //!
-//! Floors: each imports those before it alone: `errors`, `detached`, `rays`, `picture`, `live`, `spool`,
-//! `file_work`, `model`.
+//! Floors: each imports those before it alone: `errors`, `detached`, `rays`, `picture`, `live`, `viewer`,
+//! `spool`, `file_work`, `model`.
 
 mod detached;
 mod errors;
@@ -15,6 +15,7 @@ mod model;
 mod picture;
 mod rays;
 mod spool;
+mod viewer;
 
 use pyo3::prelude::*;
 
@@ -31,4 +32,6 @@ mod _trex {
     use super::model::NativeModel;
     #[pymodule_export]
     use super::spool::NativeSpool;
+    #[pymodule_export]
+    use super::viewer::NativeViewer;
 }

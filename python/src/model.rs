@@ -5,6 +5,7 @@ use crate::errors::{exception, raised};
 use crate::live::NativeLive;
 use crate::picture;
 use crate::rays::{self, HitArrays, HitColumns, Numbers, Rays, Vectors};
+use crate::viewer::{NativeViewer, ViewerPlace};
 use numpy::{PyReadonlyArray1, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray3};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -131,6 +132,11 @@ impl NativeModel {
     /// A live picture of a scene, given as JSON text: frames take up to `t_max` seconds.
     fn live(&self, py: Python<'_>, scene: &str, t_max: f64) -> PyResult<NativeLive> {
         NativeLive::new(py, self.open_model(py)?, &raised(py, picture::scene(scene))?, t_max)
+    }
+
+    /// A viewer of a scene, given as JSON text.
+    fn view(&self, py: Python<'_>, scene: &str, place: ViewerPlace) -> PyResult<NativeViewer> {
+        NativeViewer::new(py, self.open_model(py)?, raised(py, picture::scene(scene))?, place)
     }
 
     /// Renders a scene, given as JSON text, to the bytes of a PNG file.

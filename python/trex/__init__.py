@@ -10,6 +10,21 @@
 from ._files import build, info, verify
 from ._live import Frame, Live
 from ._model import AllHits, Hits, Model, Triangles, open
+from ._viewer import Viewer, view
 from .errors import TrexError
 
-__all__ = ["AllHits", "Frame", "Hits", "Live", "Model", "TrexError", "Triangles", "build", "info", "open", "verify"]
+__all__ = [
+    "AllHits",
+    "Frame",
+    "Hits",
+    "Live",
+    "Model",
+    "TrexError",
+    "Triangles",
+    "Viewer",
+    "build",
+    "info",
+    "open",
+    "verify",
+    "view",
+]

@@ -15,22 +15,16 @@ use crate::memory::Memory;
 use crate::size;
 use crate::values::Milliseconds;
 use serde::Serialize;
-use std::cell::Cell;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use trex_model::{Device, DeviceReport, Pace, SessionOptions};
-use trex_render::{Exposure, FrameOptions, PictureNeeds, Scene};
-use trex_store::DamageList;
+use trex_model::{Device, DeviceReport, SessionOptions, ShownModel};
+use trex_render::{Exposure, FrameOptions, Scene};
 use trex_store::io::IoDescription;
-use trex_store::layout::FRAME_BYTES;
 use trex_store::{Code, Error, Result, StopSignal};
-use trex_view::{
-    DeviceFigures, MemoryFigures, ModelFigures, PoolFigures, Room, SIDE_MAX, SILENCE_MAX, ServeOptions,
-    ServeReport, Surroundings, Token, serve, view_bytes,
-};
+use trex_view::{Embedders, SIDE_MAX, SILENCE_MAX, ServeOptions, ServeReport, Token};
 
 /// Longest frame when no other is asked for.
 const T_MAX: Milliseconds = Milliseconds(100.0);
@@ -63,46 +57,23 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let session = session.go_live(frames)?;
 
     let (token, hosts) = (Token::random()?, args.host.clone());
-    let options = ServeOptions { token, hosts, frames, follows_page, silence_max: SILENCE_MAX };
+    let (embedders, silence_max) = (Embedders::default(), SILENCE_MAX);
+    let options = ServeOptions { token, hosts, frames, follows_page, embedders, silence_max };
     let address = listener.local_addr().map_err(|error| refused(args, &error))?;
     say_where(args, address, &options.token, ctx);
-    // What frames of pages make room for.
-    let now = Cell::new(Room::of(session.view().settings, 0));
-    let needs = |room: &Room| picture_needs(room, ctx.threads);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let model_path = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
     let input = file.display().to_string();
-    let around = Surroundings {
+    let shown = ShownModel {
         name: &name,
-        command_line: &|recipe| render_line(&input, recipe),
-        model_path: &model_path.display().to_string(),
-        model: model_figures(&stage, &path),
-        file_materials: stage.model.file().materials(),
-        views: if scene.model.is_empty() { vec![] } else { vec![session.view().camera] },
-        camera: scene.camera,
-        budget: &ctx.budget,
-        memory: &|| memory_figures(&stage, ctx),
-        pool: &|| pool_figures(&stage),
-        device_name: &stage.model.device().name,
-        device: &|| device_figures(&stage),
-        damage: &|| DamageList::of(stage.model.file(), &stage.pool),
-        set_limit: &|bytes| stage.model.set_limit(bytes, &needs(&now.get())),
-        exchange: &|room, apply| {
-            stage.model.exchange(&needs(&room), apply)?;
-            now.set(room);
-            Ok(())
-        },
-        make_room: &|rooms| {
-            stage.model.make_room(&rooms.iter().map(needs).collect::<Vec<_>>())?;
-            if let [only] = rooms {
-                now.set(*only);
-            }
-            Ok(())
-        },
+        path: &model_path.display().to_string(),
+        scene: &scene,
+        words: &|recipe| render_line(&input, recipe),
+        peak_rss_bytes: &|| Memory::new(&ctx.budget).peak_rss_bytes,
         stop: &|| ctx.interrupt.is_raised(),
     };
     let begin = std::time::Instant::now();
-    let served = serve(session, &listener, &options, &around)?;
+    let served = stage.model.show(session, &listener, &options, &shown)?;
     let damage = Damage::of(&stage);
     damage.report(ctx);
     let is_whole = damage.page_count == 0;
@@ -136,8 +107,7 @@ fn open_stage(
     let (io, device) = (io_options(&args.disk), args.device.options(Device::Auto));
     let stop = StopSignal::new(&ctx.interrupt, None);
     loop {
-        let copies_bytes = view_bytes(scene.render.resolution);
-        let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
+        let options = SessionOptions::shown(scene.render.resolution);
         match Stage::open(&Play { scene, file: path, options, io: &io, device: &device, stop: &stop }, ctx) {
             Err(error) if error.code() == Code::MemoryLimit && follows_page(args, scene) => {
                 scene.render.resolution = halved(scene.render.resolution).ok_or(error)?;
@@ -217,57 +187,6 @@ fn open_browser(url: &str, ctx: &Context) {
     });
     if let Err(error) = opened {
         ctx.console.note(&format!("note: no browser could be opened ({error}); open the address yourself"));
-    }
-}
-
-/// What a picture in the viewer needs of memory.
-fn picture_needs(room: &Room, workers: usize) -> PictureNeeds {
-    let Room { settings, copies_bytes } = *room;
-    let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-    options.needs_of(settings, workers)
-}
-
-fn model_figures(stage: &Stage, path: &Path) -> ModelFigures {
-    ModelFigures {
-        triangle_count: stage.model.file().superblock().triangle_count,
-        file_bytes: std::fs::metadata(path).map_or(0, |metadata| metadata.len()),
-        page_count: stage.model.file().pages().len() as u64,
-        material_count: stage.model.file().materials().len() as u64,
-    }
-}
-
-fn memory_figures(stage: &Stage, ctx: &Context) -> MemoryFigures {
-    MemoryFigures {
-        used_bytes: ctx.budget.used_bytes(),
-        limit_bytes: ctx.budget.limit_bytes(),
-        peak_rss_bytes: Memory::new(&ctx.budget).peak_rss_bytes,
-        frames_bytes: stage.pool.stats().frames * FRAME_BYTES as u64,
-    }
-}
-
-fn device_figures(stage: &Stage) -> Option<DeviceFigures> {
-    stage.model.device().gpu.map(|gpu| DeviceFigures {
-        rays: gpu.rays,
-        processor_rays: gpu.processor_rays,
-        uploaded_bytes: gpu.uploaded_bytes,
-        read_back_bytes: gpu.read_back_bytes,
-        unit_uploads: gpu.unit_uploads,
-        unit_evictions: gpu.unit_evictions,
-        memory_used_bytes: gpu.memory_used_bytes,
-        memory_limit_bytes: gpu.memory_limit_bytes,
-    })
-}
-
-fn pool_figures(stage: &Stage) -> PoolFigures {
-    let stats = stage.pool.stats();
-    PoolFigures {
-        frames: stats.frames,
-        resident: stats.pages_read.saturating_sub(stats.evictions).min(stats.frames),
-        pages_read: stats.pages_read,
-        misses: stats.misses,
-        evictions: stats.evictions,
-        bytes_read: stats.bytes_read,
-        damaged: stats.damaged,
     }
 }
 

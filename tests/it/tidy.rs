@@ -17,8 +17,8 @@ const MAY_NAME: [(&str, &[&str]); 11] = [
     ("view", &["trex-store", "trex-render"]),
     ("image", &["trex-store"]),
     // Its examples and tests build what they open.
-    ("model", &["trex-store", "trex-render", "trex-gpu", "datasets-gen"]),
-    ("python", &["trex-store", "trex-render", "datasets-gen", "trex-model"]),
+    ("model", &["trex-store", "trex-render", "trex-gpu", "trex-view", "datasets-gen"]),
+    ("python", &["trex-store", "trex-render", "trex-view", "datasets-gen", "trex-model"]),
     ("bench", &["trex-store", "datasets-gen", "trex-render", "trex-image", "trex-model"]),
     (
         ".",

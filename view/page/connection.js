@@ -52,8 +52,11 @@ export class Connection {
     clearTimeout(this.timer);
     this.timer = null;
     this.handlers.state(this.tries === 0 ? "connecting" : "reconnecting");
-    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-    const socket = new WebSocket(`${scheme}//${location.host}/socket`);
+    // Beside the page, which may stand below the path of a proxy.
+    const address = new URL("socket", location.href);
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    address.hash = "";
+    const socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.addEventListener("open", () => this.hello(socket));

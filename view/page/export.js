@@ -43,7 +43,7 @@ export class Export {
   get link() {
     const { camera, connection } = this.app;
     const view = to_text(camera);
-    return `${location.origin}/#token=${connection.token}&view=${view}`;
+    return `${location.origin}${location.pathname}#token=${connection.token}&view=${view}`;
   }
 
   copy_link() {

@@ -5,6 +5,8 @@
 //! so has the site that a socket is opened from: that of the page itself, so the one by which the socket is asked, port
 //! and all: another port of this machine is another program. Other users of the machine are kept out by the token.
 //!
+//! Nobody may show the page in a frame of another site but those who are named for it.
+//!
 //! Invariants: 1. a name is compared as a whole, its port only with that of an origin, since a tunnel may give the
 //! server any; 2. tokens are compared in a time that says nothing of
 //! where they differ, and never shown by `Debug`.
@@ -51,6 +53,43 @@ impl Token {
 impl std::fmt::Debug for Token {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Token(..)")
+    }
+}
+
+/// Sites whose pages may have the page in a frame: nobody's, unless they are named.
+#[derive(Clone, Debug)]
+pub struct Embedders(String);
+
+impl Default for Embedders {
+    /// Nobody.
+    fn default() -> Embedders {
+        Embedders("'none'".to_owned())
+    }
+}
+
+impl Embedders {
+    /// These sites: each is a scheme and a host, with a port or `*` for any, or `'self'`.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] for text that is none of these: it could say more in the header than who may.
+    pub fn new(sites: &[String]) -> Result<Embedders> {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-._:/*[]".contains(c);
+        let is_site = |site: &str| {
+            let host = site.strip_prefix("http://").or(site.strip_prefix("https://"));
+            site == "'self'" || host.is_some_and(|host| !host.is_empty() && host.chars().all(is_plain))
+        };
+        if let Some(site) = sites.iter().find(|site| !is_site(site)) {
+            return Err(Error::new(Code::Usage, "this is no site that may show the page in a frame")
+                .at_place("the embedders of the viewer")
+                .numbers(format!("{site:?}"))
+                .next("give sites like http://localhost:8888, http://localhost:* or 'self'"));
+        }
+        if sites.is_empty() { Ok(Embedders::default()) } else { Ok(Embedders(sites.join(" "))) }
+    }
+
+    /// As the header `frame-ancestors` has them.
+    pub(crate) fn sources(&self) -> &str {
+        &self.0
     }
 }
 
@@ -176,5 +215,20 @@ mod tests {
     #[test]
     fn an_address_for_all_is_no_name() {
         assert!(!Hosts::new("0.0.0.0".parse().unwrap(), &[]).has("0.0.0.0"));
+    }
+
+    #[test]
+    fn embedders_are_sites_and_nothing_more() {
+        let sources = |sites: &[&str]| {
+            let sites: Vec<_> = sites.iter().map(|&site| site.to_owned()).collect();
+            Embedders::new(&sites).map(|embedders| embedders.sources().to_owned())
+        };
+        assert_eq!(sources(&[]).unwrap(), "'none'");
+        assert_eq!(sources(&["'self'", "https://a.example:*"]).unwrap(), "'self' https://a.example:*");
+        for site in
+            ["*", "", "http://", "data:", "http://a;script-src *", "http://a\r\nX: y", "http://a b", "'none'"]
+        {
+            assert_eq!(sources(&[site]).unwrap_err().code(), Code::Usage, "{site:?}");
+        }
     }
 }

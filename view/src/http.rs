@@ -4,6 +4,7 @@
 //! Invariants: 1. a head is bounded in bytes, headers and time; 2. what is asked for is looked up, never put together
 //! into a name; 3. each answer carries the headers that keep the page to itself.
 
+use crate::guard::Embedders;
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
@@ -16,10 +17,8 @@ pub(crate) const HEAD_TIME_MAX: Duration = Duration::from_secs(5);
 /// Most headers of a head.
 const HEADERS_MAX: usize = 64;
 
-/// What every answer carries: nothing from elsewhere, nobody around it, nothing kept.
-const HEADERS: &str = "Content-Security-Policy: default-src 'self'; img-src 'self' blob: data:; style-src 'self'; \
-                       frame-ancestors 'none'; base-uri 'none'; form-action 'none'\r\n\
-                       X-Content-Type-Options: nosniff\r\n\
+/// What every answer carries: nothing from elsewhere, nothing kept. Who may have it in a frame comes before them.
+const HEADERS: &str = "X-Content-Type-Options: nosniff\r\n\
                        Referrer-Policy: no-referrer\r\n\
                        Cache-Control: no-store\r\n\
                        Cross-Origin-Opener-Policy: same-origin\r\n\
@@ -164,11 +163,19 @@ pub(crate) fn parse_head(bytes: &[u8]) -> Result<Option<(Head, usize)>, Status> 
 }
 
 /// An answer with a body.
-pub(crate) fn answer(status: Status, media_type: &str, body: &[u8], is_bodiless: bool) -> Vec<u8> {
+pub(crate) fn answer(
+    status: Status,
+    (media_type, body): (&str, &[u8]),
+    is_bodiless: bool,
+    embedders: &Embedders,
+) -> Vec<u8> {
     let mut bytes = format!(
-        "HTTP/1.1 {}\r\nContent-Type: {media_type}\r\nContent-Length: {}\r\n{HEADERS}\r\n",
+        "HTTP/1.1 {}\r\nContent-Type: {media_type}\r\nContent-Length: {}\r\n\
+         Content-Security-Policy: default-src 'self'; img-src 'self' blob: data:; style-src 'self'; \
+         frame-ancestors {}; base-uri 'none'; form-action 'none'\r\n{HEADERS}\r\n",
         status.line(),
-        body.len()
+        body.len(),
+        embedders.sources()
     )
     .into_bytes();
     if !is_bodiless {
@@ -179,7 +186,8 @@ pub(crate) fn answer(status: Status, media_type: &str, body: &[u8], is_bodiless:
 
 /// An answer that says no.
 pub(crate) fn refusal(status: Status) -> Vec<u8> {
-    answer(status, "text/plain; charset=utf-8", format!("{}\n", status.line()).as_bytes(), false)
+    let body = format!("{}\n", status.line());
+    answer(status, ("text/plain; charset=utf-8", body.as_bytes()), false, &Embedders::default())
 }
 
 /// The answer that makes a socket of the connection.
@@ -266,11 +274,25 @@ mod tests {
 
     #[test]
     fn answers_keep_the_page_to_itself() {
-        let text = String::from_utf8(answer(Status::Ok, "text/html", b"hello", false)).unwrap();
-        for part in ["200 OK", "default-src 'self'", "nosniff", "no-referrer", "no-store", "same-origin"] {
+        let page = |is_bodiless, embedders: &Embedders| {
+            String::from_utf8(answer(Status::Ok, ("text/html", b"hello"), is_bodiless, embedders)).unwrap()
+        };
+        let text = page(false, &Embedders::default());
+        for part in [
+            "200 OK",
+            "frame-ancestors 'none'; ",
+            "default-src 'self'",
+            "nosniff",
+            "no-referrer",
+            "no-store",
+            "same-origin",
+        ] {
             assert!(text.contains(part), "{part}");
         }
         assert!(text.ends_with("\r\n\r\nhello") && text.contains("Content-Length: 5\r\n"));
-        assert!(answer(Status::Ok, "text/html", b"hello", true).ends_with(b"\r\n\r\n"));
+        assert!(page(true, &Embedders::default()).ends_with("\r\n\r\n"));
+        let notebooks = ["'self'".to_owned(), "http://localhost:*".to_owned()];
+        let text = page(false, &Embedders::new(&notebooks).unwrap());
+        assert!(text.contains("frame-ancestors 'self' http://localhost:*; base-uri"), "{text}");
     }
 }

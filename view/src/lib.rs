@@ -60,7 +60,7 @@ mod window;
 mod wire;
 
 pub use edits::SIDE_MAX;
-pub use guard::Token;
+pub use guard::{Embedders, Token};
 pub use reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;

@@ -29,7 +29,8 @@ impl Drop for EndOnDrop<'_> {
 /// Shows `session` to the pages that connect to `listener`, until `around.stop` says so; then it ends within a second,
 /// whatever pages do, and `listener` listens no more. The session is worked on by the calling thread and its pool.
 ///
-/// # Errors The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has
+/// # Errors
+/// The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has
 /// no room for [`crate::view_bytes`]; the session cannot go on.
 pub fn serve<T: PagedTracer + Send>(
     session: LiveSession<T>,
@@ -44,8 +45,10 @@ pub fn serve<T: PagedTracer + Send>(
             .next("try again; listen on another port if it stays")
     })?;
     let hosts = Hosts::new(address.ip(), &options.hosts);
+    let embedders = options.embedders.clone();
     let resolution = session.view().settings.resolution;
-    let admission = Admission { token: options.token.clone(), hosts, silence_max: options.silence_max };
+    let admission =
+        Admission { token: options.token.clone(), hosts, embedders, silence_max: options.silence_max };
     let shared = SharedState::new(admission, resolution, around.budget)?;
     let shared = &shared;
     let session_loop = SessionLoop::new(session, shared, options, around);

@@ -120,7 +120,10 @@ fn serve(shared: &SharedState, connection: &Connection<'_>) {
             }
         },
         Ok((head, _)) => match page::find(&head.path) {
-            Some(file) => http::answer(Status::Ok, file.media_type, &file.bytes, head.is_bodiless),
+            Some(file) => {
+                let body = (file.media_type, &*file.bytes);
+                http::answer(Status::Ok, body, head.is_bodiless, &shared.embedders)
+            }
             None => http::refusal(Status::NotFound),
         },
     };

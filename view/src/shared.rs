@@ -8,7 +8,7 @@
 use crate::atlas::{Atlas, FrameWidth, frame_bytes};
 use crate::client::Client;
 use crate::connections::{CONNECTIONS_MAX, Connections};
-use crate::guard::{Hosts, Token};
+use crate::guard::{Embedders, Hosts, Token};
 use crate::http::HEAD_BYTES_MAX;
 use crate::mail::MAILBOX_BYTES;
 use crate::mailbox::Mailbox;
@@ -38,6 +38,7 @@ const PNG_MORE: u64 = 50;
 pub(crate) struct Admission {
     pub(crate) token: Token,
     pub(crate) hosts: Hosts,
+    pub(crate) embedders: Embedders,
     pub(crate) silence_max: Duration,
 }
 
@@ -46,6 +47,7 @@ pub(crate) struct Admission {
 pub(crate) struct SharedState {
     pub(crate) token: Token,
     pub(crate) hosts: Hosts,
+    pub(crate) embedders: Embedders,
     pub(crate) mailbox: Mailbox,
     greeting: Mutex<State>,
     /// The last statistics, for those who come later.
@@ -96,11 +98,12 @@ impl SharedState {
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`view_bytes`].
     pub(crate) fn new(admission: Admission, full: [u32; 2], budget: &Budget) -> Result<SharedState> {
-        let Admission { token, hosts, silence_max } = admission;
+        let Admission { token, hosts, embedders, silence_max } = admission;
         let lease = budget.lease("the viewer", view_bytes(full))?;
         Ok(SharedState {
             token,
             hosts,
+            embedders,
             mailbox: Mailbox::default(),
             greeting: Mutex::default(),
             stats: Mutex::default(),
@@ -279,7 +282,8 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let (token, hosts) = (Token::random().unwrap(), Hosts::new(address.ip(), &[]));
-        let admission = Admission { token, hosts, silence_max: Duration::from_secs(60) };
+        let silence_max = Duration::from_secs(60);
+        let admission = Admission { token, hosts, embedders: Embedders::default(), silence_max };
         (SharedState::new(admission, [64, 64], &Budget::unlimited()).unwrap(), listener)
     }
 

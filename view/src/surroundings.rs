@@ -1,6 +1,6 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
-use crate::guard::Token;
+use crate::guard::{Embedders, Token};
 use crate::reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
@@ -95,6 +95,8 @@ pub struct ServeOptions {
     pub frames: FrameOptions,
     /// True when the picture takes the size of the driver's page.
     pub follows_page: bool,
+    /// Who may have the page in a frame.
+    pub embedders: Embedders,
     /// A page that something was sent to, and that gives no sign of life for so long (it neither acknowledges nor
     /// answers a ping), loses its place.
     pub silence_max: Duration,

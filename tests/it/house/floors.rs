@@ -53,6 +53,7 @@ pub(super) const HOUSES: [House; 5] = [
             "opening",
             "rays",
             "picture",
+            "show",
             "times",
             "ray_rates",
         ],

@@ -19,7 +19,8 @@ use trex_store::import::{ImportOptions, open};
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Budget, Interrupt, Material, MaterialNames, PageFile, Result};
 use trex_view::{
-    MemoryFigures, ModelFigures, PoolFigures, ServeOptions, ServeReport, Surroundings, Token, serve,
+    Embedders, MemoryFigures, ModelFigures, PoolFigures, ServeOptions, ServeReport, Surroundings, Token,
+    serve,
 };
 
 /// Squares along a side of the model.
@@ -222,7 +223,9 @@ impl Server {
                 let session = session.go_live(frames)?;
                 let hosts = vec!["render.lan".to_owned()];
                 let silence_max = play.silence_max;
-                let options = ServeOptions { token: said, hosts, frames, follows_page: true, silence_max };
+                let (follows_page, embedders) = (true, Embedders::default());
+                let options =
+                    ServeOptions { token: said, hosts, frames, follows_page, embedders, silence_max };
                 let materials = session.model().materials.clone();
                 let around = Surroundings {
                     name: "wave",
