@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 use trex_model::{Model, OpenOptions};
 use trex_store::build::{BuildOptions, ExistingOutput, Precision, Voxels, build as build_from};
-use trex_store::import::{self, ImportOptions};
+use trex_store::import::{self, ByteOrder, ImportOptions, RawVolume, SampleType, VolumeOptions};
 use trex_store::octree::Refinement;
 use trex_store::output::check_apart;
 use trex_store::verify::{self as verification, Level};
@@ -42,6 +42,10 @@ pub(crate) struct BuildArgs {
     error: Option<f64>,
     overwrite: bool,
     temp_dir: Option<PathBuf>,
+    /// Values of the surfaces of volumes.
+    iso: Vec<f64>,
+    /// What `.raw` files hold: size, type of samples, whether their bytes are swapped, spacing.
+    raw: Option<([u64; 3], String, bool, [f64; 3])>,
 }
 
 /// Builds a page file from files and generators.
@@ -55,7 +59,8 @@ pub(crate) fn build(
 ) -> PyResult<String> {
     detached::run(py, progress.as_ref(), |work| {
         let options = build_options(&args, Budget::new(args.memory_limit), work)?;
-        build_file(&mut *open(&inputs, &out, &options)?, &out, &options, work)
+        let mut source = open(&inputs, &out, &options, volumes(&args)?)?;
+        build_file(&mut *source, &out, &options, work)
     })
 }
 
@@ -156,7 +161,12 @@ fn build_file(
 }
 
 /// All inputs as one source.
-fn open(inputs: &[PathBuf], out: &Path, options: &BuildOptions) -> Result<Box<dyn TriangleSource>> {
+fn open(
+    inputs: &[PathBuf],
+    out: &Path,
+    options: &BuildOptions,
+    volumes: VolumeOptions,
+) -> Result<Box<dyn TriangleSource>> {
     if inputs.is_empty() {
         return Err(usage("inputs", "there is no input", "0 inputs".into()).next("give at least one"));
     }
@@ -164,6 +174,7 @@ fn open(inputs: &[PathBuf], out: &Path, options: &BuildOptions) -> Result<Box<dy
     let mut reading =
         ImportOptions::new(options.budget.clone(), options.temp_dir.as_deref().unwrap_or(beside));
     reading.interrupt = options.interrupt.clone();
+    reading.volumes = volumes;
     reading.vertex_cache_bytes = options.budget.free_bytes() / CACHE_SHARE / inputs.len() as u64;
     let generating = GenOptions {
         threads: options.pool.current_num_threads(),
@@ -176,6 +187,19 @@ fn open(inputs: &[PathBuf], out: &Path, options: &BuildOptions) -> Result<Box<dy
     };
     let sources: Result<Vec<_>> = inputs.iter().map(open_one).collect();
     Chain::from_sources(sources?, &options.budget)
+}
+
+/// How the volumes among the inputs are read.
+fn volumes(args: &BuildArgs) -> Result<VolumeOptions> {
+    let raw = args.raw.as_ref().map(|(size, name, is_big_endian, spacing)| {
+        let sample = SampleType::from_name(name).ok_or_else(|| {
+            usage("raw", "there are no such samples", format!("type {name:?}"))
+                .next("give a type of integers of 8 to 64 bits, or of floats of 32 or 64")
+        })?;
+        let order = if *is_big_endian { ByteOrder::Big } else { ByteOrder::Little };
+        Ok(RawVolume { size: *size, sample, order, spacing: *spacing })
+    });
+    Ok(VolumeOptions { iso_values: args.iso.clone(), raw: raw.transpose()? })
 }
 
 fn precision(args: &BuildArgs) -> Result<Precision> {

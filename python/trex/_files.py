@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Any, Literal
+
+import numpy as np
 
 from . import _trex
 from ._arguments import Mesh, Path, bytes_of, mesh_arrays, thread_count
@@ -25,12 +27,14 @@ def build(
     error: float | None = None,
     overwrite: bool = False,
     temp_dir: Path | None = None,
+    iso: float | Iterable[float] = (),
+    raw: Mapping[str, Any] | None = None,
     progress: ProgressArgument = None,
 ) -> dict[str, Any]:
     """Builds a page file from meshes, which need not fit in memory.
 
-    ``inputs``: one or several of .ply, .obj, .stl, .gltf and .glb, joined into one model; ``"gen:isosurface:20M"``
-    and its like are generated. Or an iterable of ``(vertices, faces)`` or ``(vertices, faces, colors)``: vertices
+    ``inputs``: one or several of .ply, .obj, .stl, .gltf and .glb, and of volumes (.nrrd, .nhdr, .mhd, .mha, .raw),
+    joined into one model; ``"gen:isosurface:20M"`` and its like are generated. Or an iterable of ``(vertices, faces)`` or ``(vertices, faces, colors)``: vertices
     (V, 3), indices of them (F, 3), and a colour a face (F, 3): uint8 as sRGB, floats from 0 to 1 as reflectance. It
     is read once and never held: its triangles are spooled to ``temp_dir``, 76 bytes each.
 
@@ -38,6 +42,10 @@ def build(
     or 1024), or a pair of these and of the finest (1, 4 or 16 times as many), as ``--voxels`` of the command.
     ``grid_bits`` or ``error`` say how fine the lattice is: bits along the longest side, or the most that a vertex may
     move. The file appears whole or not at all, the same at any limit and thread count.
+
+    ``iso``: the value, or the values, of the surfaces of volumes: samples of this value or more are inside, and each
+    surface is a material of its own, ``iso_VALUE``. ``raw`` says what .raw files hold: ``size``, the samples along each
+    axis, those that lie side by side first; ``dtype``, as NumPy has it; and ``spacing``, (1, 1, 1) unless given.
 
     Returns counts, sizes and times, with the keys of ``trex build --json``.
     """
@@ -51,6 +59,8 @@ def build(
         "error": error,
         "overwrite": overwrite,
         "temp_dir": None if temp_dir is None else os.fspath(temp_dir),
+        "iso": _numbers(iso, "iso"),
+        "raw": None if raw is None else _raw_volume(raw),
     }
     with receiver(progress) as called:
         if first is None or isinstance(first, (str, os.PathLike)):
@@ -61,6 +71,29 @@ def build(
         for number, mesh in enumerate(chain([first], given)):
             spool.add(number, *mesh_arrays(mesh, number))
         return json.loads(_trex.build_spooled(spool, os.fspath(out), arguments, called))
+
+
+def _numbers(values: float | Iterable[float], where: str) -> list[float]:
+    try:
+        return [float(value) for value in np.atleast_1d(np.asarray(values, np.float64))]
+    except (TypeError, ValueError) as error:
+        raise UsageError("these are no numbers", where, str(error), "give a number, or several") from None
+
+
+def _raw_volume(raw: Mapping[str, Any]) -> tuple[list[int], str, bool, list[float]]:
+    try:
+        rest = set(raw) - {"size", "dtype", "spacing"}
+        if rest:
+            raise KeyError(f"{sorted(rest)} is none of size, dtype and spacing")
+        size, dtype = [int(count) for count in raw["size"]], np.dtype(raw["dtype"])
+        spacing = [float(step) for step in raw.get("spacing", (1, 1, 1))]
+        if len(size) != 3 or len(spacing) != 3 or min(size) < 1 or not all(0 < step < np.inf for step in spacing):
+            raise ValueError(f"size {size}, spacing {spacing}")
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(
+            "this is no volume", "raw", str(error), "give size=(x, y, z), dtype and, if you like, spacing=(x, y, z)"
+        ) from None
+    return size, dtype.name, dtype.newbyteorder("=") != dtype, spacing
 
 
 def _voxels(voxels: bool | int | tuple[int, int]) -> tuple[int, int] | None:

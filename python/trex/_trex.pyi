@@ -17,6 +17,8 @@ class _BuildArguments(TypedDict):
     error: float | None
     overwrite: bool
     temp_dir: str | None
+    iso: list[float]
+    raw: tuple[list[int], str, bool, list[float]] | None
 
 def error_codes() -> list[str]: ...
 def build(inputs: list[str], out: str, args: _BuildArguments, progress: _Progress) -> str: ...

@@ -1,7 +1,7 @@
 //! The command line of `trex view`.
 
 use super::keys::ResearchKeys;
-use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs};
+use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs, VolumeArgs};
 use clap::Args;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -11,7 +11,8 @@ use std::path::PathBuf;
 #[command(after_help = AFTER_VIEW)]
 pub struct ViewArgs {
     /// A page file, also at an http(s):// address, or a scene (.toml) that names one; or a mesh (.ply, .obj, .stl,
-    /// .gltf, .glb) or a generator (gen:KIND:COUNT), which is built first
+    /// .gltf, .glb), a volume with --iso (.nrrd, .nhdr, .mhd, .mha, .raw) or a generator (gen:KIND:COUNT), which is
+    /// built first
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Where a mesh is built [default: FILE.trex, beside it]
@@ -34,6 +35,8 @@ pub struct ViewArgs {
     pub allow_damage: bool,
     #[command(flatten)]
     pub picture: PictureArgs,
+    #[command(flatten)]
+    pub volumes: VolumeArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
     #[command(flatten)]
@@ -60,6 +63,7 @@ MESH.trex beside it, once: it is opened at once from then on, until the mesh is 
 Examples:
   trex view statue.trex                                the browser opens by itself
   trex view statue.ply                                 builds statue.ply.trex first, once
+  trex view head.nrrd --iso 60                         builds head.nrrd.iso-60.trex first, once
   trex statue.trex                                     the same, on a terminal
   trex view ship.toml --memory-limit 128MiB
   trex view iso.trex --no-open --port 8000             over SSH: ssh -L 8000:127.0.0.1:8000 HOST";

@@ -64,19 +64,17 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
 
 fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
-    let mut resume = Resume { every, ..resume_of(&args.inputs)? };
+    let volumes = args.volumes.options();
+    let mut resume = Resume { every, ..resume_of(InputList { inputs: &args.inputs, volumes: &volumes })? };
     if args.colors == Colors::Drop {
         resume.input.push(("colours".to_owned(), "dropped".to_owned()));
-    }
-    let volumes = args.volumes.options();
-    if !volumes.iso_values.is_empty() {
-        resume.input.push(("volumes".to_owned(), format!("{volumes:?}")));
     }
     Ok((!args.resume.no_resume).then_some(resume))
 }
 
-/// What tells the inputs apart from others: a file by its path, length and time, a generator by its name.
-pub fn resume_of(inputs: &[Input]) -> Result<Resume> {
+/// What tells the inputs apart from others: a file by its path, length, time and parts of its bytes, a generator by its
+/// name, volumes also by how they are read.
+pub fn resume_of(list: InputList<'_>) -> Result<Resume> {
     let fact = |(number, input): (usize, &Input)| {
         let value = match input {
             Input::Generated(name) => name.clone(),
@@ -87,7 +85,10 @@ pub fn resume_of(inputs: &[Input]) -> Result<Resume> {
         };
         Ok((format!("input {}", number + 1), value))
     };
-    let input = inputs.iter().enumerate().map(fact).collect::<Result<_>>()?;
+    let mut input = list.inputs.iter().enumerate().map(fact).collect::<Result<Vec<_>>>()?;
+    if !list.volumes.iso_values.is_empty() {
+        input.push(("volumes".to_owned(), format!("{:?}", list.volumes)));
+    }
     Ok(Resume { input, every: JOURNAL_EVERY })
 }
 

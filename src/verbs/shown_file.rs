@@ -1,8 +1,10 @@
-//! The file that `view` shows: a page file or a scene as it is; a mesh is built first, beside itself, once.
+//! The file that `view` shows: a page file or a scene as it is; a mesh, or a volume at the values that are asked for, is
+//! built first, beside itself, once.
 //!
 //! ```text
 //! statue.ply -> statue.ply.trex, unless that is there and no older -> shown
 //!            -> statue.ply.toml where the mesh has cameras or lights: that is shown
+//! head.nrrd --iso 60 -> head.nrrd.iso-60.trex
 //! ```
 //!
 //! Invariant: the only file that is replaced is one of that name which is older than its mesh.
@@ -15,7 +17,7 @@ use crate::values::Input;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use trex_store::build::{self, ExistingOutput, Precision, Voxels};
-use trex_store::import::{Format, VolumeOptions};
+use trex_store::import::{ByteOrder, Format, RawVolume, VolumeOptions};
 use trex_store::output::{check_apart, draft};
 use trex_store::printable::one_line;
 use trex_store::{Code, Error, PageFile, Result};
@@ -29,14 +31,15 @@ const MESHES: [&str; 5] = ["ply", "obj", "stl", "gltf", "glb"];
 /// [`Code::Usage`] for an output beside what needs none; [`Code::Io`] where the folder cannot be written; those of the
 /// build.
 pub fn shown_file(args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
-    if Format::of_path(&args.file).is_some_and(Format::is_volume) {
-        let (file, output) = (args.file.display(), beside(&Input::File(args.file.clone())));
-        return Err(Error::new(Code::Usage, "a volume is shown once it has been built at a value")
+    let volumes = args.volumes.options();
+    if is_volume(&args.file) && volumes.iso_values.is_empty() {
+        return Err(Error::new(Code::Usage, "a volume is shown at a value")
             .at(&args.file)
             .numbers("which value its surface has is for you to say")
-            .next(format!("trex build {file} -o {} --iso VALUE", output.display())));
+            .next(format!("trex view {} --iso VALUE", args.file.display())));
     }
     let Some(input) = mesh_input(&args.file) else {
+        InputList { inputs: &[], volumes: &volumes }.check()?;
         return match &args.output {
             None => Ok(args.file.clone()),
             Some(output) => Err(Error::new(Code::Usage, "there is nothing to build")
@@ -45,32 +48,52 @@ pub fn shown_file(args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
                 .next(format!("leave out -o {}, or name a mesh", output.display()))),
         };
     };
-    let output = args.output.clone().unwrap_or_else(|| beside(&input));
-    if !is_current(&output, &input) {
-        build_first(&input, &output, args, ctx)?;
+    let inputs = [input];
+    let list = InputList { inputs: &inputs, volumes: &volumes };
+    list.check()?;
+    let output = args.output.clone().unwrap_or_else(|| beside(list));
+    if !is_current(&output, &inputs[0]) {
+        build_first(list, &output, args, ctx)?;
     }
     // A build writes a scene where its input has a camera or lights.
     let scene = output.with_extension("toml");
     Ok(if args.output.is_none() && scene.is_file() { scene } else { output })
 }
 
-/// The mesh or generator that `file` names, if it is one.
+fn is_volume(file: &Path) -> bool {
+    Format::of_path(file).is_some_and(Format::is_volume)
+}
+
+/// The mesh, volume or generator that `file` names, if it is one.
 fn mesh_input(file: &Path) -> Option<Input> {
     match Input::from(OsString::from(file)) {
         Input::File(path) => {
             let ending = path.extension()?.to_str()?.to_ascii_lowercase();
-            MESHES.contains(&ending.as_str()).then_some(Input::File(path))
+            (MESHES.contains(&ending.as_str()) || is_volume(&path)).then_some(Input::File(path))
         }
         generated => Some(generated),
     }
 }
 
-/// Where the page file of `input` is: `statue.ply.trex`, so that it is taken for no other mesh's.
-fn beside(input: &Input) -> PathBuf {
-    let mut name = match input {
+/// Where the page file of a list of one is: `statue.ply.trex`, so that it is taken for no other mesh's, nor for the same
+/// volume's at another value.
+fn beside(list: InputList<'_>) -> PathBuf {
+    let VolumeOptions { iso_values, raw } = list.volumes;
+    let mut name = match &list.inputs[0] {
         Input::File(path) => path.clone().into_os_string(),
         Input::Generated(name) => name.trim_start_matches("gen:").replace(':', "-").into(),
     };
+    if let Some(RawVolume { size: [x, y, z], sample, order, spacing }) = raw {
+        let order = if *order == ByteOrder::Big { "be" } else { "" };
+        name.push(format!(".{x}x{y}x{z}-{}{order}", sample.name()));
+        if *spacing != [1.0; 3] {
+            name.push(spacing.map(|step| format!("-{step}")).concat());
+        }
+    }
+    if !iso_values.is_empty() {
+        name.push(".iso");
+        iso_values.iter().for_each(|value| name.push(format!("-{value}")));
+    }
     name.push(".trex");
     name.into()
 }
@@ -85,8 +108,8 @@ fn is_current(output: &Path, input: &Input) -> bool {
     is_newer && PageFile::superblock_of(output).is_ok()
 }
 
-fn build_first(input: &Input, output: &Path, args: &ViewArgs, ctx: &Context) -> Result<()> {
-    if let Input::File(path) = input {
+fn build_first(list: InputList<'_>, output: &Path, args: &ViewArgs, ctx: &Context) -> Result<()> {
+    if let Input::File(path) = &list.inputs[0] {
         // What is not there is said of the mesh.
         path.metadata().map_err(|error| Error::io("open the input", path, &error))?;
         check_apart(output, path)?;
@@ -107,17 +130,15 @@ fn build_first(input: &Input, output: &Path, args: &ViewArgs, ctx: &Context) -> 
             .next("name a place for it: -o FILE.trex")
     })?;
     ctx.console.note(&format!("building {}, once", one_line(&output.display().to_string())));
-    let inputs = [input.clone()];
     let work = Work {
         output,
         temp_dir: args.scratch.temp_dir.as_deref(),
         existing: ExistingOutput::replace_if(args.output.is_none()),
         precision: Precision::Default,
         voxels: Voxels::default(),
-        resume: Some(resume_of(&inputs)?),
+        resume: Some(resume_of(list)?),
     };
-    let (scratch, volumes) = (work.scratch_folder(), VolumeOptions::default());
-    let list = InputList { inputs: &inputs, volumes: &volumes };
+    let scratch = work.scratch_folder();
     let built = inputs::open(list, &scratch, build::smallest_bytes(), ctx)
         .and_then(|mut source| work.build(&mut *source, ctx))
         .map_err(|error| inputs::with_smallest_limit(error, list, &scratch, ctx))?;
@@ -129,6 +150,7 @@ fn build_first(input: &Input, output: &Path, args: &ViewArgs, ctx: &Context) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use trex_store::import::SampleType;
 
     #[test]
     fn meshes_are_built_under_names_of_their_own() {
@@ -140,8 +162,21 @@ mod tests {
             ("view.toml", None),
             ("statue", None),
         ] {
-            let found = mesh_input(Path::new(file)).map(|input| beside(&input));
+            let found = mesh_input(Path::new(file)).map(|input| {
+                let volumes = VolumeOptions::default();
+                beside(InputList { inputs: &[input], volumes: &volumes })
+            });
             assert_eq!(found.as_deref(), expected.map(Path::new), "{file}");
         }
+        let inputs = [Input::File("a/head.raw".into())];
+        let raw = RawVolume {
+            size: [4, 5, 6],
+            sample: SampleType::from_name("uint16").unwrap(),
+            order: ByteOrder::Big,
+            spacing: [1.0, 1.0, 0.5],
+        };
+        let volumes = VolumeOptions { iso_values: vec![60.0, -1.5], raw: Some(raw) };
+        let found = beside(InputList { inputs: &inputs, volumes: &volumes });
+        assert_eq!(found, Path::new("a/head.raw.4x5x6-uint16be-1-1-0.5.iso-60--1.5.trex"));
     }
 }

@@ -31,7 +31,7 @@ pub(crate) struct ViewProcess {
 
 impl ViewProcess {
     #[track_caller]
-    fn start(inside: &Path, line: &str) -> ViewProcess {
+    pub(crate) fn start(inside: &Path, line: &str) -> ViewProcess {
         let line = format!("view {line} --no-open --json");
         ViewProcess::start_as(trex_in(inside, &line), line)
     }

@@ -3,6 +3,7 @@
 
 use crate::cgroup::Cgroup;
 use crate::command::{document_in, folder, listing, models, run_in, said};
+use crate::view::{ViewProcess, text_until};
 use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
@@ -145,9 +146,15 @@ fn what_is_missing_is_asked_for() {
         assert!(error["next_step"].as_str().unwrap().contains(words), "{line}: {error:#}");
         assert_eq!(listing(inside.path()), before, "{line} left something behind");
     }
-    let ran = run_in(inside.path(), "view a.nrrd --no-open");
-    ran.expect(2);
-    assert!(ran.stderr.contains("trex build a.nrrd -o a.nrrd.trex --iso VALUE"), "{}", ran.stderr);
+    for (line, words) in [
+        ("view a.nrrd --no-open", "trex view a.nrrd --iso VALUE"),
+        ("view gen:soup:10k --iso 5 --no-open", "leave --iso out"),
+        ("view a.trex --iso 5 --no-open", "leave --iso out"),
+    ] {
+        let ran = run_in(inside.path(), line);
+        ran.expect(2);
+        assert!(ran.stderr.contains(words), "{line}: {}", ran.stderr);
+    }
     for line in [
         "--iso nan",
         "--iso 5 --size 4x4x4",
@@ -157,6 +164,30 @@ fn what_is_missing_is_asked_for() {
     ] {
         run_in(inside.path(), &format!("build a.raw -o out.trex {line}")).expect(2);
     }
+}
+
+/// A volume is shown at a value, by a file of that value's own, which is built once.
+#[test]
+fn a_volume_is_viewed_at_its_value() {
+    let inside = folder();
+    fs::write(inside.path().join("a.nrrd"), nrrd(SIZE, &balls(SIZE), "")).unwrap();
+    let viewed = |iso: &str| {
+        let line = format!("a.nrrd {iso} --spp 1 --photons 5k --resolution 64x48 --memory-limit 160MiB");
+        let viewing = ViewProcess::start(inside.path(), &line);
+        let mut page = viewing.page();
+        text_until(&mut page, |text| text["progress"] == "done");
+        let ran = viewing.end();
+        ran.expect(0);
+        ran.document()["scene"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(viewed("--iso 0"), "a.nrrd.iso-0.trex");
+    let built = fs::metadata(inside.path().join("a.nrrd.iso-0.trex")).unwrap().modified().unwrap();
+    assert_eq!(viewed("--iso 0 --iso 8.5"), "a.nrrd.iso-0-8.5.trex");
+    assert_eq!(viewed("--iso 0"), "a.nrrd.iso-0.trex");
+    let now = fs::metadata(inside.path().join("a.nrrd.iso-0.trex")).unwrap().modified().unwrap();
+    assert_eq!(now, built, "it was built again");
+    let info = document_in(inside.path(), "info a.nrrd.iso-0-8.5.trex");
+    assert_eq!(info["material_count"], 2, "{info:#}");
 }
 
 /// 64 MiB of samples under a limit of as much, which is a wall.
