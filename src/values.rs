@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use trex_model::Device;
 use trex_render::keys::RESOLUTION;
-use trex_render::{FetchBlock, KeyValue};
+use trex_render::{FetchBlock, KeyValue, Section};
 use trex_store::import::{ByteOrder, SampleType};
 use trex_store::octree::Refinement;
 
@@ -58,6 +58,10 @@ pub struct Resolution {
 /// A point or a direction in model space; every part is finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vec3(pub [f64; 3]);
+
+/// A plane that cuts the model: a point on it and a normal, not zero; all six are finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SectionPlane(pub [f64; 6]);
 
 /// A box in model space, not empty along any axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -264,6 +268,16 @@ pub fn vec3(text: &str) -> Result<Vec3, String> {
     let parts: Option<Vec<f64>> = text.split(',').map(|part| finite(part.trim())).collect();
     parts.and_then(|parts| <[f64; 3]>::try_from(parts).ok()).map(Vec3).ok_or_else(|| {
         "accepted are three finite numbers x,y,z with no space between, like 1.5,-2,0.25".into()
+    })
+}
+
+/// Parses a point and a normal: `0,0,0,0,0,-1`.
+pub fn section(text: &str) -> Result<SectionPlane, String> {
+    let parts: Option<Vec<f64>> = text.split(',').map(|part| finite(part.trim())).collect();
+    let plane = parts.and_then(|parts| <[f64; 6]>::try_from(parts).ok());
+    let is_plane = |[px, py, pz, nx, ny, nz]: [f64; 6]| Section::new([px, py, pz], [nx, ny, nz]).is_some();
+    plane.filter(|plane| is_plane(*plane)).map(SectionPlane).ok_or_else(|| {
+        "accepted are six finite numbers px,py,pz,nx,ny,nz: a point on the plane, and a normal that is not 0,0,0".into()
     })
 }
 

@@ -4,7 +4,7 @@ use crate::device::DeviceOptions;
 use rayon::ThreadPool;
 use std::num::NonZero;
 use std::sync::Arc;
-use trex_render::{CpuStage, Filter, Layers, PictureNeeds, RenderSettings, Scene};
+use trex_render::{CpuStage, Filter, Layers, PartNeeds, PictureNeeds, RenderSettings, Scene};
 use trex_store::io::IoOptions;
 use trex_store::{Budget, Result};
 
@@ -73,10 +73,11 @@ impl SessionOptions {
     /// # Errors
     /// [`trex_store::Code::SceneFormat`] for settings that do not go together.
     pub fn picture_needs(&self, scene: &Scene, workers: usize) -> Result<PictureNeeds> {
-        Ok(self.needs_of(RenderSettings::new(scene.render)?, workers))
+        let needs = self.needs_of(RenderSettings::new(scene.render)?, workers);
+        Ok(PictureNeeds { parts: scene.parts.needs(), ..needs })
     }
 
-    /// What a session with these settings by so many workers needs of memory, where the processor answers G-rays; what
+    /// What a session with these settings on the whole model by so many workers needs of memory, where the processor answers G-rays; what
     /// another device needs beside it, the model adds.
     pub fn needs_of(&self, settings: RenderSettings, workers: usize) -> PictureNeeds {
         PictureNeeds {
@@ -87,6 +88,7 @@ impl SessionOptions {
             g_needs: CpuStage::NEEDS,
             is_live: self.pace == Pace::InFrames,
             copies_bytes: self.copies_bytes,
+            parts: PartNeeds::default(),
         }
     }
 }

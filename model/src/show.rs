@@ -55,7 +55,7 @@ impl Model {
     ) -> Result<ServeReport> {
         let pool = self.pool().expect("a session has a pool");
         // What frames of pages make room for.
-        let now = Cell::new(Room::of(session.view().settings, 0));
+        let now = Cell::new(Room::of(session.view().settings, session.view().parts.needs(), 0));
         let needs = |room: &Room| self.shown_needs(room);
         let around = Surroundings {
             name: shown.name,
@@ -96,9 +96,9 @@ impl Model {
 
     /// What a picture in pages needs of memory.
     fn shown_needs(&self, room: &Room) -> PictureNeeds {
-        let Room { settings, copies_bytes } = *room;
+        let Room { settings, copies_bytes, parts } = *room;
         let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-        options.needs_of(settings, self.worker_count())
+        PictureNeeds { parts, ..options.needs_of(settings, self.worker_count()) }
     }
 
     fn model_figures(&self) -> ModelFigures {

@@ -52,6 +52,7 @@ pub use scene::key::{Choice, Elsewhere, Key, KeyKind, KeyValue};
 pub use scene::keys;
 pub use scene::method::{Filter, LightRig, Method, Near, Shadows};
 pub use scene::parse_views;
+pub use scene::part_keys::PartKeys;
 pub use scene::settings::{RenderKeys, RenderSettings};
 pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
@@ -64,8 +65,9 @@ pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
 pub use threads::WorkerThreads;
 pub use trace::{
     AllResident, Answer, Arithmetic, HITS_PER_RAY, Hit, MeshTracer, MeshTriangle, NaiveMesh, NaiveTriangle,
-    Page, PagedMesh, PagedTracer, Pages, PooledPages, Ray, Seat, Seats, Tracer, crossings_all, intersect_all,
-    occluded_all, pooled_tracers, read_triangles, seated_tracers,
+    OpenParts, Page, PagedMesh, PagedTracer, Pages, PartNeeds, Parts, PooledPages, Ray, SECTIONS_MAX, Seat,
+    Seats, Section, Tracer, crossings_all, intersect_all, occluded_all, pooled_tracers, read_triangles,
+    seated_tracers,
 };
 pub use trex_film::{
     Display, Film, Image, LayerPixel, Layers, NO_ID, Saliency, TILE_SIDE_PIXELS, Tile, TileOrder, Tiles,

@@ -20,5 +20,5 @@ pub(crate) fn settings(keys: RenderKeys) -> RenderSettings {
 /// A view from `position` to the origin, with +y up and an angle of `fov_x` degrees across.
 pub(crate) fn view(position: [f64; 3], fov_x: f64, lights: Vec<Light>, keys: RenderKeys) -> View {
     let camera = Camera { position, target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: Fov::X(fov_x) };
-    View { camera, lights, settings: settings(keys) }
+    View { camera, lights, settings: settings(keys), parts: Arc::default() }
 }

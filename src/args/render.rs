@@ -1,7 +1,7 @@
 //! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
 use super::keys::{PICTURE, PictureKeys, RESEARCH, ResearchKeys};
-use super::{CommonArgs, DeviceArgs, DiskArgs, OverwriteArgs};
+use super::{CommonArgs, DeviceArgs, DiskArgs, OverwriteArgs, PartArgs};
 use crate::values::{self, Milliseconds, Seconds, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -57,6 +57,7 @@ Examples:
   trex render statue.trex -o statue.png
   trex render iso.trex -o iso.exr --layers depth,normal --memory-limit 128MiB
   trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64
+  trex render ship.trex -o cut.png --section 0,0,0,0,0,-1 --hide glass
   trex render ship.trex -o round.png --camera-path round.toml --spp 32
   trex render ship.trex -o hull.png --integrator photon --t-max 33 --lod-error 1 --time-limit 2s";
 
@@ -66,6 +67,8 @@ Examples:
 pub struct PictureArgs {
     #[command(flatten)]
     pub keys: PictureKeys,
+    #[command(flatten)]
+    pub parts: PartArgs,
     #[command(flatten)]
     pub camera: CameraArgs,
 }
@@ -129,6 +132,7 @@ impl PictureArgs {
         if fov_x.is_some() || fov_y.is_some() {
             (camera.fov_x, camera.fov_y) = (*fov_x, *fov_y);
         }
+        self.parts.override_parts(&mut scene.parts);
         let (edit, research) = (self.keys.edit(), research.edit());
         scene.render = research.apply(&edit.apply(&scene.render));
         scene.given.quality = edit.quality.or(scene.given.quality);

@@ -116,6 +116,14 @@ fn inputs_are_files_or_generators() {
 }
 
 #[test]
+fn sections_are_a_point_and_a_normal() {
+    assert_eq!(section("1,-2,0.5,0,0,-3"), Ok(SectionPlane([1.0, -2.0, 0.5, 0.0, 0.0, -3.0])));
+    for text in ["", "1,2,3", "0,0,0,0,0,0", "0,0,0,0,0,inf", "nan,0,0,0,0,1", "0,0,0,0,0,1,1"] {
+        assert!(section(text).unwrap_err().contains("accepted are"), "{text}");
+    }
+}
+
+#[test]
 fn boxes_are_not_empty() {
     let bounds = ModelBox { lo: [-1.0, 0.0, 2.0], hi: [1.0, 0.5, 3.0] };
     assert_eq!(model_box("-1,0,2,1,0.5,3"), Ok(bounds));

@@ -13,6 +13,7 @@ use crate::args::{Layer, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
+use crate::size;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -296,6 +297,7 @@ impl Job<'_> {
         let [width, height] = keys.resolution;
         let image = Image { mean: trex_render::Image::mean(&show), width, height };
         let device = stage.device(ctx);
+        let (open_rays, open_materials) = tell_open_parts(show.session(), ctx);
         let arithmetic = show.session().tracers()[0].arithmetic().name();
         RenderReport {
             scene: self.file.display().to_string(),
@@ -323,6 +325,8 @@ impl Job<'_> {
             image,
             waits: stats.total.waits,
             narrow_samples: stats.total.narrow_samples,
+            open_materials,
+            open_rays,
             pool: pool.stats(),
             shares: stage.plan,
             memory: Memory::new(&ctx.budget),
@@ -334,6 +338,21 @@ impl Job<'_> {
             arithmetic,
         }
     }
+}
+
+/// How many rays met parts that are open where a section cuts them, and their materials; told.
+fn tell_open_parts(session: &Session<MeshTracer>, ctx: &Context) -> (u64, Vec<String>) {
+    let (open, model) = (session.open_parts(), session.model());
+    let name = |&index: &u32| model.names.get(index as usize).unwrap_or_default().to_owned();
+    let names: Vec<String> = open.materials.iter().map(name).collect();
+    if open.rays > 0 {
+        ctx.console.note(&format!(
+            "note: {} rays came to a section where the model is open or turned inside out, and was not filled: {}",
+            size::count(open.rays),
+            if names.is_empty() { "too many materials to list".to_owned() } else { names.join(", ") }
+        ));
+    }
+    (open.rays, names)
 }
 
 /// The light that photons bring.

@@ -47,6 +47,9 @@ pub struct RenderReport {
     pub image: Image,
     pub waits: u64,
     pub narrow_samples: u64,
+    /// Materials that are open where a section cuts them, so that nothing fills them; and rays that met such.
+    pub open_materials: Vec<String>,
+    pub open_rays: u64,
     pub pool: PoolStats,
     pub shares: MemoryPlan,
     pub memory: Memory,

@@ -3,7 +3,7 @@
 use crate::command::{document_in, folder, listing, run_in};
 use crate::fixtures::model_with;
 use std::path::Path;
-use trex_render::{CpuStage, Layers, MemoryPlan, PictureNeeds, RenderKeys, RenderSettings};
+use trex_render::{CpuStage, Layers, MemoryPlan, PartNeeds, PictureNeeds, RenderKeys, RenderSettings};
 use trex_store::build::Voxels;
 use trex_view::view_bytes;
 
@@ -108,7 +108,15 @@ fn a_viewer_leaves_pages_half_of_a_small_limit_and_a_third_beside_a_large_pictur
         let copies_bytes = view_bytes(resolution);
         let layers = Layers::default();
         let g_needs = CpuStage::NEEDS;
-        let needs = PictureNeeds { settings, layers, workers: 2, g_needs, is_live: true, copies_bytes };
+        let needs = PictureNeeds {
+            settings,
+            layers,
+            workers: 2,
+            g_needs,
+            is_live: true,
+            copies_bytes,
+            parts: PartNeeds::default(),
+        };
         let plan = MemoryPlan::new(&built.file, &needs, LIMIT).unwrap();
         let frames = LIMIT - OTHERS - plan.film_bytes;
         assert!(

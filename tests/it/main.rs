@@ -58,6 +58,7 @@ mod random;
 mod rays;
 mod real_models;
 mod resume;
+mod sections;
 mod support;
 mod tidy;
 mod time_limit;

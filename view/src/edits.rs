@@ -260,7 +260,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
 
     /// The room for a picture on show, beside files that are not sent yet.
     pub(crate) fn room(&self, settings: RenderSettings) -> Room {
-        Room::of(settings, self.files.now())
+        Room::of(settings, self.session().view().parts.needs(), self.files.now())
     }
 
     /// Answers what a page asks.
@@ -285,7 +285,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let bytes = texts::scene_bytes(&sources);
         let on_show = self.room(settings);
         let copies_bytes = on_show.copies_bytes + bytes as u64;
-        (self.around.make_room)(&[Room { settings, copies_bytes }])?;
+        (self.around.make_room)(&[Room { copies_bytes, ..on_show }])?;
         let room = self.files.lease(self.around.budget, "the scene's text", bytes as u64)?;
         Ok(File::new(FileFormat::Scene, id, texts::scene(&sources, bytes).into_bytes(), room))
     }

@@ -68,11 +68,9 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let settings = settings_of(&shot, &old).and_then(|settings| {
             // The picture that is made takes the place of the one on show, then that takes its place again: the file is
             // beside both.
-            let copies_bytes = self.room(old).copies_bytes + file_bytes(&shot);
-            (self.around.make_room)(&[
-                Room { settings: old, copies_bytes },
-                Room { settings, copies_bytes },
-            ])?;
+            let on_show = self.room(old);
+            let room = Room { copies_bytes: on_show.copies_bytes + file_bytes(&shot), ..on_show };
+            (self.around.make_room)(&[room, Room { settings, ..room }])?;
             Ok(settings)
         });
         let made = match settings {

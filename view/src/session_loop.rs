@@ -58,6 +58,8 @@ pub(crate) struct SessionLoop<'a, T> {
     /// Lights of the file that was opened, and what its materials come to.
     pub(crate) input_lights: Vec<Light>,
     input_fingerprint: u64,
+    /// True when nothing of the model was left out at first.
+    input_shows_all: bool,
     /// No frame has been made since the last event.
     is_fresh: bool,
     /// Pixels between samples of the last frame.
@@ -102,6 +104,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             tone: Tone::new(view.settings.exposure.factor()),
             input_lights: view.lights.clone(),
             input_fingerprint: fingerprint(&session.model().materials),
+            input_shows_all: view.parts.is_whole(),
             session: Some(session),
             shared,
             around,
@@ -375,6 +378,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             materials: self.around.file_materials,
             edited: model,
             keys: &view.settings,
+            parts: &view.parts,
         }
     }
 
@@ -382,8 +386,10 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     fn recipe(&self) -> Recipe<'_> {
         let session = self.session();
         let (view, model) = (session.view(), session.model());
-        let is_opened =
-            view.lights == self.input_lights && fingerprint(&model.materials) == self.input_fingerprint;
+        let is_opened = view.lights == self.input_lights
+            && fingerprint(&model.materials) == self.input_fingerprint
+            && view.parts.is_whole()
+            && self.input_shows_all;
         if is_opened { Recipe::Opened { camera: &view.camera, keys: &view.settings } } else { Recipe::Saved }
     }
 

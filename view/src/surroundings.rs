@@ -5,7 +5,7 @@ use crate::reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
 use std::time::Duration;
-use trex_render::{Camera, CameraKeys, FrameOptions, RenderKeys, RenderSettings};
+use trex_render::{Camera, CameraKeys, FrameOptions, PartNeeds, RenderKeys, RenderSettings};
 use trex_store::DamageList;
 use trex_store::{Budget, Material, Result};
 
@@ -58,7 +58,7 @@ pub enum Recipe<'a> {
         /// All numbers of the picture.
         keys: &'a RenderKeys,
     },
-    /// The scene file that the page offers, once it is saved: lights or materials are not those of the file.
+    /// The scene file that the page offers, once it is saved: lights, materials or parts are not those of the file.
     Saved,
 }
 
@@ -72,12 +72,14 @@ pub struct Room {
     pub settings: RenderSettings,
     /// Bytes beside its session: what the viewer shows, and files in the making.
     pub copies_bytes: u64,
+    /// What is left out of the model.
+    pub parts: PartNeeds,
 }
 
 impl Room {
-    /// For a picture on show, while files of so many bytes are made or wait to be sent.
-    pub fn of(settings: RenderSettings, file_bytes: u64) -> Room {
-        Room { settings, copies_bytes: view_bytes(settings.resolution) + file_bytes }
+    /// For a picture of these parts on show, while files of so many bytes are made or wait to be sent.
+    pub fn of(settings: RenderSettings, parts: PartNeeds, file_bytes: u64) -> Room {
+        Room { settings, copies_bytes: view_bytes(settings.resolution) + file_bytes, parts }
     }
 }
 

@@ -5,7 +5,7 @@
 
 use crate::materials::name_of;
 use std::fmt::{self, Write};
-use trex_render::{Camera, Fov, Light, MaterialEdit, Model, RenderKeys};
+use trex_render::{Camera, Fov, Light, MaterialEdit, Model, Parts, RenderKeys, Section};
 use trex_store::Material;
 
 /// What texts are made of.
@@ -20,6 +20,8 @@ pub(crate) struct TextSources<'a> {
     /// The model, with the materials as they are now, and their names.
     pub(crate) edited: &'a Model,
     pub(crate) keys: &'a RenderKeys,
+    /// What is shown of the model.
+    pub(crate) parts: &'a Parts,
 }
 
 /// What has been edited of materials, by index: `then` are those of the file, `now` what they have become.
@@ -76,11 +78,28 @@ fn write_scene(sources: &TextSources<'_>, text: &mut dyn Write) -> fmt::Result {
     for (index, edit) in edits(sources.materials, &sources.edited.materials) {
         write_material(name_of(sources.edited, index), &edit, text)?;
     }
+    write_parts(sources, text)?;
     text.write_str("\n[render]\n")?;
     for (key, value) in sources.keys.values() {
         writeln!(text, "{} = {value}", key.name)?;
     }
     Ok(())
+}
+
+fn write_parts(sources: &TextSources<'_>, text: &mut dyn Write) -> fmt::Result {
+    let TextSources { parts, edited, .. } = sources;
+    if parts.is_whole() {
+        return Ok(());
+    }
+    text.write_str("\n[parts]\nsection = [")?;
+    for Section { point: [px, py, pz], normal: [nx, ny, nz] } in parts.sections() {
+        write!(text, "[{px:?}, {py:?}, {pz:?}, {nx:?}, {ny:?}, {nz:?}], ")?;
+    }
+    text.write_str("]\nhide = [")?;
+    for index in (0..edited.materials.len()).filter(|&index| parts.hides(index)) {
+        write!(text, "{}, ", string(name_of(edited, index)))?;
+    }
+    text.write_str("]\n")
 }
 
 fn write_light(light: &Light, text: &mut dyn Write) -> fmt::Result {
@@ -177,6 +196,8 @@ mod tests {
             photons: 12345,
             ..RenderKeys::default()
         };
+        let plane = [0.1, 1e-9, -3.0, 0.0, 0.6, -0.8];
+        let parts = Parts::new(vec![Section::new([0.1, 1e-9, -3.0], [0.0, 0.6, -0.8]).unwrap()], &[1]);
         let sources = TextSources {
             model: "it's.trex",
             camera: &camera,
@@ -184,6 +205,7 @@ mod tests {
             materials: &then,
             edited: &edited,
             keys: &keys,
+            parts: &parts,
         };
         let text = scene(&sources, 0);
         assert_eq!(scene_bytes(&sources), text.len());
@@ -192,6 +214,7 @@ mod tests {
             (read.model.as_str(), read.lights.as_slice(), read.render),
             ("it's.trex", &lights[..], keys)
         );
+        assert_eq!((&read.parts.section[..], &read.parts.hide[..]), (&[plane][..], &[name.to_owned()][..]));
         assert_eq!(read.materials.into_iter().collect::<Vec<_>>(), [(name.to_owned(), edit)]);
         let keys_of_camera = (read.camera.position, read.camera.target, read.camera.fov_y);
         assert_eq!(keys_of_camera, (Some(camera.position), Some(camera.target), Some(39.999_999_999_999_99)));
@@ -251,6 +274,7 @@ mod tests {
                 materials: &[],
                 edited: &model(vec![], &[]),
                 keys: &keys,
+                parts: &Parts::default(),
             };
             let text = scene(&sources, scene_bytes(&sources));
             let read =

@@ -45,12 +45,21 @@ impl<'a> RenderContext<'a> {
     pub(crate) fn new(world: &'a World, model: &'a Model, irradiance: Irradiance<'a>) -> RenderContext<'a> {
         let RenderKeys { integrator: method, occluders, near, shadows, .. } = *world.settings;
         let is_cubes = matches!(method, Method::DebugUpper | Method::DebugLower);
-        let occluders = if is_cubes { Occluders::Off } else { occluders };
+        let occluders = if is_cubes && !world.parts.hides_any() { Occluders::Off } else { occluders };
         let answers_g_rays = method.asks_voxels();
         let voxels = model.voxels.as_ref().map(|voxels| {
             let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
             let shadows = if method == Method::Photon { shadows } else { Shadows::Voxel };
-            GScene { voxels: voxels.scene(occluders), lower, irradiance, near, shadows, answers_g_rays }
+            let parts = &*world.parts;
+            GScene {
+                voxels: voxels.scene(occluders),
+                lower,
+                irradiance,
+                near,
+                shadows,
+                answers_g_rays,
+                parts,
+            }
         });
         RenderContext { voxels, ..RenderContext::from_mesh(world) }
     }

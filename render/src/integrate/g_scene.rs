@@ -7,6 +7,9 @@
 //! contact exact where the voxel off the surface is another surface's, else voxel
 //! ```
 //!
+//! A section ends rays, and begins those that come from beyond it; there are no caps in voxels, and no ray needs them:
+//! one that leaves a surface which is kept goes through a section outside of solids, and does not come back.
+//!
 //! Invariants: 1. a ray that leaves a plane meets none of that plane's voxels, at either end; 2. where there are
 //! units, rays wait for those that they need; light is kept by the sides of facets of the upper leaves above them.
 
@@ -19,7 +22,7 @@ use crate::scene::method::{Near, Shadows};
 use crate::scene::world::World;
 use crate::shading::bsdf::diffuse_equivalent;
 use crate::shading::surface::SurfaceInteraction;
-use crate::trace::Ray;
+use crate::trace::{Parts, Ray};
 use crate::voxel::{GKind, GRay, LeafHit, LowerScene, VoxelScene, VoxelSurface};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
@@ -46,6 +49,7 @@ pub(crate) struct GScene<'a> {
     pub(crate) shadows: Shadows,
     /// True when G-rays are asked of the voxels; else these stand in for the mesh alone.
     pub(crate) answers_g_rays: bool,
+    pub(crate) parts: &'a Parts,
 }
 
 /// How rays from a surface begin on the mesh.
@@ -98,13 +102,15 @@ impl GScene<'_> {
     /// The ray as the G-stage takes it, and its distance to the cube; where there are units with a cone that grows by
     /// `spread`.
     pub(super) fn g_ray(&self, ray: &Ray, kind: GKind, spread: f32) -> (GRay, f64) {
-        match &self.lower {
+        let (kept, from) = self.parts.piece(ray);
+        let (asked, t_in) = match &self.lower {
             Some(lower) => {
-                let (asked, t_in) = lower.g_ray(ray, kind);
+                let (asked, t_in) = lower.g_ray(&kept, kind);
                 (asked.with_cone(0.0, spread), t_in)
             }
-            None => self.voxels.g_ray(ray, kind),
-        }
+            None => self.voxels.g_ray(&kept, kind),
+        };
+        (asked, from + t_in)
     }
 
     /// Growth of the cone of a gather ray that leaves a surface of this normal: so slow that the ray is clear of the

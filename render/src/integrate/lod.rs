@@ -50,7 +50,7 @@ pub(super) fn behind(ray: &Ray, cut: f64, found: Option<Hit>) -> Closest {
 impl RenderContext<'_> {
     /// The first thing that the C-ray at hand meets: on the mesh before the cut, in the voxels behind.
     pub(super) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
-        let cut = self.cut(path);
+        let cut = self.cut(ray, path);
         let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
             Some(Answer::Blocked) if self.is_preview && self.voxels.is_none() => return Closest::Known(None),
             Some(Answer::Blocked) if self.is_preview => return Closest::Far(self.far_instead(ray, path)),
@@ -97,7 +97,15 @@ impl RenderContext<'_> {
     }
 
     /// Parameter from which on voxels answer the C-ray at hand; infinite where the mesh does to its end.
-    pub(super) fn cut(&self, path: &Path) -> f64 {
+    pub(super) fn cut(&self, ray: &Ray, path: &Path) -> f64 {
+        let Some(scene) = &self.voxels else { return f64::INFINITY };
+        // Voxels have no caps: where the ray comes through a section the mesh answers.
+        let entry = self.world.parts.kept(ray).filter(|kept| kept.entered.is_some());
+        let least = entry.map_or(0.0, |kept| kept.from + scene.voxels.leaf_side());
+        self.cut_by_footprint(path).max(least)
+    }
+
+    fn cut_by_footprint(&self, path: &Path) -> f64 {
         let lod_distance = self.world.lod_distance;
         let Some(scene) = self.voxels.as_ref().filter(|_| lod_distance < f64::INFINITY) else {
             return f64::INFINITY;

@@ -38,7 +38,7 @@ impl RenderContext<'_> {
         let mut asking = Vec::with_capacity(paths.size_hint().1.unwrap_or(0));
         for (path, is_blocked) in paths {
             let Stage::CRay(ray) = path.stage else { continue };
-            let cut = self.cut(path);
+            let cut = self.cut(&ray, path);
             if let Some(part) = before(&ray, cut).filter(|_| matches!(path.origin, Origin::Camera)) {
                 rays.push(part);
                 asking.push((path, is_blocked, ray, cut));

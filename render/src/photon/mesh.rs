@@ -347,7 +347,7 @@ mod tests {
             seed: 4,
             ..RenderKeys::default()
         };
-        let view = View { camera, lights: vec![sun], settings: settings(keys) };
+        let view = View { camera, lights: vec![sun], settings: settings(keys), parts: Default::default() };
         let world = World::new(&model, &view).unwrap();
         let sources = PhotonSources::new(&world.lights, &model.bounds).unwrap();
         let landed = Mutex::new(vec![vec![]; count.div_ceil(BATCH) as usize]);

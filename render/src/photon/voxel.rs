@@ -7,6 +7,9 @@
 //!
 //! A leaf has two sides (see `trex_store::octree`), and a photon goes on from the one that it meets.
 //!
+//! Where a section cuts a solid, photons fly into it: there are no caps in voxels. What they leave there is on the inner
+//! sides of its walls, which no ray sees.
+//!
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
 use super::irradiance::{MapForm, PhotonMap, PhotonPass};
@@ -218,7 +221,9 @@ impl VoxelPhotons<'_> {
         rays.clear();
         for (_, ray, t_in) in photons {
             let asked;
-            (asked, *t_in) = self.voxels.g_ray(ray, GKind::Photon);
+            let (kept, from) = self.world.parts.piece(ray);
+            (asked, *t_in) = self.voxels.g_ray(&kept, GKind::Photon);
+            *t_in += from;
             rays.push(asked);
         }
         let view = GView { occluders: self.voxels.occluders(), units: GUnits::None };

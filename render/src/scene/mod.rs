@@ -7,6 +7,7 @@ pub(crate) mod framing;
 pub(crate) mod key;
 pub mod keys;
 pub(crate) mod method;
+pub(crate) mod part_keys;
 pub(crate) mod settings;
 pub(crate) mod text;
 mod views;

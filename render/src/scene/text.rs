@@ -9,12 +9,14 @@ use super::exposure::Exposure;
 use super::framing::FramedView;
 use super::key::{Key, KeyValue, out_of_range};
 use super::method::{Filter, LightRig};
+use super::part_keys::{PartKeys, SECTION_STEP};
 use super::settings::{RenderKeys, RenderSettings};
 use super::world::{MaterialEdit, Model, View};
 use crate::shading::light::Light;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use trex_store::{Code, Error, Result};
 
 /// A parsed and checked scene.
@@ -28,6 +30,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Changes to materials, by name.
     pub materials: BTreeMap<String, MaterialEdit>,
+    /// What is shown of the model.
+    pub parts: PartKeys,
     /// Keys of the picture: integrator and numbers.
     pub render: RenderKeys,
     /// Those of them that were given: a default is no wish.
@@ -42,6 +46,7 @@ impl Default for Scene {
             camera: CameraKeys::default(),
             lights: vec![],
             materials: BTreeMap::new(),
+            parts: PartKeys::default(),
             render: Quality::default().apply(&RenderKeys::default()),
             given: RenderEdit::default(),
         }
@@ -82,9 +87,9 @@ impl Scene {
     pub fn parse(text: &str, path: &Path) -> Result<Scene> {
         let no_scene = |error| toml_error(&error, text, path);
         let parsed: SceneText = toml::from_str(text).map_err(no_scene)?;
-        let SceneText { model, camera, light: lights, material: materials, render: given } = parsed;
+        let SceneText { model, camera, light: lights, material: materials, parts, render: given } = parsed;
         let render = given.apply(&Scene::default().render);
-        let scene = Scene { model, camera, lights, materials, render, given };
+        let scene = Scene { model, camera, lights, materials, parts, render, given };
         scene.check(path)?;
         Ok(scene)
     }
@@ -115,7 +120,8 @@ impl Scene {
             model.edit(model.material_index(name)?, edit)?;
         }
         let camera = self.camera.camera(model, settings.resolution);
-        Ok(View { camera, lights: self.lights.clone(), settings })
+        let parts = Arc::new(self.parts.parts(model)?);
+        Ok(View { camera, lights: self.lights.clone(), settings, parts })
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -146,6 +152,7 @@ impl Scene {
             );
         }
         self.render.check_ranges().map_err(in_file)?;
+        self.parts.check().or_else(|numbers| bad("parts.section", numbers, SECTION_STEP))?;
         for (index, light) in self.lights.iter().enumerate() {
             light.check(&format!("{}, key light[{index}]", path.display()))?;
         }
@@ -205,6 +212,8 @@ struct SceneText {
     #[serde(default)]
     material: BTreeMap<String, MaterialEdit>,
     #[serde(default)]
+    parts: PartKeys,
+    #[serde(default)]
     render: RenderEdit,
 }
 
@@ -228,7 +237,6 @@ fn toml_error(error: &toml::de::Error, text: &str, path: &Path) -> Error {
 mod tests {
     use super::*;
     use crate::shading::light::Lights;
-    use std::sync::Arc;
     use trex_store::{Aabb, Material};
 
     fn parse(text: &str) -> Result<Scene> {

@@ -5,10 +5,12 @@
 use super::camera::{Camera, Projection};
 use super::framing::up_axis;
 use super::method::LightRig;
-use super::settings::RenderSettings;
+use super::settings::{RenderKeys, RenderSettings};
 use crate::shading::light::{Emitter, Light, Lights, SkyBy};
+use crate::trace::Parts;
 use crate::voxel::{Occluders, Voxels};
 use glam::Vec3;
+use std::borrow::Cow;
 use std::sync::Arc;
 use trex_store::cluster::WHITE;
 use trex_store::{Aabb, Code, Error, Material, MaterialNames, NextStep, Result, srgb};
@@ -62,6 +64,8 @@ pub struct World {
     pub(crate) mean_colours: Vec<Vec3>,
     /// The numbers of the picture.
     pub settings: RenderSettings,
+    /// What is shown of the model.
+    pub parts: Arc<Parts>,
     /// Length of the rays of `ao`, model units: half of the model's diagonal.
     pub ao_radius: f64,
     /// Length of the way from the camera from which voxels answer C-rays, model units; infinite for the exact mesh.
@@ -77,6 +81,8 @@ pub struct View {
     pub lights: Vec<Light>,
     /// The numbers of the picture.
     pub settings: RenderSettings,
+    /// What is shown of the model.
+    pub parts: Arc<Parts>,
 }
 
 impl Model {
@@ -140,7 +146,11 @@ impl World {
     /// # Panics
     /// When an emitter of the model names a material that is not there.
     pub fn new(model: &Model, view: &View) -> Result<World> {
-        let settings = view.settings;
+        // A leaf that is a whole cube hides what it holds of the materials that are shown.
+        let settings = match view.parts.hides_any() {
+            true => RenderSettings::new(RenderKeys { occluders: Occluders::On, ..*view.settings })?,
+            false => view.settings,
+        };
         let method = settings.integrator;
         if method.needs_voxels() && model.voxels.is_none() {
             return Err(Error::new(Code::SceneFormat, "this file has no voxels for the integrator")
@@ -158,17 +168,20 @@ impl World {
         let materials: Vec<Material> = model.materials.iter().map(|material| material.checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
         let up = up_axis(&model.bounds);
-        let lights = Lights::new(&view.lights, &model.emitters, &materials, up.into())?;
+        let emitters = shown_emitters(&model.emitters, &view.parts);
+        let lights = Lights::new(&view.lights, &emitters, &materials, up.into())?;
         let lights = match settings.light {
             LightRig::Studio => lights.with_sun_and_sky(up.into()),
             LightRig::Auto | LightRig::Scene => lights,
         };
         let sky_by = if method.gathers() { SkyBy::GatherRays } else { SkyBy::LightSamples };
+        let mean_colours = mean_colours(&materials);
         Ok(World {
+            parts: Arc::new(view.parts.with_colours(&mean_colours)),
             lod_distance: World::lod_distance(model, &projection, settings.lod_error),
             projection,
             lights: lights.with_sky_by(sky_by),
-            mean_colours: mean_colours(&materials),
+            mean_colours,
             materials,
             settings,
             ao_radius: 0.5 * model.bounds.diagonal(),
@@ -187,6 +200,19 @@ impl World {
         let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
         leaf_side.map_or(f64::INFINITY, |side| side / (lod_error * projection.pixel_angle()))
     }
+}
+
+/// What is shown of these emitters: lamps that are cut away or hidden give no light.
+fn shown_emitters<'a>(emitters: &'a [Emitter], parts: &Parts) -> Cow<'a, [Emitter]> {
+    if parts.is_whole() {
+        return Cow::Borrowed(emitters);
+    }
+    let shown = emitters.iter().filter(|emitter| !parts.hides(emitter.material as usize));
+    let kept = shown.flat_map(|emitter| {
+        let corners = parts.kept_triangle(emitter.corners);
+        corners.into_iter().map(|corners| Emitter { corners, ..*emitter })
+    });
+    Cow::Owned(kept.collect())
 }
 
 /// The mean colours of materials, linear; none where all are white.

@@ -55,7 +55,7 @@ fn world(method: Method) -> World {
     let point = Light::Point { position: [2.0, 3.0, 2.0], intensity: [9.0; 3] };
     let lights = vec![point, Light::Sky { radiance: [0.3; 3] }];
     let keys = RenderKeys { integrator: method, resolution: RESOLUTION, seed: 11, ..RenderKeys::default() };
-    World::new(&model, &View { camera, lights, settings: settings(keys) }).unwrap()
+    World::new(&model, &View { camera, lights, settings: settings(keys), parts: Default::default() }).unwrap()
 }
 
 /// Renders to 7 samples in passes to `targets`, and gives the film's bytes.

@@ -9,7 +9,7 @@
 use super::shares::{SessionFacts, SessionShares};
 use crate::g_stage::{CpuStage, GNeeds};
 use crate::scene::settings::{RenderKeys, RenderSettings};
-use crate::trace::PooledPages;
+use crate::trace::{PartNeeds, PooledPages};
 use serde::Serialize;
 use trex_film::{Layers, encoder_bytes, filter_bytes};
 use trex_store::layout::FRAME_BYTES;
@@ -39,6 +39,8 @@ pub struct PictureNeeds {
     pub is_live: bool,
     /// Bytes that the caller leases beside the session, for copies of pictures.
     pub copies_bytes: u64,
+    /// What is left out of the model.
+    pub parts: PartNeeds,
 }
 
 /// The shares of a memory limit for a picture, bytes.
@@ -48,13 +50,13 @@ pub struct MemoryPlan {
     pub reserve_bytes: u64,
     /// Page table, top tree, materials, emitters.
     pub tables_bytes: u64,
-    /// The upper octree and the light in it; 0 for integrators that ask no voxels.
+    /// The upper octree, one without hidden materials, and the light in it; 0 for integrators that ask no voxels.
     pub voxels_bytes: u64,
     /// Photons that are kept each by itself (`full-gi`), and those under way on the mesh.
     pub photons_bytes: u64,
     /// Film, copies of pictures, passes over tiles, encoder, filter.
     pub film_bytes: u64,
-    /// Staging buffers, the pool's tables, the workers' pins.
+    /// Staging buffers, the pool's tables, the workers' pins and caps of sections.
     pub staging_bytes: u64,
     /// Frames of pages.
     pub frames_bytes: u64,
@@ -122,6 +124,7 @@ impl MemoryPlan {
             g_needs: CpuStage::NEEDS,
             is_live: false,
             copies_bytes: beside_bytes,
+            parts: PartNeeds::default(),
         };
         MemoryPlan::new(file, &rays, limit_bytes)
     }
@@ -148,7 +151,7 @@ impl MemoryPlan {
 
     /// The shares of all but the frames.
     fn fixed(file: &FileSizes, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
-        let PictureNeeds { settings, layers, workers, g_needs, is_live, copies_bytes } = *needs;
+        let PictureNeeds { settings, layers, workers, g_needs, is_live, copies_bytes, parts } = *needs;
         let overhead = PagePool::overhead_bytes(file.page_count, &pool_options(staging_slots))?;
         let page_count = file.page_count as usize;
         let pins = PooledPages::bytes(page_count, page_count) * workers as u64;
@@ -167,12 +170,14 @@ impl MemoryPlan {
             reserve_bytes: RESERVE_BYTES,
             tables_bytes: file.kept_bytes + session.model_bytes,
             voxels_bytes: match upper {
-                Some(upper) => voxels_bytes(file, &upper, &session)?,
+                Some(upper) => {
+                    voxels_bytes(file, &upper, &session)? + parts.voxel_bytes(upper.leaf_count as usize)
+                }
                 None => 0,
             },
             photons_bytes: session.light_bytes.photons,
             film_bytes: session.film_bytes + session.pass_bytes + copies_bytes + shown_bytes(needs, &session),
-            staging_bytes: overhead + pins,
+            staging_bytes: overhead + pins + parts.cap_bytes(workers),
             frames_bytes: 0,
             staging_slots,
         })

@@ -22,6 +22,7 @@ mod ladder;
 mod light;
 mod live;
 mod memory;
+mod parts;
 mod resettle;
 mod shares;
 mod tile_run;
@@ -32,6 +33,7 @@ pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
 pub use memory::{MemoryPlan, PictureNeeds};
 
+use self::parts::{ShownModel, show};
 use light::{IndirectLight, LightRoom, LightWork};
 use shares::{SessionFacts, SessionShares};
 
@@ -45,9 +47,10 @@ use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Unti
 use crate::shading::light::Light;
 use crate::stats::{PassStats, PhotonStats};
 use crate::threads::WorkerThreads;
-use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
+use crate::trace::{Advance, Answer, Hit, PagedTracer, Parts, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use trex_film::{Film, Layers, Tiles, filter_bytes, smooth};
 use trex_store::{Budget, Lease, Result, StopSignal};
 
@@ -65,6 +68,8 @@ pub enum Event {
         /// Changes to it.
         edit: MaterialEdit,
     },
+    /// Other parts of the model are shown.
+    Parts(Arc<Parts>),
     /// Other numbers of the picture; photons stay where they are the same.
     Settings(RenderSettings),
 }
@@ -140,6 +145,7 @@ pub struct Session<T> {
     lease: Lease,
     /// Room of the materials and emitters.
     _model_lease: Lease,
+    shown: ShownModel,
 }
 
 /// The effect of an event.
@@ -176,7 +182,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Panics
     /// When there is no tracer, or not a thread for each.
     pub fn new(setup: SessionSetup<T>, budget: &Budget) -> Result<Session<T>> {
-        let SessionSetup { model, view, layers, tracers, pool, mut g_stage } = setup;
+        let SessionSetup { mut model, view, layers, mut tracers, pool, mut g_stage } = setup;
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
@@ -185,6 +191,8 @@ impl<T: PagedTracer + Send> Session<T> {
         let shares = SessionShares::new(&view.settings, &facts);
         let leases = shares.lease(budget)?;
         let resolution = view.settings.resolution;
+        let shown = ShownModel::new(&mut model, &view.parts, tracers.len(), budget)?;
+        show(&mut tracers, &world.parts);
         if let Some(voxels) = &model.voxels {
             g_stage.set_octree(voxels)?;
         }
@@ -201,6 +209,7 @@ impl<T: PagedTracer + Send> Session<T> {
             budget: budget.clone(),
             lease: leases.passes,
             _model_lease: leases.model,
+            shown,
         })
     }
 
@@ -230,6 +239,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let change = if matches!(event, Event::Camera(_)) { Change::View } else { Change::Light };
         match event {
             Event::Settings(settings) => return self.resettle(None, settings),
+            Event::Parts(parts) => return self.change_parts(parts),
             Event::Camera(camera) => view.camera = camera,
             Event::Lights(lights) => view.lights = lights,
             Event::Material { index, edit } => model.insert(self.model.clone()).edit(index, &edit)?,

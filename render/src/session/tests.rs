@@ -8,7 +8,7 @@ use crate::scene::settings::RenderKeys;
 use crate::schedule::pass_bytes;
 use crate::shading::light::Emitters;
 use crate::testing::{pool, view};
-use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, Ray, Tracer};
+use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, PartNeeds, Ray, Tracer};
 use crate::voxel::Voxels;
 use std::sync::Arc;
 use std::time::Duration;
@@ -234,8 +234,15 @@ fn the_plan_counts_the_needs_of_the_stage_that_the_session_is_made_with() {
         let bytes = |needs: GNeeds| {
             let (session, file) = floor_on(Box::new(Hungry { inner: CpuStage::default(), needs }), 0, keys);
             let (settings, layers) = (session.view.settings, session.film.layers());
-            let picture =
-                PictureNeeds { settings, layers, workers: 1, g_needs: needs, is_live, copies_bytes: 0 };
+            let picture = PictureNeeds {
+                settings,
+                layers,
+                workers: 1,
+                g_needs: needs,
+                is_live,
+                copies_bytes: 0,
+                parts: PartNeeds::default(),
+            };
             let planned = MemoryPlan::new(&file, &picture, LIMIT).unwrap().film_bytes;
             let budget = session.budget.clone();
             if !is_live {

@@ -24,6 +24,7 @@ use super::hit_colour::HitColours;
 use super::kernel::{Kernel, TrianglesMet};
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::{Page, Pages};
+use super::parts::is_hidden;
 use super::stack::{Stack, StackEntry, VisitStack};
 use std::sync::Arc;
 use trex_store::PageFile;
@@ -39,6 +40,8 @@ const BODY_LINES: usize = 9;
 pub(super) trait Goal {
     /// True where any hit is enough: then it is not told where it is.
     const IS_ANY: bool;
+    /// True when triangles of hidden materials are passed by.
+    const PASSES_HIDDEN: bool = false;
 }
 
 /// The closest hit.
@@ -46,6 +49,22 @@ pub(super) struct ClosestHit;
 
 /// Any hit.
 pub(super) struct AnyHit;
+
+/// The closest hit on a material that is shown.
+pub(super) struct ClosestShown;
+
+/// Any hit on a material that is shown.
+pub(super) struct AnyShown;
+
+impl Goal for ClosestShown {
+    const IS_ANY: bool = false;
+    const PASSES_HIDDEN: bool = true;
+}
+
+impl Goal for AnyShown {
+    const IS_ANY: bool = true;
+    const PASSES_HIDDEN: bool = true;
+}
 
 impl Goal for ClosestHit {
     const IS_ANY: bool = false;
@@ -97,6 +116,8 @@ pub(super) struct LatticeScene {
     pub(super) frame: LatticeFrame,
     /// Where hits have their colours from; `None` for a file without.
     pub(super) colours: Option<HitColours>,
+    /// Materials that are hidden, a bit each: see [`super::parts`].
+    pub(super) hidden: Vec<u64>,
 }
 
 /// The best hit so far.
@@ -166,7 +187,7 @@ pub(super) fn walk<K: Kernel, P: Pages, G: Goal>(
                     let first_triangle = scene.file.pages()[page as usize].first_triangle;
                     let frame = FrameView::new(frame);
                     let page = OpenPage { frame, page, first_triangle };
-                    let visit = PageVisit { page, span };
+                    let visit = PageVisit { page, span, hidden: &scene.hidden };
                     let root = StackEntry::new(at.t(), frame.root(slot as usize).0);
                     visit.under::<K, G>(kernel, root, pending, best);
                     if G::IS_ANY && best.found.is_some() {
@@ -220,6 +241,7 @@ pub(super) struct OpenPage<'a> {
 pub(super) struct PageVisit<'a> {
     pub(super) page: OpenPage<'a>,
     pub(super) span: &'a Span,
+    pub(super) hidden: &'a [u64],
 }
 
 impl PageVisit<'_> {
@@ -270,15 +292,19 @@ impl PageVisit<'_> {
         while let Some(at) = next.or_else(|| pending.pop_above(floor, best.t)) {
             next = None;
             let leaf = at.word() as usize;
-            let t_sure = if G::IS_ANY { self.span.t_sure } else { 0.0 };
+            let t_sure = if G::IS_ANY && !G::PASSES_HIDDEN { self.span.t_sure } else { 0.0 };
             let TrianglesMet { met: mut mask, sure } = kernel.triangles(&cluster, leaf, (best.t, t_sure));
-            if G::IS_ANY && sure != 0 {
+            if G::IS_ANY && !G::PASSES_HIDDEN && sure != 0 {
                 best.found = Some(Found::UNTOLD);
                 return;
             }
             while mask != 0 {
                 let place = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
+                let index = cluster.leaf_first(leaf) + place;
+                if G::PASSES_HIDDEN && is_hidden(self.hidden, cluster.material(index).into()) {
+                    continue;
+                }
                 let refined = kernel.refine(&cluster, leaf, place);
                 if !self.span.holds(refined.t) {
                     continue;
@@ -287,7 +313,6 @@ impl PageVisit<'_> {
                     best.found = Some(Found::UNTOLD);
                     return;
                 }
-                let index = cluster.leaf_first(leaf) + place;
                 let triangle = self.page.first_triangle + (cluster.first_triangle() + index) as u32;
                 if best.found.is_none_or(|f| (refined.t, triangle) < (f.refined.t, f.triangle)) {
                     best.t = t_above(refined.t);

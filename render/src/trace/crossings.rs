@@ -27,6 +27,14 @@ use std::cmp::Ordering;
 use trex_store::cluster::{ClusterView, FrameRef, FrameView, TopRef};
 use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH};
 
+/// The side of a triangle that a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    /// Its corners run counter-clockwise, as seen from where the ray comes.
+    Front,
+    Back,
+}
+
 /// A ray on its way to all that it crosses.
 struct CrossingRay<'a, F> {
     kernel: Scalar<f64>,
@@ -44,7 +52,7 @@ pub(super) fn trace_crossings<P: Pages>(
     stack: &mut Stack,
     ray: &Ray,
     missing: &mut MissingPages,
-    tell: &mut impl FnMut(&Span, &Found),
+    tell: &mut impl FnMut(&Span, &Found, Side),
 ) -> Option<()> {
     let (span, kernel) = Scalar::<f64>::enter(&scene.frame, ray)?;
     let t_max = super::bvh::t_above(span.t_max);
@@ -74,7 +82,7 @@ pub(super) fn trace_crossings<P: Pages>(
     Some(())
 }
 
-impl<F: FnMut(&Span, &Found)> CrossingRay<'_, F> {
+impl<F: FnMut(&Span, &Found, Side)> CrossingRay<'_, F> {
     /// Looks at what is under an entry of a page.
     fn page(&mut self, page: OpenPage<'_>, from: StackEntry, pending: &mut VisitStack<'_>) {
         let floor = pending.len;
@@ -101,26 +109,25 @@ impl<F: FnMut(&Span, &Found)> CrossingRay<'_, F> {
             let corners = cluster.leaf_corners(leaf);
             for place in 0..LEAF_TRIANGLES {
                 let q = corners.map(|indices| cluster.vertex(usize::from(indices[place])));
-                if !is_crossed(&self.kernel.ray, q) {
-                    continue;
-                }
+                let Some(side) = side_crossed(&self.kernel.ray, q) else { continue };
                 let refined = self.kernel.ray.refine(q);
                 if self.span.holds(refined.t) {
                     let index = cluster.leaf_first(leaf) + place;
                     let triangle = page.first_triangle + (cluster.first_triangle() + index) as u32;
                     let (page, material) = (page.page, cluster.material(index));
-                    (self.tell)(&self.span, &Found { refined, page, triangle, material });
+                    (self.tell)(&self.span, &Found { refined, page, triangle, material }, side);
                 }
             }
         }
     }
 }
 
-/// Whether the line of a ray, moved aside by next to nothing, goes through a triangle.
-fn is_crossed(ray: &LatticeRay, q: [[i64; 3]; 3]) -> bool {
+/// The side by which the line of a ray, moved aside by next to nothing, goes through a triangle; `None` where it passes.
+fn side_crossed(ray: &LatticeRay, q: [[i64; 3]; 3]) -> Option<Side> {
     let [a, b, c] = q.map(|q| ray.beside(q));
     let first = side(a, b);
-    first.is_ne() && first == side(b, c) && first == side(c, a)
+    let is_crossed = first.is_ne() && first == side(b, c) && first == side(c, a);
+    is_crossed.then_some(if first.is_lt() { Side::Front } else { Side::Back })
 }
 
 /// The side of the origin, moved by next to nothing, on which the edge from `p` to `q` passes; equal where

@@ -3,6 +3,7 @@
 mod answer;
 mod arithmetic;
 mod bvh;
+mod caps;
 mod corners;
 mod crossings;
 mod hit_colour;
@@ -12,10 +13,12 @@ mod naive;
 mod paged_mesh;
 mod paged_tracer;
 mod pages;
+mod parts;
 mod pooled;
 mod retry;
 mod scalar;
 mod seats;
+mod shown;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 mod stack;
@@ -23,15 +26,18 @@ mod want_list;
 
 pub use answer::{crossings_all, intersect_all, occluded_all};
 pub use arithmetic::Arithmetic;
+pub use caps::OpenParts;
 pub use corners::{MeshTriangle, read_triangles};
 pub use naive::{NaiveMesh, NaiveTriangle};
 pub use paged_mesh::{HITS_PER_RAY, PagedMesh};
 pub use paged_tracer::PagedTracer;
 pub(crate) use pages::NoPages;
 pub use pages::{AllResident, Page, Pages};
+pub use parts::{Parts, SECTIONS_MAX, Section};
 pub use pooled::{MeshTracer, PooledPages, pooled_tracers, seated_tracers};
 pub(crate) use retry::{Advance, Retry, WAIT};
 pub use seats::{Seat, Seats};
+pub use shown::PartNeeds;
 
 use glam::DVec3;
 

@@ -14,6 +14,7 @@ use super::hit_colour::HitColours;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
+use super::shown::ShownParts;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
 use super::stack::Stack;
@@ -24,20 +25,22 @@ use trex_store::PageFile;
 
 /// Traces rays against the clusters of a file, through whatever gives it pages.
 pub struct PagedMesh<P> {
-    scene: LatticeScene,
-    pages: P,
+    pub(super) scene: LatticeScene,
+    pub(super) pages: P,
     arithmetic: Arithmetic,
-    stack: Stack,
+    pub(super) stack: Stack,
     #[cfg(target_arch = "x86_64")]
     packet: Box<PacketRoom>,
     /// Of the last ray.
-    missing: MissingPages,
+    pub(super) missing: MissingPages,
+    /// What is shown of the model; `None` for all of it.
+    pub(super) shown: Option<Box<ShownParts>>,
 }
 
 /// Share of a triangle's size that a surface point may be off its plane for the f32 test.
 const PLANE_ERROR: f64 = 1.0 / (1 << 18) as f64;
 /// Rounding of model coordinates: a few operations in f64.
-const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
+pub(super) const MODEL_ERROR: f64 = 1.0 / (1u64 << 50) as f64;
 
 /// Most hits of a ray that are listed: what a list must have a bound for, and above what surfaces have.
 pub const HITS_PER_RAY: usize = 1 << 20;
@@ -58,6 +61,7 @@ impl<P: Pages> PagedMesh<P> {
             file: file.clone(),
             frame: LatticeFrame::new(file),
             colours: HitColours::of(file),
+            hidden: Vec::new(),
         };
         PagedMesh {
             scene,
@@ -67,6 +71,7 @@ impl<P: Pages> PagedMesh<P> {
             #[cfg(target_arch = "x86_64")]
             packet: Default::default(),
             missing: MissingPages::none(),
+            shown: None,
         }
     }
 
@@ -85,7 +90,7 @@ impl<P: Pages> PagedMesh<P> {
         &mut self.pages
     }
 
-    fn run<G: Goal>(&mut self, ray: &Ray) -> Option<RayEnd> {
+    pub(super) fn run<G: Goal>(&mut self, ray: &Ray) -> Option<RayEnd> {
         let PagedMesh { scene, pages, stack, missing, .. } = self;
         missing.clear();
         match self.arithmetic {
@@ -102,7 +107,7 @@ impl<P: Pages> PagedMesh<P> {
         let PagedMesh { scene, pages, stack, missing, .. } = self;
         missing.clear();
         let first = hits.len();
-        let mut tell = |span: &Span, found: &Found| {
+        let mut tell = |span: &Span, found: &Found, _| {
             let found = hit(&scene.frame, ray, span, found);
             if found.t >= 0.0 && found.t <= ray.t_max && hits.len() - first <= HITS_PER_RAY {
                 hits.push(found);
@@ -143,7 +148,7 @@ impl<P: Pages> PagedMesh<P> {
 }
 
 /// The answer of a ray that asked for the closest hit.
-fn closest(
+pub(super) fn closest(
     pages: &mut impl Pages,
     (scene, ray): (&LatticeScene, &Ray),
     RayEnd { span, found }: &RayEnd,
@@ -178,7 +183,7 @@ fn set_colour(scene: &LatticeScene, pages: &mut impl Pages, hit: &mut Hit) -> An
 }
 
 /// The answer of a ray that asked for any.
-fn any(pages: &mut impl Pages, ended: &RayEnd, missing: &MissingPages) -> Answer<bool> {
+pub(super) fn any(pages: &mut impl Pages, ended: &RayEnd, missing: &MissingPages) -> Answer<bool> {
     if ended.found.is_some() {
         return Answer::Exact(true);
     }
@@ -190,7 +195,7 @@ fn any(pages: &mut impl Pages, ended: &RayEnd, missing: &MissingPages) -> Answer
 }
 
 /// Tells of the missing pages that begin before a hit.
-fn want(pages: &mut impl Pages, missing: &MissingPages, before: f64) {
+pub(super) fn want(pages: &mut impl Pages, missing: &MissingPages, before: f64) {
     for &(page, _) in missing.pages[..missing.count].iter().filter(|(_, t)| *t <= before) {
         pages.want(page);
     }
@@ -221,6 +226,9 @@ impl<P: Pages> Tracer for PagedMesh<P> {
     }
 
     fn intersect(&mut self, ray: &Ray) -> Answer<Option<Hit>> {
+        if self.shown.is_some() {
+            return self.intersect_shown(ray);
+        }
         match self.run::<ClosestHit>(ray) {
             Some(ended) => closest(&mut self.pages, (&self.scene, ray), &ended, &self.missing),
             None => Answer::Exact(None),
@@ -228,6 +236,9 @@ impl<P: Pages> Tracer for PagedMesh<P> {
     }
 
     fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
+        if self.shown.is_some() {
+            return self.occluded_shown(ray);
+        }
         match self.run::<AnyHit>(ray) {
             Some(ended) => any(&mut self.pages, &ended, &self.missing),
             None => Answer::Exact(false),
@@ -236,7 +247,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
 
     fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {
         #[cfg(target_arch = "x86_64")]
-        if self.arithmetic == Arithmetic::Avx2 {
+        if self.arithmetic == Arithmetic::Avx2 && self.shown.is_none() {
             let outside = Answer::Exact(None);
             return self.packets::<_, ClosestHit>(
                 rays,
@@ -249,7 +260,7 @@ impl<P: Pages> Tracer for PagedMesh<P> {
 
     fn occluded_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<bool>>) {
         #[cfg(target_arch = "x86_64")]
-        if self.arithmetic == Arithmetic::Avx2 {
+        if self.arithmetic == Arithmetic::Avx2 && self.shown.is_none() {
             let outside = Answer::Exact(false);
             return self.packets::<_, AnyHit>(rays, (outside, answers), |_, pages, _, ended, missing| {
                 any(pages, ended, missing)

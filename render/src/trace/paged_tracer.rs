@@ -1,6 +1,7 @@
 //! `PagedTracer`: a tracer whose pages come and go, as the loops over tiles and photons see it.
 
-use super::Tracer;
+use super::{OpenParts, Parts, Tracer};
+use std::sync::Arc;
 use std::time::Duration;
 use trex_store::StopSignal;
 
@@ -21,6 +22,14 @@ pub trait PagedTracer: Tracer {
     /// From now on, rays that look up a page once `stop` is due are Blocked: a single ray may cross millions of
     /// triangles. Whoever asks is to end on the same signal, or asks for ever.
     fn stop_by(&mut self, _stop: &StopSignal) {}
+
+    /// From now on, rays meet these parts of the model alone. A tracer that knows no parts shows all.
+    fn show(&mut self, _parts: &Arc<Parts>) {}
+
+    /// The open parts that rays have met on sections since [`PagedTracer::show`].
+    fn open_parts(&self) -> OpenParts {
+        OpenParts::default()
+    }
 
     /// Sleeps until something has arrived, or for `longest`.
     fn wait(&mut self, longest: Duration);

@@ -15,6 +15,7 @@ use super::pages::{Page, Pages};
 use super::retry::WAIT;
 use super::seats::{Seat, Seats};
 use super::want_list::WantList;
+use super::{OpenParts, Parts};
 use std::cell::{Cell, OnceCell};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -210,6 +211,14 @@ impl PagedTracer for PagedMesh<PooledPages> {
     fn stop_by(&mut self, stop: &StopSignal) {
         let pages = self.pages_mut();
         (pages.stop, pages.look_ups_left) = (stop.clone(), 1);
+    }
+
+    fn show(&mut self, parts: &Arc<Parts>) {
+        PagedMesh::show(self, parts);
+    }
+
+    fn open_parts(&self) -> OpenParts {
+        PagedMesh::open_parts(self)
     }
 
     fn wait(&mut self, longest: Duration) {

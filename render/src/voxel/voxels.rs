@@ -2,6 +2,8 @@
 
 use super::lower::LowerScene;
 use super::traverse::{Occluders, VoxelScene};
+use crate::trace::Parts;
+use std::sync::Arc;
 use trex_store::octree::{LowerLinks, UpperOctree};
 use trex_store::{Budget, Lattice, Lease, PageFile, Result};
 
@@ -13,6 +15,8 @@ pub struct Voxels {
     lattice: Lattice,
     page_count: u32,
     lease: Lease,
+    /// The octree with all materials, where this one leaves some out.
+    whole: Option<Arc<Voxels>>,
 }
 
 impl Voxels {
@@ -24,7 +28,24 @@ impl Voxels {
         let lattice = file.superblock().lattice;
         let Some((octree, lease)) = file.upper(budget)? else { return Ok(None) };
         let links = file.lower(&octree, budget)?;
-        Ok(Some(Voxels { octree, links, lattice, page_count: file.pages().len() as u32, lease }))
+        Ok(Some(Voxels { octree, links, lattice, page_count: file.pages().len() as u32, lease, whole: None }))
+    }
+
+    /// These voxels without those of hidden materials, which a bit each names: rays pass through leaves of which such
+    /// a material covers the most. Their memory is leased from `budget`.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`].
+    pub(crate) fn without(this: &Arc<Voxels>, parts: &Parts, budget: &Budget) -> Result<Voxels> {
+        let bytes = UpperOctree::without_bytes(this.octree.leaf_count());
+        let lease = budget.lease("the voxels of what is shown", bytes)?;
+        Ok(Voxels {
+            octree: this.octree.without(|material| parts.hides(material.into())),
+            links: None,
+            whole: Some(this.clone()),
+            lease,
+            ..**this
+        })
     }
 
     /// Bytes that are leased for it.
@@ -39,7 +60,8 @@ impl Voxels {
 
     /// The words that lead from its last nodes to units; `None` for a file whose upper leaves are the finest.
     pub fn links(&self) -> Option<&LowerLinks> {
-        self.links.as_ref().map(|(links, _)| links)
+        let of = self.whole.as_deref().unwrap_or(self);
+        of.links.as_ref().map(|(links, _)| links)
     }
 
     /// Count of the file's pages, of which some hold units.
@@ -54,7 +76,7 @@ impl Voxels {
 
     /// The octree with the units below it; `None` for a file whose upper leaves are the finest.
     pub fn lower_scene(&self, occluders: Occluders) -> Option<LowerScene<'_>> {
-        self.links.as_ref().map(|(links, _)| LowerScene::new(self.scene(occluders), links))
+        self.links().map(|links| LowerScene::new(self.scene(occluders), links))
     }
 
     /// Count of facets. Light is kept by their sides, of which each has two.

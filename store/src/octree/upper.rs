@@ -7,12 +7,13 @@
 //! facets per last node                                (what light is kept by)
 //! ```
 //!
-//! Invariants: 1. every mask and bitmap has a bit set; 2. nodes and leaves stand in key order, so that neighbours are
+//! Invariants: 1. every mask has a bit set, and every bitmap, but for those of materials that are left out; 2. nodes and leaves stand in key order, so that neighbours are
 //! near; 3. counts agree with masks, materials are below the count of materials.
 
 use super::node::{OctreeNode, Tree};
 use super::payload::{LeafNormal, Materials};
 use super::{Facets, VoxelGrid};
+use std::sync::Arc;
 
 /// Normal, flatness and material of the surface in a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,8 +62,16 @@ const LEAF_BYTES: u64 = 8 + 2;
 #[derive(Clone, Debug, PartialEq)]
 pub struct UpperOctree {
     grid: VoxelGrid,
+    bitmaps: Vec<u64>,
+    known: Arc<Known>,
+}
+
+/// What an octree shares with one that leaves materials out of it.
+#[derive(Debug, PartialEq)]
+struct Known {
     tree: Tree,
-    leaves: Leaves,
+    normals: Vec<LeafNormal>,
+    materials: Materials,
     facets: Facets,
 }
 
@@ -77,7 +86,22 @@ pub(super) struct Leaves {
 impl UpperOctree {
     /// An octree of checked parts.
     pub(super) fn new(grid: VoxelGrid, tree: Tree, leaves: Leaves, facets: Facets) -> UpperOctree {
-        UpperOctree { grid, tree, leaves, facets }
+        let Leaves { bitmaps, normals, materials } = leaves;
+        UpperOctree { grid, bitmaps, known: Arc::new(Known { tree, normals, materials, facets }) }
+    }
+
+    /// This octree without the leaves of some materials: their bitmaps are empty, so that rays pass through them. All
+    /// else is shared with this one.
+    pub fn without(&self, is_left_out: impl Fn(u16) -> bool) -> UpperOctree {
+        let bitmap =
+            |(leaf, &bitmap): (usize, &u64)| if is_left_out(self.material(leaf)) { 0 } else { bitmap };
+        let bitmaps = self.bitmaps.iter().enumerate().map(bitmap).collect();
+        UpperOctree { bitmaps, known: self.known.clone(), ..*self }
+    }
+
+    /// Bytes of an octree without some materials, of so many leaves, beside the one that has them.
+    pub fn without_bytes(leaves: usize) -> u64 {
+        leaves as u64 * size_of::<u64>() as u64
     }
 
     /// The cube.
@@ -87,45 +111,45 @@ impl UpperOctree {
 
     /// Nodes, level by level; the root is the first.
     pub fn nodes(&self) -> &[OctreeNode] {
-        &self.tree.nodes
+        &self.known.tree.nodes
     }
 
     /// Nodes whose children are leaves, in order.
     pub fn last_nodes(&self) -> &[OctreeNode] {
-        self.tree.last_nodes()
+        self.known.tree.last_nodes()
     }
 
     /// Occluder bitmaps, one per leaf.
     pub fn bitmaps(&self) -> &[u64] {
-        &self.leaves.bitmaps
+        &self.bitmaps
     }
 
     /// Count of leaves.
     pub fn leaf_count(&self) -> usize {
-        self.leaves.bitmaps.len()
+        self.bitmaps.len()
     }
 
     /// Normal, flatness and material of the surface in `leaf`.
     pub fn leaf(&self, leaf: usize) -> LeafVoxel {
-        let (normal, flatness) = self.leaves.normals[leaf].unpack();
-        LeafVoxel { normal, flatness, material: self.leaves.materials.get(leaf) }
+        let (normal, flatness) = self.known.normals[leaf].unpack();
+        LeafVoxel { normal, flatness, material: self.known.materials.get(leaf) }
     }
 
     /// Material of `leaf`.
     pub fn material(&self, leaf: usize) -> u16 {
-        self.leaves.materials.get(leaf)
+        self.known.materials.get(leaf)
     }
 
     /// What [`UpperOctree::leaf`] says as a device takes it: the packed normal in the lower half of the word, the
     /// material in the upper one.
     #[inline]
     pub fn leaf_word(&self, leaf: usize) -> u32 {
-        u32::from(self.leaves.normals[leaf].0) | u32::from(self.material(leaf)) << 16
+        u32::from(self.known.normals[leaf].0) | u32::from(self.material(leaf)) << 16
     }
 
     /// The facets.
     pub fn facets(&self) -> &Facets {
-        &self.facets
+        &self.known.facets
     }
 
     /// Index of the facet to which `leaf` under `node` belongs.
@@ -134,8 +158,8 @@ impl UpperOctree {
     /// When `node` is none of the last level.
     #[inline]
     pub fn facet(&self, node: u32, leaf: u32) -> u32 {
-        let number = node as usize - self.tree.first_last();
-        self.facets.index(number, self.leaves.normals[leaf as usize])
+        let number = node as usize - self.known.tree.first_last();
+        self.known.facets.index(number, self.known.normals[leaf as usize])
     }
 }
 

@@ -198,7 +198,7 @@ fn world(model: &Model, (method, near): (Method, Near), lod_error: f64) -> World
         seed: 5,
         ..RenderKeys::default()
     };
-    World::new(model, &View { camera, lights, settings: settings(keys) }).unwrap()
+    World::new(model, &View { camera, lights, settings: settings(keys), parts: Default::default() }).unwrap()
 }
 
 /// Count of photons that are sent.

@@ -206,7 +206,7 @@ impl PacketWalk<'_> {
                 let kernel = &self.kernels[i];
                 let RayEnd { span, found } = &mut self.ended[i];
                 let mut best = Best { t: self.t_max[i], found: *found };
-                let visit = PageVisit { page: *page, span };
+                let visit = PageVisit { page: *page, span, hidden: &scene.hidden };
                 visit.under::<_, G>(kernel, StackEntry::new(at.t[i], at.word), pending, &mut best);
                 *found = best.found;
                 self.settle::<G>(i, best.t);
