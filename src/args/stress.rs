@@ -31,7 +31,7 @@ pub struct StressArgs {
     /// percentile; may be given more than once [default: whole.p99 within a frame]
     #[arg(long, value_name = "TIME.PERCENTILE=MS")]
     pub require: Vec<Requirement>,
-    /// Tell how wrong pictures are 33 to 3000 ms after an event, and those of a drag, by references of so many samples,
+    /// Tell how wrong pictures are 33 to 3000 ms after an event, and those of drag and fly, by references of so many samples,
     /// which are rendered first (256 is good, and takes a minute or more a view)
     #[arg(long, value_name = "SPP", value_parser = keys::samples)]
     pub reference_spp: Option<u32>,
@@ -68,7 +68,8 @@ passed its limit or grew, or a time that was required was not kept.
 Times count from the event: rough and whole are a picture that shows nothing older, with a lit ray at
 every 4th and every 2nd pixel; response is an exact fetch block, complete an exact sample in every pixel.
 A switch of drag is 150 events in 5 s, a quarter of an orbit about what the first view looks at, a pan and
-a zoom, and then the rest, from whose event times count; 11 pictures of the way are compared, too.
+a zoom, and then the rest, from whose event times count; 11 pictures of the way are compared, too. fly is the
+same on a way from the overview into the model and on through it, or through the views of --views.
 
 Examples:
   trex stress ship.trex --scenario inside --memory-limit 128MiB

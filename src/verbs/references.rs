@@ -109,5 +109,7 @@ fn without_states(scenario: Scenario) -> Error {
     Error::new(Code::SceneFormat, "the states of this scenario have no references")
         .at_place("--reference-spp")
         .numbers(format!("{} never comes to one twice", scenario.name()))
-        .next("leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze, still or drag")
+        .next(
+            "leave it out, or use flip, inside, pingpong, teleport, light-edit, squeeze, still, drag or fly",
+        )
 }

@@ -152,7 +152,7 @@ impl fmt::Display for StressReport {
                 error.median, error.max, error.flip.median, error.flip.max, error.count
             )?;
         }
-        if let Some(drag) = &figures.drag {
+        if let Some(drag) = figures.drag.as_ref().or(figures.fly.as_ref()) {
             drag_lines(f, drag)?;
         }
         if let Some(floor) = figures.error_floor {

@@ -83,8 +83,8 @@ fn scattered_rays_of_path_stay_on_the_mesh() {
 fn every_scenario_is_exact_in_the_end_in_fewer_frames_than_pages() {
     let inside = folder();
     built_in(inside.path(), "gen:isosurface:600k --voxels 64", "iso.trex");
-    // A drag takes 5 s.
-    let switches = |scenario: &str| if scenario == "drag" { 1 } else { 4 };
+    // A drag and a flight take 5 s.
+    let switches = |scenario: &str| if matches!(scenario, "drag" | "fly") { 1 } else { 4 };
     let line = |scenario: &str, limit: u64| {
         format!(
             "stress iso.trex --scenario {scenario} --lod-error 0 --resolution 48x36 --photons 5k --switches {} \
@@ -94,8 +94,19 @@ fn every_scenario_is_exact_in_the_end_in_fewer_frames_than_pages() {
     };
     let refused = run_in(inside.path(), &line("flip", 1 << 20)).expect_error(4, "memory-limit");
     let limit = refused["smallest_limit_bytes"].as_u64().unwrap() + (4 << 16);
-    let scenarios =
-        ["flip", "inside", "pingpong", "teleport", "sweep", "light-edit", "squeeze", "soak", "still", "drag"];
+    let scenarios = [
+        "flip",
+        "inside",
+        "pingpong",
+        "teleport",
+        "sweep",
+        "light-edit",
+        "squeeze",
+        "soak",
+        "still",
+        "drag",
+        "fly",
+    ];
     let mut evictions = 0;
     for scenario in scenarios {
         let ran = run_in(inside.path(), &line(scenario, limit));
@@ -107,6 +118,10 @@ fn every_scenario_is_exact_in_the_end_in_fewer_frames_than_pages() {
         assert_eq!(counts, [switches(scenario); 2], "{scenario}: {document:#}");
         let peak = document["memory"]["peak_rss_bytes"].as_u64().unwrap();
         assert!(peak <= limit, "{scenario}: {peak}");
+        for way in ["drag", "fly"] {
+            let events = &document[way]["events"];
+            assert_eq!(events.as_u64(), (scenario == way).then_some(149), "{scenario}: {}", document[way]);
+        }
         let evicted = document["pool"]["evictions"].as_u64().unwrap();
         // Teleports look at little of the model at a time.
         assert!(evicted > 0 || scenario == "teleport", "{scenario}: {:#}", document["pool"]);

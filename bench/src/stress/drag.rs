@@ -1,7 +1,7 @@
-//! `drag`: a hand that moves the camera, and then rests.
+//! `drag` and `fly`: a hand that moves the camera, and then rests.
 //!
 //! ```text
-//! orbit -> pan -> zoom, 30 events a second -> rest, which is held as any view is
+//! a way of 30 events a second (`camera_way`)  -> rest, which is held as any view is
 //! event -> frames until the next is due    -> pictures; the last one of some of the events is written
 //! after the rest: these against the references of their views -> relMSE, FLIP
 //! ```
@@ -12,10 +12,11 @@
 //! Invariants: 1. each event is applied and has a picture, so slow pictures make the way last longer; 2. nothing is
 //! compared while the hand moves, and while a picture is written the clock stands still.
 
+use super::camera_way::{WAY_EVENTS, event_of};
 use super::errors::Snapshots;
 use super::hold::{Hold, Log};
 use super::options::StressFigure;
-use super::scenario::{DRAG_EVENTS, Script};
+use super::scenario::Script;
 use std::time::{Duration, Instant};
 use trex_render::{Event, LiveSession, PagedTracer};
 use trex_store::Result;
@@ -24,7 +25,7 @@ use trex_store::Result;
 const EVENT_TIME: Duration = Duration::from_nanos(1_000_000_000 / 30);
 
 impl Log {
-    /// Moves the camera by all events of a drag but the last, which begins the rest. Pictures of the way are written to
+    /// Moves the camera by all events of a way but the last, which begins the rest. Pictures of the way are written to
     /// `snapshots`.
     ///
     /// # Errors
@@ -38,10 +39,10 @@ impl Log {
     ) -> Result<()> {
         let (begin, mut stopped) = (Instant::now(), Duration::ZERO);
         let mut view = 0;
-        for index in 0..DRAG_EVENTS - 1 {
-            session.apply(Event::Camera(script.drag(index)))?;
+        for index in 0..WAY_EVENTS - 1 {
+            session.apply(Event::Camera(script.way(index)))?;
             let (applied, due) = (begin.elapsed() - stopped, EVENT_TIME * (index + 1));
-            let is_written = index == script.drag_event(view);
+            let is_written = index == event_of(view);
             let mut has_picture = false;
             while !has_picture || begin.elapsed() - stopped < due {
                 hold.interrupt.check()?;

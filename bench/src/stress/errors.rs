@@ -9,10 +9,10 @@
 //! 16 bits, whose rounding (2^-11) is far below any error of interest, and for the two pictures that are compared;
 //! 3. nothing is compared while a view is held.
 
+use super::camera_way::WAY_VIEWS;
 use super::picture_error::PictureError;
 use super::picture_store::PictureStore;
 use super::references::{ErrorFloor, References};
-use super::scenario::DRAG_VIEWS;
 use half::f16;
 use std::fs::File;
 use std::path::PathBuf;
@@ -151,7 +151,7 @@ impl Snapshots {
     /// Those of reading both.
     pub(super) fn errors_of_way(&self, exposure: f32) -> Result<Vec<PictureError>> {
         let mut errors = vec![];
-        for view in 0..DRAG_VIEWS - 1 {
+        for view in 0..WAY_VIEWS - 1 {
             let shown = self.written.read(ERROR_TIMES_MS.len() as u32 + view)?;
             errors.extend(PictureError::of(&shown, &self.references.picture(view)?, exposure));
         }

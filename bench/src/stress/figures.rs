@@ -50,6 +50,8 @@ pub struct StressFigures {
     pub error_floor: Option<ErrorFloor>,
     /// Pictures of a hand that moves; `null` for scenarios without.
     pub drag: Option<DragFigures>,
+    /// Those of a flight.
+    pub fly: Option<DragFigures>,
     /// Frames.
     pub frame_ms: Times,
     /// Rays by kind.
@@ -156,6 +158,11 @@ impl StressFigures {
             .for_each(|step| *whole_steps.entry(step).or_default() += 1);
         let light: Vec<f64> = log.switches.iter().filter_map(|switch| switch.light_share).collect();
         let switches = log.switches.len() as u64;
+        let is_flight = options.scenario == Scenario::Fly;
+        let (drag, fly) = match log.drags.figures() {
+            figures if is_flight => (None, figures),
+            figures => (figures, None),
+        };
         let mut figures = StressFigures {
             scenario: options.scenario.name(),
             switches,
@@ -171,7 +178,8 @@ impl StressFigures {
             light_share_at_300: (!light.is_empty()).then(|| light.iter().sum::<f64>() / light.len() as f64),
             error_at_ms: errors_at(&log.switches),
             error_floor: log.error_floor,
-            drag: log.drags.figures(),
+            drag,
+            fly,
             frame_ms,
             rays,
             rays_per_s: RayRates::new(&rays, seconds, seconds),

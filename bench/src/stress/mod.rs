@@ -11,6 +11,7 @@
 //!
 //! Invariant: a figure of time counts from before the event is applied.
 
+mod camera_way;
 mod drag;
 mod drag_figures;
 mod errors;
@@ -21,6 +22,7 @@ mod picture_error;
 mod picture_store;
 mod references;
 mod scenario;
+mod vector;
 
 pub use drag_figures::{DragFigures, ErrorSpread};
 pub use errors::{ERROR_TIMES_MS, Snapshots};
@@ -29,8 +31,9 @@ pub use hold::Switch;
 pub use options::{Requirement, Scenario, StressFigure, StressOptions};
 pub use references::{ErrorFloor, References, ReferencesKey};
 
+use camera_way::WAY_EVENTS;
 use hold::{Hold, Log};
-use scenario::{DRAG_EVENTS, Script, Step};
+use scenario::{Script, Step};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 use trex_render::{Event, LiveSession, PagedTracer, RenderKeys, RenderSettings, Session};
@@ -136,9 +139,9 @@ pub fn run<T: PagedTracer + Send>(
     for switch in 0..options.switches {
         stand.interrupt.check()?;
         let index = match options.scenario {
-            Scenario::Drag => {
+            Scenario::Drag | Scenario::Fly => {
                 log.drag(session, &script, &hold, snapshots.as_deref())?;
-                DRAG_EVENTS - 1
+                WAY_EVENTS - 1
             }
             _ => script.first() + switch,
         };

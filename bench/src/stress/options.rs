@@ -28,6 +28,9 @@ pub enum Scenario {
     Still,
     /// A hand that orbits, pans and zooms, 30 events a second for 5 s, and rests; each switch is such a way.
     Drag,
+    /// A hand that flies from the overview into the model and on through it, as fast; views of your own are flown
+    /// through one after the other.
+    Fly,
 }
 
 impl Scenario {
@@ -44,6 +47,7 @@ impl Scenario {
             Scenario::Soak => "soak",
             Scenario::Still => "still",
             Scenario::Drag => "drag",
+            Scenario::Fly => "fly",
         }
     }
 }

@@ -7,12 +7,15 @@
 //! teleport   one of twelve poses, by chance         sweep       an orbit, a step a response
 //! still      one view, again and again: what the table 2 of the paper shows
 //! drag       an orbit, a pan and a zoom of 30 events a second; a step an event
+//! fly        from the overview into the model and on through it, as drag
 //! ```
 //!
 //! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state
 //! the scene is always the same, once the script has begun.
 
+use super::camera_way::{self, WAY_VIEWS};
 use super::options::{Scenario, StressOptions};
+use super::vector::{along, length, turned_about, unit};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use trex_render::{
@@ -28,18 +31,11 @@ const INTERIOR_RAYS: u32 = 32;
 const ORBIT_STEPS: u32 = 48;
 /// Distance of the close-up from the surface, as a share of the model's diagonal.
 const CLOSE_SHARE: f64 = 0.01;
+/// Part of the way to what it sees from the interior that a flight goes on.
+const FLIGHT_SHARE: f64 = 0.8;
 /// Poses of `teleport`, and states of `light-edit`.
 const POSES: u32 = 12;
 const LIGHT_STATES: u32 = 8;
-/// Events of a drag, those of its orbit and its pan, and the views of its way that have references.
-pub(super) const DRAG_EVENTS: u32 = 150;
-const DRAG_ORBIT_EVENTS: u32 = 90;
-const DRAG_PAN_EVENTS: u32 = 30;
-pub(super) const DRAG_VIEWS: u32 = 12;
-/// Turns of its orbit; how far it pans, and how near it comes, as shares of the way to the target.
-const DRAG_TURNS: f64 = 0.25;
-const DRAG_PAN: f64 = 0.15;
-const DRAG_ZOOM: f64 = 0.4;
 /// Irradiance of the light that goes round, as strong as the default sun.
 const SUN: f32 = 3.0;
 
@@ -72,11 +68,18 @@ impl Script {
         if views.is_empty() {
             let voxels = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
             let other = match (options.scenario, &voxels) {
-                (Scenario::Inside | Scenario::Soak, Some(voxels)) => interior(&model, &overview, voxels),
+                (Scenario::Inside | Scenario::Soak | Scenario::Fly, Some(voxels)) => {
+                    interior(&model, &overview, voxels)
+                }
+                // Nothing is known of what is inside: straight through the middle.
+                (Scenario::Fly, None) => ahead(&overview, 1.0),
                 (Scenario::Pingpong, Some(voxels)) => close_up(&model, &overview, voxels),
                 _ => around(&model, &overview, 0.5),
             };
             views = vec![overview, other];
+            if options.scenario == Scenario::Fly {
+                views.push(ahead(&other, FLIGHT_SHARE));
+            }
         }
         Script { scenario: options.scenario, seed: options.seed, model, views, frames }
     }
@@ -90,41 +93,23 @@ impl Script {
             Scenario::Still => 1,
             Scenario::Teleport => POSES,
             Scenario::LightEdit => LIGHT_STATES,
-            Scenario::Drag => DRAG_VIEWS,
+            Scenario::Drag | Scenario::Fly => WAY_VIEWS,
             Scenario::Sweep | Scenario::Soak => 0,
         }
     }
 
-    /// The event of a drag after which the scene is in state `view`.
-    pub(super) fn drag_event(&self, view: u32) -> u32 {
-        (view + 1) * DRAG_EVENTS / DRAG_VIEWS - 1
-    }
-
-    /// The camera after event `index` of a drag: it orbits what it looks at.
-    pub(super) fn drag(&self, index: u32) -> Camera {
-        let part = |first: u32, count: u32| {
-            (f64::from((index + 1).saturating_sub(first)) / f64::from(count)).min(1.0)
-        };
-        let orbited = part(0, DRAG_ORBIT_EVENTS);
-        let panned = part(DRAG_ORBIT_EVENTS, DRAG_PAN_EVENTS);
-        let zoom_first = DRAG_ORBIT_EVENTS + DRAG_PAN_EVENTS;
-        let zoomed = part(zoom_first, DRAG_EVENTS - zoom_first);
-        let from = &self.views[0];
-        let camera = turned_about(from.target, up_axis(&self.model.bounds), from, DRAG_TURNS * orbited);
-        let way: [f64; 3] = std::array::from_fn(|a| camera.target[a] - camera.position[a]);
-        let side = unit(cross(way, up_axis(&self.model.bounds)));
-        let aside = DRAG_PAN * panned * length(way);
-        let target = along(camera.target, aside, side);
-        let position = along(along(camera.position, aside, side), DRAG_ZOOM * zoomed, way);
-        Camera { position, target, ..camera }
+    /// The camera after event `index` of a way.
+    pub(super) fn way(&self, index: u32) -> Camera {
+        match self.scenario {
+            Scenario::Fly => camera_way::fly(&self.views, index),
+            _ => camera_way::drag(&self.views[0], up_axis(&self.model.bounds), index),
+        }
     }
 
     /// The state of the scene after switch `index`; below [`Script::state_count`], where that is not 0.
     pub(super) fn state(&self, index: u32) -> u32 {
         match self.scenario {
-            Scenario::Drag => {
-                (1..DRAG_VIEWS).take_while(|view| self.drag_event(*view) <= index).last().unwrap_or(0)
-            }
+            Scenario::Drag | Scenario::Fly => camera_way::view_of(index),
             Scenario::Teleport => (Numbers::new(self.seed, index).next() * f64::from(POSES)) as u32,
             _ => index % self.state_count().max(1),
         }
@@ -139,7 +124,7 @@ impl Script {
     pub(super) fn steps_to(&self, state: u32) -> Vec<Step> {
         match self.scenario {
             Scenario::Teleport => vec![look(self.pose(state))],
-            Scenario::Drag => vec![look(self.drag(self.drag_event(state)))],
+            Scenario::Drag | Scenario::Fly => vec![look(self.way(camera_way::event_of(state)))],
             _ => self.steps(state),
         }
     }
@@ -150,7 +135,7 @@ impl Script {
         match self.scenario {
             Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
             Scenario::Still => vec![look(self.views[0])],
-            Scenario::Drag => vec![look(self.drag(index))],
+            Scenario::Drag | Scenario::Fly => vec![look(self.way(index))],
             Scenario::Teleport => vec![look(self.pose(self.state(index)))],
             Scenario::Sweep => {
                 vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
@@ -206,19 +191,6 @@ fn around(model: &Model, camera: &Camera, turns: f64) -> Camera {
     turned_about(model.bounds.center(), up_axis(&model.bounds), camera, turns)
 }
 
-/// The camera after `turns` about the axis `up` through `center`.
-fn turned_about(center: [f64; 3], up: [f64; 3], camera: &Camera, turns: f64) -> Camera {
-    let (sin, cos) = (turns * std::f64::consts::TAU).sin_cos();
-    // Rodrigues.
-    let turn = |point: [f64; 3]| {
-        let v: [f64; 3] = std::array::from_fn(|a| point[a] - center[a]);
-        let lift: f64 = (0..3).map(|a| v[a] * up[a]).sum();
-        let across = cross(up, v);
-        std::array::from_fn(|a| center[a] + cos * v[a] + sin * across[a] + (1.0 - cos) * lift * up[a])
-    };
-    Camera { position: turn(camera.position), target: turn(camera.target), ..*camera }
-}
-
 /// Near the surface that the overview has in its middle.
 fn close_up(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera {
     let way: [f64; 3] = std::array::from_fn(|a| overview.target[a] - overview.position[a]);
@@ -250,10 +222,19 @@ fn interior(model: &Model, overview: &Camera, voxels: &VoxelScene<'_>) -> Camera
                 }
             }
         }
-        (sum, position, farthest.1)
+        (sum, position, farthest)
     });
-    let (_, position, direction) = best.max_by(|a, b| a.0.total_cmp(&b.0)).expect("some places are tried");
-    Camera { position, target: along(position, 1.0, direction), ..*overview }
+    let (_, position, (distance, direction)) =
+        best.max_by(|a, b| a.0.total_cmp(&b.0)).expect("some places are tried");
+    let distance = if distance > 0.0 { distance } else { 1.0 };
+    Camera { position, target: along(position, distance, direction), ..*overview }
+}
+
+/// The camera after a share of the way to its target; it looks as far ahead as before.
+fn ahead(camera: &Camera, share: f64) -> Camera {
+    let way: [f64; 3] = std::array::from_fn(|a| camera.target[a] - camera.position[a]);
+    let step = |point| along(point, share, way);
+    Camera { position: step(camera.position), target: step(camera.target), ..*camera }
 }
 
 /// Numbers by chance for one purpose.
@@ -279,22 +260,6 @@ impl Numbers {
             }
         }
     }
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn length(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn unit(v: [f64; 3]) -> [f64; 3] {
-    v.map(|x| x / length(v))
-}
-
-fn along(origin: [f64; 3], t: f64, direction: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|a| origin[a] + t * direction[a])
 }
 
 #[cfg(test)]
@@ -324,31 +289,5 @@ mod tests {
         let camera = Camera { position: [5.0, 6.0, 1.0], ..Camera::framing(&bounds, [64, 64], None, None) };
         assert!(near(around(&model, &camera, 0.5).position, [-3.0, 6.0, 1.0]));
         assert!(near(around(&model, &camera, 1.0).position, camera.position));
-    }
-
-    /// A quarter of an orbit about the target, then a way to the right, then nearer: each step alone.
-    #[test]
-    fn a_drag_orbits_pans_and_zooms_in_small_steps() {
-        let bounds = Aabb { lo: [0.0; 3], hi: [8.0, 2.0, 8.0] };
-        assert_eq!(up_axis(&bounds), [0.0, 1.0, 0.0]);
-        let (target, position) = ([1.0, 1.0, 1.0], [5.0, 1.0, 1.0]);
-        let view = Camera { position, target, ..Camera::framing(&bounds, [64, 64], None, None) };
-        let script =
-            Script { scenario: Scenario::Drag, seed: 1, model: model(bounds), views: vec![view], frames: 0 };
-        let end = |event: u32| (script.drag(event - 1).position, script.drag(event - 1).target);
-        let (orbited, from) = end(90);
-        assert!(near(from, target) && near(orbited, [1.0, 1.0, -3.0]), "{orbited:?}");
-        // It looks along +z there, with +y up: right is -x.
-        let (panned, seen) = end(120);
-        assert!(near(panned, [0.4, 1.0, -3.0]) && near(seen, [0.4, 1.0, 1.0]), "{panned:?} {seen:?}");
-        let (zoomed, seen_nearer) = end(150);
-        assert!(near(zoomed, [0.4, 1.0, -1.4]) && near(seen_nearer, seen), "{zoomed:?}");
-        let places: Vec<_> = (0..DRAG_EVENTS).map(|event| script.drag(event).position).collect();
-        let step = |pair: &[[f64; 3]]| length(std::array::from_fn(|a| pair[1][a] - pair[0][a]));
-        assert!(places.windows(2).map(step).all(|step| step > 0.01 && step < 0.1));
-        // Each state is that of one event, and the last is that of the rest.
-        let events: Vec<u32> = (0..DRAG_VIEWS).map(|view| script.drag_event(view)).collect();
-        assert!(events.windows(2).all(|pair| pair[0] < pair[1]) && events[11] == DRAG_EVENTS - 1);
-        assert!((0..DRAG_VIEWS).all(|view| script.state(events[view as usize]) == view));
     }
 }
