@@ -31,8 +31,8 @@ pub struct StressArgs {
     /// percentile; may be given more than once [default: whole.p99 within a frame]
     #[arg(long, value_name = "TIME.PERCENTILE=MS")]
     pub require: Vec<Requirement>,
-    /// Tell how wrong pictures are 33 to 3000 ms after an event, and those of drag and fly, by references of so many samples,
-    /// which are rendered first (256 is good, and takes a minute or more a view)
+    /// Tell how wrong pictures are 33 to 3000 ms after an event, and those of drag and fly, by references of so many
+    /// samples, which are rendered first (256 is good, and takes a minute or more a view)
     #[arg(long, value_name = "SPP", value_parser = keys::samples)]
     pub reference_spp: Option<u32>,
     /// Keep the references in this file for the next runs of the same model, scene and scenario; other references in it

@@ -94,19 +94,7 @@ fn every_scenario_is_exact_in_the_end_in_fewer_frames_than_pages() {
     };
     let refused = run_in(inside.path(), &line("flip", 1 << 20)).expect_error(4, "memory-limit");
     let limit = refused["smallest_limit_bytes"].as_u64().unwrap() + (4 << 16);
-    let scenarios = [
-        "flip",
-        "inside",
-        "pingpong",
-        "teleport",
-        "sweep",
-        "light-edit",
-        "squeeze",
-        "soak",
-        "still",
-        "drag",
-        "fly",
-    ];
+    let scenarios = "flip inside pingpong teleport sweep light-edit squeeze soak still drag fly".split(' ');
     let mut evictions = 0;
     for scenario in scenarios {
         let ran = run_in(inside.path(), &line(scenario, limit));
