@@ -77,8 +77,8 @@ impl SessionOptions {
         Ok(PictureNeeds { parts: scene.parts.needs(), ..needs })
     }
 
-    /// What a session with these settings on the whole model by so many workers needs of memory, where the processor answers G-rays; what
-    /// another device needs beside it, the model adds.
+    /// What a session with these settings on the whole model by so many workers needs of memory, where the processor
+    /// answers G-rays; what another device needs beside it, the model adds.
     pub fn needs_of(&self, settings: RenderSettings, workers: usize) -> PictureNeeds {
         PictureNeeds {
             settings,

@@ -1,5 +1,5 @@
-//! The file that `view` shows: a page file or a scene as it is; a mesh, or a volume at the values that are asked for, is
-//! built first, beside itself, once.
+//! The file that `view` shows: a page file or a scene as it is; a mesh, or a volume at the values that are asked for,
+//! is built first, beside itself, once.
 //!
 //! ```text
 //! statue.ply -> statue.ply.trex, unless that is there and no older -> shown
@@ -75,8 +75,8 @@ fn mesh_input(file: &Path) -> Option<Input> {
     }
 }
 
-/// Where the page file of a list of one is: `statue.ply.trex`, so that it is taken for no other mesh's, nor for the same
-/// volume's at another value.
+/// Where the page file of a list of one is: `statue.ply.trex`, so that it is taken for no other mesh's, nor for the
+/// same volume's at another value.
 fn beside(list: InputList<'_>) -> PathBuf {
     let VolumeOptions { iso_values, raw } = list.volumes;
     let mut name = match &list.inputs[0] {

@@ -59,6 +59,7 @@ mod rays;
 mod real_models;
 mod resume;
 mod sections;
+mod sections_seen;
 mod support;
 mod tidy;
 mod time_limit;

@@ -104,15 +104,15 @@ fn exact<T>(answer: Answer<T>) -> T {
 }
 
 /// A model on show, all of it in memory.
-struct Shown<'a> {
+struct ShownTracer<'a> {
     tracer: PagedMesh<&'a AllResident>,
 }
 
-impl<'a> Shown<'a> {
-    fn new(built: &'a Built, resident: &'a AllResident, parts: Parts) -> Shown<'a> {
+impl<'a> ShownTracer<'a> {
+    fn new(built: &'a Built, resident: &'a AllResident, parts: Parts) -> ShownTracer<'a> {
         let mut tracer = PagedMesh::new(&built.file, resident);
         tracer.show(&Arc::new(parts));
-        Shown { tracer }
+        ShownTracer { tracer }
     }
 
     fn intersect(&mut self, ray: &Ray) -> Option<Hit> {
@@ -167,7 +167,7 @@ fn check_convex(name: &str, triangles: Triangles, seed: u64) {
         planes.extend(
             sections.iter().map(|cut| Plane { normal: cut.normal, offset: dot(cut.normal, cut.point) }),
         );
-        let mut shown = Shown::new(&built, &resident, Parts::new(sections, &[]));
+        let mut shown = ShownTracer::new(&built, &resident, Parts::new(sections, &[]));
         for i in 0..2500 {
             let near = if i % 3 == 0 { 1.0 } else { 4.0 };
             let origin = random.point([-near; 3], [near; 3]);
@@ -230,7 +230,7 @@ fn check_fill(solids: &[Triangles], wanted: impl Fn(f64, f64) -> Option<Vec<u32>
     let built = build(solids);
     let resident = AllResident::load(&built.file);
     let cut = section([0.0; 3], [0.0, 0.0, -1.0]);
-    let mut shown = Shown::new(&built, &resident, Parts::new(vec![cut], &[]));
+    let mut shown = ShownTracer::new(&built, &resident, Parts::new(vec![cut], &[]));
     let mut random = Random::seeded(3);
     for _ in 0..4000 {
         let [x, y, _] = random.point([-2.5; 3], [2.5; 3]);
@@ -287,7 +287,7 @@ fn overlapping_solids_fill_each_point_with_one_of_them() {
     let built = build(&[solid(left), solid(right)]);
     let resident = AllResident::load(&built.file);
     let cut = section([0.0; 3], [0.0, 0.0, -1.0]);
-    let mut shown = Shown::new(&built, &resident, Parts::new(vec![cut], &[]));
+    let mut shown = ShownTracer::new(&built, &resident, Parts::new(vec![cut], &[]));
     let mut random = Random::seeded(4);
     let mut both = [0; 2];
     for _ in 0..4000 {
@@ -318,7 +318,7 @@ fn open_parts_are_not_filled_and_are_told() {
     let built = build(&[open, boxed([0.5, -1.0, -1.0], [2.0, 1.0, 1.0])]);
     let resident = AllResident::load(&built.file);
     let cut = section([0.0; 3], [0.0, 0.0, -1.0]);
-    let mut shown = Shown::new(&built, &resident, Parts::new(vec![cut], &[]));
+    let mut shown = ShownTracer::new(&built, &resident, Parts::new(vec![cut], &[]));
     for (x, y) in [(-1.3, 0.1), (-0.7, -0.6), (-1.9, 0.9)] {
         let (material, z) = shown.below(x, y).unwrap();
         assert!(material == 0 && (z + 1.0).abs() < 1e-3, "its floor is seen at {x}, {y}, not {z}");
@@ -338,8 +338,8 @@ fn what_is_hidden_is_met_by_no_ray() {
     let cut = section([0.1, 0.2, 0.05], [0.3, -0.2, -1.0]);
     for sections in [vec![], vec![cut]] {
         let mut hiding =
-            Shown::new(&both, &residents[0], Parts::new(sections.clone(), &[FIRST as usize + 1]));
-        let mut without = Shown::new(&only, &residents[1], Parts::new(sections, &[]));
+            ShownTracer::new(&both, &residents[0], Parts::new(sections.clone(), &[FIRST as usize + 1]));
+        let mut without = ShownTracer::new(&only, &residents[1], Parts::new(sections, &[]));
         let mut random = Random::seeded(5);
         let mut inside = 0;
         for _ in 0..4000 {
@@ -348,7 +348,7 @@ fn what_is_hidden_is_met_by_no_ray() {
             let (found, wanted) = (hiding.intersect(&ray), without.intersect(&ray));
             let place = |hit: &Hit| (hit.material, (hit.t * 1e3).round());
             assert_eq!(found.as_ref().map(place), wanted.as_ref().map(place), "{ray:?}");
-            let occluded = |of: &mut Shown<'_>| exact(of.tracer.occluded(&ray));
+            let occluded = |of: &mut ShownTracer<'_>| exact(of.tracer.occluded(&ray));
             assert_eq!(occluded(&mut hiding), occluded(&mut without), "{ray:?}");
             inside += u32::from(found.is_some());
         }

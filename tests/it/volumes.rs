@@ -172,7 +172,8 @@ fn a_volume_is_viewed_at_its_value() {
     let inside = folder();
     fs::write(inside.path().join("a.nrrd"), nrrd(SIZE, &balls(SIZE), "")).unwrap();
     let viewed = |iso: &str| {
-        let line = format!("a.nrrd {iso} --spp 1 --photons 5k --resolution 64x48 --memory-limit 160MiB");
+        let line =
+            format!("a.nrrd {iso} --quiet --spp 1 --photons 5k --resolution 64x48 --memory-limit 160MiB");
         let viewing = ViewProcess::start(inside.path(), &line);
         let mut page = viewing.page();
         text_until(&mut page, |text| text["progress"] == "done");

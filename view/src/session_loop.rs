@@ -15,7 +15,7 @@
 
 use crate::bounded::BoundedWriter;
 use crate::figures::Figures;
-use crate::materials::fingerprint;
+use crate::materials::fingerprint_of_whole;
 use crate::motion::Motion;
 use crate::outbox::FileBytes;
 use crate::picture::{BlockChanges, Picture, SettledPng};
@@ -57,9 +57,8 @@ pub(crate) struct SessionLoop<'a, T> {
     pub(crate) seq: u32,
     /// Lights of the file that was opened, and what its materials come to.
     pub(crate) input_lights: Vec<Light>,
-    input_fingerprint: u64,
-    /// True when nothing of the model was left out at first.
-    input_shows_all: bool,
+    /// `None` where parts of the model are left out.
+    input_fingerprint: Option<u64>,
     /// No frame has been made since the last event.
     is_fresh: bool,
     /// Pixels between samples of the last frame.
@@ -103,8 +102,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let mut this = SessionLoop {
             tone: Tone::new(view.settings.exposure.factor()),
             input_lights: view.lights.clone(),
-            input_fingerprint: fingerprint(&session.model().materials),
-            input_shows_all: view.parts.is_whole(),
+            input_fingerprint: fingerprint_of_whole(view, session.model()),
             session: Some(session),
             shared,
             around,
@@ -384,12 +382,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
 
     /// What makes the picture on show.
     fn recipe(&self) -> Recipe<'_> {
-        let session = self.session();
-        let (view, model) = (session.view(), session.model());
-        let is_opened = view.lights == self.input_lights
-            && fingerprint(&model.materials) == self.input_fingerprint
-            && view.parts.is_whole()
-            && self.input_shows_all;
+        let view = self.session().view();
+        let now = fingerprint_of_whole(view, self.session().model());
+        let is_opened = view.lights == self.input_lights && now.is_some() && now == self.input_fingerprint;
         if is_opened { Recipe::Opened { camera: &view.camera, keys: &view.settings } } else { Recipe::Saved }
     }
 

@@ -7,8 +7,8 @@
 //!
 //! A leaf has two sides (see `trex_store::octree`), and a photon goes on from the one that it meets.
 //!
-//! Where a section cuts a solid, photons fly into it: there are no caps in voxels. What they leave there is on the inner
-//! sides of its walls, which no ray sees.
+//! Where a section cuts a solid, photons fly into it: there are no caps in voxels. They leave their light there on the
+//! inner sides of its walls, which no ray sees.
 //!
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 

@@ -14,6 +14,8 @@
 //! so all of its samples are of one state; 3. film and passes are leased from the budget for the life of the session.
 
 mod brightness;
+mod change_parts;
+mod event;
 mod event_state;
 mod fetch_block;
 mod frame;
@@ -28,6 +30,7 @@ mod shares;
 mod tile_run;
 
 pub use brightness::Brightness;
+pub use event::Event;
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use frame_report::{FrameProgress, FrameReport};
 pub use live::{FrameOptions, LiveSession, TileStamp};
@@ -40,39 +43,16 @@ use shares::{SessionFacts, SessionShares};
 use crate::g_stage::{GNeeds, GStage};
 use crate::integrate::RenderContext;
 use crate::photon::irradiance::PhotonMap;
-use crate::scene::camera::Camera;
 use crate::scene::settings::RenderSettings;
-use crate::scene::world::{MaterialEdit, Model, View, World};
+use crate::scene::world::{Model, View, World};
 use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
-use crate::shading::light::Light;
 use crate::stats::{PassStats, PhotonStats};
 use crate::threads::WorkerThreads;
-use crate::trace::{Advance, Answer, Hit, PagedTracer, Parts, Retry, WAIT};
+use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
-use std::sync::Arc;
 use trex_film::{Film, Layers, Tiles, filter_bytes, smooth};
 use trex_store::{Budget, Lease, Result, StopSignal};
-
-/// A change by the user.
-#[derive(Clone, Debug)]
-pub enum Event {
-    /// Another camera.
-    Camera(Camera),
-    /// Other lights; all of them.
-    Lights(Vec<Light>),
-    /// Changes to the material with this index.
-    Material {
-        /// Index into the model's materials.
-        index: usize,
-        /// Changes to it.
-        edit: MaterialEdit,
-    },
-    /// Other parts of the model are shown.
-    Parts(Arc<Parts>),
-    /// Other numbers of the picture; photons stay where they are the same.
-    Settings(RenderSettings),
-}
 
 /// What is seen at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,10 +3,12 @@
 use super::*;
 use crate::g_stage::{CpuStage, GCall, GTurn};
 use crate::integrate::rays_asked;
+use crate::scene::camera::Camera;
 use crate::scene::method::{Filter, Method};
 use crate::scene::settings::RenderKeys;
+use crate::scene::world::MaterialEdit;
 use crate::schedule::pass_bytes;
-use crate::shading::light::Emitters;
+use crate::shading::light::{Emitters, Light};
 use crate::testing::{pool, view};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, PartNeeds, Ray, Tracer};
 use crate::voxel::Voxels;

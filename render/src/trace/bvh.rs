@@ -51,17 +51,17 @@ pub(super) struct ClosestHit;
 pub(super) struct AnyHit;
 
 /// The closest hit on a material that is shown.
-pub(super) struct ClosestShown;
+pub(super) struct ClosestShownHit;
 
 /// Any hit on a material that is shown.
-pub(super) struct AnyShown;
+pub(super) struct AnyShownHit;
 
-impl Goal for ClosestShown {
+impl Goal for ClosestShownHit {
     const IS_ANY: bool = false;
     const PASSES_HIDDEN: bool = true;
 }
 
-impl Goal for AnyShown {
+impl Goal for AnyShownHit {
     const IS_ANY: bool = true;
     const PASSES_HIDDEN: bool = true;
 }

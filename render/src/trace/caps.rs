@@ -14,7 +14,7 @@
 //!
 //! | what the lines of an anchor cross | rule |
 //! |---|---|
-//! | as many fronts as backs, never more backs than fronts up to a place | a front begins a solid, a back ends one of its material, else the last |
+//! | pairs of front and back ([`is_oriented`]) | a front begins a solid, a back ends one of its material, or the last |
 //! | else, without the materials that a line crosses an odd number of times, which are *open* | the same |
 //! | else (triangles that look the wrong way) | parity: each material begins and ends in turn |
 //! | one line within a solid, the other not | nothing is filled |
@@ -111,7 +111,7 @@ struct OpenMaterials {
 }
 
 /// What becomes of the solids around a point where a line crosses a surface.
-enum Crossing {
+enum CrossingEffect {
     Begins,
     /// The one at this place of the list ends.
     Ends(usize),
@@ -151,19 +151,19 @@ impl Solids {
     /// Begins or ends a solid where one is crossed.
     fn cross(&mut self, crossed: &CrossedSurface, by_parity: bool) {
         match self.ending(crossed, by_parity) {
-            Crossing::Begins => self.begin(crossed.material),
-            Crossing::Ends(place) => self.end_at(place),
-            Crossing::Nothing => {}
+            CrossingEffect::Begins => self.begin(crossed.material),
+            CrossingEffect::Ends(place) => self.end_at(place),
+            CrossingEffect::Nothing => {}
         }
     }
 
     /// What a crossing does.
-    fn ending(&self, crossed: &CrossedSurface, by_parity: bool) -> Crossing {
+    fn ending(&self, crossed: &CrossedSurface, by_parity: bool) -> CrossingEffect {
         let own = self.find(crossed.material);
         if if by_parity { own.is_none() } else { crossed.begins } {
-            return Crossing::Begins;
+            return CrossingEffect::Begins;
         }
-        own.or(usize::from(self.count).checked_sub(1)).map_or(Crossing::Nothing, Crossing::Ends)
+        own.or(usize::from(self.count).checked_sub(1)).map_or(CrossingEffect::Nothing, CrossingEffect::Ends)
     }
 
     /// The one material around a point; `None` where there are several, or none.
@@ -177,8 +177,8 @@ impl Solids {
         let here = usize::from(self.count);
         for crossed in crossed.iter().filter(|crossed| !rule.open.has(crossed.material)) {
             match self.ending(crossed, rule.by_parity) {
-                Crossing::Ends(place) if place < here => return Some(self.list[place]),
-                Crossing::Begins if usize::from(self.count) == SOLIDS_MAX => return None,
+                CrossingEffect::Ends(place) if place < here => return Some(self.list[place]),
+                CrossingEffect::Begins if usize::from(self.count) == SOLIDS_MAX => return None,
                 _ => self.cross(crossed, rule.by_parity),
             }
         }
@@ -283,13 +283,12 @@ impl Caps {
             crossed.sort_by(|a, b| a.t.total_cmp(&b.t));
             follow(crossed, &rule, length, &mut solids);
         }
-        let (start, axis, near) = (cut.at(place), cut.axes[0], NEAR_CELLS * cut.side);
-        let reach = cut.reach;
+        let (start, axis, lengths) = (cut.at(place), cut.axes[0], [NEAR_CELLS * cut.side, cut.reach]);
         self.note(&rule.open);
         if solids.count == 0 || solids.only().is_some() {
             return Answer::Exact(solids.last());
         }
-        for length in [near, reach] {
+        for length in lengths {
             let crossed = &mut self.crossed[2];
             crossed.clear();
             if cross(&Ray::new(start, axis, length), crossed) == Answer::Blocked {

@@ -122,7 +122,8 @@ impl<F: FnMut(&Span, &Found, Side)> CrossingRay<'_, F> {
     }
 }
 
-/// The side by which the line of a ray, moved aside by next to nothing, goes through a triangle; `None` where it passes.
+/// The side by which the line of a ray, moved aside by next to nothing, goes through a triangle; `None` where it passes
+/// by.
 fn side_crossed(ray: &LatticeRay, q: [[i64; 3]; 3]) -> Option<Side> {
     let [a, b, c] = q.map(|q| ray.beside(q));
     let first = side(a, b);

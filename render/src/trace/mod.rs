@@ -19,6 +19,7 @@ mod retry;
 mod scalar;
 mod seats;
 mod shown;
+mod shown_parts;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 mod stack;
@@ -37,7 +38,7 @@ pub use parts::{Parts, SECTIONS_MAX, Section};
 pub use pooled::{MeshTracer, PooledPages, pooled_tracers, seated_tracers};
 pub(crate) use retry::{Advance, Retry, WAIT};
 pub use seats::{Seat, Seats};
-pub use shown::PartNeeds;
+pub use shown_parts::PartNeeds;
 
 use glam::DVec3;
 

@@ -14,7 +14,7 @@ use super::hit_colour::HitColours;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
-use super::shown::ShownParts;
+use super::shown_parts::ShownParts;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
 use super::stack::Stack;

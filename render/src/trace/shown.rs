@@ -13,17 +13,17 @@
 //! Invariants: 1. a ray reads no page whose box is cut away as a whole; 2. a tracer that shows all is asked as if this
 //! file were not there; 3. invariants of `paged_mesh` hold.
 
-use super::bvh::{AnyHit, AnyShown, ClosestHit, ClosestShown, Found, LatticeScene};
+use super::bvh::{AnyHit, AnyShownHit, ClosestHit, ClosestShownHit, Found, LatticeScene};
 use super::caps::{CROSSED_MAX, Caps, CrossedSurface, OpenParts};
 use super::crossings::{Side, trace_crossings};
 use super::lattice_ray::Span;
 use super::paged_mesh::{MODEL_ERROR, PagedMesh, any, closest, want};
 use super::pages::Pages;
 use super::parts::{KeptSpan, Parts, Section, is_hidden, kept_span};
+use super::shown_parts::ShownParts;
 use super::{Answer, Hit, Ray};
 use glam::DVec3;
 use std::sync::Arc;
-use trex_store::octree::UpperOctree;
 
 /// Way of a section into what it keeps, lattice steps: half of one is the error of a vertex.
 const INWARD: f64 = 0.371;
@@ -32,15 +32,6 @@ const INWARD: f64 = 0.371;
 const CAP_ERROR: f64 = 1024.0 * MODEL_ERROR;
 /// The triangle of a cap: none.
 const NO_TRIANGLE: u32 = u32::MAX;
-
-/// What is shown of a model.
-pub(super) struct ShownParts {
-    parts: Arc<Parts>,
-    sections: Vec<Section>,
-    caps: Option<Caps>,
-    /// The model's box, in which solids are.
-    bounds: [DVec3; 2],
-}
 
 impl<P: Pages> PagedMesh<P> {
     /// From now on, rays meet these parts of the model alone, and the caps of solids that its sections cut.
@@ -85,7 +76,7 @@ impl<P: Pages> PagedMesh<P> {
         }
         let part = kept.part(ray);
         let ended = match shown.parts.hides_any() {
-            true => self.run::<ClosestShown>(&part),
+            true => self.run::<ClosestShownHit>(&part),
             false => self.run::<ClosestHit>(&part),
         };
         let found = match ended {
@@ -103,7 +94,7 @@ impl<P: Pages> PagedMesh<P> {
         let Some(kept) = kept_span(&shown.sections, ray) else { return Answer::Exact(false) };
         let part = kept.part(ray);
         let ended = match shown.parts.hides_any() {
-            true => self.run::<AnyShown>(&part),
+            true => self.run::<AnyShownHit>(&part),
             false => self.run::<AnyHit>(&part),
         };
         let met = ended.map_or(Answer::Exact(false), |ended| any(&mut self.pages, &ended, &self.missing));
@@ -161,34 +152,6 @@ impl<P: Pages> PagedMesh<P> {
             colour: shown.parts.cap_colour(material),
             error: CAP_ERROR * reach,
         }))
-    }
-}
-
-/// Which parts of a model are left out, as memory goes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PartNeeds {
-    /// True when sections cut it.
-    pub is_cut: bool,
-    /// True when materials are hidden.
-    pub hides: bool,
-}
-
-impl PartNeeds {
-    /// Bytes of the caps of so many workers.
-    pub(crate) fn cap_bytes(self, workers: usize) -> u64 {
-        if self.is_cut { (workers * Caps::BYTES) as u64 } else { 0 }
-    }
-
-    /// Bytes of an octree of so many leaves without what is hidden, beside the whole one.
-    pub(crate) fn voxel_bytes(self, leaves: usize) -> u64 {
-        if self.hides { UpperOctree::without_bytes(leaves) } else { 0 }
-    }
-}
-
-impl Parts {
-    /// What these parts take.
-    pub fn needs(&self) -> PartNeeds {
-        PartNeeds { is_cut: !self.sections().is_empty(), hides: self.hides_any() }
     }
 }
 

@@ -7,8 +7,9 @@
 //! facets per last node                                (what light is kept by)
 //! ```
 //!
-//! Invariants: 1. every mask has a bit set, and every bitmap, but for those of materials that are left out; 2. nodes and leaves stand in key order, so that neighbours are
-//! near; 3. counts agree with masks, materials are below the count of materials.
+//! Invariants: 1. every mask has a bit set, and every bitmap, but for those of materials that are left out; 2. nodes
+//! and leaves stand in key order, so that neighbours are near; 3. counts agree with masks, materials are below the
+//! count of materials.
 
 use super::node::{OctreeNode, Tree};
 use super::payload::{LeafNormal, Materials};
@@ -63,12 +64,12 @@ const LEAF_BYTES: u64 = 8 + 2;
 pub struct UpperOctree {
     grid: VoxelGrid,
     bitmaps: Vec<u64>,
-    known: Arc<Known>,
+    shared: Arc<SharedOctree>,
 }
 
 /// What an octree shares with one that leaves materials out of it.
 #[derive(Debug, PartialEq)]
-struct Known {
+struct SharedOctree {
     tree: Tree,
     normals: Vec<LeafNormal>,
     materials: Materials,
@@ -87,7 +88,7 @@ impl UpperOctree {
     /// An octree of checked parts.
     pub(super) fn new(grid: VoxelGrid, tree: Tree, leaves: Leaves, facets: Facets) -> UpperOctree {
         let Leaves { bitmaps, normals, materials } = leaves;
-        UpperOctree { grid, bitmaps, known: Arc::new(Known { tree, normals, materials, facets }) }
+        UpperOctree { grid, bitmaps, shared: Arc::new(SharedOctree { tree, normals, materials, facets }) }
     }
 
     /// This octree without the leaves of some materials: their bitmaps are empty, so that rays pass through them. All
@@ -96,7 +97,7 @@ impl UpperOctree {
         let bitmap =
             |(leaf, &bitmap): (usize, &u64)| if is_left_out(self.material(leaf)) { 0 } else { bitmap };
         let bitmaps = self.bitmaps.iter().enumerate().map(bitmap).collect();
-        UpperOctree { bitmaps, known: self.known.clone(), ..*self }
+        UpperOctree { bitmaps, shared: self.shared.clone(), ..*self }
     }
 
     /// Bytes of an octree without some materials, of so many leaves, beside the one that has them.
@@ -111,12 +112,12 @@ impl UpperOctree {
 
     /// Nodes, level by level; the root is the first.
     pub fn nodes(&self) -> &[OctreeNode] {
-        &self.known.tree.nodes
+        &self.shared.tree.nodes
     }
 
     /// Nodes whose children are leaves, in order.
     pub fn last_nodes(&self) -> &[OctreeNode] {
-        self.known.tree.last_nodes()
+        self.shared.tree.last_nodes()
     }
 
     /// Occluder bitmaps, one per leaf.
@@ -131,25 +132,25 @@ impl UpperOctree {
 
     /// Normal, flatness and material of the surface in `leaf`.
     pub fn leaf(&self, leaf: usize) -> LeafVoxel {
-        let (normal, flatness) = self.known.normals[leaf].unpack();
-        LeafVoxel { normal, flatness, material: self.known.materials.get(leaf) }
+        let (normal, flatness) = self.shared.normals[leaf].unpack();
+        LeafVoxel { normal, flatness, material: self.shared.materials.get(leaf) }
     }
 
     /// Material of `leaf`.
     pub fn material(&self, leaf: usize) -> u16 {
-        self.known.materials.get(leaf)
+        self.shared.materials.get(leaf)
     }
 
     /// What [`UpperOctree::leaf`] says as a device takes it: the packed normal in the lower half of the word, the
     /// material in the upper one.
     #[inline]
     pub fn leaf_word(&self, leaf: usize) -> u32 {
-        u32::from(self.known.normals[leaf].0) | u32::from(self.material(leaf)) << 16
+        u32::from(self.shared.normals[leaf].0) | u32::from(self.material(leaf)) << 16
     }
 
     /// The facets.
     pub fn facets(&self) -> &Facets {
-        &self.known.facets
+        &self.shared.facets
     }
 
     /// Index of the facet to which `leaf` under `node` belongs.
@@ -158,8 +159,8 @@ impl UpperOctree {
     /// When `node` is none of the last level.
     #[inline]
     pub fn facet(&self, node: u32, leaf: u32) -> u32 {
-        let number = node as usize - self.known.tree.first_last();
-        self.known.facets.index(number, self.known.normals[leaf as usize])
+        let number = node as usize - self.shared.tree.first_last();
+        self.shared.facets.index(number, self.shared.normals[leaf as usize])
     }
 }
 
