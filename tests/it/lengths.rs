@@ -6,7 +6,7 @@ use crate::tidy::{Source, files, none, root};
 const MAX_FILE_LINES: usize = 800;
 /// Lines of code of the renderer, shaders included: it stays readable in a day. Tests and comments do not count: a
 /// bound should speak against neither.
-const MAX_RENDER_LINES: usize = 13_000;
+const MAX_RENDER_LINES: usize = 14_000;
 /// Longest function, its closing line included: it fits a screen.
 const MAX_FUNCTION_LINES: usize = 80;
 /// Longest line, comments and documentation included.
