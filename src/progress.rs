@@ -74,6 +74,13 @@ impl Console {
         })))
     }
 
+    /// What is under way, in a line, and its share in percent; also in mode [`Mode::None`]. Nothing before the first
+    /// report and after the end.
+    pub fn under_way(&self) -> Option<(String, Option<u64>)> {
+        let state = self.lock();
+        state.tracker.as_ref().map(|tracker| (tracker.line(Instant::now()), tracker.percent()))
+    }
+
     /// Takes one report of a library.
     pub fn show(&self, progress: Progress) {
         self.lock().show(progress, Instant::now());
@@ -114,9 +121,6 @@ impl Console {
 
 impl State {
     fn show(&mut self, progress: Progress, now: Instant) {
-        if self.mode == Mode::None {
-            return;
-        }
         let same_phase = self.tracker.as_ref().is_some_and(|tracker| tracker.last.phase == progress.phase);
         if !same_phase {
             self.close_phase(now);

@@ -30,6 +30,9 @@ pub struct ViewArgs {
     /// Do not open a browser
     #[arg(long)]
     pub no_open: bool,
+    /// Show the model again when its file has changed, from where it is looked at
+    #[arg(long)]
+    pub watch: bool,
     /// Exit with 0 also when pages of the file were damaged and left out
     #[arg(long)]
     pub allow_damage: bool,
@@ -58,11 +61,13 @@ is served by this process alone, to who knows the token in the address. Ctrl-C e
 Exit status 1 when pages of the file that the picture asked for are damaged: it is shown without them, and says so.
 
 A page file without a scene is seen with photon, --lod-error 1, and as large as the page. A mesh is built as
-MESH.trex beside it, once: it is opened at once from then on, until the mesh is newer.
+MESH.trex beside it, once: it is opened at once from then on, until the mesh is newer. The page can be opened
+meanwhile, and tells how far the build is. With --watch a file that changes is shown, or built and shown, again.
 
 Examples:
   trex view statue.trex                                the browser opens by itself
   trex view statue.ply                                 builds statue.ply.trex first, once
+  trex view part.stl --watch                           again whenever the modeller saves it
   trex view head.nrrd --iso 60                         builds head.nrrd.iso-60.trex first, once
   trex statue.trex                                     the same, on a terminal
   trex view ship.toml --memory-limit 128MiB

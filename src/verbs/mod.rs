@@ -10,6 +10,7 @@ mod command_line;
 mod damage;
 mod demo;
 mod doctor;
+mod door;
 mod export;
 mod generate;
 mod image_diff;
@@ -28,6 +29,7 @@ mod stress_options;
 mod tradeoff;
 mod verify;
 mod view;
+mod watch;
 
 use crate::args::{ImageArgs, ImageVerb, Verb};
 use crate::context::Context;

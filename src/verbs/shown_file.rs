@@ -7,57 +7,116 @@
 //! head.nrrd --iso 60 -> head.nrrd.iso-60.trex
 //! ```
 //!
-//! Invariant: the only file that is replaced is one of that name which is older than its mesh.
+//! Invariant: the only files that are replaced are one of that name which is older than its mesh, and what this process
+//! has built.
 
 use super::build::{Work, resume_of};
 use super::inputs::{self, InputList};
+use super::stage::open_scene;
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::values::Input;
+use std::cell::Cell;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use trex_store::build::{self, ExistingOutput, Precision, Voxels};
 use trex_store::import::{ByteOrder, Format, RawVolume, VolumeOptions};
 use trex_store::output::{check_apart, draft};
 use trex_store::printable::one_line;
-use trex_store::{Code, Error, PageFile, Result};
+use trex_store::{Code, Error, PageFile, Result, is_url};
 
 /// Endings of files that are built first.
 const MESHES: [&str; 5] = ["ply", "obj", "stl", "gltf", "glb"];
 
-/// The page file or scene to show; it is built where the command names a mesh or a generator, and has not been.
-///
-/// # Errors
-/// [`Code::Usage`] for an output beside what needs none; [`Code::Io`] where the folder cannot be written; those of the
-/// build.
-pub fn shown_file(args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
-    let volumes = args.volumes.options();
-    if is_volume(&args.file) && volumes.iso_values.is_empty() {
-        return Err(Error::new(Code::Usage, "a volume is shown at a value")
-            .at(&args.file)
-            .numbers("which value its surface has is for you to say")
-            .next(format!("trex view {} --iso VALUE", args.file.display())));
-    }
-    let Some(input) = mesh_input(&args.file) else {
-        InputList { inputs: &[], volumes: &volumes }.check()?;
-        return match &args.output {
-            None => Ok(args.file.clone()),
-            Some(output) => Err(Error::new(Code::Usage, "there is nothing to build")
-                .at_place("-o")
-                .numbers(format!("{} is shown as it is", args.file.display()))
-                .next(format!("leave out -o {}, or name a mesh", output.display()))),
+/// What `view` was asked for: a file that is shown as it is, or one that is built of a mesh.
+pub struct ShownInput {
+    /// The mesh, volume or generator; none for what is shown as it is.
+    inputs: Vec<Input>,
+    volumes: VolumeOptions,
+    /// What is shown as it is, or what is built.
+    file: PathBuf,
+    /// This process has built it, and may replace it.
+    is_ours: Cell<bool>,
+    /// It is known to be of what the mesh was before.
+    is_outdated: Cell<bool>,
+}
+
+impl ShownInput {
+    /// What the command names.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] for an output beside what needs none, or a volume without a value.
+    pub fn of(args: &ViewArgs) -> Result<ShownInput> {
+        let volumes = args.volumes.options();
+        if is_volume(&args.file) && volumes.iso_values.is_empty() {
+            return Err(Error::new(Code::Usage, "a volume is shown at a value")
+                .at(&args.file)
+                .numbers("which value its surface has is for you to say")
+                .next(format!("trex view {} --iso VALUE", args.file.display())));
+        }
+        let inputs = Vec::from_iter(mesh_input(&args.file));
+        let list = InputList { inputs: &inputs, volumes: &volumes };
+        list.check()?;
+        let file = match &args.output {
+            Some(output) if inputs.is_empty() => {
+                return Err(Error::new(Code::Usage, "there is nothing to build")
+                    .at_place("-o")
+                    .numbers(format!("{} is shown as it is", args.file.display()))
+                    .next(format!("leave out -o {}, or name a mesh", output.display())));
+            }
+            _ if inputs.is_empty() => args.file.clone(),
+            Some(output) => output.clone(),
+            None => beside(list),
         };
-    };
-    let inputs = [input];
-    let list = InputList { inputs: &inputs, volumes: &volumes };
-    list.check()?;
-    let output = args.output.clone().unwrap_or_else(|| beside(list));
-    if !is_current(&output, &inputs[0]) {
-        build_first(list, &output, args, ctx)?;
+        Ok(ShownInput { inputs, volumes, file, is_ours: Cell::new(false), is_outdated: Cell::new(false) })
     }
-    // A build writes a scene where its input has a camera or lights.
-    let scene = output.with_extension("toml");
-    Ok(if args.output.is_none() && scene.is_file() { scene } else { output })
+
+    /// True when there is a build to be waited for.
+    pub fn needs_build(&self) -> bool {
+        self.inputs.first().is_some_and(|input| self.is_outdated.get() || !is_current(&self.file, input))
+    }
+
+    /// The mesh has changed: what was built of it is not shown again.
+    pub fn outdate(&self) {
+        self.is_outdated.set(true);
+    }
+
+    /// The page file or scene to show, built if it has to be.
+    ///
+    /// # Errors
+    /// [`Code::Io`] where the folder cannot be written; those of the build.
+    pub fn ready(&self, args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
+        if self.needs_build() {
+            let list = InputList { inputs: &self.inputs, volumes: &self.volumes };
+            build_first(list, &self.file, args.output.is_none() || self.is_ours.get(), args, ctx)?;
+            self.is_ours.set(true);
+            self.is_outdated.set(false);
+        }
+        // A build writes a scene where its input has a camera or lights.
+        let scene = self.file.with_extension("toml");
+        let has_scene = !self.inputs.is_empty() && args.output.is_none() && scene.is_file();
+        Ok(if has_scene { scene } else { self.file.clone() })
+    }
+
+    /// The files whose change is another model: the mesh, or the scene and its model.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] for what does not change, or is not told of; the scene cannot be read.
+    pub fn watched(&self) -> Result<Vec<PathBuf>> {
+        match self.inputs.first() {
+            Some(Input::File(mesh)) => Ok(vec![mesh.clone()]),
+            None if !is_url(&self.file) => {
+                let (_, model) = open_scene(&self.file)?;
+                let with_scene =
+                    if model == self.file { vec![model] } else { vec![self.file.clone(), model] };
+                Ok(with_scene.into_iter().filter(|path| !is_url(path)).collect())
+            }
+            _ => Err(Error::new(Code::Usage, "--watch is for files of this machine")
+                .at(&self.file)
+                .numbers("a generator and an address have no time of change here")
+                .next("leave out --watch, or name a file")),
+        }
+    }
 }
 
 fn is_volume(file: &Path) -> bool {
@@ -108,13 +167,19 @@ fn is_current(output: &Path, input: &Input) -> bool {
     is_newer && PageFile::superblock_of(output).is_ok()
 }
 
-fn build_first(list: InputList<'_>, output: &Path, args: &ViewArgs, ctx: &Context) -> Result<()> {
+fn build_first(
+    list: InputList<'_>,
+    output: &Path,
+    may_replace: bool,
+    args: &ViewArgs,
+    ctx: &Context,
+) -> Result<()> {
     if let Input::File(path) = &list.inputs[0] {
         // What is not there is said of the mesh.
         path.metadata().map_err(|error| Error::io("open the input", path, &error))?;
         check_apart(output, path)?;
     }
-    if args.output.is_some() && output.symlink_metadata().is_ok() {
+    if !may_replace && output.symlink_metadata().is_ok() {
         return Err(Error::new(
             Code::Usage,
             "the output exists, and is no page file of this mesh as it is now",
@@ -133,7 +198,7 @@ fn build_first(list: InputList<'_>, output: &Path, args: &ViewArgs, ctx: &Contex
     let work = Work {
         output,
         temp_dir: args.scratch.temp_dir.as_deref(),
-        existing: ExistingOutput::replace_if(args.output.is_none()),
+        existing: ExistingOutput::replace_if(may_replace),
         precision: Precision::Default,
         voxels: Voxels::default(),
         resume: Some(resume_of(list)?),

@@ -66,6 +66,7 @@ mod time_limit;
 mod tradeoff;
 mod verify;
 mod view;
+mod view_again;
 mod view_wall;
 mod volumes;
 mod voxels;

@@ -10,12 +10,12 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use trex_store::{Budget, PageFile};
 use tungstenite::{Message, WebSocket};
 
 /// Longest wait for what has to come.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(120);
 /// The kind of message that a file comes in.
 pub(crate) const KIND_FILE: u8 = 3;
 /// As many materials as a file may have, beside the one of triangles that name none.
@@ -48,14 +48,40 @@ impl ViewProcess {
 
     /// A socket that has said hello.
     pub(crate) fn page(&self) -> WebSocket<TcpStream> {
+        self.try_page().unwrap()
+    }
+
+    /// The same; `None` where nobody answers.
+    pub(crate) fn try_page(&self) -> Option<WebSocket<TcpStream>> {
         let (base, token) = self.address.split_once("/#token=").unwrap();
         let host = base.trim_start_matches("http://");
-        let stream = TcpStream::connect(host).unwrap();
+        let stream = TcpStream::connect(host).ok()?;
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        let (mut socket, _) = tungstenite::client(format!("ws://{host}/socket"), stream).unwrap();
+        let (mut socket, _) = tungstenite::client(format!("ws://{host}/socket"), stream).ok()?;
         let hello = json!({"type": "hello", "token": token, "size": [320, 240]});
-        socket.send(Message::text(hello.to_string())).unwrap();
-        socket
+        socket.send(Message::text(hello.to_string())).ok()?;
+        Some(socket)
+    }
+
+    /// Pages that connect one after another, as the page does when it has lost its server, until one is told what
+    /// `is_it`. Gives that, and what they were told while they waited.
+    pub(crate) fn told_after_waits(&self, is_it: fn(&Value) -> bool) -> (Value, Vec<Value>) {
+        let (begin, mut waits) = (Instant::now(), vec![]);
+        while begin.elapsed() < PATIENCE {
+            let Some(mut page) = self.try_page() else {
+                std::thread::sleep(Duration::from_millis(50));
+                continue;
+            };
+            while let Ok(message) = page.read() {
+                let Message::Text(text) = message else { continue };
+                let text = serde_json::from_str(&text).unwrap();
+                if is_it(&text) {
+                    return (text, waits);
+                }
+                waits.push(text);
+            }
+        }
+        panic!("it did not come; told meanwhile: {waits:?}")
     }
 
     /// Interrupts it, and gives how it ended.
@@ -126,6 +152,8 @@ fn view(inside: &Path, line: &str) -> (String, String, Value) {
     stream.write_all(format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n").as_bytes()).unwrap();
     let mut page = String::new();
     stream.read_to_string(&mut page).unwrap();
+    // A build is not interrupted.
+    viewing.told_after_waits(|text| text["type"] == "welcome");
     let ran = viewing.end();
     ran.expect(0);
     (address, page, ran.document())
@@ -141,7 +169,7 @@ fn it_serves_its_page_until_it_is_told_to_end() {
     assert!(token.len() == 32 && token.bytes().all(|byte| byte.is_ascii_hexdigit()), "{address}");
     assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<script type=\"module\""), "{page}");
     assert!(!page.contains(token), "the page knows the token before it has said it");
-    assert_eq!((&document["schema"], &document["clients"]), (&"trex.view/1".into(), &0.into()));
+    assert_eq!((&document["schema"], &document["clients"]), (&"trex.view/1".into(), &1.into()));
     let memory = &document["memory"];
     assert!(memory["peak_rss_bytes"].as_u64().unwrap() <= 128 << 20, "{document}");
     // A token is of one run.

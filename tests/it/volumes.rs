@@ -175,8 +175,8 @@ fn a_volume_is_viewed_at_its_value() {
         let line =
             format!("a.nrrd {iso} --quiet --spp 1 --photons 5k --resolution 64x48 --memory-limit 160MiB");
         let viewing = ViewProcess::start(inside.path(), &line);
-        let mut page = viewing.page();
-        text_until(&mut page, |text| text["progress"] == "done");
+        viewing.told_after_waits(|text| text["type"] == "welcome");
+        text_until(&mut viewing.page(), |text| text["progress"] == "done");
         let ran = viewing.end();
         ran.expect(0);
         ran.document()["scene"].as_str().unwrap().to_owned()

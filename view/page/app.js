@@ -106,7 +106,7 @@ class App {
       this.tell("stats", rest);
     } else if (type === "picked") {
       this.picks.get(rest.id)?.(rest.hit);
-    } else if (type === "progress" || type === "materials") {
+    } else if (type === "progress" || type === "materials" || type === "waiting") {
       this.tell(type, rest);
     } else if (type === "notice") {
       this.notices.show(rest);

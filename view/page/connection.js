@@ -89,7 +89,7 @@ export class Connection {
       return;
     }
     if (message !== null && typeof message.type === "string") {
-      this.tries = message.type === "welcome" ? 0 : this.tries;
+      this.tries = message.type === "welcome" || message.type === "waiting" ? 0 : this.tries;
       this.handlers.message(message);
     }
   }

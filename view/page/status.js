@@ -32,6 +32,17 @@ function show_progress(stats) {
   byId("rate").textContent = stats.fps >= 1 && !has_ended ? `${stats.fps.toFixed(0)}/s` : "";
 }
 
+/** What is done before there is a session, or between two. */
+function show_waiting({ text, share }) {
+  document.body.dataset.link = "waiting";
+  byId("placeholder").hidden = false;
+  byId("placeholder").textContent = text;
+  byId("bar").style.transform = `scaleX(${share ?? 0})`;
+  for (const id of ["progress", "memory", "rate", "role"]) {
+    byId(id).textContent = "";
+  }
+}
+
 /** Keeps both lines: what is under way, who drives, whether the server is there; the model's name. */
 export function keep_status(app) {
   const LINKS = { connecting: "connecting", reconnecting: "lost, trying again", lost: "lost", refused: "refused" };
@@ -62,6 +73,7 @@ export function keep_status(app) {
   };
   byId("damage").addEventListener("click", () => app.panels.open("statistics"));
   app.listen("damage", show_damage);
+  app.listen("waiting", show_waiting);
   app.listen("stats", show_progress);
   app.listen("smaller", show_size);
   app.listen("size", show_size);

@@ -6,6 +6,8 @@
 use std::net::{Shutdown, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard};
 
+/// Most pages that are connected.
+pub(crate) const CLIENTS_MAX: usize = 8;
 /// Most connections of any kind.
 pub(crate) const CONNECTIONS_MAX: usize = 32;
 
@@ -56,6 +58,11 @@ impl Connections {
     /// True once none is added.
     pub(crate) fn are_refused(&self) -> bool {
         self.lock().is_closing
+    }
+
+    /// True when none is open.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.lock().open.is_empty()
     }
 
     /// Shuts all of them down: reads and writes that wait end at once.

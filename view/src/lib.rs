@@ -18,8 +18,10 @@
 //! mailbox client shared    from reader to session; from session to writer; both
 //! outbox                   what goes to a page next, and when it was heard
 //! window                   how much a frame may hold
+//! reception waiting        who is let in; what pages are told before there is a session
 //! socket server serve      two threads a page; connections; the beginning and the end
 //! session_loop edits       frames; events
+//! on_show                  the view as texts, and as it is at the end
 //! screenshot motion        pictures at leisure; whether the hand moves
 //! ```
 //!
@@ -40,9 +42,11 @@ mod mailbox;
 mod materials;
 mod message;
 mod motion;
+mod on_show;
 mod outbox;
 mod page;
 mod picture;
+mod reception;
 mod renderer;
 mod reports;
 mod screenshot;
@@ -56,6 +60,7 @@ mod state;
 mod surroundings;
 mod texts;
 mod tone;
+mod waiting;
 mod window;
 mod wire;
 
@@ -65,3 +70,4 @@ pub use reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
 pub use surroundings::{Exchange, Recipe, Room, SILENCE_MAX, ServeOptions, ServeReport, Surroundings};
+pub use waiting::{WaitingRoom, WaitingText};

@@ -1,18 +1,15 @@
 //! `serve`: a live session, shown until it is told to stop.
 
-use crate::guard::Hosts;
+use crate::reception::SERVER;
 use crate::server;
 use crate::session_loop::SessionLoop;
-use crate::shared::{Admission, SharedState};
+use crate::shared::SharedState;
 use crate::surroundings::{ServeOptions, ServeReport, Surroundings};
 use std::net::TcpListener;
 use std::sync::atomic::Ordering;
 use std::thread;
 use trex_render::{LiveSession, PagedTracer};
-use trex_store::{Code, Error, Result};
-
-/// The place of errors.
-const SERVER: &str = "the server of the viewer";
+use trex_store::{Error, Result};
 
 /// Ends the server when it goes.
 struct EndOnDrop<'a> {
@@ -38,18 +35,9 @@ pub fn serve<T: PagedTracer + Send>(
     options: &ServeOptions,
     around: &Surroundings<'_>,
 ) -> Result<ServeReport> {
-    let address = listener.local_addr().map_err(|error| {
-        Error::new(Code::Io, "the socket has no address")
-            .at_place(SERVER)
-            .numbers(error.to_string())
-            .next("try again; listen on another port if it stays")
-    })?;
-    let hosts = Hosts::new(address.ip(), &options.hosts);
-    let embedders = options.embedders.clone();
+    let admission = options.admission(listener)?;
     let resolution = session.view().settings.resolution;
-    let admission =
-        Admission { token: options.token.clone(), hosts, embedders, silence_max: options.silence_max };
-    let shared = SharedState::new(admission, resolution, around.budget)?;
+    let shared = SharedState::new(admission, options.silence_max, resolution, around.budget)?;
     let shared = &shared;
     let session_loop = SessionLoop::new(session, shared, options, around);
     let served = thread::scope(|scope| {

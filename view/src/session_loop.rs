@@ -10,8 +10,7 @@
 //! of the picture goes out, in blocks, and less and less often once every pixel has a sample.
 //!
 //! Invariants: 1. nothing here waits for a client; 2. the first frame after an event is not stopped by the next one,
-//! or a picture would never be whole while events come fast; 3. once the picture is settled no processor is used, and
-//! nothing is sent.
+//! or a picture would never be whole while events come fast; 3. a settled picture takes no processor, sends nothing.
 
 use crate::bounded::BoundedWriter;
 use crate::figures::Figures;
@@ -21,9 +20,8 @@ use crate::outbox::FileBytes;
 use crate::picture::{BlockChanges, Picture, SettledPng};
 use crate::renderer::Stamps;
 use crate::shared::{SharedState, png_bytes};
-use crate::state::{RaysText, Smaller, State, Stats, TextsText, progress_name};
-use crate::surroundings::{Recipe, ServeOptions, ServeReport, Surroundings};
-use crate::texts;
+use crate::state::{RaysText, Smaller, State, Stats, progress_name};
+use crate::surroundings::{ServeOptions, ServeReport, Surroundings};
 use crate::tone::Tone;
 use crate::wire::{FLAG_COMPLETE, FLAG_DONE, FLAG_MOVING, FLAG_PREVIEW};
 use std::sync::Arc;
@@ -39,8 +37,6 @@ const PREVIEW_STEP_LEAST: u32 = 2;
 const DAMAGED: &str = "damaged";
 /// The progress while a screenshot is made.
 const SCREENSHOT: &str = "screenshot";
-/// Longest scene file that goes to every page, bytes; a longer one goes as a file to who asks for it.
-const SCENE_BYTES_MAX: usize = 16 << 10;
 
 /// A session on show.
 pub(crate) struct SessionLoop<'a, T> {
@@ -58,7 +54,7 @@ pub(crate) struct SessionLoop<'a, T> {
     /// Lights of the file that was opened, and what its materials come to.
     pub(crate) input_lights: Vec<Light>,
     /// `None` where parts of the model are left out.
-    input_fingerprint: Option<u64>,
+    pub(crate) input_fingerprint: Option<u64>,
     /// No frame has been made since the last event.
     is_fresh: bool,
     /// Pixels between samples of the last frame.
@@ -168,7 +164,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
                 None => self.advance(),
             }
         }
-        Ok(ServeReport { events: self.figures.events, ..self.served })
+        Ok(self.report())
     }
 
     /// How long there is nothing to do, if there is not.
@@ -355,37 +351,6 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let text = texts.message();
         self.shared.clients().iter().for_each(|client| client.send_text(text.clone()));
         self.shared.keep_texts(texts);
-    }
-
-    /// The view as command line and, unless it is long, as scene.
-    pub(crate) fn texts(&self) -> TextsText {
-        let sources = self.text_sources();
-        let scene_bytes = texts::scene_bytes(&sources);
-        let scene = (scene_bytes <= SCENE_BYTES_MAX).then(|| texts::scene(&sources, scene_bytes));
-        TextsText { command: (self.around.command_line)(&self.recipe()), scene, scene_bytes }
-    }
-
-    /// What texts are made of.
-    pub(crate) fn text_sources(&self) -> texts::TextSources<'_> {
-        let session = self.session();
-        let (view, model) = (session.view(), session.model());
-        texts::TextSources {
-            model: self.around.model_path,
-            camera: &view.camera,
-            lights: &view.lights,
-            materials: self.around.file_materials,
-            edited: model,
-            keys: &view.settings,
-            parts: &view.parts,
-        }
-    }
-
-    /// What makes the picture on show.
-    fn recipe(&self) -> Recipe<'_> {
-        let view = self.session().view();
-        let now = fingerprint_of_whole(view, self.session().model());
-        let is_opened = view.lights == self.input_lights && now.is_some() && now == self.input_fingerprint;
-        if is_opened { Recipe::Opened { camera: &view.camera, keys: &view.settings } } else { Recipe::Saved }
     }
 
     /// Gives the room of files that have been sent back to the frames of pages.

@@ -7,14 +7,14 @@
 
 use crate::atlas::{Atlas, FrameWidth, frame_bytes};
 use crate::client::Client;
-use crate::connections::{CONNECTIONS_MAX, Connections};
-use crate::guard::{Embedders, Hosts, Token};
+use crate::connections::{CLIENTS_MAX, CONNECTIONS_MAX, Connections};
 use crate::http::HEAD_BYTES_MAX;
 use crate::mail::MAILBOX_BYTES;
 use crate::mailbox::Mailbox;
 use crate::message::{MESSAGE_BYTES_MAX, Role};
 use crate::outbox::{File, Outbox, TEXT_BYTES_MAX};
 use crate::picture::{BlockChanges, Picture, SettledPng};
+use crate::reception::Admission;
 use crate::renderer::Stamps;
 use crate::state::{State, Stats, TextsText};
 use std::net::TcpStream;
@@ -23,31 +23,18 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 use trex_store::{Budget, Lease, Result};
 
-/// Most pages that are connected.
-pub(crate) const CLIENTS_MAX: usize = 8;
 /// Bytes of a client beside frames and texts that go out: what is read, and parts of two stacks.
 const CLIENT_BYTES: usize = MESSAGE_BYTES_MAX + (32 << 10);
 /// Bytes of a connection that is no client: a head, and a part of the stack.
-const CONNECTION_BYTES: usize = HEAD_BYTES_MAX + (16 << 10);
+pub(crate) const CONNECTION_BYTES: usize = HEAD_BYTES_MAX + (16 << 10);
 /// A settled picture takes at most so much, and this share of its pixels' bytes more.
 const PNG_FIXED_BYTES: u64 = 64 << 10;
 const PNG_MORE: u64 = 50;
 
-/// Who is let in, and how long a page may be silent that something was sent to.
-#[derive(Debug)]
-pub(crate) struct Admission {
-    pub(crate) token: Token,
-    pub(crate) hosts: Hosts,
-    pub(crate) embedders: Embedders,
-    pub(crate) silence_max: Duration,
-}
-
 /// See the module's description.
 #[derive(Debug)]
 pub(crate) struct SharedState {
-    pub(crate) token: Token,
-    pub(crate) hosts: Hosts,
-    pub(crate) embedders: Embedders,
+    pub(crate) admission: Admission,
     pub(crate) mailbox: Mailbox,
     greeting: Mutex<State>,
     /// The last statistics, for those who come later.
@@ -97,13 +84,15 @@ impl SharedState {
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for [`view_bytes`].
-    pub(crate) fn new(admission: Admission, full: [u32; 2], budget: &Budget) -> Result<SharedState> {
-        let Admission { token, hosts, embedders, silence_max } = admission;
+    pub(crate) fn new(
+        admission: Admission,
+        silence_max: Duration,
+        full: [u32; 2],
+        budget: &Budget,
+    ) -> Result<SharedState> {
         let lease = budget.lease("the viewer", view_bytes(full))?;
         Ok(SharedState {
-            token,
-            hosts,
-            embedders,
+            admission,
             mailbox: Mailbox::default(),
             greeting: Mutex::default(),
             stats: Mutex::default(),
@@ -275,16 +264,16 @@ impl SharedState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::guard::{Embedders, Token};
     use std::net::TcpListener;
 
     /// What is shared, and where it listens.
     fn shared() -> (SharedState, TcpListener) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
-        let (token, hosts) = (Token::random().unwrap(), Hosts::new(address.ip(), &[]));
+        let token = Token::random().unwrap();
+        let admission = Admission::new(&listener, token, &[], Embedders::default()).unwrap();
         let silence_max = Duration::from_secs(60);
-        let admission = Admission { token, hosts, embedders: Embedders::default(), silence_max };
-        (SharedState::new(admission, [64, 64], &Budget::unlimited()).unwrap(), listener)
+        (SharedState::new(admission, silence_max, [64, 64], &Budget::unlimited()).unwrap(), listener)
     }
 
     fn admit(shared: &SharedState, listener: &TcpListener) -> Option<Arc<Client>> {

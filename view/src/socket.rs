@@ -12,23 +12,23 @@
 
 use crate::atlas::{FrameHead, FrameWidth, frame_bytes, part_head};
 use crate::client::Client;
+use crate::guard::Token;
 use crate::http::{DeadlineStream, HEAD_TIME_MAX};
 use crate::mail::PostOutcome;
 use crate::message::{FromClient, MESSAGE_BYTES_MAX, Notice, text_of};
 use crate::outbox::{Next, PART_BYTES, close};
 use crate::picture::SettledPng;
+use crate::reception::WRITE_TIME_MAX;
 use crate::shared::SharedState;
 use std::io::{self, Write};
 use std::net::{Shutdown, TcpStream};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use tungstenite::protocol::frame::FrameHeader;
 use tungstenite::protocol::frame::coding::{Control, Data, OpCode};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Message, WebSocket};
 
-/// Longest time in which a page takes nothing of what is written to it.
-pub(crate) const WRITE_TIME_MAX: Duration = Duration::from_secs(10);
 /// Bytes that are read at a time.
 const READ_BYTES: usize = 16 << 10;
 /// Stack of a writer.
@@ -36,24 +36,13 @@ const WRITER_STACK_BYTES: usize = 512 << 10;
 /// Most messages that cannot be read before who sends them is let go.
 const WRONG_MAX: u32 = 16;
 
-type Socket = WebSocket<DeadlineStream>;
+/// The socket of a page.
+pub(crate) type Socket = WebSocket<DeadlineStream>;
 
 /// Serves a page whose request to become a socket has been granted; `rest` is what came after its head.
-pub(crate) fn serve(shared: &SharedState, mut incoming: DeadlineStream, rest: Vec<u8>) {
-    incoming.deadline = Some(Instant::now() + HEAD_TIME_MAX);
-    let config = WebSocketConfig::default()
-        .read_buffer_size(READ_BYTES)
-        .max_message_size(Some(MESSAGE_BYTES_MAX))
-        .max_frame_size(Some(MESSAGE_BYTES_MAX));
-    let mut socket = WebSocket::from_partially_read(incoming, rest, Role::Server, Some(config));
-    let size = match hello(shared, &mut socket) {
-        Ok(size) => size,
-        Err(code) => return say_goodbye(&socket.get_ref().stream, code),
-    };
-    let incoming = socket.get_mut();
-    incoming.deadline = None;
-    let Ok(()) = incoming.stream.set_read_timeout(None) else { return };
-    let stream = incoming.stream.clone();
+pub(crate) fn serve(shared: &SharedState, incoming: DeadlineStream, rest: Vec<u8>) {
+    let Some((mut socket, size)) = open(&shared.admission.token, incoming, rest) else { return };
+    let stream = socket.get_ref().stream.clone();
     let Some(client) = shared.admit(stream.clone(), size) else {
         return say_goodbye(&stream, close::GOING_AWAY);
     };
@@ -66,8 +55,29 @@ pub(crate) fn serve(shared: &SharedState, mut incoming: DeadlineStream, rest: Ve
     shared.dismiss(&client);
 }
 
+/// The socket of a page that says the token in time, and the size that it says it has; else it is closed.
+pub(crate) fn open(token: &Token, mut incoming: DeadlineStream, rest: Vec<u8>) -> Option<(Socket, [u32; 2])> {
+    incoming.deadline = Some(Instant::now() + HEAD_TIME_MAX);
+    let config = WebSocketConfig::default()
+        .read_buffer_size(READ_BYTES)
+        .max_message_size(Some(MESSAGE_BYTES_MAX))
+        .max_frame_size(Some(MESSAGE_BYTES_MAX));
+    let mut socket = WebSocket::from_partially_read(incoming, rest, Role::Server, Some(config));
+    match hello(token, &mut socket) {
+        Ok(size) => {
+            let incoming = socket.get_mut();
+            incoming.deadline = None;
+            incoming.stream.set_read_timeout(None).ok().map(|()| (socket, size))
+        }
+        Err(code) => {
+            say_goodbye(&socket.get_ref().stream, code);
+            None
+        }
+    }
+}
+
 /// The size that a page says it has, once it has said the token; else the code to close with.
-fn hello(shared: &SharedState, socket: &mut Socket) -> Result<[u32; 2], u16> {
+fn hello(token: &Token, socket: &mut Socket) -> Result<[u32; 2], u16> {
     let text = loop {
         match socket.read() {
             Ok(Message::Text(text)) => break text,
@@ -76,7 +86,7 @@ fn hello(shared: &SharedState, socket: &mut Socket) -> Result<[u32; 2], u16> {
         }
     };
     match serde_json::from_str(&text) {
-        Ok(FromClient::Hello { token, size, .. }) if shared.token.is(&token) => Ok(size),
+        Ok(FromClient::Hello { token: said, size, .. }) if token.is(&said) => Ok(size),
         Ok(FromClient::Hello { .. }) => Err(close::BAD_TOKEN),
         _ => Err(close::POLICY),
     }
@@ -252,8 +262,14 @@ fn header(opcode: OpCode, length: usize) -> Vec<u8> {
     bytes
 }
 
+/// Sends a text to a page that is no client.
+pub(crate) fn send_text(mut stream: &TcpStream, text: &str) -> io::Result<()> {
+    stream.write_all(&header(OpCode::Data(Data::Text), text.len()))?;
+    stream.write_all(text.as_bytes())
+}
+
 /// Sends the close of a connection.
-fn say_goodbye(mut stream: &TcpStream, code: u16) {
+pub(crate) fn say_goodbye(mut stream: &TcpStream, code: u16) {
     // Who has gone hears nothing.
     let _ = stream.set_write_timeout(Some(WRITE_TIME_MAX));
     let code = code.to_be_bytes();

@@ -1,9 +1,11 @@
 //! What the viewer gets from the command: all that it would have to know of files, processes and flags for.
 
 use crate::guard::{Embedders, Token};
+use crate::reception::Admission;
 use crate::reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::shared::view_bytes;
 use serde::Serialize;
+use std::net::TcpListener;
 use std::time::Duration;
 use trex_render::{Camera, CameraKeys, FrameOptions, PartNeeds, RenderKeys, RenderSettings};
 use trex_store::DamageList;
@@ -104,8 +106,18 @@ pub struct ServeOptions {
     pub silence_max: Duration,
 }
 
+impl ServeOptions {
+    /// Who is let in at `listener`.
+    ///
+    /// # Errors
+    /// The socket has no address.
+    pub(crate) fn admission(&self, listener: &TcpListener) -> Result<Admission> {
+        Admission::new(listener, self.token.clone(), &self.hosts, self.embedders.clone())
+    }
+}
+
 /// What was served.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ServeReport {
     /// Pages that were connected.
     pub clients: u64,
@@ -119,4 +131,10 @@ pub struct ServeReport {
     pub sent_bytes: u64,
     /// Screenshots that were made.
     pub screenshots: u64,
+    /// What was on show at the end, as a scene file; `None` where that is long.
+    #[serde(skip)]
+    pub scene: Option<String>,
+    /// No more than camera and settings of it are others than when it was opened.
+    #[serde(skip)]
+    pub is_as_opened: bool,
 }
