@@ -3,7 +3,10 @@
 //! PNG: 8 bits, sRGB, `clamp(exposure * L)`. EXR: 32-bit scan lines, `R G B` linear and unclamped, and of the
 //! layers that the film keeps: `Z` (depth, distance from the camera), `normal.X/Y/Z`, `albedo.R/G/B`, `id` (u32).
 //!
-//! Invariants: 1. an encoder holds at most [`encoder_bytes`]; 2. the same film gives the same bytes.
+//! A picture need not be there as a whole: encoders ask for it strip by strip ([`Strips`]).
+//!
+//! Invariants: 1. an encoder holds at most [`encoder_bytes`]; 2. the same film gives the same bytes, also where it is
+//! cut to strips; 3. strips are asked for from the top down, each once.
 
 use super::film::{self, Film, Layers};
 use exr::block::UncompressedBlock;
@@ -17,10 +20,8 @@ use rayon::ThreadPool;
 use rayon::prelude::*;
 use std::io::{Error, Result, Seek, Write};
 
-/// Lines that EXR's ZIP compresses together.
-const EXR_BLOCK_LINES: u64 = 16;
-/// Lines of a PNG that are converted together.
-const PNG_STRIP_LINES: u32 = 16;
+/// Lines of a strip: what EXR's ZIP compresses together, and what of a PNG is converted together.
+pub(crate) const STRIP_LINES: u32 = 16;
 /// Pixels that a thread converts at a time, at least: less is not worth waking it.
 const TONE_PIXELS_LEAST: usize = 1024;
 /// Copies of a block that the EXR encoder holds: the lines, their reordered bytes, the compressed ones, one spare.
@@ -29,7 +30,7 @@ const EXR_COPIES: u64 = 4;
 const ENCODER_FIXED_BYTES: u64 = 1 << 20;
 
 // The strip of a PNG, 12 bytes a pixel and 3 more, fits what `encoder_bytes` counts for the block of an EXR.
-const _: () = assert!(15 * PNG_STRIP_LINES as u64 <= 3 * 4 * EXR_BLOCK_LINES * EXR_COPIES);
+const _: () = assert!(15 <= 3 * 4 * EXR_COPIES);
 
 /// A picture to be written: a film, or a session that shows more than its film.
 pub trait Image {
@@ -41,7 +42,7 @@ pub trait Image {
 
     /// Mean radiance over all pixels, linear RGB, unclamped.
     fn mean(&self) -> [f64; 3] {
-        film::mean(self.film().resolution(), |pixel| self.radiance(pixel))
+        film::mean(self.film(), |pixel| self.radiance(pixel))
     }
 }
 
@@ -55,11 +56,48 @@ impl Image for Film {
     }
 }
 
+/// A picture that is made strip by strip while it is written.
+pub trait Strips {
+    /// What a strip is.
+    type Image: Image;
+
+    /// Width and height of the picture, pixels.
+    fn resolution(&self) -> [u32; 2];
+
+    /// The layers of its strips.
+    fn layers(&self) -> Layers;
+
+    /// The picture, of which the rows of a strip from `first` on have to be there.
+    ///
+    /// # Errors
+    /// Those of who makes it.
+    fn strip(&mut self, first: u32) -> Result<&Self::Image>;
+}
+
+/// A picture that is there as a whole.
+struct WholeImage<'a, I>(&'a I);
+
+impl<I: Image> Strips for WholeImage<'_, I> {
+    type Image = I;
+
+    fn resolution(&self) -> [u32; 2] {
+        self.0.film().resolution()
+    }
+
+    fn layers(&self) -> Layers {
+        self.0.film().layers()
+    }
+
+    fn strip(&mut self, _: u32) -> Result<&I> {
+        Ok(self.0)
+    }
+}
+
 /// Bytes that [`write_png`] or [`write_exr`] takes at `resolution` (width, height; pixels), writer not counted.
 pub fn encoder_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
     let [width, height] = resolution.map(u64::from);
-    let block = width * channels(layers).len() as u64 * 4 * EXR_BLOCK_LINES;
-    let offsets = height.div_ceil(EXR_BLOCK_LINES) * 8;
+    let block = width * channels(layers).len() as u64 * 4 * u64::from(STRIP_LINES);
+    let offsets = height.div_ceil(u64::from(STRIP_LINES)) * 8;
     ENCODER_FIXED_BYTES + EXR_COPIES * block + offsets
 }
 
@@ -68,17 +106,31 @@ pub fn encoder_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
 /// # Errors
 /// Those of the writer.
 pub fn write_png<W: Write>(image: &impl Image, exposure: f32, pool: &ThreadPool, writer: W) -> Result<()> {
-    let [width, height] = image.film().resolution();
+    write_png_strips(&mut WholeImage(image), exposure, pool, writer)
+}
+
+/// As [`write_png`], of a picture that is made strip by strip.
+///
+/// # Errors
+/// Those of the writer and of the strips.
+pub fn write_png_strips<W: Write>(
+    strips: &mut impl Strips,
+    exposure: f32,
+    pool: &ThreadPool,
+    writer: W,
+) -> Result<()> {
+    let [width, height] = strips.resolution();
     let mut encoder = png::Encoder::new(writer, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     let mut png = encoder.write_header()?;
     let mut stream = png.stream_writer()?;
-    let mut radiances = Vec::with_capacity(width as usize * PNG_STRIP_LINES as usize);
+    let mut radiances = Vec::with_capacity(width as usize * STRIP_LINES as usize);
     let mut strip = vec![0u8; radiances.capacity() * 3];
-    for first in (0..height).step_by(PNG_STRIP_LINES as usize) {
-        let lines = first..height.min(first + PNG_STRIP_LINES);
+    for first in (0..height).step_by(STRIP_LINES as usize) {
+        let lines = first..height.min(first + STRIP_LINES);
+        let image = strips.strip(first)?;
         radiances.clear();
         radiances.extend(lines.flat_map(|y| (0..width).map(move |x| image.radiance([x, y]))));
         let coded = &mut strip[..radiances.len() * 3];
@@ -100,9 +152,16 @@ pub fn write_png<W: Write>(image: &impl Image, exposure: f32, pool: &ThreadPool,
 /// # Errors
 /// Errors of `writer`.
 pub fn write_exr<W: Write + Seek>(image: &impl Image, writer: W) -> Result<()> {
-    let film = image.film();
-    let channels = channels(film.layers());
-    let [width, height] = film.resolution().map(|side| side as usize);
+    write_exr_strips(&mut WholeImage(image), writer)
+}
+
+/// As [`write_exr`], of a picture that is made strip by strip.
+///
+/// # Errors
+/// Those of the writer and of the strips.
+pub fn write_exr_strips<W: Write + Seek>(strips: &mut impl Strips, writer: W) -> Result<()> {
+    let channels = channels(strips.layers());
+    let [width, height] = strips.resolution().map(|side| side as usize);
     let list = channels
         .iter()
         .map(|channel| ChannelDescription::new(channel.name(), channel.kind(), true))
@@ -117,6 +176,7 @@ pub fn write_exr<W: Write + Seek>(image: &impl Image, writer: W) -> Result<()> {
         let mut compressor = chunks.sequential_blocks_compressor(&meta);
         for (place, index) in exr::block::enumerate_ordered_header_block_indices(&meta.headers) {
             let list = &meta.headers[index.layer].channels;
+            let image = strips.strip(index.pixel_position.y() as u32)?;
             let block = UncompressedBlock::from_lines(list, index, |line| {
                 channels[line.location.channel].fill(image, line);
             });

@@ -4,19 +4,23 @@
 //! 2. the samples of a pixel are added in the order of their index, so the bytes do not depend on threads;
 //! 3. all pixels of a tile have the same number of samples; 4. its memory is leased before it is taken; 5. the samples
 //! of a tile are all of one state of the scene: those of a state before count for nothing, and are shown until the
-//! first of the present one comes.
+//! first of the present one comes; 6. a film of a portion of a picture has the rows of that alone, and the samples that it
+//! begins behind count as taken.
 
 mod layers;
+mod part_rows;
 
 #[cfg(test)]
 mod tests;
 
 pub(crate) use layers::Guide;
 pub use layers::{LayerPixel, Layers, NO_ID};
+pub(crate) use part_rows::{block_bytes, block_bytes_most};
 
 use super::packed::PackedLight;
 use super::rgb_sum::RgbSum;
-use crate::tile::{Tile, tile, tile_count};
+use crate::portion::Portion;
+use crate::tile::{Tile, tile};
 use layers::LayerPlanes;
 use std::ops::Range;
 use trex_store::{Budget, Lease, Result};
@@ -26,6 +30,10 @@ use trex_store::{Budget, Lease, Result};
 pub struct Film {
     resolution: [u32; 2],
     layers: Layers,
+    /// Its tiles, and the first of its samples; the last is known to those who take them.
+    portion: Portion,
+    /// The rows of pixels of these tiles.
+    rows: Range<u32>,
     /// Sums of radiance per pixel, in rows.
     sums: Vec<RgbSum>,
     /// Samples of each pixel, per tile, and the state that they are of.
@@ -45,24 +53,32 @@ pub struct Film {
 
 /// Bytes that a film takes at `resolution` (width, height; pixels).
 pub fn film_bytes(resolution: [u32; 2], layers: Layers) -> u64 {
-    let filtered = if layers.filter { size_of::<RgbSum>() + size_of::<PackedLight>() } else { 0 };
-    let per_pixel = size_of::<RgbSum>() + filtered + layers.pixel_bytes();
-    let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-    pixels * per_pixel as u64 + u64::from(tile_count(resolution)) * 8
+    portion_bytes(resolution, layers, &Portion::whole(resolution, 0))
 }
 
-/// Mean over the pixels (x, y) of a picture of `resolution`, summed by rows.
-pub(super) fn mean(resolution: [u32; 2], radiance: impl Fn([u32; 2]) -> [f32; 3]) -> [f64; 3] {
-    let [width, height] = resolution;
-    let mut mean = [0.0; 3];
-    for y in 0..height {
-        for x in 0..width {
-            for (sum, value) in mean.iter_mut().zip(radiance([x, y])) {
-                *sum += f64::from(value);
-            }
-        }
+/// Bytes that a film of a portion of such a picture takes.
+pub fn portion_bytes(resolution: [u32; 2], layers: Layers, portion: &Portion) -> u64 {
+    let filtered = if layers.filter { size_of::<RgbSum>() + size_of::<PackedLight>() } else { 0 };
+    let per_pixel = size_of::<RgbSum>() + filtered + layers.pixel_bytes();
+    let pixels = u64::from(resolution[0]) * portion.rows(resolution).len() as u64;
+    pixels * per_pixel as u64 + u64::from(portion.tiles[1] - portion.tiles[0]) * 8
+}
+
+/// Mean over the pixels (x, y) of a film, summed by rows.
+pub(super) fn mean(film: &Film, radiance: impl Fn([u32; 2]) -> [f32; 3]) -> [f64; 3] {
+    let (mut sums, mut count) = ([0.0; 3], 0u64);
+    for pixel in film.portion.pixels(film.resolution) {
+        add_radiance(&mut sums, radiance(pixel));
+        count += 1;
     }
-    mean.map(|sum| sum / (f64::from(width) * f64::from(height)))
+    sums.map(|sum| sum / count as f64)
+}
+
+/// Adds the radiance of one pixel to a sum of many.
+pub(super) fn add_radiance(sums: &mut [f64; 3], radiance: [f32; 3]) {
+    for (sum, value) in sums.iter_mut().zip(radiance) {
+        *sum += f64::from(value);
+    }
 }
 
 impl Film {
@@ -77,14 +93,24 @@ impl Film {
 
     /// As [`Film::new`], in a lease of [`film_bytes`].
     pub fn in_lease(resolution: [u32; 2], layers: Layers, lease: Lease) -> Film {
-        let pixels = resolution[0] as usize * resolution[1] as usize;
+        Film::of_portion(resolution, layers, Portion::whole(resolution, 0), lease)
+    }
+
+    /// A black film of a portion of a picture of `resolution`, in a lease of [`portion_bytes`]: pixels and tiles have
+    /// the places and indices that they have in the picture.
+    pub fn of_portion(resolution: [u32; 2], layers: Layers, portion: Portion, lease: Lease) -> Film {
+        let rows = portion.rows(resolution);
+        let pixels = resolution[0] as usize * rows.len();
         let if_asked = |asked: bool| if asked { pixels } else { 0 };
+        let tiles = (portion.tiles[1] - portion.tiles[0]) as usize;
         Film {
             resolution,
             layers,
+            portion,
+            rows,
             sums: vec![RgbSum::default(); pixels],
-            counts: vec![0; tile_count(resolution) as usize],
-            states: vec![0; tile_count(resolution) as usize],
+            counts: vec![portion.samples[0]; tiles],
+            states: vec![0; tiles],
             state: 0,
             planes: LayerPlanes::new(layers, pixels),
             indirect: vec![RgbSum::default(); if_asked(layers.filter)],
@@ -99,9 +125,29 @@ impl Film {
         &mut self.lease
     }
 
-    /// Width and height, pixels.
+    /// Width and height of the picture, pixels.
     pub fn resolution(&self) -> [u32; 2] {
         self.resolution
+    }
+
+    /// The part of the picture that it is of: all tiles, but for a film of a portion.
+    pub fn portion(&self) -> Portion {
+        self.portion
+    }
+
+    /// The rows of pixels that it has.
+    pub(crate) fn rows(&self) -> Range<u32> {
+        self.rows.clone()
+    }
+
+    /// Indices of its tiles.
+    fn tiles(&self) -> Range<u32> {
+        self.portion.tiles[0]..self.portion.tiles[1]
+    }
+
+    /// Where counts and states of tile `index` stand.
+    fn slot(&self, index: u32) -> usize {
+        (index - self.portion.tiles[0]) as usize
     }
 
     /// The layers that were asked for.
@@ -111,9 +157,7 @@ impl Film {
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
-        for index in 0..self.counts.len() as u32 {
-            self.clear_tile(index);
-        }
+        self.tiles().for_each(|index| self.clear_tile(index));
         self.states.fill(0);
         self.state = 0;
     }
@@ -131,7 +175,8 @@ impl Film {
 
     /// The state that the samples of tile `index` are of; `None` without samples.
     pub fn tile_state(&self, index: u32) -> Option<u32> {
-        (self.counts[index as usize] > 0).then_some(self.states[index as usize])
+        let slot = self.slot(index);
+        (self.counts[slot] > self.portion.samples[0]).then_some(self.states[slot])
     }
 
     /// Samples of the present state whose indirect light was smoothed; 0 for none.
@@ -149,7 +194,8 @@ impl Film {
         }
         self.smoothed_of = 0;
         // Tiles without samples are as new: where views change fast, that is most of them.
-        if std::mem::take(&mut self.counts[index as usize]) == 0 {
+        let (slot, none) = (self.slot(index), self.portion.samples[0]);
+        if std::mem::replace(&mut self.counts[slot], none) == none {
             return;
         }
         let Tile { first: [x, y], size: [width, height], .. } = tile(self.resolution, index);
@@ -170,15 +216,16 @@ impl Film {
     pub fn add(&mut self, tile: &Tile, radiances: &[[f32; 3]]) {
         let pixels = tile.pixel_count() as usize;
         assert_eq!(radiances.len() % pixels, 0, "a tile of {pixels} pixels");
-        if self.states[tile.index as usize] != self.state {
+        let slot = self.slot(tile.index);
+        if self.states[slot] != self.state {
             self.clear_tile(tile.index);
-            self.states[tile.index as usize] = self.state;
+            self.states[slot] = self.state;
         }
         for (index, radiance) in radiances.iter().enumerate() {
             let at = self.place(tile.pixel((index % pixels) as u32));
             self.sums[at].add(*radiance);
         }
-        self.counts[tile.index as usize] += (radiances.len() / pixels) as u32;
+        self.counts[slot] += (radiances.len() / pixels) as u32;
     }
 
     /// Adds the share of indirect light of the samples that [`Film::add`] got, in the same order; only with
@@ -192,7 +239,7 @@ impl Film {
 
     /// Mean indirect radiance of a pixel (x, y), not smoothed; only with [`Layers::filter`].
     pub(crate) fn indirect(&self, pixel: [u32; 2]) -> [f32; 3] {
-        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(pixel)].max(1));
+        let per_sample = self.per_sample(pixel);
         self.indirect[self.place(pixel)].rgb().map(|sum| (sum * per_sample) as f32)
     }
 
@@ -204,8 +251,8 @@ impl Film {
     /// The smoothed indirect light of `rows`, to be written.
     pub(crate) fn smoothed_mut(&mut self, rows: Range<usize>) -> &mut [PackedLight] {
         assert!(self.layers.filter, "this film keeps no indirect light");
-        let width = self.resolution[0] as usize;
-        &mut self.smoothed[rows.start * width..rows.end * width]
+        let (width, first) = (self.resolution[0] as usize, self.rows.start as usize);
+        &mut self.smoothed[(rows.start - first) * width..(rows.end - first) * width]
     }
 
     /// From now on the smoothed light counts in place of the other, also of samples to come, until another state.
@@ -219,17 +266,24 @@ impl Film {
         self.planes.set(at, seen);
     }
 
-    /// Samples of the present state that each pixel of tile `index` has.
+    /// Samples of the present state that each pixel of tile `index` has, with those that its portion begins behind.
     pub fn tile_samples(&self, index: u32) -> u32 {
-        match self.states[index as usize] == self.state {
-            true => self.counts[index as usize],
-            false => 0,
+        let slot = self.slot(index);
+        match self.states[slot] == self.state {
+            true => self.counts[slot],
+            false => self.portion.samples[0],
         }
     }
 
-    /// Samples of the present state that every pixel has.
+    /// Samples of the present state that every pixel has, with those that its portion begins behind.
     pub fn samples(&self) -> u32 {
-        (0..self.counts.len() as u32).map(|index| self.tile_samples(index)).min().unwrap_or(0)
+        self.tiles().map(|index| self.tile_samples(index)).min().unwrap_or(0)
+    }
+
+    /// One over the samples that the sums at a pixel (x, y) are of.
+    fn per_sample(&self, pixel: [u32; 2]) -> f64 {
+        let taken = self.counts[self.tile_slot(pixel)] - self.portion.samples[0];
+        1.0 / f64::from(taken.max(1))
     }
 
     /// Mean radiance of a pixel (x, y), linear RGB, over its samples of the state that its tile has; black without
@@ -242,7 +296,7 @@ impl Film {
 
     /// As [`Film::radiance`], of as many pixels as there are places, from (x, y) on in its row; all of one tile.
     pub fn radiances(&self, first: [u32; 2], radiances: &mut [[f32; 3]]) {
-        let per_sample = 1.0 / f64::from(self.counts[self.tile_index(first)].max(1));
+        let per_sample = self.per_sample(first);
         let first = self.place(first);
         let sums = &self.sums[first..][..radiances.len()];
         if self.smoothed_of == 0 {
@@ -260,7 +314,7 @@ impl Film {
 
     /// Mean radiance over all pixels, linear RGB, unclamped.
     pub fn mean(&self) -> [f64; 3] {
-        mean(self.resolution, |pixel| self.radiance(pixel))
+        mean(self, |pixel| self.radiance(pixel))
     }
 
     /// Distance from the camera at a pixel (x, y), model units; infinite where nothing is hit.
@@ -296,12 +350,12 @@ impl Film {
     }
 
     fn place(&self, [x, y]: [u32; 2]) -> usize {
-        assert!(x < self.resolution[0] && y < self.resolution[1], "pixel ({x}, {y}) is not on the film");
-        y as usize * self.resolution[0] as usize + x as usize
+        assert!(x < self.resolution[0] && self.rows.contains(&y), "pixel ({x}, {y}) is not on the film");
+        (y - self.rows.start) as usize * self.resolution[0] as usize + x as usize
     }
 
-    fn tile_index(&self, [x, y]: [u32; 2]) -> usize {
+    fn tile_slot(&self, [x, y]: [u32; 2]) -> usize {
         let side = crate::tile::TILE_SIDE_PIXELS;
-        ((y / side) * self.resolution[0].div_ceil(side) + x / side) as usize
+        self.slot((y / side) * self.resolution[0].div_ceil(side) + x / side)
     }
 }

@@ -46,7 +46,7 @@ const WINDOW_REACHES: f64 = 2.0;
 /// Pixels of the window on each side, at most: those at one sample, ceil(2 * 4 * 4^(1/6)).
 const RADIUS_MOST: usize = 11;
 /// Rows that are smoothed together.
-const STRIP_ROWS: usize = 8;
+pub(crate) const STRIP_ROWS: usize = 8;
 /// Pixels of a strip that a thread takes at a time: some tens of microseconds.
 const PART_PIXELS: usize = 64;
 /// Depth that counts as an edge, in pixels' widths.
@@ -77,7 +77,7 @@ struct GuidePixel {
 }
 
 /// The rows around a strip: row y at the place y % rows.
-struct Window {
+pub(crate) struct Window {
     seen: Vec<GuidePixel>,
     /// Width of the picture and rows of the ring.
     width: usize,
@@ -102,16 +102,10 @@ pub fn smooth(film: &mut Film, lens: &dyn Lens, pool: &ThreadPool, stop: &(dyn F
         let mut seen_to = 0;
         for first in (0..height).step_by(STRIP_ROWS) {
             let strip = first..height.min(first + STRIP_ROWS);
-            let rows = seen_to..height.min(strip.end + window.radius);
+            let rows = seen_to..window.end_of_view(strip.end);
             seen_to = rows.end;
             window.see(film, lens, rows);
-            let parts = film.smoothed_mut(strip).par_chunks_mut(PART_PIXELS).enumerate();
-            parts.filter(|_| !stop()).for_each(|(part, out)| {
-                let start = first * width + part * PART_PIXELS;
-                (start..).zip(out).for_each(|(at, out)| {
-                    *out = PackedLight::new(window.mean([at % width, at / width]).into());
-                });
-            });
+            window.smooth(strip.start, film.smoothed_mut(strip), stop);
         }
     });
     if !stop() {
@@ -121,7 +115,7 @@ pub fn smooth(film: &mut Film, lens: &dyn Lens, pool: &ThreadPool, stop: &(dyn F
 
 impl Window {
     /// A window that has seen nothing of a picture of width and height, pixels, with so many samples each.
-    fn new([width, height]: [usize; 2], samples: u32) -> Window {
+    pub(crate) fn new([width, height]: [usize; 2], samples: u32) -> Window {
         let reach = REACH_PIXELS * (REACH_SAMPLES / f64::from(samples)).powf(1.0 / 6.0);
         let radius = (WINDOW_REACHES * reach).ceil() as usize;
         assert!(radius <= RADIUS_MOST, "a window of {radius} pixels is not leased");
@@ -130,8 +124,25 @@ impl Window {
         Window { seen: vec![GuidePixel::NOTHING; width * rows], width, rows, height, radius, near }
     }
 
+    /// The end of the rows that a strip before row `end` is smoothed with.
+    pub(crate) fn end_of_view(&self, end: usize) -> usize {
+        self.height.min(end + self.radius)
+    }
+
+    /// Smooths the strip from row `first` on to `out`, on the threads of this call; the rows around it have been seen.
+    pub(crate) fn smooth(&self, first: usize, out: &mut [PackedLight], stop: &(dyn Fn() -> bool + Sync)) {
+        let width = self.width;
+        let parts = out.par_chunks_mut(PART_PIXELS).enumerate();
+        parts.filter(|_| !stop()).for_each(|(part, out)| {
+            let start = first * width + part * PART_PIXELS;
+            (start..).zip(out).for_each(|(at, out)| {
+                *out = PackedLight::new(self.mean([at % width, at / width]).into());
+            });
+        });
+    }
+
     /// Sees these rows of `film`, in the places of the oldest.
-    fn see(&mut self, film: &Film, lens: &dyn Lens, rows: Range<usize>) {
+    pub(crate) fn see(&mut self, film: &Film, lens: &dyn Lens, rows: Range<usize>) {
         let ring = self.rows;
         let places = self.seen.par_chunks_mut(self.width).enumerate();
         places.for_each(|(place, seen)| {

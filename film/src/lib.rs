@@ -11,10 +11,10 @@
 //! ```text
 //! hash packed lens        numbers by chance; those of a pixel in few bytes; where pixels look
 //! rgb_sum                 radiances of a pixel, summed
-//! saliency tile           what catches the eye; parts of a picture, and their order
+//! saliency tile portion   what catches the eye; tiles of a picture, and their order; shares of the work on it
 //! film                    sums of samples, layers beside them
-//! filter coarse           indirect light smoothed; a picture of few samples
-//! display encode          the picture on show; PNG and EXR
+//! filter coarse part      indirect light smoothed; a picture of few samples; sums of a portion, kept in a file
+//! display encode merge    the picture on show; PNG and EXR; a picture out of its parts
 //! ```
 //!
 //! This crate knows no rays, no scenes and no files: who gives it samples decides what they are of.
@@ -26,7 +26,10 @@ mod film;
 mod filter;
 mod hash;
 mod lens;
+mod merge;
 mod packed;
+mod part;
+mod portion;
 mod rgb_sum;
 mod saliency;
 #[cfg(test)]
@@ -37,11 +40,14 @@ mod tile;
 
 pub use coarse::{STEPS, grid_size};
 pub use display::Display;
-pub use encode::{Image, encoder_bytes, write_exr, write_png};
-pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes};
+pub use encode::{Image, Strips, encoder_bytes, write_exr, write_exr_strips, write_png, write_png_strips};
+pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes, portion_bytes};
 pub use filter::{filter_bytes, smooth};
 pub use hash::{chances, mix};
 pub use lens::Lens;
+pub use merge::{MergeSetup, MergedStrips, PartFile, merge_bytes};
 pub use packed::PackedLight;
+pub use part::{CAMERA_NUMBERS, PART_MAGIC, PART_VERSION, PartDifference, PartHead, digest, write_part};
+pub use portion::{Misfit, Portion, misfit};
 pub use saliency::{ReducedPicture, Saliency};
 pub use tile::{TILE_SIDE_PIXELS, Tile, TileOrder, Tiles, tile, tile_count};

@@ -110,6 +110,16 @@ impl PackedNormal {
         PackedNormal([x as u8, (x >> 8 | (y & 0xf) << 4) as u8, (y >> 4) as u8])
     }
 
+    /// The bytes that files have of it.
+    pub(crate) fn to_bytes(self) -> [u8; 3] {
+        self.0
+    }
+
+    /// The normal of these bytes: any are one, or none.
+    pub(crate) fn from_bytes(bytes: [u8; 3]) -> PackedNormal {
+        PackedNormal(bytes)
+    }
+
     /// The unit normal; zero where it is none.
     pub(crate) fn normal(self) -> Vec3 {
         if self == PackedNormal::NONE {
@@ -138,6 +148,16 @@ impl PackedAlbedo {
     /// What is outside of 0 to 1 is the nearest of both.
     pub(crate) fn new(albedo: [f32; 3]) -> PackedAlbedo {
         PackedAlbedo(albedo.map(|value| (value * 255.0).round() as u8))
+    }
+
+    /// The bytes that files have of it.
+    pub(crate) fn to_bytes(self) -> [u8; 3] {
+        self.0
+    }
+
+    /// The albedo of these bytes: any are one.
+    pub(crate) fn from_bytes(bytes: [u8; 3]) -> PackedAlbedo {
+        PackedAlbedo(bytes)
     }
 
     /// The albedo.

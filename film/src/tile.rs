@@ -72,8 +72,13 @@ impl Tile {
 impl Tiles {
     /// The tiles of a picture of `resolution` (width, height; pixels), in z-curve order.
     pub fn z_curve(resolution: [u32; 2]) -> Tiles {
+        Tiles::z_curve_of(resolution, [0, tile_count(resolution)])
+    }
+
+    /// Those of the tiles of such a picture from the `first` to the one before `end`, in z-curve order.
+    pub fn z_curve_of(resolution: [u32; 2], [first, end]: [u32; 2]) -> Tiles {
         let columns = columns(resolution);
-        let mut order: Vec<u32> = (0..tile_count(resolution)).collect();
+        let mut order: Vec<u32> = (first..end).collect();
         order.sort_by_cached_key(|index| interleave(index % columns) | interleave(index / columns) << 1);
         Tiles { resolution, order }
     }

@@ -54,15 +54,15 @@ pub(super) struct LayerPlanes {
     pub(super) albedo: Vec<[f32; 3]>,
     pub(super) id: Vec<u32>,
     /// For the filter, where the exact ones are not kept.
-    guide_normal: Vec<PackedNormal>,
-    guide_albedo: Vec<PackedAlbedo>,
+    pub(super) guide_normal: Vec<PackedNormal>,
+    pub(super) guide_albedo: Vec<PackedAlbedo>,
 }
 
 /// The planes that layers are kept in.
-struct KeptPlanes {
-    depth: bool,
-    guide_normal: bool,
-    guide_albedo: bool,
+pub(super) struct KeptPlanes {
+    pub(super) depth: bool,
+    pub(super) guide_normal: bool,
+    pub(super) guide_albedo: bool,
 }
 
 impl LayerPixel {
@@ -83,7 +83,7 @@ impl Layers {
     }
 
     /// Planes that are kept beside those that are asked for.
-    fn kept(self) -> KeptPlanes {
+    pub(super) fn kept(self) -> KeptPlanes {
         let Layers { depth, normal, albedo, filter, .. } = self;
         KeptPlanes {
             depth: depth || filter,

@@ -1,7 +1,7 @@
 //! Sums, states and memory of the film.
 
 use super::*;
-use crate::tile::tile;
+use crate::tile::{tile, tile_count};
 
 #[test]
 fn the_mean_is_right_after_a_million_samples() {
