@@ -27,7 +27,7 @@ pub use demo::{DemoArgs, GenArgs};
 pub use device::DeviceArgs;
 pub use doctor::DoctorArgs;
 pub use export::ExportArgs;
-pub use image::{ImageArgs, ImageDiffArgs, ImageVerb, Metric};
+pub use image::{ImageArgs, ImageDiffArgs, ImageMergeArgs, ImageVerb, Metric};
 pub use keys::{STRESS_RESOLUTION, words as key_words};
 pub use parts::PartArgs;
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
@@ -86,7 +86,7 @@ pub enum Verb {
     Bench(BenchArgs),
     /// What this machine offers, what trex uses of it, and why
     Doctor(DoctorArgs),
-    /// Compare pictures
+    /// Compare pictures, or merge the parts of one
     Image(ImageArgs),
 }
 
@@ -109,6 +109,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(_) }) => "bench-tradeoff",
             Verb::Doctor(_) => "doctor",
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
+            Verb::Image(ImageArgs { verb: ImageVerb::Merge(_) }) => "image-merge",
         }
     }
 
@@ -130,6 +131,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(args) }) => &args.common,
             Verb::Doctor(args) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
+            Verb::Image(ImageArgs { verb: ImageVerb::Merge(args) }) => &args.common,
         }
     }
 

@@ -3,6 +3,9 @@
 //! Invariants: 1. a parsed value is in range, no later check is needed; 2. a refusal names what was given and
 //! says what is accepted; 3. units are literal: `GB` is 10^9 bytes, `GiB` is 2^30, and a bare number has none.
 
+mod portion;
+
+pub use portion::{SampleRange, TileShare, sample_range, tile_share};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use trex_model::Device;

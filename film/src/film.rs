@@ -4,8 +4,8 @@
 //! 2. the samples of a pixel are added in the order of their index, so the bytes do not depend on threads;
 //! 3. all pixels of a tile have the same number of samples; 4. its memory is leased before it is taken; 5. the samples
 //! of a tile are all of one state of the scene: those of a state before count for nothing, and are shown until the
-//! first of the present one comes; 6. a film of a portion of a picture has the rows of that alone, and the samples that it
-//! begins behind count as taken.
+//! first of the present one comes; 6. a film of a portion of a picture has the rows of that alone, and the samples
+//! that it begins behind count as taken.
 
 mod layers;
 mod part_rows;

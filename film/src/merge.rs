@@ -7,9 +7,9 @@
 //!   block of other samples   --+
 //! ```
 //!
-//! Invariants: 1. two strips are there at a time, however high the picture: [`merge_bytes`] is all that is taken; 2. sums
-//! are added in the order of samples, so the bytes depend on the cut alone; parts by tiles give the bytes of the whole;
-//! 3. a block is believed once its hash is right, also where a file was replaced after its head was read.
+//! Invariants: 1. two strips are there at a time, however high the picture: [`merge_bytes`] is all that is taken; 2.
+//! sums are added in the order of samples, so the bytes depend on the cut alone; parts by tiles give the bytes of the
+//! whole; 3. a block is believed once its hash is right, also where a file was replaced after its head was read.
 
 use crate::encode::{STRIP_LINES, Strips, encoder_bytes};
 use crate::film::{Film, Layers, add_radiance, block_bytes, block_bytes_most, portion_bytes};
@@ -30,7 +30,8 @@ const STRIP_TILES: u32 = STRIP_LINES / TILE_SIDE_PIXELS;
 /// Strips that are there at a time: the one that is written, and the one below that the filter sees.
 const STRIPS: u64 = 2;
 
-const _: () = assert!(STRIP_LINES % TILE_SIDE_PIXELS == 0 && TILE_SIDE_PIXELS as usize == STRIP_ROWS);
+const _: () =
+    assert!(STRIP_LINES.is_multiple_of(TILE_SIDE_PIXELS) && TILE_SIDE_PIXELS as usize == STRIP_ROWS);
 
 /// A part file whose head was read.
 #[derive(Debug)]
@@ -97,9 +98,9 @@ fn strip_portion(resolution: [u32; 2], tile_row: u32) -> Portion {
 }
 
 impl<R: Read> PartFile<R> {
-    /// The part at `path`, whose head and hash are these.
-    pub fn new(path: &Path, (head, head_hash): (&PartHead, u64)) -> PartFile<R> {
-        PartFile { path: path.to_path_buf(), portion: head.portion, head_hash, open: None }
+    /// The part at `path`, whose head says this portion, and has this hash.
+    pub fn new(path: &Path, (portion, head_hash): (Portion, u64)) -> PartFile<R> {
+        PartFile { path: path.to_path_buf(), portion, head_hash, open: None }
     }
 
     /// Adds what it has of a row of tiles to `film`.

@@ -8,9 +8,9 @@
 //! Facts are names and values of what decides the picture beside what stands in fixed places: who writes a part states
 //! them, and parts whose facts differ make no picture. Their meaning is no matter of this file.
 //!
-//! Invariants: 1. bytes pass [`PartHead::read`] before any is believed; a length is compared with a maximum before it is
-//! used; 2. all bytes are under a hash: that of a block is seeded with the head's and with its row, so that a block of
-//! another part or place is found; 3. the length of a file follows from its head.
+//! Invariants: 1. bytes pass [`PartHead::read`] before any is believed; a length is compared with a maximum before it
+//! is used; 2. all bytes are under a hash: that of a block is seeded with the head's and with its row, so that a block
+//! of another part or place is found; 3. the length of a file follows from its head.
 
 use crate::film::{Film, Layers, block_bytes, block_bytes_most};
 use crate::portion::Portion;
@@ -221,7 +221,7 @@ impl PartHead {
     }
 }
 
-/// Writes the part file of a portion: the head, and the sums and layers of `film`, which has all samples of the portion.
+/// Writes the part file of a portion: the head, and the sums and layers of `film`, which has all samples of it.
 /// Takes a block of memory, which is less than what an encoder takes.
 ///
 /// # Errors

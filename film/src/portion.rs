@@ -1,4 +1,4 @@
-//! `Portion`: a share of the work on a picture, which one machine of many does: some of its tiles, some of their samples.
+//! `Portion`: a share of the work on a picture, which one machine of many does: some tiles, some of their samples.
 //!
 //! ```text
 //! tiles, numbered in rows:   0  1  2  3        tiles 3..9 of 12: full rows of pixels 0 to 23 are kept,

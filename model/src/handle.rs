@@ -139,6 +139,7 @@ impl Model {
             model,
             view,
             layers: needs.layers,
+            portion: needs.portion,
             tracers,
             pool: self.0.threads.clone(),
             g_stage,

@@ -11,11 +11,12 @@
 //!             -> session -> apply, render     pictures at leisure
 //!             -> live    -> apply, frame      pictures in frames with a deadline
 //!             -> show                         a live session in pages of a browser (feature `view`)
+//! PictureParts::open -> strips                a picture out of parts that many machines rendered
 //! ```
 //!
 //! Floors: each imports those before it alone: `device`, `options`, `info`, `scene_defaults`, `shared_pool`, `outline`,
-//! `handle`, `opening`, `rays`, `picture`, `show`. Apart from these `times` and `ray_rates`: what a caller makes of
-//! reports of frames and counts of rays.
+//! `handle`, `opening`, `rays`, `picture`, `picture_parts`, `show`. Apart from these `times` and `ray_rates`: what a
+//! caller makes of reports of frames and counts of rays.
 //!
 //! This crate knows no flags and no terminal: it never prints, exits or reads the environment.
 
@@ -26,6 +27,7 @@ mod opening;
 mod options;
 mod outline;
 mod picture;
+mod picture_parts;
 mod ray_rates;
 mod rays;
 mod scene_defaults;
@@ -44,6 +46,7 @@ pub use handle::{LiveSession, Model, Session};
 pub use info::ModelInfo;
 pub use options::{DamagePolicy, OpenOptions, Pace, SessionOptions, ThreadSource};
 pub use picture::Picture;
+pub use picture_parts::{MergedFiles, PictureParts, part_head, read_head};
 pub use ray_rates::RayRates;
 pub use rays::{AllHits, check_rays};
 pub use scene_defaults::set_direct_without_voxels;

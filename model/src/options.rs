@@ -4,7 +4,7 @@ use crate::device::DeviceOptions;
 use rayon::ThreadPool;
 use std::num::NonZero;
 use std::sync::Arc;
-use trex_render::{CpuStage, Filter, Layers, PartNeeds, PictureNeeds, RenderSettings, Scene};
+use trex_render::{CpuStage, Filter, Layers, PartNeeds, PictureNeeds, Portion, RenderSettings, Scene};
 use trex_store::io::IoOptions;
 use trex_store::{Budget, Result};
 
@@ -61,6 +61,8 @@ pub enum Pace {
 pub struct SessionOptions {
     /// Layers that the film keeps beside radiance; those of the filter follow from the scene.
     pub layers: Layers,
+    /// The part of the picture that is made; `None` for all of it.
+    pub portion: Option<Portion>,
     /// How its pictures come.
     pub pace: Pace,
     /// Bytes that the caller will lease beside the session, for copies of pictures.
@@ -84,6 +86,7 @@ impl SessionOptions {
             settings,
             // Smoothed light needs some.
             layers: Layers { filter: settings.filter == Filter::On, ..self.layers },
+            portion: self.portion,
             workers,
             g_needs: CpuStage::NEEDS,
             is_live: self.pace == Pace::InFrames,

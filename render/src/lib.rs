@@ -70,8 +70,10 @@ pub use trace::{
     seated_tracers,
 };
 pub use trex_film::{
-    Display, Film, Image, LayerPixel, Layers, NO_ID, Saliency, TILE_SIDE_PIXELS, Tile, TileOrder, Tiles,
-    encoder_bytes, film_bytes, filter_bytes, write_exr, write_png,
+    CAMERA_NUMBERS, Display, Film, Image, LayerPixel, Layers, MergeSetup, MergedStrips, Misfit, NO_ID,
+    PART_MAGIC, PartDifference, PartFile, PartHead, Portion, Saliency, Strips, TILE_SIDE_PIXELS, Tile,
+    TileOrder, Tiles, digest, encoder_bytes, film_bytes, filter_bytes, merge_bytes, misfit, tile_count,
+    write_exr, write_exr_strips, write_part, write_png, write_png_strips,
 };
 pub use voxel::{
     GAnswer, GKind, GRay, LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit,

@@ -109,7 +109,8 @@ Examples:
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
     /// A page file, also at an http(s):// address, a mesh (.ply, .obj, .stl, .gltf, .glb or gen:KIND:COUNT), a volume
-    /// (.nrrd, .nhdr, .mhd, .mha or .raw), or a folder or an output with unfinished builds
+    /// (.nrrd, .nhdr, .mhd, .mha or .raw), a part of a picture (.trexpart), or a folder or an output with unfinished
+    /// builds
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
     #[command(flatten)]

@@ -19,7 +19,39 @@ pub struct ImageArgs {
 pub enum ImageVerb {
     /// Say how far a picture is from its reference: RMSE, relMSE, PSNR, largest error
     Diff(ImageDiffArgs),
+    /// Put the parts of a picture together, which many machines rendered
+    Merge(ImageMergeArgs),
 }
+
+/// `trex image merge`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_IMAGE_MERGE)]
+pub struct ImageMergeArgs {
+    /// All parts of the picture, in any order
+    #[arg(value_name = "PART.trexpart", required = true)]
+    pub parts: Vec<PathBuf>,
+    /// The picture: .png, or .exr for linear values and layers
+    #[arg(short, long, value_name = "PICTURE")]
+    pub output: PathBuf,
+    /// Exit with 0 also when parts were rendered without damaged pages
+    #[arg(long)]
+    pub allow_damage: bool,
+    #[command(flatten)]
+    pub overwrite: OverwriteArgs,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_IMAGE_MERGE: &str = "\
+Parts by --tiles give the bytes of one render. Those by --samples give its radiance but for the rounding of the sums,
+and always the same for the same cut. Parts of another file, device, version, view or setting are refused, and so are
+parts that are missing or there twice. The light is filtered here, row by row: the picture need not fit in memory.
+
+Exit status 1 when parts were rendered without damaged pages: the picture is written all the same.
+
+Examples:
+  trex image merge 1.trexpart 2.trexpart 3.trexpart -o ship.png
+  trex image merge parts/*.trexpart -o ship.exr --memory-limit 256MiB";
 
 /// `trex image diff`
 #[derive(Debug, Args)]

@@ -2,7 +2,7 @@
 
 use super::keys::{PICTURE, PictureKeys, RESEARCH, ResearchKeys};
 use super::{CommonArgs, DeviceArgs, DiskArgs, OverwriteArgs, PartArgs};
-use crate::values::{self, Milliseconds, Seconds, Vec3};
+use crate::values::{self, Milliseconds, SampleRange, Seconds, TileShare, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -15,7 +15,7 @@ pub struct RenderArgs {
     /// A page file, also at an http(s):// address, or a scene (.toml) that names one
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// The picture: .png, or .exr for linear values and layers
+    /// The picture: .png, or .exr for linear values and layers; of a part, .trexpart
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
     /// Stop after this time, with the samples done by then (90s, 2min, 1500ms); smoothing and writing the picture come
@@ -32,6 +32,14 @@ pub struct RenderArgs {
     /// Further layers of an EXR
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub layers: Vec<Layer>,
+    /// Render share I of N of the tiles alone, 1/N to N/N, to a .trexpart that `trex image merge` puts together
+    #[arg(long, value_name = "I/N", value_parser = values::tile_share,
+          conflicts_with_all = ["time_limit", "camera_path", "t_max"])]
+    pub tiles: Option<TileShare>,
+    /// Render these of the --spp samples alone, from A to the one before B, counted from 0, to a .trexpart
+    #[arg(long, value_name = "A..B", value_parser = values::sample_range,
+          conflicts_with_all = ["time_limit", "camera_path", "t_max"])]
+    pub samples: Option<SampleRange>,
     #[command(flatten)]
     pub picture: PictureArgs,
     #[command(flatten)]
@@ -58,6 +66,7 @@ Examples:
   trex render iso.trex -o iso.exr --layers depth,normal --memory-limit 128MiB
   trex render ship.trex -o hull.png --camera-position 10,5,2 --camera-target 0,0,0 --spp 64
   trex render ship.trex -o cut.png --section 0,0,0,0,0,-1 --hide glass
+  trex render ship.trex -o 3.trexpart --tiles 3/8      one of 8 parts; trex image merge joins them
   trex render ship.trex -o round.png --camera-path round.toml --spp 32
   trex render ship.trex -o hull.png --integrator photon --t-max 33 --lod-error 1 --time-limit 2s";
 

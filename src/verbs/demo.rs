@@ -68,6 +68,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         camera_path: None,
         overwrite,
         layers: Layers::default(),
+        portion: None,
         io: io_options(&args.disk),
         device: DeviceOptions::default(),
         time_limit: None,

@@ -3,6 +3,7 @@
 use super::build::UnfinishedBuilds;
 use super::input_summary::InputSummary;
 use super::inputs;
+use super::part_info::{self, PartInfo};
 use super::view::FIRST_RESOLUTION;
 use crate::args::InfoArgs;
 use crate::context::Context;
@@ -52,6 +53,7 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             }
             ctx.done(&FileInfo::new(&PageFile::open(path, &ctx.budget)?, ctx)?)
         }
+        Input::File(path) if part_info::is_part(path) => ctx.done(&PartInfo::read(path)?),
         Input::File(path) => {
             let mut options = ImportOptions::new(ctx.budget.clone(), Path::new("."));
             options.volumes.raw = args.raw.volume();

@@ -14,12 +14,15 @@ mod door;
 mod export;
 mod generate;
 mod image_diff;
+mod image_merge;
 mod info;
 mod input_summary;
 mod inputs;
+mod part_info;
 mod picture_file;
 mod references;
 mod render;
+mod render_part;
 mod render_report;
 mod show;
 mod shown_file;
@@ -50,5 +53,6 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
         Verb::Bench(args) => bench::run(args, ctx),
         Verb::Doctor(args) => doctor::run(args, ctx),
         Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => image_diff::run(args, ctx),
+        Verb::Image(ImageArgs { verb: ImageVerb::Merge(args) }) => image_merge::run(args, ctx),
     }
 }

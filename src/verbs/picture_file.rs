@@ -4,7 +4,7 @@ use rayon::ThreadPool;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use trex_render::{Image, Layers, write_exr, write_png};
+use trex_render::{Image, Layers, Strips, write_exr, write_exr_strips, write_png, write_png_strips};
 use trex_store::output::{ExistingOutput, check_apart, draft};
 use trex_store::{Code, Error, Result};
 
@@ -35,6 +35,18 @@ impl PictureFile {
         Ok(PictureFile { path: path.to_path_buf(), is_exr })
     }
 
+    /// As [`PictureFile::check`], for a part of a picture.
+    pub fn check_part(path: &Path, overwrite: bool, inputs: &[&Path]) -> Result<PictureFile> {
+        if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("trexpart")) {
+            return Err(Error::new(Code::Usage, "a part of a picture is no picture yet")
+                .at(path)
+                .next("end the name in .trexpart"));
+        }
+        ExistingOutput::replace_if(overwrite).check(path)?;
+        inputs.iter().try_for_each(|input| check_apart(path, input))?;
+        Ok(PictureFile { path: path.to_path_buf(), is_exr: false })
+    }
+
     /// As [`PictureFile::check`], for what is written as PNG alone.
     pub fn check_png(path: &Path, overwrite: bool, inputs: &[&Path]) -> Result<PictureFile> {
         let file = PictureFile::check(path, overwrite, Layers::default(), inputs)?;
@@ -50,6 +62,14 @@ impl PictureFile {
     pub fn write(&self, image: &impl Image, exposure: f32, pool: &ThreadPool) -> Result<()> {
         self.write_with(|writer| {
             if self.is_exr { write_exr(image, writer) } else { write_png(image, exposure, pool, writer) }
+        })
+    }
+
+    /// As [`PictureFile::write`], of a picture that is made strip by strip.
+    pub fn write_strips(&self, strips: &mut impl Strips, exposure: f32, pool: &ThreadPool) -> Result<()> {
+        self.write_with(|writer| match self.is_exr {
+            true => write_exr_strips(strips, writer),
+            false => write_png_strips(strips, exposure, pool, writer),
         })
     }
 

@@ -6,6 +6,7 @@
 
 use super::damage::Damage;
 use super::picture_file::PictureFile;
+use super::render_part::{self, PartReport};
 use super::render_report::{Image, Picture, RenderReport};
 use super::show::Show;
 use super::stage::{Play, Stage, io_options, open_scene, read_views, suit_file};
@@ -20,8 +21,8 @@ use std::time::{Duration, Instant};
 use trex_model::RayRates;
 use trex_model::{Device, DeviceOptions, Pace, SessionOptions};
 use trex_render::{
-    Camera, Event, Fov, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, RayCounts, RenderKeys,
-    RenderStats, Scene, Session,
+    Camera, Event, Fov, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, Portion, RayCounts,
+    RenderKeys, RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
 use trex_store::{Code, Error, Progress, Result, StopSignal};
@@ -53,6 +54,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         camera_path: args.camera_path.as_deref(),
         overwrite: args.overwrite.overwrite,
         layers,
+        portion: render_part::portion(args, &scene.render)?,
         io: io_options(&args.disk),
         device: args.device.options(Device::Cpu),
         // Beyond what a duration holds there is no limit.
@@ -75,6 +77,8 @@ pub struct Job<'a> {
     pub camera_path: Option<&'a Path>,
     pub overwrite: bool,
     pub layers: Layers,
+    /// The part of the picture that is made; `None` for all of it.
+    pub portion: Option<Portion>,
     pub io: IoOptions,
     pub device: DeviceOptions,
     pub time_limit: Option<Duration>,
@@ -150,7 +154,8 @@ impl Job<'_> {
             self.check(self.output)?;
         }
         let pace = if self.live.is_some() { Pace::InFrames } else { Pace::AtLeisure };
-        let options = SessionOptions { layers: self.layers, pace, ..SessionOptions::default() };
+        let (layers, portion) = (self.layers, self.portion);
+        let options = SessionOptions { layers, portion, pace, ..SessionOptions::default() };
         let scene = self.opening_scene()?;
         let play = Play {
             scene: &scene,
@@ -169,7 +174,7 @@ impl Job<'_> {
         let photons_s = photons_start.elapsed().as_secs_f64();
 
         let mut show = Show::new(session, self.live)?;
-        let shown = self.make_pictures(&mut show, &shots, &clock)?;
+        let shown = self.make_pictures((&mut show, &stage), &shots, &clock)?;
         self.tell_what_is_missing(&shown, shots.len(), ctx);
         let damage = Damage::of(&stage);
         damage.report(ctx);
@@ -202,7 +207,10 @@ impl Job<'_> {
     fn check(&self, path: &Path) -> Result<PictureFile> {
         let inputs: Vec<&Path> =
             [self.scene_file, Some(self.file), self.camera_path].into_iter().flatten().collect();
-        PictureFile::check(path, self.overwrite, self.layers, &inputs)
+        match self.portion {
+            None => PictureFile::check(path, self.overwrite, self.layers, &inputs),
+            Some(_) => PictureFile::check_part(path, self.overwrite, &inputs),
+        }
     }
 
     /// What is to be made, checked: viewpoints are otherwise like `camera`.
@@ -224,9 +232,9 @@ impl Job<'_> {
     }
 
     /// A picture from each viewpoint.
-    fn make_pictures<T: PagedTracer + Send>(
+    fn make_pictures(
         &self,
-        show: &mut Show<T>,
+        (show, stage): (&mut Show<MeshTracer>, &Stage),
         shots: &[Shot],
         clock: &Clock<'_>,
     ) -> Result<PictureRun> {
@@ -239,7 +247,8 @@ impl Job<'_> {
                 show.apply(Event::Camera(camera))?;
             }
             let begin = Instant::now();
-            let one = show.render(keys.spp, &|| clock.stops(), &mut |spp| {
+            let spp = self.portion.map_or(keys.spp, |portion| portion.samples[1]);
+            let one = show.render(spp, &|| clock.stops(), &mut |spp| {
                 let passed = clock.start.elapsed().as_millis() as u64;
                 shown.first_picture_ms.get_or_insert(passed);
                 tell_samples(keys, clock.ctx, SampleProgress { place, shots: shots.len(), spp });
@@ -248,8 +257,13 @@ impl Job<'_> {
             let rendered = Instant::now();
             show.smooth(&|| clock.ctx.interrupt.is_raised())?;
             clock.ctx.interrupt.check()?;
-            let exposure = show.session().view().settings.exposure.factor();
-            shot.target.write(show, exposure, show.session().thread_pool())?;
+            match self.portion {
+                Some(portion) => render_part::write(&shot.target, &stage.model, show.session(), portion)?,
+                None => {
+                    let exposure = show.session().view().settings.exposure.factor();
+                    shot.target.write(show, exposure, show.session().thread_pool())?;
+                }
+            }
             shown.finishing += rendered.elapsed();
             let stats = &mut shown.stats;
             stats.total.add(&one.total);
@@ -295,6 +309,7 @@ impl Job<'_> {
         let rays = RayCounts { photon: photons.rays, ..stats.total.rays };
         let render_s = total_s - photons_s;
         let [width, height] = keys.resolution;
+        let part = self.portion.map(|portion| PartReport::of(portion, keys.resolution, keys.spp));
         let image = Image { mean: trex_render::Image::mean(&show), width, height };
         let device = stage.device(ctx);
         let (open_rays, open_materials) = tell_open_parts(show.session(), ctx);
@@ -303,10 +318,11 @@ impl Job<'_> {
             scene: self.file.display().to_string(),
             output: pictures[0].output.clone(),
             pictures,
+            part,
             integrator: keys.integrator.as_str(),
             light: keys.light.as_str(),
             exposure: keys.exposure.factor(),
-            spp: stats.spp,
+            spp: stats.spp - self.portion.map_or(0, |portion| portion.samples[0]),
             rays,
             rays_per_s: RayRates::new(&rays, render_s, photons_s),
             g_stage: stats.total.g_stage,

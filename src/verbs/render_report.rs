@@ -1,6 +1,7 @@
 //! `RenderReport`: what a render tells, as text and as JSON.
 
 use super::damage::Damage;
+use super::render_part::PartReport;
 use super::show::Frames;
 use crate::memory::Memory;
 use crate::size;
@@ -20,6 +21,9 @@ pub struct RenderReport {
     pub output: String,
     /// Each picture, of a camera path one for each viewpoint.
     pub pictures: Vec<Picture>,
+    /// The part of the picture that it is, where it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartReport>,
     pub integrator: &'static str,
     /// The lamps, and the factor of the PNG, as they were decided.
     pub light: &'static str,
@@ -94,6 +98,9 @@ impl fmt::Display for RenderReport {
             self.spp,
             size::duration(Duration::from_millis(self.time_ms))
         )?;
+        if let Some(PartReport { tiles: [first, end], tile_count, samples: [from, to], spp }) = self.part {
+            writeln!(f, "a part: tiles {first}..{end} of {tile_count}, samples {from}..{to} of {spp}")?;
+        }
         writeln!(
             f,
             "{} ({} primary, {} mirror, {} shadow, {} gather, {} photon), {}",

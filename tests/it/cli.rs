@@ -29,7 +29,7 @@ fn help_lists_the_verbs_and_the_exit_statuses() {
 
 #[test]
 fn every_verb_explains_its_flags_units_and_defaults() {
-    for verb in VERBS.into_iter().chain(["bench rays", "bench io", "image diff"]) {
+    for verb in VERBS.into_iter().chain(["bench rays", "bench io", "image diff", "image merge"]) {
         let help = stdout(&format!("{verb} --help"));
         for word in
             ["Example", "--memory-limit", "512MiB", "auto = 50%", "--threads", "--json", "[default: auto]"]
@@ -38,7 +38,7 @@ fn every_verb_explains_its_flags_units_and_defaults() {
         }
     }
     let writes = |verb: &&str| ["demo", "gen", "build", "export", "render"].contains(verb);
-    for verb in VERBS.iter().filter(|verb| writes(verb)).chain(&["image diff"]) {
+    for verb in VERBS.iter().filter(|verb| writes(verb)).chain(&["image diff", "image merge"]) {
         assert!(stdout(&format!("{verb} --help")).contains("--overwrite"), "{verb}");
     }
 }

@@ -111,6 +111,7 @@ fn a_viewer_leaves_pages_half_of_a_small_limit_and_a_third_beside_a_large_pictur
         let needs = PictureNeeds {
             settings,
             layers,
+            portion: None,
             workers: 2,
             g_needs,
             is_live: true,

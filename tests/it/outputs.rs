@@ -14,7 +14,10 @@ fn an_output_that_exists_is_kept_without_overwrite() {
     let inside = folder();
     document_in(inside.path(), "build gen:soup:10k --no-asvo -o model.trex");
     document_in(inside.path(), "render model.trex --integrator direct --resolution 8x8 -o view.png");
+    document_in(inside.path(), "render model.trex --resolution 8x8 --tiles 1/1 -o view.trexpart");
     for (line, output) in [
+        ("render model.trex --resolution 8x8 --tiles 1/1 -o kept.trexpart", "kept.trexpart"),
+        ("image merge view.trexpart -o kept.png", "kept.png"),
         ("build gen:soup:20k --no-asvo -o kept.trex", "kept.trex"),
         ("render model.trex --integrator direct --resolution 8x8 -o kept.png", "kept.png"),
         ("render model.trex --integrator direct --resolution 8x8 -o kept.exr", "kept.exr"),

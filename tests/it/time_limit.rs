@@ -148,7 +148,8 @@ fn photons_under_way_end_when_they_are_to_stop() {
     let text = "model = 'a.trex'\n[render]\nintegrator = 'full-gi'\nresolution = [8, 8]\nphotons = 100000";
     let view = Scene::parse(text, "a.toml".as_ref()).unwrap().view(&mut model).unwrap();
     let (pool, g_stage) = (WorkerThreads::start(1).unwrap(), Box::new(CpuStage::default()));
-    let setup = SessionSetup { model, view, layers: Layers::default(), tracers, pool, g_stage };
+    let setup =
+        SessionSetup { model, view, layers: Layers::default(), portion: None, tracers, pool, g_stage };
     let mut session = Session::new(setup, &Budget::unlimited()).unwrap();
     let stats = session.illuminate(&|| rays.load(Ordering::Relaxed) >= ENOUGH, &mut |_, _| {}).unwrap();
     let asked = rays.load(Ordering::Relaxed);

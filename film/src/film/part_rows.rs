@@ -1,13 +1,14 @@
-//! Rows of tiles of a film as the bytes of a part file, and back: sums and layers as the film has them, not yet filtered.
+//! Rows of tiles of a film as the bytes of a part file, and back: sums and layers as the film has them, before the
+//! filter.
 //!
 //! ```text
 //! a block: the pixels that a portion has of a row of tiles, by rows; plane after plane
-//! | sums 16 | indirect 16 | depth 4 | normal 12 | albedo 12 | id 4 | guide normal 3 | guide albedo 3 |    bytes a pixel
+//! | sums 16 | indirect 16 | depth 4 | normal 12 | albedo 12 | id 4 | guide normal 3 | guide albedo 3 |   bytes a pixel
 //!             filter        '---- those that are kept, and of portions that begin with sample 0 alone ----'
 //! ```
 //!
-//! Invariants: 1. a block that was written comes back bit by bit; 2. blocks of other samples are added to what is there,
-//! in the order in which they are given.
+//! Invariants: 1. a block that was written comes back bit by bit; 2. blocks of other samples are added to what is
+//! there, in the order in which they are given.
 
 use super::{Film, Layers, RgbSum};
 use crate::packed::{PackedAlbedo, PackedNormal};
@@ -91,8 +92,8 @@ impl Film {
         }
     }
 
-    /// Adds the block of a row of tiles of a part with this `portion`; false when the bytes hold sums of no samples, and
-    /// the film is of no use then.
+    /// Adds the block of a row of tiles of a part with this `portion`; false when the bytes hold sums of no samples,
+    /// and the film is of no use then.
     ///
     /// # Panics
     /// When the block is not as long as [`block_bytes`] says, or has pixels that this film has not.

@@ -84,7 +84,7 @@ fn parts(resolution: [u32; 2], layers: Layers, portions: &[Portion]) -> Vec<Part
         let (head, mut bytes) = (head(resolution, layers, *portion), vec![]);
         write_part(&sampled(resolution, layers, *portion), &head, &mut bytes).unwrap();
         let (_, hash) = PartHead::read(Path::new("a"), &mut &bytes[..], bytes.len() as u64).unwrap();
-        PartFile::new(&keep(&index.to_string(), bytes), (&head, hash))
+        PartFile::new(&keep(&index.to_string(), bytes), (*portion, hash))
     };
     portions.iter().enumerate().map(part).collect()
 }

@@ -12,7 +12,7 @@
 use crate::math::unit;
 use crate::trace::Ray;
 use glam::DVec3;
-use trex_film::Lens;
+use trex_film::{CAMERA_NUMBERS, Lens};
 use trex_store::{Code, Error, Result};
 
 /// Smallest angle of view, degrees.
@@ -119,6 +119,25 @@ impl Camera {
     }
 }
 
+impl Camera {
+    /// Its numbers, as part files have them: position, target, up, the angle, and 0 for one across the picture.
+    pub fn numbers(&self) -> [f64; CAMERA_NUMBERS] {
+        let ([px, py, pz], [tx, ty, tz], [ux, uy, uz]) = (self.position, self.target, self.up);
+        let (angle, axis) = match self.fov {
+            Fov::X(degrees) => (degrees, 0.0),
+            Fov::Y(degrees) => (degrees, 1.0),
+        };
+        [px, py, pz, tx, ty, tz, ux, uy, uz, angle, axis]
+    }
+
+    /// The camera of these numbers, which has rays only where [`Camera::project`] says so.
+    pub fn from_numbers(numbers: [f64; CAMERA_NUMBERS]) -> Camera {
+        let [px, py, pz, tx, ty, tz, ux, uy, uz, angle, axis] = numbers;
+        let fov = if axis == 0.0 { Fov::X(angle) } else { Fov::Y(angle) };
+        Camera { position: [px, py, pz], target: [tx, ty, tz], up: [ux, uy, uz], fov }
+    }
+}
+
 impl Projection {
     /// Width and height, pixels.
     pub fn resolution(&self) -> [u32; 2] {
@@ -186,6 +205,14 @@ mod tests {
         check_ray(&projection, [200.0, 100.0], [1.0, -0.5, -1.0]);
         let tall = camera(Fov::Y(90.0)).project([200, 100]).unwrap();
         check_ray(&tall, [200.0, 0.0], [2.0, 1.0, -1.0]);
+    }
+
+    #[test]
+    fn a_camera_is_that_of_its_numbers() {
+        for fov in [Fov::X(45.25), Fov::Y(0.1)] {
+            let camera = Camera { position: [0.1, -3e7, 5.0], ..camera(fov) };
+            assert_eq!(Camera::from_numbers(camera.numbers()), camera);
+        }
     }
 
     #[test]

@@ -100,8 +100,9 @@ impl<T: PagedTracer + Send> Session<T> {
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the picture on show and the second map of
-    /// photons.
+    /// photons; [`trex_store::Code::Usage`] for a session of a part of a picture.
     pub fn go_live(mut self, options: FrameOptions) -> Result<LiveSession<T>> {
+        self.check_whole()?;
         let settings = self.view.settings;
         let leases = self.shares(&settings, self.film.layers(), true).lease_live(&self.budget)?;
         let (light, work) = self.light_parts(&|| false);

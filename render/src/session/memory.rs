@@ -11,7 +11,7 @@ use crate::g_stage::{CpuStage, GNeeds};
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::trace::{PartNeeds, PooledPages};
 use serde::Serialize;
-use trex_film::{Layers, encoder_bytes, filter_bytes};
+use trex_film::{Layers, Portion, encoder_bytes, filter_bytes};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::UpperSize;
 use trex_store::pool::{PagePool, PoolOptions};
@@ -31,6 +31,8 @@ pub struct PictureNeeds {
     pub settings: RenderSettings,
     /// Layers that the film keeps beside radiance.
     pub layers: Layers,
+    /// The part of the picture that is made; `None` for all of it.
+    pub portion: Option<Portion>,
     /// Worker threads, at least 1.
     pub workers: usize,
     /// What the G-stage asks that answers its rays ([`crate::GStage::needs`]): of the processor, [`CpuStage::NEEDS`].
@@ -120,6 +122,7 @@ impl MemoryPlan {
         let rays = PictureNeeds {
             settings,
             layers: Layers::default(),
+            portion: None,
             workers,
             g_needs: CpuStage::NEEDS,
             is_live: false,
@@ -151,13 +154,15 @@ impl MemoryPlan {
 
     /// The shares of all but the frames.
     fn fixed(file: &FileSizes, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
-        let PictureNeeds { settings, layers, workers, g_needs, is_live, copies_bytes, parts } = *needs;
+        let PictureNeeds { settings, layers, portion, workers, g_needs, is_live, copies_bytes, parts } =
+            *needs;
         let overhead = PagePool::overhead_bytes(file.page_count, &pool_options(staging_slots))?;
         let page_count = file.page_count as usize;
         let pins = PooledPages::bytes(page_count, page_count) * workers as u64;
         let upper = if needs.asks_voxels() { file.upper.clone()? } else { None };
         let facts = SessionFacts {
             layers,
+            portion,
             workers,
             is_live,
             facets: upper.as_ref().map(|size| size.facet_count as usize),

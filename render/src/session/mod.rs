@@ -51,7 +51,7 @@ use crate::threads::WorkerThreads;
 use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
-use trex_film::{Film, Layers, Tiles, filter_bytes, smooth};
+use trex_film::{Film, Layers, Portion, Tiles, filter_bytes, smooth};
 use trex_store::{Budget, Lease, Result, StopSignal};
 
 /// What is seen at a pixel.
@@ -72,6 +72,9 @@ pub struct SessionSetup<T> {
     pub view: View,
     /// Layers that the film keeps beside radiance.
     pub layers: Layers,
+    /// The part of the picture that is made; `None` for all of it. A session of a portion makes this one picture, at
+    /// leisure: it takes no other settings, and is not smoothed.
+    pub portion: Option<Portion>,
     /// Tracers, one for each worker.
     pub tracers: Vec<T>,
     /// The threads of the workers, at least one a tracer.
@@ -99,7 +102,8 @@ pub struct SessionSetup<T> {
 /// let view = scene.view(&mut model)?;
 /// let pool = trex_render::WorkerThreads::start(1)?;
 /// let g_stage = Box::new(CpuStage::default());
-/// let setup = SessionSetup { model, view, layers: Layers::default(), tracers: vec![mesh], pool, g_stage };
+/// let layers = Layers::default();
+/// let setup = SessionSetup { model, view, layers, portion: None, tracers: vec![mesh], pool, g_stage };
 /// let mut session = Session::new(setup, &Budget::unlimited())?;
 /// let stats = session.render(scene.render.spp, &|| false, &mut |_, _| ControlFlow::Continue(()));
 /// assert!(stats.complete && stats.total.rays.primary == 32 * 32 * 16);
@@ -162,15 +166,16 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Panics
     /// When there is no tracer, or not a thread for each.
     pub fn new(setup: SessionSetup<T>, budget: &Budget) -> Result<Session<T>> {
-        let SessionSetup { mut model, view, layers, mut tracers, pool, mut g_stage } = setup;
+        let SessionSetup { mut model, view, layers, portion, mut tracers, pool, mut g_stage } = setup;
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
         let workers = Workforce { count: tracers.len(), g_needs: g_stage.needs() };
-        let facts = facts(&model, layers, workers, false);
+        let facts = SessionFacts { portion, ..facts(&model, layers, workers, false) };
         let shares = SessionShares::new(&view.settings, &facts);
         let leases = shares.lease(budget)?;
         let resolution = view.settings.resolution;
+        let portion = portion.unwrap_or(Portion::whole(resolution, 0));
         let shown = ShownModel::new(&mut model, &view.parts, tracers.len(), budget)?;
         show(&mut tracers, &world.parts);
         if let Some(voxels) = &model.voxels {
@@ -181,8 +186,8 @@ impl<T: PagedTracer + Send> Session<T> {
             view,
             world,
             tracers,
-            tiles: Tiles::z_curve(resolution),
-            film: Film::in_lease(resolution, layers, leases.film),
+            tiles: Tiles::z_curve_of(resolution, portion.tiles),
+            film: Film::of_portion(resolution, layers, portion, leases.film),
             light: shares.light.light(LightRoom { lasting: leases.light, in_frames: None }),
             pool,
             g_stage,
@@ -319,7 +324,7 @@ impl<T: PagedTracer + Send> Session<T> {
     }
 
     /// Smooths the indirect light on a film that keeps it apart, until samples are added: see `film/src/filter.rs`.
-    /// Does nothing for others.
+    /// Does nothing for others, nor for a portion: its neighbours are not there.
     ///
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when the budget has no room for the filter's work.
@@ -332,7 +337,7 @@ impl<T: PagedTracer + Send> Session<T> {
     /// # Errors
     /// Those of [`Session::smooth`].
     pub fn smooth_until(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<()> {
-        if !self.film.layers().filter {
+        if !self.film.layers().filter || self.is_portion() {
             return Ok(());
         }
         let _lease = self.budget.lease("the filter", filter_bytes(self.film.resolution()))?;
@@ -376,6 +381,7 @@ struct Workforce {
 fn facts(model: &Model, layers: Layers, workers: Workforce, is_live: bool) -> SessionFacts {
     SessionFacts {
         layers,
+        portion: None,
         workers: workers.count,
         g_needs: workers.g_needs,
         is_live,

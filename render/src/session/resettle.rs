@@ -19,8 +19,8 @@ use crate::scene::method::Filter;
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::scene::world::{View, World};
 use crate::trace::PagedTracer;
-use trex_film::{Display, Film, Layers, Tiles};
-use trex_store::{Lease, Result};
+use trex_film::{Display, Film, Layers, Portion, Tiles};
+use trex_store::{Code, Error, Lease, Result};
 
 /// True when photons sent under one of the settings are those of the other.
 fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
@@ -59,6 +59,7 @@ impl<T: PagedTracer + Send> Session<T> {
         mut live: Option<&mut Live>,
         settings: RenderSettings,
     ) -> Result<Change> {
+        self.check_whole()?;
         let before = self.view.settings;
         let view = View { settings, ..self.view.clone() };
         let world = World::new(&self.model, &view)?;
@@ -75,6 +76,23 @@ impl<T: PagedTracer + Send> Session<T> {
             (true, false) => Change::View,
             (false, _) => Change::Light,
         })
+    }
+
+    /// True when the film is of a part of the picture alone.
+    pub(super) fn is_portion(&self) -> bool {
+        self.film.portion() != Portion::whole(self.view.settings.resolution, 0)
+    }
+
+    /// Refuses what a session of a part of a picture does not do.
+    pub(super) fn check_whole(&self) -> Result<()> {
+        if !self.is_portion() {
+            return Ok(());
+        }
+        let Portion { tiles: [first, end], .. } = self.film.portion();
+        Err(Error::new(Code::Usage, "a part of a picture takes no other settings, and has no deadline")
+            .at_place("the session")
+            .numbers(format!("its film is of tiles {first}..{end}"))
+            .next("make the picture as a whole, or another session"))
     }
 
     fn exchange(&self, is_live: bool, settings: &RenderSettings) -> Exchange {
@@ -153,7 +171,7 @@ mod tests {
     use crate::session::{Event, FetchBlock, FrameOptions, FrameProgress};
     use std::ops::ControlFlow;
     use std::time::Duration;
-    use trex_store::{Code, RESERVE_BYTES};
+    use trex_store::RESERVE_BYTES;
 
     const SPP: u32 = 2;
 

@@ -17,7 +17,7 @@ use crate::integrate::rays_asked;
 use crate::scene::settings::RenderSettings;
 use crate::schedule::pass_bytes;
 use crate::shading::light::{Emitter, Emitters};
-use trex_film::{Display, Layers, film_bytes};
+use trex_film::{Display, Layers, Portion, portion_bytes};
 use trex_store::{Budget, Lease, Material, Result};
 
 /// Copies of materials: of the caller, of the viewer, of the session and its world, and of both while an edit replaces
@@ -31,6 +31,8 @@ const EMITTER_COPIES: usize = 3;
 pub(super) struct SessionFacts {
     /// Layers that the film keeps.
     pub(super) layers: Layers,
+    /// The part of the picture that the film is of; `None` for all of it.
+    pub(super) portion: Option<Portion>,
     /// Worker threads.
     pub(super) workers: usize,
     /// What the G-stage needs.
@@ -80,8 +82,10 @@ pub(super) struct LiveLeases {
 impl SessionShares {
     /// The shares of a session with these settings.
     pub(super) fn new(settings: &RenderSettings, facts: &SessionFacts) -> SessionShares {
-        let SessionFacts { layers, workers, ref g_needs, is_live, facets, materials, emitters } = *facts;
+        let SessionFacts { layers, portion, workers, ref g_needs, is_live, facets, materials, emitters } =
+            *facts;
         let resolution = settings.resolution;
+        let portion = portion.unwrap_or(Portion::whole(resolution, 0));
         let light = LightKind::new(settings, facets);
         let light_bytes = light.bytes(settings, workers, g_needs);
         // Which hold no names. What lights are drawn from is there twice while a state replaces the one before.
@@ -91,7 +95,7 @@ impl SessionShares {
             resolution,
             layers,
             model_bytes: copies as u64 + 2 * Emitters::bytes(emitters),
-            film_bytes: film_bytes(resolution, layers),
+            film_bytes: portion_bytes(resolution, layers, &portion),
             display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
             pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs) + light_bytes.flocks,
             light,

@@ -125,7 +125,7 @@ fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Sess
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
     let tracers = vec![DemandMesh { mesh, percent, is_absent: false }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
-    let setup = SessionSetup { model, view, layers, tracers, pool: pool(1).into(), g_stage };
+    let setup = SessionSetup { model, view, layers, portion: None, tracers, pool: pool(1).into(), g_stage };
     (Session::new(setup, &budget).unwrap(), file)
 }
 
@@ -148,6 +148,7 @@ fn session(budget: &Budget) -> Result<Session<NaiveMesh>> {
         model,
         view,
         layers: Layers::default(),
+        portion: None,
         tracers: vec![mesh; 2],
         pool: pool(2).into(),
         g_stage: Box::new(CpuStage::default()),
@@ -239,6 +240,7 @@ fn the_plan_counts_the_needs_of_the_stage_that_the_session_is_made_with() {
             let picture = PictureNeeds {
                 settings,
                 layers,
+                portion: None,
                 workers: 1,
                 g_needs: needs,
                 is_live,

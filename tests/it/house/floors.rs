@@ -7,8 +7,8 @@ pub(super) const HOUSES: [House; 5] = [
         of_crate: "film",
         folder: &[],
         floors: &[
-            "hash", "packed", "lens", "rgb_sum", "saliency", "tile", "film", "filter", "coarse", "display",
-            "encode",
+            "hash", "packed", "lens", "rgb_sum", "saliency", "tile", "portion", "film", "filter", "coarse",
+            "part", "display", "encode", "merge",
         ],
     },
     House {
@@ -53,6 +53,7 @@ pub(super) const HOUSES: [House; 5] = [
             "opening",
             "rays",
             "picture",
+            "picture_parts",
             "show",
             "times",
             "ray_rates",

@@ -163,8 +163,15 @@ fn with_session<R>(
     let tracers = pooled_tracers(&file, &pool, 2);
     let g_stage = Box::new(CpuStage::default());
     let pool_of_threads = threads().into();
-    let setup =
-        SessionSetup { model, view, layers: Layers::default(), tracers, pool: pool_of_threads, g_stage };
+    let setup = SessionSetup {
+        model,
+        view,
+        layers: Layers::default(),
+        portion: None,
+        tracers,
+        pool: pool_of_threads,
+        g_stage,
+    };
     then(Session::new(setup, budget).unwrap(), &file, &pool)
 }
 
