@@ -25,7 +25,7 @@ targets=(page cluster octree tables superblock gltf ply page_file tree units col
 # keep NAME COMMAND CASES FAILURES SECONDS: appends a record.
 keep() {
     printf '{"schema":"trex.trust/1","case_count":%d,"failure_count":%d,"took_s":%d}' "$3" "$4" "$5" >"$work/$1.json"
-    cargo run -q -p trex-bench -- --root "$root" record --name "trust-$1" --command "$2" "$work/$1.json"
+    cargo run -q -p trex-bench -- --root "$root" record --name "trust-$1" "--command=$2" "$work/$1.json"
 }
 
 # count NAME COMMAND PATTERN ENVIRONMENT... -- PROGRAM...: runs a program, takes the number before PATTERN from what it says. A

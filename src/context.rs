@@ -11,10 +11,13 @@ use crate::size;
 use crate::values::MemoryLimit;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::flag;
 use std::fmt::Display;
+use std::io;
 use std::num::NonZero;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::thread::available_parallelism;
 use trex_store::{Budget, Error, Interrupt, Progress, Result};
 
@@ -81,24 +84,34 @@ impl Context {
         Ok(Exit::Done)
     }
 
-    /// Ctrl-C and SIGTERM raise the switch; work stops at its next check and cleans up. The second one leaves at
-    /// once, whatever is left behind. A file that passes the size that the user may write is an error of that write.
+    /// Ctrl-C, SIGTERM and SIGHUP raise the switch; work stops at its next check and cleans up. The second one leaves
+    /// at once, whatever is left behind. Under `nohup` a SIGHUP stays without an effect. A file that passes the size
+    /// that the user may write is an error of that write. Handlers set flags and start no thread: one that was refused
+    /// would leave signals without an effect.
     ///
     /// # Errors
     /// The system refuses a handler.
-    pub fn listen_for_signals(&self) -> std::result::Result<(), ctrlc::Error> {
+    pub fn listen_for_signals(&self) -> io::Result<()> {
         // The flag is asked by nobody: what counts is that the signal no longer ends the process.
-        signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default())
-            .map_err(ctrlc::Error::System)?;
-        let interrupt = self.interrupt.clone();
-        let asked = AtomicBool::new(false);
-        ctrlc::set_handler(move || {
-            interrupt.raise();
-            if asked.swap(true, Ordering::SeqCst) {
-                std::process::exit(i32::from(Exit::Interrupted as u8));
-            }
-        })
+        flag::register(SIGXFSZ, Arc::default())?;
+        let asked = Arc::new(AtomicBool::new(false));
+        let ends = [SIGINT, SIGTERM, SIGHUP];
+        for signal in ends.into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(SIGHUP)) {
+            // In this order: the first one is not its own second.
+            flag::register_conditional_shutdown(signal, Exit::Interrupted as i32, asked.clone())?;
+            flag::register(signal, asked.clone())?;
+            flag::register(signal, self.interrupt.flag())?;
+        }
+        Ok(())
     }
+}
+
+/// True for a signal that whoever started this process has it ignore, as `nohup` does.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask =
+        status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 /// Where a limit comes from, in words.

@@ -56,7 +56,7 @@ fn run() -> Exit {
 
     let context = Context::new(&cli.verb, console.clone(), output.clone());
     if let Err(error) = context.listen_for_signals() {
-        tracing::warn!("Ctrl-C will end trex at once, without cleaning up: {error}");
+        tracing::warn!("Ctrl-C may end trex at once, without cleaning up: {error}");
     }
     // A panic, of whatever thread, has already been told by the hook; what remains is its exit status.
     let verb = std::panic::AssertUnwindSafe(|| verbs::run(&cli.verb, &context));

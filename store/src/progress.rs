@@ -33,6 +33,11 @@ impl Interrupt {
         self.0.store(true, Ordering::Relaxed);
     }
 
+    /// What is set once it is raised: for handlers of signals, which may do no more than set it.
+    pub fn flag(&self) -> Arc<AtomicBool> {
+        self.0.clone()
+    }
+
     /// True once raised.
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -307,7 +307,9 @@ fn every_call_of_a_viewer_that_fails_is_survived_or_told() {
         for (errno, when) in errnos.iter().flat_map(|errno| (1..=most).map(move |when| (errno, when))) {
             turn += 1;
             let place = format!("{call} {when}: {errno}");
-            if !is_full() && turn % 9 != 0 || !campaign.is_due(&place) {
+            // The first thread was that of signals: without it nothing but SIGKILL ended a viewer.
+            let is_chosen = turn % 9 == 0 || (call, when) == ("clone3", 1);
+            if !is_full() && !is_chosen || !campaign.is_due(&place) {
                 continue;
             }
             let mut command = Command::new("timeout");

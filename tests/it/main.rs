@@ -61,6 +61,7 @@ mod real_models;
 mod resume;
 mod sections;
 mod sections_seen;
+mod signals;
 mod support;
 mod tidy;
 mod time_limit;
