@@ -286,6 +286,12 @@ impl fmt::Display for BuildSummary {
                 report.rejected_non_finite
             )?;
         }
+        if let Some(error) = report.keeping_error {
+            writeln!(
+                f,
+                "note: --error {error:e} would keep all but one in 10,000 of those that the lattice lost"
+            )?;
+        }
         if self.dropped_attribute_count > 0 {
             writeln!(
                 f,

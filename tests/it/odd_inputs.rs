@@ -157,3 +157,37 @@ fn long_names_keep_their_materials() {
         document_in(inside.path(), line);
     }
 }
+
+/// A sheet of which some triangles are a millionth as long as the others: the lattice loses them, the build says which
+/// keeps them, and that one does.
+#[test]
+fn the_error_that_is_named_keeps_what_the_lattice_lost() {
+    let inside = folder();
+    let mut mesh = String::new();
+    let mut face = |[x, y]: [f64; 2], side: f64| {
+        for (dx, dy) in [(0.0, 0.0), (side, 0.0), (side, side)] {
+            writeln!(mesh, "v {:e} {:e} 0", x + dx, y + dy).unwrap();
+        }
+        mesh += "f -3 -2 -1\n";
+    };
+    for index in 0..20_000 {
+        let at = [f64::from(index % 200), f64::from(index / 200)];
+        face(at, if index % 100 == 0 { 1e-6 * f64::from(1 + index / 100) } else { 1.0 });
+    }
+    std::fs::write(inside.path().join("mesh.obj"), mesh).unwrap();
+    let built = document_in(inside.path(), "build mesh.obj -o lost.trex");
+    let lost = built["rejected_collapsed"].as_u64().unwrap();
+    assert!((100..=200).contains(&lost) && built["rejected_degenerate"] == lost, "{built:#}");
+    let error = built["keeping_error"].as_f64().unwrap();
+    assert!(error < built["error_bound"].as_f64().unwrap(), "{built:#}");
+    let again = document_in(inside.path(), &format!("build mesh.obj -o kept.trex --error {error:e}"));
+    // One in 10,000, and not much finer than that takes: rounding may keep what is half a step apart.
+    assert!(
+        again["rejected_collapsed"].as_u64().unwrap() <= 2 && again["keeping_error"].is_null(),
+        "{again:#}"
+    );
+    let coarser = format!("build mesh.obj -o coarser.trex --error {:e}", 8.0 * error);
+    assert!(document_in(inside.path(), &coarser)["rejected_collapsed"].as_u64().unwrap() > 2);
+    let said = run_in(inside.path(), "build mesh.obj -o again.trex");
+    assert!(said.stdout.contains(&format!("--error {error:e} would keep")), "{}", said.stdout);
+}

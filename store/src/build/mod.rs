@@ -160,6 +160,7 @@ impl Site<'_> {
             }
         };
         self.check_apart(&outcome.source)?;
+        out.keeping_error = outcome.partition.keeping_error();
 
         // Clusters, voxels, pages: chunk by chunk, in order.
         let mut clock = PhaseClock::start();

@@ -18,6 +18,9 @@ pub struct BuildReport {
     pub rejected_degenerate: u64,
     /// Those of them that had area in the input: smaller than the lattice can tell.
     pub rejected_collapsed: u64,
+    /// The greatest error bound, model units, on whose lattice at most one in 10,000 triangles with area is lost;
+    /// `None` where no more are lost, and where no lattice keeps them.
+    pub keeping_error: Option<f64>,
     /// Left out: not finite.
     pub rejected_non_finite: u64,
     /// Clusters, wide ones included.

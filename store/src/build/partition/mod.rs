@@ -11,6 +11,7 @@
 
 pub(super) mod cells;
 pub(super) mod chunk;
+mod collapsed;
 mod colour_means;
 pub(super) mod outcome;
 mod resolution;
@@ -29,13 +30,14 @@ use crate::build::scratch::run_writer::RunWriter;
 use crate::build::scratch::{Scratch, TriangleList};
 use crate::cluster::Colour;
 use crate::error::{Error, Result};
-use crate::geom::Aabb;
+use crate::geom::{Aabb, Lattice};
 use crate::layout::{SECTIONS, Section, Superblock, node_shift};
 use crate::octree::Refinement;
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
 use cells::{PartitionCells, SortKey, SortRule, first_levels};
 use chunk::Chunk;
+use collapsed::CollapsedSizes;
 use colour_means::ColourMeans;
 use snap::{Prefix, SnapSummary, Snapper};
 use sort_checkpoint::SortCheckpoint;
@@ -49,6 +51,9 @@ const BATCHES: u64 = 4;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 
+/// One in so many triangles with area may be lost without a word on which lattice would keep it.
+const LOST_SHARE: u64 = 10_000;
+
 /// The whole input in chunks, in scratch.
 pub(crate) struct Partition {
     pub(crate) scratch: Scratch,
@@ -57,7 +62,8 @@ pub(crate) struct Partition {
     pub(crate) input_triangle_count: u64,
     pub(crate) triangle_count: u64,
     pub(crate) rejected_degenerate: u64,
-    pub(crate) rejected_collapsed: u64,
+    /// Those of them that had area.
+    pub(crate) collapsed: CollapsedSizes,
     pub(crate) rejected_non_finite: u64,
     pub(crate) error_bound: f64,
     /// Box of the triangles on the lattice: least corner, greatest corner.
@@ -158,7 +164,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         let rejected = RejectedCounts {
             read: snapper.read,
             degenerate: snapped.rejected_degenerate,
-            collapsed: snapped.rejected_collapsed,
+            collapsed: snapped.collapsed.count(),
             non_finite: snapped.rejected_non_finite,
         };
         return Err(no_triangles(&name, rejected));
@@ -170,7 +176,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         grid,
         input_triangle_count: snapper.read,
         rejected_degenerate: snapped.rejected_degenerate,
-        rejected_collapsed: snapped.rejected_collapsed,
+        collapsed: snapped.collapsed,
         rejected_non_finite: snapped.rejected_non_finite,
         error_bound: if snapped.exact { 0.0 } else { grid.lattice.step() / 2.0 },
         lattice_bounds,
@@ -297,6 +303,18 @@ pub(crate) fn phase_bytes(free_bytes: u64, has_colours: bool) -> u64 {
     fixed + buffer_bytes(free_bytes.saturating_sub(fixed))
 }
 
+impl Partition {
+    /// The greatest error bound, model units, at which at most one in [`LOST_SHARE`] triangles with area is lost;
+    /// `None` where no more are, and where no lattice keeps them.
+    pub(crate) fn keeping_error(&self) -> Option<f64> {
+        let flat = self.rejected_degenerate.saturating_sub(self.collapsed.count());
+        let with_area = self.input_triangle_count.saturating_sub(flat + self.rejected_non_finite);
+        let halvings = self.collapsed.halvings(with_area / LOST_SHARE).filter(|&halvings| halvings > 0)?;
+        let is_held = self.grid.bits + halvings < Lattice::MAX_BITS;
+        is_held.then(|| self.grid.lattice.step() / 2.0 * 0.5f64.powi(halvings as i32))
+    }
+}
+
 /// The superblock of a file in which nothing is yet.
 pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
     Superblock {
@@ -315,7 +333,7 @@ pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
         cluster_count: 0,
         wide_cluster_count: 0,
         rejected_degenerate: parted.rejected_degenerate,
-        rejected_collapsed: parted.rejected_collapsed,
+        rejected_collapsed: parted.collapsed.count(),
         rejected_non_finite: parted.rejected_non_finite,
         resident_bytes: 0,
         page_tree_bytes: 0,

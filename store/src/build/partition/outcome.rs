@@ -9,6 +9,7 @@
 
 use super::cells::is_on_lattice;
 use super::chunk::Chunk;
+use super::collapsed::CollapsedSizes;
 use super::{Partition, superblock_of};
 use crate::budget::Budget;
 use crate::build::input_sizes::InputSizes;
@@ -41,7 +42,7 @@ struct ChunksHead<'a> {
     input_triangle_count: u64,
     triangle_count: u64,
     rejected_degenerate: u64,
-    rejected_collapsed: u64,
+    collapsed: CollapsedSizes,
     rejected_non_finite: u64,
     error_bound: u64,
     median_edge: u64,
@@ -80,7 +81,7 @@ impl PartitionOutcome {
             input_triangle_count: parted.input_triangle_count,
             triangle_count: parted.triangle_count,
             rejected_degenerate: parted.rejected_degenerate,
-            rejected_collapsed: parted.rejected_collapsed,
+            collapsed: parted.collapsed,
             rejected_non_finite: parted.rejected_non_finite,
             error_bound: parted.error_bound.to_bits(),
             median_edge: parted.median_edge.to_bits(),
@@ -125,7 +126,7 @@ impl PartitionOutcome {
             input_triangle_count: head.input_triangle_count,
             triangle_count: head.triangle_count,
             rejected_degenerate: head.rejected_degenerate,
-            rejected_collapsed: head.rejected_collapsed,
+            collapsed: head.collapsed,
             rejected_non_finite: head.rejected_non_finite,
             error_bound: f64::from_bits(head.error_bound),
             lattice_bounds: head.lattice_bounds,

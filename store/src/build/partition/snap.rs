@@ -3,6 +3,7 @@
 //! Invariant: what is counted, and the hash of what was read, follow from the stream alone.
 
 use super::cells::PartitionCells;
+use super::collapsed::CollapsedSizes;
 use super::colour_means::ColourMeans;
 use super::surface::Surface;
 use crate::build::scan::{Grid, Scan};
@@ -24,7 +25,7 @@ pub(crate) struct Prefix {
 pub(crate) struct SnapSummary {
     pub(crate) rejected_degenerate: u64,
     /// Those of them that had area.
-    pub(crate) rejected_collapsed: u64,
+    pub(crate) collapsed: CollapsedSizes,
     pub(crate) rejected_non_finite: u64,
     pub(crate) exact: bool,
     pub(crate) bounds: LatticeBox,
@@ -38,7 +39,7 @@ impl SnapSummary {
     pub(crate) fn new(scan: &Scan, grid: &Grid) -> SnapSummary {
         SnapSummary {
             rejected_degenerate: 0,
-            rejected_collapsed: 0,
+            collapsed: CollapsedSizes::default(),
             rejected_non_finite: 0,
             exact: true,
             bounds: LatticeBox::EMPTY,
@@ -106,7 +107,9 @@ impl Snapper {
             snapped.exact &= !snapped.exact || (0..3).all(|c| lattice.position(q[c]) == corners[c]);
             if q[0] == q[1] || q[1] == q[2] || q[2] == q[0] {
                 snapped.rejected_degenerate += 1;
-                snapped.rejected_collapsed += u64::from(has_area(corners));
+                if has_area(corners) {
+                    snapped.collapsed.add(corners, lattice.step());
+                }
                 continue;
             }
             let Ok(material) = u16::try_from(material) else {

@@ -14,6 +14,7 @@
 //! short, or whose numbers cannot be true together, counts as absent.
 
 use super::cells::{CellPlace, PartitionCells, first_levels, is_on_lattice};
+use super::collapsed::CollapsedSizes;
 use super::colour_means::ColourMeans;
 use super::snap::{Prefix, SnapSummary};
 use crate::budget::Budget;
@@ -53,7 +54,7 @@ struct SortedHead {
     triangle_count: u64,
     hash: u64,
     rejected_degenerate: u64,
-    rejected_collapsed: u64,
+    collapsed: CollapsedSizes,
     rejected_non_finite: u64,
     is_exact: bool,
     lattice_bounds: [[i64; 3]; 2],
@@ -100,7 +101,7 @@ impl SortCheckpoint {
             triangle_count: prefix.triangle_count,
             hash: prefix.hash,
             rejected_degenerate: snapped.rejected_degenerate,
-            rejected_collapsed: snapped.rejected_collapsed,
+            collapsed: snapped.collapsed,
             rejected_non_finite: snapped.rejected_non_finite,
             is_exact: snapped.exact,
             lattice_bounds: [snapped.bounds.lo, snapped.bounds.hi],
@@ -170,8 +171,7 @@ impl SortCheckpoint {
         };
         let is_surface = snapped.surface.restore(head.surface, &registers)
             && snapped.means.as_mut().map_or(means.is_empty(), |sums| sums.restore(&means));
-        (snapped.rejected_degenerate, snapped.rejected_collapsed) =
-            (head.rejected_degenerate, head.rejected_collapsed);
+        (snapped.rejected_degenerate, snapped.collapsed) = (head.rejected_degenerate, head.collapsed);
         (snapped.rejected_non_finite, snapped.exact) = (head.rejected_non_finite, head.is_exact);
         let [cell_words, run_words] =
             [cell_words, run_words].map(|words| bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words));
@@ -187,7 +187,7 @@ impl SortCheckpoint {
         let is_sound = is_surface
             && read == Some(head.triangle_count)
             && head.triangle_count <= TRIANGLES
-            && head.rejected_collapsed <= head.rejected_degenerate
+            && head.collapsed.count() <= head.rejected_degenerate
             && (sorted == 0 || is_box);
         if !is_sound {
             return Ok(None);
