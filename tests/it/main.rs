@@ -54,6 +54,7 @@ mod names;
 mod odd_inputs;
 mod oracle;
 mod outputs;
+mod parts_live;
 mod picture_parts;
 mod random;
 mod rays;
