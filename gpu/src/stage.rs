@@ -9,7 +9,8 @@
 //! ```
 //!
 //! Invariants: 1. which device answers a ray does not depend on the rays beside it, but where the device cannot
-//! answer it at all; 2. rays in units are answered while their pages are lent.
+//! answer it at all; 2. rays in units are answered while their pages are lent; 3. an octree that is refused leaves the one
+//! before it, on the device and on the processor alike.
 
 use crate::device::{GpuDevice, count};
 use crate::kernels::{Kernels, StepCounts};
@@ -52,6 +53,8 @@ pub enum WhenTooLarge {
 pub struct GpuStage {
     device: Arc<GpuDevice>,
     processor: CpuStage,
+    /// The octree that the processor has, and the device where it has room.
+    octree: Option<Arc<Voxels>>,
     when_too_large: WhenTooLarge,
     requests: Option<SyncSender<Request>>,
     thread: Option<JoinHandle<()>>,
@@ -95,6 +98,7 @@ impl GpuStage {
         Ok(GpuStage {
             device,
             processor: CpuStage::default(),
+            octree: None,
             when_too_large,
             requests: Some(requests),
             thread: Some(thread),
@@ -115,6 +119,17 @@ impl GpuStage {
 
     fn batch_rays(device: &GpuDevice) -> usize {
         if device.report().is_hardware { HARDWARE_RAYS } else { SOFTWARE_RAYS }
+    }
+
+    /// Gives an octree to the processor and to the device; while the device has none, the processor answers.
+    fn install(&mut self, octree: &Arc<Voxels>) -> Result<()> {
+        self.processor.set_octree(octree)?;
+        self.has_units = octree.links().is_some();
+        self.unit_slots = None;
+        let (told, outcome) = channel();
+        self.ask(Request::Octree(octree.clone(), told));
+        self.unit_slots = Some(outcome.recv().expect("the thread of the GPU answers")?);
+        Ok(())
     }
 
     fn ask(&self, request: Request) {
@@ -283,21 +298,28 @@ fn by_processor(call: GCall, processor: &CpuStage, device: &GpuDevice, pages: &m
 
 impl GStage for GpuStage {
     fn set_octree(&mut self, octree: &Arc<Voxels>) -> Result<()> {
-        self.processor.set_octree(octree)?;
-        self.has_units = octree.links().is_some();
-        self.unit_slots = None;
-        let (told, outcome) = channel();
-        self.ask(Request::Octree(octree.clone(), told));
-        match outcome.recv().expect("the thread of the GPU answers") {
-            Ok(slots) => self.unit_slots = Some(slots),
+        let refused = match self.install(octree) {
             Err(error)
-                if self.when_too_large == WhenTooLarge::UseProcessor && error.code() == Code::MemoryLimit =>
+                if !(self.when_too_large == WhenTooLarge::UseProcessor
+                    && error.code() == Code::MemoryLimit) =>
             {
-                self.device.note(&error);
+                error
             }
-            Err(error) => return Err(error),
+            outcome => {
+                if let Err(error) = outcome {
+                    self.device.note(&error);
+                }
+                self.octree = Some(octree.clone());
+                return Ok(());
+            }
+        };
+        // What is on show stays as it is, so its rays have to meet the octree before.
+        if let Some(before) = self.octree.clone()
+            && let Err(error) = self.install(&before)
+        {
+            self.device.note(&error);
         }
-        Ok(())
+        Err(refused)
     }
 
     fn needs(&self) -> GNeeds {

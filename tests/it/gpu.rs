@@ -174,6 +174,41 @@ fn an_octree_without_room_is_refused_or_left_to_the_processor() {
     assert_eq!(device.memory_used_bytes(), 0);
 }
 
+/// The device dropped the octree before and the processor took the refused one, so a session that stayed as it was got
+/// answers of a model that it did not show.
+#[test]
+fn an_octree_that_is_refused_leaves_the_one_before() {
+    let Some(any) = device() else { return };
+    let specs = ["gen:scan:10k:2", "gen:isosurface:50k:2"];
+    let [mut small, mut large] = specs.map(|spec| Setting::new(spec, Refinement::By4, 2000));
+    // As in `units_share_few_slots`.
+    let batch_rays = GpuStage::needs_of(any).batch_rays as u64;
+    let fixed_bytes = |setting: &Setting| {
+        let octree = setting.voxels.octree();
+        let words = octree.nodes().len() + octree.leaf_count() + octree.last_nodes().len();
+        12 * words as u64 + 3 * (104 * batch_rays + 256) + 4 * u64::from(setting.voxels.page_count())
+    };
+    if fixed_bytes(&small) > fixed_bytes(&large) {
+        std::mem::swap(&mut small, &mut large);
+    }
+    let device = open((fixed_bytes(&small) + fixed_bytes(&large)) / 2).unwrap();
+    let mut twin = CpuStage::default();
+    twin.set_octree(&small.voxels).unwrap();
+    let mut stage = GpuStage::new(device.clone(), WhenTooLarge::Refuse).unwrap();
+    stage.set_octree(&small.voxels).unwrap();
+    let refused = stage.set_octree(&large.voxels).unwrap_err();
+    assert_eq!(refused.code(), Code::MemoryLimit, "{refused}");
+    let view = GView { occluders: Occluders::On, units: GUnits::None };
+    let mut pages = PartialPages::new(&small.all, all_there, usize::MAX);
+    let expected = answers(&twin, call(&small, view, 64), &mut pages);
+    let found = answers(&stage, call(&small, view, 64), &mut pages);
+    let other = found.iter().zip(&expected).filter(|((_, a), (_, b))| !is_same(a, b)).count();
+    assert!(other <= 1, "{other} of {}", found.len());
+    assert!(expected.iter().any(|(_, answer)| answer.outcome == GAnswer::MET));
+    let counts = device.counts();
+    assert!(counts.rays > counts.processor_rays, "the device answers again: {counts:?}");
+}
+
 /// A device that goes in the middle: whatever was asked is answered, by the processor, and soon.
 #[test]
 fn a_lost_device_leaves_its_rays_to_the_processor() {

@@ -79,6 +79,27 @@ fn compare(inside: &Path, name: &str, flags: &str) {
     said(&format!("{name}: relMSE {}", compared["threshold"]["value"]));
 }
 
+/// Rays are cut before they go to a device, and hidden materials have no bits in the octree that it gets; so it agrees
+/// with the processor on what is left, with units and without, where light comes in through what is gone.
+#[test]
+fn pictures_of_parts_are_those_of_the_processor() {
+    if device().is_none() {
+        return;
+    }
+    let inside = folder();
+    built_in(inside.path(), "gen:pipes:50k --voxels 64/256", "plant.trex");
+    let small = "--integrator photon --spp 2 --photons 20k --resolution 64x48";
+    let info = document_in(inside.path(), "info plant.trex");
+    let middle = |axis: usize| {
+        let side = |end: &str| info["bounds"][end][axis].as_f64().unwrap();
+        0.5 * (side("lo") + side("hi"))
+    };
+    let section = format!("--section {},{},{},0.2,-1,0.1", middle(0), middle(1), middle(2));
+    compare(inside.path(), "plant.trex", &format!("{small} {section}"));
+    compare(inside.path(), "plant.trex", &format!("{small} --hide roof --hide wall"));
+    compare(inside.path(), "plant.trex", &format!("{small} {section} --hide roof --lod-error 2"));
+}
+
 /// A room with a mirror for a wall, the inside of a plant, an iso-surface, and of the real models a box and a hall;
 /// with units and without, with the mesh near what is seen and without, with voxels beyond the cut of the footprint.
 #[test]
