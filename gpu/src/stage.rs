@@ -9,8 +9,8 @@
 //! ```
 //!
 //! Invariants: 1. which device answers a ray does not depend on the rays beside it, but where the device cannot
-//! answer it at all; 2. rays in units are answered while their pages are lent; 3. an octree that is refused leaves the one
-//! before it, on the device and on the processor alike.
+//! answer it at all; 2. rays in units are answered while their pages are lent; 3. an octree that is refused leaves the
+//! one before it, on the device and on the processor alike.
 
 use crate::device::{GpuDevice, count};
 use crate::kernels::{Kernels, StepCounts};
