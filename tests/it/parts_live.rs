@@ -25,7 +25,7 @@ struct Plant {
 }
 
 /// Parts, as keys of a scene and as what an event says.
-struct Shown {
+struct PartsCase {
     keys: PartKeys,
     parts: Arc<Parts>,
 }
@@ -76,7 +76,7 @@ impl Plant {
     }
 
     /// A section through the middle, of which the normal points away from the opening view's side, and hidden parts.
-    fn shown(&self, normal: Option<[f64; 3]>, hidden: &[usize]) -> Shown {
+    fn shown(&self, normal: Option<[f64; 3]>, hidden: &[usize]) -> PartsCase {
         let bounds = self.model.file().superblock().bounds;
         let middle: [f64; 3] = std::array::from_fn(|axis| 0.5 * (bounds.lo[axis] + bounds.hi[axis]));
         let names = self.model.file().material_names();
@@ -87,7 +87,7 @@ impl Plant {
             only: vec![],
         };
         let sections = normal.map(|normal| Section::new(middle, normal).unwrap()).into_iter().collect();
-        Shown { keys, parts: Arc::new(Parts::new(sections, hidden)) }
+        PartsCase { keys, parts: Arc::new(Parts::new(sections, hidden)) }
     }
 }
 
@@ -121,7 +121,7 @@ fn parts_that_change_end_in_the_picture_of_a_session_opened_on_them() {
     for method in [Method::Direct, Method::Photon, Method::Ao] {
         let mut session = plant.live(method, &PartKeys::default());
         let mut before = end(&mut session);
-        for Shown { keys, parts } in &cases {
+        for PartsCase { keys, parts } in &cases {
             session.apply(Event::Parts(parts.clone())).unwrap();
             let found = end(&mut session);
             assert!(found == plant.at_leisure(method, keys), "{method:?} {keys:?}");
