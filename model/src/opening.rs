@@ -15,8 +15,10 @@ use crate::handle::{LiveSession, Model, Session};
 use crate::options::{Pace, SessionOptions};
 use crate::scene_defaults::set_direct_without_voxels;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use trex_render::{
-    Brightness, CpuStage, Exposure, Filter, FrameOptions, Layers, LightRig, RenderKeys, Scene,
+    Brightness, CpuStage, Event, Exposure, Filter, FrameOptions, Layers, LightRig, Parts, PictureNeeds,
+    RenderKeys, Scene,
 };
 use trex_store::{Result, StopSignal};
 
@@ -84,6 +86,26 @@ impl Model {
         scene.begin_live();
         let in_frames = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
         self.session_with(&scene, &in_frames)?.go_live(options)
+    }
+
+    /// Has `session`, one of [`Model::live`], show other parts; frames of pages make room for what these take.
+    ///
+    /// # Errors
+    /// [`trex_store::Code::MemoryLimit`] with the smallest limit that works; nothing has changed then.
+    pub fn show_parts(&self, session: &mut LiveSession, parts: &Arc<Parts>) -> Result<()> {
+        let in_frames = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
+        let after = in_frames.needs_of(session.view().settings, self.worker_count());
+        let after = PictureNeeds { parts: parts.needs(), ..after };
+        let before = &session.view().parts;
+        let leaves = session.model().voxels.as_ref().map_or(0, |voxels| voxels.octree().leaf_count());
+        let meanwhile = PictureNeeds {
+            parts: parts.needs().beside(before.needs()),
+            copies_bytes: after.copies_bytes + parts.exchange_bytes(before, leaves),
+            ..after
+        };
+        self.exchange(&meanwhile, || session.apply(Event::Parts(parts.clone())))?;
+        // What was for the change alone is for frames of pages again.
+        self.make_room(&[after])
     }
 
     /// Decides what `scene` leaves open.

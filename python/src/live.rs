@@ -5,7 +5,7 @@ use crate::errors::{exception, raised};
 use crate::picture;
 use numpy::PyReadwriteArray3;
 use pyo3::prelude::*;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use trex_model::{LiveSession, Model};
 use trex_render::{Camera, CameraKeys, Event, Fov, FrameOptions, FrameProgress, Scene};
@@ -94,7 +94,7 @@ impl NativeLive {
         })
     }
 
-    /// Changes what `named` of a scene's parts say: `camera`, `light`, `material`.
+    /// Changes what `named` of a scene's parts say: `camera`, `light`, `material`, `parts`.
     fn apply(&self, py: Python<'_>, scene: &str, named: Vec<String>) -> PyResult<()> {
         let scene = raised(py, picture::scene(scene))?;
         let is_named = |name: &str| named.iter().any(|given| given == name);
@@ -106,6 +106,10 @@ impl NativeLive {
                 }
                 if is_named("light") {
                     session.apply(Event::Lights(scene.lights.clone()))?;
+                }
+                if is_named("parts") {
+                    let parts = Arc::new(scene.parts.parts(session.model())?);
+                    self.model.show_parts(session, &parts)?;
                 }
                 for (name, edit) in &scene.materials {
                     let index = self.model.file().material_names().index_of(name).ok_or_else(|| {

@@ -38,6 +38,39 @@ def test_frames_come_to_an_end_and_follow_changes(sphere_file):
         live.frame()
 
 
+def test_parts_change_live_within_the_limit(sphere_file):
+    """Each picture in the end is that of a session which began with these parts, at a limit that fits one of them."""
+    settings = {"camera": CAMERA, "resolution": (33, 33), "photons": 10_000, "spp": 1}
+    with trex.open(sphere_file, memory_limit="64MiB", threads=2) as model:
+        name = model.materials[0]
+        cases = [
+            {"sections": [[0, 0, 0.5, 0, 0, -1]]},
+            {"hide": name},
+            {"sections": [[0, 0, 0.5, 0.1, 0, -1], [0, 0.2, 0, 0, 1, 0]], "only": [name]},
+            {"sections": []},
+        ]
+
+        def end(live):
+            *_, last = live.frames(spp=1)
+            return last.picture
+
+        def fresh(parts):
+            with model.live(**settings, **parts) as live:
+                return end(live)
+
+        expected = [fresh(parts) for parts in cases]
+        with model.live(**settings) as live:
+            whole = end(live)
+            for parts, picture in zip(cases, expected, strict=True):
+                live.apply(**parts)
+                np.testing.assert_array_equal(end(live), picture)
+            np.testing.assert_array_equal(picture, whole)
+            assert (expected[0] != whole).any() and not np.array_equal(expected[1], whole)
+            with pytest.raises(SceneFormatError):
+                live.apply(hide=["gold"])
+            np.testing.assert_array_equal(end(live), whole)
+
+
 def test_a_file_without_voxels_is_live_in_direct_light(surface_file):
     with trex.open(surface_file) as plain, plain.live(t_max=0.05, resolution=(32, 32)) as live:
         *_, last = live.frames(spp=1)

@@ -44,6 +44,28 @@ def test_layers_are_those_of_rays_through_the_middles_of_pixels(model, sphere):
     assert not arrays["normal"][~seen].any() and (arrays["albedo"][seen] > 0).all()
 
 
+def test_sections_and_hidden_materials_leave_parts_out(model):
+    """A sphere of radius 2 cut at z = 0.5: a disc of radius sqrt(3.75) at depth 7.5 is seen, by an oracle of one line."""
+    view = {"camera": CAMERA, "resolution": (33, 33), "spp": 1, "integrator": "direct", "layers": ["depth", "normal"]}
+    cut = model.render(sections=[np.array([0, 0, 0.5, 0, 0, -2])], **view)
+    np.testing.assert_allclose(cut["depth"][16, 16], 7.5, atol=1e-3)
+    np.testing.assert_allclose(cut["normal"][16, 16], [0, 0, 1], atol=1e-5)
+    whole = model.render(**view)
+    np.testing.assert_allclose(whole["depth"][16, 16], 6, atol=0.02)
+    only = model.render(only=model.materials[0], **view)
+    np.testing.assert_array_equal(only["radiance"], whole["radiance"])
+    for hidden in (model.materials[0], [model.materials[0]]):
+        assert np.isinf(model.render(hide=hidden, **view)["depth"]).all()
+    with pytest.raises(SceneFormatError, match="gold"):
+        model.render(hide=["gold"], **view)
+    for sections in ([[0, 0, 0, 0, 0, 0]], [[0, 0, 0, 0, 0, 1]] * 4):
+        with pytest.raises(SceneFormatError):
+            model.render(sections=sections, **view)
+    for sections in ([1, 2, 3], [[0, 0, 1]], 7):
+        with pytest.raises((SceneFormatError, UsageError)):
+            model.render(sections=sections, **view)
+
+
 def test_lights_are_those_that_are_given(model):
     """A directional light on a white diffuse surface straight on: radiance is albedo / pi x irradiance."""
     light = {"type": "directional", "direction": [0, 0, -1], "irradiance": [np.pi, 0, 0]}

@@ -42,6 +42,13 @@ def test_a_browser_is_given_the_page(model):
     viewer.close()
 
 
+def test_parts_of_a_model_can_be_shown(model):
+    with trex.view(model, sections=[[0, 0, 0.5, 0, 0, -1]], hide=[]) as viewer:
+        assert not viewer.closed
+    with pytest.raises(SceneFormatError):
+        trex.view(model, hide=["gold"])
+
+
 def test_a_notebook_has_it_in_a_frame(sphere_file):
     with trex.view(sphere_file, memory_limit="128MiB", height=300) as viewer:
         shown = viewer._repr_html_()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._scene import scene_text
+from ._scene import Parts, scene_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,10 +57,19 @@ class Live:
         camera: Mapping[str, Any] | None = None,
         lights: Iterable[Mapping[str, Any]] | None = None,
         materials: Mapping[str, Mapping[str, Any]] | None = None,
+        sections: Iterable[Iterable[float]] | None = None,
+        hide: Iterable[str] | str | None = None,
+        only: Iterable[str] | str | None = None,
     ) -> None:
-        """Changes what is given, in the keys of scene files: the next frames show it. ``lights`` are all of them."""
-        named = [name for name, value in (("camera", camera), ("light", lights)) if value is not None]
-        self._native.apply(scene_text(camera, lights, materials, {}), named)
+        """Changes what is given, in the keys of scene files: the next frames show it. ``lights`` are all of them.
+
+        Any of ``sections``, ``hide`` and ``only`` says what is shown from then on, with the others as they are given
+        here: ``sections=[]`` shows the whole model.
+        """
+        parts = Parts(sections, hide, only)
+        given = (("camera", camera), ("light", lights), ("parts", next((x for x in parts if x is not None), None)))
+        named = [name for name, value in given if value is not None]
+        self._native.apply(scene_text(camera, lights, materials, parts, {}), named)
 
     def close(self) -> None:
         """Gives its memory back."""

@@ -13,7 +13,7 @@ from . import _trex
 from ._arguments import Path, bytes_of, ray_arrays, thread_count, triangle_ids
 from ._live import Live
 from ._progress import ProgressArgument, receiver
-from ._scene import scene_text
+from ._scene import Parts, scene_text
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -208,6 +208,9 @@ class Model:
         layers: Iterable[str] = (),
         lights: Iterable[Mapping[str, Any]] | None = None,
         materials: Mapping[str, Mapping[str, Any]] | None = None,
+        sections: Iterable[Iterable[float]] | None = None,
+        hide: Iterable[str] | str | None = None,
+        only: Iterable[str] | str | None = None,
         progress: ProgressArgument = None,
         **settings: Any,
     ) -> NDArray[np.float32] | dict[str, NDArray[Any]]:
@@ -216,13 +219,16 @@ class Model:
         ``camera`` (``position``, ``target``, ``up``, ``fov_x`` or ``fov_y``), ``lights``, ``materials`` and further
         ``settings`` (``integrator``, ``photons``, ``filter``, ...) are those of scene files, ``docs/scene.md``;
         ``resolution`` is (width, height). Without a camera the whole model is seen, without lights one sun and a sky.
+        ``sections``, up to three planes as a point and a normal (x, y, z, x, y, z), cut away what lies behind them;
+        materials named in ``hide`` are left out, beside those in ``only`` all others are.
         With ``layers``, some of ``"depth"``, ``"normal"``, ``"albedo"`` and ``"triangle"``, a dict of arrays, of which
         ``"radiance"`` is the picture. The same arguments give the same picture at any memory limit.
         """
         names = [layers] if isinstance(layers, str) else list(layers)
         render = {"resolution": resolution, "quality": quality, "spp": spp, "seed": seed, **settings}
         with receiver(progress) as called:
-            arrays = self._native.render(scene_text(camera, lights, materials, render), names, called)
+            scene = scene_text(camera, lights, materials, Parts(sections, hide, only), render)
+            arrays = self._native.render(scene, names, called)
         return arrays if names else arrays["radiance"]
 
     def live(
@@ -233,6 +239,9 @@ class Model:
         resolution: tuple[int, int] = (640, 480),
         lights: Iterable[Mapping[str, Any]] | None = None,
         materials: Mapping[str, Mapping[str, Any]] | None = None,
+        sections: Iterable[Iterable[float]] | None = None,
+        hide: Iterable[str] | str | None = None,
+        only: Iterable[str] | str | None = None,
         **settings: Any,
     ) -> Live:
         """A picture that is made in frames of up to ``t_max`` seconds, and changes while it is looked at.
@@ -240,7 +249,8 @@ class Model:
         Arguments as of :meth:`render`; what is not said is chosen so that frames come soon. Of a file without voxels
         light is direct, and nothing stands in for pages that are missing.
         """
-        scene = scene_text(camera, lights, materials, {"resolution": resolution, **settings})
+        parts = Parts(sections, hide, only)
+        scene = scene_text(camera, lights, materials, parts, {"resolution": resolution, **settings})
         return Live(self._native.live(scene, float(t_max)))
 
     def _repr_png_(self) -> bytes | None:
@@ -251,4 +261,4 @@ class Model:
         if self._info["voxel_resolution"] is None:
             # Without voxels light is direct, which the library chooses where nothing is said.
             render = {"resolution": _SHOWN_RESOLUTION, "spp": 4}
-        return self._native.render_png(scene_text(None, None, None, render), None)
+        return self._native.render_png(scene_text(None, None, None, Parts(), render), None)

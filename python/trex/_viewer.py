@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ._arguments import Path
 from ._model import Model, open
-from ._scene import scene_text
+from ._scene import Parts, scene_text
 from .errors import UsageError
 
 if TYPE_CHECKING:
@@ -79,6 +79,9 @@ def view(
     resolution: tuple[int, int] | None = None,
     lights: Iterable[Mapping[str, Any]] | None = None,
     materials: Mapping[str, Mapping[str, Any]] | None = None,
+    sections: Iterable[Iterable[float]] | None = None,
+    hide: Iterable[str] | str | None = None,
+    only: Iterable[str] | str | None = None,
     memory_limit: int | str = "512MiB",
     height: int = 540,
     bind: str = "127.0.0.1",
@@ -111,7 +114,8 @@ def view(
     names = [hosts] if isinstance(hosts, str) else list(hosts)
     sites = [embedders] if isinstance(embedders, str) else list(embedders)
     place = {"bind": str(address), "port": port, "hosts": names, "embedders": sites}
-    scene = scene_text(camera, lights, materials, {"resolution": resolution, **settings})
+    parts = Parts(sections, hide, only)
+    scene = scene_text(camera, lights, materials, parts, {"resolution": resolution, **settings})
     owned = None if isinstance(model, Model) else open(model, memory_limit)
     try:
         native = (model if owned is None else owned)._native.view(scene, place)

@@ -23,12 +23,19 @@ impl<T: PagedTracer + Send> Session<T> {
         };
         let model = Model { voxels, ..self.model.clone() };
         let world = World::new(&model, &view)?;
-        let caps = cap_room(&view.parts, self.tracers.len(), &self.budget)?;
+        // Their size depends on nothing but whether there are any.
+        let keeps_caps = view.parts.needs().is_cut == self.view.parts.needs().is_cut;
+        let caps = match keeps_caps {
+            true => None,
+            false => cap_room(&view.parts, self.tracers.len(), &self.budget)?,
+        };
         if !hides_alike && let Some(voxels) = &model.voxels {
             self.g_stage.set_octree(voxels)?;
         }
         (self.model, self.view, self.world) = (model, view, world);
-        self.shown.caps = caps;
+        if !keeps_caps {
+            self.shown.caps = caps;
+        }
         show(&mut self.tracers, &self.world.parts);
         Ok(Change::Light)
     }

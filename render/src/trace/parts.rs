@@ -50,7 +50,10 @@ impl Section {
     /// The section at `point` whose kept side `normal` points into, of any length; `None` where one of them is not
     /// finite, or the normal is none.
     pub fn new(point: [f64; 3], normal: [f64; 3]) -> Option<Section> {
-        let normal = unit(normal.into()).filter(|normal| normal.is_finite())?;
+        let given = DVec3::from(normal);
+        // One that is unit as it is stays in all bits, so that what is written of a section reads back as itself.
+        let is_unit = (given.length_squared() - 1.0).abs() <= 8.0 * f64::EPSILON;
+        let normal = if is_unit { Some(given) } else { unit(given) }.filter(|normal| normal.is_finite())?;
         let is_finite = point.iter().all(|part| part.is_finite());
         is_finite.then(|| Section { point, normal: normal.to_array() })
     }
@@ -234,6 +237,20 @@ mod tests {
         assert!(
             Section::new([0.0; 3], [0.0; 3]).is_none() && Section::new([f64::NAN; 3], [1.0; 3]).is_none()
         );
+    }
+
+    /// Scenes that were copied from a page had other bits than the picture that the page showed.
+    #[test]
+    fn a_section_that_is_written_reads_back_as_itself() {
+        let mut sum = 0_u32;
+        for at in 1..5000 {
+            let part = |step: f64| (f64::from(at) * step).sin();
+            let once = section([part(0.1), 2.0, 3.0], [part(0.7), part(1.3) * 1e3, part(2.1) * 1e-3]);
+            assert_eq!(section(once.point, once.normal), once, "{once:?}");
+            sum +=
+                u32::from((once.normal[0].hypot(once.normal[1]).hypot(once.normal[2]) - 1.0).abs() < 1e-14);
+        }
+        assert_eq!(sum, 4999, "all of them are unit");
     }
 
     #[test]

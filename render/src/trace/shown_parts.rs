@@ -30,6 +30,11 @@ impl PartNeeds {
         if self.is_cut { (workers * Caps::BYTES) as u64 } else { 0 }
     }
 
+    /// What these and others take, while one takes the place of the other.
+    pub fn beside(self, other: PartNeeds) -> PartNeeds {
+        PartNeeds { is_cut: self.is_cut || other.is_cut, hides: self.hides || other.hides }
+    }
+
     /// Bytes of an octree of so many leaves without what is hidden, beside the whole one.
     pub(crate) fn voxel_bytes(self, leaves: usize) -> u64 {
         if self.hides { UpperOctree::without_bytes(leaves) } else { 0 }
@@ -40,5 +45,12 @@ impl Parts {
     /// What these parts take.
     pub fn needs(&self) -> PartNeeds {
         PartNeeds { is_cut: !self.sections().is_empty(), hides: self.hides_any() }
+    }
+
+    /// Bytes that are leased beside what [`PartNeeds::beside`] says while these parts take the place of `before`, in an
+    /// octree of so many leaves: for a while there are two without what is hidden.
+    pub fn exchange_bytes(&self, before: &Parts, leaves: usize) -> u64 {
+        let has_both = self.hides_any() && before.hides_any() && self.hidden() != before.hidden();
+        if has_both { UpperOctree::without_bytes(leaves) } else { 0 }
     }
 }
