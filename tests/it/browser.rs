@@ -7,6 +7,7 @@ mod chromium;
 mod devtools;
 mod drag;
 mod link;
+mod parts;
 mod saved;
 mod viewer;
 
@@ -92,6 +93,8 @@ fn a_hand_at_the_page() {
     keys_move_the_view(&mut tab);
     a_pick_says_what_is_there(&mut tab);
     edits_change_the_picture(&mut tab);
+    parts::parts_change_the_picture(&mut tab);
+    the_settled_picture_is_the_commands(&mut tab, inside.path(), "cut");
     a_lost_connection_comes_back(&mut tab);
     a_reload_comes_back(&mut tab);
     another_page_takes_the_wheel(&mut tab, &command, &viewer.address);

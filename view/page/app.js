@@ -19,7 +19,7 @@ import { KIND_FILE } from "./wire.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "light_count",
-  "material", "material_count", "settings", "keys", "sides", "model", "memory", "t_max_ms", "command", "scene",
+  "parts", "material", "material_count", "settings", "keys", "sides", "model", "memory", "t_max_ms", "command", "scene",
   "scene_bytes", "follows_page", "smaller", "damage", "device"];
 /** Cameras kept until a picture shows them. */
 const SENT_MAX = 256;

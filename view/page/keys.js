@@ -28,6 +28,7 @@ export const KEYS = [
   ["Tools", [
     [["p"], "Pick the surface under the pointer", "pick"],
     [["m"], "Measure between two points", "measure"],
+    [["Delete"], "Hide the material under the pointer", "hide"],
     [["l"], "All lamps a tenth stronger", "brighter"],
     [["Shift+L"], "All lamps a tenth weaker", "darker"],
     [["o"], "Light handles on or off", "handles"],

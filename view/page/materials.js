@@ -102,6 +102,7 @@ export class Materials {
       { "aria-pressed": String(this.panels.tool === "pick"), title: "Ctrl + click, or P" });
     return [
       element("div", { class: "buttons" }, pick),
+      this.panels.parts.buttons(this.chosen),
       this.app.state.material_count >= SEARCH_FROM ? search : null,
       this.list,
       this.place,
@@ -144,7 +145,8 @@ export class Materials {
     };
     return element("li", {}, element("button",
       { type: "button", class: "name", "aria-pressed": String(material.index === this.chosen?.index), click: choose },
-      mark, material.name));
+      mark, material.name),
+      this.panels.parts.eye(material));
   }
 
   editor(material) {

@@ -9,6 +9,7 @@ import { Help } from "./help.js";
 import { Lights } from "./lights.js";
 import { Materials } from "./materials.js";
 import { Measure } from "./measure.js";
+import { Parts } from "./parts.js";
 import { Settings } from "./settings.js";
 import { Statistics } from "./statistics.js";
 
@@ -16,6 +17,7 @@ const TITLES = {
   views: "Views",
   lights: "Lights",
   materials: "Materials",
+  parts: "Sections and parts",
   measure: "Pick and measure",
   settings: "Picture",
   statistics: "Statistics",
@@ -25,7 +27,8 @@ const TITLES = {
 const SHOWS = {
   views: ["views"],
   lights: ["lights"],
-  materials: [],
+  materials: ["parts"],
+  parts: ["parts"],
   measure: [],
   settings: ["settings", "memory", "size"],
   statistics: ["model", "damage"],
@@ -43,6 +46,7 @@ export class Panels {
     this.tool = null;
     this.handles = new Handles(app);
     this.measure = new Measure(app, this);
+    this.parts = new Parts(app, this);
     this.materials = new Materials(app, this);
     this.help = new Help(byId("help"));
     this.settings = new Settings(app);
@@ -51,6 +55,7 @@ export class Panels {
       views: app.views,
       lights: new Lights(app, this.handles),
       materials: this.materials,
+      parts: this.parts,
       measure: this.measure,
       settings: this.settings,
       statistics: new Statistics(app),
@@ -170,6 +175,8 @@ export class Panels {
     const hit = await this.app.pick(x, y);
     if (tool === "measure") {
       this.measure.point(hit);
+    } else if (tool === "hide") {
+      this.parts.hit(hit);
     } else {
       if (tool === "pick") {
         this.take(null);
@@ -195,6 +202,7 @@ export class Panels {
   act(name, at) {
     const actions = {
       pick: () => this.clicked(...at),
+      hide: async () => this.parts.hit(await this.app.pick(...at)),
       measure: () => {
         this.open("measure", false);
         this.take("measure");

@@ -6,6 +6,7 @@ use crate::mail::{ClientId, Edit, Mail, Question};
 use crate::materials::{list, material_text, name_of};
 use crate::message::{CameraText, Notice, text_of};
 use crate::outbox::{File, FileFormat};
+use crate::parts::{PartsText, PartsWish};
 use crate::session_loop::SessionLoop;
 use crate::settings::{KeyText, SettingsText};
 use crate::state::{BoundsText, HitText, LightsText, LimitText, PickAnswer, Smaller, State};
@@ -60,6 +61,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             size: Some(view.settings.resolution),
             camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
             lights: Some(LightsText::of(&view.lights)),
+            parts: Some(PartsText::of(&view.parts, session.model().materials.len())),
             settings: Some(SettingsText::from(&*view.settings)),
             ..State::default()
         }
@@ -132,11 +134,38 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                 let material = material_text(self.session().model(), index);
                 Ok(State { material, ..State::default() })
             }
+            Edit::Parts(wish) => {
+                self.motion.event();
+                self.show_parts(&wish)
+            }
             Edit::Settings(edit) => {
                 let keys = self.decided(edit.apply(&self.session().view().settings));
                 self.set_settings(RenderSettings::new(keys)?)
             }
         }
+    }
+
+    /// Shows other parts of the model.
+    fn show_parts(&mut self, wish: &PartsWish) -> Result<State> {
+        let view = self.session().view();
+        let (settings, before) = (view.settings, view.parts.clone());
+        let material_count = self.session().model().materials.len();
+        let parts = wish.parts(&before, material_count)?;
+        if parts == before {
+            return Ok(State::default());
+        }
+        let (now, exchange, make_room) = (self.room(settings), self.around.exchange, self.around.make_room);
+        let after = Room { parts: parts.needs(), ..now };
+        let leaves = self.session().model().voxels.as_ref().map_or(0, |voxels| voxels.octree().leaf_count());
+        let meanwhile = Room {
+            parts: parts.needs().beside(before.needs()),
+            copies_bytes: now.copies_bytes + parts.exchange_bytes(&before, leaves),
+            ..now
+        };
+        exchange(meanwhile, &mut || self.session_mut().apply(Event::Parts(parts.clone())))?;
+        // What was for the change alone is for frames of pages again.
+        make_room(&[after])?;
+        Ok(State { parts: Some(PartsText::of(&parts, material_count)), ..State::default() })
     }
 
     /// `keys` without what is to be decided: the exposure is, by what is on show. It stays until it is asked for again,

@@ -45,6 +45,7 @@ mod motion;
 mod on_show;
 mod outbox;
 mod page;
+mod parts;
 mod picture;
 mod reception;
 mod renderer;

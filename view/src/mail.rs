@@ -4,6 +4,7 @@
 
 use crate::materials::{ListWish, NAME_BYTES_MAX};
 use crate::message::{CameraText, Format, FromClient};
+use crate::parts::PartsWish;
 use crate::wire::LIGHTS_MAX;
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -15,11 +16,12 @@ pub(crate) const EDITS_MAX: usize = 64;
 pub(crate) const QUESTIONS_MAX: usize = 64;
 /// Most screenshots that wait, each of which takes seconds.
 pub(crate) const SHOTS_MAX: usize = 4;
-/// Bytes of what waits, at most: edits with the lights of one of them, questions with the longest names, and twice that
-/// while it is handed out.
+/// Bytes of what waits, at most: edits with the lights and the parts of one each, questions with the longest names,
+/// and twice that while it is handed out.
 pub(crate) const MAILBOX_BYTES: usize = 2
     * (EDITS_MAX * size_of::<Edit>()
         + 2 * LIGHTS_MAX * size_of::<trex_render::Light>()
+        + 2 * PartsWish::BYTES_MAX
         + QUESTIONS_MAX * (size_of::<(ClientId, Question)>() + NAME_BYTES_MAX));
 
 /// A client, by its number.
@@ -31,6 +33,7 @@ pub(crate) enum Edit {
     Lights(Vec<trex_render::Light>),
     Material(usize, MaterialEdit),
     Settings(RenderEdit),
+    Parts(PartsWish),
     /// Pixels from one to the next while the picture moves.
     Moving(u32),
 }
@@ -114,6 +117,7 @@ impl Mail {
                 (Some(seq), self.push_edit(Edit::Material(index, edit)))
             }
             FromClient::Settings { seq, settings } => (Some(seq), self.push_edit(Edit::Settings(settings))),
+            FromClient::Parts { seq, parts } => (Some(seq), self.push_edit(Edit::Parts(parts))),
             FromClient::Moving { scale } => (None, self.push_edit(Edit::Moving(scale))),
             // These are no events.
             FromClient::Hello { .. } | FromClient::Ack { .. } | FromClient::Drive {} => {
@@ -138,16 +142,17 @@ impl Mail {
         push(&mut self.questions, QUESTIONS_MAX, (client, question))
     }
 
-    /// All lights come each time, and nothing else depends on them: the latest take the place of those that wait.
+    /// All lights come each time, and all sections, and nothing else depends on them: the latest take the place of
+    /// those that wait.
     fn push_edit(&mut self, edit: Edit) -> PostOutcome {
-        let is_lights = |edit: &Edit| matches!(edit, Edit::Lights(_));
-        if is_lights(&edit)
-            && let Some(waiting) = self.edits.iter_mut().find(|edit| is_lights(edit))
-        {
-            *waiting = edit;
-            return PostOutcome::Accepted;
+        let is_whole = matches!(edit, Edit::Lights(_) | Edit::Parts(_));
+        let is_alike = |other: &Edit| std::mem::discriminant(other) == std::mem::discriminant(&edit);
+        match (self.edits.iter_mut().find(|other| is_whole && is_alike(other)), edit) {
+            (Some(Edit::Parts(waiting)), Edit::Parts(wish)) => wish.replace(waiting),
+            (Some(waiting), edit) => *waiting = edit,
+            (None, edit) => return push(&mut self.edits, EDITS_MAX, edit),
         }
-        push(&mut self.edits, EDITS_MAX, edit)
+        PostOutcome::Accepted
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! camera, size, limit     the latest counts
-//! edits                   in order, at most 64; of lights the latest alone
+//! edits                   in order, at most 64; of lights, and of parts, the latest alone
 //! questions               in order, few; of parts of the list of materials a page's latest alone
 //! screenshots             in order, few; one is handed out at a time, and is wanted until its page goes or cancels it
 //! ```

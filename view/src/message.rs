@@ -3,6 +3,7 @@
 //! Invariants: 1. what comes in has no key that is unknown, and is checked by who gets it, not here; 2. names and units
 //! are those of scene files where there are such.
 
+use crate::parts::PartsWish;
 use crate::wire::LIGHTS_MAX;
 use serde::{Deserialize, Deserializer, Serialize};
 use trex_render::{Camera, Fov, Light, MaterialEdit, RenderEdit};
@@ -37,6 +38,8 @@ pub(crate) enum FromClient {
         #[serde(deserialize_with = "without_size")]
         settings: RenderEdit,
     },
+    /// Other parts of the model; all that is said of them.
+    Parts { seq: u32, parts: PartsWish },
     /// Another size of the picture, pixels.
     Size { seq: u32, size: [u32; 2] },
     /// Another limit for the memory of pages.
@@ -204,7 +207,7 @@ mod tests {
     use rand_pcg::rand_core::{Rng, SeedableRng};
 
     /// One of each.
-    const GOOD: [&str; 18] = [
+    const GOOD: [&str; 20] = [
         r#"{"type":"hello","token":"00","size":[1280,720]}"#,
         r#"{"type":"hello","token":"00","size":[1280,720],"frame":7}"#,
         r#"{"type":"ack","frame":3}"#,
@@ -213,6 +216,8 @@ mod tests {
         r#"{"type":"lights","seq":2,"lights":[{"type":"sky","radiance":[1,1,1]}]}"#,
         r#"{"type":"material","seq":3,"index":0,"edit":{"kd":[0.5,0.5,0.5],"mirror":false}}"#,
         r#"{"type":"settings","seq":4,"settings":{"integrator":"full-gi","near":"exact","filter":"on"}}"#,
+        r#"{"type":"parts","seq":5,"parts":{"section":[[0,1,2.5,0,0,-1]],"hide":[0,7]}}"#,
+        r#"{"type":"parts","seq":5,"parts":{"only":[3]}}"#,
         r#"{"type":"size","seq":5,"size":[640,360]}"#,
         r#"{"type":"limit","seq":6,"bytes":134217728}"#,
         r#"{"type":"moving","scale":4}"#,

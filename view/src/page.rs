@@ -48,6 +48,7 @@ const FILES: &[PageFile] = &page! {
     "/measure.js", "measure.js", SCRIPT;
     "/notices.js", "notices.js", SCRIPT;
     "/panels.js", "panels.js", SCRIPT;
+    "/parts.js", "parts.js", SCRIPT;
     "/picture.js", "picture.js", SCRIPT;
     "/plot.js", "plot.js", SCRIPT;
     "/settings.js", "settings.js", SCRIPT;

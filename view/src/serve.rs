@@ -27,8 +27,8 @@ impl Drop for EndOnDrop<'_> {
 /// whatever pages do, and `listener` listens no more. The session is worked on by the calling thread and its pool.
 ///
 /// # Errors
-/// The address cannot be asked for or the system refuses a thread; [`Code::MemoryLimit`] when the budget has
-/// no room for [`crate::view_bytes`]; the session cannot go on.
+/// The address cannot be asked for or the system refuses a thread; [`trex_store::Code::MemoryLimit`] when the
+/// budget has no room for [`crate::view_bytes`]; the session cannot go on.
 pub fn serve<T: PagedTracer + Send>(
     session: LiveSession<T>,
     listener: &TcpListener,

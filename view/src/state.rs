@@ -4,6 +4,7 @@
 
 use crate::materials::MaterialText;
 use crate::message::{CameraText, Role, text_of};
+use crate::parts::PartsText;
 use crate::reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 use crate::settings::{KeyText, SettingsText};
 use crate::wire::LIGHTS_MAX;
@@ -36,6 +37,9 @@ pub(crate) struct State {
     pub(crate) views: Option<Vec<CameraText>>,
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub(crate) lights: Option<LightsText>,
+    /// What is shown of the model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) parts: Option<PartsText>,
     /// How many materials the model has; pages ask for parts of their list.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) material_count: Option<usize>,
@@ -125,19 +129,21 @@ impl State {
 
     /// True when nothing has changed that events may change.
     pub(crate) fn is_empty(&self) -> bool {
-        let State { size, camera, lights, material, settings, .. } = self;
-        size.is_none() && camera.is_none() && lights.is_none() && material.is_none() && settings.is_none()
+        let State { size, camera, lights, parts, material, settings, .. } = self;
+        let is_same_model = lights.is_none() && parts.is_none() && material.is_none();
+        size.is_none() && camera.is_none() && settings.is_none() && is_same_model
     }
 
     /// Takes over what `update` has and who comes later is to be told.
     pub(crate) fn merge(&mut self, update: State) {
         let State { size, smaller, camera, home, .. } = update;
-        let State { lights, settings, memory, damage, texts, .. } = update;
+        let State { lights, parts, settings, memory, damage, texts, .. } = update;
         self.smaller = smaller.or(self.smaller);
         self.home = home.or(self.home);
         self.size = size.or(self.size);
         self.camera = camera.or(self.camera);
         self.lights = lights.or(self.lights.take());
+        self.parts = parts.or(self.parts.take());
         self.settings = settings.or(self.settings);
         self.memory = memory.or(self.memory);
         self.damage = damage.or(self.damage.take());

@@ -59,6 +59,10 @@ wire! {
     CLOSE_BAD_TOKEN: u16 = 4401;
     /// Most lights of a message, from a page or to it: a scene may have more, which pages do not show.
     LIGHTS_MAX: usize = 128;
+    /// Most planes that cut the model.
+    SECTIONS_MAX: usize = trex_render::SECTIONS_MAX;
+    /// Most materials that a message hides or shows by index, from a page or to it.
+    PARTS_MAX: usize = 4096;
     /// Materials of a part of the list.
     LIST_MAX: usize = 24;
 }

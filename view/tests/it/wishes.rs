@@ -29,6 +29,32 @@ fn edits_are_seen_by_those_who_watch_and_in_the_texts() {
 }
 
 #[test]
+fn parts_are_seen_by_those_who_watch_and_in_the_texts() {
+    let server = Server::new(keys());
+    let mut page = Page::new(&server, SIZE);
+    let mut watcher = Page::new(&server, SIZE);
+    let plane = json!([0.5, 0.0, 0.125, 1.0, 0.0, 0.0]);
+    page.say(&json!({"type": "parts", "seq": 1, "parts": {"section": [plane], "hide": [0]}}));
+    let told = |page: &mut Page| loop {
+        let state = page.text("state");
+        if !state["parts"].is_null() {
+            return state["parts"].clone();
+        }
+    };
+    let parts = told(&mut watcher);
+    assert_eq!((&parts["section"], &parts["hidden_count"]), (&json!([plane]), &json!(1)), "{parts}");
+    page.frame_until(|frame| frame.seq == 1 && frame.kind == 2);
+    let texts = page.text("texts");
+    let scene = texts["scene"].as_str().unwrap();
+    assert!(scene.contains("[parts]\nsection = [[0.5, 0.0, 0.125, 1.0, 0.0, 0.0], ]"), "{scene}");
+    assert!(scene.contains("hide = [\"default\", ]") && texts["command"] == "Saved", "{texts}");
+    // Who names no materials leaves them as they are; who comes late is told what is shown.
+    page.say(&json!({"type": "parts", "seq": 2, "parts": {"section": []}}));
+    assert_eq!(told(&mut watcher), json!({"section": [], "hidden_count": 1, "hide": null, "only": []}));
+    assert_eq!(Page::new(&server, SIZE).welcome["parts"]["hidden_count"], 1);
+}
+
+#[test]
 fn what_makes_no_sense_is_told_and_changes_nothing() {
     let server = Server::new(keys());
     let mut page = Page::new(&server, SIZE);
@@ -38,6 +64,8 @@ fn what_makes_no_sense_is_told_and_changes_nothing() {
         json!({"type": "material", "seq": 2, "index": 7, "edit": {}}),
         json!({"type": "settings", "seq": 3, "settings": {"spp": 0}}),
         json!({"type": "lights", "seq": 4, "lights": [{"type": "sky", "radiance": [-1, 0, 0]}]}),
+        json!({"type": "parts", "seq": 5, "parts": {"section": [[0, 0, 0, 0, 0, 0]]}}),
+        json!({"type": "parts", "seq": 6, "parts": {"hide": [7]}}),
     ] {
         page.say(&said);
         let notice = page.text("notice");
