@@ -10,7 +10,7 @@ root=$PWD
 source bench/record.sh
 cargo build --release -q -p trex -p trex-bench
 cd "$work"
-cp "$root/bench/scenes/pipes-100m-views.toml" .
+cp "$root/bench/scenes/pipes-100m-views.toml" "$root/bench/scenes/pipes-100m-inside-views.toml" .
 models=$root/../shared/models
 
 # built NAME WHAT...: the page file NAME, unless it is there.
@@ -69,5 +69,17 @@ stress error-isosurface-flip 128 isosurface-100m.trex --scenario flip --switches
 stress error-isosurface-inside 128 isosurface-100m.trex --scenario inside --switches 12 --reference-spp 256
 stress error-isosurface-light-edit 128 isosurface-100m.trex --scenario light-edit --switches 8 --reference-spp 256
 stress error-pipes-flip 128 pipes-100m.trex --scenario flip $views --switches 4 --reference-spp 256
+
+# The same at the size of a page, from jump to jump.
+jump() {
+    local name=$1
+    shift
+    resolution=1280x720 stress "jump-$name" 256 "$@" --scenario flip --switches 10 --hold 3200 --reference-spp 64 \
+        --references "$name.references"
+}
+jump isosurface isosurface-100m.trex
+jump pipes pipes-100m.trex --views pipes-100m-inside-views.toml
+jump scan scan-100m.trex
+[ ! -e kicad-grid.trex ] || jump kicad-grid kicad-grid.trex
 
 "$root/target/release/trex-bench" --root "$root" docs

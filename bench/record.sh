@@ -27,9 +27,10 @@ capped() {
     rmdir "$group"
 }
 
-# stress NAME MIB ARGUMENTS...: views that jump, in a group of so many MiB. A verdict of no ends nothing.
+# stress NAME MIB ARGUMENTS...: views that jump, in a group of so many MiB, at `resolution`, 512x512 unless it is set. A verdict of
+# no ends nothing.
 stress() {
     local name=$1 mib=$2
     shift 2
-    capped "$name" $((mib * MiB)) stress "$@" --memory-limit "${mib}MiB" --resolution 512x512 || true
+    capped "$name" $((mib * MiB)) stress "$@" --memory-limit "${mib}MiB" --resolution "${resolution:-512x512}" || true
 }

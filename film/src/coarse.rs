@@ -14,29 +14,41 @@
 //!
 //! ```text
 //! step 8, 4   light of the samples -> copied to the work -> passes, back and forth between two halves of it
-//! step 2      light of the samples <-> work: the finest picture is the last one of its samples
+//! step 2      light of the samples <-> work, and back: they keep it smoothed
 //! ```
 //!
 //! Invariants: 1. even light stays even; 2. a pixel's sums have one order, so the bytes do not depend on threads;
-//! 3. samples keep their light until a picture of the finest step is made of them: then all are taken anew; 4. the work
-//! may be let go once a picture is filled in, and is there again with the next.
+//! 3. samples keep their light until a picture of the finest step is made of them, from then on that of the picture;
+//! 4. the work may be let go once a picture is filled in, and is there again with the next.
+//!
+//! Exact samples of tiles replace those of the grid (`exact.rs`), and are smoothed as they are. What the preview has
+//! smoothed already stays as it is beside them, and counts as their neighbour.
 
 mod cells;
+mod corners;
+mod exact;
+mod neighbours;
 mod surface;
 
-use self::cells::Cells;
-use self::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, Surface, SurfaceRow, SurfaceRows};
+use self::cells::{CellPixels, Cells};
+pub(crate) use self::corners::{CornersOf, TileCorners};
+use self::neighbours::Neighbours;
+use self::surface::{Surface, SurfaceRows};
 use super::film::LayerPixel;
 use super::packed::PackedLight;
+use super::tile::TILE_SIDE_PIXELS;
 use glam::Vec3;
 use rayon::ThreadPool;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Pixels from sample to sample, the coarsest first. Powers of two, so that each grid holds those before it. None is as
 /// fine as the picture: with a sample at each pixel it would cost what the exact tiles cost.
 pub const STEPS: [u32; 3] = [8, 4, 2];
 /// Step of the finest grid, whose samples are kept.
 const KEPT_STEP: u32 = STEPS[STEPS.len() - 1];
+/// Those of the finest grid along a side of a tile.
+const TILE_SIDE_SAMPLES: usize = (TILE_SIDE_PIXELS / KEPT_STEP) as usize;
 /// Most light of a sample: sums of some are still finite.
 const LIGHT_MOST: f32 = 1e30;
 /// Smoothing: weights along an axis, of the neighbour before, of the sample and of the neighbour after; and how far
@@ -66,7 +78,12 @@ struct SampleGrid<'a> {
     stride: usize,
     /// Columns and rows of those picked.
     size: [usize; 2],
+    /// Tells the tiles whose samples stay as they are; of the finest step alone.
+    is_fixed: Option<FixedTiles<'a>>,
 }
+
+/// Tells tiles, by index.
+type FixedTiles<'a> = &'a (dyn Fn(u32) -> bool + Sync);
 
 /// Three planes of light, of the samples picked.
 type Planes<'a> = [&'a [f32]; 3];
@@ -118,8 +135,7 @@ impl Coarse {
 
     /// Sets the sample of a pixel (x, y), both of them multiples of [`KEPT_STEP`].
     pub(super) fn set(&mut self, [x, y]: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
-        let columns = grid_size(self.resolution, KEPT_STEP)[0];
-        let at = ((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize;
+        let at = self.place([x, y]);
         let surface = Surface::new(seen);
         let light = (radiance / Vec3::from(surface.albedo())).min(Vec3::splat(LIGHT_MOST));
         self.surfaces[at] = surface;
@@ -127,21 +143,35 @@ impl Coarse {
         (0..3).for_each(|c| self.light[c * count + at] = light[c]);
     }
 
-    /// True when the sample next to a pixel (x, y), which what is shown there is made of, saw what is `seen` there.
-    pub(super) fn is_same(&self, [x, y]: [u32; 2], seen: &LayerPixel) -> bool {
+    /// The place of the sample of the cell that a pixel (x, y) is in.
+    fn place(&self, [x, y]: [u32; 2]) -> usize {
         let columns = grid_size(self.resolution, KEPT_STEP)[0];
-        let at = ((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize;
-        self.surfaces[at].is_same(&Surface::new(seen))
+        ((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize
+    }
+
+    /// True when the sample of the cell of a pixel (x, y), which what is shown there is made of, saw what is `seen`
+    /// there.
+    pub(super) fn is_same(&self, pixel: [u32; 2], seen: &LayerPixel) -> bool {
+        self.surfaces[self.place(pixel)].is_same(&Surface::new(seen))
     }
 
     /// Smooths the samples at every `step`-th pixel.
     pub(super) fn smooth(&mut self, step: u32, pool: &ThreadPool) {
+        self.smooth_but(step, None, pool);
+    }
+
+    /// Smooths the samples of the finest step in all tiles but those that are told.
+    pub(super) fn smooth_exact(&mut self, is_fixed: FixedTiles<'_>, pool: &ThreadPool) {
+        self.smooth_but(KEPT_STEP, Some(is_fixed), pool);
+    }
+
+    fn smooth_but(&mut self, step: u32, is_fixed: Option<FixedTiles<'_>>, pool: &ThreadPool) {
         // Exactly so many are leased.
         if self.work.is_empty() {
             self.work = vec![0.0; work_count(self.resolution)];
         }
         let Coarse { resolution, surfaces, light, work } = self;
-        let picked = SampleGrid::new(surfaces, *resolution, step);
+        let picked = SampleGrid { is_fixed, ..SampleGrid::new(surfaces, *resolution, step) };
         let numbers = 3 * picked.count();
         let (mut from, mut to) = if step == KEPT_STEP {
             (&mut light[..], &mut work[..numbers])
@@ -158,6 +188,9 @@ impl Coarse {
                 std::mem::swap(&mut from, &mut to);
             }
         });
+        if step == KEPT_STEP {
+            light.copy_from_slice(&work[..numbers]);
+        }
     }
 
     /// The samples at every `step`-th pixel that were smoothed last, and their light.
@@ -169,10 +202,19 @@ impl Coarse {
         (picked, planes(&self.work[first..][..numbers]))
     }
 
-    /// Makes a picture of the samples that were smoothed, at every `step`-th pixel.
-    pub(super) fn fill(&self, step: u32, radiance: &mut [PackedLight], pool: &ThreadPool) {
+    /// Makes a picture of the samples that were smoothed, at every `step`-th pixel; of the finest step with what is
+    /// known of pixels between them.
+    pub(super) fn fill(
+        &self,
+        step: u32,
+        corners: CornersOf<'_>,
+        radiance: &mut [PackedLight],
+        pool: &ThreadPool,
+    ) {
         let (picked, light) = self.smoothed(step);
-        pool.install(|| picked.fill(light, step as usize, radiance, self.resolution[0] as usize));
+        let corners = (step == KEPT_STEP).then_some(corners);
+        let width = self.resolution[0] as usize;
+        pool.install(|| picked.fill((light, step as usize), corners, radiance, width));
     }
 
     /// Shows each of them at its own pixel.
@@ -193,7 +235,7 @@ impl<'a> SampleGrid<'a> {
     fn new(surfaces: &'a [Surface], resolution: [u32; 2], step: u32) -> SampleGrid<'a> {
         let size = grid_size(resolution, step).map(|side| side as usize);
         let pitch = grid_size(resolution, KEPT_STEP)[0] as usize;
-        SampleGrid { surfaces, pitch, stride: (step / KEPT_STEP) as usize, size }
+        SampleGrid { surfaces, pitch, stride: (step / KEPT_STEP) as usize, size, is_fixed: None }
     }
 
     fn count(&self) -> usize {
@@ -208,7 +250,22 @@ impl<'a> SampleGrid<'a> {
 
     /// Sees the surfaces of row `y`.
     fn see(&self, y: usize, rows: &mut SurfaceRows) {
-        rows.see(y, &self.surfaces[y * self.stride * self.pitch..][..self.pitch], self.stride);
+        let row = &self.surfaces[y * self.stride * self.pitch..][..self.pitch];
+        let is_new = rows.see(y, row, self.stride);
+        if let Some(is_fixed) = self.is_fixed.filter(|_| is_new) {
+            // Voxels that stand in are no neighbours of exact samples.
+            self.tiles_of_row(y)
+                .filter(|(index, _)| is_fixed(*index))
+                .for_each(|(_, at)| rows.hide_voxels(y, at));
+        }
+    }
+
+    /// The tiles that row `y` of the finest grid goes through, and their samples in it.
+    fn tiles_of_row(&self, y: usize) -> impl Iterator<Item = (u32, Range<usize>)> + use<> {
+        let width = self.size[0];
+        let first = y / TILE_SIDE_SAMPLES * width.div_ceil(TILE_SIDE_SAMPLES);
+        let parts = (0..width).step_by(TILE_SIDE_SAMPLES);
+        (first as u32..).zip(parts.map(move |x| x..width.min(x + TILE_SIDE_SAMPLES)))
     }
 
     /// Smooths `light` over neighbours `stride` apart, to `out`.
@@ -220,7 +277,8 @@ impl<'a> SampleGrid<'a> {
         let rows = rows.zip(blue.par_chunks_exact_mut(width)).enumerate();
         let seen = || SurfaceRows::new(stride);
         rows.with_min_len(ROWS_LEAST).for_each_init(seen, |room, (y, ((red, green), blue))| {
-            self.smooth_row(room, [y, stride], light, [red, green, blue]);
+            self.smooth_row(room, [y, stride], light, [&mut *red, &mut *green, &mut *blue]);
+            self.restore_fixed(y, light, [red, green, blue]);
         });
     }
 
@@ -273,8 +331,24 @@ impl<'a> SampleGrid<'a> {
         }
     }
 
-    /// Fills the pixels of `radiance`, rows of `width`, from samples at every `step`-th.
-    fn fill(&self, light: Planes<'_>, step: usize, radiance: &mut [PackedLight], width: usize) {
+    /// Takes the samples of row `y` in tiles that stay as they are from `light`.
+    fn restore_fixed(&self, y: usize, light: Planes<'_>, out: [&mut [f32]; 3]) {
+        let Some(is_fixed) = self.is_fixed else { return };
+        let fixed = self.tiles_of_row(y).filter(|(index, _)| is_fixed(*index)).map(|(_, at)| at);
+        for (at, c) in fixed.flat_map(|at| (0..3).map(move |c| (at.clone(), c))) {
+            let row = &light[c][y * self.size[0]..][..self.size[0]];
+            out[c][at.clone()].copy_from_slice(&row[at]);
+        }
+    }
+
+    /// Fills the pixels of `radiance`, rows of `width`, from the `light` of samples at every `step`-th.
+    fn fill(
+        &self,
+        (light, step): (Planes<'_>, usize),
+        corners: Option<CornersOf<'_>>,
+        radiance: &mut [PackedLight],
+        width: usize,
+    ) {
         let [columns, rows] = self.size;
         let weights: Vec<[f32; 4]> = (0..step * step)
             .map(|at| {
@@ -290,47 +364,15 @@ impl<'a> SampleGrid<'a> {
                 ys.into_iter().for_each(|y| self.see(y, room));
                 let lights = ys.map(|y| light.map(|plane| &plane[y * columns..][..columns]));
                 let cells = Cells { surfaces: ys.map(|y| room.row(y)), lights };
-                for x in 0..columns {
-                    cells.fill((band, width), [x, step], &weights);
+                for (tile, xs) in self.tiles_of_row(y) {
+                    let corners = corners.and_then(|corners| corners(tile));
+                    for x in xs {
+                        let first = [x, y].map(|at| (at * step) as u32);
+                        let known = corners.map(|corners| (first, corners));
+                        cells.fill(CellPixels { band, width, known }, [x, step], &weights);
+                    }
                 }
             },
         );
-    }
-}
-/// A row of samples from column `first` on, and neighbours of them: of `row`, from column `at` on.
-struct Neighbours<'a> {
-    here: &'a SurfaceRow,
-    first: usize,
-    row: &'a SurfaceRow,
-    at: usize,
-    light: Planes<'a>,
-}
-
-impl<'a> Neighbours<'a> {
-    /// Adds the weights and the light of the neighbours to their sums, where these are of one surface.
-    #[inline]
-    fn add(&self, total: &mut [f32], [red, green, blue]: [&mut [f32]; 3], weight: f32) {
-        let count = total.len();
-        let (red, green, blue) = (&mut red[..count], &mut green[..count], &mut blue[..count]);
-        let (here, there) = (self.here, self.row);
-        let of_here = |plane: &'a [f32]| &plane[self.first..self.first + count];
-        let of_there = |plane: &'a [f32]| &plane[self.at..self.at + count];
-        let (d0, d1) = (of_here(&here.depth), of_there(&there.depth));
-        let [nx0, ny0, nz0] = here.normal.each_ref().map(|plane| of_here(plane));
-        let [nx1, ny1, nz1] = there.normal.each_ref().map(|plane| of_there(plane));
-        let [ar0, ag0, ab0] = here.albedo.each_ref().map(|plane| of_here(plane));
-        let [ar1, ag1, ab1] = there.albedo.each_ref().map(|plane| of_there(plane));
-        let [lr, lg, lb] = self.light.map(of_there);
-        for i in 0..count {
-            let dot = nx0[i] * nx1[i] + ny0[i] * ny1[i] + nz0[i] * nz1[i];
-            let apart = (ar0[i] - ar1[i]).abs().max((ag0[i] - ag1[i]).abs()).max((ab0[i] - ab1[i]).abs());
-            let is_near = (d0[i] - d1[i]).abs() < DEPTH_SHARE * d0[i].min(d1[i]);
-            let is_alike = is_near & (dot > NORMAL_COS) & (apart < ALBEDO_APART);
-            let weight = if is_alike { weight } else { 0.0 };
-            total[i] += weight;
-            red[i] += weight * lr[i];
-            green[i] += weight * lg[i];
-            blue[i] += weight * lb[i];
-        }
     }
 }

@@ -8,34 +8,54 @@
 //! A pixel with an exact sample says whether the preview saw the same there: the same surface, in the same form. Where
 //! it did not, as where voxels stood in for mesh, the preview is worth nothing: it would shine through as a ghost.
 //!
+//! From time to time the picture is made anew with the light of the exact samples, smoothed as that of the preview was
+//! ([`Display::refresh`]): while samples are few it is far less noisy than they are.
+//!
 //! Invariants: 1. nothing of it is ever on the film; 2. all that is shown is of one event, and of one state until light
 //! changes by itself; 3. its memory is leased before it is taken, with the most of what it, the saliency of the picture
 //! and the filter take while they work: they take turns, and [`Display::release_work`] makes way.
 
-use super::coarse::Coarse;
-use super::film::LayerPixel;
+mod shrinkage;
+#[cfg(test)]
+mod tests;
+
+use super::coarse::{Coarse, STEPS, TileCorners};
+use super::film::{Film, LayerPixel};
 use super::filter::filter_bytes;
-use super::packed::PackedLight;
+use super::packed::{PackedLight, luminance};
 use super::saliency;
-use super::tile::{TILE_SIDE_PIXELS, Tile, tile_count};
+use super::tile::{TILE_SIDE_PIXELS, Tile, bit, tile, tile_count};
 use glam::Vec3;
 use rayon::ThreadPool;
+use rayon::prelude::*;
+use shrinkage::TileLuminances;
 use trex_store::Lease;
 
 /// Samples of a pixel that the picture of the first rays is worth: it is smoothed over neighbours of one surface
 /// (`coarse.rs`), so it is as near to the truth as one or two samples are.
 const FIRST_WORTH: f32 = 1.5;
 
+/// How many times brighter than the picture on show a pixel of no sample would count.
+const HIT_MOST: f32 = 8.0;
+
 /// Samples of a pixel that what was shown before light changed by itself is worth at most: it is of the light before.
 const BEFORE_WORTH_MOST: f32 = 4.0;
+
+/// Parts of a sample in which worth is kept.
+const WORTH_PARTS: f32 = 64.0;
 
 /// What the display shows of a tile: the state that it is of, samples of a pixel that it is worth, and where: a bit a
 /// pixel, by rows.
 #[derive(Clone, Copy, Debug)]
 struct TileWorth {
     state: u32,
-    worth: f32,
+    /// In [`WORTH_PARTS`].
+    worth: u16,
+    /// What is shown was mixed with samples before light changed by itself.
+    holds_samples: bool,
     pixels: u64,
+    /// What exact samples found pixels to be of one surface with; nothing before there are any.
+    corners: TileCorners,
 }
 
 const _: () = assert!(TILE_SIDE_PIXELS * TILE_SIDE_PIXELS == u64::BITS);
@@ -43,18 +63,36 @@ const _: () = assert!(TILE_SIDE_PIXELS * TILE_SIDE_PIXELS == u64::BITS);
 impl TileWorth {
     /// The preview's, before anything is known of what is there.
     fn of_preview(state: u32) -> TileWorth {
-        TileWorth { state, worth: FIRST_WORTH, pixels: u64::MAX }
+        let corners = TileCorners::default();
+        let worth = TileWorth { state, worth: 0, holds_samples: false, pixels: u64::MAX, corners };
+        worth.with(FIRST_WORTH)
     }
 
-    /// True when samples were in what is shown: it is more than the preview.
-    fn holds_samples(&self) -> bool {
-        self.worth > FIRST_WORTH
+    /// Worth so many samples of a pixel.
+    fn with(self, worth: f32) -> TileWorth {
+        TileWorth { worth: (worth * WORTH_PARTS).round() as u16, ..self }
+    }
+
+    /// Samples of a pixel that it is worth.
+    fn samples(&self) -> f32 {
+        f32::from(self.worth) / WORTH_PARTS
     }
 }
 
-/// The bit of a pixel (x, y) in those of its tile.
-fn bit([x, y]: [u32; 2]) -> u32 {
-    y % TILE_SIDE_PIXELS * TILE_SIDE_PIXELS + x % TILE_SIDE_PIXELS
+/// Luminances of a tile: of the samples on `film`, and on show in `radiance`, by rows.
+fn luminances(tile: Tile, film: &Film, radiance: &[PackedLight]) -> TileLuminances {
+    let Tile { first: [x, first], size: [width, height], .. } = tile;
+    let mut luminances = TileLuminances::default();
+    for (y, row) in (first..first + height).zip(&mut luminances) {
+        let mut exact = [[0.0; 3]; TILE_SIDE_PIXELS as usize];
+        let exact = &mut exact[..width as usize];
+        film.radiances([x, y], exact);
+        let shown = &radiance[y as usize * film.resolution()[0] as usize + x as usize..];
+        for ((pair, exact), shown) in row.iter_mut().zip(exact).zip(shown) {
+            *pair = [luminance(Vec3::from(*exact)), luminance(shown.rgb().into())];
+        }
+    }
+    luminances
 }
 
 /// The picture where the film has none.
@@ -71,6 +109,7 @@ pub struct Display {
     standings: Vec<TileWorth>,
     /// Only the pixels of samples show it yet.
     is_sparse: bool,
+    refreshes: u32,
     lease: Lease,
 }
 
@@ -98,6 +137,7 @@ impl Display {
             shown: None,
             standings: vec![TileWorth::of_preview(0); tile_count(resolution) as usize],
             is_sparse: false,
+            refreshes: 0,
             lease,
         }
     }
@@ -125,21 +165,71 @@ impl Display {
 
     /// Samples of a pixel that what is shown at (x, y), in tile `index`, is worth beside exact ones.
     pub fn worth(&self, index: u32, pixel: [u32; 2]) -> f32 {
-        let TileWorth { worth, pixels, .. } = self.standings[index as usize];
-        if pixels >> bit(pixel) & 1 == 1 { worth } else { 0.0 }
+        let standing = self.standings[index as usize];
+        if standing.pixels >> bit(pixel) & 1 == 1 { standing.samples() } else { 0.0 }
+    }
+
+    /// Radiance at pixel (x, y) of tile `index` whose so many exact samples have the mean `exact`, where the display
+    /// shows `own`. Chance hits far brighter than that count up to a bound, which rises with the samples.
+    pub fn mixed(
+        &self,
+        (index, pixel): (u32, [u32; 2]),
+        (samples, exact): (u32, [f32; 3]),
+        own: [f32; 3],
+    ) -> [f32; 3] {
+        let worth = self.worth(index, pixel);
+        let share = worth / (worth + samples as f32);
+        let exact = Vec3::from(exact);
+        let (bright, most) = (luminance(exact), HIT_MOST * (samples + 1) as f32 * luminance(own.into()));
+        let exact = if share > 0.0 && most > 0.0 && bright > most { exact * (most / bright) } else { exact };
+        exact.lerp(own.into(), share).into()
     }
 
     /// Learns what the first exact samples of pixels (x, y) of `tile` saw. Where the preview saw something else it is
     /// worth nothing from now on.
     pub fn learn(&mut self, tile: &Tile, seen: &[([u32; 2], LayerPixel)]) {
         let standing = &mut self.standings[tile.index as usize];
-        if standing.holds_samples() {
+        // Samples after the first of a pixel say nothing of what it saw.
+        if standing.holds_samples || seen.is_empty() {
             return;
         }
         for (pixel, seen) in seen {
             let is_same = u64::from(self.coarse.is_same(*pixel, seen));
             standing.pixels = standing.pixels & !(1 << bit(*pixel)) | is_same << bit(*pixel);
         }
+        standing.corners = self.coarse.set_seen(seen);
+    }
+
+    /// Makes the picture anew with the light of the exact samples on `film`, whose tiles have all been learned; does
+    /// nothing where it shows another state or no picture of the finest grid.
+    pub fn refresh(&mut self, film: &Film, pool: &ThreadPool) {
+        if self.shown != Some((film.state(), STEPS[STEPS.len() - 1])) {
+            return;
+        }
+        let is_exact = |index: u32| film.tile_samples(index) > 0;
+        let standings = &self.standings;
+        let corners = |index: u32| is_exact(index).then(|| standings[index as usize].corners);
+        self.coarse.take_light(film, &corners, pool);
+        self.coarse.smooth_exact(&|index| !is_exact(index), pool);
+        self.is_sparse = true;
+        self.fill(pool);
+        let Display { resolution, radiance, standings, .. } = self;
+        pool.install(|| {
+            standings.par_iter_mut().enumerate().filter(|(index, _)| is_exact(*index as u32)).for_each(
+                |(index, standing)| {
+                    standing.pixels = standing.corners.any();
+                    let luminances = luminances(tile(*resolution, index as u32), film, radiance);
+                    let samples = film.tile_samples(index as u32);
+                    *standing = standing.with(shrinkage::worth(&luminances, standing.pixels, samples));
+                },
+            );
+        });
+        self.refreshes = self.refreshes.wrapping_add(1);
+    }
+
+    /// How often the picture was made anew, so far.
+    pub fn refreshes(&self) -> u32 {
+        self.refreshes
     }
 
     /// Shows `radiances` from pixel (x, y) on: what is on show there, the display's own picture with that of samples.
@@ -153,10 +243,10 @@ impl Display {
     /// What tile `index` shows counts from now on as of `state`, and for so many `samples` more.
     pub fn stand(&mut self, index: u32, state: u32, samples: u32) {
         let standing = &mut self.standings[index as usize];
-        let worth = (standing.worth + samples as f32).min(BEFORE_WORTH_MOST);
+        let worth = (standing.samples() + samples as f32).min(BEFORE_WORTH_MOST);
         // What was shown with samples in it is of what they saw.
         let pixels = if samples > 0 { u64::MAX } else { standing.pixels };
-        *standing = TileWorth { state, worth, pixels };
+        *standing = TileWorth { state, holds_samples: samples > 0, pixels, ..*standing }.with(worth);
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.
@@ -191,176 +281,10 @@ impl Display {
     /// Fills in the pixels between the samples that are shown, where that is still to be done.
     pub fn fill(&mut self, pool: &ThreadPool) {
         if let Some((_, step)) = self.shown.filter(|_| std::mem::take(&mut self.is_sparse)) {
-            self.coarse.fill(step, &mut self.radiance, pool);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::coarse::STEPS;
-    use crate::film::NO_ID;
-    use crate::hash::mix;
-    use crate::testing::pool;
-    use trex_store::Budget;
-
-    const RESOLUTION: [u32; 2] = [19, 13];
-
-    /// What pixel (x, y) saw: two surfaces, left and right of column 10.
-    fn seen([x, _]: [u32; 2]) -> LayerPixel {
-        let depth = if x < 10 { 5.0 } else { 9.0 };
-        LayerPixel { depth, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 0 }
-    }
-
-    /// A display with a sample at every `step`-th pixel.
-    fn shown(step: u32, radiance: impl Fn([u32; 2]) -> f32) -> Display {
-        let mut display = display(RESOLUTION);
-        set_samples(&mut display, step, radiance);
-        display.show(7, step, false, &pool(2));
-        assert_eq!((display.state(), display.step()), (Some(7), Some(step)));
-        display
-    }
-
-    fn set_samples(display: &mut Display, step: u32, radiance: impl Fn([u32; 2]) -> f32) {
-        for y in (0..RESOLUTION[1]).step_by(step as usize) {
-            for x in (0..RESOLUTION[0]).step_by(step as usize) {
-                display.set([x, y], Vec3::splat(radiance([x, y])), &seen([x, y]));
-            }
-        }
-    }
-
-    /// What is on show at a pixel.
-    fn at(display: &Display, pixel: [u32; 2]) -> [f32; 3] {
-        display.radiances(pixel).next().unwrap()
-    }
-
-    fn pixels() -> impl Iterator<Item = [u32; 2]> {
-        (0..RESOLUTION[1]).flat_map(|y| (0..RESOLUTION[0]).map(move |x| [x, y]))
-    }
-
-    /// A slope is its own mean, away from edges.
-    fn display(resolution: [u32; 2]) -> Display {
-        let lease = Budget::unlimited().lease("the picture on show", Display::bytes(resolution)).unwrap();
-        Display::in_lease(resolution, lease)
-    }
-
-    #[test]
-    fn a_slope_stays_a_slope_between_samples() {
-        let slope = |[x, y]: [u32; 2]| x as f32 + 10.0 * y as f32;
-        let mut display = display([64, 64]);
-        for (x, y) in (0..64).step_by(2).flat_map(|y| (0..64).step_by(2).map(move |x| (x, y))) {
-            display.set([x, y], Vec3::splat(slope([x, y])), &seen([0, 0]));
-        }
-        display.show(0, 2, false, &pool(2));
-        for pixel in (14..48).flat_map(|y| (14..48).map(move |x| [x, y])) {
-            let found = at(&display, pixel)[0];
-            // To the precision of what is kept.
-            assert!((found - slope(pixel)).abs() < 1e-4 * 1024.0, "{pixel:?}: {found}");
-        }
-    }
-
-    /// Light by chance, of mean 1: its variance falls as the smoothing's weights say.
-    #[test]
-    fn noise_is_smoothed() {
-        let noise = |[x, y]: [u32; 2]| 2.0 * (mix(u64::from(x) << 32 | u64::from(y)) % 1000) as f32 / 999.0;
-        let mut display = display([128, 128]);
-        for pixel in (0..128).step_by(2).flat_map(|y| (0..128).step_by(2).map(move |x| [x, y])) {
-            display.set(pixel, Vec3::splat(noise(pixel)), &seen([0, 0]));
-        }
-        display.show(0, 2, false, &pool(2));
-        let pixels = || (0..128).flat_map(|y| (0..128).map(move |x| [x, y]));
-        let value = |pixel| f64::from(at(&display, pixel)[0]);
-        let mean = pixels().map(value).sum::<f64>() / 128.0f64.powi(2);
-        let variance = pixels().map(|pixel| (value(pixel) - mean).powi(2)).sum::<f64>() / 128.0f64.powi(2);
-        assert!((mean - 1.0).abs() < 0.03 && variance < 0.03 / 3.0, "{mean} {variance}");
-    }
-
-    #[test]
-    fn nothing_bleeds_over_the_edge_of_a_surface() {
-        for step in STEPS {
-            let display = shown(step, |[x, _]| if x < 10 { 1.0 } else { 3.0 });
-            for pixel in pixels() {
-                let found = at(&display, pixel)[0];
-                assert!(
-                    [1.0, 3.0].iter().any(|value| (found - value).abs() < 1e-3),
-                    "{step} {pixel:?}: {found}"
-                );
-                // The edge is off by less than the step.
-                let (before, after) = (pixel[0] + step <= 10, pixel[0] >= 10 + step);
-                assert!(!before || found < 2.0);
-                assert!(!after || found > 2.0);
-            }
-        }
-    }
-
-    /// The one tile of a picture whose pixels all saw `seen`.
-    fn learn(display: &mut Display, saw: impl Fn([u32; 2]) -> LayerPixel) {
-        let tile = crate::tile::tile(RESOLUTION, 0);
-        let saw: Vec<_> = (0..64).map(|index| tile.pixel(index)).map(|pixel| (pixel, saw(pixel))).collect();
-        display.learn(&tile, &saw);
-    }
-
-    #[test]
-    fn a_preview_is_worth_nothing_where_exact_samples_saw_something_else() {
-        let same = seen([0, 0]);
-        let turned = LayerPixel { normal: [0.8, 0.0, 0.6], ..same };
-        let other = [
-            LayerPixel { depth: 5.6, ..same },
-            LayerPixel { id: NO_ID, ..same },
-            LayerPixel { albedo: [0.5, 0.5, 0.7], ..same },
-            turned,
-            LayerPixel::NOTHING,
-        ];
-        for other in other {
-            let mut display = shown(2, |_| 1.0);
-            learn(&mut display, |[x, y]| if x < 3 && y > 4 { other } else { LayerPixel { id: 77, ..same } });
-            for [x, y] in pixels().filter(|[x, y]| *x < 8 && *y < 8) {
-                let expected = if x < 3 && y > 4 { 0.0 } else { FIRST_WORTH };
-                assert_eq!(display.worth(0, [x, y]), expected, "{other:?} {x} {y}");
-            }
-            assert_eq!(display.worth(1, [8, 5]), FIRST_WORTH, "nothing is known of other tiles");
-            // What holds samples is of what they saw, whatever the preview was of; the next preview begins anew.
-            display.stand(0, 8, 1);
-            learn(&mut display, |_| other);
-            assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH + 1.0);
-            display.show(9, 2, false, &pool(1));
-            assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH);
-        }
-    }
-
-    /// Voxels on show count where exact samples saw them, too: behind the cut of the footprint rule they are the model.
-    #[test]
-    fn voxels_beside_voxels_and_nothing_beside_nothing_are_the_same() {
-        for saw in [LayerPixel { id: NO_ID, ..seen([0, 0]) }, LayerPixel::NOTHING] {
-            let mut display = display(RESOLUTION);
-            pixels().filter(|[x, y]| x % 2 == 0 && y % 2 == 0).for_each(|pixel| {
-                display.set(pixel, Vec3::ONE, &saw);
-            });
-            display.show(0, 2, false, &pool(1));
-            learn(&mut display, |_| saw);
-            assert!((0..64).all(|at| display.worth(0, [at % 8, at / 8]) == FIRST_WORTH), "{saw:?}");
-            learn(&mut display, |_| seen([0, 0]));
-            assert!((0..64).all(|at| display.worth(0, [at % 8, at / 8]) == 0.0), "{saw:?}");
-        }
-    }
-
-    #[test]
-    fn a_sparse_picture_is_that_of_its_samples_until_it_is_filled() {
-        let light = |[x, y]: [u32; 2]| (mix(u64::from(x * 100 + y)) % 100) as f32 / 99.0;
-        for step in STEPS {
-            let whole = shown(step, light);
-            let mut sparse = shown(step, light);
-            set_samples(&mut sparse, step, light);
-            sparse.radiance.fill(PackedLight::new([7.0; 3]));
-            sparse.show(8, step, true, &pool(2));
-            for pixel in pixels() {
-                let is_sample = pixel.iter().all(|v| v % step == 0);
-                let expected = if is_sample { at(&whole, pixel) } else { [7.0; 3] };
-                assert_eq!(at(&sparse, pixel), expected, "{step} {pixel:?}");
-            }
-            (0..2).for_each(|_| sparse.fill(&pool(2)));
-            assert_eq!((sparse.radiance == whole.radiance, sparse.state()), (true, Some(8)), "{step}");
+            let standings = &self.standings;
+            let known =
+                |index: u32| Some(standings[index as usize].corners).filter(|corners| corners.any() != 0);
+            self.coarse.fill(step, &known, &mut self.radiance, pool);
         }
     }
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! samples of a tile -> Film ----------------------> write_png, write_exr
 //!                        | where it has none yet
-//! samples of a grid -> Display -> what is on show
+//! samples of a grid -> Display -> what is on show            (the film's light comes into it while samples are few)
 //! ```
 //!
 //! Floors: each imports those above it alone.

@@ -166,6 +166,11 @@ impl PackedAlbedo {
     }
 }
 
+/// Luminance of linear RGB, ITU-R BT.709.
+pub(crate) fn luminance(rgb: Vec3) -> f32 {
+    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

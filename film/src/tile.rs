@@ -39,6 +39,11 @@ pub enum TileOrder {
     Saliency(Saliency),
 }
 
+/// The bit of a pixel (x, y) among those of its tile, by rows.
+pub(crate) fn bit([x, y]: [u32; 2]) -> u32 {
+    y % TILE_SIDE_PIXELS * TILE_SIDE_PIXELS + x % TILE_SIDE_PIXELS
+}
+
 impl Default for TileOrder {
     fn default() -> TileOrder {
         TileOrder::Saliency(Saliency::Achanta)

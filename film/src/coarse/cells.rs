@@ -5,7 +5,10 @@
 //! . . . . .        surface with it
 //! c . . . d
 //! ```
+//!
+//! Where exact samples said what the pixels between saw, of the corners that are of one surface with that.
 
+use super::corners::TileCorners;
 use super::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, SurfaceRow};
 use crate::packed::PackedLight;
 use glam::Vec3;
@@ -17,26 +20,37 @@ pub(super) struct Cells<'a> {
     pub(super) lights: [[&'a [f32]; 3]; 2],
 }
 
+/// The pixels that a cell is filled in.
+pub(super) struct CellPixels<'a> {
+    /// Rows of pixels, `width` each.
+    pub(super) band: &'a mut [PackedLight],
+    pub(super) width: usize,
+    /// The first pixel (x, y) of the cell and what is known of its tile, where exact samples were taken.
+    pub(super) known: Option<([u32; 2], TileCorners)>,
+}
+
+/// Weight of a corner that a pixel does not lie between, beside those that it does: it counts where these are of other
+/// surfaces.
+const FAR_WEIGHT: f32 = 1e-3;
+
 /// A corner of a cell: its row of the two, and its column.
 type Corner = (usize, usize);
 
 impl Cells<'_> {
-    /// Fills the pixels of cell `x`, `step` along a side, in `band`, whose rows are of `width`, from its corners.
-    pub(super) fn fill(
-        &self,
-        (band, width): (&mut [PackedLight], usize),
-        [x, step]: [usize; 2],
-        weights: &[[f32; 4]],
-    ) {
+    /// Fills the pixels of cell `x`, `step` along a side, from its corners.
+    pub(super) fn fill(&self, pixels: CellPixels<'_>, [x, step]: [usize; 2], weights: &[[f32; 4]]) {
+        let CellPixels { band, width, known } = pixels;
         let right = (x + 1).min(self.surfaces[0].depth.len() - 1);
         let corners = [(0, x), (0, right), (1, x), (1, right)];
         let is_one = corners[1..].iter().all(|&corner| self.is_alike(corners[0], corner));
         let shades = corners.map(|corner| self.shade(corner));
         let columns = step.min(width - x * step);
-        for (row, weights) in band.chunks_exact_mut(width).zip(weights.chunks_exact(step)) {
-            for (pixel, weights) in row[x * step..][..columns].iter_mut().zip(weights) {
+        for ((v, row), weights) in (0..).zip(band.chunks_exact_mut(width)).zip(weights.chunks_exact(step)) {
+            for ((u, pixel), weights) in (0..).zip(&mut row[x * step..][..columns]).zip(weights) {
                 let mut weights = *weights;
-                if !is_one {
+                if let Some(([x, y], corners)) = known {
+                    keep_known(corners.of([x + u, y + v]), &mut weights);
+                } else if !is_one {
                     self.keep_alike(corners, &mut weights);
                 }
                 let [a, b, c, d] = shades;
@@ -63,7 +77,7 @@ impl Cells<'_> {
         weights.iter_mut().for_each(|weight| *weight /= total);
     }
 
-    /// True when two neighbours are of one surface, or both saw nothing.
+    /// True when two neighbours are of one surface in one form, or both saw nothing.
     fn is_alike(&self, (row_a, a): Corner, (row_b, b): Corner) -> bool {
         let (here, there) = (self.surfaces[row_a], self.surfaces[row_b]);
         let [depth_a, depth_b] = [here.depth[a], there.depth[b]];
@@ -75,5 +89,15 @@ impl Cells<'_> {
         (depth_a - depth_b).abs() < DEPTH_SHARE * depth_a.min(depth_b)
             && dot > NORMAL_COS
             && apart < ALBEDO_APART
+            && here.is_voxel[a] == there.is_voxel[b]
+    }
+}
+
+/// Leaves weight only to the corners that a pixel is of one surface with; as they are where there are none.
+fn keep_known(is_same: [bool; 4], weights: &mut [f32; 4]) {
+    let kept: [f32; 4] = std::array::from_fn(|c| if is_same[c] { weights[c].max(FAR_WEIGHT) } else { 0.0 });
+    let total: f32 = kept.iter().sum();
+    if total > 0.0 {
+        *weights = kept.map(|weight| weight / total);
     }
 }

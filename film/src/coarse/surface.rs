@@ -4,6 +4,7 @@
 //! mesh are smoothed with it where they look like it; an exact sample of the mesh is never of one surface with them.
 
 use crate::film::LayerPixel;
+use std::ops::Range;
 
 /// Depths of neighbours on one surface differ by less than this share.
 pub(super) const DEPTH_SHARE: f32 = 0.08;
@@ -57,6 +58,7 @@ pub(super) struct SurfaceRow {
     pub(super) depth: Vec<f32>,
     pub(super) normal: [Vec<f32>; 3],
     pub(super) albedo: [Vec<f32>; 3],
+    pub(super) is_voxel: Vec<bool>,
 }
 
 /// Rows that were read last, by number: row y at the place y % rows. Each is read once while rows go by.
@@ -67,6 +69,8 @@ impl SurfaceRow {
     fn read(&mut self, row: &[Surface], stride: usize) {
         let count = row.len().div_ceil(stride);
         self.planes().for_each(|plane| plane.resize(count, 0.0));
+        self.is_voxel.clear();
+        self.is_voxel.extend(row.iter().step_by(stride).map(|seen| seen.depth & VOXEL_BIT != 0));
         let [nx, ny, nz] = self.normal.each_mut().map(|plane| &mut plane[..count]);
         let [red, green, blue] = self.albedo.each_mut().map(|plane| &mut plane[..count]);
         let depth = &mut self.depth[..count];
@@ -88,13 +92,23 @@ impl SurfaceRows {
         SurfaceRows((0..2 * reach + 1).map(|_| (usize::MAX, SurfaceRow::default())).collect())
     }
 
-    /// Reads row `y`, every `stride`-th of `row`, unless it stands there.
-    pub(super) fn see(&mut self, y: usize, row: &[Surface], stride: usize) {
+    /// Reads row `y`, every `stride`-th of `row`, unless it stands there: true when it did not.
+    pub(super) fn see(&mut self, y: usize, row: &[Surface], stride: usize) -> bool {
         let count = self.0.len();
         let (of, place) = &mut self.0[y % count];
-        if std::mem::replace(of, y) != y {
+        let is_new = std::mem::replace(of, y) != y;
+        if is_new {
             place.read(row, stride);
         }
+        is_new
+    }
+
+    /// The samples `at` of row `y`, one of those seen last, saw nothing where they saw voxels.
+    pub(super) fn hide_voxels(&mut self, y: usize, at: Range<usize>) {
+        let count = self.0.len();
+        let row = &mut self.0[y % count].1;
+        let voxels = row.depth[at.clone()].iter_mut().zip(&row.is_voxel[at]).filter(|(_, is)| **is);
+        voxels.for_each(|(depth, _)| *depth = f32::INFINITY);
     }
 
     /// Row `y`, one of those seen last.

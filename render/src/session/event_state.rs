@@ -27,8 +27,15 @@ pub(super) struct EventState {
     first_block: Option<u32>,
     /// The tiles are in order.
     is_ordered: bool,
+    /// Tiles done when the picture on show was made anew.
+    refreshed: u64,
     progress: FrameProgress,
 }
+
+/// Part of the first pass after which the picture on show is made anew; then it is each time that samples have doubled.
+const REFRESH_PART: u64 = 4;
+/// Passes after which it no longer is: by then the samples count for more.
+const REFRESH_PASSES: u64 = 16;
 
 impl EventState {
     /// An event at a time, from which on the film is in `film_state`; its preview is as fine as `ladder` says.
@@ -40,6 +47,7 @@ impl EventState {
             finished: 0,
             first_block: None,
             is_ordered: false,
+            refreshed: 0,
             progress: FrameProgress::Preview,
         }
     }
@@ -69,6 +77,17 @@ impl EventState {
         !std::mem::replace(&mut self.is_ordered, true)
     }
 
+    /// Notes that the picture on show is made anew, if it is time for that: the picture has so many `tiles`.
+    pub(super) fn note_refresh(&mut self, tiles: u32) -> bool {
+        let tiles = u64::from(tiles);
+        let next = (2 * self.refreshed).max(tiles.div_ceil(REFRESH_PART));
+        let is_time = self.finished >= next && self.refreshed < REFRESH_PASSES * tiles;
+        if is_time {
+            self.refreshed = self.finished;
+        }
+        is_time
+    }
+
     /// Notes that so many more tiles are done.
     pub(super) fn note_tiles(&mut self, count: u64) {
         self.finished += count;
@@ -82,5 +101,24 @@ impl EventState {
     /// Notes the state of the picture at the end of a frame.
     pub(super) fn note_progress(&mut self, progress: FrameProgress) {
         self.progress = progress;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At a quarter of the first pass, then at twice as many samples each time, to sixteen passes.
+    #[test]
+    fn the_picture_on_show_is_made_anew_ever_more_seldom() {
+        let mut event = EventState::new(Instant::now(), 0, Ladder::new(false));
+        let mut times = vec![];
+        for finished in 1..=160 * 40 {
+            event.note_tiles(1);
+            if event.note_refresh(160) {
+                times.push(finished);
+            }
+        }
+        assert_eq!(times, [40, 80, 160, 320, 640, 1280, 2560]);
     }
 }

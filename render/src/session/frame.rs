@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! rungs of the preview
-//! photons -> tiles -> block learned
+//! picture on show made anew -> photons -> tiles -> block learned
 //! ```
 //!
 //! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a batch of the
-//! G-stage, a batch of photons a worker, the filter of a picture whose samples have doubled.
+//! G-stage, a batch of photons a worker, the picture on show made anew, the filter of a picture whose samples have
+//! doubled.
 
 use super::Session;
 use super::frame_report::{FrameProgress, FrameReport};
@@ -48,6 +49,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             return self.report(FrameProgress::Preview, PassStats::default(), other);
         }
         self.fill_preview();
+        self.refresh_display();
         let has_responded = self.live.event.first_block().is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.light.precedes_response() {
@@ -122,6 +124,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Arrival::Replaced => self.begin_samples(),
         }
         rays
+    }
+
+    /// Makes the picture on show anew with the light of the samples, where it is time for that.
+    fn refresh_display(&mut self) {
+        let Session { film, tiles, pool, view, .. } = &self.session;
+        let Live { display, event, .. } = &mut self.live;
+        let is_alike = view.settings.integrator.has_own_preview();
+        if is_alike && event.note_refresh(tiles.count()) {
+            display.refresh(film, pool);
+        }
     }
 
     /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all

@@ -11,7 +11,8 @@
 //! The first fetch block counts from the event. Its tiles are shown together.
 //!
 //! While samples are few the preview, which is smoothed, is mixed in, and counts less with each sample: no picture is
-//! further from the truth than the one before. Where photons have come in, and samples are to be taken anew, what was
+//! further from the truth than the one before. The light of the samples comes into it from time to time, until they are
+//! some (`Display::refresh`). Where photons have come in, and samples are to be taken anew, what was
 //! shown until then takes the preview's place.
 //!
 //! A *state* is what samples are of: it changes with each event, and each time that more photons are in. A tile shows
@@ -72,8 +73,8 @@ impl Default for FrameOptions {
 pub struct TileStamp {
     /// State and count of the samples that are shown.
     samples: Option<(Option<u32>, u32)>,
-    /// State and step of the preview that is.
-    preview: Option<(u32, u32)>,
+    /// State and step of the preview that is, and how often it was made anew.
+    preview: Option<(u32, u32, u32)>,
     smoothed: u32,
 }
 
@@ -148,7 +149,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     pub fn tile_stamp(&self, index: u32) -> TileStamp {
         let Live { display, event, .. } = &self.live;
         let state = display.tile_state(index);
-        let preview = state.zip(display.step());
+        let preview = state.zip(display.step()).map(|(state, step)| (state, step, display.refreshes()));
         let samples =
             self.shows_samples(index).then(|| (self.film.tile_state(index), self.film.tile_samples(index)));
         // Samples of a later state, and all of them, have no preview in them.
@@ -169,11 +170,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let is_alike = self.view.settings.integrator.has_own_preview();
         if is_alike && !self.live.event.is_done() && self.film.tile_state(index) == display.tile_state(index)
         {
-            let samples = self.film.tile_samples(index) as f32;
+            let samples = self.film.tile_samples(index);
             for (x, (shown, preview)) in (first[0]..).zip(radiances.iter_mut().zip(preview)) {
-                let worth = display.worth(index, [x, first[1]]);
-                let share = worth / (worth + samples);
-                *shown = std::array::from_fn(|c| shown[c] + share * (preview[c] - shown[c]));
+                *shown = display.mixed((index, [x, first[1]]), (samples, *shown), preview);
             }
         }
     }

@@ -8,7 +8,7 @@ use crate::session::{FetchBlock, FrameProgress};
 use crate::shading::light::Light;
 use std::ops::ControlFlow;
 
-/// The preview is worth one sample and a half, until the picture is done.
+/// The picture on show is worth some samples, as the preview and with the light of samples in it, until it is done.
 #[test]
 fn the_preview_is_mixed_in_while_samples_are_few() {
     let keys = RenderKeys { resolution: [16, 16], n_shadow: 1, ..RenderKeys::default() };
@@ -22,17 +22,19 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
     let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
     let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
     live.apply(Event::Lights(vec![lamp])).unwrap();
-    let (mut samples, mut mixed) = (vec![], 0);
+    let (mut samples, mut mixed, mut worths) = (vec![], 0, vec![]);
     while samples.last() != Some(&3) {
         let progress = live.frame(3, &|| false).progress;
         let n = live.film.tile_samples(0);
         for pixel in (0..64).map(|at| [at % 8, at / 8]) {
             let film = live.film.radiance(pixel);
             let preview = live.live.display.radiances(pixel).next().unwrap();
+            let worth = live.live.display.worth(0, pixel);
+            worths.push(worth);
             let expected = match progress {
                 FrameProgress::Preview => preview,
                 FrameProgress::Done => film,
-                _ => std::array::from_fn(|c| (n as f32 * film[c] + 1.5 * preview[c]) / (n as f32 + 1.5)),
+                _ => std::array::from_fn(|c| (n as f32 * film[c] + worth * preview[c]) / (n as f32 + worth)),
             };
             let found = live.shown(pixel);
             assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-5), "{progress:?} {pixel:?}");
@@ -41,35 +43,47 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
         samples.push(n);
     }
     assert!(samples.contains(&1) && samples.contains(&2) && mixed > 0, "{samples:?} {mixed}");
+    worths.dedup();
+    assert!(worths[0] == 1.5 && worths.len() > 1 && worths.iter().all(|worth| *worth > 0.0), "{worths:?}");
 }
 
-/// The preview saw voxels alone, on the whole picture or on half of it: they look like the floor, and are not it.
+/// The preview saw voxels alone, or mesh: the same floor. Voxels count for nothing in any pixel that has an exact
+/// sample, until the picture is made anew of these.
 #[test]
 fn no_stand_in_shines_through_exact_samples() {
     let keys = RenderKeys { resolution: [32, 16], n_shadow: 1, ..RenderKeys::default() };
-    let t_max = Duration::from_secs(60);
-    let options = FrameOptions { t_max, fetch_block: FetchBlock::Tiles(3), ..FrameOptions::default() };
+    let options = FrameOptions {
+        t_max: Duration::from_secs(60),
+        fetch_block: FetchBlock::Tiles(3),
+        order: TileOrder::ZCurve,
+        ..FrameOptions::default()
+    };
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
     for is_absent in [true, false] {
         let mut live = floor_demanding(0, keys).go_live(options).unwrap();
-        let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
-        let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
         live.apply(Event::Lights(vec![lamp])).unwrap();
         live.session.tracers[0].is_absent = is_absent;
-        while live.frame(3, &|| false).progress == FrameProgress::Preview
-            && live.live.display.step() != Some(2)
-        {}
+        while live.live.display.step() != Some(2) {
+            live.frame(3, &|| false);
+        }
         live.session.tracers[0].is_absent = false;
-        let (mut exact, mut previews) = (0, 0);
+        let (mut previews, mut alone) = (0, 0);
         while live.frame(3, &|| false).progress != FrameProgress::Done {
             for pixel in (0..512).map(|at| [at % 32, at / 32]) {
                 let tile = pixel[1] / 8 * 4 + pixel[0] / 8;
-                let (shown, film) = (live.shown(pixel), live.film.radiance(pixel));
+                let worth = live.live.display.worth(tile, pixel);
                 let is_exact = live.film.tile_samples(tile) > 0;
-                assert!(!is_exact || (shown == film) == is_absent, "{is_absent} {pixel:?}");
-                (exact, previews) = (exact + u32::from(is_exact), previews + u32::from(!is_exact));
+                let is_preview = is_exact && worth == 1.5;
+                assert!(!is_preview || !is_absent, "{pixel:?}");
+                if is_exact && worth == 0.0 {
+                    assert_eq!(live.shown(pixel), live.film.radiance(pixel), "{pixel:?}");
+                    alone += 1;
+                }
+                previews += u32::from(is_preview);
             }
         }
-        assert!(exact > 0 && previews > 0);
+        assert_eq!((previews == 0, alone >= 3 * 64), (is_absent, is_absent), "{previews} {alone}");
     }
 }
 
@@ -84,13 +98,15 @@ fn what_was_shown_counts_on_when_light_has_changed() {
     let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
     live.apply(Event::Lights(vec![lamp])).unwrap();
     let pixels = || (0..64).map(|at| [at % 8, at / 8]);
-    let (mut worth, mut changed) = (1.5, 0);
+    let mut changed = 0;
     for _ in 0..3 {
         while live.film.tile_samples(0) < 2 {
             live.frame(9, &|| false);
         }
         let before: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
         live.begin_light();
+        let worth = live.live.display.worth(0, [0, 0]);
+        assert!((2.0..=4.0).contains(&worth), "{worth}");
         let shown: Vec<_> = pixels().map(|pixel| live.shown(pixel)).collect();
         // As it was, to the bits that are kept of it: thirteen of the greatest channel.
         for (before, kept) in before.iter().zip(&shown) {
@@ -98,7 +114,6 @@ fn what_was_shown_counts_on_when_light_has_changed() {
             assert!((0..3).all(|c| (before[c] - kept[c]).abs() <= most), "{before:?} {kept:?}");
         }
         let stamp = live.tile_stamp(0);
-        worth = f32::min(worth + 2.0, 4.0);
         assert_ne!(live.frame(9, &|| false).preview_tiles, 1);
         assert_ne!(live.tile_stamp(0), stamp);
         let n = live.film.tile_samples(0) as f32;
