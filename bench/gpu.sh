@@ -54,6 +54,10 @@ check() {
 
 asked doctor doctor . || true
 cat doctor.json
+# What `trex-bench record --machine` takes, where the documents become records.
+printf '{"cpu":"%s","core_count":%d,"memory_bytes":%d,"kernel":"Linux %s"}\n' \
+    "$(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -n 1)" "$(nproc)" \
+    "$(($(awk '/^MemTotal:/ { print $2 }' /proc/meminfo) * 1024))" "$(uname -r)" >machine.json
 
 # Two kinds of model; the second set of files has finer voxels below the upper ones.
 build() {

@@ -15,6 +15,7 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trex_bench::docs;
+use trex_bench::machine::Machine;
 use trex_bench::record::{self, Labels, Record};
 
 /// Measures, keeps measured runs, and writes the figures of the documentation from them.
@@ -56,6 +57,9 @@ enum Verb {
         /// The seed [default: as the document says]
         #[arg(long)]
         seed: Option<u64>,
+        /// Where it ran, as a record has it: a file with one JSON object [default: this machine]
+        #[arg(long)]
+        machine: Option<PathBuf>,
         /// The document; - is stdin
         #[arg(default_value = "-")]
         document: PathBuf,
@@ -70,8 +74,9 @@ fn main() -> anyhow::Result<ExitCode> {
         Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Docs { check: true } => check_docs(&root),
         Verb::Docs { check: false } => write_docs(&root),
-        Verb::Record { name, command, scene, seed, document } => {
-            keep(&root, &document, Labels { name, command, scene, seed })
+        Verb::Record { name, command, scene, seed, machine, document } => {
+            let machine = machine.as_deref().map(machine_in).transpose()?;
+            keep(&root, &document, Labels { name, command, scene, seed, machine })
         }
     }
 }
@@ -95,6 +100,12 @@ fn write_docs(root: &Path) -> anyhow::Result<ExitCode> {
     let lines: Vec<String> = written.iter().map(|path| format!("wrote {}", path.display())).collect();
     tell(&lines)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// The machine that a file describes.
+fn machine_in(path: &Path) -> anyhow::Result<Machine> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("{} describes no machine", path.display()))
 }
 
 fn keep(root: &Path, document: &Path, labels: Labels) -> anyhow::Result<ExitCode> {

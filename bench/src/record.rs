@@ -56,11 +56,13 @@ pub struct Labels {
     pub scene: Option<String>,
     /// Overrides the document's `seed`.
     pub seed: Option<u64>,
+    /// Where it ran, if not here.
+    pub machine: Option<Machine>,
 }
 
 impl Record {
-    /// A record of the run that printed `document` (the `--json` output of a verb), on this machine, from the
-    /// checkout at `root`.
+    /// A record of the run that printed `document` (the `--json` output of a verb), on this machine unless the
+    /// labels name another, from the checkout at `root`.
     ///
     /// # Errors
     /// The document is no object, reports a failure, or names no command.
@@ -85,7 +87,7 @@ impl Record {
             command: without_folders(&command),
             scene: without_folders(&scene),
             seed: labels.seed.or_else(|| object.get("seed").and_then(Value::as_u64)),
-            machine: Machine::here(),
+            machine: labels.machine.unwrap_or_else(Machine::here),
             commit: machine::commit(root),
             date: machine::today(),
             result_hash: text("result_hash"),

@@ -281,6 +281,24 @@ impl GpuDevice {
     /// # Errors
     /// [`Code::MemoryLimit`] where the device has no room, or binds no buffer of this size.
     pub(crate) fn buffer(&self, what: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+        self.create(what, bytes, usage, false)
+    }
+
+    /// A buffer of leased bytes that is copied from, mapped to be written.
+    ///
+    /// # Errors
+    /// Those of [`GpuDevice::buffer`].
+    pub(crate) fn staging(&self, what: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        self.create(what, bytes, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC, true)
+    }
+
+    fn create(
+        &self,
+        what: &str,
+        bytes: u64,
+        usage: wgpu::BufferUsages,
+        is_mapped: bool,
+    ) -> Result<wgpu::Buffer> {
         let most = self.report.binding_bytes.min(self.report.buffer_bytes);
         let refused = |numbers: String| {
             Err(Error::new(Code::MemoryLimit, format!("the device has no room for {what}"))
@@ -293,7 +311,7 @@ impl GpuDevice {
         }
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let descriptor =
-            wgpu::BufferDescriptor { label: Some(what), size: bytes, usage, mapped_at_creation: false };
+            wgpu::BufferDescriptor { label: Some(what), size: bytes, usage, mapped_at_creation: is_mapped };
         let buffer = self.device.create_buffer(&descriptor);
         match pollster::block_on(scope.pop()) {
             Some(error) => refused(format!("{bytes} bytes needed: {error}")),

@@ -19,6 +19,12 @@ pub(crate) struct PackedRays {
     shadow_count: usize,
 }
 
+/// Answers that were not read yet.
+pub(crate) struct AnswersInWords<'a> {
+    shadow: std::slice::Iter<'a, u32>,
+    others: std::slice::ChunksExact<'a, u32>,
+}
+
 /// The answer of a device for one ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum DeviceAnswer {
@@ -36,18 +42,29 @@ impl PackedRays {
 
     /// The rays of `all` that stand in `places`.
     pub(crate) fn new(all: &[&GRay], places: impl Iterator<Item = u32>) -> PackedRays {
-        let (mut shadow, other): (Vec<u32>, Vec<u32>) =
-            places.partition(|&place| all[place as usize].kind() == GKind::Shadow);
-        let shadow_count = shadow.len();
-        shadow.extend(other);
-        let rays = shadow.iter().map(|&place| *all[place as usize]).collect();
-        PackedRays { rays, places: shadow, shadow_count }
+        PackedRays::in_order(places.map(|place| (place, all[place as usize])))
     }
 
     /// Those of a call, all of them.
     pub(crate) fn of_call(call: &GCall) -> PackedRays {
-        let all: Vec<&GRay> = call.parts.iter().flat_map(|part| part.rays()).collect();
-        PackedRays::new(&all, 0..all.len() as u32)
+        PackedRays::in_order((0..).zip(call.parts.iter().flat_map(|part| part.rays())))
+    }
+
+    fn in_order<'a>(asked: impl Iterator<Item = (u32, &'a GRay)>) -> PackedRays {
+        let mut packed = PackedRays::default();
+        let (mut others, mut other_places) = (Vec::new(), Vec::new());
+        for (place, ray) in asked {
+            let (rays, places) = match ray.kind() {
+                GKind::Shadow => (&mut packed.rays, &mut packed.places),
+                _ => (&mut others, &mut other_places),
+            };
+            rays.push(*ray);
+            places.push(place);
+        }
+        packed.shadow_count = packed.rays.len();
+        packed.rays.append(&mut others);
+        packed.places.append(&mut other_places);
+        packed
     }
 
     /// Count of rays.
@@ -55,10 +72,12 @@ impl PackedRays {
         self.rays.len()
     }
 
-    /// The rays from `begin` on, at most so many, and how many of them are shadow rays.
-    pub(crate) fn piece(&self, begin: usize, most: usize) -> (&[GRay], usize) {
-        let end = self.rays.len().min(begin + most);
-        (&self.rays[begin..end], self.shadow_count.clamp(begin, end) - begin)
+    /// The rays from `begin` to `end`: shadow rays, others.
+    ///
+    /// # Panics
+    /// When there are fewer.
+    pub(crate) fn piece(&self, begin: usize, end: usize) -> (&[GRay], &[GRay]) {
+        self.rays[begin..end].split_at(self.shadow_count.clamp(begin, end) - begin)
     }
 
     /// Calls `put` with the place of each ray and its answer.
@@ -66,26 +85,44 @@ impl PackedRays {
     /// # Panics
     /// When the words are not those of these rays.
     pub(crate) fn answers(&self, words: &[u32], mut put: impl FnMut(u32, DeviceAnswer)) {
-        assert_eq!(
-            words.len(),
-            PackedRays::word_count(self.rays.len(), self.shadow_count),
-            "words of all rays"
-        );
-        let (shadow, other) = words.split_at(self.shadow_count);
-        let answers = shadow.iter().map(|&outcome| GAnswer::bare(outcome)).chain(
-            other
-                .chunks_exact(SURFACE_WORDS)
-                .map(|words| bytemuck::pod_read_unaligned(bytemuck::cast_slice(words))),
-        );
-        for (&place, answer) in self.places.iter().zip(answers) {
-            put(place, DeviceAnswer::of(answer));
+        let mut answers = self.in_words(words);
+        for (&place, ray) in self.places.iter().zip(&self.rays) {
+            put(place, answers.of(ray));
         }
     }
 
-    /// Words of so many rays, of which so many are shadow rays.
-    pub(crate) fn word_count(rays: usize, shadow: usize) -> usize {
-        shadow + SURFACE_WORDS * (rays - shadow)
+    /// The answers in these words, in the order of asking.
+    ///
+    /// # Panics
+    /// When the words are not those of these rays.
+    pub(crate) fn in_words<'a>(&self, words: &'a [u32]) -> AnswersInWords<'a> {
+        assert_eq!(words.len(), self.word_count(), "words of all rays");
+        let (shadow, others) = words.split_at(self.shadow_count);
+        AnswersInWords { shadow: shadow.iter(), others: others.chunks_exact(SURFACE_WORDS) }
     }
+
+    /// Words of the answers.
+    pub(crate) fn word_count(&self) -> usize {
+        answer_words(self.rays.len(), self.shadow_count)
+    }
+}
+
+impl AnswersInWords<'_> {
+    /// The answer of the next ray, which is this one.
+    ///
+    /// # Panics
+    /// When there are no more.
+    pub(crate) fn of(&mut self, ray: &GRay) -> DeviceAnswer {
+        DeviceAnswer::of(match ray.kind() {
+            GKind::Shadow => GAnswer::bare(*self.shadow.next().expect("a word each")),
+            _ => bytemuck::pod_read_unaligned(bytemuck::cast_slice(self.others.next().expect("eight each"))),
+        })
+    }
+}
+
+/// Words of the answers of so many rays, of which so many are shadow rays.
+pub(crate) fn answer_words(rays: usize, shadow: usize) -> usize {
+    shadow + SURFACE_WORDS * (rays - shadow)
 }
 
 impl DeviceAnswer {

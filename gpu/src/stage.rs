@@ -15,24 +15,29 @@
 use crate::device::{GpuDevice, count};
 use crate::kernels::{Kernels, StepCounts};
 use crate::packing::{DeviceAnswer, PackedRays};
+use crate::slots::Slots;
 use crate::units::UnitUpload;
-use crate::worker::{Batch, Completion, Request, Worker};
+use crate::worker::{Batch, Completion, Request, SpareWords, Worker};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 use trex_render::{
-    CpuStage, GAnswer, GCall, GNeeds, GRay, GRays, GStage, GTurn, GUnits, GView, MissingUnits, Page, Pages,
-    Voxels,
+    CpuStage, GAnswer, GCall, GEnd, GNeeds, GRay, GRays, GStage, GTurn, GUnits, GView, MissingUnits, Page,
+    Pages, Voxels,
 };
 use trex_store::{Code, Error, Result};
 
-/// Rays of a batch of a hardware device: some waves for each of its units.
-const HARDWARE_RAYS: usize = 1 << 15;
+/// Rays of a batch of a hardware device: what a worker keeps while it goes on with other tiles.
+const HARDWARE_RAYS: usize = 1 << 14;
+/// Batches that a hardware device is given together, to fill it.
+const HARDWARE_BATCHES: usize = 8;
+/// Batches that a worker has under way: the answer of a hardware device comes as late as some tiles take.
+const HARDWARE_CALLS: usize = 4;
 /// Rays of a batch of a software device: those of the processor.
 const SOFTWARE_RAYS: usize = 1 << 12;
 /// Requests that wait for the thread; who makes more waits.
-const REQUESTS_MAX: usize = 4;
+const REQUESTS_MAX: usize = 64;
 /// Rounds in which rays get pages of units that they want, and after which the processor answers.
 const ROUNDS_MAX: usize = 24;
 /// Pages that go to the device in a round.
@@ -57,6 +62,7 @@ pub struct GpuStage {
     octree: Option<Arc<Voxels>>,
     when_too_large: WhenTooLarge,
     requests: Option<SyncSender<Request>>,
+    spare_words: Arc<SpareWords>,
     thread: Option<JoinHandle<()>>,
     /// Pages of units that have room on the device; `None` while the processor answers all.
     unit_slots: Option<usize>,
@@ -91,7 +97,8 @@ impl GpuStage {
         steps: StepCounts,
     ) -> Result<GpuStage> {
         let kernels = Kernels::new(&device, steps)?;
-        let worker = Worker::new(device.clone(), kernels, GpuStage::batch_rays(&device));
+        let spare_words = Arc::<SpareWords>::default();
+        let worker = Worker::new(device.clone(), kernels, GpuStage::slot_rays(&device), spare_words.clone());
         let (requests, received) = sync_channel(REQUESTS_MAX);
         let thread = std::thread::Builder::new().name("trex-gpu".into()).spawn(move || worker.run(&received));
         let thread = thread.map_err(|error| Error::thread_refused("the thread of the GPU", &error))?;
@@ -101,6 +108,7 @@ impl GpuStage {
             octree: None,
             when_too_large,
             requests: Some(requests),
+            spare_words,
             thread: Some(thread),
             unit_slots: None,
             has_units: false,
@@ -112,13 +120,24 @@ impl GpuStage {
         GNeeds {
             batch_rays: GpuStage::batch_rays(device),
             ray_bytes: PackedRays::RAY_BYTES + CpuStage::NEEDS.ray_bytes,
-            calls: 2,
+            calls: if device.report().is_hardware { HARDWARE_CALLS } else { 2 },
             photons: GpuStage::batch_rays(device) / 8,
         }
     }
 
+    /// Bytes of video memory that rays under way and their answers take.
+    pub fn batch_bytes(device: &GpuDevice) -> u64 {
+        Slots::bytes(GpuStage::slot_rays(device))
+    }
+
     fn batch_rays(device: &GpuDevice) -> usize {
         if device.report().is_hardware { HARDWARE_RAYS } else { SOFTWARE_RAYS }
+    }
+
+    /// Rays of a slot.
+    fn slot_rays(device: &GpuDevice) -> usize {
+        let batches = if device.report().is_hardware { HARDWARE_BATCHES } else { 1 };
+        batches * GpuStage::batch_rays(device)
     }
 
     /// Gives an octree to the processor and to the device; while the device has none, the processor answers.
@@ -137,17 +156,24 @@ impl GpuStage {
         requests.send(request).expect("the thread of the GPU lives as long as the stage");
     }
 
-    /// Answers a call without units later.
-    fn answer_later(&self, call: GCall) -> GTurn {
+    /// Answers a call without units later: its words become answers in the thread that waits for them.
+    fn answer_later(&self, mut call: GCall) -> GTurn {
         let (to, turn) = channel();
         let (processor, device, view) = (self.processor.clone(), self.device.clone(), call.view);
+        let spare_words = self.spare_words.clone();
         let rays = PackedRays::of_call(&call);
         let when_done: Completion = Box::new(move |rays, words| {
-            // Who asked may have given up.
-            let _ = to.send(match words {
-                Some(words) => answered(call, rays, words, (&processor, &device)),
-                None => by_processor(call, &processor, &device, &mut NoUnits),
+            let end: GEnd = Box::new(move || {
+                let Some(words) = words else {
+                    return by_processor(call, &processor, &device, &mut NoUnits);
+                };
+                let mut answers = rays.in_words(&words);
+                put_back(&mut call, |ray| answers.of(ray), (&processor, &device), &mut NoUnits);
+                spare_words.put(words);
+                call
             });
+            // Who asked may have given up.
+            let _ = to.send(end);
         });
         let (occluders, uploads) = (view.occluders, Vec::new());
         self.ask(Request::Batch(Batch { rays, occluders, asks_units: false, uploads, when_done }));
@@ -163,19 +189,15 @@ impl GpuStage {
     ) -> bool {
         let (to, arrived) = channel();
         let when_done: Completion = Box::new(move |rays, words| {
-            let pairs = words.map(|words| {
-                let mut pairs = Vec::with_capacity(rays.len());
-                rays.answers(words, |place, answer| pairs.push((place, answer)));
-                pairs
-            });
             // Who asked may have given up.
-            let _ = to.send(pairs);
+            let _ = to.send((rays, words));
         });
         let (rays, uploads) = batch;
         let occluders = view.occluders;
         self.ask(Request::Batch(Batch { rays, occluders, asks_units: true, uploads, when_done }));
-        let Ok(Some(pairs)) = arrived.recv() else { return false };
-        pairs.into_iter().for_each(|(place, answer)| answers[place as usize] = answer);
+        let Ok((rays, Some(words))) = arrived.recv() else { return false };
+        rays.answers(&words, |place, answer| answers[place as usize] = answer);
+        self.spare_words.put(words);
         true
     }
 
@@ -200,7 +222,9 @@ impl GpuStage {
         }
         open.iter().for_each(|&place| answers[place as usize] = DeviceAnswer::None);
         drop(all);
-        put_back(&mut call, &answers, (&self.processor, &self.device), pages);
+        let mut answers = answers.into_iter();
+        let answer_of = |_: &GRay| answers.next().expect("one a ray");
+        put_back(&mut call, answer_of, (&self.processor, &self.device), pages);
         call
     }
 }
@@ -247,33 +271,22 @@ impl LookUps {
     }
 }
 
-/// The call with the answers of the device; what it could not answer is the processor's.
-fn answered(mut call: GCall, rays: &PackedRays, words: &[u32], processor: (&CpuStage, &GpuDevice)) -> GCall {
-    let mut answers = vec![DeviceAnswer::None; rays.len()];
-    rays.answers(words, |place, answer| answers[place as usize] = answer);
-    put_back(&mut call, &answers, processor, &mut NoUnits);
-    call
-}
-
-/// Puts answers where their rays are; those that there are none of are the processor's.
+/// Puts answers, in the order of asking, where their rays are; rays that there are none of are the processor's.
 fn put_back(
     call: &mut GCall,
-    answers: &[DeviceAnswer],
+    mut answer_of: impl FnMut(&GRay) -> DeviceAnswer,
     (processor, device): (&CpuStage, &GpuDevice),
     pages: &mut dyn Pages,
 ) {
     let mut left = GRays::default();
     let mut left_places = Vec::new();
-    let mut rest = answers;
     for (number, part) in call.parts.iter_mut().enumerate() {
         let (rays, places) = part.parts_mut();
-        let own;
-        (own, rest) = rest.split_at(rays.len());
-        for (at, (answer, place)) in own.iter().zip(places).enumerate() {
-            match answer {
-                DeviceAnswer::Whole(answer) => *place = *answer,
+        for (at, (ray, place)) in rays.iter().zip(places).enumerate() {
+            match answer_of(ray) {
+                DeviceAnswer::Whole(answer) => *place = answer,
                 DeviceAnswer::Wants(..) | DeviceAnswer::None => {
-                    left.push(rays[at]);
+                    left.push(*ray);
                     left_places.push((number, at));
                 }
             }
@@ -331,7 +344,8 @@ impl GStage for GpuStage {
             return GTurn::Answered(by_processor(call, &self.processor, &self.device, pages));
         };
         if call.parts.iter().all(|part| part.rays().is_empty()) {
-            put_back(&mut call, &[], (&self.processor, &self.device), pages);
+            // Nothing is asked; the parts are answered, all the same.
+            put_back(&mut call, |_| DeviceAnswer::None, (&self.processor, &self.device), pages);
             return GTurn::Answered(call);
         }
         match call.view.units {

@@ -42,7 +42,7 @@ mod threads;
 mod trace;
 mod voxel;
 
-pub use g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GTurn, GUnits, GView};
+pub use g_stage::{CpuStage, GCall, GEnd, GNeeds, GRays, GStage, GTurn, GUnits, GView};
 pub use photon::irradiance::{MapForm, PhotonMap};
 pub use scene::camera::{Camera, FOV_MAX_DEGREES, FOV_MIN_DEGREES, Fov, Projection, SIDE_MAX_PIXELS};
 pub use scene::edit::{Quality, RenderEdit};

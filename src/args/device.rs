@@ -9,7 +9,7 @@ use trex_model::{Device, DeviceOptions};
 #[command(next_help_heading = "Device options")]
 pub struct DeviceArgs {
     /// What answers rays through the voxels: cpu, gpu, a part of a GPU's name, or auto = a GPU in hardware if there
-    /// is one (render: cpu, so that the same command gives the same bytes everywhere; view, stress: auto)
+    /// is one [default: cpu: the same bytes everywhere, and pictures sooner (docs/gpu.md)]
     #[arg(long, value_name = "DEVICE", value_parser = values::device)]
     pub device: Option<Device>,
     /// Most video memory to take: an amount (512MiB), or auto = 2GiB, of a GPU in software a quarter of --memory-limit,
@@ -19,10 +19,10 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// The library's form, where `default` answers if nothing is said.
-    pub fn options(&self, default: Device) -> DeviceOptions {
+    /// The library's form.
+    pub fn options(&self) -> DeviceOptions {
         DeviceOptions {
-            device: self.device.clone().unwrap_or(default),
+            device: self.device.clone().unwrap_or_default(),
             gpu_memory_limit_bytes: self.gpu_memory_limit.and_then(|limit| limit.0),
         }
     }

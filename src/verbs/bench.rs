@@ -16,7 +16,6 @@ use trex_bench::page_io::{self, PageIoFigures, PageIoOptions, ReadStage};
 use trex_bench::rays::{
     self, DeviceFigures, DeviceSetFigures, MixFigures, RayFigures, RayOptions, SetFigures, VisitFigures,
 };
-use trex_model::Device;
 use trex_store::printable::one_line;
 
 /// Runs `trex bench`.
@@ -38,7 +37,7 @@ fn run_rays(args: &BenchRaysArgs, ctx: &Context) -> anyhow::Result<Exit> {
         seed: args.seed,
         io: io_options(&args.disk),
         stats: args.stats,
-        device: args.device.device.is_some().then(|| args.device.options(Device::Cpu)),
+        device: args.device.device.is_some().then(|| args.device.options()),
         peer: None,
     };
     let figures = rays::run(&model, &options, &around)?;

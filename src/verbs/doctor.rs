@@ -86,11 +86,15 @@ struct Gpu {
     refusal: Option<String>,
 }
 
-/// What answers rays through the voxels where nothing is said.
+/// What answers rays through the voxels.
 #[derive(Debug, Serialize)]
 struct Uses {
+    /// Where nothing is said.
     render: String,
     view: String,
+    /// With `--device auto`.
+    auto: String,
+    /// Why `auto` is that.
     reason: String,
 }
 
@@ -107,8 +111,9 @@ impl DoctorReport {
                 "no GPU in hardware can be used; one in software is the processor by a longer way"
             }
         };
-        let view = usable.map_or("cpu", |gpu| &gpu.name).to_owned();
-        let uses = Uses { render: "cpu".to_owned(), view, reason: reason.to_owned() };
+        let [render, view] = ["cpu", "cpu"].map(str::to_owned);
+        let auto = usable.map_or("cpu", |gpu| &gpu.name).to_owned();
+        let uses = Uses { render, view, auto, reason: reason.to_owned() };
         let hints = if usable.is_some() { vec![] } else { Surroundings::detect().hints() };
         Ok(DoctorReport {
             processor: Processor {
@@ -235,6 +240,13 @@ impl Surroundings {
             "NVIDIA's EGL vendor file (10_nvidia.json in /usr/share/glvnd/egl_vendor.d) is missing: without a display \
              its Vulkan driver needs it",
         );
+        let has_all =
+            self.has_loader && self.has_driver_files && self.has_nvidia_driver_file && self.has_nvidia_egl;
+        hint(
+            has_all && self.has_nvidia && !self.has_mig,
+            "NVIDIA's Vulkan driver is announced and cannot be loaded, often for want of libraries: install libx11-6, \
+             libxext6, libegl1; ldd on its libGLX_nvidia.so.0 names what is missing",
+        );
         hint(self.has_mig, "the GPU is divided (MIG): its parts have no Vulkan");
         hint(
             !self.has_nvidia && !self.has_render_nodes,
@@ -292,9 +304,9 @@ impl fmt::Display for DoctorReport {
         writeln!(f, "pages are read by {}: {}", disk.chosen.backend, disk.chosen.reason)?;
         write!(
             f,
-            "rays through the voxels are answered by {} in render, by {} in view and stress: {}",
+            "rays through the voxels are answered by {}, with --device auto by {}: {}",
             uses.render,
-            one_line(&uses.view),
+            one_line(&uses.auto),
             uses.reason
         )
     }
@@ -317,7 +329,8 @@ mod tests {
         };
         let none = Surroundings::default();
         for (around, words) in [
-            (whole, &[][..]),
+            // All is there, and none of it loads.
+            (whole, &["libx11-6"][..]),
             (none, &["libvulkan1", "/dev/dri"][..]),
             (Surroundings { has_driver_files: false, ..whole }, &["icd.d"]),
             (Surroundings { has_nvidia_driver_file: false, ..whole }, &["libnvidia-gl"]),

@@ -19,7 +19,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trex_model::RayRates;
-use trex_model::{Device, DeviceOptions, Pace, SessionOptions};
+use trex_model::{DeviceOptions, Pace, SessionOptions};
 use trex_render::{
     Camera, Event, Fov, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, Portion, RayCounts,
     RenderKeys, RenderStats, Scene, Session,
@@ -56,7 +56,7 @@ pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
         layers,
         portion: render_part::portion(args, &scene.render)?,
         io: io_options(&args.disk),
-        device: args.device.options(Device::Cpu),
+        device: args.device.options(),
         // Beyond what a duration holds there is no limit.
         time_limit: args.time_limit.as_ref().and_then(|limit| Duration::try_from_secs_f64(limit.0).ok()),
         live: args.deadline.t_max.as_ref().map(|t_max| args.deadline.options(t_max)),

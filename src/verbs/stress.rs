@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use trex_bench::stress::{self, DragFigures, Snapshots, Stand, StressFigures};
-use trex_model::{Device, DeviceReport, Pace, SessionOptions, Times};
+use trex_model::{DeviceReport, Pace, SessionOptions, Times};
 use trex_render::{FetchBlock, Layers};
 use trex_store::StopSignal;
 use trex_store::io::IoDescription;
@@ -41,7 +41,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let resolution = scene.render.resolution;
     let copies_bytes = if references.is_some() { Snapshots::bytes(resolution) } else { 0 };
     let options = SessionOptions { pace: Pace::InFrames, copies_bytes, ..SessionOptions::default() };
-    let device = args.device.options(Device::Auto);
+    let device = args.device.options();
     let stop_signal = StopSignal::new(&ctx.interrupt, None);
     let play = Play { scene: &scene, file: &path, options, io: &io, device: &device, stop: &stop_signal };
     let (stage, mut session) = Stage::open(&play, ctx)?;

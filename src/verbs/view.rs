@@ -22,7 +22,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use trex_model::{Device, DeviceReport, LiveSession, SessionOptions, ShownModel};
+use trex_model::{DeviceReport, LiveSession, SessionOptions, ShownModel};
 use trex_render::{Exposure, FrameOptions, Scene};
 use trex_store::io::IoDescription;
 use trex_store::{Code, Error, Result, StopSignal};
@@ -240,7 +240,7 @@ fn open_stage(
     path: &Path,
     ctx: &Context,
 ) -> Result<(Stage, trex_model::Session)> {
-    let (io, device) = (io_options(&args.disk), args.device.options(Device::Auto));
+    let (io, device) = (io_options(&args.disk), args.device.options());
     let stop = StopSignal::new(&ctx.interrupt, None);
     loop {
         let options = SessionOptions::shown(scene.render.resolution);

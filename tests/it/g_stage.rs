@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use trex_render::{
-    Answer, CpuStage, GAnswer, GCall, GKind, GNeeds, GRay, GRays, GStage, GTurn, GUnits, GView, LowerScene,
-    MissingUnits, Occluders, Page, Pages, Ray, VoxelHit, VoxelScene, Voxels,
+    Answer, CpuStage, GAnswer, GCall, GEnd, GKind, GNeeds, GRay, GRays, GStage, GTurn, GUnits, GView,
+    LowerScene, MissingUnits, Occluders, Page, Pages, Ray, VoxelHit, VoxelScene, Voxels,
 };
 use trex_store::octree::{Refinement, UnitsView, UpperOctree};
 use trex_store::{Budget, Result};
@@ -67,19 +67,19 @@ impl GStage for Naive {
 #[derive(Debug)]
 struct Late {
     inner: CpuStage,
-    answered: Option<Sender<(GCall, Sender<GCall>)>>,
+    answered: Option<Sender<(GCall, Sender<GEnd>)>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Late {
     fn new() -> Late {
-        let (answered, late): (_, Receiver<(GCall, Sender<GCall>)>) = channel();
+        let (answered, late): (_, Receiver<(GCall, Sender<GEnd>)>) = channel();
         let thread = std::thread::spawn(move || {
             while let Ok(first) = late.recv() {
                 let second = late.recv_timeout(std::time::Duration::from_millis(1)).ok();
                 for (call, to) in second.into_iter().chain([first]) {
                     // Nobody may wait any more.
-                    let _ = to.send(call);
+                    let _ = to.send(Box::new(|| call));
                 }
             }
         });

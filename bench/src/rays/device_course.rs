@@ -18,6 +18,9 @@ use trex_render::{
 /// Rays of a part of a call: about those of a tile.
 const PART_RAYS: usize = 512;
 
+/// Share of a distance by which equal answers may differ.
+const SAME: f32 = 1e-4;
+
 /// Figures of a set of rays on a device.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct DeviceSetFigures {
@@ -29,7 +32,8 @@ pub struct DeviceSetFigures {
     pub per_s: f64,
     /// Rays per second of the time of kernels; `None` of a device that does not tell.
     pub kernel_per_s: Option<f64>,
-    /// Rays whose answers are not the processor's, bit for bit.
+    /// Rays that meet another surface than on the processor, or at another distance, by a ten-thousandth: devices
+    /// round otherwise.
     pub other_count: usize,
     /// The same calls answered by the processor in lanes, rays per second of wall time, median.
     pub lanes_per_s: f64,
@@ -119,7 +123,11 @@ impl DeviceCourse<'_> {
             hit_count: found.iter().filter(|answer| answer.outcome == GAnswer::MET).count(),
             per_s: median(&per_s[0]),
             kernel_per_s: (kernel_ns > 0).then(|| (ray_count * self.rounds) as f64 * 1e9 / kernel_ns as f64),
-            other_count: found.iter().zip(expected).filter(|(found, expected)| found != expected).count(),
+            other_count: found
+                .iter()
+                .zip(expected)
+                .filter(|(found, expected)| !is_same(found, expected))
+                .count(),
             lanes_per_s: median(&per_s[1]),
             scalar_per_s: median(&per_s[2]),
             steps_per_ray: None,
@@ -199,4 +207,10 @@ impl DeviceCourse<'_> {
     fn kernel_ns(&self) -> u64 {
         self.source.report().gpu.map_or(0, |gpu| gpu.shadow_ns + gpu.surface_ns)
     }
+}
+
+/// Whether two answers are of the same surface, met in the same way.
+fn is_same(a: &GAnswer, b: &GAnswer) -> bool {
+    let words = |answer: &GAnswer| (answer.outcome, answer.side, answer.material, answer.axis);
+    words(a) == words(b) && (a.t - b.t).abs() <= SAME * a.t.abs().max(1.0)
 }

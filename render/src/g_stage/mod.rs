@@ -99,13 +99,16 @@ pub struct GCall {
     pub parts: Vec<GRays>,
 }
 
+/// What is left to do for a call that a stage has answered, in the thread that waits for it: it gives the call.
+pub type GEnd = Box<dyn FnOnce() -> GCall + Send>;
+
 /// The reply of a stage to a call.
 #[derive(Debug)]
 pub enum GTurn {
     /// All rays are answered.
     Answered(GCall),
-    /// The stage is at work; the call arrives here once all of its rays are answered.
-    UnderWay(Receiver<GCall>),
+    /// The stage is at work; the end of the call arrives here once all of its rays are answered.
+    UnderWay(Receiver<GEnd>),
 }
 
 impl GRays {
@@ -194,7 +197,7 @@ impl GTurn {
     pub(crate) fn is_answered(&mut self) -> bool {
         let GTurn::UnderWay(answers) = self else { return true };
         match answers.try_recv() {
-            Ok(call) => *self = GTurn::Answered(call),
+            Ok(end) => *self = GTurn::Answered(end()),
             Err(TryRecvError::Empty) => return false,
             Err(TryRecvError::Disconnected) => panic!("{DROPPED}"),
         }
@@ -208,7 +211,7 @@ impl GTurn {
     pub fn wait(self) -> GCall {
         match self {
             GTurn::Answered(call) => call,
-            GTurn::UnderWay(answers) => answers.recv().expect(DROPPED),
+            GTurn::UnderWay(answers) => answers.recv().expect(DROPPED)(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Tests of passes whose G-rays go through a stage, against samples whose rays are asked one by one.
 
-use crate::g_stage::{CpuStage, GCall, GNeeds, GStage, GTurn};
+use crate::g_stage::{CpuStage, GCall, GEnd, GNeeds, GStage, GTurn};
 use crate::integrate::{RenderContext, SampleIntegrator};
 use crate::photon::irradiance::{Irradiance, MapForm, PhotonMap};
 use crate::photon::voxel::VoxelPhotons;
@@ -123,7 +123,7 @@ impl GStage for Naive {
 }
 
 /// A call, and where its answers are waited for.
-type PendingCall = (GCall, Sender<GCall>);
+type PendingCall = (GCall, Sender<GEnd>);
 
 /// Answers on a thread of its own, which keeps calls until two or more wait, or none has come for a while, and answers
 /// the latest first: late, and out of order.
@@ -154,7 +154,8 @@ impl Late {
                 }
                 let Some((call, answered)) = waiting.pop() else { continue };
                 overtaken += u64::from(!waiting.is_empty());
-                answered.send(naive.submit(call, &mut NoPages).wait()).unwrap();
+                let call = naive.submit(call, &mut NoPages).wait();
+                answered.send(Box::new(|| call)).unwrap();
             }
         };
         Late { needs, calls: Some(sender), thread: Some(std::thread::spawn(answer_all)) }
