@@ -49,12 +49,12 @@ use crate::progress::{Progress, Report};
 use crate::source::{SourceStats, TriangleSource};
 use checkpoint::{Checkpoint, FilePlaces};
 use draft::Draft;
-use emit::voxels;
+use emit::voxels::VoxelWork;
 use input_sizes::CountingSource;
 use journal::{FileKind, Journal};
 use model_materials::ModelMaterials;
 use partition::outcome::PartitionOutcome;
-use partition::{Partition, PartitionWork, SortStart};
+use partition::{PartitionWork, SortStart};
 use phases::PhaseClock;
 use plan::plan;
 use scan::{Grid, lattice};
@@ -160,14 +160,14 @@ impl Site<'_> {
             }
         };
         self.check_apart(&outcome.source)?;
-        out.keeping_error = outcome.partition.keeping_error();
+        out.keeping_error = outcome.partition.summary.keeping_error();
 
         // Clusters, voxels, pages: chunk by chunk, in order.
         let mut clock = PhaseClock::start();
         let draft = Draft::create(self.output, self.folder, draft)?;
-        let Partition { octree, lattice_bounds, .. } = outcome.partition;
-        let voxels = voxels::begin(octree, lattice_bounds, voxels, self.scratch_folder)?;
-        let work = emit::EmitWork { outcome: &outcome, voxels, journal, checkpoint: emitted };
+        let folder = self.scratch_folder;
+        let voxels = VoxelWork::begin(&outcome.partition.summary, voxels)?;
+        let work = emit::EmitWork { outcome: &outcome, voxels, journal, checkpoint: emitted, folder };
         let block = emit::emit(work, self.options, draft.file(), self.report, &mut out)?;
         let (wall, cpu) = clock.lap();
         out.phase_ms.clusters = wall.saturating_sub(out.phase_ms.voxels);

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Invariants: 1. a block is named by its run and its number in it; 2. records of one leaf and material are summed in
-//! the order of runs (chunk, number), whoever wrote them first; 3. memory is one block per run.
+//! the order of runs (file, chunk, number), whoever wrote them first; 3. memory is one block per run.
 
 use super::record::Record;
 use super::{VoxelGrid, leaf_key};
@@ -167,6 +167,8 @@ fn block_name(run: RunOrder, number: usize) -> u64 {
 
 /// A run while it is merged.
 struct RunReader {
+    /// Which file it is in.
+    file: usize,
     run: VoxelRun,
     next_block: usize,
     block: Vec<Record>,
@@ -197,7 +199,8 @@ impl RecordBounds {
 
 impl RunReader {
     /// The next record, if there is one, which stands behind the one before it.
-    fn next(&mut self, runs: &VoxelRuns, known: &RecordBounds) -> Result<Option<Record>> {
+    fn next(&mut self, files: &[VoxelRuns], known: &RecordBounds) -> Result<Option<Record>> {
+        let runs = &files[self.file];
         if self.at == self.block.len() {
             let Some(&bytes) = self.run.blocks.get(self.next_block) else { return Ok(None) };
             let count = (self.run.record_count - self.next_block * BLOCK).min(BLOCK);
@@ -222,27 +225,31 @@ impl RunReader {
     }
 }
 
-/// Calls `take` for each pair of leaf and material, in order, summed.
+/// Calls `take` for each pair of leaf and material, in order, summed. The chunks of a file stand behind those of the
+/// files before it.
 pub(crate) fn merge(
-    mut runs: VoxelRuns,
+    mut files: Vec<VoxelRuns>,
     known: &RecordBounds,
     mut take: impl FnMut(Record) -> Result<()>,
 ) -> Result<()> {
-    let mut all = std::mem::take(&mut runs.written.get_mut().expect("no panic while held").runs);
-    all.sort_unstable_by_key(|run| run.order);
-    let reader = |run| RunReader { run, next_block: 0, block: Vec::new(), at: 0, least: 0 };
-    let mut readers: Vec<RunReader> = all.into_iter().map(reader).collect();
+    let mut readers = Vec::new();
+    for (file, runs) in files.iter_mut().enumerate() {
+        let mut all = std::mem::take(&mut runs.written.get_mut().expect("no panic while held").runs);
+        all.sort_unstable_by_key(|run| run.order);
+        let reader = |run| RunReader { file, run, next_block: 0, block: Vec::new(), at: 0, least: 0 };
+        readers.extend(all.into_iter().map(reader));
+    }
     let mut heads = Vec::with_capacity(readers.len());
     let mut heap = BinaryHeap::with_capacity(readers.len());
     for (index, reader) in readers.iter_mut().enumerate() {
-        let head = reader.next(&runs, known)?.expect("runs are not empty");
+        let head = reader.next(&files, known)?.expect("runs are not empty");
         heap.push(Reverse((head.order, index)));
         heads.push(head);
     }
     let mut sum: Option<Record> = None;
     while let Some(Reverse((order, index))) = heap.pop() {
         let record = heads[index];
-        if let Some(head) = readers[index].next(&runs, known)? {
+        if let Some(head) = readers[index].next(&files, known)? {
             heads[index] = head;
             heap.push(Reverse((head.order, index)));
         }

@@ -308,7 +308,7 @@ mod tests {
         triangles.iter().for_each(|q| voxelizer.add(*q, 0));
         voxelizer.finish().unwrap();
         let mut all = Vec::new();
-        merge(runs, &RecordBounds::new(&grid, 1), |leaf| {
+        merge(vec![runs], &RecordBounds::new(&grid, 1), |leaf| {
             all.push(leaf);
             Ok(())
         })

@@ -16,7 +16,7 @@ use crate::budget::Budget;
 use crate::build::draft::DraftFile;
 use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
-use crate::build::partition::{Partition, superblock_of};
+use crate::build::partition::Partition;
 use crate::cluster::{LatticeBox, TopRef};
 use crate::error::Result;
 use crate::layout::{EMITTER_BYTES, PAGE_ENTRY_BYTES, PageEntry, PageKind, SUPERBLOCK_BYTES, Superblock};
@@ -127,7 +127,7 @@ impl EmitCheckpoint {
             let q = |at: usize| [words[at] as i64, words[at + 1] as i64, words[at + 2] as i64];
             (LatticeBox { lo: q(0), hi: q(3) }, TopRef::from_word(words[6] as u32))
         };
-        let voxels = match parted.octree {
+        let voxels = match parted.summary.octree {
             Some(_) => {
                 Some(VoxelRunTable::parse(&bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words))?)
             }
@@ -140,7 +140,7 @@ impl EmitCheckpoint {
 
     fn is_sound(&self, parted: &Partition) -> bool {
         let EmitCheckpoint { head, pages, roots, emitters, .. } = self;
-        let [lo, hi] = parted.lattice_bounds;
+        let [lo, hi] = parted.summary.lattice_bounds;
         let is_mesh = |page: usize| pages.get(page).is_some_and(|page| page.kind == PageKind::Mesh);
         let colour_page_count = pages.iter().filter(|page| page.kind == PageKind::Colours).count() as u64;
         let is_root = |(bounds, root): &(LatticeBox, TopRef)| {
@@ -148,7 +148,7 @@ impl EmitCheckpoint {
             let is_box = (0..3).all(|axis| bounds.lo[axis] <= bounds.hi[axis]) && all.join(bounds) == all;
             is_box && matches!(root, TopRef::Page { page, .. } if is_mesh(*page as usize))
         };
-        let mut block = superblock_of(parted);
+        let mut block = parted.summary.superblock();
         counts(&mut block).into_iter().zip(head.counts).for_each(|(count, there)| *count = there);
         // Pages follow each other, and so do their triangles.
         let next = |(offset, triangle_count): (u64, u64), page: &PageEntry| {
@@ -170,7 +170,7 @@ impl EmitCheckpoint {
             && roots.iter().all(is_root)
             && emitters.len() as u64 == head.emitter_count.saturating_mul(EMITTER_BYTES as u64)
             && self.voxels.as_ref().is_none_or(|written| written.is_of(head.chunk_count))
-            && block.has_counts_below(parted.triangle_count)
+            && block.has_counts_below(parted.summary.triangle_count)
     }
 
     /// Chunks that are in the output.

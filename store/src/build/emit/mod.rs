@@ -4,6 +4,7 @@
 //! hash.
 
 pub(super) mod emit_checkpoint;
+mod finish;
 mod in_order;
 pub(super) mod table_bytes;
 pub(super) mod voxels;
@@ -15,20 +16,22 @@ use crate::build::draft::DraftFile;
 use crate::build::input_sizes::InputSizes;
 use crate::build::journal::{FileKind, Journal};
 use crate::build::options::{BuildOptions, Voxels};
+use crate::build::partition::Partition;
 use crate::build::partition::chunk::CHUNK_TRIANGLES;
 use crate::build::partition::outcome::PartitionOutcome;
-use crate::build::partition::{Partition, superblock_of};
-use crate::build::phases::PhaseClock;
+use crate::build::partition::summary::PartitionSummary;
 use crate::build::report::{BuildReport, PhaseReport};
 use crate::build::scratch::LatticeTriangle;
 use crate::cluster::LatticeBox;
 use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
-use crate::octree::{FirstPage, Voxelizer};
+use crate::octree::Voxelizer;
 use emit_checkpoint::EmitCheckpoint;
+use finish::{FinishWork, finish};
 use in_order::{InOrder, WINDOW};
+use std::path::Path;
 use table_bytes::tables_bytes;
-use voxels::VoxelWork;
+use voxels::{OctreeShape, VoxelMerge, VoxelWork};
 use writer::{PageWriter, file_id};
 
 /// What is written.
@@ -40,6 +43,8 @@ pub(crate) struct EmitWork<'a> {
     pub(crate) journal: Option<&'a mut Journal>,
     /// What a build before this has emitted.
     pub(crate) checkpoint: Option<EmitCheckpoint>,
+    /// Where scratch files go.
+    pub(crate) folder: &'a Path,
 }
 
 /// Writes everything between the two superblocks and the superblocks themselves.
@@ -50,45 +55,32 @@ pub(crate) fn emit(
     report: PhaseReport<'_>,
     out: &mut BuildReport,
 ) -> Result<Superblock> {
-    let EmitWork { outcome, mut voxels, journal, checkpoint } = work;
+    let EmitWork { outcome, mut voxels, journal, checkpoint, folder } = work;
     let PartitionOutcome { partition: parted, materials, sizes, .. } = outcome;
     let emissive = materials.emissive();
-    let [lo, hi] = parted.lattice_bounds;
-    let context =
-        PackContext { emissive: &emissive, bounds: LatticeBox { lo, hi }, has_colours: sizes.has_colours };
-    let file_id = file_id(parted, voxels.as_ref(), materials);
-    let mut writer = PageWriter::new(file_id, superblock_of(parted), context, &options.budget)?;
+    let context = pack_context(&parted.summary, &emissive, sizes);
+    let shape = OctreeShape::of(&parted.summary);
+    let file_id = file_id(&parted.summary, shape, materials);
+    let mut writer = PageWriter::new(file_id, parted.summary.superblock(), context, &options.budget)?;
 
     // Pages of the mesh and voxel records, chunk by chunk, in order.
     let work = ChunkWork { outcome, journal, checkpoint, context, options, report };
     out.resumed_triangle_count = work.run(&mut writer, &mut file, &mut voxels)?;
-    writer.close(&mut file)?;
     out.scratch_peak_bytes = parted.scratch.bytes();
 
-    // Records merged into the octree; pages of units.
-    let mut clock = PhaseClock::start();
-    let merged = match voxels {
-        None => None,
-        Some(work) => {
-            (out.upper_resolution, out.finest_resolution) = (work.grid.resolution, work.finest().resolution);
-            let report = |done| report("voxels", "records", done, 0);
-            let pages = FirstPage { number: writer.page_count(), material_count: materials.count() };
-            let put = &mut |raw| writer.add_units(raw, &mut file);
-            Some(work.merge(pages, put, &options.budget, &report)?)
-        }
-    };
+    // All that is made of more than a chunk.
+    let voxels = voxels.map(|VoxelWork { shape, runs }| VoxelMerge { shape, runs: vec![runs], folder });
+    finish(FinishWork { writer, materials, voxels, options, report }, file, out)
+}
 
-    // Tables, then the sections of the octree.
-    writer.write_tables(&mut file, materials, &options.budget)?;
-    if let Some(merged) = merged {
-        out.scratch_peak_bytes = out.scratch_peak_bytes.max(merged.scratch_bytes);
-        out.lower_leaf_count = merged.lower_leaf_count();
-        out.upper_leaf_count = merged.write(&mut file, file_id, writer.voxel_sections())?;
-    }
-    (out.phase_ms.voxels, out.phase_cpu_ms.voxels) = clock.lap();
-
-    // Both superblocks.
-    writer.seal(&mut file, out)
+/// What the pages of all chunks of a model share.
+pub(crate) fn pack_context<'a>(
+    summary: &PartitionSummary,
+    emissive: &'a [bool],
+    sizes: &InputSizes,
+) -> PackContext<'a> {
+    let [lo, hi] = summary.lattice_bounds;
+    PackContext { emissive, bounds: LatticeBox { lo, hi }, has_colours: sizes.has_colours }
 }
 
 /// All chunks, of which a build before this may have done some.
@@ -124,7 +116,7 @@ impl ChunkWork<'_> {
             }
         };
         let voxels = voxels.as_ref();
-        report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+        report("clusters", "triangles", writer.triangle_count(), parted.summary.triangle_count);
         build_chunks(first, outcome, voxels, context, options, |chunk, pages| {
             writer.add_chunk(chunk, pages, file)?;
             // Chunks that nobody will ask for again.
@@ -146,7 +138,7 @@ impl ChunkWork<'_> {
                 parted.scratch.consume(&piece.run, piece.take);
             }
             given_back = last;
-            report("clusters", "triangles", writer.triangle_count(), parted.triangle_count);
+            report("clusters", "triangles", writer.triangle_count(), parted.summary.triangle_count);
             Ok(())
         })?;
         if let Some(journal) = journal.filter(|journal| journal.has_record(FileKind::Chunks)) {
@@ -210,7 +202,7 @@ fn build_chunks(
     let (pool, item_count, interrupt) = (&options.pool, parted.chunks.len() - first, &options.interrupt);
     let begin = || {
         let mut workspace = Workspace::default();
-        let mut voxelizer = voxels.map(|work| Voxelizer::new(work.finest(), &work.runs));
+        let mut voxelizer = voxels.map(|work| Voxelizer::new(work.shape.finest(), &work.runs));
         move |index: usize| {
             let chunk = first + index;
             let pages = workspace.build(&parted.chunks[chunk], &parted.scratch, context)?;

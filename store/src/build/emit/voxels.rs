@@ -5,6 +5,7 @@
 
 use crate::budget::{Budget, Lease};
 use crate::build::draft::DraftFile;
+use crate::build::partition::summary::PartitionSummary;
 use crate::error::Result;
 use crate::layout::{Section, SectionKind, section_hasher};
 use crate::octree::{
@@ -12,36 +13,32 @@ use crate::octree::{
     VoxelGrid, VoxelRuns, family_bytes, merge,
 };
 use crate::scratch::Place;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Records between two reports; their masks are what is counted as memory afterwards.
 const TELL_RECORDS: u64 = 1 << 16;
 
-/// Voxel records on their way.
-pub(crate) struct VoxelWork {
+/// The octree that a model gets.
+#[derive(Clone, Copy)]
+pub(crate) struct OctreeShape {
     /// The upper leaves.
     pub(crate) grid: VoxelGrid,
     pub(crate) refinement: Refinement,
-    pub(crate) runs: VoxelRuns,
-    /// Where scratch files go.
-    folder: PathBuf,
 }
 
-/// The octree that the partition chose, and the scratch file `place` for its records; others go to `folder`. `None`
-/// where it chose none.
-pub(crate) fn begin(
-    octree: Option<(u32, Refinement)>,
-    [lo, hi]: [[i64; 3]; 2],
-    place: Place,
-    folder: &Path,
-) -> Result<Option<VoxelWork>> {
-    let Some((resolution, refinement)) = octree else { return Ok(None) };
-    Ok(Some(VoxelWork {
-        grid: VoxelGrid::from_bounds(lo, hi, resolution, refinement),
-        refinement,
-        runs: VoxelRuns::at(place)?,
-        folder: folder.to_path_buf(),
-    }))
+/// Voxel records on their way.
+pub(crate) struct VoxelWork {
+    pub(crate) shape: OctreeShape,
+    pub(crate) runs: VoxelRuns,
+}
+
+/// Records that wait for their merge.
+pub(crate) struct VoxelMerge<'a> {
+    pub(crate) shape: OctreeShape,
+    /// Those of the first chunks, those of the next ones, ..: all of them.
+    pub(crate) runs: Vec<VoxelRuns>,
+    /// Where scratch files go.
+    pub(crate) folder: &'a Path,
 }
 
 /// Merged records whose pages are written, and what is left to be written.
@@ -52,29 +49,51 @@ pub(crate) struct MergeOutcome {
     _lease: Lease,
 }
 
-impl VoxelWork {
+impl OctreeShape {
+    /// The one that the partition chose; `None` where it chose none.
+    pub(crate) fn of(summary: &PartitionSummary) -> Option<OctreeShape> {
+        let [lo, hi] = summary.lattice_bounds;
+        summary.octree.map(|(resolution, refinement)| {
+            let grid = VoxelGrid::from_bounds(lo, hi, resolution, refinement);
+            OctreeShape { grid, refinement }
+        })
+    }
+
     /// The leaves that records are made of.
     pub(crate) fn finest(&self) -> VoxelGrid {
         self.grid.refined(self.refinement)
     }
+}
 
+impl VoxelWork {
+    /// For the octree that the partition chose, into the scratch file `place`; `None` where it chose none.
+    pub(crate) fn begin(summary: &PartitionSummary, place: Place) -> Result<Option<VoxelWork>> {
+        let Some(shape) = OctreeShape::of(summary) else { return Ok(None) };
+        Ok(Some(VoxelWork { shape, runs: VoxelRuns::at(place)? }))
+    }
+}
+
+impl VoxelMerge<'_> {
     /// Merges the records. The stored form of pages of units, before packing, goes to `put`; they are numbered from the
     /// given page on, for a model with so many materials.
-    pub(crate) fn merge(
+    pub(crate) fn run(
         self,
         pages: FirstPage,
         put: &mut dyn FnMut(Vec<u8>) -> Result<()>,
         budget: &Budget,
         report: &dyn Fn(u64),
     ) -> Result<MergeOutcome> {
-        let RunsSize { bytes: runs_bytes, run_count } = self.runs.size();
+        let OctreeShape { grid, refinement } = self.shape;
+        let sizes = self.runs.iter().map(VoxelRuns::size);
+        let all =
+            sizes.reduce(|a, b| RunsSize { bytes: a.bytes + b.bytes, run_count: a.run_count + b.run_count });
+        let RunsSize { bytes: runs_bytes, run_count } = all.expect("runs of a build at least");
         let what = "the merge of voxels";
-        let family_bytes =
-            if self.refinement == Refinement::None { 0 } else { family_bytes(self.refinement) };
+        let family_bytes = if refinement == Refinement::None { 0 } else { family_bytes(refinement) };
         let mut lease = budget.lease(what, run_count * RUN_BYTES + STREAM_BYTES + family_bytes)?;
-        let mut builder = LowerBuilder::new(self.grid, self.refinement, &self.folder)?;
+        let mut builder = LowerBuilder::new(grid, refinement, self.folder)?;
         let (mut done, mut grown_bytes) = (0u64, 0);
-        let known = RecordBounds::new(&self.grid.refined(self.refinement), pages.material_count);
+        let known = RecordBounds::new(&self.shape.finest(), pages.material_count);
         merge(self.runs, &known, |record| {
             builder.push(record)?;
             done += 1;

@@ -4,7 +4,7 @@
 //! 2. every byte is hashed before it is written.
 
 use super::table_bytes::TOP_BYTES;
-use super::voxels::VoxelWork;
+use super::voxels::OctreeShape;
 use crate::budget::{Budget, Lease};
 use crate::build::clusters::clusterer::BinaryNode;
 use crate::build::clusters::pages::{
@@ -13,7 +13,7 @@ use crate::build::clusters::pages::{
 use crate::build::clusters::sah::{Prim, Rule, Splitter};
 use crate::build::draft::DraftFile;
 use crate::build::model_materials::ModelMaterials;
-use crate::build::partition::Partition;
+use crate::build::partition::summary::PartitionSummary;
 use crate::build::report::BuildReport;
 use crate::cluster::{ColourPacker, LatticeBox, Node, PackedColours, TopRef};
 use crate::error::Result;
@@ -67,6 +67,11 @@ impl<'a> PageWriter<'a> {
     /// Triangles in pages so far.
     pub(crate) fn triangle_count(&self) -> u64 {
         self.block.triangle_count
+    }
+
+    /// The id of the file.
+    pub(crate) fn file_id(&self) -> u64 {
+        self.file_id
     }
 
     /// Pages so far.
@@ -372,17 +377,21 @@ fn grow(
 }
 
 /// The file id: what was read and what was asked.
-pub(crate) fn file_id(parted: &Partition, voxels: Option<&VoxelWork>, materials: &ModelMaterials) -> u64 {
+pub(crate) fn file_id(
+    summary: &PartitionSummary,
+    shape: Option<OctreeShape>,
+    materials: &ModelMaterials,
+) -> u64 {
     let mut hasher = Xxh3::new();
     materials.hash(&mut hasher);
     let mut bytes = Vec::new();
-    bytes.extend(parted.content_hash.to_le_bytes());
-    bytes.extend(parted.grid.lattice.exponent.to_le_bytes());
-    parted.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
+    bytes.extend(summary.content_hash.to_le_bytes());
+    bytes.extend(summary.grid.lattice.exponent.to_le_bytes());
+    summary.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
     bytes.extend(VERSION.to_le_bytes());
-    bytes.extend(voxels.map_or(0, |work| work.grid.resolution).to_le_bytes());
-    if let Some(work) = voxels.filter(|work| work.refinement != Refinement::None) {
-        bytes.extend(work.refinement.factor().to_le_bytes());
+    bytes.extend(shape.map_or(0, |shape| shape.grid.resolution).to_le_bytes());
+    if let Some(shape) = shape.filter(|shape| shape.refinement != Refinement::None) {
+        bytes.extend(shape.refinement.factor().to_le_bytes());
     }
     hasher.update(&bytes);
     hasher.digest()

@@ -17,6 +17,7 @@ pub(super) mod outcome;
 mod resolution;
 mod snap;
 pub(super) mod sort_checkpoint;
+pub(super) mod summary;
 mod surface;
 
 pub(super) use resolution::plan_bytes;
@@ -30,19 +31,16 @@ use crate::build::scratch::run_writer::RunWriter;
 use crate::build::scratch::{Scratch, TriangleList};
 use crate::cluster::Colour;
 use crate::error::{Error, Result};
-use crate::geom::{Aabb, Lattice};
-use crate::layout::{SECTIONS, Section, Superblock, node_shift};
-use crate::octree::Refinement;
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
 use cells::{PartitionCells, SortKey, SortRule, first_levels};
 use chunk::Chunk;
-use collapsed::CollapsedSizes;
 use colour_means::ColourMeans;
 use snap::{Prefix, SnapSummary, Snapper};
 use sort_checkpoint::SortCheckpoint;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
+use summary::PartitionSummary;
 
 /// Memory for buffered triangles: at least this, so that runs are worth a disk access.
 const BUFFER_BYTES_LEAST: u64 = 16 << 20;
@@ -51,28 +49,11 @@ const BATCHES: u64 = 4;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 
-/// One in so many triangles with area may be lost without a word on which lattice would keep it.
-const LOST_SHARE: u64 = 10_000;
-
 /// The whole input in chunks, in scratch.
 pub(crate) struct Partition {
     pub(crate) scratch: Scratch,
     pub(crate) chunks: Vec<Chunk>,
-    pub(crate) grid: Grid,
-    pub(crate) input_triangle_count: u64,
-    pub(crate) triangle_count: u64,
-    pub(crate) rejected_degenerate: u64,
-    /// Those of them that had area.
-    pub(crate) collapsed: CollapsedSizes,
-    pub(crate) rejected_non_finite: u64,
-    pub(crate) error_bound: f64,
-    /// Box of the triangles on the lattice: least corner, greatest corner.
-    pub(crate) lattice_bounds: [[i64; 3]; 2],
-    /// At most the median edge length, model units.
-    pub(crate) median_edge: f64,
-    /// Leaves of the resident octree along an axis, and how much finer the finest are; `None` for no octree.
-    pub(crate) octree: Option<(u32, Refinement)>,
-    pub(crate) content_hash: u64,
+    pub(crate) summary: PartitionSummary,
     /// Of each material, once; none where the input has no colours.
     pub(crate) mean_colours: Vec<Colour>,
     pub(crate) wait_ms: u64,
@@ -169,12 +150,10 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         };
         return Err(no_triangles(&name, rejected));
     }
-    Ok(Partition {
-        triangle_count,
-        scratch,
-        chunks,
+    let summary = PartitionSummary {
         grid,
         input_triangle_count: snapper.read,
+        triangle_count,
         rejected_degenerate: snapped.rejected_degenerate,
         collapsed: snapped.collapsed,
         rejected_non_finite: snapped.rejected_non_finite,
@@ -183,6 +162,11 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         median_edge: scan.median_edge,
         octree: resolution::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
         content_hash: snapper.prefix().hash,
+    };
+    Ok(Partition {
+        scratch,
+        chunks,
+        summary,
         mean_colours: snapped.means.iter().flat_map(ColourMeans::colours).collect(),
         wait_ms: waited.as_millis() as u64,
     })
@@ -301,44 +285,4 @@ fn triangle_bytes(has_colours: bool) -> u64 {
 pub(crate) fn phase_bytes(free_bytes: u64, has_colours: bool) -> u64 {
     let fixed = BATCHES * TriangleBatch::bytes(has_colours) + means_bytes(has_colours);
     fixed + buffer_bytes(free_bytes.saturating_sub(fixed))
-}
-
-impl Partition {
-    /// The greatest error bound, model units, at which at most one in [`LOST_SHARE`] triangles with area is lost;
-    /// `None` where no more are, and where no lattice keeps them.
-    pub(crate) fn keeping_error(&self) -> Option<f64> {
-        let flat = self.rejected_degenerate.saturating_sub(self.collapsed.count());
-        let with_area = self.input_triangle_count.saturating_sub(flat + self.rejected_non_finite);
-        let halvings = self.collapsed.halvings(with_area / LOST_SHARE).filter(|&halvings| halvings > 0)?;
-        let is_held = self.grid.bits + halvings < Lattice::MAX_BITS;
-        is_held.then(|| self.grid.lattice.step() / 2.0 * 0.5f64.powi(halvings as i32))
-    }
-}
-
-/// The superblock of a file in which nothing is yet.
-pub(crate) fn superblock_of(parted: &Partition) -> Superblock {
-    Superblock {
-        file_bytes: 0,
-        file_id: 0,
-        lattice: parted.grid.lattice,
-        lattice_bits: parted.grid.bits,
-        node_shift: node_shift(parted.grid.bits),
-        error_bound: parted.error_bound,
-        bounds: Aabb { lo: [0.0; 3], hi: [0.0; 3] },
-        lattice_bounds: [[i64::MAX; 3], [i64::MIN; 3]],
-        median_edge: parted.median_edge,
-        input_triangle_count: parted.input_triangle_count,
-        triangle_count: 0,
-        vertex_count: 0,
-        cluster_count: 0,
-        wide_cluster_count: 0,
-        rejected_degenerate: parted.rejected_degenerate,
-        rejected_collapsed: parted.collapsed.count(),
-        rejected_non_finite: parted.rejected_non_finite,
-        resident_bytes: 0,
-        page_tree_bytes: 0,
-        colour_page_count: 0,
-        root: 0,
-        sections: [Section::default(); SECTIONS],
-    }
 }

@@ -7,21 +7,16 @@
 //! Invariant: a record whose file is gone or too short, or whose numbers cannot be true together, counts as absent: its
 //! hash says that nothing turned on the way, not who wrote it.
 
-use super::cells::is_on_lattice;
+use super::Partition;
 use super::chunk::Chunk;
-use super::collapsed::CollapsedSizes;
-use super::{Partition, superblock_of};
+use super::summary::StoredSummary;
 use crate::budget::Budget;
 use crate::build::input_sizes::InputSizes;
 use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
 use crate::build::model_materials::ModelMaterials;
-use crate::build::scan::Grid;
 use crate::build::scratch::Scratch;
 use crate::error::Result;
-use crate::geom::Lattice;
-use crate::layout::Superblock;
-use crate::octree::{Refinement, is_upper};
 use crate::source::SourceStats;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -31,30 +26,18 @@ use std::time::Instant;
 /// Most bytes of a piece of a chunk in a record.
 const PIECE_BYTES: u64 = 128;
 
-/// What stands in `chunks`. Numbers that are not whole stand by their bits.
+/// What stands in `chunks`.
 #[derive(Serialize, Deserialize)]
 struct ChunksHead<'a> {
-    pub(crate) scratch_bytes: u64,
+    scratch_bytes: u64,
     chunks: Cow<'a, [Chunk]>,
-    origin: [u64; 3],
-    exponent: i32,
-    bits: u32,
-    input_triangle_count: u64,
-    triangle_count: u64,
-    rejected_degenerate: u64,
-    collapsed: CollapsedSizes,
-    rejected_non_finite: u64,
-    error_bound: u64,
-    median_edge: u64,
-    lattice_bounds: [[i64; 3]; 2],
-    /// Leaves of the resident octree, and how much finer the finest are.
-    octree: Option<(u32, u32)>,
+    #[serde(flatten)]
+    summary: StoredSummary,
     /// Triangles whose material emits.
     #[serde(default)]
     emissive_count: u64,
     #[serde(default)]
     has_colours: bool,
-    content_hash: u64,
     source: SourceStats,
 }
 
@@ -75,21 +58,9 @@ impl PartitionOutcome {
         let head = ChunksHead {
             scratch_bytes: parted.scratch.bytes(),
             chunks: Cow::Borrowed(&parted.chunks),
-            origin: parted.grid.lattice.origin.map(f64::to_bits),
-            exponent: parted.grid.lattice.exponent,
-            bits: parted.grid.bits,
-            input_triangle_count: parted.input_triangle_count,
-            triangle_count: parted.triangle_count,
-            rejected_degenerate: parted.rejected_degenerate,
-            collapsed: parted.collapsed,
-            rejected_non_finite: parted.rejected_non_finite,
-            error_bound: parted.error_bound.to_bits(),
-            median_edge: parted.median_edge.to_bits(),
-            lattice_bounds: parted.lattice_bounds,
-            octree: parted.octree.map(|(resolution, refinement)| (resolution, refinement.factor())),
+            summary: parted.summary.stored(),
             emissive_count: self.sizes.emissive_count,
             has_colours: self.sizes.has_colours,
-            content_hash: parted.content_hash,
             source: self.source.clone(),
         };
         let Some((materials, _lease)) = self.materials.to_bytes(budget) else { return Ok(()) };
@@ -111,35 +82,23 @@ impl PartitionOutcome {
         budget: &Budget,
     ) -> Result<Option<PartitionOutcome>> {
         let head = record.head;
-        let octree = head.octree.map(|(resolution, factor)| {
-            Some((resolution, Refinement::from_factor(factor)?)).filter(|_| is_upper(resolution))
-        });
-        let (Ok([section]), false) = (<[Vec<u8>; 1]>::try_from(record.blobs), octree == Some(None)) else {
+        let (Ok([section]), Some(summary)) = (<[Vec<u8>; 1]>::try_from(record.blobs), head.summary.summary())
+        else {
             return Ok(None);
         };
         let Some(materials) = ModelMaterials::parse(&section, budget)? else { return Ok(None) };
-        let lattice = Lattice { origin: head.origin.map(f64::from_bits), exponent: head.exponent };
+        let input_triangle_count = summary.input_triangle_count;
         let partition = Partition {
             scratch: Scratch::reopen(cells, head.scratch_bytes)?,
             chunks: head.chunks.into_owned(),
-            grid: Grid { lattice, bits: head.bits },
-            input_triangle_count: head.input_triangle_count,
-            triangle_count: head.triangle_count,
-            rejected_degenerate: head.rejected_degenerate,
-            collapsed: head.collapsed,
-            rejected_non_finite: head.rejected_non_finite,
-            error_bound: f64::from_bits(head.error_bound),
-            lattice_bounds: head.lattice_bounds,
-            median_edge: f64::from_bits(head.median_edge),
-            octree: octree.flatten(),
-            content_hash: head.content_hash,
+            summary,
             // The materials of the record have them.
             mean_colours: Vec::new(),
             wait_ms: 0,
         };
         let sizes = InputSizes {
-            triangle_count: head.input_triangle_count,
-            emissive_count: head.emissive_count.min(head.input_triangle_count),
+            triangle_count: input_triangle_count,
+            emissive_count: head.emissive_count.min(input_triangle_count),
             vertex_count: head.source.vertex_count,
             material_count: materials.count() as u64,
             name_bytes: head.source.material_name_bytes,
@@ -150,17 +109,8 @@ impl PartitionOutcome {
     }
 
     fn is_sound(&self) -> bool {
-        let partition = &self.partition;
-        let Partition { scratch, chunks, triangle_count, lattice_bounds, grid, .. } = partition;
-        let block = Superblock {
-            triangle_count: *triangle_count,
-            lattice_bounds: *lattice_bounds,
-            ..superblock_of(partition)
-        };
-        block.has_sound_numbers()
-            && is_on_lattice(lattice_bounds, grid.bits)
-            && (0..3).all(|axis| lattice_bounds[0][axis] <= lattice_bounds[1][axis])
-            && chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
-            && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == *triangle_count
+        let Partition { scratch, chunks, summary, .. } = &self.partition;
+        chunks.iter().all(|chunk| chunk.is_sound(scratch.bytes()))
+            && chunks.iter().map(|chunk| chunk.triangle_count).sum::<u64>() == summary.triangle_count
     }
 }
