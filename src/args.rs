@@ -14,6 +14,7 @@ mod image;
 mod keys;
 mod parts;
 mod render;
+mod shards;
 mod stress;
 mod view;
 mod volume;
@@ -31,6 +32,7 @@ pub use image::{ImageArgs, ImageDiffArgs, ImageMergeArgs, ImageVerb, Metric};
 pub use keys::{STRESS_RESOLUTION, words as key_words};
 pub use parts::PartArgs;
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
+pub use shards::{MergeArgs, ScanArgs};
 use std::ffi::OsString;
 use std::path::Path;
 pub use stress::StressArgs;
@@ -70,6 +72,10 @@ pub enum Verb {
     Gen(GenArgs),
     /// Turn meshes into a page file
     Build(BuildArgs),
+    /// Make the plan of a build in shards, by many machines
+    Scan(ScanArgs),
+    /// Put the fragments of a build in shards together to its page file
+    Merge(MergeArgs),
     /// Describe a mesh or a page file without loading it
     Info(InfoArgs),
     /// Check every byte of a page file
@@ -97,6 +103,8 @@ impl Verb {
             Verb::Demo(_) => "demo",
             Verb::Gen(_) => "gen",
             Verb::Build(_) => "build",
+            Verb::Scan(_) => "scan",
+            Verb::Merge(_) => "merge",
             Verb::Info(_) => "info",
             Verb::Verify(_) => "verify",
             Verb::Export(_) => "export",
@@ -119,6 +127,8 @@ impl Verb {
             Verb::Demo(args) => &args.common,
             Verb::Gen(args) => &args.common,
             Verb::Build(args) => &args.common,
+            Verb::Scan(args) => &args.common,
+            Verb::Merge(args) => &args.common,
             Verb::Info(args) => &args.common,
             Verb::Verify(args) => &args.common,
             Verb::Export(args) => &args.common,
@@ -182,10 +192,15 @@ mod tests {
             panic!("not a build")
         };
         assert_eq!(args.inputs, [Input::File("a.ply".into()), Input::Generated("gen:soup:10k".into())]);
-        assert_eq!((args.error, args.grid_bits, args.common.memory_limit), (Some(0.5), None, None));
+        let lattice = (args.lattice.error, args.lattice.grid_bits);
+        assert_eq!((lattice, args.common.memory_limit), ((Some(0.5), None), None));
         assert!(parse("trex build a.ply -o m.trex --error 1 --grid-bits 20").is_err());
         assert!(parse("trex build -o m.trex").is_err());
         assert!(parse("trex build a.ply").is_err());
+        assert!(parse("trex build a.ply -o 1.trexfrag --plan p --shard 1/2").is_ok());
+        for flags in ["--plan p", "--shard 1/2", "--plan p --shard 3/2", "--plan p --shard 1/2 --no-asvo"] {
+            assert!(parse(&format!("trex build a.ply -o 1.trexfrag {flags}")).is_err(), "{flags}");
+        }
     }
 
     #[test]

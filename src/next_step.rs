@@ -55,6 +55,10 @@ pub(crate) fn words(step: &NextStep) -> String {
             "build with the same input and options, or remove it with trex build --clean"
         }
         NextStep::BuildWithoutResume => "this file system may have no locks: add --no-resume",
+        NextStep::ScanAgain => {
+            "run `trex scan` again on these inputs, or name those that the plan was made of"
+        }
+        NextStep::BuildShardAgain => "build it again with `trex build --plan PLAN --shard I/N`",
         NextStep::FinerLattice => {
             "ask for a finer lattice with --error: some triangles are smaller than its step"
         }

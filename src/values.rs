@@ -5,7 +5,7 @@
 
 mod portion;
 
-pub use portion::{SampleRange, TileShare, sample_range, tile_share};
+pub use portion::{SampleRange, ShardNumber, TileShare, sample_range, shard_number, tile_share};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use trex_model::Device;

@@ -31,16 +31,18 @@ const WORD: usize = 8;
 const OUTPUT: &str = "out.trex";
 
 /// A sheet with hills and two materials, of which one emits.
-struct Sheet {
+pub(super) struct Sheet {
+    /// Squares along a side, and rows of them that were delivered.
+    side: usize,
     row: usize,
     materials: MaterialList,
 }
 
 impl Sheet {
-    fn new() -> Sheet {
+    pub(super) fn new(side: usize) -> Sheet {
         let lamp = Material { ke: [4.0; 3], ..Material::default() };
         let materials = [("default", Material::default()), ("lamp", lamp)];
-        Sheet { row: 0, materials: materials.into_iter().collect() }
+        Sheet { side, row: 0, materials: materials.into_iter().collect() }
     }
 }
 
@@ -55,9 +57,9 @@ impl TriangleSource for Sheet {
             let (x, y) = (x as f64, y as f64);
             [x, y, 4.0 * (0.3 * x).sin() * (0.2 * y).cos()]
         };
-        if self.row < SIDE {
+        if self.row < self.side {
             let y = self.row;
-            for x in 0..SIDE {
+            for x in 0..self.side {
                 let [a, b, c, d] = [point(x, y), point(x + 1, y), point(x + 1, y + 1), point(x, y + 1)];
                 batch.push([a, b, c], 0);
                 batch.push([a, c, d], u32::from((x + y).is_multiple_of(50)));
@@ -85,12 +87,11 @@ impl TriangleSource for Sheet {
     }
 }
 
-/// Builds the sheet in `folder` until a report that `is_end` knows. Gives the triangles that were gone on with.
-fn build_in(folder: &Path, is_end: impl Fn(&Progress) -> bool + Sync) -> Result<u64> {
+/// How sheets are built, in the memory of `budget`.
+pub(super) fn options(budget: &Budget) -> BuildOptions {
     static THREADS: LazyLock<Arc<rayon::ThreadPool>> =
         LazyLock::new(|| Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread")));
-    let budget = Budget::new(RESERVE_BYTES + build::smallest_bytes() + ROOM);
-    let options = BuildOptions {
+    BuildOptions {
         precision: Precision::Default,
         voxels: Voxels::Resolution(64),
         pool: Arc::clone(&THREADS),
@@ -99,13 +100,24 @@ fn build_in(folder: &Path, is_end: impl Fn(&Progress) -> bool + Sync) -> Result<
         existing: ExistingOutput::Replace,
         interrupt: Interrupt::default(),
         resume: Some(Resume { input: vec![("input".into(), "sheet".into())], every: Duration::ZERO }),
-    };
+    }
+}
+
+/// The memory that a build gets.
+pub(super) fn budget() -> Budget {
+    Budget::new(RESERVE_BYTES + build::smallest_bytes() + ROOM)
+}
+
+/// Builds the sheet in `folder` until a report that `is_end` knows. Gives the triangles that were gone on with.
+fn build_in(folder: &Path, is_end: impl Fn(&Progress) -> bool + Sync) -> Result<u64> {
+    let budget = budget();
+    let options = options(&budget);
     let report = |progress: Progress| {
         if is_end(&progress) {
             options.interrupt.raise();
         }
     };
-    let built = build::build(&mut Sheet::new(), &folder.join(OUTPUT), &options, &|_| {}, &report);
+    let built = build::build(&mut Sheet::new(SIDE), &folder.join(OUTPUT), &options, &|_| {}, &report);
     assert_eq!(budget.used_bytes(), 0, "memory that nobody gave back");
     built.map(|report| report.resumed_triangle_count + report.resumed_sorted_count)
 }
@@ -146,7 +158,7 @@ fn left(ending: &str) -> Vec<u8> {
 }
 
 /// The head and the blobs of a record.
-fn parts(record: &[u8]) -> Vec<Vec<u8>> {
+pub(super) fn parts(record: &[u8]) -> Vec<Vec<u8>> {
     let word = |at: usize| {
         let word = record[WORD * at..].first_chunk().expect("a word");
         u64::from_le_bytes(*word) as usize
@@ -161,7 +173,7 @@ fn parts(record: &[u8]) -> Vec<Vec<u8>> {
 }
 
 /// The record of such parts, under the right hash.
-fn record(parts: &[Vec<u8>]) -> Vec<u8> {
+pub(super) fn record(parts: &[Vec<u8>]) -> Vec<u8> {
     let lengths = parts.iter().map(Vec::len);
     let words = std::iter::once(parts.len()).chain(lengths).flat_map(|word| (word as u64).to_le_bytes());
     let rest: Vec<u8> = words.chain(parts.iter().flatten().copied()).collect();

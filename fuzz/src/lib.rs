@@ -7,6 +7,7 @@
 pub mod left_over;
 pub mod parts;
 mod sealed;
+pub mod shards;
 
 pub use sealed::{sealed, with_page, with_section};
 
@@ -23,7 +24,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 22] = [
+pub const TARGETS: [Target; 23] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
@@ -35,6 +36,7 @@ pub const TARGETS: [Target; 22] = [
     ("colours", parts::colours),
     ("journal", journal),
     ("scratch", scratch),
+    ("shards", plans_and_fragments),
     ("ply", ply),
     ("obj", obj),
     ("stl", stl),
@@ -166,6 +168,11 @@ pub fn journal(bytes: &[u8]) {
 /// Blocks of the scratch files of a build that was stopped.
 pub fn scratch(bytes: &[u8]) {
     left_over::scratch(bytes);
+}
+
+/// The plan of a build in shards, and a fragment.
+pub fn plans_and_fragments(bytes: &[u8]) {
+    shards::shards(bytes);
 }
 
 /// A PLY file.

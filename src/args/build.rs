@@ -1,10 +1,11 @@
 //! The command line of `trex build`, `trex info` and `trex verify`.
 
 use super::{CommonArgs, OverwriteArgs, RawArgs, ScratchArgs, VolumeArgs};
-use crate::values::{self, Bytes, Input};
+use crate::values::{self, Bytes, Input, ShardNumber};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use trex_store::build::Precision;
 use trex_store::verify::Level;
 
 /// `trex build`
@@ -16,17 +17,13 @@ pub struct BuildArgs {
     #[arg(value_name = "INPUT", required_unless_present = "clean", num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
-    /// The page file to publish
+    /// The page file to publish; with --shard, the fragment
     #[arg(short, long, value_name = "OUT.trex")]
     pub output: PathBuf,
     #[command(flatten)]
     pub resume: ResumeArgs,
-    /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]
-    pub grid_bits: Option<u8>,
-    /// Largest distance a vertex may move when snapped to the lattice, model units
-    #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
-    pub error: Option<f64>,
+    #[command(flatten)]
+    pub lattice: LatticeArgs,
     /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = Colors::Keep)]
     pub colors: Colors,
@@ -35,11 +32,35 @@ pub struct BuildArgs {
     #[command(flatten)]
     pub voxels: VoxelArgs,
     #[command(flatten)]
+    pub shard: ShardArgs,
+    #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// The lattice of a build.
+#[derive(Clone, Debug, Args)]
+pub struct LatticeArgs {
+    /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]
+    pub grid_bits: Option<u8>,
+    /// Largest distance a vertex may move when snapped to the lattice, model units
+    #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
+    pub error: Option<f64>,
+}
+
+impl LatticeArgs {
+    /// The library's form.
+    pub fn precision(&self) -> Precision {
+        match (self.grid_bits, self.error) {
+            (Some(bits), _) => Precision::GridBits(u32::from(bits)),
+            (None, Some(error)) => Precision::Error(error),
+            (None, None) => Precision::Default,
+        }
+    }
 }
 
 /// `--colors`.
@@ -89,6 +110,20 @@ pub struct VoxelArgs {
     pub no_asvo: bool,
 }
 
+/// The share of a build that one machine does.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Shard options")]
+pub struct ShardArgs {
+    /// Build a shard of this plan, which `trex scan` has made of the same inputs; lattice and voxels are the plan's
+    #[arg(long, value_name = "PLAN", requires = "shard",
+          conflicts_with_all = ["grid_bits", "error", "voxels", "upper_budget", "render_limit", "no_asvo", "clean"])]
+    pub plan: Option<PathBuf>,
+    /// Build shard I of N alone, 1/N to N/N, to a fragment that `trex merge` puts together; one that is there is left
+    /// as it is
+    #[arg(long, value_name = "I/N", value_parser = values::shard_number, requires = "plan")]
+    pub shard: Option<ShardNumber>,
+}
+
 const AFTER_BUILD: &str = "\
 The plan (memory, scratch and output size against the limit and the free space) is printed before work starts.
 The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same
@@ -102,6 +137,7 @@ Examples:
   trex build head.nrrd -o head.trex --iso 60 --iso 120
   trex build head.raw -o head.trex --iso 60 --size 256x256x180 --type uint16
   trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json
+  trex build statue.ply --plan statue.trexplan --shard 3/8 -o 3.trexfrag    one of 8 shards (`trex scan --help`)
   trex build --clean -o ship.trex                      remove what a killed build has left";
 
 /// `trex info`

@@ -1,4 +1,6 @@
-//! `--tiles` and `--samples`: the part of a picture that one machine of many renders.
+//! `--tiles`, `--samples` and `--shard`: what one machine of many does of a picture, or of a build.
+
+use trex_store::build::shards::SHARDS;
 
 /// `--tiles I/N`: share I of N, counted from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -6,6 +8,15 @@ pub struct TileShare {
     /// From 1 to `count`.
     pub number: u32,
     /// Shares in all.
+    pub count: u32,
+}
+
+/// `--shard I/N`: shard I of N, counted from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShardNumber {
+    /// From 1 to `count`.
+    pub number: u32,
+    /// Shards in all.
     pub count: u32,
 }
 
@@ -20,12 +31,23 @@ pub struct SampleRange {
 
 /// Parses a share: `1/8` to `8/8`.
 pub fn tile_share(text: &str) -> Result<TileShare, String> {
-    let share = text.trim().split_once('/').and_then(|(number, count)| {
-        Some(TileShare { number: number.parse().ok()?, count: count.parse().ok()? })
-    });
-    share
-        .filter(|share| (1..=share.count).contains(&share.number))
-        .ok_or_else(|| "accepted is a share of all tiles, counted from 1: 1/8 to 8/8".to_owned())
+    let share = share(text).map(|(number, count)| TileShare { number, count });
+    share.ok_or_else(|| "accepted is a share of all tiles, counted from 1: 1/8 to 8/8".to_owned())
+}
+
+/// Parses the number of a shard: `1/8` to `8/8`.
+pub fn shard_number(text: &str) -> Result<ShardNumber, String> {
+    let shard = share(text).filter(|&(_, count)| count <= SHARDS);
+    shard
+        .map(|(number, count)| ShardNumber { number, count })
+        .ok_or_else(|| format!("accepted is a shard of up to {SHARDS}, counted from 1: 1/8 to 8/8"))
+}
+
+/// A number from 1 to a count, and this.
+fn share(text: &str) -> Option<(u32, u32)> {
+    let (number, count) = text.trim().split_once('/')?;
+    let (number, count) = (number.parse().ok()?, count.parse().ok()?);
+    (1..=count).contains(&number).then_some((number, count))
 }
 
 /// Parses a range of samples: `0..4`.
@@ -49,6 +71,14 @@ mod tests {
         assert_eq!(tile_share("1/1"), Ok(TileShare { number: 1, count: 1 }));
         for text in ["", "3", "0/8", "9/8", "1/0", "-1/8", "1/8/2", "a/b", "5000000000/5000000001"] {
             assert!(tile_share(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn shards_are_not_without_bound() {
+        assert_eq!(shard_number("512/512"), Ok(ShardNumber { number: 512, count: 512 }));
+        for text in ["", "1", "0/2", "3/2", "1/513", "1/4294967295"] {
+            assert!(shard_number(text).is_err(), "{text}");
         }
     }
 

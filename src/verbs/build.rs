@@ -19,7 +19,7 @@ use trex_store::printable::one_line;
 use trex_store::{Colourless, Error, Result, SourceStats, TriangleSource, stamp};
 
 /// About how much work a kill may cost where nothing else is said: as the flag has it.
-const JOURNAL_EVERY: Duration = Duration::from_secs(3);
+pub const JOURNAL_EVERY: Duration = Duration::from_secs(3);
 /// Longest time between two records of a journal, seconds: a day.
 const JOURNAL_EVERY_MOST_S: f64 = 86_400.0;
 
@@ -30,16 +30,11 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         ctx.output.result("build-clean", &UnfinishedBuilds { is_cleaned: true, unfinished })?;
         return Ok(Exit::Done);
     }
-    let precision = match (args.grid_bits, args.error) {
-        (Some(bits), _) => Precision::GridBits(u32::from(bits)),
-        (None, Some(error)) => Precision::Error(error),
-        (None, None) => Precision::Default,
-    };
     let work = Work {
         output: &args.output,
         temp_dir: args.scratch.temp_dir.as_deref(),
         existing: ExistingOutput::replace_if(args.overwrite.overwrite),
-        precision,
+        precision: args.lattice.precision(),
         voxels: voxels(&args.voxels),
         resume: resume(args)?,
     };
@@ -48,21 +43,31 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
             check_apart(&args.output, path)?;
         }
     }
-    let scratch = work.scratch_folder();
     let volumes = args.volumes.options();
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
     let built =
-        inputs::open(inputs, &scratch, build::smallest_bytes(), ctx).and_then(|source| match args.colors {
-            Colors::Keep => {
-                let mut source = source;
-                work.build(&mut *source, ctx)
-            }
-            Colors::Drop => work.build(&mut Colourless(source), ctx),
-        });
-    ctx.done(&built.map_err(|error| inputs::with_smallest_limit(error, inputs, &scratch, ctx))?)
+        with_source(inputs, args.colors, &work.scratch_folder(), ctx, |source| work.build(source, ctx));
+    ctx.done(&built?)
 }
 
-fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
+/// Opens the inputs for `build`. An error of a limit that is too small names the one that has room for a build.
+pub fn with_source<T>(
+    inputs: InputList<'_>,
+    colors: Colors,
+    scratch: &Path,
+    ctx: &Context,
+    build: impl FnOnce(&mut dyn TriangleSource) -> Result<T>,
+) -> Result<T> {
+    let opened = inputs::open(inputs, scratch, build::smallest_bytes(), ctx);
+    let built = opened.and_then(|mut source| match colors {
+        Colors::Keep => build(&mut *source),
+        Colors::Drop => build(&mut Colourless(source)),
+    });
+    built.map_err(|error| inputs::with_smallest_limit(error, inputs, scratch, ctx))
+}
+
+/// What the build does so that it can resume.
+pub fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
     let volumes = args.volumes.options();
     let mut resume = Resume { every, ..resume_of(InputList { inputs: &args.inputs, volumes: &volumes })? };
@@ -92,7 +97,8 @@ pub fn resume_of(list: InputList<'_>) -> Result<Resume> {
     Ok(Resume { input, every: JOURNAL_EVERY })
 }
 
-fn voxels(args: &VoxelArgs) -> Voxels {
+/// The voxel octree that is asked for.
+pub fn voxels(args: &VoxelArgs) -> Voxels {
     match &args.voxels {
         _ if args.no_asvo => Voxels::None,
         Some(voxels) => Voxels::Refined { upper: voxels.upper, refinement: voxels.refinement },
@@ -124,9 +130,9 @@ impl Work<'_> {
         self.temp_dir.or(beside).unwrap_or(Path::new(".")).to_path_buf()
     }
 
-    /// Builds, telling the plan and what the source met.
-    pub fn build(&self, source: &mut dyn TriangleSource, ctx: &Context) -> Result<BuildSummary> {
-        let options = BuildOptions {
+    /// As options of the library.
+    pub fn options(&self, ctx: &Context) -> Result<BuildOptions> {
+        Ok(BuildOptions {
             precision: self.precision,
             voxels: self.voxels,
             pool: ctx.thread_pool()?,
@@ -135,7 +141,12 @@ impl Work<'_> {
             existing: self.existing,
             interrupt: ctx.interrupt.clone(),
             resume: self.resume.clone(),
-        };
+        })
+    }
+
+    /// Builds, telling the plan and what the source met.
+    pub fn build(&self, source: &mut dyn TriangleSource, ctx: &Context) -> Result<BuildSummary> {
+        let options = self.options(ctx)?;
         let placed = source.stats();
         let tell_plan = |plan: &Plan| {
             if placed.instance_count > 0 {
@@ -146,26 +157,7 @@ impl Work<'_> {
                 ));
             }
             tell_volumes(&placed, ctx);
-            ctx.console.note(&format!(
-                "plan: {} triangles; memory {} of {}; scratch about {}, output about {}, free {}",
-                size::count(plan.triangle_count),
-                size::bytes(plan.memory_bytes),
-                size::bytes(plan.limit_bytes),
-                size::bytes(plan.scratch_bytes),
-                size::bytes(plan.output_bytes),
-                size::bytes(plan.free_bytes),
-            ));
-            if plan.has_colours {
-                ctx.console
-                    .note("plan: colours are kept, in pages of their own; --colors drop leaves them out");
-            }
-            if plan.memory_bytes > plan.limit_bytes {
-                ctx.console
-                    .note("plan: the limit may not be enough for the tables; --memory-limit sets another");
-            }
-            if plan.scratch_bytes + plan.output_bytes > plan.free_bytes {
-                ctx.console.note("plan: the free space may not be enough; --temp-dir names another folder");
-            }
+            tell_sizes(plan, ctx);
         };
         let report = build::build(source, self.output, &options, &tell_plan, &ctx.report())?;
         if report.resumed_triangle_count > 0 {
@@ -176,30 +168,39 @@ impl Work<'_> {
             let sorted = size::count(report.resumed_sorted_count);
             ctx.console.note(&format!("resumed: {sorted} triangles were sorted by an earlier build"));
         }
-        report
-            .source
-            .warnings
-            .iter()
-            .for_each(|warning| ctx.console.note(&format!("note: {}", one_line(warning))));
+        tell_warnings(&report.source, ctx);
         if let Some(line) = beside::write(&report.source.scene, self.output) {
             ctx.console.note(&one_line(&line));
         }
-        let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
-        Ok(BuildSummary {
-            scene: source.name(),
-            result_hash: report.file_id.clone(),
-            triangles_per_s: report.input_triangle_count as f64 * 1e3 / report.phase_ms.total.max(1) as f64,
-            triangles_per_s_without_source: report.input_triangle_count as f64 * 1e3 / busy_ms as f64,
-            bytes_per_triangle: report.output_bytes as f64 / report.triangle_count as f64,
-            vertex_cache_miss_rate: miss_rate(&report),
-            dropped_attribute_count: report.source.dropped_attribute_count,
-            skipped_face_count: report.source.skipped_face_count,
-            instance_count: report.source.instance_count,
-            transparent_material_count: report.source.transparent_material_count,
-            memory: Memory::new(&ctx.budget),
-            report,
-        })
+        Ok(BuildSummary::new(source.name(), report, ctx))
     }
+}
+
+/// What a build is going to take.
+pub fn tell_sizes(plan: &Plan, ctx: &Context) {
+    ctx.console.note(&format!(
+        "plan: {} triangles; memory {} of {}; scratch about {}, output about {}, free {}",
+        size::count(plan.triangle_count),
+        size::bytes(plan.memory_bytes),
+        size::bytes(plan.limit_bytes),
+        size::bytes(plan.scratch_bytes),
+        size::bytes(plan.output_bytes),
+        size::bytes(plan.free_bytes),
+    ));
+    if plan.has_colours {
+        ctx.console.note("plan: colours are kept, in pages of their own; --colors drop leaves them out");
+    }
+    if plan.memory_bytes > plan.limit_bytes {
+        ctx.console.note("plan: the limit may not be enough for the tables; --memory-limit sets another");
+    }
+    if plan.scratch_bytes + plan.output_bytes > plan.free_bytes {
+        ctx.console.note("plan: the free space may not be enough; --temp-dir names another folder");
+    }
+}
+
+/// What a source met.
+pub fn tell_warnings(source: &SourceStats, ctx: &Context) {
+    source.warnings.iter().for_each(|warning| ctx.console.note(&format!("note: {}", one_line(warning))));
 }
 
 /// What volumes among the inputs take.
@@ -262,6 +263,27 @@ pub struct BuildSummary {
     pub instance_count: u64,
     pub transparent_material_count: u64,
     pub memory: Memory,
+}
+
+impl BuildSummary {
+    /// Of what was built of `scene`.
+    pub fn new(scene: String, report: BuildReport, ctx: &Context) -> BuildSummary {
+        let busy_ms = report.phase_ms.total.saturating_sub(report.phase_ms.generate).max(1);
+        BuildSummary {
+            scene,
+            result_hash: report.file_id.clone(),
+            triangles_per_s: report.input_triangle_count as f64 * 1e3 / report.phase_ms.total.max(1) as f64,
+            triangles_per_s_without_source: report.input_triangle_count as f64 * 1e3 / busy_ms as f64,
+            bytes_per_triangle: report.output_bytes as f64 / report.triangle_count as f64,
+            vertex_cache_miss_rate: miss_rate(&report),
+            dropped_attribute_count: report.source.dropped_attribute_count,
+            skipped_face_count: report.source.skipped_face_count,
+            instance_count: report.source.instance_count,
+            transparent_material_count: report.source.transparent_material_count,
+            memory: Memory::new(&ctx.budget),
+            report,
+        }
+    }
 }
 
 impl fmt::Display for BuildSummary {

@@ -24,6 +24,7 @@ mod references;
 mod render;
 mod render_part;
 mod render_report;
+mod shards;
 mod show;
 mod shown_file;
 mod stage;
@@ -43,7 +44,12 @@ pub fn run(verb: &Verb, ctx: &Context) -> anyhow::Result<Exit> {
     match verb {
         Verb::Demo(args) => demo::run(args, ctx),
         Verb::Gen(args) => generate::run(args, ctx),
-        Verb::Build(args) => build::run(args, ctx),
+        Verb::Build(args) => match (&args.shard.plan, args.shard.shard) {
+            (Some(plan), Some(shard)) => shards::shard(args, (plan, shard), ctx),
+            _ => build::run(args, ctx),
+        },
+        Verb::Scan(args) => shards::scan(args, ctx),
+        Verb::Merge(args) => shards::merge(args, ctx),
         Verb::Info(args) => info::run(args, ctx),
         Verb::Verify(args) => verify::run(args, ctx),
         Verb::Export(args) => export::run(args, ctx),

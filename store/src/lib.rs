@@ -61,5 +61,5 @@ pub use progress::{Interrupt, Progress, Report, StopSignal};
 pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 pub use source_scene::{SourceCamera, SourceLight, SourceScene};
 pub use spool::{SpooledSource, TriangleSpool};
-pub use stamp::stamp;
+pub use stamp::{content_stamp, stamp};
 pub use url::is_url;

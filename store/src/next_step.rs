@@ -60,6 +60,10 @@ pub enum NextStep {
     SameInputOrClean,
     /// Build without leaving anything to resume from: the file system may have no locks.
     BuildWithoutResume,
+    /// Make the plan of a build in shards again, of these inputs, or name the inputs that it was made of.
+    ScanAgain,
+    /// Build the shard again whose fragment this is.
+    BuildShardAgain,
     /// Ask for a finer lattice.
     FinerLattice,
     /// Build a file from a mesh.
@@ -134,6 +138,8 @@ impl fmt::Display for NextStep {
             NextStep::BuildWithoutResume => {
                 "this file system may have no locks: build without leaving anything to resume from"
             }
+            NextStep::ScanAgain => "make the plan again of these inputs, or name those that it was made of",
+            NextStep::BuildShardAgain => "build this shard again",
             NextStep::FinerLattice => {
                 "ask for a finer lattice: some triangles are smaller than the step of this one"
             }

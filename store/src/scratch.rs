@@ -13,6 +13,7 @@
 //! pass.
 
 use crate::error::{Code, Error, Result};
+use crate::file::open_regular;
 use crate::io::drop_cached;
 use crate::next_step::NextStep;
 use rustix::fs::fdatasync;
@@ -39,7 +40,9 @@ pub(crate) enum Place {
 /// A file of blocks.
 pub(crate) struct ScratchFile {
     file: File,
+    /// The file, or its folder where it has no name.
     folder: PathBuf,
+    is_fragment: bool,
 }
 
 /// Writes the hash of `block[SEAL_BYTES..]` to its first bytes.
@@ -64,7 +67,13 @@ impl ScratchFile {
             Place::Left(path) => (options.open(&path), path),
         };
         let file = file.map_err(|e| Error::writing("create a scratch file", &folder, &e))?;
-        Ok(ScratchFile { file, folder })
+        Ok(ScratchFile { file, folder, is_fragment: false })
+    }
+
+    /// A fragment of a build, whose blocks are read alone.
+    pub(crate) fn of_fragment(path: PathBuf) -> Result<ScratchFile> {
+        let file = open_regular(&path)?;
+        Ok(ScratchFile { file, folder: path, is_fragment: true })
     }
 
     /// Waits until all that was written is on the disk.
@@ -108,8 +117,19 @@ impl ScratchFile {
         Err(self.damaged(offset).numbers(numbers))
     }
 
+    /// Reads bytes as they stand: nobody looks at what is in their blocks.
+    pub(crate) fn read_plain(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
+        self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read the scratch file", &e))
+    }
+
     /// The error of a block that is not what was written.
     pub(crate) fn damaged(&self, offset: u64) -> Error {
+        if self.is_fragment {
+            return Error::new(Code::Damaged, "a fragment of a build is damaged")
+                .at_byte(&self.folder, offset)
+                .numbers("a block is not what was written, or cannot be one of a build")
+                .next(NextStep::BuildShardAgain);
+        }
         Error::new(Code::Io, "the scratch file gave back other bytes than were written")
             .at_byte(&self.folder, offset)
             .next(NextStep::CheckScratchDisk)

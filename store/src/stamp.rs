@@ -34,6 +34,12 @@ pub fn stamp(path: &Path) -> String {
     }
 }
 
+/// What tells a file from others by its content alone, wherever it stands: its length and the hash of its parts.
+pub fn content_stamp(path: &Path) -> io::Result<String> {
+    let bytes = path.metadata()?.len();
+    Ok(format!("{bytes} bytes, parts {:016x}", parts_hash(path, bytes)?))
+}
+
 fn parts_hash(path: &Path, bytes: u64) -> io::Result<u64> {
     let (file, mut hasher) = (File::open(path)?, Xxh3::new());
     let mut part = [0; PART as usize];
@@ -80,6 +86,11 @@ mod tests {
                 assert_ne!(stamped(&content), before, "{place} of {bytes}");
             }
         }
+        let copy = folder.path().join("copy");
+        std::fs::copy(&path, &copy).unwrap();
+        assert_eq!(content_stamp(&copy).unwrap(), content_stamp(&path).unwrap());
+        std::fs::write(&copy, b"other").unwrap();
+        assert_ne!(content_stamp(&copy).unwrap(), content_stamp(&path).unwrap());
         assert_eq!(stamp(&folder.path().join("none")), "not there");
         assert!(!stamp(folder.path()).contains("parts"));
     }

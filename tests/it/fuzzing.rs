@@ -193,6 +193,11 @@ fn scratch_files() {
 }
 
 #[test]
+fn plans_and_fragments() {
+    check_some("shards", BUILD_WEIGHT);
+}
+
+#[test]
 fn ply() {
     check("ply");
 }
@@ -268,6 +273,7 @@ fn seeds_are_sound_and_few() {
     }
     assert!(seeds_of("journal").iter().all(|(_, bytes)| targets::left_over::journal(bytes)));
     assert!(seeds_of("scratch").iter().all(|(_, bytes)| targets::left_over::scratch(bytes)));
+    assert!(seeds_of("shards").iter().all(|(_, bytes)| targets::shards::shards(bytes)));
     let [(_, file), (_, content)] = [&seeds_of("page_file"), &seeds_of("units")]
         .map(|seeds| seeds.iter().find(|(name, _)| name.starts_with("units")).unwrap().clone());
     fs::write(&path, targets::with_page(&file, PageKind::Units, &content)).unwrap();
@@ -334,6 +340,7 @@ fn fuzz_seeds() {
     seed_files::put_gltf(&put);
     seed_files::put_volumes(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
+    targets::shards::sound().iter().for_each(|(name, bytes)| put("shards", name, bytes));
     let small = fs::read(inside.path().join("fine.trex")).unwrap();
     targets::parts::sound(&small).iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     let facet =

@@ -62,6 +62,8 @@ mod real_models;
 mod resume;
 mod sections;
 mod sections_seen;
+mod shards;
+mod shards_refused;
 mod signals;
 mod support;
 mod tidy;

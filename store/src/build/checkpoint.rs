@@ -63,7 +63,11 @@ impl Checkpoint {
     }
 
     fn read(journal: &mut Journal, options: &BuildOptions) -> Result<Checkpoint> {
-        let Some(outcome) = PartitionOutcome::read(journal, &options.budget)? else {
+        let outcome = PartitionOutcome::read(journal, &options.budget)?.filter(|outcome| {
+            let parted = &outcome.partition;
+            parted.chunk_triangle_count() == parted.summary.triangle_count
+        });
+        let Some(outcome) = outcome else {
             let sorted = SortCheckpoint::read(journal, options.precision, &options.budget)?;
             return Ok(sorted.map_or(Checkpoint::Fresh, |sorted| Checkpoint::Sorted(Box::new(sorted))));
         };

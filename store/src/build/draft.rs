@@ -77,6 +77,16 @@ impl Draft {
                 .numbers(damage.to_string())
                 .next("check the disk; nothing was published"));
         }
+        self.persist(output, options)
+    }
+
+    /// Makes the draft the output, all of which its readers check.
+    pub(super) fn publish_unread(self, output: &Path, options: &BuildOptions) -> Result<()> {
+        self.file.as_file().sync_all().map_err(|e| Error::io("write to the disk", output, &e))?;
+        self.persist(output, options)
+    }
+
+    fn persist(self, output: &Path, options: &BuildOptions) -> Result<()> {
         let failed = |e: tempfile::PersistError| match e.error.kind() {
             ErrorKind::AlreadyExists => ExistingOutput::exists(output),
             _ => Error::writing("rename the finished file", output, &e.error),

@@ -9,9 +9,10 @@ use crate::material::Material;
 use crate::material_list::MaterialList;
 use crate::progress::Interrupt;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+use serde::{Deserialize, Serialize};
 
 /// Counts of an input.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InputSizes {
     /// Triangles delivered.
     pub triangle_count: u64,

@@ -20,6 +20,7 @@ mod checkpoint;
 mod clusters;
 mod draft;
 mod emit;
+mod fragment;
 mod input_sizes;
 mod journal;
 mod model_materials;
@@ -30,6 +31,10 @@ mod plan;
 mod report;
 mod scan;
 mod scratch;
+mod shard_file;
+mod shard_plan;
+pub mod shards;
+mod site;
 #[cfg(test)]
 mod tests;
 
@@ -42,8 +47,7 @@ pub use plan::{Plan, smallest_bytes, smallest_bytes_for};
 pub use report::BuildReport;
 pub use scan::Scan;
 
-use crate::error::{Code, Error, Result};
-use crate::next_step::NextStep;
+use crate::error::Result;
 use crate::output::check_apart;
 use crate::progress::{Progress, Report};
 use crate::source::{SourceStats, TriangleSource};
@@ -58,6 +62,7 @@ use partition::{PartitionWork, SortStart};
 use phases::PhaseClock;
 use plan::plan;
 use scan::{Grid, lattice};
+use site::{BuildSite, stopped};
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
@@ -65,10 +70,11 @@ use std::path::Path;
 /// Builds `output` from `source`. `on_plan` is called once, before anything is written.
 ///
 /// # Errors
-/// Those of the source; [`Code::Usage`] when the output exists, the source names it, or the precision cannot be had;
-/// [`Code::InputEmpty`] when no triangle is left; [`Code::MemoryLimit`], [`Code::DiskFull`], [`Code::Io`],
-/// [`Code::Interrupted`]. Nothing is left behind then, but after an interrupt what [`BuildOptions::resume`]
-/// resumes from.
+/// Those of the source; [`Code::Usage`](crate::Code::Usage) when the output exists, the source names it, or the
+/// precision cannot be had; [`Code::InputEmpty`](crate::Code::InputEmpty) when no triangle is left;
+/// [`Code::MemoryLimit`](crate::Code::MemoryLimit), [`Code::DiskFull`](crate::Code::DiskFull),
+/// [`Code::Io`](crate::Code::Io), [`Code::Interrupted`](crate::Code::Interrupted). Nothing is left behind then, but
+/// after an interrupt what [`BuildOptions::resume`] resumes from.
 ///
 /// # Panics
 /// On a thread of the options' pool.
@@ -80,19 +86,10 @@ pub fn build(
     report: Report<'_>,
 ) -> Result<BuildReport> {
     let mut clock = PhaseClock::start();
-    let folder = options.existing.check(output)?.to_path_buf();
-    let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
-    if !scratch_folder.is_dir() {
-        return Err(Error::new(Code::Usage, "the folder for scratch files does not exist")
-            .at(&scratch_folder)
-            .next(NextStep::MakeScratchFolder));
-    }
+    let BuildSite { folder, scratch_folder } = BuildSite::check(output, options)?;
     let report_phase = |phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: options.budget.used_bytes() });
     };
-    if options.resume.is_none() {
-        left_over::clean(output)?;
-    }
     let mut journal = Journal::begin(output, &scratch_folder, options)?;
     let site = Site {
         output,
@@ -103,10 +100,7 @@ pub fn build(
         on_plan,
     };
     let built = site.build(source, journal.as_mut());
-    let mut out = built.map_err(|error| match journal.as_mut().filter(|journal| journal.has_records()) {
-        Some(journal) if error.code() == Code::Interrupted => kept_error(error, output, journal.keep()),
-        _ => error,
-    })?;
+    let mut out = built.map_err(|error| stopped(error, output, journal.as_mut()))?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)
 }
@@ -230,15 +224,4 @@ impl Site<'_> {
         (out.phase_ms.partition, out.phase_cpu_ms.partition) = clock.lap();
         Ok(outcome)
     }
-}
-
-/// The error of an interrupt after which so many bytes are kept to resume from.
-fn kept_error(error: Error, output: &Path, bytes: u64) -> Error {
-    error
-        .at(output)
-        .numbers(format!(
-            "{} MiB are kept beside the output, or in the folder of scratch",
-            bytes.div_ceil(1 << 20)
-        ))
-        .next(NextStep::ResumeOrClean)
 }

@@ -50,6 +50,11 @@ impl ModelMaterials {
         }))
     }
 
+    /// The same once more.
+    pub(super) fn copy(&self, budget: &Budget) -> Result<ModelMaterials> {
+        ModelMaterials::of(&self.list, &[], budget)
+    }
+
     /// Count of materials.
     pub(super) fn count(&self) -> usize {
         self.list.len()
@@ -74,21 +79,21 @@ impl ModelMaterials {
         material_json::write(&self.list, put)
     }
 
-    /// The section for the journal, with its lease; `None` where there is no memory for it.
-    pub(super) fn to_bytes(&self, budget: &Budget) -> Option<(Vec<u8>, Lease)> {
+    /// The section as bytes, with their lease.
+    pub(super) fn to_bytes(&self, budget: &Budget) -> Result<(Vec<u8>, Lease)> {
         let mut length = 0;
         self.write(|piece| {
             length += piece.len();
             Ok(())
         })
         .expect("a length takes all bytes");
-        let lease = budget.lease("the journal", length as u64).ok()?;
+        let lease = budget.lease("the section of materials", length as u64)?;
         let mut bytes = Vec::with_capacity(length);
         self.write(|piece| {
             bytes.extend_from_slice(piece);
             Ok(())
         })
         .expect("a vector takes all bytes");
-        Some((bytes, lease))
+        Ok((bytes, lease))
     }
 }

@@ -29,14 +29,14 @@ mod tests;
 mod vertices;
 mod view;
 
-pub(crate) use colour_packer::{ColourPacker, PackedColours};
+pub(crate) use colour_packer::{ColourPacker, ColourPage, PackedColours};
 pub(crate) use colours::install_colours;
 pub use colours::{Colour, ColourView, WHITE};
 pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use leaves::LeafShape;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
-pub(crate) use order::Orderer;
+pub(crate) use order::{ClusterOrder, Orderer};
 pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafIndices};
 
 use crate::layout::{AXIS_BITS, VERTEX_BITS};

@@ -51,6 +51,20 @@ pub(crate) struct ClusterOrder {
 }
 
 impl ClusterOrder {
+    /// Of a mesh that was decoded, and so is in coding order; `None` where no encoder can have written it: its vertices
+    /// do not stand in the order of first use, or one has none.
+    pub(crate) fn decoded(mesh: ClusterMesh) -> Option<ClusterOrder> {
+        let mut next = 0;
+        for &corner in mesh.triangles.as_flattened() {
+            if usize::from(corner) > next {
+                return None;
+            }
+            next += usize::from(usize::from(corner) == next);
+        }
+        let topology_bits = (next == mesh.vertices.len()).then(|| strips::bit_count(&mesh.triangles))?;
+        Some(ClusterOrder { mesh, topology_bits })
+    }
+
     /// Bytes that a page sets aside for it: what it takes in a frame, or on disk where that is more (many triangles
     /// over few vertices that share no edges).
     pub(crate) fn page_bytes(&self) -> usize {

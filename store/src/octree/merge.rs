@@ -14,6 +14,7 @@ use crate::error::Result;
 use crate::scratch::{Place, SEAL_BYTES, ScratchFile, seal};
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 /// Records of a block.
@@ -21,6 +22,8 @@ const BLOCK: usize = 128;
 /// Most bytes of one.
 const BLOCK_BYTES_MOST: usize =
     SEAL_BYTES + lz4_flex::block::get_maximum_output_size(BLOCK * size_of::<Record>());
+/// Bytes that are copied at a time.
+const COPY_BYTES: u64 = 1 << 20;
 /// Bytes of memory per run while runs are merged.
 pub(crate) const RUN_BYTES: u64 = (BLOCK * size_of::<Record>() * 2) as u64;
 
@@ -75,6 +78,13 @@ impl VoxelRunTable {
     pub(crate) fn bytes(&self) -> u64 {
         self.end
     }
+
+    /// The runs of a file in which they stand `offset` bytes further on; there is room for that.
+    pub(crate) fn behind(mut self, offset: u64) -> VoxelRunTable {
+        self.end += offset;
+        self.runs.iter_mut().for_each(|run| run.offset += offset);
+        self
+    }
 }
 
 /// The place of a run in the order: by chunk, then by when it was full.
@@ -94,10 +104,28 @@ struct VoxelRun {
     record_count: usize,
 }
 
+impl VoxelRun {
+    fn bytes(&self) -> u64 {
+        self.blocks.iter().map(|&bytes| u64::from(bytes)).sum()
+    }
+
+    /// Appends what a table tells of a run that stands at `offset`.
+    fn tell(&self, offset: u64, words: &mut Vec<u64>) {
+        let order = u64::from(self.order.chunk) << 32 | u64::from(self.order.number);
+        words.extend([order, offset, self.record_count as u64]);
+        words.extend(self.blocks.iter().map(|&bytes| u64::from(bytes)));
+    }
+}
+
 impl VoxelRuns {
     /// No runs yet, in the scratch file of a place.
     pub(crate) fn at(place: Place) -> Result<VoxelRuns> {
         Ok(VoxelRuns { file: ScratchFile::at(place)?, written: Mutex::default() })
+    }
+
+    /// The runs that a fragment of a build says to hold.
+    pub(crate) fn of_fragment(path: PathBuf, written: VoxelRunTable) -> Result<VoxelRuns> {
+        Ok(VoxelRuns { file: ScratchFile::of_fragment(path)?, written: Mutex::new(written) })
     }
 
     /// Bytes of the words of [`VoxelRuns::synced`], at most.
@@ -114,9 +142,7 @@ impl VoxelRuns {
         let written = self.written.lock().expect("no panic while held");
         let mut words = vec![written.end];
         for run in written.runs.iter().filter(|run| run.order.chunk < chunk_count) {
-            let order = u64::from(run.order.chunk) << 32 | u64::from(run.order.number);
-            words.extend([order, run.offset, run.record_count as u64]);
-            words.extend(run.blocks.iter().map(|&bytes| u64::from(bytes)));
+            run.tell(run.offset, &mut words);
         }
         Ok(words)
     }
@@ -124,6 +150,27 @@ impl VoxelRuns {
     /// Takes the runs that a build before this has written.
     pub(crate) fn restore(&mut self, left: VoxelRunTable) {
         *self.written.get_mut().expect("no panic while held") = left;
+    }
+
+    /// Hands the bytes of all runs to `put`, in their order, whoever wrote them first; gives words for
+    /// [`VoxelRunTable::parse`] that tell where they are then.
+    pub(crate) fn copy_in_order(&self, mut put: impl FnMut(&[u8]) -> Result<()>) -> Result<Vec<u64>> {
+        let written = self.written.lock().expect("no panic while held");
+        let mut runs: Vec<&VoxelRun> = written.runs.iter().collect();
+        runs.sort_unstable_by_key(|run| run.order);
+        let (mut words, mut copied, mut piece) = (vec![0], 0, vec![0; COPY_BYTES as usize]);
+        for run in runs {
+            run.tell(copied, &mut words);
+            let bytes = run.bytes();
+            for at in (0..bytes).step_by(COPY_BYTES as usize) {
+                let piece = &mut piece[..COPY_BYTES.min(bytes - at) as usize];
+                self.file.read_plain(run.offset + at, piece)?;
+                put(piece)?;
+            }
+            copied += bytes;
+        }
+        words[0] = copied;
+        Ok(words)
     }
 
     /// What has been written.

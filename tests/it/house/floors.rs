@@ -77,6 +77,11 @@ pub(super) const HOUSES: [House; 5] = [
             "emit",
             "plan",
             "checkpoint",
+            "site",
+            "shard_file",
+            "shard_plan",
+            "fragment",
+            "shards",
         ],
     },
 ];

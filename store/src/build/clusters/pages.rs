@@ -15,110 +15,10 @@
 //! node stands before its children.
 
 use super::clusterer::{BinaryNode, Clusters};
-use crate::cluster::{
-    ClusterMesh, ColourPacker, FRAME_TAIL_BYTES, LatticeBox, Node, PackedColours, PageContent, PageRef,
-};
-use crate::layout::{FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS, Packing};
-
-/// A page ready to be written.
-pub(crate) struct PackedPage {
-    /// As it will stand on disk.
-    pub(crate) stored: Vec<u8>,
-    pub(crate) packing: Packing,
-    pub(crate) unpacked_bytes: usize,
-    pub(crate) tree_bytes: usize,
-    pub(crate) frame_bytes: usize,
-    pub(crate) triangle_count: usize,
-    pub(crate) vertex_count: usize,
-    pub(crate) cluster_count: usize,
-    pub(crate) wide_cluster_count: usize,
-    pub(crate) emitters: Vec<PageEmitter>,
-}
-
-/// An emissive triangle of a page.
-pub(crate) struct PageEmitter {
-    /// Index within the page.
-    pub(crate) triangle: u32,
-    pub(crate) corners: [[i64; 3]; 3],
-    pub(crate) material: u16,
-}
-
-/// What the pages of all chunks share.
-#[derive(Clone, Copy)]
-pub(crate) struct PackContext<'a> {
-    /// Per material: does it emit?
-    pub(crate) emissive: &'a [bool],
-    /// Holds all of them.
-    pub(crate) bounds: LatticeBox,
-    /// Whether any of them has colours.
-    pub(crate) has_colours: bool,
-}
-
-/// A page that may take more.
-#[derive(Default)]
-pub(crate) struct OpenPage {
-    content: PageContent,
-    /// Frame bytes of its nodes and clusters.
-    bytes: usize,
-}
-
-impl OpenPage {
-    pub(crate) fn is_empty(&self) -> bool {
-        self.content.roots.is_empty()
-    }
-
-    /// Whether so many bytes under so many roots fit.
-    fn has_room(&self, bytes: usize, root_count: usize) -> bool {
-        self.bytes + bytes <= PAGE_CAPACITY && self.content.roots.len() + root_count <= PAGE_ROOTS
-    }
-
-    /// Whether all of `other` fits.
-    pub(crate) fn takes(&self, other: &OpenPage) -> bool {
-        self.has_room(other.bytes, other.content.roots.len())
-    }
-
-    /// Takes all of `other`; the slot of its first root.
-    pub(crate) fn append(&mut self, other: OpenPage) -> u32 {
-        let PageContent { roots, nodes, clusters } = &mut self.content;
-        let (slot, node_count, cluster_count) =
-            (roots.len() as u32, nodes.len() as u16, clusters.len() as u16);
-        let moved = |at: PageRef| match at {
-            PageRef::Node(index) => PageRef::Node(node_count + index),
-            PageRef::Cluster(index) => PageRef::Cluster(cluster_count + index),
-        };
-        roots.extend(other.content.roots.into_iter().map(moved));
-        nodes.extend(other.content.nodes.into_iter().map(|node| node.into_iter().map(moved).collect()));
-        clusters.extend(other.content.clusters);
-        self.bytes += other.bytes;
-        slot
-    }
-
-    /// Adds its colours to those of the pages before it.
-    pub(crate) fn pack_colours(&self, colours: &mut ColourPacker) {
-        colours.add(&self.content.clusters);
-    }
-
-    /// Ends it. Panics when it is empty.
-    pub(crate) fn pack(self, context: PackContext<'_>) -> PackedPage {
-        let page = self.content;
-        assert!(!page.clusters.is_empty(), "a page has a cluster");
-        let (raw, spent) = page.encode();
-        let unpacked_bytes = raw.len();
-        let (stored, packing) = packed(raw);
-        PackedPage {
-            stored,
-            packing,
-            unpacked_bytes,
-            tree_bytes: spent.tree as usize / 8,
-            frame_bytes: page.frame_bytes(),
-            triangle_count: page.triangle_count(),
-            vertex_count: page.clusters.iter().map(|c| c.vertices.len()).sum(),
-            cluster_count: page.clusters.len(),
-            wide_cluster_count: page.clusters.iter().filter(|c| c.widths().wide).count(),
-            emitters: emitters_of(&page.clusters, context.emissive),
-        }
-    }
-}
+use super::open_page::OpenPage;
+use super::packed_page::{PackContext, PackedPage};
+use crate::cluster::{ClusterMesh, ColourPacker, LatticeBox, Node, PackedColours, PageRef};
+use crate::layout::NODE_WIDTH;
 
 /// The result of a chunk.
 pub(crate) struct ChunkPages {
@@ -138,9 +38,6 @@ pub(crate) struct ChunkRoot {
     pub(crate) page: u32,
     pub(crate) slot: u32,
 }
-
-/// What LZ4 must save, in percent of the raw bytes, to be worth its decode.
-const LZ4_GAIN_PERCENT: usize = 3;
 
 /// Cuts the tree into pages and encodes them.
 pub(crate) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
@@ -239,9 +136,6 @@ struct Packer<'a> {
     out: ChunkPages,
 }
 
-/// Frame bytes for nodes and clusters; header, all root slots and the tail are set aside.
-const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS - FRAME_TAIL_BYTES;
-
 impl Packer<'_> {
     fn place(&mut self, bounds: LatticeBox, at: WideRef) {
         let bytes = match at {
@@ -290,28 +184,4 @@ impl Packer<'_> {
             }
         }
     }
-}
-
-/// A page as it is stored.
-pub(crate) fn packed(raw: Vec<u8>) -> (Vec<u8>, Packing) {
-    let packed = lz4_flex::block::compress(&raw);
-    let gains = packed.len() * 100 <= raw.len() * (100 - LZ4_GAIN_PERCENT);
-    if gains { (packed, Packing::Lz4) } else { (raw, Packing::Raw) }
-}
-
-fn emitters_of(clusters: &[ClusterMesh], emissive: &[bool]) -> Vec<PageEmitter> {
-    let materials = clusters.iter().flat_map(|cluster| &cluster.materials);
-    let count = materials.filter(|&&material| emissive[usize::from(material)]).count();
-    let mut emitters = Vec::with_capacity(count);
-    let mut first = 0;
-    for cluster in clusters {
-        for (i, (corners, &material)) in cluster.triangles.iter().zip(&cluster.materials).enumerate() {
-            if emissive.get(usize::from(material)).is_some_and(|&e| e) {
-                let corners = corners.map(|index| cluster.vertices[usize::from(index)]);
-                emitters.push(PageEmitter { triangle: first + i as u32, corners, material });
-            }
-        }
-        first += cluster.triangles.len() as u32;
-    }
-    emitters
 }

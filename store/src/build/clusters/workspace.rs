@@ -3,7 +3,8 @@
 //! Invariant: work memory is bounded by [`worker_bytes`].
 
 use super::clusterer::{Clusterer, Clusters};
-use super::pages::{self, ChunkPages, PackContext};
+use super::packed_page::PackContext;
+use super::pages::{self, ChunkPages};
 use super::sah::Prim;
 use crate::build::partition::chunk::{CHUNK_TRIANGLES, Chunk};
 use crate::build::scratch::{LatticeTriangle, Scratch, TriangleList};

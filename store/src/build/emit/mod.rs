@@ -4,13 +4,14 @@
 //! hash.
 
 pub(super) mod emit_checkpoint;
-mod finish;
+pub(super) mod finish;
 mod in_order;
 pub(super) mod table_bytes;
 pub(super) mod voxels;
 pub(super) mod writer;
 
-use crate::build::clusters::pages::{ChunkPages, PackContext, PageEmitter};
+use crate::build::clusters::packed_page::{PackContext, PageEmitter};
+use crate::build::clusters::pages::ChunkPages;
 use crate::build::clusters::workspace::{Workspace, worker_bytes};
 use crate::build::draft::DraftFile;
 use crate::build::input_sizes::InputSizes;
@@ -117,7 +118,7 @@ impl ChunkWork<'_> {
         };
         let voxels = voxels.as_ref();
         report("clusters", "triangles", writer.triangle_count(), parted.summary.triangle_count);
-        build_chunks(first, outcome, voxels, context, options, |chunk, pages| {
+        build_chunks(&ChunkSet { first, outcome, voxels, context }, options, |chunk, pages| {
             writer.add_chunk(chunk, pages, file)?;
             // Chunks that nobody will ask for again.
             let last = match &mut journal {
@@ -186,15 +187,23 @@ fn reopen(
     Ok(())
 }
 
-/// Builds the chunks from `first` on, with their voxel records, and hands their pages to `put`, in order.
-fn build_chunks(
-    first: usize,
-    outcome: &PartitionOutcome,
-    voxels: Option<&VoxelWork>,
-    context: PackContext<'_>,
+/// Chunks to be built.
+pub(crate) struct ChunkSet<'a> {
+    /// The first of them.
+    pub(crate) first: usize,
+    pub(crate) outcome: &'a PartitionOutcome,
+    /// Where their voxel records go, of a model that gets an octree.
+    pub(crate) voxels: Option<&'a VoxelWork>,
+    pub(crate) context: PackContext<'a>,
+}
+
+/// Builds chunks, with their voxel records, and hands their pages to `put`, in order.
+pub(crate) fn build_chunks(
+    chunks: &ChunkSet<'_>,
     options: &BuildOptions,
     mut put: impl FnMut(usize, ChunkPages) -> Result<()>,
 ) -> Result<()> {
+    let ChunkSet { first, outcome, voxels, context } = *chunks;
     let PartitionOutcome { partition: parted, sizes, .. } = outcome;
     let worker_count = worker_count(sizes, options).min(parted.chunks.len()).max(1);
     let bytes = needed_bytes(sizes, options) * worker_count as u64;

@@ -7,9 +7,9 @@ use super::table_bytes::TOP_BYTES;
 use super::voxels::OctreeShape;
 use crate::budget::{Budget, Lease};
 use crate::build::clusters::clusterer::BinaryNode;
-use crate::build::clusters::pages::{
-    ChunkPages, OpenPage, PackContext, PackedPage, WideRef, WideTree, packed,
-};
+use crate::build::clusters::open_page::OpenPage;
+use crate::build::clusters::packed_page::{PackContext, PackedPage, packed};
+use crate::build::clusters::pages::{ChunkPages, WideRef, WideTree};
 use crate::build::clusters::sah::{Prim, Rule, Splitter};
 use crate::build::draft::DraftFile;
 use crate::build::model_materials::ModelMaterials;

@@ -22,7 +22,7 @@ const WORD_BYTES: usize = 8;
 /// Most parts of a record.
 const PARTS: usize = 16;
 /// Memory to read a record, over its length: its bytes, and what is parsed of them.
-const READING: u64 = 4;
+pub(crate) const READING: u64 = 4;
 
 /// A record that was read.
 pub(crate) struct JournalRecord<T> {
@@ -39,6 +39,16 @@ pub(crate) fn unfinished(path: &Path) -> PathBuf {
 
 /// Writes the record `path`, whose folder is `folder`.
 pub(crate) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[&[u8]]) -> Result<()> {
+    let (unfinished, failed) = (unfinished(path), |e| Error::writing("write the journal", path, &e));
+    let mut file = File::create(&unfinished).map_err(failed)?;
+    write_to(&mut file, head, blobs).map_err(failed)?;
+    file.sync_all().map_err(failed)?;
+    std::fs::rename(&unfinished, path).map_err(failed)?;
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+}
+
+/// Writes the bytes of a record; gives their hash.
+pub(crate) fn write_to(out: &mut dyn Write, head: &impl Serialize, blobs: &[&[u8]]) -> std::io::Result<u64> {
     let head = serde_json::to_vec(head).expect("heads are plain data");
     let parts: Vec<&[u8]> = std::iter::once(head.as_slice()).chain(blobs.iter().copied()).collect();
     assert!(parts.len() <= PARTS);
@@ -47,14 +57,10 @@ pub(crate) fn write(path: &Path, folder: &Path, head: &impl Serialize, blobs: &[
     let mut hasher = Xxh3::new();
     hasher.update(&lengths);
     parts.iter().for_each(|part| hasher.update(part));
-    let (unfinished, failed) = (unfinished(path), |e| Error::writing("write the journal", path, &e));
-    let mut file = File::create(&unfinished).map_err(failed)?;
-    file.write_all(&hasher.digest().to_le_bytes()).map_err(failed)?;
-    file.write_all(&lengths).map_err(failed)?;
-    parts.iter().try_for_each(|part| file.write_all(part)).map_err(failed)?;
-    file.sync_all().map_err(failed)?;
-    std::fs::rename(&unfinished, path).map_err(failed)?;
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+    out.write_all(&hasher.digest().to_le_bytes())?;
+    out.write_all(&lengths)?;
+    parts.iter().try_for_each(|part| out.write_all(part))?;
+    Ok(hasher.digest())
 }
 
 /// Reads the record `path`; `None` where there is none that is whole.
@@ -69,7 +75,8 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<
     Ok(parse(&std::fs::read(path).map_err(failed)?))
 }
 
-fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<JournalRecord<T>> {
+/// The record of these bytes; `None` where they are no whole one.
+pub(crate) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Option<JournalRecord<T>> {
     let word = |at: usize| Some(u64::from_le_bytes(bytes.get(at..at + WORD_BYTES)?.try_into().ok()?));
     let mut hasher = Xxh3::new();
     hasher.update(bytes.get(WORD_BYTES..)?);

@@ -38,9 +38,15 @@ pub(crate) struct CellPlace {
 
 impl CellPlace {
     /// On the Hilbert curve of the finest level.
-    fn key(&self) -> u64 {
+    pub(super) fn key(&self) -> u64 {
         if self.level == 0 { 0 } else { hilbert_key(self.at, self.level) << (3 * (KEY_BITS - self.level)) }
     }
+}
+
+/// Where snapped triangles go, one by one.
+pub(crate) trait CellSink {
+    /// Takes the next one, with the colours of its corners.
+    fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()>;
 }
 
 /// What decides a triangle's cell.
@@ -60,6 +66,36 @@ pub(crate) struct SortRule {
     pub(crate) bits: u32,
     /// Most triangles in buffers.
     pub(crate) buffered_most: u64,
+}
+
+impl SortRule {
+    /// Whether it can be that of a first sort.
+    pub(crate) fn is_first(&self) -> bool {
+        self.levels <= LEVELS_FIRST.min(self.bits)
+    }
+
+    /// Whether a cell of so many triangles is cut again, finer.
+    pub(super) fn is_cut_again(&self, place: &CellPlace, triangle_count: u64) -> bool {
+        triangle_count > CHUNK_TRIANGLES && place.level < self.finest()
+    }
+
+    /// The finest level of all.
+    fn finest(&self) -> u32 {
+        KEY_BITS.min(self.bits)
+    }
+
+    /// The cell of a triangle.
+    pub(super) fn place_of(&self, triangle: &LatticeTriangle) -> CellPlace {
+        let [a, b, c] = &triangle.q;
+        let (bits, mut level) = (self.bits, self.levels);
+        if self.by == SortKey::SizeAndPlace {
+            let side =
+                (0..3).map(|i| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i])).max().expect("three");
+            level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
+        }
+        let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
+        CellPlace { level, at }
+    }
 }
 
 impl PartitionCell {
@@ -100,8 +136,14 @@ impl PartitionCells {
         }
     }
 
-    pub(crate) fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()> {
-        let index = self.cell_of(&triangle);
+    /// Adds a triangle to its cell.
+    pub(super) fn push_at(
+        &mut self,
+        place: CellPlace,
+        triangle: LatticeTriangle,
+        colours: [Colour; 3],
+    ) -> Result<()> {
+        let index = self.cell_of(place);
         let cell = &mut self.cells[index];
         cell.buffer.push(triangle, colours);
         cell.triangle_count += 1;
@@ -115,8 +157,7 @@ impl PartitionCells {
         Ok(())
     }
 
-    fn cell_of(&mut self, triangle: &LatticeTriangle) -> usize {
-        let place = cell_place(triangle, &self.sorted);
+    fn cell_of(&mut self, place: CellPlace) -> usize {
         if self.last.0 == place {
             return self.last.1;
         }
@@ -185,20 +226,25 @@ impl PartitionCells {
         let mut chunks = ChunkJoiner::default();
         for cell in whole {
             options.interrupt.check()?;
-            let finest = KEY_BITS.min(self.sorted.bits);
-            if cell.triangle_count <= CHUNK_TRIANGLES || cell.place.level >= finest {
-                chunks.add(cell.triangle_count, &cell.runs);
-            } else {
-                let levels = (cell.place.level + LEVELS_MORE).min(finest);
+            if self.sorted.is_cut_again(&cell.place, cell.triangle_count) {
+                let levels = (cell.place.level + LEVELS_MORE).min(self.sorted.finest());
                 let (writer, finer) = cut(&cell, self.writer, levels, &self.sorted, options)?;
                 self.writer = writer;
                 chunks.close();
                 chunks.done.extend(finer);
+            } else {
+                chunks.add(cell.triangle_count, &cell.runs);
             }
         }
         chunks.close();
         self.writer.scratch().flush()?;
         Ok((self.writer, chunks.done))
+    }
+}
+
+impl CellSink for PartitionCells {
+    fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()> {
+        self.push_at(self.sorted.place_of(&triangle), triangle, colours)
     }
 }
 
@@ -230,16 +276,4 @@ fn cut(
 /// Whether all coordinates have so many bits.
 pub(crate) fn is_on_lattice<const N: usize>(q: &[[i64; 3]; N], bits: u32) -> bool {
     q.as_flattened().iter().all(|q| (0..1 << bits).contains(q))
-}
-
-/// The cell of a triangle.
-fn cell_place(triangle: &LatticeTriangle, sorted: &SortRule) -> CellPlace {
-    let [a, b, c] = &triangle.q;
-    let (bits, mut level) = (sorted.bits, sorted.levels);
-    if sorted.by == SortKey::SizeAndPlace {
-        let side = (0..3).map(|i| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i])).max().expect("three");
-        level = level.min(bits.saturating_sub(64 - (side as u64).leading_zeros()));
-    }
-    let at = std::array::from_fn(|axis| (((a[axis] + b[axis] + c[axis]) / 3) >> (bits - level)) as u32);
-    CellPlace { level, at }
 }

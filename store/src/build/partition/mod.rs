@@ -9,12 +9,15 @@
 //! threads, limits or the lengths of runs; 2. buffered triangles never exceed the leased bytes; 3. a chunk holds
 //! at most `CHUNK_TRIANGLES`.
 
+mod batches;
+pub(super) mod cell_table;
 pub(super) mod cells;
 pub(super) mod chunk;
 mod collapsed;
 mod colour_means;
 pub(super) mod outcome;
 mod resolution;
+pub(super) mod shard;
 mod snap;
 pub(super) mod sort_checkpoint;
 pub(super) mod summary;
@@ -22,8 +25,9 @@ mod surface;
 
 pub(super) use resolution::plan_bytes;
 
+use crate::budget::{Budget, Lease};
 use crate::build::journal::Journal;
-use crate::build::options::BuildOptions;
+use crate::build::options::{BuildOptions, Voxels};
 use crate::build::report::PhaseReport;
 use crate::build::scan::rejected::{RejectedCounts, no_triangles};
 use crate::build::scan::{Grid, Scan};
@@ -33,23 +37,21 @@ use crate::cluster::Colour;
 use crate::error::{Error, Result};
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
+use batches::{BATCHES, for_each_batch};
 use cells::{PartitionCells, SortKey, SortRule, first_levels};
 use chunk::Chunk;
 use colour_means::ColourMeans;
 use snap::{Prefix, SnapSummary, Snapper};
 use sort_checkpoint::SortCheckpoint;
-use std::sync::mpsc::sync_channel;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use summary::PartitionSummary;
 
 /// Memory for buffered triangles: at least this, so that runs are worth a disk access.
 const BUFFER_BYTES_LEAST: u64 = 16 << 20;
-/// Batches on their way from the reader.
-const BATCHES: u64 = 4;
 /// Most memory for buffered triangles; more does not make runs longer.
 const BUFFER_BYTES_MOST: u64 = 128 << 20;
 
-/// The whole input in chunks, in scratch.
+/// The whole input in chunks, or a shard of it, in scratch.
 pub(crate) struct Partition {
     pub(crate) scratch: Scratch,
     pub(crate) chunks: Vec<Chunk>,
@@ -60,6 +62,11 @@ pub(crate) struct Partition {
 }
 
 impl Partition {
+    /// Triangles in chunks: those of the model, or of a shard of it.
+    pub(crate) fn chunk_triangle_count(&self) -> u64 {
+        self.chunks.iter().map(|chunk| chunk.triangle_count).sum()
+    }
+
     /// Counts the triangles of chunks from `first` on as those that are still to be read from scratch.
     pub(crate) fn set_unread(&self, first: usize) {
         let pieces = self.chunks[first..].iter().flat_map(|chunk| &chunk.pieces);
@@ -105,19 +112,9 @@ pub(crate) struct PartitionWork<'a> {
 /// Runs the phase. The source is read once, on its own thread.
 pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
     let PartitionWork { start, journal, options, report } = work;
-    let has_colours = start.scan().has_colours;
-    let batch_bytes = BATCHES * TriangleBatch::bytes(has_colours);
-    let _batches = options.budget.lease("batches of triangles", batch_bytes)?;
-    let _means = options.budget.lease("the mean colours of materials", means_bytes(has_colours))?;
-    let buffer_bytes = buffer_bytes(options.budget.free_bytes());
-    let _buffers = options.budget.lease("the cells' buffers", buffer_bytes)?;
+    let memory = SortMemory::lease(start.scan().has_colours, &options.budget)?;
     let name = source.name();
-    let rule = |scan: &Scan, grid: &Grid| SortRule {
-        by: SortKey::SizeAndPlace,
-        levels: first_levels(scan.triangle_count, grid),
-        bits: grid.bits,
-        buffered_most: buffer_bytes / triangle_bytes(has_colours),
-    };
+    let rule = |scan: &Scan, grid: &Grid| memory.rule(first_levels(scan.triangle_count, grid), grid);
     let (mut sorter, grid) = match start {
         SortStart::New { scan, grid, place } => {
             let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
@@ -138,9 +135,28 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
 
     let Sorter { cells, snapped, .. } = sorter;
     let (writer, chunks) = cells.into_chunks(options)?;
-    let scratch = writer.finish();
-    let lattice_bounds = [snapped.bounds.lo, snapped.bounds.hi];
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
+    let mean_colours = snapped.mean_colours();
+    Ok(Partition {
+        scratch: writer.finish(),
+        chunks,
+        summary: summarize(&scan, triangle_count, snapped, &snapper, options.voxels)?,
+        mean_colours,
+        wait_ms: waited.as_millis() as u64,
+    })
+}
+
+/// What is known of an input of which `triangle_count` triangles are in cells.
+///
+/// # Errors
+/// [`Code::InputEmpty`](crate::Code::InputEmpty) where there are none.
+fn summarize(
+    scan: &Scan,
+    triangle_count: u64,
+    snapped: SnapSummary,
+    snapper: &Snapper,
+    voxels: Voxels,
+) -> Result<PartitionSummary> {
     if triangle_count == 0 {
         let rejected = RejectedCounts {
             read: snapper.read,
@@ -148,9 +164,10 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
             collapsed: snapped.collapsed.count(),
             non_finite: snapped.rejected_non_finite,
         };
-        return Err(no_triangles(&name, rejected));
+        return Err(no_triangles(snapper.name(), rejected));
     }
-    let summary = PartitionSummary {
+    let (grid, lattice_bounds) = (snapper.grid(), [snapped.bounds.lo, snapped.bounds.hi]);
+    Ok(PartitionSummary {
         grid,
         input_triangle_count: snapper.read,
         triangle_count,
@@ -160,16 +177,33 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         error_bound: if snapped.exact { 0.0 } else { grid.lattice.step() / 2.0 },
         lattice_bounds,
         median_edge: scan.median_edge,
-        octree: resolution::resolution(options.voxels, &snapped.surface, lattice_bounds, triangle_count),
+        octree: resolution::resolution(voxels, &snapped.surface, lattice_bounds, triangle_count),
         content_hash: snapper.prefix().hash,
-    };
-    Ok(Partition {
-        scratch,
-        chunks,
-        summary,
-        mean_colours: snapped.means.iter().flat_map(ColourMeans::colours).collect(),
-        wait_ms: waited.as_millis() as u64,
     })
+}
+
+/// The memory in which triangles are sorted.
+struct SortMemory {
+    /// Most triangles in buffers.
+    buffered_most: u64,
+    _leases: [Lease; 3],
+}
+
+impl SortMemory {
+    fn lease(has_colours: bool, budget: &Budget) -> Result<SortMemory> {
+        let batch_bytes = BATCHES * TriangleBatch::bytes(has_colours);
+        let batches = budget.lease("batches of triangles", batch_bytes)?;
+        let means = budget.lease("the mean colours of materials", means_bytes(has_colours))?;
+        let buffer_bytes = buffer_bytes(budget.free_bytes());
+        let buffers = budget.lease("the cells' buffers", buffer_bytes)?;
+        let buffered_most = buffer_bytes / triangle_bytes(has_colours);
+        Ok(SortMemory { buffered_most, _leases: [batches, means, buffers] })
+    }
+
+    /// The rule of a first sort.
+    fn rule(&self, levels: u32, grid: &Grid) -> SortRule {
+        SortRule { by: SortKey::SizeAndPlace, levels, bits: grid.bits, buffered_most: self.buffered_most }
+    }
 }
 
 /// Triangles on their way into cells.
@@ -191,46 +225,20 @@ impl Sorter<'_> {
         options: &BuildOptions,
         report: &dyn Fn(u64),
     ) -> Result<Duration> {
-        let mut waited = Duration::ZERO;
-        std::thread::scope(|scope| -> Result<()> {
-            let (full, batches) = sync_channel::<Result<TriangleBatch>>(1);
-            let (back, empties) = sync_channel::<TriangleBatch>(BATCHES as usize);
-            (0..BATCHES - 1).for_each(|_| back.send(TriangleBatch::default()).expect("the channel has room"));
-            let reader = move || {
-                while let Ok(mut batch) = empties.recv() {
-                    let message = match source.next_batch(&mut batch) {
-                        Ok(true) => Ok(batch),
-                        Ok(false) => return,
-                        Err(error) => Err(error),
-                    };
-                    if full.send(message).is_err() {
-                        return;
-                    }
-                }
-            };
-            let thread = std::thread::Builder::new().name("trex-read".into()).spawn_scoped(scope, reader);
-            thread.map_err(|error| Error::thread_refused("the reader of the input", &error))?;
-            report(0);
-            loop {
-                if self.again.is_none() {
-                    self.record(snapper, options)?;
-                }
-                let before = Instant::now();
-                let Ok(message) = batches.recv() else { break };
-                waited += before.elapsed();
-                let batch = message?;
-                options.interrupt.check()?;
-                snapper.hash(&batch)?;
-                match self.again {
-                    None => snapper.snap_all(&batch, &mut self.snapped, &mut self.cells)?,
-                    Some(prefix) => self.compare(prefix, snapper)?,
-                }
-                report(snapper.read);
-                let _ = back.send(batch);
+        report(0);
+        if self.again.is_none() {
+            self.record(snapper, options)?;
+        }
+        let waited = for_each_batch(source, options, |batch| {
+            snapper.hash(batch)?;
+            match self.again {
+                None => snapper.snap_all(batch, &mut self.snapped, &mut self.cells)?,
+                Some(prefix) => self.compare(prefix, snapper)?,
             }
-            self.again.map_or(Ok(()), |prefix| Err(self.changed(prefix)))
+            report(snapper.read);
+            if self.again.is_none() { self.record(snapper, options) } else { Ok(()) }
         })?;
-        Ok(waited)
+        self.again.map_or(Ok(waited), |prefix| Err(self.changed(prefix)))
     }
 
     /// Records how far it is, where that is due.

@@ -2,13 +2,13 @@
 //!
 //! Invariant: what is counted, and the hash of what was read, follow from the stream alone.
 
-use super::cells::PartitionCells;
+use super::cells::CellSink;
 use super::collapsed::CollapsedSizes;
 use super::colour_means::ColourMeans;
 use super::surface::Surface;
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::LatticeTriangle;
-use crate::cluster::LatticeBox;
+use crate::cluster::{Colour, LatticeBox};
 use crate::error::{Code, Error, Result};
 use crate::layout::{MATERIALS, TRIANGLES};
 use crate::source::TriangleBatch;
@@ -47,6 +47,11 @@ impl SnapSummary {
             means: scan.has_colours.then(ColourMeans::new),
         }
     }
+
+    /// Of each material, once; none where the input has no colours.
+    pub(crate) fn mean_colours(&self) -> Vec<Colour> {
+        self.means.iter().flat_map(ColourMeans::colours).collect()
+    }
 }
 
 /// From model space to the lattice.
@@ -62,6 +67,15 @@ impl Snapper {
     /// Before the first triangle of the source of this name.
     pub(crate) fn new(grid: Grid, name: String) -> Snapper {
         Snapper { grid, name, hasher: Xxh3::new(), read: 0 }
+    }
+
+    pub(crate) fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    /// Name of the source.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
     }
 
     /// What was read so far.
@@ -84,37 +98,28 @@ impl Snapper {
         Ok(())
     }
 
-    /// Snaps it, and puts what can be drawn into cells.
+    /// Snaps it, counts all that is known of it, and hands what can be drawn to `cells`.
     pub(crate) fn snap_all(
         &self,
         batch: &TriangleBatch,
         snapped: &mut SnapSummary,
-        cells: &mut PartitionCells,
+        cells: &mut impl CellSink,
     ) -> Result<()> {
-        let Grid { lattice, bits } = self.grid;
+        let lattice = self.grid.lattice;
         for (index, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
-            let q = corners.map(|corner| lattice.snap(corner));
-            if q.as_flattened().iter().fold(0, |all, v| all | v) as u64 >> bits != 0 {
-                if !corners.as_flattened().iter().all(|v| v.is_finite()) {
-                    snapped.rejected_non_finite += 1;
-                    continue;
-                }
-                return Err(Error::new(Code::InputFormat, "the input changed while it was read")
-                    .at_place(&self.name)
-                    .numbers(format!("a vertex at {corners:?} lies outside of the bounds of the first pass"))
-                    .next("build again when nothing writes to the input"));
-            }
+            let Some(q) = self.snap(corners)? else {
+                snapped.rejected_non_finite += 1;
+                continue;
+            };
             snapped.exact &= !snapped.exact || (0..3).all(|c| lattice.position(q[c]) == corners[c]);
-            if q[0] == q[1] || q[1] == q[2] || q[2] == q[0] {
+            if is_degenerate(&q) {
                 snapped.rejected_degenerate += 1;
                 if has_area(corners) {
                     snapped.collapsed.add(corners, lattice.step());
                 }
                 continue;
             }
-            let Ok(material) = u16::try_from(material) else {
-                return Err(self.too_many("materials", MATERIALS as u64));
-            };
+            let material = self.stored_material(material)?;
             q.iter().for_each(|&q| snapped.bounds.add(q));
             snapped.surface.add(&q);
             let colours = batch.colours_of(index);
@@ -126,12 +131,49 @@ impl Snapper {
         Ok(())
     }
 
+    /// Snaps it, and hands what can be drawn to `cells`: all that is counted of it is known.
+    pub(crate) fn snap_known(&self, batch: &TriangleBatch, cells: &mut impl CellSink) -> Result<()> {
+        for (index, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
+            if let Some(q) = self.snap(corners)?.filter(|q| !is_degenerate(q)) {
+                let material = self.stored_material(material)?;
+                cells.push(LatticeTriangle { q, material }, batch.colours_of(index))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The corners on the lattice; `None` where one is no finite number.
+    #[inline]
+    fn snap(&self, corners: &[[f64; 3]; 3]) -> Result<Option<[[i64; 3]; 3]>> {
+        let Grid { lattice, bits } = self.grid;
+        let q = corners.map(|corner| lattice.snap(corner));
+        if q.as_flattened().iter().fold(0, |all, v| all | v) as u64 >> bits == 0 {
+            return Ok(Some(q));
+        }
+        if !corners.as_flattened().iter().all(|v| v.is_finite()) {
+            return Ok(None);
+        }
+        Err(Error::new(Code::InputFormat, "the input changed while it was read")
+            .at_place(&self.name)
+            .numbers(format!("a vertex at {corners:?} lies outside of the bounds of the first pass"))
+            .next("build again when nothing writes to the input"))
+    }
+
+    fn stored_material(&self, material: u32) -> Result<u16> {
+        u16::try_from(material).map_err(|_| self.too_many("materials", MATERIALS as u64))
+    }
+
     fn too_many(&self, what: &str, most: u64) -> Error {
         Error::new(Code::InputRange, format!("the input holds more {what} than a trex file can"))
             .at_place(&self.name)
             .numbers(format!("at most {most}"))
             .next("cut the input in parts and build each")
     }
+}
+
+/// Whether two corners fall on one point of the lattice.
+fn is_degenerate(q: &[[i64; 3]; 3]) -> bool {
+    q[0] == q[1] || q[1] == q[2] || q[2] == q[0]
 }
 
 /// True when a triangle has area, by more than the rounding of its coordinates' differences and products.

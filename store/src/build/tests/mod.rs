@@ -2,12 +2,14 @@
 
 mod resume;
 mod scratch;
+mod shards;
 mod worker;
 
 use super::emit::writer::make_room;
 use super::*;
 use crate::budget::Budget;
 use crate::cluster::FrameView;
+use crate::error::Code;
 use crate::layout::FRAME_BYTES;
 use crate::progress::Interrupt;
 use crate::source::SourceStats;

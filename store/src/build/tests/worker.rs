@@ -1,6 +1,6 @@
 //! What a worker takes for a full chunk, by the allocator's count, against what is leased for it.
 
-use super::super::clusters::pages::PackContext;
+use super::super::clusters::packed_page::PackContext;
 use super::super::clusters::workspace::{Workspace, worker_bytes};
 use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
 use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch, TriangleList};

@@ -1,0 +1,177 @@
+//! The two halves of a partition that many machines share: one counts the cells of an input, the others sort those of
+//! their shard.
+//!
+//! ```text
+//! count     stream -> snap -> cells, counted       -> summary, mean colours, `CellTable`      once
+//! sort      stream -> snap -> cells of a range     -> scratch, chunks                         by each shard
+//! ```
+//!
+//! Invariants: 1. the chunks of all shards, one shard behind the other, are those of a partition by one; 2. a shard
+//! whose input is not the one that was counted ends in an error: its triangles are hashed on the way.
+
+use super::batches::for_each_batch;
+use super::cell_table::{CELL_BYTES, CellRange, CellTable};
+use super::cells::{CellPlace, CellSink, PartitionCells, SortRule, first_levels};
+use super::chunk::Chunk;
+use super::snap::{SnapSummary, Snapper};
+use super::summary::PartitionSummary;
+use super::{SortMemory, summarize};
+use crate::budget::Lease;
+use crate::build::options::BuildOptions;
+use crate::build::report::PhaseReport;
+use crate::build::scan::{Grid, Scan};
+use crate::build::scratch::run_writer::RunWriter;
+use crate::build::scratch::{LatticeTriangle, Scratch};
+use crate::cluster::Colour;
+use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
+use crate::scratch::Place;
+use crate::source::TriangleSource;
+use std::collections::HashMap;
+use std::time::Duration;
+
+/// An input that was counted.
+pub(crate) struct CellCensus {
+    pub(crate) summary: PartitionSummary,
+    pub(crate) mean_colours: Vec<Colour>,
+    pub(crate) cells: CellTable,
+    _lease: Lease,
+}
+
+/// Counts triangles by cell.
+struct CellCounts {
+    rule: SortRule,
+    cells: Vec<(CellPlace, u64)>,
+    by_place: HashMap<CellPlace, usize>,
+    /// Of the last triangle, and the index of its cell.
+    last: Option<(CellPlace, usize)>,
+}
+
+impl CellSink for CellCounts {
+    fn push(&mut self, triangle: LatticeTriangle, _: [Colour; 3]) -> Result<()> {
+        let place = self.rule.place_of(&triangle);
+        let index = match self.last {
+            Some((last, index)) if last == place => index,
+            _ => *self.by_place.entry(place).or_insert_with(|| {
+                self.cells.push((place, 0));
+                self.cells.len() - 1
+            }),
+        };
+        self.last = Some((place, index));
+        self.cells[index].1 += 1;
+        Ok(())
+    }
+}
+
+/// Counts the cells of an input, which is read once.
+pub(crate) fn count(
+    source: &mut dyn TriangleSource,
+    (scan, grid): (&Scan, Grid),
+    options: &BuildOptions,
+    report: PhaseReport<'_>,
+) -> Result<CellCensus> {
+    let memory = SortMemory::lease(scan.has_colours, &options.budget)?;
+    let rule = memory.rule(first_levels(scan.triangle_count, &grid), &grid);
+    let mut lease = options.budget.lease(CELLS, 0)?;
+    let mut counts = CellCounts { rule, cells: Vec::new(), by_place: HashMap::new(), last: None };
+    let (mut snapper, mut snapped) = (Snapper::new(grid, source.name()), SnapSummary::new(scan, &grid));
+    for_each_batch(source, options, |batch| {
+        snapper.hash(batch)?;
+        snapper.snap_all(batch, &mut snapped, &mut counts)?;
+        let bytes = counts.cells.len() as u64 * CELL_BYTES;
+        lease.grow(CELLS, bytes.saturating_sub(lease.bytes()))?;
+        report("scan", "triangles", snapper.read, scan.triangle_count);
+        Ok(())
+    })?;
+    let cells = CellTable::new(rule, counts.cells);
+    let mean_colours = snapped.mean_colours();
+    let summary = summarize(scan, cells.triangle_count(), snapped, &snapper, options.voxels)?;
+    Ok(CellCensus { summary, mean_colours, cells, _lease: lease })
+}
+
+/// What tables of cells are called in messages.
+const CELLS: &str = "the table of cells";
+
+/// What a shard sorts.
+pub(crate) struct ShardSort<'a> {
+    /// What is known of the whole model.
+    pub(crate) summary: &'a PartitionSummary,
+    pub(crate) has_colours: bool,
+    /// The finest level of the first sort.
+    pub(crate) levels: u32,
+    pub(crate) range: CellRange,
+    /// Where the sorted triangles go.
+    pub(crate) place: Place,
+    pub(crate) options: &'a BuildOptions,
+    pub(crate) report: PhaseReport<'a>,
+}
+
+/// The cells of a shard; triangles of others are dropped.
+struct ShardCells {
+    cells: PartitionCells,
+    rule: SortRule,
+    range: CellRange,
+    /// Of the last triangle, and whether it is one of these.
+    last: Option<(CellPlace, bool)>,
+}
+
+impl CellSink for ShardCells {
+    fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()> {
+        let place = self.rule.place_of(&triangle);
+        let is_ours = match self.last {
+            Some((last, is_ours)) if last == place => is_ours,
+            _ => self.range.contains(&place),
+        };
+        self.last = Some((place, is_ours));
+        if is_ours { self.cells.push_at(place, triangle, colours) } else { Ok(()) }
+    }
+}
+
+impl ShardSort<'_> {
+    /// Reads the source once, and sorts what is the shard's; gives its chunks, and the time that was waited.
+    ///
+    /// # Errors
+    /// [`Code::Usage`] where the source does not deliver what was counted.
+    pub(crate) fn run(self, source: &mut dyn TriangleSource) -> Result<(Scratch, Vec<Chunk>, Duration)> {
+        let ShardSort { summary, has_colours, levels, range, place, options, report } = self;
+        let memory = SortMemory::lease(has_colours, &options.budget)?;
+        let rule = memory.rule(levels, &summary.grid);
+        let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule);
+        let mut cells = ShardCells { cells, rule, range, last: None };
+        let mut snapper = Snapper::new(summary.grid, source.name());
+        let all = summary.input_triangle_count;
+        report("partition", "triangles", 0, all);
+        let waited = for_each_batch(source, options, |batch| {
+            if batch.has_colours() && !has_colours {
+                return Err(changed(snapper.name(), "it has colours, and had none then".to_owned()));
+            }
+            snapper.hash(batch)?;
+            snapper.snap_known(batch, &mut cells)?;
+            report("partition", "triangles", snapper.read, all);
+            Ok(())
+        })?;
+        let found = snapper.prefix();
+        if (found.triangle_count, found.hash) != (all, summary.content_hash) {
+            let differences = format!(
+                "{} triangles of hash {:016x}, {all} of {:016x} then",
+                found.triangle_count, found.hash, summary.content_hash
+            );
+            return Err(changed(snapper.name(), differences));
+        }
+        let (writer, chunks) = cells.cells.into_chunks(options)?;
+        let sorted: u64 = chunks.iter().map(|chunk| chunk.triangle_count).sum();
+        if sorted != range.triangle_count {
+            let differences = format!("{sorted} triangles in the shard, {} then", range.triangle_count);
+            return Err(changed(snapper.name(), differences));
+        }
+        Ok((writer.finish(), chunks, waited))
+    }
+}
+
+/// The error of an input that is not the one that was counted.
+fn changed(name: &str, differences: String) -> Error {
+    Error::new(Code::Usage, "the input is not the one that the plan was made of")
+        .at_place(name)
+        .numbers(differences)
+        .next(NextStep::ScanAgain)
+}
