@@ -17,7 +17,9 @@ use fastnoise_lite::{FastNoiseLite, FractalType, NoiseType};
 use glam::DVec2;
 use std::f64::consts::TAU;
 use std::sync::Arc;
-use trex_store::{Aabb, Material, MaterialList, Result, ScanHint, TriangleBatch, TriangleSource};
+use trex_store::{
+    Aabb, AttributeSet, Material, MaterialList, Result, ScanHint, TriangleBatch, TriangleSource,
+};
 
 /// Height and radius, metres, from the middle of the bottom to the crown.
 const PROFILE: [[f64; 2]; 22] = [
@@ -76,7 +78,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         bounds: Aabb { lo: [-1.6, -1.6, -0.2], hi: [1.6, 1.6, 5.2] },
         median_edge: MEDIAN_SAFETY * scan.sample_median_edge(),
         triangle_count: scan.triangle_count(),
-        has_colours: false,
+        attributes: AttributeSet::default(),
     };
     let material = |kd, ks| Material { kd, ks: [ks; 3], ns: 40.0, ..Material::default() };
     let materials = MaterialList::from_iter([

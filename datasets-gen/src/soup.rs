@@ -14,7 +14,7 @@ use crate::stream::{Label, MAX_CHUNK_TRIANGLES, Recipe, Stream};
 use crate::{GenOptions, Spec, View, median_edge};
 use glam::DVec3;
 use std::sync::Arc;
-use trex_store::{Aabb, Material, Result, ScanHint, TriangleBatch, TriangleSource};
+use trex_store::{Aabb, AttributeSet, Material, Result, ScanHint, TriangleBatch, TriangleSource};
 
 /// Triangles of a cycle.
 const CYCLE: u64 = 100;
@@ -54,7 +54,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         bounds: Aabb { lo: CENTER.map(|c| c - reach), hi: CENTER.map(|c| c + reach) },
         median_edge: MEDIAN_SAFETY * median_edge(&sample.corners),
         triangle_count: spec.triangles,
-        has_colours: false,
+        attributes: AttributeSet::default(),
     };
     let materials = [[0.7, 0.3, 0.2], [0.2, 0.5, 0.7], [0.6, 0.6, 0.3], [0.5; 3]]
         .iter()

@@ -15,7 +15,8 @@ use std::collections::BTreeMap;
 use std::iter::Fuse;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use trex_store::{
-    Aabb, Interrupt, Lease, MaterialList, Result, ScanHint, SourceStats, TriangleBatch, TriangleSource,
+    Aabb, AttributeSet, Interrupt, Lease, MaterialList, Result, ScanHint, SourceStats, TriangleBatch,
+    TriangleSource,
 };
 
 /// Most triangles that one task makes: twice what a batch aims at, so that a chunk can be handed over whole.
@@ -105,7 +106,7 @@ fn y_up_bounds(bounds: &Aabb) -> Aabb {
 pub(crate) fn lease_bytes(threads: usize) -> u64 {
     let threads = thread_count(threads);
     let chunks = (window(threads) + threads + 2) as u64;
-    chunks * TriangleBatch::bytes(false) + RECIPE_BYTES
+    chunks * TriangleBatch::bytes(AttributeSet::default()) + RECIPE_BYTES
 }
 
 /// Chunks that are made ahead of the reader.

@@ -14,7 +14,7 @@ pub use sealed::{sealed, with_page, with_section};
 use std::path::Path;
 use std::sync::Arc;
 use trex_render::{Camera, Model, Scene, parse_views};
-use trex_store::cluster::{self, ColourView, FrameView};
+use trex_store::cluster::{self, Colour, CornerValue, FrameView, Normal, ValueView};
 use trex_store::import::{self, ByteOrder, ImportOptions, RawVolume, SampleType, VolumeOptions};
 use trex_store::layout::{FRAME_BYTES, PageKind, SUPERBLOCK_BYTES, Superblock};
 use trex_store::{Aabb, Budget, Code, Error, Material, PageFile, RESERVE_BYTES, Result, TriangleBatch};
@@ -24,7 +24,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 23] = [
+pub const TARGETS: [Target; 24] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
@@ -34,6 +34,7 @@ pub const TARGETS: [Target; 23] = [
     ("octree", parts::octree),
     ("units", parts::units),
     ("colours", parts::colours),
+    ("normals", parts::normals),
     ("journal", journal),
     ("scratch", scratch),
     ("shards", plans_and_fragments),
@@ -54,7 +55,7 @@ pub const TARGETS: [Target; 23] = [
 pub const BUDGET_BYTES: u64 = RESERVE_BYTES + (8 << 20);
 /// Most bits of a lattice coordinate.
 const LATTICE_BITS_MAX: u32 = 40;
-/// Triangles of a page whose colours are asked for: more than a page has.
+/// Triangles of a page whose colours or normals are asked for: more than a page has.
 const FRAME_TRIANGLES_ASKED: usize = 70_000;
 
 /// A page of the mesh, unpacked, behind a byte that chooses the lattice's bits.
@@ -88,11 +89,11 @@ fn walk(frame: &[u8], lattice_bits: u32) {
     assert!(view.used_bytes() <= frame.len());
 }
 
-/// Asks an installed page of colours for those of triangles that it has, and of some that it has not.
-fn ask_colours(frame: &[u8]) {
-    let view = ColourView::new(frame);
+/// Asks an installed page of colours or normals for those of triangles that it has, and of some that it has not.
+fn ask_values<V: CornerValue>(frame: &[u8]) {
+    let view = ValueView::<V>::new(frame);
     for triangle in (0..FRAME_TRIANGLES_ASKED).step_by(7) {
-        view.colours(triangle, [triangle % 128, 0, 127]);
+        view.values(triangle, [triangle % 128, 0, 127]);
     }
 }
 
@@ -129,7 +130,12 @@ fn read_page_file(bytes: &[u8]) {
             let is_read = file.read_page(page, &mut frame, &mut buffers);
             match is_read {
                 Ok(()) if file.has_mesh(page) => walk(&frame, file.superblock().lattice_bits),
-                Ok(()) if file.pages()[page as usize].kind == PageKind::Colours => ask_colours(&frame),
+                Ok(()) if file.pages()[page as usize].kind == PageKind::Colours => {
+                    ask_values::<Colour>(&frame)
+                }
+                Ok(()) if file.pages()[page as usize].kind == PageKind::Normals => {
+                    ask_values::<Normal>(&frame)
+                }
                 Ok(()) => {}
                 Err(error) => check(&error),
             }

@@ -8,6 +8,7 @@
 //! octree    kind of a section (1 byte: 5 upper, 6 lower), the section
 //! units     a page of units, unpacked
 //! colours   a page of colours, unpacked
+//! normals   a page of normals, unpacked
 //! ```
 
 use super::{left_over, page, read_page_file, with_page, with_section};
@@ -30,9 +31,10 @@ const SEED_EMITTERS_BYTES: usize = 8 * 80;
 
 /// A file of some pages under a top tree, with emitters and voxels.
 static SHEET: LazyLock<Vec<u8>> = LazyLock::new(left_over::finished);
-/// A file with pages of units, and one with a page of colours.
+/// A file with pages of units, one with a page of colours, and one with a page of normals.
 const UNITS: &[u8] = include_bytes!("../seeds/page_file/units.trex");
 const COLOURED: &[u8] = include_bytes!("../seeds/page_file/coloured.trex");
+const BENT: &[u8] = include_bytes!("../seeds/page_file/bent.trex");
 
 /// A table of a file.
 pub fn tables(bytes: &[u8]) {
@@ -92,6 +94,11 @@ pub fn units(bytes: &[u8]) {
 /// A page of colours, unpacked.
 pub fn colours(bytes: &[u8]) {
     page_of(COLOURED, PageKind::Colours, bytes);
+}
+
+/// A page of normals, unpacked.
+pub fn normals(bytes: &[u8]) {
+    page_of(BENT, PageKind::Normals, bytes);
 }
 
 fn page_of(file: &[u8], kind: PageKind, content: &[u8]) {
@@ -156,5 +163,6 @@ pub fn sound(small: &[u8]) -> Vec<(&'static str, &'static str, Vec<u8>)> {
         ("octree", "upper", section(UNITS, SectionKind::Upper)),
         ("octree", "lower", section(UNITS, SectionKind::Lower)),
         ("colours", "coloured", unpacked(COLOURED, PageKind::Colours)),
+        ("normals", "bent", unpacked(BENT, PageKind::Normals)),
     ]
 }

@@ -5,6 +5,7 @@ use crate::values::{self, Bytes, Input, ShardNumber};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use trex_store::AttributeSet;
 use trex_store::build::Precision;
 use trex_store::verify::Level;
 
@@ -24,9 +25,8 @@ pub struct BuildArgs {
     pub resume: ResumeArgs,
     #[command(flatten)]
     pub lattice: LatticeArgs,
-    /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t = Colors::Keep)]
-    pub colors: Colors,
+    #[command(flatten)]
+    pub attributes: AttributeArgs,
     #[command(flatten)]
     pub volumes: VolumeArgs,
     #[command(flatten)]
@@ -39,6 +39,27 @@ pub struct BuildArgs {
     pub scratch: ScratchArgs,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+/// What is kept of what corners have.
+#[derive(Clone, Debug, Args)]
+pub struct AttributeArgs {
+    /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = AttributeChoice::Keep)]
+    colors: AttributeChoice,
+    /// What becomes of the normals of vertices, which shade the mesh as if it were smooth
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = AttributeChoice::Keep)]
+    normals: AttributeChoice,
+}
+
+impl AttributeArgs {
+    /// What corners lose.
+    pub fn dropped(&self) -> AttributeSet {
+        AttributeSet {
+            colours: self.colors == AttributeChoice::Drop,
+            normals: self.normals == AttributeChoice::Drop,
+        }
+    }
 }
 
 /// The lattice of a build.
@@ -63,12 +84,12 @@ impl LatticeArgs {
     }
 }
 
-/// `--colors`.
+/// `--colors` and `--normals`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Colors {
+enum AttributeChoice {
     /// In pages of their own
     Keep,
-    /// Left out: the model is its materials alone
+    /// Left out: the model is its materials, or its planes, alone
     Drop,
 }
 

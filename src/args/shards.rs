@@ -1,6 +1,6 @@
 //! The command line of builds in shards: `trex scan` and `trex merge`.
 
-use super::build::{Colors, LatticeArgs, VoxelArgs};
+use super::build::{AttributeArgs, LatticeArgs, VoxelArgs};
 use super::{CommonArgs, OverwriteArgs, ScratchArgs, VolumeArgs};
 use crate::values::Input;
 use clap::Args;
@@ -20,9 +20,8 @@ pub struct ScanArgs {
     pub output: PathBuf,
     #[command(flatten)]
     pub lattice: LatticeArgs,
-    /// What becomes of the colours of vertices and faces; shards must say the same
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t = Colors::Keep)]
-    pub colors: Colors,
+    #[command(flatten)]
+    pub attributes: AttributeArgs,
     #[command(flatten)]
     pub volumes: VolumeArgs,
     #[command(flatten)]

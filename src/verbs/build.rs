@@ -2,7 +2,7 @@
 
 use super::beside;
 use super::inputs::{self, InputList};
-use crate::args::{BuildArgs, Colors, VoxelArgs};
+use crate::args::{BuildArgs, VoxelArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -16,7 +16,7 @@ use trex_store::build::left_over::{self, LeftOver};
 use trex_store::build::{self, BuildOptions, BuildReport, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Colourless, Error, Result, SourceStats, TriangleSource, stamp};
+use trex_store::{AttributeSet, Error, PlainSource, Result, SourceStats, TriangleSource, stamp};
 
 /// About how much work a kill may cost where nothing else is said: as the flag has it.
 pub const JOURNAL_EVERY: Duration = Duration::from_secs(3);
@@ -45,23 +45,24 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
     }
     let volumes = args.volumes.options();
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
-    let built =
-        with_source(inputs, args.colors, &work.scratch_folder(), ctx, |source| work.build(source, ctx));
+    let built = with_source(inputs, args.attributes.dropped(), &work.scratch_folder(), ctx, |source| {
+        work.build(source, ctx)
+    });
     ctx.done(&built?)
 }
 
 /// Opens the inputs for `build`. An error of a limit that is too small names the one that has room for a build.
 pub fn with_source<T>(
     inputs: InputList<'_>,
-    colors: Colors,
+    dropped: AttributeSet,
     scratch: &Path,
     ctx: &Context,
     build: impl FnOnce(&mut dyn TriangleSource) -> Result<T>,
 ) -> Result<T> {
     let opened = inputs::open(inputs, scratch, build::smallest_bytes(), ctx);
-    let built = opened.and_then(|mut source| match colors {
-        Colors::Keep => build(&mut *source),
-        Colors::Drop => build(&mut Colourless(source)),
+    let built = opened.and_then(|mut source| match dropped {
+        none if none == AttributeSet::default() => build(&mut *source),
+        dropped => build(&mut PlainSource { source, dropped }),
     });
     built.map_err(|error| inputs::with_smallest_limit(error, inputs, scratch, ctx))
 }
@@ -71,8 +72,12 @@ pub fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
     let volumes = args.volumes.options();
     let mut resume = Resume { every, ..resume_of(InputList { inputs: &args.inputs, volumes: &volumes })? };
-    if args.colors == Colors::Drop {
-        resume.input.push(("colours".to_owned(), "dropped".to_owned()));
+    for (name, is_dropped) in
+        [("colours", args.attributes.dropped().colours), ("normals", args.attributes.dropped().normals)]
+    {
+        if is_dropped {
+            resume.input.push((name.to_owned(), "dropped".to_owned()));
+        }
     }
     Ok((!args.resume.no_resume).then_some(resume))
 }
@@ -189,6 +194,9 @@ pub fn tell_sizes(plan: &Plan, ctx: &Context) {
     ));
     if plan.has_colours {
         ctx.console.note("plan: colours are kept, in pages of their own; --colors drop leaves them out");
+    }
+    if plan.has_normals {
+        ctx.console.note("plan: normals are kept, in pages of their own; --normals drop leaves them out");
     }
     if plan.memory_bytes > plan.limit_bytes {
         ctx.console.note("plan: the limit may not be enough for the tables; --memory-limit sets another");
@@ -317,7 +325,7 @@ impl fmt::Display for BuildSummary {
         if self.dropped_attribute_count > 0 {
             writeln!(
                 f,
-                "dropped {} normals, texture coordinates and other attributes",
+                "dropped {} texture coordinates and other attributes, which pictures do not use",
                 size::count(self.dropped_attribute_count)
             )?;
         }

@@ -118,6 +118,7 @@ struct BytesPerTriangle {
     disk: f64,
     /// Of their pages, on disk.
     colours: f64,
+    normals: f64,
     resident: f64,
     file: f64,
 }
@@ -127,6 +128,7 @@ struct SectionBytes {
     mesh: u64,
     tree: u64,
     colours: u64,
+    normals: u64,
     asvo_upper: u64,
     asvo_lower: u64,
     tables: u64,
@@ -174,6 +176,8 @@ struct FileInfo {
     page_count: usize,
     /// Pages among these that hold colours, which shading alone reads.
     colour_page_count: usize,
+    /// And those that hold normals.
+    normal_page_count: usize,
     material_count: usize,
     /// Their names, in order.
     #[serde(serialize_with = "names")]
@@ -209,6 +213,17 @@ impl RejectedCounts {
     }
 }
 
+impl Grid {
+    fn of(block: &Superblock) -> Grid {
+        Grid {
+            step: block.lattice.step(),
+            bits: block.lattice_bits,
+            origin: block.lattice.origin,
+            error_bound: block.error_bound,
+        }
+    }
+}
+
 impl FileInfo {
     fn new(file: &PageFile, ctx: &Context) -> trex_store::Result<FileInfo> {
         let block = file.superblock();
@@ -222,11 +237,13 @@ impl FileInfo {
         let (mesh_page_count, mesh_and_tree) = stored_pages(PageKind::Mesh);
         let (unit_page_count, unit_bytes) = stored_pages(PageKind::Units);
         let (colour_page_count, colour_bytes) = stored_pages(PageKind::Colours);
+        let (normal_page_count, normal_bytes) = stored_pages(PageKind::Normals);
         let top = size_of_val(file.top()) as u64;
         let (upper, lower) = (file.upper_size()?, file.lower_size()?);
         let upper_bytes = upper.map_or(0, |upper| upper.stored_bytes);
         let lower_bytes = unit_bytes + lower.map_or(0, |lower| lower.stored_bytes);
-        let tables = block.file_bytes - mesh_and_tree - top - colour_bytes - upper_bytes - lower_bytes;
+        let beside_bytes = colour_bytes + normal_bytes + upper_bytes + lower_bytes;
+        let tables = block.file_bytes - mesh_and_tree - top - beside_bytes;
         let resident = (mesh_page_count * FRAME_BYTES) as u64 + file.resident_table_bytes();
         let per = |bytes: u64| bytes as f64 / block.triangle_count.max(1) as f64;
         Ok(FileInfo {
@@ -239,13 +256,15 @@ impl FileInfo {
             wide_cluster_count: block.wide_cluster_count,
             page_count: file.pages().len(),
             colour_page_count,
+            normal_page_count,
             material_count: file.materials().len(),
             materials: file.material_names().clone(),
             emitter_count: file.emitters().len(),
             file_bytes: block.file_bytes,
             bytes_per_triangle: BytesPerTriangle {
-                disk: per(block.file_bytes - colour_bytes - upper_bytes - lower_bytes),
+                disk: per(block.file_bytes - beside_bytes),
                 colours: per(colour_bytes),
+                normals: per(normal_bytes),
                 resident: per(resident),
                 file: per(block.file_bytes),
             },
@@ -253,16 +272,12 @@ impl FileInfo {
                 mesh: mesh_and_tree - block.page_tree_bytes.min(mesh_and_tree),
                 tree: block.page_tree_bytes.min(mesh_and_tree) + top,
                 colours: colour_bytes,
+                normals: normal_bytes,
                 asvo_upper: upper_bytes,
                 asvo_lower: lower_bytes,
                 tables,
             },
-            grid: Grid {
-                step: block.lattice.step(),
-                bits: block.lattice_bits,
-                origin: block.lattice.origin,
-                error_bound: block.error_bound,
-            },
+            grid: Grid::of(block),
             asvo: upper.map(|upper| {
                 let leaf_count_lower = lower.map_or(0, |lower| lower.leaf_count);
                 let unit_frames = (unit_page_count * FRAME_BYTES) as u64;
@@ -331,6 +346,9 @@ impl fmt::Display for FileInfo {
         )?;
         if self.colour_page_count > 0 {
             writeln!(f, "colours: {} pages, {:.2} bytes per triangle", self.colour_page_count, per.colours)?;
+        }
+        if self.normal_page_count > 0 {
+            writeln!(f, "normals: {} pages, {:.2} bytes per triangle", self.normal_page_count, per.normals)?;
         }
         match &self.asvo {
             Some(asvo) => writeln!(

@@ -5,7 +5,7 @@ use super::build::{
     BuildSummary, JOURNAL_EVERY, Work, resume, tell_sizes, tell_warnings, voxels, with_source,
 };
 use super::inputs::InputList;
-use crate::args::{BuildArgs, Colors, MergeArgs, ScanArgs};
+use crate::args::{BuildArgs, MergeArgs, ScanArgs};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -19,7 +19,7 @@ use trex_store::build::shards::{self, MergeWork, ScanReport, ScanWork, ShardPlan
 use trex_store::build::{ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Error, Result, content_stamp};
+use trex_store::{AttributeSet, Error, Result, content_stamp};
 
 /// Runs `trex scan`.
 pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -34,9 +34,9 @@ pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
-    let facts = facts(inputs, args.colors)?;
+    let facts = facts(inputs, args.attributes.dropped())?;
     let options = work.options(ctx)?;
-    let scanned = with_source(inputs, args.colors, &work.scratch_folder(), ctx, |source| {
+    let scanned = with_source(inputs, args.attributes.dropped(), &work.scratch_folder(), ctx, |source| {
         let work = ScanWork { output: &args.output, facts: &facts, options: &options };
         Ok((source.name(), shards::scan(source, &work, &ctx.report())?))
     });
@@ -64,9 +64,9 @@ pub fn shard(
     let plan = ShardPlan::read(plan_path, &ctx.budget)?;
     let volumes = args.volumes.options();
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
-    let facts = facts(inputs, args.colors)?;
+    let facts = facts(inputs, args.attributes.dropped())?;
     let options = work.options(ctx)?;
-    let built = with_source(inputs, args.colors, &work.scratch_folder(), ctx, |source| {
+    let built = with_source(inputs, args.attributes.dropped(), &work.scratch_folder(), ctx, |source| {
         let work = ShardWork {
             plan: &plan,
             plan_path,
@@ -118,7 +118,7 @@ fn check_inputs_apart(output: &Path, inputs: &[Input]) -> Result<()> {
 
 /// What tells the inputs apart from others on any machine: a file by its length and parts of its bytes, a generator by
 /// its name; and how they are read.
-fn facts(list: InputList<'_>, colors: Colors) -> Result<Vec<(String, String)>> {
+fn facts(list: InputList<'_>, dropped: AttributeSet) -> Result<Vec<(String, String)>> {
     let fact = |(number, input): (usize, &Input)| {
         let value = match input {
             Input::Generated(name) => name.clone(),
@@ -132,8 +132,8 @@ fn facts(list: InputList<'_>, colors: Colors) -> Result<Vec<(String, String)>> {
     if !list.volumes.iso_values.is_empty() {
         facts.push(("volumes".to_owned(), format!("{:?}", list.volumes)));
     }
-    if colors == Colors::Drop {
-        facts.push(("colours".to_owned(), "dropped".to_owned()));
+    for (what, is_dropped) in [("colours", dropped.colours), ("normals", dropped.normals)] {
+        facts.extend(is_dropped.then(|| (what.to_owned(), "dropped".to_owned())));
     }
     Ok(facts)
 }

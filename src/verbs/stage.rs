@@ -26,6 +26,8 @@ pub struct ResidentPages {
     pub units: u32,
     /// Colours of triangles.
     pub colours: u32,
+    /// Normals of triangles.
+    pub normals: u32,
 }
 
 /// What is to be shown, and how.
@@ -109,6 +111,7 @@ impl Stage {
                     PageKind::Mesh => &mut resident.mesh,
                     PageKind::Units => &mut resident.units,
                     PageKind::Colours => &mut resident.colours,
+                    PageKind::Normals => &mut resident.normals,
                 } += 1;
             }
         }

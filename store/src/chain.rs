@@ -3,6 +3,7 @@
 //! Invariant: a source's materials follow those of the sources before it, whose lists are complete when its own
 //! stream begins.
 
+use crate::attributes::AttributeSet;
 use crate::budget::{Budget, Lease};
 use crate::error::{Code, Error, Result};
 use crate::geom::{Aabb, Lattice};
@@ -95,14 +96,14 @@ impl TriangleSource for Chain {
             bounds: Aabb::EMPTY,
             median_edge: f64::INFINITY,
             triangle_count: 0,
-            has_colours: false,
+            attributes: AttributeSet::default(),
         };
         for source in &self.sources {
             let hint = source.hint()?;
             all.bounds.join(&hint.bounds);
             all.median_edge = all.median_edge.min(hint.median_edge);
             all.triangle_count += hint.triangle_count;
-            all.has_colours |= hint.has_colours;
+            all.attributes = all.attributes.union(hint.attributes);
         }
         Some(all)
     }

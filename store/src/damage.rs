@@ -50,6 +50,7 @@ impl DamageList {
                 PageKind::Mesh => "as empty",
                 PageKind::Units => "by coarser voxels",
                 PageKind::Colours => "without its colours",
+                PageKind::Normals => "without its normals",
             },
             bounds: boxes.get(&page).copied(),
             error,

@@ -8,12 +8,13 @@
 //! A box takes the triangles whose mean of three corners lies in it, its far sides not counted: of boxes that fill
 //! space without gaps each triangle is in one.
 //!
-//! Invariants: 1. memory is two frames, a byte of each page and a list of materials; 2. triangles come in the order of
-//! their ids, and corners at `origin + integer * 2^e`, which is exact in f64; 3. a page that is damaged ends the stream
-//! with an error: nothing is left out in silence.
+//! Invariants: 1. memory is a frame, and one for colours and for normals, a byte of each page and a list of materials;
+//! 2. triangles come in the order of their ids, and corners at `origin + integer * 2^e`, which is exact in f64; 3. a
+//! page that is damaged ends the stream with an error: nothing is left out in silence.
 
+use crate::attributes::{AttributeSet, CornerAttributes};
 use crate::budget::{Budget, Lease};
-use crate::cluster::{ClusterView, Colour, ColourView, FrameView};
+use crate::cluster::{ClusterView, Colour, CornerValue, FrameView, Normal, ValueView};
 use crate::error::{Code, Error, Result};
 use crate::file::PageFile;
 use crate::geom::{Aabb, Lattice};
@@ -50,7 +51,7 @@ pub struct PageTriangles {
     is_wanted: Vec<bool>,
     frame: Vec<u8>,
     buffers: [Vec<u8>; 2],
-    colours: ColourReader,
+    values: AttributeReader,
     /// The page at hand, whether it is in the frame, and how many of its clusters have been handed out.
     page: u32,
     is_installed: bool,
@@ -68,7 +69,8 @@ impl PageTriangles {
         let names = file.material_names();
         let list_bytes = MaterialList::bytes(names.len() as u64, names.text_bytes() as u64);
         let index_bytes = (names.len() * size_of::<Option<u32>>() + file.pages().len()) as u64;
-        let frames = if file.superblock().colour_page_count > 0 { 6 } else { 3 };
+        let AttributeSet { colours, normals } = file.superblock().attributes();
+        let frames = 3 * (1 + u64::from(colours) + u64::from(normals));
         let bytes = list_bytes + index_bytes + frames * FRAME_BYTES as u64;
         let lease = budget.lease("the triangles of the file", bytes)?;
         let (material_of, materials) = chosen_materials(&file, &options.materials)?;
@@ -83,7 +85,7 @@ impl PageTriangles {
             is_wanted,
             frame: vec![0; FRAME_BYTES],
             buffers: [Vec::new(), Vec::new()],
-            colours: ColourReader::default(),
+            values: AttributeReader::default(),
             page: 0,
             is_installed: false,
             cluster_count: 0,
@@ -105,7 +107,7 @@ impl PageTriangles {
         FrameView::new(&self.frame).for_each_cluster(|cluster| {
             let has_room = batch.len() + CLUSTER_TRIANGLES <= BATCH_TRIANGLES;
             if at == next && has_room && added.is_ok() {
-                added = choice.add(cluster, &mut self.colours, batch);
+                added = choice.add(cluster, &mut self.values, batch);
                 next += 1;
             }
             at += 1;
@@ -169,8 +171,8 @@ impl TriangleSource for PageTriangles {
         Some(self.file.superblock().lattice)
     }
 
-    fn has_colours(&self) -> bool {
-        self.file.superblock().colour_page_count > 0
+    fn attributes(&self) -> AttributeSet {
+        self.file.superblock().attributes()
     }
 
     fn materials(&self) -> &MaterialList {
@@ -182,33 +184,62 @@ impl TriangleSource for PageTriangles {
     }
 }
 
-/// The page of colours that was asked for last.
+/// Reads the attributes of triangles that are asked for in order.
 #[derive(Default)]
-struct ColourReader {
-    page: Option<u32>,
-    frame: Vec<u8>,
-    buffers: [Vec<u8>; 2],
+struct AttributeReader {
+    colours: ValueReader,
+    normals: ValueReader,
 }
 
-impl ColourReader {
-    /// The colours of the corners of a triangle, by its store id, of mesh page `page`; `None` where all of the
-    /// page are white.
-    fn colours(
+impl AttributeReader {
+    /// The attributes of the corners of a triangle, by its store id, of mesh page `page`.
+    fn attributes(
         &mut self,
         file: &PageFile,
         page: u32,
         triangle: u32,
         vertices: [u8; 3],
-    ) -> Result<Option<[Colour; 3]>> {
-        let Some(colours) = file.colour_page(page, triangle) else { return Ok(None) };
-        if self.page != Some(colours) {
+    ) -> Result<CornerAttributes> {
+        let place = ValuePlace { page, triangle, vertices };
+        Ok(CornerAttributes {
+            colours: self.colours.values::<Colour>(file, PageKind::Colours, place)?,
+            normals: self.normals.values::<Normal>(file, PageKind::Normals, place)?,
+        })
+    }
+}
+
+/// A triangle of a mesh page, by its store id, and its vertices within its cluster.
+#[derive(Clone, Copy)]
+struct ValuePlace {
+    page: u32,
+    triangle: u32,
+    vertices: [u8; 3],
+}
+
+/// The page of values that was asked for last.
+#[derive(Default)]
+struct ValueReader {
+    page: Option<u32>,
+    frame: Vec<u8>,
+    buffers: [Vec<u8>; 2],
+}
+
+impl ValueReader {
+    fn values<V: CornerValue>(
+        &mut self,
+        file: &PageFile,
+        kind: PageKind,
+        place: ValuePlace,
+    ) -> Result<[V; 3]> {
+        let Some(values) = file.value_page(kind, place.page, place.triangle) else { return Ok([V::NONE; 3]) };
+        if self.page != Some(values) {
             self.page = None;
             self.frame.resize(FRAME_BYTES, 0);
-            file.read_page(colours, &mut self.frame, &mut self.buffers)?;
-            self.page = Some(colours);
+            file.read_page(values, &mut self.frame, &mut self.buffers)?;
+            self.page = Some(values);
         }
-        let triangle = (triangle - file.pages()[colours as usize].first_triangle) as usize;
-        Ok(Some(ColourView::new(&self.frame).colours(triangle, vertices.map(usize::from))))
+        let triangle = (place.triangle - file.pages()[values as usize].first_triangle) as usize;
+        Ok(ValueView::new(&self.frame).values(triangle, place.vertices.map(usize::from)))
     }
 }
 
@@ -224,7 +255,7 @@ impl TriangleChoice<'_> {
     fn add(
         &self,
         cluster: ClusterView<'_>,
-        colours: &mut ColourReader,
+        values: &mut AttributeReader,
         batch: &mut TriangleBatch,
     ) -> Result<()> {
         let (mesh, lattice) = (cluster.decode(), self.file.superblock().lattice);
@@ -237,10 +268,8 @@ impl TriangleChoice<'_> {
             }
             let corners = q.map(|corner| lattice.position(corner));
             let triangle = first_triangle + (cluster.first_triangle() + index) as u32;
-            match colours.colours(self.file, self.page, triangle, *vertices)? {
-                Some(colours) => batch.push_coloured(corners, material, colours),
-                None => batch.push(corners, material),
-            }
+            let attributes = values.attributes(self.file, self.page, triangle, *vertices)?;
+            batch.push_with(corners, material, &attributes);
         }
         Ok(())
     }

@@ -6,7 +6,7 @@
 //! written; 4. what does not match its hash is read again before it counts as damaged (`twice`).
 
 use crate::budget::{Budget, Lease};
-use crate::cluster::{FrameView, Node, install, install_colours};
+use crate::cluster::{Colour, FrameView, Node, Normal, install, install_values};
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, Extent, IoOptions, Origin};
 use crate::layout::*;
@@ -223,18 +223,16 @@ impl PageFile {
         self.pages.get(page as usize).is_some_and(|entry| entry.kind == PageKind::Units)
     }
 
-    /// The page with the colours of a triangle of mesh page `page`, by its store id; `None` where they are white. The
-    /// colours of a page may take several pages, and several may share one.
-    pub fn colour_page(&self, page: u32, triangle: u32) -> Option<u32> {
-        let entry = &self.pages[page as usize];
-        if entry.colours_behind == 0 {
+    /// The page of one of [`PageKind::OF_CORNERS`] with the values of a triangle of mesh page `page`, by its store id;
+    /// `None` where it has none. The values of a page may take several pages, and several may share one.
+    pub fn value_page(&self, kind: PageKind, page: u32, triangle: u32) -> Option<u32> {
+        let behind = self.pages[page as usize].values_behind(kind);
+        if behind == 0 {
             return None;
         }
-        let is_before =
-            |colours: &PageEntry| colours.kind == PageKind::Colours && colours.first_triangle <= triangle;
-        let first = page + entry.colours_behind;
-        let behind =
-            self.pages[first as usize + 1..].iter().take_while(|&colours| is_before(colours)).count();
+        let is_before = |values: &PageEntry| values.kind == kind && values.first_triangle <= triangle;
+        let first = page + behind;
+        let behind = self.pages[first as usize + 1..].iter().take_while(|&values| is_before(values)).count();
         Some(first + behind as u32)
     }
 
@@ -268,8 +266,13 @@ impl PageFile {
             let context = UnitsContext { material_count: self.materials.len(), is_units };
             return install_units(raw, &context, frame).map_err(|what| self.damaged_page(page, what));
         }
-        if entry.kind == PageKind::Colours {
-            return install_colours(raw, frame).map_err(|what| self.damaged_page(page, what));
+        let installed = match entry.kind {
+            PageKind::Colours => Some(install_values::<Colour>(raw, frame)),
+            PageKind::Normals => Some(install_values::<Normal>(raw, frame)),
+            PageKind::Mesh | PageKind::Units => None,
+        };
+        if let Some(installed) = installed {
+            return installed.map_err(|what| self.damaged_page(page, what));
         }
         install(raw, self.block.lattice_bits, frame).map_err(|what| self.damaged_page(page, what))?;
         let view = FrameView::new(frame);

@@ -11,11 +11,11 @@
 //! All memory is leased from a [`Budget`] before it is taken. The crate knows no rays, prints nothing, and keeps no
 //! globals.
 
+mod attributes;
 mod budget;
 pub mod build;
 mod chain;
 pub mod cluster;
-mod colourless;
 mod damage;
 mod error;
 mod export;
@@ -32,6 +32,7 @@ mod material_names;
 mod next_step;
 pub mod octree;
 pub mod output;
+mod plain_source;
 pub mod pool;
 pub mod printable;
 mod progress;
@@ -45,9 +46,9 @@ pub mod stated_lattice;
 mod url;
 pub mod verify;
 
+pub use attributes::{AttributeColumns, AttributeSet, CornerAttributes};
 pub use budget::{Budget, Lease, RESERVE_BYTES};
 pub use chain::Chain;
-pub use colourless::Colourless;
 pub use damage::{DamageList, DamagedPage};
 pub use error::{Code, Error, Result};
 pub use export::{ExportOptions, PageTriangles};
@@ -57,6 +58,7 @@ pub use material::Material;
 pub use material_list::MaterialList;
 pub use material_names::{MaterialNames, stored_name};
 pub use next_step::{NextStep, Setting};
+pub use plain_source::PlainSource;
 pub use progress::{Interrupt, Progress, Report, StopSignal};
 pub use source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 pub use source_scene::{SourceCamera, SourceLight, SourceScene};

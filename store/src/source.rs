@@ -5,7 +5,7 @@
 //! order is the input's (counter-clockwise = front); 4. non-finite and degenerate triangles are delivered as
 //! they are: the build counts and rejects them.
 
-use crate::cluster::{Colour, WHITE};
+use crate::attributes::{AttributeColumns, AttributeSet, CornerAttributes};
 use crate::error::Result;
 use crate::geom::{Aabb, Lattice};
 use crate::material_list::MaterialList;
@@ -18,8 +18,8 @@ pub struct TriangleBatch {
     pub corners: Vec<[[f64; 3]; 3]>,
     /// Index into [`TriangleSource::materials`] per triangle; as long as `corners`.
     pub material: Vec<u32>,
-    /// Colours of the corners, sRGB; as long as `corners`, or empty where all are white.
-    pub colours: Vec<[Colour; 3]>,
+    /// What their corners have beside their places.
+    pub attributes: AttributeColumns,
 }
 
 impl TriangleBatch {
@@ -27,43 +27,27 @@ impl TriangleBatch {
     pub const TARGET_TRIANGLES: usize = 16 * 1024;
 
     /// Bytes that a batch of [`Self::TARGET_TRIANGLES`], twice filled, takes.
-    pub const fn bytes(has_colours: bool) -> u64 {
-        (2 * Self::TARGET_TRIANGLES * if has_colours { 72 + 4 + 9 } else { 72 + 4 }) as u64
+    pub const fn bytes(attributes: AttributeSet) -> u64 {
+        2 * Self::TARGET_TRIANGLES as u64 * (72 + 4 + attributes.row_bytes())
     }
 
     /// Removes all triangles, keeps the memory.
     pub fn clear(&mut self) {
         self.corners.clear();
         self.material.clear();
-        self.colours.clear();
+        self.attributes.clear();
     }
 
-    /// Adds one triangle to a batch without colours, or with white corners to one with them.
+    /// Adds one triangle whose corners have no attributes.
     pub fn push(&mut self, corners: [[f64; 3]; 3], material: u32) {
+        self.push_with(corners, material, &CornerAttributes::NONE);
+    }
+
+    /// Adds one triangle whose corners have these attributes.
+    pub fn push_with(&mut self, corners: [[f64; 3]; 3], material: u32, attributes: &CornerAttributes) {
+        self.attributes.push(attributes, (self.corners.len(), self.corners.capacity()));
         self.corners.push(corners);
         self.material.push(material);
-        if !self.colours.is_empty() {
-            self.colours.push([WHITE; 3]);
-        }
-    }
-
-    /// Adds one triangle whose corners have these colours.
-    pub fn push_coloured(&mut self, corners: [[f64; 3]; 3], material: u32, colours: [Colour; 3]) {
-        // Those before it had none.
-        self.colours.resize(self.corners.len(), [WHITE; 3]);
-        self.corners.push(corners);
-        self.material.push(material);
-        self.colours.push(colours);
-    }
-
-    /// The colours of the corners of a triangle.
-    pub fn colours_of(&self, triangle: usize) -> [Colour; 3] {
-        self.colours.get(triangle).copied().unwrap_or([WHITE; 3])
-    }
-
-    /// True when a corner has another colour than white.
-    pub fn has_colours(&self) -> bool {
-        self.colours.as_flattened().as_flattened().iter().any(|&channel| channel != u8::MAX)
     }
 
     /// Count of triangles.
@@ -86,8 +70,8 @@ pub struct ScanHint {
     pub median_edge: f64,
     /// Count of triangles to come, within 1 %.
     pub triangle_count: u64,
-    /// Whether there are colours among them.
-    pub has_colours: bool,
+    /// What their corners have beside their places.
+    pub attributes: AttributeSet,
 }
 
 /// What a source has met so far, for progress and for the report.
@@ -103,7 +87,8 @@ pub struct SourceStats {
     pub polygon_count: u64,
     /// Faces with fewer than three corners, points and lines: skipped.
     pub skipped_face_count: u64,
-    /// Vertex attributes dropped (values of normals, texture coordinates, colours), counted per vertex.
+    /// Vertex attributes dropped (values of texture coordinates, of normals and colours that cannot be read), counted
+    /// per vertex.
     pub dropped_attribute_count: u64,
     /// Vertices declared by the input (0 for formats without an index).
     pub vertex_count: u64,
@@ -159,9 +144,9 @@ pub trait TriangleSource: Send {
         None
     }
 
-    /// Whether its triangles have colours, where it knows before its stream; else who reads it finds out.
-    fn has_colours(&self) -> bool {
-        false
+    /// What the corners of its triangles have, where it knows before its stream; else who reads it finds out.
+    fn attributes(&self) -> AttributeSet {
+        AttributeSet::default()
     }
 
     /// All materials met so far; complete once the stream has ended. Never empty: index 0 always exists.

@@ -88,6 +88,9 @@ impl std::fmt::Display for Damage {
         if self.kind == Some(PageKind::Colours) {
             write!(f, " (colours)")?;
         }
+        if self.kind == Some(PageKind::Normals) {
+            write!(f, " (normals)")?;
+        }
         write!(f, ", bytes {}..{}", self.offset, self.offset + self.bytes)?;
         if let Some(b) = &self.bounds {
             write!(f, ", box {:?} to {:?}", b.lo, b.hi)?;
@@ -303,7 +306,7 @@ impl Verdict {
 }
 
 /// Box of each page before those of units, from the top tree (8-bit boxes: a little larger than the triangles); that of
-/// a page of colours is empty.
+/// a page of colours or normals is empty.
 pub fn page_boxes(file: &PageFile) -> Vec<Aabb> {
     let count = file.pages().partition_point(|entry| entry.kind != PageKind::Units);
     let mut boxes = vec![Aabb::EMPTY; count];

@@ -11,6 +11,7 @@ use trex_render::{
     AllResident, Answer, FrameOptions, FrameProgress, Method, Page, PagedMesh, Pages, Ray, RenderKeys, Scene,
     Tracer,
 };
+use trex_store::layout::PageKind;
 use trex_store::{Budget, PageFile};
 
 /// The mean of a picture of one triangle whose corners have these colours, by channel.
@@ -79,7 +80,7 @@ fn only_what_is_shaded_waits_for_colours() {
         assert!(without.occluded(&ray) == Answer::Exact(true) && without.pages().wanted.is_empty());
         assert!(without.intersect(&ray) == Answer::Blocked);
         let wanted = std::mem::take(&mut without.pages_mut().wanted);
-        assert_eq!(wanted, [file.colour_page(hit.page, hit.triangle).unwrap()]);
+        assert_eq!(wanted, [file.value_page(PageKind::Colours, hit.page, hit.triangle).unwrap()]);
         // What the sheet says of the place: its colours are linear in x and y but for the hole and rounding.
         let in_hole = |v: f64| v > 19.0 && v < 31.0;
         if !(in_hole(origin[0]) && in_hole(origin[1])) {

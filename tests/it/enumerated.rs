@@ -5,6 +5,7 @@
 use crate::colours;
 use crate::command::{cannot_run, document_in, folder, said};
 use crate::fixtures::built_in;
+use crate::normals;
 use crate::random::Random;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -35,9 +36,10 @@ fn step(normal: usize) -> usize {
 fn model(inside: &Path) -> PathBuf {
     let (vertices, triangles) = colours::sheet(60);
     std::fs::write(inside.join("sheet.ply"), colours::ply(&vertices, &triangles, "uchar", false)).unwrap();
-    document_in(inside, "build gen:pipes:60k sheet.ply -o m.trex --voxels 64/256");
+    std::fs::write(inside.join("waves.ply"), normals::waves(60).0).unwrap();
+    document_in(inside, "build gen:pipes:60k sheet.ply waves.ply -o m.trex --voxels 64/256");
     let file = PageFile::open(&inside.join("m.trex"), &Budget::unlimited()).unwrap();
-    for kind in [PageKind::Mesh, PageKind::Units, PageKind::Colours] {
+    for kind in [PageKind::Mesh, PageKind::Units, PageKind::Colours, PageKind::Normals] {
         assert!(file.pages().iter().any(|entry| entry.kind == kind), "no page of {kind:?}");
     }
     inside.join("m.trex")

@@ -54,7 +54,7 @@ pub(crate) struct Model<'a> {
 pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     let head = &bytes[..1024];
     assert_eq!(&head[..8], b"TREX\r\n\x1a\n");
-    assert_eq!(number_at(head, 8, 4), 4);
+    assert_eq!(number_at(head, 8, 4), 5);
     assert_eq!(head, &bytes[bytes.len() - 1024..]);
     assert_eq!(number_at(head, 1016, 8), xxh3_64(&head[..1016]));
     assert_eq!(number_at(head, 32, 8), bytes.len() as u64);
@@ -74,7 +74,7 @@ pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     let step = 2f64.powi(number_at(head, 72, 4) as i32);
     assert_eq!(number_at(head, 16, 8), u64::from(section(6).is_some()), "required features");
     let (mut triangles, mut units) = (Vec::new(), BTreeMap::new());
-    for (page, entry) in section(1).unwrap().2.chunks(40).enumerate() {
+    for (page, entry) in section(1).unwrap().2.chunks(44).enumerate() {
         let [offset, hash] = [0, 8].map(|at| number_at(entry, at, 8));
         let [stored, unpacked, first, count, kind] = [16, 20, 24, 28, 32].map(|at| number_at(entry, at, 4));
         assert_eq!((offset, first), (end, triangles.len() as u64));

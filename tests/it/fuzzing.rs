@@ -183,6 +183,11 @@ fn colours() {
 }
 
 #[test]
+fn normals() {
+    check("normals");
+}
+
+#[test]
 fn journals() {
     check_some("journal", BUILD_WEIGHT);
 }
@@ -296,6 +301,7 @@ fn fuzz_seeds() {
         ("hills", seed_files::hills(9), "--no-asvo"),
         ("fine", seed_files::hills(4), "--no-asvo --grid-bits 36"),
         ("coloured", seed_files::coloured_hills(3), "--no-asvo"),
+        ("bent", seed_files::bent_hills(3), "--no-asvo"),
     ] {
         fs::write(inside.path().join("m.obj"), &text).unwrap();
         document_in(inside.path(), &format!("build m.obj -o {name}.trex {flags}"));

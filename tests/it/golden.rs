@@ -5,14 +5,15 @@
 
 use crate::command::{document_in, folder, run_in};
 use std::path::Path;
+use std::sync::Arc;
 use trex_store::cluster::FrameView;
 use trex_store::layout::{FRAME_BYTES, PageKind, VERSION};
-use trex_store::{Budget, PageFile, verify};
+use trex_store::{Budget, ExportOptions, PageFile, PageTriangles, TriangleBatch, TriangleSource, verify};
 use xxhash_rust::xxh3::xxh3_64;
 
 const INPUT: &str = include_str!("golden/model.obj");
 const MATERIALS: &str = include_str!("golden/model.mtl");
-const FILE: &[u8] = include_bytes!("golden/v4.page-file");
+const FILE: &[u8] = include_bytes!("golden/v5.page-file");
 /// What it was made with.
 const BUILD: &str = "build model.obj -o model.trex --voxels 64/256 --overwrite";
 
@@ -31,6 +32,24 @@ fn sorted(mut triangles: Vec<FileTriangle>) -> Vec<FileTriangle> {
     triangles
 }
 
+/// The numbers of a corner: of its vertex, and of its normal where it has one.
+fn corner(word: &str) -> Vec<usize> {
+    word.split("//").map(|number| number.parse().unwrap()).collect()
+}
+
+/// The normals of the corners of the input, by place and material: none where there is none.
+fn input_normals() -> Vec<([f64; 3], Option<[f64; 3]>)> {
+    let rows = |name: &str| -> Vec<[f64; 3]> {
+        let rows = INPUT.lines().filter_map(|line| line.strip_prefix(name));
+        rows.map(|row| row.split(' ').map(|v| v.parse().unwrap()).collect::<Vec<_>>().try_into().unwrap())
+            .collect()
+    };
+    let (vertices, normals) = (rows("v "), rows("vn "));
+    let faces = INPUT.lines().filter_map(|line| line.strip_prefix("f "));
+    let corners = faces.flat_map(|face| face.split(' ').map(corner));
+    corners.map(|at| (vertices[at[0] - 1], at.get(1).map(|&normal| normals[normal - 1]))).collect()
+}
+
 /// The triangles of the input that can be drawn.
 fn input_triangles() -> Vec<FileTriangle> {
     let (mut vertices, mut material, mut triangles) = (Vec::<[f64; 3]>::new(), "", Vec::new());
@@ -40,7 +59,7 @@ fn input_triangles() -> Vec<FileTriangle> {
             "v" => vertices.push([0; 3].map(|_| words.next().unwrap().parse().unwrap())),
             "usemtl" => material = words.next().unwrap(),
             "f" => {
-                let corners = [0; 3].map(|_| vertices[words.next().unwrap().parse::<usize>().unwrap() - 1]);
+                let corners = [0; 3].map(|_| vertices[corner(words.next().unwrap())[0] - 1]);
                 let [a, b, c] = corners;
                 if corners.as_flattened().iter().all(|v| v.is_finite()) && a != b && b != c && c != a {
                     triangles.push(stated(corners, material));
@@ -82,6 +101,7 @@ fn the_golden_file_is_read_as_it_was_written() {
     assert_eq!((verdict.damage_count, verdict.triangle_count), (0, 61));
     let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
     assert_eq!(file_triangles(&file), input_triangles());
+    check_normals(&path);
     let names: Vec<&str> = file.material_names().iter().collect();
     assert_eq!(names, ["default", "grey", "red", "lamp"]);
     let block = file.superblock();
@@ -94,6 +114,31 @@ fn the_golden_file_is_read_as_it_was_written() {
     assert_eq!((upper.grid().resolution, upper.leaf_count()), (64, 64));
     let lower = file.lower_size().unwrap().unwrap();
     assert_eq!((lower.refinement.factor(), lower.leaf_count), (4, 540));
+}
+
+/// Each corner of the file has a normal that the input has there, within what ten bits a coordinate tell.
+fn check_normals(path: &Path) {
+    let (expected, mut batch) = (input_normals(), TriangleBatch::default());
+    let file = Arc::new(PageFile::open(path, &Budget::unlimited()).unwrap());
+    let mut source = PageTriangles::open(file, &ExportOptions::default(), &Budget::unlimited()).unwrap();
+    let (mut with, mut without) = (0, 0);
+    while source.next_batch(&mut batch).unwrap() {
+        for (triangle, corners) in batch.corners.iter().enumerate() {
+            for (place, normal) in corners.iter().zip(batch.attributes.of(triangle).normals) {
+                let found = normal.vector();
+                let is_it = |wanted: &Option<[f64; 3]>| match (wanted, found) {
+                    (Some(wanted), Some(found)) => {
+                        wanted.iter().zip(found).all(|(a, b)| (a - f64::from(b)).abs() < 4e-3)
+                    }
+                    (wanted, found) => wanted.is_none() && found.is_none(),
+                };
+                let here = expected.iter().filter(|(at, _)| at == place).any(|(_, wanted)| is_it(wanted));
+                assert!(here, "{found:?} at {place:?}");
+                *if found.is_some() { &mut with } else { &mut without } += 1;
+            }
+        }
+    }
+    assert_eq!((with, without), (3 * 24, 3 * 37));
 }
 
 #[test]

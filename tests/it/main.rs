@@ -51,6 +51,7 @@ mod limits;
 mod live;
 mod memory;
 mod names;
+mod normals;
 mod odd_inputs;
 mod oracle;
 mod outputs;

@@ -1,8 +1,8 @@
 //! Builds in shards, as many machines make them: merged they are the bytes of one build, whatever was killed, moved or
 //! made twice on the way.
 
-use crate::colours;
 use crate::command::{cannot_run_without, document_in, folder, hash_of, listing, run_in, trex_in};
+use crate::{colours, normals};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -28,9 +28,9 @@ fn check(inside: &Path, inputs: &str, flags: &str) {
     let whole = document_in(inside, &format!("build {inputs} -o whole.trex --overwrite {flags}"));
     let scanned = document_in(inside, &format!("scan {inputs} -o plan --overwrite {flags}"));
     assert_eq!(scanned["triangle_count"], whole["triangle_count"], "{scanned:#}");
-    let colors = if flags.contains("--colors drop") { "--colors drop" } else { "" };
+    let dropped = ["--colors drop", "--normals drop"].into_iter().find(|flag| flags.contains(flag));
     for count in [1, 3, 8] {
-        let merged = merge_shards(inside, inputs, count, colors);
+        let merged = merge_shards(inside, inputs, count, dropped.unwrap_or_default());
         let hashes = ["whole.trex", "merged.trex"].map(|name| hash_of(&inside.join(name)));
         assert_eq!(hashes[0], hashes[1], "{inputs} {flags} in {count} shards");
         for key in ["result_hash", "page_count", "rejected_collapsed", "keeping_error", "upper_leaf_count"] {
@@ -59,6 +59,14 @@ fn a_mesh_with_colours_in_shards_is_the_bytes_of_one_build() {
     std::fs::write(inside.path().join("in.ply"), ply).unwrap();
     check(inside.path(), "in.ply", "");
     check(inside.path(), "in.ply", "--colors drop");
+}
+
+#[test]
+fn a_mesh_with_normals_in_shards_is_the_bytes_of_one_build() {
+    let inside = folder();
+    std::fs::write(inside.path().join("in.ply"), normals::waves(330).0).unwrap();
+    check(inside.path(), "in.ply", "");
+    check(inside.path(), "in.ply", "--normals drop");
 }
 
 /// Two files, each with lamps among its materials, of triangles of all sizes.

@@ -21,7 +21,9 @@ use cubes::{Cubes, Place, Table};
 use field::{Block, CELLS, Field, Grid};
 use root::{HALF_HEIGHT, LAYER_SIDE};
 use std::sync::Arc;
-use trex_store::{Aabb, Material, MaterialList, Result, ScanHint, TriangleBatch, TriangleSource, geom};
+use trex_store::{
+    Aabb, AttributeSet, Material, MaterialList, Result, ScanHint, TriangleBatch, TriangleSource, geom,
+};
 
 /// Levels that a task descends: 4 x 4 x 4 finest blocks, some thousands of triangles.
 const TASK_LEVELS: u32 = 2;
@@ -45,7 +47,7 @@ pub(crate) fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn Triangle
         bounds,
         median_edge: MEDIAN_EDGE_CELLS * f64::from(layer.field.step),
         triangle_count: size.triangle_count,
-        has_colours: false,
+        attributes: AttributeSet::default(),
     };
     let interface = Material { kd: [0.74, 0.69, 0.63], ..Material::default() };
     let label = Label {

@@ -14,7 +14,7 @@ use crate::{GenOptions, Spec, View};
 use parts::{MAX_DETAIL, Part};
 use plant::Plant;
 use std::sync::Arc;
-use trex_store::{Code, Error, Result, ScanHint, TriangleBatch, TriangleSource};
+use trex_store::{AttributeSet, Code, Error, Result, ScanHint, TriangleBatch, TriangleSource};
 
 /// Triangles of the smallest plant at the coarsest detail, roughly.
 const TRIANGLES_PER_BAY: f64 = 10_000.0;
@@ -132,7 +132,7 @@ impl Pipes {
             bounds: self.plant.bounds(),
             median_edge: MEDIAN_SAFETY * self.sample_median_edge(),
             triangle_count: self.triangle_count,
-            has_colours: false,
+            attributes: AttributeSet::default(),
         }
     }
 

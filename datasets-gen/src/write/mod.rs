@@ -8,8 +8,8 @@
 //! Invariants: 1. the output appears whole or not at all; on an error or an interrupt nothing is left behind;
 //! 2. an existing output is refused unless [`ExistingOutput::Replace`]; 3. memory is bounded and leased: buffers and
 //! one window of recent vertices; 4. coordinates are written without loss, except to `.stl`, which has f32
-//! only; 5. materials go to `.obj` only, colours to `.ply` and `.obj`; 6. the lattice of a source that knows it stands
-//! in a comment of `.ply` and `.obj`.
+//! only; 5. materials go to `.obj` only, colours and normals to `.ply` and `.obj`; 6. the lattice of a source that
+//! knows it stands in a comment of `.ply` and `.obj`.
 
 mod obj;
 mod ply;
@@ -18,16 +18,17 @@ mod window;
 
 pub use trex_store::output::ExistingOutput;
 
+use window::WindowVertex;
+
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
-use trex_store::cluster::Colour;
 use trex_store::output::{draft, folder_of};
 use trex_store::{
-    Budget, Code, Error, Interrupt, MaterialList, NextStep, Progress, Report, Result, TriangleBatch,
-    TriangleSource,
+    AttributeSet, Budget, Code, Error, Interrupt, MaterialList, NextStep, Progress, Report, Result,
+    TriangleBatch, TriangleSource,
 };
 
 /// How to write.
@@ -94,8 +95,8 @@ pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOption
 pub fn smallest_bytes(path: &Path) -> u64 {
     let is = |format: &str| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format));
     let window = if is("stl") { 0 } else { window::Window::BYTES };
-    let words = if is("obj") { obj::words_bytes(crate::MATERIALS_MAX) } else { 0 };
-    TriangleBatch::bytes(false) + window + words
+    let words = if is("obj") { obj::words_bytes(crate::MATERIALS_MAX) + obj::NORMALS_BYTES } else { 0 };
+    TriangleBatch::bytes(AttributeSet::default()) + window + words
 }
 
 /// What every format needs.
@@ -105,17 +106,18 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Hands every corner of the source to `visit`, with its colour.
+    /// Hands every corner of the source to `visit`.
     fn for_each_corner(
         &self,
         source: &mut dyn TriangleSource,
         phase: &'static str,
-        mut visit: impl FnMut([f64; 3], Colour) -> Result<()>,
+        mut visit: impl FnMut(WindowVertex) -> Result<()>,
     ) -> Result<()> {
         self.for_each_batch(source, phase, |_, batch| {
             for (index, corners) in batch.corners.iter().enumerate() {
-                let colours = batch.colours_of(index);
-                corners.iter().zip(colours).try_for_each(|(&corner, colour)| visit(corner, colour))?;
+                WindowVertex::of_triangle(corners, &batch.attributes.of(index))
+                    .into_iter()
+                    .try_for_each(&mut visit)?;
             }
             Ok(())
         })
@@ -129,7 +131,7 @@ impl Job<'_> {
         mut visit: impl FnMut(&MaterialList, &TriangleBatch) -> Result<()>,
     ) -> Result<()> {
         let _lease =
-            self.options.budget.lease("the writer's batch", TriangleBatch::bytes(source.has_colours()))?;
+            self.options.budget.lease("the writer's batch", TriangleBatch::bytes(source.attributes()))?;
         source.rewind()?;
         // Files do not know their triangles before, but their bytes.
         let hint = source.hint();

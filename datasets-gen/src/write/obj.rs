@@ -4,12 +4,12 @@
 //! double where vertices lie on a lattice, since a reader of doubles would find others beside it. The `.mtl` gets its
 //! name first, so that an `.obj` never stands without its materials.
 
-use super::window::{Window, WindowEntry};
+use super::window::{Window, WindowEntry, WindowVertex};
 use super::{Draft, Job, WriteReport};
 use std::collections::HashSet;
 use std::fmt::Write;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use trex_store::cluster::{Colour, WHITE};
+use trex_store::cluster::{Colour, Normal, WHITE};
 use trex_store::stated_lattice::comment;
 use trex_store::{Lease, MaterialList, Result, TriangleSource};
 
@@ -20,7 +20,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     let library = job.path.with_extension("mtl");
     let mut draft = Draft::create(job.path, job.options.existing)?;
     let mut materials = Draft::create(&library, job.options.existing)?;
-    let _lease = job.options.budget.lease("the writer's vertex window", Window::BYTES)?;
+    let _lease = job.options.budget.lease("the writer's vertex window", Window::BYTES + NORMALS_BYTES)?;
     let library_name = library.file_name().unwrap_or_default().to_string_lossy();
     draft.write(format!("# {}\n", one_word(&source.name())).as_bytes())?;
     if let Some(lattice) = source.lattice() {
@@ -35,7 +35,8 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
 }
 
 fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) -> Result<u64> {
-    let (mut window, mut count, mut current) = (Window::new(), 0, None);
+    let (mut window, mut normals) = (Window::new(), NormalWindow::new());
+    let (mut count, mut current) = (0, None);
     let mut text = String::new();
     let precision = if source.lattice().is_some() { TextPrecision::Double } else { TextPrecision::Shortest };
     let mut words = MaterialWords::new(job)?;
@@ -43,27 +44,65 @@ fn write_triangles(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft
         // A source knows the materials of a batch when it hands it out.
         words.extend(materials)?;
         for (at, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
-            let colours = batch.colours_of(at);
+            let vertices = WindowVertex::of_triangle(corners, &batch.attributes.of(at));
             text.clear();
             if current != Some(material) {
                 current = Some(material);
                 push(&mut text, format_args!("usemtl {}\n", words.name(materials, material as usize)));
             }
-            let indices = [0, 1, 2].map(|slot| {
-                let place = window.place(corners[slot], colours[slot]);
+            let words = vertices.map(|vertex| {
+                let place = window.place(vertex);
                 if let WindowEntry::New(_) = place {
-                    push_vertex(&mut text, corners[slot], precision);
-                    push_colour(&mut text, colours[slot]);
+                    push_vertex(&mut text, vertex.position, precision);
+                    push_colour(&mut text, vertex.colour);
                 }
-                place.index() + 1
+                (place.index() + 1, normals.place(vertex.normal, &mut text))
             });
-            push(&mut text, format_args!("f {} {} {}\n", indices[0], indices[1], indices[2]));
+            text.push('f');
+            for (vertex, normal) in words {
+                match normal {
+                    Some(normal) => push(&mut text, format_args!(" {vertex}//{normal}")),
+                    None => push(&mut text, format_args!(" {vertex}")),
+                }
+            }
+            text.push('\n');
             draft.write(text.as_bytes())?;
         }
         count += batch.len() as u64;
         Ok(())
     })?;
     Ok(count)
+}
+
+/// Slots for normals, each overwritten by the next that falls there.
+const NORMAL_SLOTS: usize = 1 << 12;
+/// Bytes of the slots.
+pub(super) const NORMALS_BYTES: u64 = (NORMAL_SLOTS * size_of::<(Normal, u64)>()) as u64;
+
+/// The `vn` rows of the normals met of late: finds the number of one.
+struct NormalWindow {
+    slots: Vec<(Normal, u64)>,
+    count: u64,
+}
+
+impl NormalWindow {
+    fn new() -> NormalWindow {
+        NormalWindow { slots: vec![(Normal::NONE, 0); NORMAL_SLOTS], count: 0 }
+    }
+
+    /// The number of the row of a normal, which is added to `text` where it is not there; `None` for no normal.
+    fn place(&mut self, normal: Normal, text: &mut String) -> Option<u64> {
+        let [x, y, z] = normal.vector()?;
+        let mut hasher = DefaultHasher::new();
+        normal.hash(&mut hasher);
+        let slot = &mut self.slots[hasher.finish() as usize % NORMAL_SLOTS];
+        if slot.0 != normal {
+            self.count += 1;
+            *slot = (normal, self.count);
+            push(text, format_args!("vn {x:.5} {y:.5} {z:.5}\n"));
+        }
+        Some(slot.1)
+    }
 }
 
 /// As what numbers read back as they were.

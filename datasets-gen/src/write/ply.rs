@@ -1,12 +1,12 @@
-//! PLY, binary little endian: `vertex` (x y z, also red green blue) and `face` (uchar 3, three uint).
+//! PLY, binary little endian: `vertex` (x y z, also nx ny nz, red green blue) and `face` (uchar 3, three uint).
 //!
 //! All vertices stand before all faces, and the header tells their counts. The stream runs three times
 //! (count, vertices, faces), which needs neither memory nor scratch space, and a generator is several times
 //! faster than a disk.
 
-use super::window::{Window, WindowEntry};
+use super::window::{Window, WindowEntry, WindowVertex};
 use super::{Draft, Job, WriteReport};
-use trex_store::cluster::WHITE;
+use trex_store::cluster::{Normal, WHITE};
 use trex_store::stated_lattice::comment;
 use trex_store::{Code, Error, Result, TriangleSource};
 
@@ -18,6 +18,8 @@ struct Survey {
     single: bool,
     /// A corner is not white.
     is_coloured: bool,
+    /// A corner has a normal.
+    has_normals: bool,
 }
 
 pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteReport> {
@@ -42,17 +44,20 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
 }
 
 fn survey(source: &mut dyn TriangleSource, job: &Job) -> Result<Survey> {
-    let (mut window, mut corner_count, mut single, mut is_coloured) = (Window::new(), 0, true, false);
-    job.for_each_corner(source, "survey", |corner, colour| {
+    let (mut window, mut corner_count) = (Window::new(), 0);
+    let (mut single, mut is_coloured, mut has_normals) = (true, false, false);
+    job.for_each_corner(source, "survey", |vertex| {
         corner_count += 1;
-        if let WindowEntry::New(_) = window.place(corner, colour) {
-            single &= corner.iter().all(|&value| f64::from(value as f32).to_bits() == value.to_bits());
-            is_coloured |= colour != WHITE;
+        if let WindowEntry::New(_) = window.place(vertex) {
+            let is_single = |value: &f64| f64::from(*value as f32).to_bits() == value.to_bits();
+            single &= vertex.position.iter().all(is_single);
+            is_coloured |= vertex.colour != WHITE;
+            has_normals |= vertex.normal != Normal::NONE;
         }
         Ok(())
     })?;
     let (vertex_count, triangle_count) = (window.vertex_count(), corner_count / 3);
-    Ok(Survey { vertex_count, triangle_count, single, is_coloured })
+    Ok(Survey { vertex_count, triangle_count, single, is_coloured, has_normals })
 }
 
 fn header(source: &dyn TriangleSource, survey: &Survey) -> String {
@@ -63,10 +68,12 @@ fn header(source: &dyn TriangleSource, survey: &Survey) -> String {
     let lattice = lattice.unwrap_or_default();
     let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
     let colour = if survey.is_coloured { colour } else { "" };
+    let normal = "property float nx\nproperty float ny\nproperty float nz\n";
+    let normal = if survey.has_normals { normal } else { "" };
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment {name}\n{lattice}element vertex {}\nproperty {real} x\n\
-         property {real} y\nproperty {real} z\n{colour}element face {}\nproperty list uchar uint vertex_indices\n\
-         end_header\n",
+         property {real} y\nproperty {real} z\n{normal}{colour}element face {}\n\
+         property list uchar uint vertex_indices\nend_header\n",
         survey.vertex_count, survey.triangle_count
     )
 }
@@ -78,15 +85,20 @@ fn write_vertices(
     draft: &mut Draft,
 ) -> Result<()> {
     let mut window = Window::new();
-    job.for_each_corner(source, "vertices", |corner, colour| {
-        if let WindowEntry::New(_) = window.place(corner, colour) {
+    job.for_each_corner(source, "vertices", |vertex| {
+        if let WindowEntry::New(_) = window.place(vertex) {
             if survey.single {
-                draft.write(corner.map(|value| (value as f32).to_le_bytes()).as_flattened())?;
+                draft.write(vertex.position.map(|value| (value as f32).to_le_bytes()).as_flattened())?;
             } else {
-                draft.write(corner.map(f64::to_le_bytes).as_flattened())?;
+                draft.write(vertex.position.map(f64::to_le_bytes).as_flattened())?;
+            }
+            if survey.has_normals {
+                // A vertex without one has zeros, which have no direction.
+                let normal = vertex.normal.vector().unwrap_or_default();
+                draft.write(normal.map(f32::to_le_bytes).as_flattened())?;
             }
             if survey.is_coloured {
-                draft.write(&colour)?;
+                draft.write(&vertex.colour)?;
             }
         }
         Ok(())
@@ -98,8 +110,9 @@ fn write_faces(source: &mut dyn TriangleSource, job: &Job, draft: &mut Draft) ->
     job.for_each_batch(source, "faces", |_, batch| {
         for (index, corners) in batch.corners.iter().enumerate() {
             let mut face = [3u8; 13];
-            for (slot, (&corner, colour)) in corners.iter().zip(batch.colours_of(index)).enumerate() {
-                let index = window.place(corner, colour).index() as u32;
+            let vertices = WindowVertex::of_triangle(corners, &batch.attributes.of(index));
+            for (slot, vertex) in vertices.into_iter().enumerate() {
+                let index = window.place(vertex).index() as u32;
                 face[1 + 4 * slot..5 + 4 * slot].copy_from_slice(&index.to_le_bytes());
             }
             draft.write(&face)?;

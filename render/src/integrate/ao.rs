@@ -48,7 +48,11 @@ impl Integrator for AmbientOcclusion {
     ) -> Option<ShadowQuery> {
         let count = ctx.n_shadow();
         let u = path.sampler.draw(Decision::Gather { vertex: 0, index, count });
-        let direction = cosine_direction(surface.normal, [u[0], u[1]]);
+        let direction = cosine_direction(surface.shading_normal, [u[0], u[1]]);
+        // Below the plane of the triangle there is no sky.
+        if direction.dot(surface.normal) <= 0.0 && surface.shading_normal != surface.normal {
+            return None;
+        }
         let light = Vec3::splat(1.0 / count as f32);
         Some(ShadowQuery { direction, distance: ctx.world.ao_radius, front: None, light })
     }

@@ -77,6 +77,7 @@ impl FarRay {
         let error = CLEARANCES * voxels.clearance(normal.as_dvec3().into()) / OFFSET_ERRORS;
         let t = self.cut + t;
         let (_, colour) = world.voxel_material(material);
-        Some(CRayHit { point: HitPoint { t, material, normal, colour, error }, form: Form::Voxel })
+        let point = HitPoint { t, material, normal, shading_normal: normal, colour, error };
+        Some(CRayHit { point, form: Form::Voxel })
     }
 }

@@ -197,7 +197,6 @@ impl<'a> RenderContext<'a> {
         }
         path.vertex += 1;
         path.origin = Origin::Mirror;
-        let direction = (-surface.wo).reflect(surface.normal);
-        Stage::CRay(surface.ray_to(direction, f64::INFINITY, None))
+        Stage::CRay(surface.ray_to(surface.mirrored(), f64::INFINITY, None))
     }
 }

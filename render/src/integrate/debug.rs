@@ -58,7 +58,7 @@ impl Integrator for DebugPages {
             };
             let hash = mix(u64::from(page));
             let colour = [0, 16, 32].map(|shift| 0.25 + 0.75 * (hash >> shift & 0xffff) as f32 / 65535.0);
-            let cos = hit.point.normal.as_dvec3().dot(DVec3::from(ray.direction)).abs() as f32;
+            let cos = hit.point.shading_normal.as_dvec3().dot(DVec3::from(ray.direction)).abs() as f32;
             (0.3 + 0.7 * cos) * Vec3::from(colour)
         }));
         Stage::Done

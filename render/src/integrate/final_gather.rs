@@ -68,7 +68,7 @@ impl RenderContext<'_> {
         if !mirrors.follow(&ray, material) {
             return done;
         }
-        let ray = met.ray_to(direction.reflect(met.normal), f64::INFINITY, None);
+        let ray = met.ray_to(met.mirrored(), f64::INFINITY, None);
         Answer::Exact(Stage::GatherRay(GatherRay { ray, mirrors, ..*gather }))
     }
 }

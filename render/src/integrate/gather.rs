@@ -82,7 +82,7 @@ impl RenderContext<'_> {
             if !mirrors.follow(&ray, material) {
                 return Answer::Exact((gathered, mirrors, None));
             }
-            direction = direction.reflect(met.normal);
+            direction = met.mirrored();
             surface = met;
             near_mesh = voxels.near_mesh(&surface);
         }

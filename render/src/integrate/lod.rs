@@ -87,6 +87,7 @@ impl RenderContext<'_> {
             let end = found.map_or(0.0, |surface| surface.t);
             if lights.emitted_in_voxels(&asked.far.ray, end, clear) == Vec3::ZERO {
                 hit.point.normal = -hit.point.normal;
+                hit.point.shading_normal = hit.point.normal;
             }
         }
         Some(hit)

@@ -226,7 +226,7 @@ impl<'a> SampleIntegrator<'a> {
         let Some(hit) = hit else { return LayerPixel::NOTHING };
         let material = &self.ctx.world.materials[hit.point.material as usize];
         let albedo = (hit.point.colour * Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
-        let (depth, normal) = (hit.point.t as f32, hit.point.normal.to_array());
+        let (depth, normal) = (hit.point.t as f32, hit.point.shading_normal.to_array());
         LayerPixel { depth, normal, albedo, id: hit.layer_id() }
     }
 

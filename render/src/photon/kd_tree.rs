@@ -179,7 +179,7 @@ impl PhotonTree {
         if reach <= 0.0 || !takes_shadow_rays(material) {
             return Vec3::ZERO;
         }
-        let is_glossy = !material.mirror && material.ks != [0.0; 3];
+        let depends = surface.shading_normal != surface.normal || !material.mirror && material.ks != [0.0; 3];
         let diffuse = bsdf.eval(surface.normal);
         let mut sum = Vec3::ZERO;
         for near in nearer {
@@ -187,7 +187,7 @@ impl PhotonTree {
             if unpacked(photon.normal).dot(surface.normal) < SAME_SURFACE_COS {
                 continue;
             }
-            let returned = if is_glossy { bsdf.eval(unpacked(photon.from)) } else { diffuse };
+            let returned = if depends { bsdf.eval(unpacked(photon.from)) } else { diffuse };
             sum += (1.0 - near.distance / reach) * (returned * Vec3::from(photon.flux));
         }
         (2.0 / (PI * f64::from(reach) * self.photons as f64)) as f32 * sum
@@ -221,7 +221,14 @@ mod tests {
     /// The surface that a ray from above sees at (x, y) of a plane with normal `normal`.
     fn surface([x, y]: [f64; 2], normal: [f32; 3]) -> SurfaceInteraction {
         let ray = Ray { origin: [x, y, 2.0], direction: [0.0, 0.6, -0.8], t_max: 9.0 };
-        let hit = HitPoint { t: 2.5, material: 0, normal: normal.into(), colour: Vec3::ONE, error: 0.0 };
+        let hit = HitPoint {
+            t: 2.5,
+            material: 0,
+            normal: normal.into(),
+            shading_normal: normal.into(),
+            colour: Vec3::ONE,
+            error: 0.0,
+        };
         let mut seen = SurfaceInteraction::new(&ray, &hit);
         seen.point = DVec3::new(x, y, 0.0);
         seen
@@ -258,8 +265,13 @@ mod tests {
                     .iter()
                     .filter(|(_, deposit)| deposit.normal[2] > 0.0)
                     .map(|(point, deposit)| {
-                        let bsdf =
-                            Bsdf { material: &material, colour: Vec3::ONE, normal: at.normal, wo: at.wo };
+                        let bsdf = Bsdf {
+                            material: &material,
+                            colour: Vec3::ONE,
+                            normal: at.normal,
+                            shading_normal: at.normal,
+                            wo: at.wo,
+                        };
                         let f = bsdf.eval(deposit.from.as_dvec3());
                         let kernel = 2.0 / PI * (1.0 - squared(*point) / reach) / reach;
                         f64::from(f[2] * deposit.cargo.flux[2]) * kernel / 10_000.0

@@ -207,7 +207,7 @@ impl Batch<'_> {
             self.stats.rays += 1;
             let Some(hit) = hit else { return Advance::Done };
             let surface = SurfaceInteraction::new(&flight.ray, &HitPoint::from(&hit));
-            let bsdf = surface.bsdf(&world.materials);
+            let bsdf = surface.photon_bsdf(&world.materials);
             if keeps_light(bsdf.material) {
                 self.deposit(flight, &surface);
             }

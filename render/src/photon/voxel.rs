@@ -254,6 +254,7 @@ impl VoxelPhotons<'_> {
             material: hit.material,
             colour: hit.colour,
             normal: hit.normal,
+            shading_normal: hit.normal,
             wo: -DVec3::from(ray.direction),
         };
         if keeps_light(bsdf.material) {

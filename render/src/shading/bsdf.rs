@@ -1,14 +1,39 @@
 //! `Bsdf`: how a surface scatters: modified Phong, `Kd/pi + Ks (n+2)/(2 pi) cos^n`, on both sides alike.
 //! E. Lafortune and Y. Willems, "Using the modified Phong reflectance model for physically based rendering" (1994).
 //!
-//! Invariants: 1. the BSDF is symmetric in its two directions; 2. it reflects at most `kd + ks` <= 1 of what comes
-//! from any direction; 3. the Ks of a mirror is its bounce, never a lobe; 4. [`Bsdf::pdf`] is the density of what
-//! [`Bsdf::sample`] draws.
+//! Where the mesh has normals of its own, the surface is shaded as if it were the smooth one that these are of: with
+//! the cosine to the shading normal, and lobe and mirror around it. [`Bsdf::eval`] stays what callers multiply by the
+//! cosine to the *plane* of the triangle, which alone says what is above the surface, and whose shadow it casts on
+//! itself. From there the smooth surface goes dark before the light is in its plane, at a step, unless both cosines
+//! agree: so it is damped by the smooth shadow term of M. Chiang, Y. K. Li and B. Burley, "Taming the Shadow
+//! Terminator" (2019),
+//!
+//! ```text
+//! G = min(1, 2 cos_plane / (cos_shading * cos_between))    factor = -G^3 + G^2 + G
+//! ```
+//!
+//! which is 1 but near the plane's own horizon, and falls to 0 with the plane's cosine, so that a shadow ray that
+//! starts on the plane finds no edge of the mesh in light. The 2 is not in the paper: without it each triangle that
+//! faces the light less than the smooth surface there is darker than its neighbours, and edges are seen all over. On a
+//! sphere of 320 triangles it halves the error against a true one, .0125 of full light without it, .0060 with it, .0047
+//! undamped, which has the steps; planes have .0354. It needs nothing but the two normals: to move
+//! the starts of shadow rays to the smooth surface would need that surface, and rays that start off the mesh leak.
+//!
+//! Invariants: 1. without shading normals the BSDF is symmetric in its two directions; 2. it reflects at most `kd + ks`
+//! <= 1 of what comes from any direction; 3. the Ks of a mirror is its bounce, never a lobe; 4. [`Bsdf::pdf`] is the
+//! density of what [`Bsdf::sample`] draws.
 
+use crate::math::unit;
 use crate::sampling::{cosine_direction, lobe_direction};
 use glam::{DVec3, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 use trex_store::Material;
+
+/// The smooth surface is damped where the plane has less than one in so many parts of the light that its slope
+/// explains.
+const DAMPED_BELOW: f64 = 2.0;
+/// Least cosine between the plane's normal and what a shading normal mirrors.
+const MIRRORED_COS_LEAST: f64 = 0.01;
 
 /// A material at a place, seen from one direction.
 #[derive(Clone, Copy, Debug)]
@@ -16,8 +41,10 @@ pub(crate) struct Bsdf<'a> {
     pub(crate) material: &'a Material,
     /// What its `kd` is multiplied by, linear: at most 1, so that the surface reflects no more than its material.
     pub(crate) colour: Vec3,
-    /// Unit normal, on the side that is looked at.
+    /// Unit normal of the plane, on the side that is looked at.
     pub(crate) normal: DVec3,
+    /// Unit normal that shades, less than a right angle from it.
+    pub(crate) shading_normal: DVec3,
     /// Unit direction to where the surface is looked at from, on the side of the normal.
     pub(crate) wo: DVec3,
 }
@@ -34,17 +61,38 @@ pub(crate) struct BsdfSample {
 }
 
 impl Bsdf<'_> {
-    /// The BSDF (1/sr, linear RGB) for light from unit `wi`, on the side of the normal.
+    /// The BSDF (1/sr, linear RGB) for light from unit `wi`, on the side of the normal: what the cosine to the plane is
+    /// multiplied by.
     pub(crate) fn eval(&self, wi: DVec3) -> Vec3 {
-        self.eval_with_lobe(self.lobe(wi))
+        self.eval_with_lobe(wi, self.lobe(wi))
+    }
+
+    /// The cosine that shades over that to the plane, for a direction above the plane: 1 without a shading normal.
+    fn bend(&self, wi: DVec3) -> f64 {
+        if self.shading_normal == self.normal {
+            return 1.0;
+        }
+        let (shading, plane) = (self.shading_normal.dot(wi), self.normal.dot(wi));
+        if shading <= 0.0 || plane <= 0.0 {
+            return 0.0;
+        }
+        let g = DAMPED_BELOW * plane / (shading * self.shading_normal.dot(self.normal));
+        let damped = if g < 1.0 { g * (1.0 + g - g * g) } else { 1.0 };
+        damped * shading / plane
     }
 
     fn kd(&self) -> Vec3 {
         self.colour * Vec3::from(self.material.kd)
     }
 
-    fn eval_with_lobe(&self, lobe: f32) -> Vec3 {
-        self.kd() * FRAC_1_PI + Vec3::from(self.material.ks) * lobe
+    fn eval_with_lobe(&self, wi: DVec3, lobe: f32) -> Vec3 {
+        let smooth = self.kd() * FRAC_1_PI + Vec3::from(self.material.ks) * lobe;
+        self.bend(wi) as f32 * smooth
+    }
+
+    /// The direction that a mirror would show.
+    fn mirrored(&self) -> DVec3 {
+        mirrored(self.wo, self.normal, self.shading_normal)
     }
 
     /// `(n + 2) / (2 pi) cos^n` of the angle between `wi` and the mirror image of `wo`; 0 where there is no lobe.
@@ -52,7 +100,7 @@ impl Bsdf<'_> {
         if !has_lobe(self.material) {
             return 0.0;
         }
-        let cos = -self.wo.reflect(self.normal).dot(wi);
+        let cos = self.mirrored().dot(wi);
         if cos <= 0.0 {
             0.0
         } else {
@@ -64,20 +112,20 @@ impl Bsdf<'_> {
     /// counts as black).
     pub(crate) fn sample(&self, [pick, u, v, _]: [f32; 4]) -> Option<BsdfSample> {
         let diffuse = self.diffuse_chance()?;
-        let mirrored = (-self.wo).reflect(self.normal);
+        let mirrored = self.mirrored();
         if f64::from(pick) >= diffuse && self.material.mirror {
             let weight = (1.0 / (1.0 - diffuse)) as f32 * Vec3::from(self.material.ks);
             return Some(BsdfSample { wi: mirrored, weight, pdf: None });
         }
         let wi = if f64::from(pick) < diffuse {
-            cosine_direction(self.normal, [u, v])
+            cosine_direction(self.shading_normal, [u, v])
         } else {
             lobe_direction(mirrored, self.material.ns, [u, v])
         };
         let cos = wi.dot(self.normal);
         let lobe = self.lobe(wi);
-        let pdf = self.pdf_with_lobe(diffuse, cos, lobe);
-        let weight = (cos / pdf) as f32 * self.eval_with_lobe(lobe);
+        let pdf = self.pdf_with_lobe(diffuse, wi.dot(self.shading_normal), lobe);
+        let weight = (cos / pdf) as f32 * self.eval_with_lobe(wi, lobe);
         (cos > 0.0 && pdf > 0.0).then_some(BsdfSample { wi, weight, pdf: Some(pdf) })
     }
 
@@ -93,7 +141,7 @@ impl Bsdf<'_> {
     /// Density (per solid angle) with which [`Bsdf::sample`] draws unit `wi`, mirrors left out.
     pub(crate) fn pdf(&self, wi: DVec3) -> f64 {
         let Some(diffuse) = self.diffuse_chance() else { return 0.0 };
-        self.pdf_with_lobe(diffuse, self.normal.dot(wi), self.lobe(wi))
+        self.pdf_with_lobe(diffuse, self.shading_normal.dot(wi), self.lobe(wi))
     }
 
     /// Density (per solid angle) with which [`Bsdf::sample_rough`] draws unit `wi`.
@@ -121,6 +169,24 @@ impl Bsdf<'_> {
         let [kd, ks] = [self.kd(), self.material.ks.into()].map(|rgb| f64::from(Vec3::max_element(rgb)));
         (kd + ks > 0.0).then(|| kd / (kd + ks))
     }
+}
+
+/// The direction in which a surface mirrors unit `wo`, by its shading normal, but above its plane.
+pub(crate) fn mirrored(wo: DVec3, normal: DVec3, shading_normal: DVec3) -> DVec3 {
+    let mirrored = (-wo).reflect(shading_normal);
+    if shading_normal == normal {
+        return mirrored;
+    }
+    lifted(mirrored, normal, (0.9 * wo.dot(normal)).min(MIRRORED_COS_LEAST))
+}
+
+/// Unit `direction`, brought so near to unit `normal` that the cosine between them is about `least`, where it is less.
+pub(crate) fn lifted(direction: DVec3, normal: DVec3, least: f64) -> DVec3 {
+    let cos = direction.dot(normal);
+    if cos >= least {
+        return direction;
+    }
+    unit(direction + (least - cos) * normal).unwrap_or(normal)
 }
 
 /// The BSDF of a diffuse surface that reflects as much as `material` does on average over all directions: what a place
@@ -164,7 +230,14 @@ mod tests {
             for from in (0..SHARES).map(|i| direction(i, 0)) {
                 for to in (0..SHARES * SHARES).map(|i| direction(i / SHARES, i % SHARES)) {
                     sum += f64::from(
-                        Bsdf { material: &material, colour: Vec3::ONE, normal: NORMAL, wo: from }.eval(to)[0],
+                        Bsdf {
+                            material: &material,
+                            colour: Vec3::ONE,
+                            normal: NORMAL,
+                            shading_normal: NORMAL,
+                            wo: from,
+                        }
+                        .eval(to)[0],
                     );
                 }
             }
@@ -180,7 +253,7 @@ mod tests {
     const NORMAL: DVec3 = DVec3::Z;
 
     fn at(material: &Material, wo: DVec3) -> Bsdf<'_> {
-        Bsdf { material, colour: Vec3::ONE, normal: NORMAL, wo }
+        Bsdf { material, colour: Vec3::ONE, normal: NORMAL, shading_normal: NORMAL, wo }
     }
 
     /// Share of the light from `wo` that is reflected, by cosine-weighted points: mean of `pi * bsdf`.
@@ -220,6 +293,63 @@ mod tests {
         let (a, b) = (DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, -0.28, 0.96));
         let (there, back) = (at(&material, a).eval(b), at(&material, b).eval(a));
         assert!((there[0] - back[0]).abs() < 1e-6);
+    }
+
+    /// Seen along the shading normal, which leans to x by 0.3 rad: as `at` elsewhere.
+    fn leaning(material: &Material) -> Bsdf<'_> {
+        let shading_normal = DVec3::new(0.3f64.sin(), 0.0, 0.3f64.cos());
+        Bsdf { material, colour: Vec3::ONE, normal: NORMAL, shading_normal, wo: shading_normal }
+    }
+
+    /// All around the horizon of the plane light goes out without a step, whichever way the shading normal leans; it is
+    /// never more than that of the smooth surface, and the same where the plane is well lit.
+    #[test]
+    fn the_terminator_has_no_step() {
+        let material = Material { kd: [1.0; 3], ks: [0.0; 3], ..Material::default() };
+        let bsdf = leaning(&material);
+        let light = |around: f64, up: f64| {
+            let wi = DVec3::new(around.cos() * up.cos(), around.sin() * up.cos(), up.sin());
+            let returned = f64::from(bsdf.eval(wi)[0]) * std::f64::consts::PI * wi.z;
+            (returned, bsdf.shading_normal.dot(wi).max(0.0))
+        };
+        for around in (0..64).map(|i| f64::from(i) * std::f64::consts::TAU / 64.0) {
+            let mut before = 0.0;
+            for step in 1..=1570 {
+                let up = f64::from(step) * 1e-3;
+                let (returned, smooth) = light(around, up);
+                assert!(returned <= smooth + 1e-6, "{around} {up}: {returned} of {smooth}");
+                assert!((returned - before).abs() < 5e-3, "{around} {up}: {before} to {returned}");
+                let is_well_lit = up.sin() > smooth * 0.5;
+                assert!(!is_well_lit || returned > smooth - 1e-6, "{around} {up}: {returned} of {smooth}");
+                before = returned;
+            }
+            assert_eq!(bsdf.eval(DVec3::new(around.cos(), around.sin(), -0.1)), Vec3::ZERO);
+        }
+    }
+
+    /// What is drawn under a shading normal is above the plane, weighs what is returned over its density, and is no
+    /// more light than came; mirrors show what is above the plane.
+    #[test]
+    fn shading_normals_return_no_more_than_came() {
+        let glossy = Material { kd: [0.4; 3], ks: [0.6; 3], ns: 12.0, ..Material::default() }.checked();
+        for lean in [0.1f64, 0.7, 1.4] {
+            for angle in [-1.5f64, -0.8, 0.0, 0.8, 1.5] {
+                let shading_normal = DVec3::new(lean.sin(), 0.0, lean.cos());
+                let wo = DVec3::new(angle.sin(), 0.0, angle.cos());
+                let bsdf = Bsdf { shading_normal, wo, ..leaning(&glossy) };
+                let (side, mut sum) = (40, 0.0);
+                for i in 0..side * side * side {
+                    let number = |i: i32| (i as f32 + 0.5) / side as f32;
+                    let u = [number(i % side), number(i / side % side), number(i / side / side), 0.0];
+                    let Some(drawn) = bsdf.sample(u) else { continue };
+                    let returned = f64::from(bsdf.eval(drawn.wi)[0]) * drawn.wi.z / bsdf.pdf(drawn.wi);
+                    assert!(drawn.wi.z > 0.0 && (returned - f64::from(drawn.weight[0])).abs() < 1e-4);
+                    sum += returned / f64::from(side).powi(3);
+                }
+                assert!(sum < 1.003, "lean {lean}, from {angle}: {sum}");
+                assert!(bsdf.mirrored().dot(NORMAL) > 0.0);
+            }
+        }
     }
 
     #[test]

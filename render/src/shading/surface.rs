@@ -1,9 +1,10 @@
 //! `SurfaceInteraction`: where a ray met the mesh or the voxels, and the rays that leave from there.
 //!
-//! Invariants: 1. the normal is on the side that the ray came from; 2. a ray that leaves does not meet the surface
-//! that it leaves, nor the one that it is sent to.
+//! Invariants: 1. both normals are on the side that the ray came from; 2. a ray that leaves does not meet the surface
+//! that it leaves, nor the one that it is sent to: sides and starts of rays follow from the plane of the triangle, what
+//! is scattered from the shading normal.
 
-use super::bsdf::Bsdf;
+use super::bsdf::{Bsdf, lifted, mirrored};
 use crate::math::unit;
 use crate::trace::{Hit, Ray};
 use glam::{DVec3, Vec3};
@@ -15,6 +16,8 @@ pub(crate) const OFFSET_ERRORS: f64 = 4.0;
 /// A shadow ray ends before the light by this share of its length: some f32 ulps, the rounding of a tracer that
 /// works in f32 relative to the ray, whose error at the far end no hit has told.
 const END_SHARE: f64 = 1.0 / (1 << 20) as f64;
+/// Least cosine between the two normals: one that is farther off the plane's is brought so near.
+const SHADING_COS_LEAST: f64 = 0.1;
 
 /// The hit of a ray on a surface of whatever form.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +26,8 @@ pub(crate) struct HitPoint {
     pub(crate) t: f64,
     /// Unit normal of the counter-clockwise side; zero where there is none.
     pub(crate) normal: Vec3,
+    /// Unit normal that shades it, on the same side; `normal` where there is no other.
+    pub(crate) shading_normal: Vec3,
     /// Index into the materials.
     pub(crate) material: u32,
     /// What the material's `kd` is multiplied by, linear.
@@ -36,6 +41,7 @@ impl From<&Hit> for HitPoint {
         HitPoint {
             t: hit.t,
             normal: hit.normal.into(),
+            shading_normal: hit.shading_normal.into(),
             material: hit.material,
             colour: hit.colour.into(),
             error: hit.error,
@@ -48,6 +54,7 @@ impl From<&Hit> for HitPoint {
 pub(crate) struct SurfaceInteraction {
     pub(crate) point: DVec3,
     pub(crate) normal: DVec3,
+    pub(crate) shading_normal: DVec3,
     pub(crate) wo: DVec3,
     error: f64,
     pub(crate) material: u32,
@@ -69,9 +76,16 @@ impl SurfaceInteraction {
         // A needle whose corners lie on one line has no normal, but rays do hit it: it faces them.
         let direction = DVec3::from(ray.direction);
         let normal = unit(hit.normal.as_dvec3()).unwrap_or(-direction);
+        let side = if normal.dot(direction) > 0.0 { -1.0 } else { 1.0 };
+        let normal = side * normal;
+        let shading_normal = match hit.shading_normal == hit.normal {
+            true => normal,
+            false => lifted(side * hit.shading_normal.as_dvec3(), normal, SHADING_COS_LEAST),
+        };
         SurfaceInteraction {
             point: ray.at(hit.t),
-            normal: if normal.dot(direction) > 0.0 { -normal } else { normal },
+            normal,
+            shading_normal,
             wo: -direction,
             error: hit.error,
             material: hit.material,
@@ -82,7 +96,20 @@ impl SurfaceInteraction {
     /// The scattering of the surface towards where the ray came from; `materials` are the world's.
     pub(crate) fn bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
         let material = &materials[self.material as usize];
-        Bsdf { material, colour: self.colour, normal: self.normal, wo: self.wo }
+        let SurfaceInteraction { colour, normal, shading_normal, wo, .. } = *self;
+        Bsdf { material, colour, normal, shading_normal, wo }
+    }
+
+    /// As photons see it. They scatter off the plane of the triangle, since what leaves a smooth normal by the rule of
+    /// those that look would not be as much light as came; mirrors alone turn them by it.
+    pub(crate) fn photon_bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
+        let bsdf = self.bsdf(materials);
+        if bsdf.material.mirror { bsdf } else { Bsdf { shading_normal: self.normal, ..bsdf } }
+    }
+
+    /// The direction of a ray that the surface mirrors to its viewer.
+    pub(crate) fn mirrored(&self) -> DVec3 {
+        mirrored(self.wo, self.normal, self.shading_normal)
     }
 
     /// The place as lights see it; `materials` are the world's.

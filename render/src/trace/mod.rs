@@ -6,7 +6,7 @@ mod bvh;
 mod caps;
 mod corners;
 mod crossings;
-mod hit_colour;
+mod hit_attributes;
 mod kernel;
 mod lattice_ray;
 mod naive;
@@ -82,6 +82,9 @@ pub struct Hit {
     pub barycentric: [f32; 3],
     /// Unit normal of the counter-clockwise side, model space (f64 cross product of the decoded corners).
     pub normal: [f32; 3],
+    /// Unit normal that shades the surface there, on the same side: of the corners' normals, weighed; `normal` itself
+    /// where the file has none.
+    pub shading_normal: [f32; 3],
     /// Colour of the mesh there, linear, by which the material's `kd` is multiplied; white where the file has none.
     pub colour: [f32; 3],
     /// Bound on the distance between the true surface point and `origin + t * direction`, model units;

@@ -70,13 +70,15 @@ impl NaiveMesh {
         let normal = unit(triangle.cross()).expect("a degenerate triangle was hit");
         let (origin, direction) = (DVec3::from(ray.origin), DVec3::from(ray.direction));
         let magnitude = origin.length().max(ray.at(t).length()).max(t * direction.length());
+        let normal = normal.as_vec3().to_array();
         Hit {
             t,
             triangle: index as u32,
             page: 0,
             material: triangle.material,
             barycentric: [1.0 - u - v, u, v].map(|weight| weight as f32),
-            normal: normal.as_vec3().to_array(),
+            normal,
+            shading_normal: normal,
             colour: [1.0; 3],
             error: ERROR_ULPS * f64::EPSILON * magnitude,
         }

@@ -10,7 +10,7 @@
 use super::arithmetic::Arithmetic;
 use super::bvh::{AnyHit, ClosestHit, Found, Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
 use super::crossings::trace_crossings;
-use super::hit_colour::HitColours;
+use super::hit_attributes::HitAttributes;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
@@ -60,7 +60,7 @@ impl<P: Pages> PagedMesh<P> {
         let scene = LatticeScene {
             file: file.clone(),
             frame: LatticeFrame::new(file),
-            colours: HitColours::of(file),
+            attributes: HitAttributes::of(file),
             hidden: Vec::new(),
         };
         PagedMesh {
@@ -119,7 +119,7 @@ impl<P: Pages> PagedMesh<P> {
             hits.truncate(first);
             return Answer::Blocked;
         }
-        if hits[first..].iter_mut().any(|hit| set_colour(scene, pages, hit) == Answer::Blocked) {
+        if hits[first..].iter_mut().any(|hit| set_attributes(scene, pages, hit) == Answer::Blocked) {
             hits.truncate(first);
             return Answer::Blocked;
         }
@@ -163,23 +163,22 @@ pub(super) fn closest(
     let Some(mut hit) = hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max) else {
         return Answer::Exact(None);
     };
-    match set_colour(scene, pages, &mut hit) {
+    match set_attributes(scene, pages, &mut hit) {
         Answer::Exact(()) => Answer::Exact(Some(hit)),
         Answer::Blocked => Answer::Blocked,
     }
 }
 
-/// Gives a hit the colour of the mesh there. Blocked: a page that has it is missing, and wanted.
-fn set_colour(scene: &LatticeScene, pages: &mut impl Pages, hit: &mut Hit) -> Answer<()> {
-    let Some(colours) = &scene.colours else { return Answer::Exact(()) };
-    match colours.at(&scene.file, pages, hit) {
-        Ok(colour) => hit.colour = colour.to_array(),
+/// Gives a hit the attributes of the mesh there. Blocked: a page that has them is missing, and wanted.
+fn set_attributes(scene: &LatticeScene, pages: &mut impl Pages, hit: &mut Hit) -> Answer<()> {
+    let Some(attributes) = &scene.attributes else { return Answer::Exact(()) };
+    match attributes.set(&scene.file, pages, hit) {
+        Ok(()) => Answer::Exact(()),
         Err(missing) => {
             pages.want(missing);
-            return Answer::Blocked;
+            Answer::Blocked
         }
     }
-    Answer::Exact(())
 }
 
 /// The answer of a ray that asked for any.
@@ -208,6 +207,7 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
     let length = n.length();
     let (origin, way) = (DVec3::from(ray.origin), t * DVec3::from(ray.direction));
     let reach = (origin.abs() + way.abs()).max_element();
+    let normal = if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] };
     Hit {
         t,
         triangle: found.triangle,
@@ -215,7 +215,8 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
         material: u32::from(found.material),
         barycentric: [u, v, w].map(|weight| (weight / (u + v + w)) as f32),
         colour: [1.0; 3],
-        normal: if length > 0.0 { (n / length).as_vec3().to_array() } else { [0.0; 3] },
+        normal,
+        shading_normal: normal,
         error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
     }
 }

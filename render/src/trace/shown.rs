@@ -141,14 +141,15 @@ impl<P: Pages> PagedMesh<P> {
             Answer::Blocked => return Answer::Blocked,
         };
         let reach = DVec3::from(ray.origin).abs().max(point.abs()).max_element();
-        let outward = -DVec3::from(shown.sections[index].normal);
+        let outward = (-DVec3::from(shown.sections[index].normal)).as_vec3().to_array();
         Answer::Exact(Some(Hit {
             t,
             triangle: NO_TRIANGLE,
             page: NO_TRIANGLE,
             material: material.into(),
             barycentric: [1.0, 0.0, 0.0],
-            normal: outward.as_vec3().to_array(),
+            normal: outward,
+            shading_normal: outward,
             colour: shown.parts.cap_colour(material),
             error: CAP_ERROR * reach,
         }))

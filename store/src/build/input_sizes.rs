@@ -3,6 +3,7 @@
 //! Invariant: they depend on the input alone, so that a limit which follows from them is the same whatever was tried
 //! before.
 
+use crate::attributes::AttributeSet;
 use crate::error::Result;
 use crate::layout::MATERIALS;
 use crate::material::Material;
@@ -24,8 +25,8 @@ pub struct InputSizes {
     pub material_count: u64,
     /// Bytes of all their names.
     pub name_bytes: u64,
-    /// Whether a corner has another colour than white.
-    pub has_colours: bool,
+    /// What corners have beside their places.
+    pub attributes: AttributeSet,
 }
 
 impl InputSizes {
@@ -35,8 +36,8 @@ impl InputSizes {
     /// Those of the source; [`Code::Interrupted`](crate::Code::Interrupted).
     pub fn of(source: &mut dyn TriangleSource, interrupt: &Interrupt) -> Result<InputSizes> {
         if let Some(hint) = source.hint().filter(|_| !source.materials().iter().any(Material::emits)) {
-            let ScanHint { triangle_count, has_colours, .. } = hint;
-            return Ok(InputSizes { triangle_count, has_colours, ..InputSizes::default() });
+            let ScanHint { triangle_count, attributes, .. } = hint;
+            return Ok(InputSizes { triangle_count, attributes, ..InputSizes::default() });
         }
         let (mut counted, mut batch) = (CountingSource::new(source), TriangleBatch::default());
         while counted.next_batch(&mut batch)? {
@@ -51,12 +52,12 @@ pub(super) struct CountingSource<'a> {
     source: &'a mut dyn TriangleSource,
     /// By index of the material.
     triangle_counts: Vec<u64>,
-    has_colours: bool,
+    attributes: AttributeSet,
 }
 
 impl<'a> CountingSource<'a> {
     pub(super) fn new(source: &'a mut dyn TriangleSource) -> CountingSource<'a> {
-        CountingSource { source, triangle_counts: Vec::new(), has_colours: false }
+        CountingSource { source, triangle_counts: Vec::new(), attributes: AttributeSet::default() }
     }
 
     /// What came so far; emissive triangles are known once the stream has ended.
@@ -72,7 +73,7 @@ impl<'a> CountingSource<'a> {
             vertex_count: stats.vertex_count,
             material_count: self.source.materials().len() as u64,
             name_bytes: stats.material_name_bytes,
-            has_colours: self.has_colours,
+            attributes: self.attributes,
         }
     }
 }
@@ -84,7 +85,7 @@ impl TriangleSource for CountingSource<'_> {
 
     fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
         let more = self.source.next_batch(batch)?;
-        self.has_colours = self.has_colours || batch.has_colours();
+        self.attributes = self.attributes.union(batch.attributes.set());
         for &material in &batch.material {
             // One that no file can have is refused where it is stored.
             let index = (material as usize).min(MATERIALS - 1);
@@ -98,7 +99,7 @@ impl TriangleSource for CountingSource<'_> {
 
     fn rewind(&mut self) -> Result<()> {
         self.triangle_counts.clear();
-        self.has_colours = false;
+        self.attributes = AttributeSet::default();
         self.source.rewind()
     }
 

@@ -138,7 +138,7 @@ impl Site<'_> {
             Checkpoint::Sorted(sorted) => {
                 self.plan(&InputSizes {
                     triangle_count: sorted.scan.triangle_count,
-                    has_colours: sorted.scan.has_colours,
+                    attributes: sorted.scan.attributes,
                     ..InputSizes::default()
                 })?;
                 let start = SortStart::Resumed(sorted);
@@ -181,8 +181,8 @@ impl Site<'_> {
         let grid = lattice::choose(&scan, self.options.precision, &source.name())?;
         self.check_apart(&source.stats())?;
         (out.phase_ms.scan, out.phase_cpu_ms.scan) = clock.lap();
-        let Scan { triangle_count, has_colours, .. } = scan;
-        self.plan(&InputSizes { triangle_count, has_colours, ..InputSizes::default() })?;
+        let Scan { triangle_count, attributes, .. } = scan;
+        self.plan(&InputSizes { triangle_count, attributes, ..InputSizes::default() })?;
         Ok((scan, grid))
     }
 

@@ -5,6 +5,7 @@ use super::emit::{self, table_bytes};
 use super::input_sizes::InputSizes;
 use super::options::BuildOptions;
 use super::partition;
+use crate::attributes::AttributeSet;
 use crate::error::{Error, Result};
 use crate::layout::FRAME_BYTES;
 use crate::material::Material;
@@ -20,6 +21,8 @@ pub struct Plan {
     pub triangle_count: u64,
     /// Whether they have colours, which are kept.
     pub has_colours: bool,
+    /// Whether they have normals, which are kept.
+    pub has_normals: bool,
     /// Most memory that the build leases.
     pub memory_bytes: u64,
     /// The limit it runs under.
@@ -35,9 +38,11 @@ pub struct Plan {
 /// Scratch and output per triangle, voxels apart, for the plan: measured on iso-surfaces and CAD models, rounded up.
 const PLAN_SCRATCH_BYTES: u64 = 24;
 const PLAN_OUTPUT_BYTES: u64 = 5;
-/// What colours add to either, rounded up.
+/// What colours add to either, rounded up; and normals.
 const PLAN_COLOUR_SCRATCH_BYTES: u64 = 6;
 const PLAN_COLOUR_BYTES: u64 = 2;
+const PLAN_NORMAL_SCRATCH_BYTES: u64 = 9;
+const PLAN_NORMAL_BYTES: u64 = 2;
 
 /// The plan for so many triangles.
 pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &Path) -> Result<Plan> {
@@ -45,19 +50,23 @@ pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &
     let free = rustix::io::retry_on_intr(|| rustix::fs::statvfs(scratch_folder))
         .map_err(|e| Error::io("ask for the free space", scratch_folder, &e.into()))?;
     let builders = emit::needed_bytes(sizes, options) * emit::worker_count(sizes, options) as u64;
-    let (colour_scratch_bytes, colour_bytes) =
-        if sizes.has_colours { (PLAN_COLOUR_SCRATCH_BYTES, PLAN_COLOUR_BYTES) } else { (0, 0) };
+    let AttributeSet { colours: has_colours, normals: has_normals } = sizes.attributes;
+    let of = |has: bool, bytes: u64| if has { bytes } else { 0 };
+    let attribute_scratch_bytes =
+        of(has_colours, PLAN_COLOUR_SCRATCH_BYTES) + of(has_normals, PLAN_NORMAL_SCRATCH_BYTES);
+    let attribute_bytes = of(has_colours, PLAN_COLOUR_BYTES) + of(has_normals, PLAN_NORMAL_BYTES);
     let plan = Plan {
         triangle_count,
-        has_colours: sizes.has_colours,
+        has_colours,
+        has_normals,
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
-            + partition::phase_bytes(options.budget.free_bytes(), sizes.has_colours)
+            + partition::phase_bytes(options.budget.free_bytes(), sizes.attributes)
                 .max(builders + table_bytes::tables_bytes(sizes))
                 .max(table_bytes::top_tree_bytes(sizes)),
         limit_bytes: options.budget.limit_bytes(),
-        scratch_bytes: triangle_count * (PLAN_SCRATCH_BYTES + colour_scratch_bytes),
-        output_bytes: triangle_count * (PLAN_OUTPUT_BYTES + colour_bytes)
+        scratch_bytes: triangle_count * (PLAN_SCRATCH_BYTES + attribute_scratch_bytes),
+        output_bytes: triangle_count * (PLAN_OUTPUT_BYTES + attribute_bytes)
             + partition::plan_bytes(options.voxels, triangle_count),
         free_bytes: free.f_bavail * free.f_frsize,
     };
@@ -75,12 +84,12 @@ pub fn smallest_bytes() -> u64 {
 /// Least bytes that a build of such an input leases, beside what its source has leased by the end of its stream.
 pub fn smallest_bytes_for(sizes: &InputSizes) -> u64 {
     let materials = sizes.material_count * (size_of::<Material>() + size_of::<bool>()) as u64;
-    let builder = worker_bytes(sizes.has_colours) + emit::chunk_emitter_bytes(sizes) + Voxelizer::BYTES;
+    let builder = worker_bytes(sizes.attributes) + emit::chunk_emitter_bytes(sizes) + Voxelizer::BYTES;
     let chunks = builder + table_bytes::tables_bytes(sizes);
     // What was written is opened to be read back.
     let tables = MaterialList::bytes(sizes.material_count, sizes.name_bytes) + table_bytes::file_bytes(sizes);
     let read_back = tables + 5 * FRAME_BYTES as u64;
-    let partition = partition::smallest_bytes(sizes.has_colours);
+    let partition = partition::smallest_bytes(sizes.attributes);
     let phases = [partition, chunks, table_bytes::top_tree_bytes(sizes), read_back];
     materials + phases.into_iter().max().unwrap_or(0)
 }

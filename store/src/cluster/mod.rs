@@ -10,8 +10,7 @@
 
 mod bits;
 mod cells;
-mod colour_packer;
-mod colours;
+mod corner_value;
 mod edges;
 mod encode;
 mod fields;
@@ -21,22 +20,27 @@ mod install_cluster;
 mod install_leaves;
 mod leaves;
 mod node;
+mod normal;
 mod order;
 mod packing;
 mod strips;
 #[cfg(test)]
 mod tests;
+mod value_codec;
+mod value_packer;
 mod vertices;
 mod view;
 
-pub(crate) use colour_packer::{ColourPacker, ColourPage, PackedColours};
-pub(crate) use colours::install_colours;
-pub use colours::{Colour, ColourView, WHITE};
+pub use corner_value::{Colour, CornerValue, WHITE};
 pub use encode::{DiskBits, PageContent, PageRef};
 pub use install::install;
 pub use leaves::LeafShape;
 pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
+pub use normal::Normal;
 pub(crate) use order::{ClusterOrder, Orderer};
+pub use value_codec::ValueView;
+pub(crate) use value_codec::install_values;
+pub(crate) use value_packer::{PackedValues, ValuePacker, ValuePage};
 pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafIndices};
 
 use crate::layout::{AXIS_BITS, VERTEX_BITS};
@@ -65,6 +69,8 @@ pub struct ClusterMesh {
     pub materials: Vec<u16>,
     /// Colours of the corners per triangle; empty where all are white, and after decoding.
     pub colours: Vec<[Colour; 3]>,
+    /// Normals of the corners per triangle; empty where none has one, and after decoding.
+    pub normals: Vec<[Normal; 3]>,
 }
 
 /// How the vertices of a cluster are packed.

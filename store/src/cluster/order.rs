@@ -213,6 +213,7 @@ impl Orderer {
             leaf_sizes: Vec::with_capacity(old.leaf_sizes.len()),
             materials: Vec::with_capacity(old.materials.len()),
             colours: Vec::with_capacity(old.colours.len()),
+            normals: Vec::with_capacity(old.normals.len()),
         };
         while let Some(leaf) = self.next_leaf() {
             new.leaf_sizes.push(self.leaves[leaf].count as u8);
@@ -317,8 +318,20 @@ impl Orderer {
         }
         new.triangles.push(triangle);
         new.materials.push(old.materials[first + way / 3]);
-        if let Some(&[a, b, c]) = old.colours.get(first + way / 3) {
-            new.colours.push([[a, b, c], [b, c, a], [c, a, b]][way % 3]);
+        if let Some(&corners) = old.colours.get(first + way / 3) {
+            new.colours.push(from_way(corners, way));
         }
+        if let Some(&corners) = old.normals.get(first + way / 3) {
+            new.normals.push(from_way(corners, way));
+        }
+    }
+}
+
+/// Corners from the one on that a way begins with.
+fn from_way<T>([a, b, c]: [T; 3], way: usize) -> [T; 3] {
+    match way % 3 {
+        0 => [a, b, c],
+        1 => [b, c, a],
+        _ => [c, a, b],
     }
 }

@@ -338,6 +338,7 @@ impl<'a> ClusterView<'a> {
             leaf_sizes,
             materials: (0..self.triangle_count()).map(|i| self.material(i)).collect(),
             colours: Vec::new(),
+            normals: Vec::new(),
         }
     }
 

@@ -2,8 +2,8 @@
 //!
 //! Invariants: 1. each gives `None` for anything that is out of its range, and allocates by what is there, which was
 //! compared with its count and leased before; 2. pages stand without gaps, those of units last, pages of
-//! colours in the order of triangles; 3. the top tree is
-//! a tree of bounded depth, whose references lead to pages.
+//! colours and those of normals in the order of triangles; 3. the top tree is a tree of bounded depth, whose references
+//! lead to pages.
 
 use super::sections::out_of_range;
 use crate::cluster::{Node, TopRef};
@@ -96,19 +96,20 @@ pub(super) fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEn
         return None;
     }
     let mut end = SUPERBLOCK_BYTES as u64;
-    let (mut triangles, mut colours_of) = (0, 0);
+    let (mut triangles, mut values_of) = (0, [0; 2]);
     let mut pages = Vec::with_capacity(count);
     for record in records {
         let entry = PageEntry::parse(record)?;
         // Without gaps, in order: so every byte belongs to a page, and ids are dense.
         let is_next = match entry.kind {
-            PageKind::Colours => colour_page_follows(&mut colours_of, &pages, &entry),
-            _ => u64::from(entry.first_triangle) == triangles,
+            PageKind::Colours => value_page_follows(&mut values_of[0], &pages, &entry),
+            PageKind::Normals => value_page_follows(&mut values_of[1], &pages, &entry),
+            PageKind::Mesh | PageKind::Units => u64::from(entry.first_triangle) == triangles,
         };
         if entry.offset != end || !is_next {
             return None;
         }
-        // Those of the mesh and their colours first: so units are not read with others.
+        // Those of the mesh and of its corners first: so units are not read with others.
         let is_behind_units = pages.last().is_some_and(|last: &PageEntry| last.kind == PageKind::Units);
         if is_behind_units && entry.kind != PageKind::Units {
             return None;
@@ -117,19 +118,7 @@ pub(super) fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEn
         triangles += u64::from(entry.triangle_count);
         pages.push(entry);
     }
-    let is_coloured = |(page, entry): (usize, &PageEntry)| {
-        // The one that has its first triangle: the next begins behind it.
-        let begins_before = |page: Option<&PageEntry>| {
-            page.is_some_and(|colours| {
-                colours.kind == PageKind::Colours && colours.first_triangle <= entry.first_triangle
-            })
-        };
-        let first = page.saturating_add(entry.colours_behind as usize);
-        begins_before(pages.get(first)) && !begins_before(pages.get(first.saturating_add(1)))
-    };
-    let mut coloured = pages.iter().enumerate().filter(|(_, entry)| entry.colours_behind > 0);
-    let colour_pages = pages.iter().filter(|entry| entry.kind == PageKind::Colours).count() as u64;
-    if !coloured.all(is_coloured) || colour_pages != block.colour_page_count {
+    if !PageKind::OF_CORNERS.iter().all(|&kind| has_values(kind, &pages, block)) {
         return None;
     }
     let has_units = pages.last().is_some_and(|last| last.kind == PageKind::Units);
@@ -139,18 +128,33 @@ pub(super) fn parse_pages(bytes: &[u8], block: &Superblock) -> Option<Vec<PageEn
     sound.then_some(pages)
 }
 
-/// Whether a page of colours comes where it may: behind the mesh page that it is of, and in the order of triangles.
-/// `colours_of` is the mesh page that the page of colours before it was of.
-fn colour_page_follows(colours_of: &mut usize, pages: &[PageEntry], entry: &PageEntry) -> bool {
+/// Whether all mesh pages with values of a kind lead to pages of it, of which there are as many as the superblock says.
+fn has_values(kind: PageKind, pages: &[PageEntry], block: &Superblock) -> bool {
+    let leads_to_values = |(page, entry): (usize, &PageEntry)| {
+        // The one that has its first triangle: the next begins behind it.
+        let begins_before = |page: Option<&PageEntry>| {
+            page.is_some_and(|values| values.kind == kind && values.first_triangle <= entry.first_triangle)
+        };
+        let first = page.saturating_add(entry.values_behind(kind) as usize);
+        begins_before(pages.get(first)) && !begins_before(pages.get(first.saturating_add(1)))
+    };
+    let mut with = pages.iter().enumerate().filter(|(_, entry)| entry.values_behind(kind) > 0);
+    let count = pages.iter().filter(|entry| entry.kind == kind).count() as u64;
+    with.all(leads_to_values) && count == block.page_count(kind)
+}
+
+/// Whether a page of values comes where it may: behind the mesh page that it is of, and in the order of triangles.
+/// `values_of` is the mesh page that the page of its kind before it was of.
+fn value_page_follows(values_of: &mut usize, pages: &[PageEntry], entry: &PageEntry) -> bool {
     let is_of = |page: &PageEntry| {
         page.kind == PageKind::Mesh
             && entry.first_triangle.checked_sub(page.first_triangle).is_some_and(|i| i < page.triangle_count)
     };
-    let found = pages[*colours_of..].iter().position(is_of);
+    let found = pages[*values_of..].iter().position(is_of);
     if let Some(further) = found {
-        *colours_of += further;
+        *values_of += further;
     }
-    let ascends = pages.iter().rev().find(|page| page.kind == PageKind::Colours);
+    let ascends = pages.iter().rev().find(|page| page.kind == entry.kind);
     found.is_some() && ascends.is_none_or(|before| before.first_triangle < entry.first_triangle)
 }
 

@@ -1,7 +1,7 @@
 //! `ObjSource`: Wavefront OBJ in one streaming pass.
 //!
 //! ```text
-//! v x y z ...       -> vertex cache        f a/b/c ...  -> look-ups -> polygon -> triangles
+//! v x y z, vn x y z -> vertex caches       f a/b/c ...  -> look-ups -> polygon -> triangles
 //! mtllib, usemtl    -> material table      all else     -> counted, skipped
 //! ```
 //!
@@ -11,11 +11,12 @@
 use super::ImportOptions;
 use super::input::Input;
 use super::materials::MaterialTable;
-use super::polygon::{MAX_POLYGON_SIDES, Polygon};
+use super::polygon::{FaceCorner, MAX_POLYGON_SIDES, Polygon};
 use super::scalar::Scalar;
 use super::text::{Mark, Text, parse_integer, parse_number, printable};
 use super::vertices::VertexCache;
 use super::warn;
+use crate::cluster::{Normal, WHITE};
 use crate::error::Result;
 use crate::geom::Lattice;
 use crate::material_list::MaterialList;
@@ -32,6 +33,9 @@ pub(super) struct ObjSource {
     defined_count: u64,
     /// Colours of the vertices, from the first that has one on.
     colours: Option<VertexCache>,
+    /// `vn` rows, from the first on, and how many came since the start of this pass.
+    normals: Option<VertexCache>,
+    defined_normal_count: u64,
     options: ImportOptions,
     materials: MaterialTable,
     material: u32,
@@ -50,6 +54,8 @@ impl ObjSource {
             vertices: VertexCache::growing(options)?,
             defined_count: 0,
             colours: None,
+            normals: None,
+            defined_normal_count: 0,
             options: options.clone(),
             materials: MaterialTable::new(options)?,
             material: 0,
@@ -64,7 +70,8 @@ impl ObjSource {
         match self.text.word()? {
             Some(b"v") => self.vertex(),
             Some(b"f" | b"fo") => self.face(batch),
-            Some(b"vn" | b"vt") => {
+            Some(b"vn") => self.normal(),
+            Some(b"vt") => {
                 self.stats.dropped_attribute_count += 1;
                 self.text.skip_row()
             }
@@ -127,30 +134,50 @@ impl ObjSource {
         self.colours.as_mut().map_or(Ok(()), |colours| colours.push(colour.unwrap_or([1.0; 3])))
     }
 
+    fn normal(&mut self) -> Result<()> {
+        self.defined_normal_count += 1;
+        if self.normals.is_none() {
+            self.polygon.lease_normals()?;
+            self.normals = Some(VertexCache::growing(&self.options)?);
+        }
+        let normals = self.normals.as_mut().expect("just made");
+        if self.defined_normal_count > normals.count() {
+            // What is no number is no normal; a mesh is drawn without it.
+            let mut normal = [f64::NAN; 3];
+            for part in &mut normal {
+                *part = self.text.word()?.and_then(parse_number).unwrap_or(f64::NAN);
+            }
+            normals.push(normal)?;
+        }
+        self.text.skip_row()
+    }
+
     fn face(&mut self, batch: &mut TriangleBatch) -> Result<()> {
         self.polygon.clear();
-        while let Some(index) = self.corner()? {
+        while let Some((index, normal)) = self.corner()? {
             if self.polygon.len() == MAX_POLYGON_SIDES {
                 return Err(self
                     .text
                     .out_of_range("a face has too many sides", format!("more than {MAX_POLYGON_SIDES}")));
             }
-            let corner = self.vertices.get(index)?;
-            match &mut self.colours {
-                Some(colours) => {
-                    let colour = colours.get(index)?.map(|value| Scalar::F64.channel(value));
-                    self.polygon.push_coloured(corner, colour);
-                }
-                None => self.polygon.push(corner),
-            }
+            let colour = match &mut self.colours {
+                Some(colours) => colours.get(index)?.map(|value| Scalar::F64.channel(value)),
+                None => WHITE,
+            };
+            let normal = match (&mut self.normals, normal) {
+                (Some(normals), Some(index)) => Normal::from_vector(normals.get(index)?),
+                _ => Normal::NONE,
+            };
+            self.polygon.push(FaceCorner { position: self.vertices.get(index)?, colour, normal });
         }
         self.polygon.emit(self.material, batch, &mut self.stats);
         Ok(())
     }
 
-    /// The vertex of the next corner of this row: the number before the first slash, from 0.
-    fn corner(&mut self) -> Result<Option<u64>> {
-        let count = self.defined_count;
+    /// The vertex of the next corner of this row, the number before the first slash, and its normal, the number behind
+    /// the second one: both from 0.
+    fn corner(&mut self) -> Result<Option<(u64, Option<u64>)>> {
+        let (count, normal_count) = (self.defined_count, self.defined_normal_count);
         let word = match self.text.word()? {
             Some(word) if !word.starts_with(b"#") => word,
             Some(_) => return self.text.skip_line().map(|_| None),
@@ -161,11 +188,16 @@ impl ObjSource {
             let found = format!("found `{}`", printable(word));
             return Err(self.text.wrong("text where a vertex index belongs").numbers(found));
         };
-        let from_zero =
-            if index < 0 { count.checked_sub(index.unsigned_abs()) } else { (index as u64).checked_sub(1) };
-        match from_zero {
-            Some(from_zero) if from_zero < count => Ok(Some(from_zero)),
-            _ => Err(self.text.out_of_range(
+        let normal_digits = word.splitn(3, |&byte| byte == b'/').nth(2).filter(|digits| !digits.is_empty());
+        let normal = normal_digits
+            .map(|digits| parse_integer(digits).and_then(|index| from_zero(index, normal_count)).ok_or(()));
+        if normal == Some(Err(())) {
+            let message = "faces refer to normals that are not there: these corners have none".to_owned();
+            warn(&mut self.stats, message);
+        }
+        match from_zero(index, count) {
+            Some(vertex) => Ok(Some((vertex, normal.and_then(std::result::Result::ok)))),
+            None => Err(self.text.out_of_range(
                 "a face refers to a vertex that is not there",
                 format!("index {index}, and {count} vertices stand before this line"),
             )),
@@ -204,7 +236,7 @@ impl TriangleSource for ObjSource {
 
     fn rewind(&mut self) -> Result<()> {
         self.text.seek(self.start);
-        (self.defined_count, self.material) = (0, 0);
+        (self.defined_count, self.defined_normal_count, self.material) = (0, 0, 0);
         self.vertices.reset_counters();
         self.stats =
             SourceStats { warnings: std::mem::take(&mut self.stats.warnings), ..SourceStats::default() };
@@ -237,4 +269,11 @@ impl TriangleSource for ObjSource {
             ..self.stats.clone()
         }
     }
+}
+
+/// The place, from 0, of a number that counts from 1 on, or back from the last of `count`; `None` where there is none.
+fn from_zero(index: i64, count: u64) -> Option<u64> {
+    let place =
+        if index < 0 { count.checked_sub(index.unsigned_abs()) } else { (index as u64).checked_sub(1) };
+    place.filter(|&place| place < count)
 }

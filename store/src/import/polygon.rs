@@ -8,8 +8,9 @@
 //! Invariants: 1. a face of n >= 3 sides gives exactly n - 2 triangles, in the orientation of the face, whatever
 //! its corners are; 2. only its own corners are used; 3. memory is fixed by [`MAX_POLYGON_SIDES`].
 
+use crate::attributes::CornerAttributes;
 use crate::budget::{Budget, Lease};
-use crate::cluster::{Colour, WHITE};
+use crate::cluster::{Colour, CornerValue, Normal, WHITE};
 use crate::error::Result;
 use crate::source::{SourceStats, TriangleBatch};
 
@@ -19,17 +20,43 @@ pub(super) const MAX_POLYGON_SIDES: usize = TriangleBatch::TARGET_TRIANGLES;
 /// Most sides that are searched for ears: the search takes up to n^3 steps, 16 million at this size.
 const EAR_CLIP_MAX_SIDES: usize = 256;
 
-/// Bytes of the corners, and of their colours.
+/// Bytes of the places of all corners.
 const POLYGON_BYTES: u64 = (MAX_POLYGON_SIDES * size_of::<[f64; 3]>()) as u64;
-const COLOUR_BYTES: u64 = (MAX_POLYGON_SIDES * size_of::<Colour>()) as u64;
 /// What they are called in messages.
 const LEASED: &str = "the corners of a face";
+
+/// A corner of a face.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FaceCorner {
+    pub(super) position: [f64; 3],
+    pub(super) colour: Colour,
+    pub(super) normal: Normal,
+}
+
+impl Default for FaceCorner {
+    fn default() -> FaceCorner {
+        FaceCorner { position: [0.0; 3], colour: WHITE, normal: Normal::NONE }
+    }
+}
+
+impl FaceCorner {
+    /// Adds the triangle of three corners to `batch`.
+    pub(super) fn push_triangle(corners: [FaceCorner; 3], material: u32, batch: &mut TriangleBatch) {
+        let attributes = CornerAttributes {
+            colours: corners.map(|corner| corner.colour),
+            normals: corners.map(|corner| corner.normal),
+        };
+        batch.push_with(corners.map(|corner| corner.position), material, &attributes);
+    }
+}
 
 /// The corners of the face at hand. Reused from face to face.
 pub(super) struct Polygon {
     corners: Vec<[f64; 3]>,
     /// As long as `corners`, or empty where all are white.
     colours: Vec<Colour>,
+    /// As long as `corners`, or empty where none has one.
+    normals: Vec<Normal>,
     lease: Lease,
 }
 
@@ -37,22 +64,29 @@ impl Polygon {
     /// Leases and takes memory for the largest face.
     pub(super) fn new(budget: &Budget) -> Result<Polygon> {
         let lease = budget.lease(LEASED, POLYGON_BYTES)?;
-        Ok(Polygon { corners: Vec::with_capacity(MAX_POLYGON_SIDES), colours: Vec::new(), lease })
+        Ok(Polygon {
+            corners: Vec::with_capacity(MAX_POLYGON_SIDES),
+            colours: Vec::new(),
+            normals: Vec::new(),
+            lease,
+        })
     }
 
     /// Makes room for the colours of corners, before the first that has one.
     pub(super) fn lease_colours(&mut self) -> Result<()> {
-        if self.colours.capacity() == 0 {
-            self.lease.grow(LEASED, COLOUR_BYTES)?;
-            self.colours.reserve_exact(MAX_POLYGON_SIDES);
-        }
-        Ok(())
+        lease_values(&mut self.colours, &mut self.lease)
+    }
+
+    /// Makes room for the normals of corners, before the first that has one.
+    pub(super) fn lease_normals(&mut self) -> Result<()> {
+        lease_values(&mut self.normals, &mut self.lease)
     }
 
     /// Forgets all corners.
     pub(super) fn clear(&mut self) {
         self.corners.clear();
         self.colours.clear();
+        self.normals.clear();
     }
 
     /// Corners so far.
@@ -60,21 +94,21 @@ impl Polygon {
         self.corners.len()
     }
 
-    /// Adds a corner. The caller refuses more than [`MAX_POLYGON_SIDES`].
-    pub(super) fn push(&mut self, corner: [f64; 3]) {
+    /// Adds a corner. The caller refuses more than [`MAX_POLYGON_SIDES`]. Before one with a colour comes
+    /// [`Polygon::lease_colours`], before one with a normal [`Polygon::lease_normals`].
+    pub(super) fn push(&mut self, corner: FaceCorner) {
         assert!(self.corners.len() < MAX_POLYGON_SIDES);
-        self.corners.push(corner);
-        if !self.colours.is_empty() {
-            self.colours.push(WHITE);
-        }
+        push_value(&mut self.colours, corner.colour, self.corners.len());
+        push_value(&mut self.normals, corner.normal, self.corners.len());
+        self.corners.push(corner.position);
     }
 
-    /// Adds a corner with its colour, as [`Polygon::push`] does. [`Polygon::lease_colours`] comes before.
-    pub(super) fn push_coloured(&mut self, corner: [f64; 3], colour: Colour) {
-        assert!(self.corners.len() < MAX_POLYGON_SIDES);
-        self.colours.resize(self.corners.len(), WHITE);
-        self.corners.push(corner);
-        self.colours.push(colour);
+    fn corner(&self, index: usize) -> FaceCorner {
+        FaceCorner {
+            position: self.corners[index],
+            colour: self.colours.get(index).copied().unwrap_or(WHITE),
+            normal: self.normals.get(index).copied().unwrap_or(Normal::NONE),
+        }
     }
 
     /// Gives all corners this colour.
@@ -97,12 +131,23 @@ impl Polygon {
     }
 
     fn push_triangle(&self, triangle: [usize; 3], material: u32, batch: &mut TriangleBatch) {
-        let corners = triangle.map(|corner| self.corners[corner]);
-        if self.colours.is_empty() {
-            batch.push(corners, material);
-        } else {
-            batch.push_coloured(corners, material, triangle.map(|corner| self.colours[corner]));
-        }
+        FaceCorner::push_triangle(triangle.map(|corner| self.corner(corner)), material, batch);
+    }
+}
+
+fn lease_values<V>(values: &mut Vec<V>, lease: &mut Lease) -> Result<()> {
+    if values.capacity() == 0 {
+        lease.grow(LEASED, (MAX_POLYGON_SIDES * size_of::<V>()) as u64)?;
+        values.reserve_exact(MAX_POLYGON_SIDES);
+    }
+    Ok(())
+}
+
+/// Adds the value of a corner behind `count` others.
+fn push_value<V: CornerValue>(values: &mut Vec<V>, value: V, count: usize) {
+    if !values.is_empty() || value != V::NONE {
+        values.resize(count, V::NONE);
+        values.push(value);
     }
 }
 
@@ -201,7 +246,8 @@ mod tests {
         ] {
             let corners: Vec<_> = outline.iter().map(|&p| lift(p)).collect();
             let mut polygon = Polygon::new(&Budget::unlimited()).unwrap();
-            corners.iter().for_each(|&corner| polygon.push(corner));
+            let place = |&position: &[f64; 3]| FaceCorner { position, ..FaceCorner::default() };
+            corners.iter().map(place).for_each(|corner| polygon.push(corner));
             let (mut batch, mut stats) = (TriangleBatch::default(), SourceStats::default());
             polygon.emit(7, &mut batch, &mut stats);
             assert_eq!(batch.len(), outline.len() - 2);

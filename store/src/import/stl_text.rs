@@ -11,7 +11,7 @@
 
 use super::ImportOptions;
 use super::input::Input;
-use super::polygon::{MAX_POLYGON_SIDES, Polygon};
+use super::polygon::{FaceCorner, MAX_POLYGON_SIDES, Polygon};
 use super::text::{Mark, Text, printable};
 use crate::error::{Error, Result};
 use crate::material::Material;
@@ -78,7 +78,8 @@ impl StlTextSource {
                     let numbers = format!("more than {MAX_POLYGON_SIDES}");
                     return Err(self.text.out_of_range("a facet has too many corners", numbers));
                 }
-                self.polygon.push([self.text.number()?, self.text.number()?, self.text.number()?]);
+                let position = [self.text.number()?, self.text.number()?, self.text.number()?];
+                self.polygon.push(FaceCorner { position, ..FaceCorner::default() });
                 Inside::Loop
             }
             (Inside::Loop, b"endloop") => {

@@ -16,12 +16,19 @@ pub enum PageKind {
     Units = 1,
     /// Colours of the triangles of a mesh page.
     Colours = 2,
+    /// Normals of the triangles of a mesh page.
+    Normals = 3,
 }
 
 impl PageKind {
+    /// Every kind.
+    const ALL: [PageKind; 4] = [PageKind::Mesh, PageKind::Units, PageKind::Colours, PageKind::Normals];
+    /// Kinds whose pages hold values of the corners of mesh pages.
+    pub const OF_CORNERS: [PageKind; 2] = [PageKind::Colours, PageKind::Normals];
+
     /// The kind of a byte.
     fn from_byte(byte: u32) -> Option<PageKind> {
-        [PageKind::Mesh, PageKind::Units, PageKind::Colours].into_iter().find(|kind| *kind as u32 == byte)
+        PageKind::ALL.into_iter().find(|kind| *kind as u32 == byte)
     }
 }
 
@@ -46,7 +53,8 @@ pub struct PageEntry {
     pub stored_bytes: u32,
     /// Length of the disk form after unpacking.
     pub unpacked_bytes: u32,
-    /// Store id of its first triangle; of a page of colours, of the first triangle that it is of.
+    /// Store id of its first triangle; of a page of colours or normals, of the first triangle that
+    /// it is of.
     pub first_triangle: u32,
     /// Triangles in it.
     pub triangle_count: u32,
@@ -56,6 +64,8 @@ pub struct PageEntry {
     pub packing: Packing,
     /// Of a mesh page with colours: how many pages behind it the first page of these stands. Else 0.
     pub colours_behind: u32,
+    /// Of a mesh page with normals: the same for these.
+    pub normals_behind: u32,
 }
 
 impl PageEntry {
@@ -70,7 +80,27 @@ impl PageEntry {
         w.u32(self.triangle_count);
         w.u32(u32::from(self.kind as u8) | u32::from(self.packing as u8) << 8);
         w.u32(self.colours_behind);
+        w.u32(self.normals_behind);
         *out = w.0;
+    }
+
+    /// Of a mesh page with values of one of [`PageKind::OF_CORNERS`]: how many pages behind it the first page of these
+    /// stands. Else 0.
+    pub fn values_behind(&self, kind: PageKind) -> u32 {
+        match kind {
+            PageKind::Colours => self.colours_behind,
+            PageKind::Normals => self.normals_behind,
+            PageKind::Mesh | PageKind::Units => 0,
+        }
+    }
+
+    /// Sets [`Self::values_behind`].
+    pub(crate) fn set_values_behind(&mut self, kind: PageKind, behind: u32) {
+        match kind {
+            PageKind::Colours => self.colours_behind = behind,
+            PageKind::Normals => self.normals_behind = behind,
+            PageKind::Mesh | PageKind::Units => {}
+        }
     }
 
     /// Reads one entry; `None` when a field is out of its range.
@@ -78,14 +108,15 @@ impl PageEntry {
         let mut r = Cursor { bytes, at: 0 };
         let (offset, hash, stored_bytes, unpacked_bytes) = (r.u64(), r.u64(), r.u32(), r.u32());
         let (first_triangle, triangle_count) = (r.u32(), r.u32());
-        let (kind, colours_behind) = (r.u32(), r.u32());
+        let (kind, colours_behind, normals_behind) = (r.u32(), r.u32(), r.u32());
         let packing = match kind >> 8 {
             0 => Packing::Raw,
             1 => Packing::Lz4,
             _ => return None,
         };
         let page_kind = PageKind::from_byte(kind & 0xff)?;
-        let sound = (page_kind == PageKind::Mesh || colours_behind == 0 && triangle_count == 0)
+        let sound = (page_kind == PageKind::Mesh
+            || [colours_behind, normals_behind, triangle_count] == [0; 3])
             && (1..=STORED_BYTES as u32).contains(&stored_bytes)
             && (1..=FRAME_BYTES as u32).contains(&unpacked_bytes);
         sound.then_some(PageEntry {
@@ -98,6 +129,7 @@ impl PageEntry {
             kind: page_kind,
             packing,
             colours_behind,
+            normals_behind,
         })
     }
 }

@@ -6,6 +6,7 @@
 
 use super::fields::{Cursor, FieldWriter};
 use super::*;
+use crate::attributes::AttributeSet;
 use crate::error::{Code, Error, Result};
 use crate::geom::{Aabb, Lattice};
 use crate::next_step::NextStep;
@@ -70,6 +71,8 @@ pub struct Superblock {
     pub page_tree_bytes: u64,
     /// Pages of colours.
     pub colour_page_count: u64,
+    /// Pages of normals.
+    pub normal_page_count: u64,
     /// Where the root of the top tree leads, in the encoding of [`crate::cluster::TopRef`].
     pub root: u32,
     /// The sections.
@@ -118,6 +121,7 @@ impl Superblock {
         }
         w.u64(self.rejected_collapsed);
         w.u64(self.colour_page_count);
+        w.u64(self.normal_page_count);
         let mut bytes = [0; SUPERBLOCK_BYTES];
         assert!(w.0.len() <= SUPERBLOCK_BYTES - 8, "the superblock outgrew its bytes");
         bytes[..w.0.len()].copy_from_slice(&w.0);
@@ -180,6 +184,7 @@ impl Superblock {
             resident_bytes: 0,
             page_tree_bytes: 0,
             colour_page_count: 0,
+            normal_page_count: 0,
             sections: [Section::default(); SECTIONS],
         };
         block.lattice_bounds.as_flattened_mut().iter_mut().for_each(|v| *v = r.u64() as i64);
@@ -197,8 +202,8 @@ impl Superblock {
             *field = r.u64();
         }
         block.sections.fill_with(|| read_section(&mut r));
-        block.rejected_collapsed = r.u64();
-        block.colour_page_count = r.u64();
+        let Superblock { rejected_collapsed, colour_page_count, normal_page_count, .. } = &mut block;
+        [rejected_collapsed, colour_page_count, normal_page_count].into_iter().for_each(|v| *v = r.u64());
         if bytes[r.at..SUPERBLOCK_BYTES - 8].iter().any(|&byte| byte != 0) {
             let numbers = format!("bytes {} to {} must be zero", r.at, SUPERBLOCK_BYTES - 8);
             return Err(damaged("the superblock goes on behind its end", path).numbers(numbers));
@@ -207,8 +212,29 @@ impl Superblock {
             return Err(damaged("the superblock's features are not those of its parts", path)
                 .numbers(format!("features {required:x}")));
         }
-        block.check(path)?;
-        Ok(block)
+        block.check(path).map(|()| block)
+    }
+
+    /// Pages of one of [`PageKind::OF_CORNERS`].
+    pub fn page_count(&self, kind: PageKind) -> u64 {
+        match kind {
+            PageKind::Colours => self.colour_page_count,
+            PageKind::Normals => self.normal_page_count,
+            PageKind::Mesh | PageKind::Units => 0,
+        }
+    }
+
+    /// The field of [`Self::page_count`].
+    pub(crate) fn page_count_mut(&mut self, kind: PageKind) -> &mut u64 {
+        match kind {
+            PageKind::Normals => &mut self.normal_page_count,
+            _ => &mut self.colour_page_count,
+        }
+    }
+
+    /// What the corners of its triangles have beside their places.
+    pub fn attributes(&self) -> AttributeSet {
+        AttributeSet { colours: self.colour_page_count > 0, normals: self.normal_page_count > 0 }
     }
 
     /// The section of `kind`, if the file has it.
@@ -219,7 +245,9 @@ impl Superblock {
     /// The required features that follow from what the file has.
     fn features(&self) -> u64 {
         let lower = if self.has_lower() { FEATURE_LOWER } else { 0 };
-        lower | if self.colour_page_count > 0 { FEATURE_COLOURS } else { 0 }
+        let colours = if self.colour_page_count > 0 { FEATURE_COLOURS } else { 0 };
+        let normals = if self.normal_page_count > 0 { FEATURE_NORMALS } else { 0 };
+        lower | colours | normals
     }
 
     fn has_lower(&self) -> bool {
@@ -247,6 +275,7 @@ impl Superblock {
             && self.cluster_count <= self.triangle_count
             && self.wide_cluster_count <= self.cluster_count
             && self.colour_page_count <= u64::from(PAGES)
+            && self.normal_page_count <= u64::from(PAGES)
             && self.resident_bytes <= frame_bytes_most
             && self.page_tree_bytes <= frame_bytes_most
     }

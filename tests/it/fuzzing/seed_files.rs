@@ -89,6 +89,19 @@ pub(super) fn coloured_hills(n: usize) -> String {
     hills(n).lines().enumerate().map(coloured).collect()
 }
 
+/// Hills whose vertices have normals.
+pub(super) fn bent_hills(n: usize) -> String {
+    let normals: String = (0..7).map(|at| format!("vn 0.{at} -0.{} 1\n", at % 3)).collect();
+    let bent = |line: &str| match line.strip_prefix("f ") {
+        Some(corners) => {
+            let corner = |word: &str| format!(" {word}//{}", 1 + word.parse::<usize>().unwrap() % 7);
+            format!("f{}\n", corners.split(' ').map(corner).collect::<String>())
+        }
+        None => format!("{line}\n"),
+    };
+    normals + &hills(n).lines().map(bent).collect::<String>()
+}
+
 /// Seeds of glTF: a strip with a replaced row, instances, a material, a camera and a light; in a data URI, and in a
 /// container.
 pub(super) fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {

@@ -226,7 +226,13 @@ mod tests {
     };
     static AT: ShadingPoint<'_> = ShadingPoint {
         point: DVec3::ZERO,
-        bsdf: Bsdf { material: &GREY, colour: Vec3::ONE, normal: DVec3::Z, wo: DVec3::new(0.6, 0.0, 0.8) },
+        bsdf: Bsdf {
+            material: &GREY,
+            colour: Vec3::ONE,
+            normal: DVec3::Z,
+            shading_normal: DVec3::Z,
+            wo: DVec3::new(0.6, 0.0, 0.8),
+        },
     };
 
     /// Irradiance on [`AT`] by points of a lattice, drawn as the integrator does.

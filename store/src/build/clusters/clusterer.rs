@@ -4,7 +4,7 @@
 
 use super::sah::{Prim, Rule, Splitter};
 use crate::build::scratch::TriangleList;
-use crate::cluster::{ClusterMesh, LatticeBox, Orderer, WHITE};
+use crate::cluster::{ClusterMesh, LatticeBox, Normal, Orderer, WHITE};
 use crate::layout::{CLUSTER_LEAVES, CLUSTER_TRIANGLES, CLUSTER_VERTICES, LEAF_TRIANGLES};
 
 /// A node of the binary tree over a chunk's clusters.
@@ -95,6 +95,8 @@ fn weld(prims: &[Prim], triangles: &TriangleList, cluster: &mut ClusterMesh) -> 
     cluster.triangles.clear();
     cluster.materials.clear();
     cluster.colours.clear();
+    cluster.normals.clear();
+    let has = triangles.attributes();
     for prim in prims {
         let triangle = &triangles.triangles[prim.index as usize];
         let mut corners = [0; 3];
@@ -115,12 +117,19 @@ fn weld(prims: &[Prim], triangles: &TriangleList, cluster: &mut ClusterMesh) -> 
         }
         cluster.triangles.push(corners);
         cluster.materials.push(triangle.material);
-        if triangles.has_colours() {
-            cluster.colours.push(triangles.colours_of(prim.index as usize));
+        let attributes = triangles.attributes_of(prim.index as usize);
+        if has.colours {
+            cluster.colours.push(attributes.colours);
+        }
+        if has.normals {
+            cluster.normals.push(attributes.normals);
         }
     }
     if cluster.colours.iter().all(|corners| *corners == [WHITE; 3]) {
         cluster.colours.clear();
+    }
+    if cluster.normals.iter().all(|corners| *corners == [Normal::NONE; 3]) {
+        cluster.normals.clear();
     }
     true
 }

@@ -1,24 +1,29 @@
 //! `OpenPage`: a page that may take more, and the bytes in which the end of a chunk waits for the chunks behind it.
 //!
 //! ```text
-//! end = bytes of the page | disk form of a page, not packed | colours: cluster ...
-//! colours of a cluster = 0, or 1 and three bytes a corner
+//! end = bytes of the page | disk form of a page, not packed | attributes: cluster ...
+//! attributes of a cluster = 1 for colours, 2 for normals, together | colours, 3 bytes a corner | normals, 4 a corner
 //! ```
 //!
 //! Invariants: 1. both forms of a page fit a frame; 2. an end that was read is one that a builder can have written: it
 //! passed the decoder of pages, and its bytes in a frame were counted again.
 
-use super::packed_page::{PackContext, PackedPage};
+use super::packed_page::{AttributePacker, PackContext, PackedPage};
+use crate::attributes::AttributeSet;
 use crate::cluster::{
-    ClusterOrder, ColourPacker, FRAME_TAIL_BYTES, FrameRef, FrameView, LatticeBox, Node, PageContent,
+    ClusterMesh, ClusterOrder, FRAME_TAIL_BYTES, FrameRef, FrameView, LatticeBox, Node, Normal, PageContent,
     PageRef, install,
 };
 use crate::layout::{FRAME_BYTES, PAGE_ROOTS};
 
 /// Frame bytes for nodes and clusters; header, all root slots and the tail are set aside.
 const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS - FRAME_TAIL_BYTES;
-/// Bytes of the colours of a triangle.
+/// Bytes of the colours, and of the normals, of a triangle.
 const COLOUR_BYTES: usize = 9;
+const NORMAL_BYTES: usize = 12;
+/// Bits of what a cluster has.
+const HAS_COLOURS: u8 = 1;
+const HAS_NORMALS: u8 = 2;
 
 /// A page that may take more.
 #[derive(Default)]
@@ -69,9 +74,9 @@ impl OpenPage {
         slot
     }
 
-    /// Adds its colours to those of the pages before it.
-    pub(crate) fn pack_colours(&self, colours: &mut ColourPacker) {
-        colours.add(&self.content.clusters);
+    /// Adds its attributes to those of the pages before it.
+    pub(crate) fn pack_attributes(&self, packer: &mut AttributePacker) {
+        packer.add(&self.content);
     }
 
     /// Ends it. Panics when it is empty.
@@ -85,8 +90,12 @@ impl OpenPage {
         out.extend((page.len() as u32).to_le_bytes());
         out.extend(page);
         for cluster in &self.content.clusters {
-            out.push(u8::from(!cluster.colours.is_empty()));
+            let colours = if cluster.colours.is_empty() { 0 } else { HAS_COLOURS };
+            let normals = if cluster.normals.is_empty() { 0 } else { HAS_NORMALS };
+            out.push(colours | normals);
             out.extend(cluster.colours.as_flattened().as_flattened());
+            let normals = cluster.normals.as_flattened();
+            normals.iter().for_each(|normal| out.extend(normal.code().to_le_bytes()));
         }
     }
 
@@ -112,17 +121,7 @@ impl OpenPage {
             return None;
         }
         for cluster in &mut end.content.clusters {
-            let (&has_colours, behind) = rest.split_first()?;
-            rest = behind;
-            if has_colours > u8::from(context.has_colours) {
-                return None;
-            }
-            if has_colours == 1 {
-                let (colours, behind) = rest.split_at_checked(COLOUR_BYTES * cluster.triangles.len())?;
-                rest = behind;
-                let corners = colours.as_chunks::<3>().0.as_chunks::<3>().0;
-                cluster.colours = corners.to_vec();
-            }
+            rest = read_attributes(cluster, rest, context.attributes)?;
         }
         Some((end, rest))
     }
@@ -152,24 +151,48 @@ impl OpenPage {
     }
 }
 
+/// Reads the attributes of a cluster, of a model that has these; gives what stands behind them.
+fn read_attributes<'a>(cluster: &mut ClusterMesh, bytes: &'a [u8], known: AttributeSet) -> Option<&'a [u8]> {
+    let (&has, rest) = bytes.split_first()?;
+    let found = AttributeSet { colours: has & HAS_COLOURS != 0, normals: has & HAS_NORMALS != 0 };
+    if has > HAS_COLOURS | HAS_NORMALS || !known.holds(found) {
+        return None;
+    }
+    let rows = |bytes: usize, is_there: bool| if is_there { bytes * cluster.triangles.len() } else { 0 };
+    let (colours, rest) = rest.split_at_checked(rows(COLOUR_BYTES, found.colours))?;
+    let (normals, rest) = rest.split_at_checked(rows(NORMAL_BYTES, found.normals))?;
+    let normal = |code: &[u8; 4]| Normal::from_code(u32::from_le_bytes(*code));
+    cluster.colours = colours.as_chunks::<3>().0.as_chunks::<3>().0.to_vec();
+    let corners = normals.as_chunks::<4>().0.as_chunks::<3>().0.iter();
+    cluster.normals = corners.map(|corners| corners.each_ref().map(normal)).collect();
+    Some(rest)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::cluster::ClusterMesh;
 
-    fn cluster(at: i64, is_coloured: bool) -> ClusterMesh {
-        let colours = if is_coloured { vec![[[1, 2, 3], [4, 5, 6], [255; 3]]; 2] } else { Vec::new() };
+    fn cluster(at: i64, has: AttributeSet) -> ClusterMesh {
+        let colours = if has.colours { vec![[[1, 2, 3], [4, 5, 6], [255; 3]]; 2] } else { Vec::new() };
+        let bent = [[1.0, 2.0, 3.0], [0.0, -1.0, 0.5], [0.0; 3]].map(Normal::from_vector);
+        let normals = if has.normals { vec![bent; 2] } else { Vec::new() };
         ClusterMesh {
             vertices: vec![[at, 5, 9], [at + 4, 5, 9], [at, 50, 9], [at + 4, 51, 10]],
             triangles: vec![[0, 1, 2], [2, 1, 3]],
             leaf_sizes: vec![1, 1],
             materials: vec![0, 3],
             colours,
+            normals,
         }
     }
 
     fn end() -> OpenPage {
-        let clusters = vec![cluster(7, false), cluster(90, true), cluster(1000, true)];
+        let clusters = vec![
+            cluster(7, AttributeSet::default()),
+            cluster(90, AttributeSet { normals: false, ..AttributeSet::ALL }),
+            cluster(1000, AttributeSet::ALL),
+        ];
         let bytes: usize =
             clusters.iter().map(|c| ClusterOrder::decoded(c.clone()).unwrap().page_bytes()).sum();
         let (node, root) = (vec![PageRef::Cluster(0), PageRef::Cluster(1)], PageRef::Cluster(2));
@@ -178,7 +201,11 @@ mod tests {
     }
 
     fn context(emissive: &[bool]) -> PackContext<'_> {
-        PackContext { emissive, bounds: LatticeBox { lo: [0; 3], hi: [4000; 3] }, has_colours: true }
+        PackContext {
+            emissive,
+            bounds: LatticeBox { lo: [0; 3], hi: [4000; 3] },
+            attributes: AttributeSet::ALL,
+        }
     }
 
     #[test]
@@ -212,7 +239,11 @@ mod tests {
         );
         let near = PackContext { bounds: LatticeBox { lo: [0; 3], hi: [900; 3] }, ..context(&emissive) };
         assert!(OpenPage::read(&bytes, 12, near).is_none(), "a vertex outside of the model");
-        let plain = PackContext { has_colours: false, ..context(&emissive) };
-        assert!(OpenPage::read(&bytes, 12, plain).is_none(), "colours of a model without");
+        for missing in
+            [AttributeSet { colours: false, normals: true }, AttributeSet { colours: true, normals: false }]
+        {
+            let plain = PackContext { attributes: missing, ..context(&emissive) };
+            assert!(OpenPage::read(&bytes, 12, plain).is_none(), "attributes of a model without");
+        }
     }
 }

@@ -1,7 +1,8 @@
 //! `PackedPage`: a page of the mesh as it will stand in the file, with what the tables say of it.
 
-use crate::cluster::{ClusterMesh, LatticeBox, PageContent};
-use crate::layout::Packing;
+use crate::attributes::AttributeSet;
+use crate::cluster::{ClusterMesh, Colour, LatticeBox, Normal, PackedValues, PageContent, ValuePacker};
+use crate::layout::{Packing, PageKind};
 
 /// A page ready to be written.
 pub(crate) struct PackedPage {
@@ -33,8 +34,31 @@ pub(crate) struct PackContext<'a> {
     pub(crate) emissive: &'a [bool],
     /// Holds all of them.
     pub(crate) bounds: LatticeBox,
-    /// Whether any of them has colours.
-    pub(crate) has_colours: bool,
+    /// What the corners of any of them have.
+    pub(crate) attributes: AttributeSet,
+}
+
+/// Packs the attributes of pages that follow each other.
+#[derive(Default)]
+pub(crate) struct AttributePacker {
+    colours: ValuePacker<Colour>,
+    normals: ValuePacker<Normal>,
+}
+
+/// The attributes of pages that follow each other, by kind.
+pub(crate) type PackedAttributes = Vec<(PageKind, PackedValues)>;
+
+impl AttributePacker {
+    /// Adds those of the next page.
+    pub(super) fn add(&mut self, page: &PageContent) {
+        self.colours.add(&page.clusters, |cluster| &cluster.colours);
+        self.normals.add(&page.clusters, |cluster| &cluster.normals);
+    }
+
+    /// All pages of attributes.
+    pub(crate) fn finish(self) -> PackedAttributes {
+        vec![(PageKind::Colours, self.colours.finish()), (PageKind::Normals, self.normals.finish())]
+    }
 }
 
 /// What LZ4 must save, in percent of the raw bytes, to be worth its decode.

@@ -16,15 +16,15 @@
 
 use super::clusterer::{BinaryNode, Clusters};
 use super::open_page::OpenPage;
-use super::packed_page::{PackContext, PackedPage};
-use crate::cluster::{ClusterMesh, ColourPacker, LatticeBox, Node, PackedColours, PageRef};
+use super::packed_page::{AttributePacker, PackContext, PackedAttributes, PackedPage};
+use crate::cluster::{ClusterMesh, LatticeBox, Node, PageRef};
 use crate::layout::NODE_WIDTH;
 
 /// The result of a chunk.
 pub(crate) struct ChunkPages {
     pub(crate) pages: Vec<PackedPage>,
     /// Of these pages.
-    pub(crate) colours: PackedColours,
+    pub(crate) attributes: PackedAttributes,
     /// The page behind these.
     pub(crate) open: OpenPage,
     /// Where rays enter its pages.
@@ -50,16 +50,16 @@ pub(crate) fn pack(clusters: Clusters, context: PackContext<'_>) -> ChunkPages {
         sizes,
         clusters: &mut clusters,
         context,
-        colours: ColourPacker::default(),
+        attributes: AttributePacker::default(),
         out: ChunkPages {
             pages: Vec::new(),
-            colours: PackedColours::default(),
+            attributes: PackedAttributes::default(),
             open: OpenPage::default(),
             roots: Vec::new(),
         },
     };
     packer.place(wide.root_bounds, wide.root);
-    ChunkPages { colours: packer.colours.finish(), ..packer.out }
+    ChunkPages { attributes: packer.attributes.finish(), ..packer.out }
 }
 
 /// A subtree of the wide tree.
@@ -132,7 +132,7 @@ struct Packer<'a> {
     subtree_bytes: Vec<usize>,
     clusters: &'a mut [Option<ClusterMesh>],
     context: PackContext<'a>,
-    colours: ColourPacker,
+    attributes: AttributePacker,
     out: ChunkPages,
 }
 
@@ -150,7 +150,7 @@ impl Packer<'_> {
             }
             WideRef::Leaf(_) if !fits => {
                 let full = std::mem::take(&mut self.out.open);
-                full.pack_colours(&mut self.colours);
+                full.pack_attributes(&mut self.attributes);
                 self.out.pages.push(full.pack(self.context));
             }
             _ => {}

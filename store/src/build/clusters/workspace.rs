@@ -6,6 +6,7 @@ use super::clusterer::{Clusterer, Clusters};
 use super::packed_page::PackContext;
 use super::pages::{self, ChunkPages};
 use super::sah::Prim;
+use crate::attributes::AttributeSet;
 use crate::build::partition::chunk::{CHUNK_TRIANGLES, Chunk};
 use crate::build::scratch::{LatticeTriangle, Scratch, TriangleList};
 use crate::cluster::LatticeBox;
@@ -13,17 +14,17 @@ use crate::error::Result;
 
 /// Memory that one worker takes: triangles (80 B), primitives (36 B) and their ranks (8 B), clusters and tree (20 B in
 /// a sheet, up to 82 where no corner is shared), the pages that wait for their turn. Counted by the allocator
-/// (`store/src/build/tests/worker.rs`): 143 B a triangle of a sheet, 213 where no corner is shared. Colours are there
-/// twice, with the triangles and with the clusters, and then in pages.
+/// (`store/src/build/tests/worker.rs`): 143 B a triangle of a sheet, 213 where no corner is shared. Colours and normals
+/// are there twice, with the triangles and with the clusters, and then in pages.
 ///
 /// Lost: triangles of 48 B and primitives of 32 B, 33 B less a triangle: builds took 14 % longer on an iso-surface.
-pub(crate) fn worker_bytes(has_colours: bool) -> u64 {
-    let colour_bytes = if has_colours { 2 * TriangleList::COLOUR_BYTES + COLOUR_PAGE_BYTES } else { 0 };
-    CHUNK_TRIANGLES * (80 + 36 + 8 + 82 + 10 + colour_bytes)
+pub(crate) fn worker_bytes(attributes: AttributeSet) -> u64 {
+    let page_bytes = VALUE_PAGE_BYTES * (u64::from(attributes.colours) + u64::from(attributes.normals));
+    CHUNK_TRIANGLES * (80 + 36 + 8 + 82 + 10 + 2 * attributes.row_bytes() + page_bytes)
 }
 
-/// Bytes of a triangle's colours while its page is packed, and packed, at most.
-const COLOUR_PAGE_BYTES: u64 = 12;
+/// Bytes of a triangle's colours, or of its normals, while its page is packed, and packed, at most.
+const VALUE_PAGE_BYTES: u64 = 12;
 
 /// Memory of a worker, reused from chunk to chunk.
 #[derive(Default)]
@@ -58,7 +59,7 @@ impl Workspace {
         let is_known = |t: &LatticeTriangle| usize::from(t.material) < context.emissive.len();
         let is_ours = all.join(&context.bounds) == context.bounds
             && self.list.triangles.iter().all(is_known)
-            && (context.has_colours || !self.list.has_colours());
+            && context.attributes.holds(self.list.attributes());
         if !is_ours {
             return Err(scratch.damaged(chunk.pieces.first().map_or(0, |piece| piece.run.offset)));
         }

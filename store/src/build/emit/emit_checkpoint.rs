@@ -34,8 +34,9 @@ struct EmitHead {
     open_chunks: Vec<usize>,
     draft_bytes: u64,
     emitter_count: u64,
-    /// Triangles, vertices, clusters, wide clusters, resident bytes, bytes of page trees, pages of colours.
-    counts: [u64; 7],
+    /// Triangles, vertices, clusters, wide clusters, resident bytes, bytes of page trees, pages of colours and of
+    /// normals.
+    counts: [u64; 8],
 }
 
 /// Chunks that stand in the output.
@@ -49,7 +50,7 @@ pub(crate) struct EmitCheckpoint {
 }
 
 /// The counts of what is in the output.
-fn counts(block: &mut Superblock) -> [&mut u64; 7] {
+fn counts(block: &mut Superblock) -> [&mut u64; 8] {
     [
         &mut block.triangle_count,
         &mut block.vertex_count,
@@ -58,6 +59,7 @@ fn counts(block: &mut Superblock) -> [&mut u64; 7] {
         &mut block.resident_bytes,
         &mut block.page_tree_bytes,
         &mut block.colour_page_count,
+        &mut block.normal_page_count,
     ]
 }
 
@@ -142,7 +144,7 @@ impl EmitCheckpoint {
         let EmitCheckpoint { head, pages, roots, emitters, .. } = self;
         let [lo, hi] = parted.summary.lattice_bounds;
         let is_mesh = |page: usize| pages.get(page).is_some_and(|page| page.kind == PageKind::Mesh);
-        let colour_page_count = pages.iter().filter(|page| page.kind == PageKind::Colours).count() as u64;
+        let count = |kind| pages.iter().filter(|page| page.kind == kind).count() as u64;
         let is_root = |(bounds, root): &(LatticeBox, TopRef)| {
             let all = LatticeBox { lo, hi };
             let is_box = (0..3).all(|axis| bounds.lo[axis] <= bounds.hi[axis]) && all.join(bounds) == all;
@@ -154,7 +156,7 @@ impl EmitCheckpoint {
         let next = |(offset, triangle_count): (u64, u64), page: &PageEntry| {
             let follows = match page.kind {
                 PageKind::Mesh => u64::from(page.first_triangle) == triangle_count,
-                PageKind::Colours => u64::from(page.first_triangle) < triangle_count,
+                PageKind::Colours | PageKind::Normals => u64::from(page.first_triangle) < triangle_count,
                 PageKind::Units => false,
             };
             (page.offset == offset && follows).then(|| {
@@ -166,7 +168,7 @@ impl EmitCheckpoint {
             && head.open_chunks.last().is_none_or(|&open| open < head.chunk_count)
             && pages.iter().try_fold((SUPERBLOCK_BYTES as u64, 0), next)
                 == Some((head.draft_bytes, head.counts[0]))
-            && colour_page_count == head.counts[6]
+            && [count(PageKind::Colours), count(PageKind::Normals)] == head.counts[6..]
             && roots.iter().all(is_root)
             && emitters.len() as u64 == head.emitter_count.saturating_mul(EMITTER_BYTES as u64)
             && self.voxels.as_ref().is_none_or(|written| written.is_of(head.chunk_count))

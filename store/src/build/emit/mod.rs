@@ -81,7 +81,7 @@ pub(crate) fn pack_context<'a>(
     sizes: &InputSizes,
 ) -> PackContext<'a> {
     let [lo, hi] = summary.lattice_bounds;
-    PackContext { emissive, bounds: LatticeBox { lo, hi }, has_colours: sizes.has_colours }
+    PackContext { emissive, bounds: LatticeBox { lo, hi }, attributes: sizes.attributes }
 }
 
 /// All chunks, of which a build before this may have done some.
@@ -154,7 +154,7 @@ impl ChunkWork<'_> {
 /// What one worker needs.
 pub(crate) fn needed_bytes(sizes: &InputSizes, options: &BuildOptions) -> u64 {
     let voxelizer = if options.voxels == Voxels::None { 0 } else { Voxelizer::BYTES };
-    worker_bytes(sizes.has_colours) + chunk_emitter_bytes(sizes) + voxelizer
+    worker_bytes(sizes.attributes) + chunk_emitter_bytes(sizes) + voxelizer
 }
 
 /// Bytes of the emitters in the chunks of a worker that wait for their turn.
@@ -177,7 +177,7 @@ fn reopen(
     context: PackContext<'_>,
     options: &BuildOptions,
 ) -> Result<()> {
-    let _lease = options.budget.lease("a cluster builder", worker_bytes(context.has_colours))?;
+    let _lease = options.budget.lease("a cluster builder", worker_bytes(context.attributes))?;
     let mut workspace = Workspace::default();
     for &chunk in open {
         options.interrupt.check()?;

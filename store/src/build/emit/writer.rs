@@ -8,14 +8,16 @@ use super::voxels::OctreeShape;
 use crate::budget::{Budget, Lease};
 use crate::build::clusters::clusterer::BinaryNode;
 use crate::build::clusters::open_page::OpenPage;
-use crate::build::clusters::packed_page::{PackContext, PackedPage, packed};
+use crate::build::clusters::packed_page::{
+    AttributePacker, PackContext, PackedAttributes, PackedPage, packed,
+};
 use crate::build::clusters::pages::{ChunkPages, WideRef, WideTree};
 use crate::build::clusters::sah::{Prim, Rule, Splitter};
 use crate::build::draft::DraftFile;
 use crate::build::model_materials::ModelMaterials;
 use crate::build::partition::summary::PartitionSummary;
 use crate::build::report::BuildReport;
-use crate::cluster::{ColourPacker, LatticeBox, Node, PackedColours, TopRef};
+use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::Result;
 use crate::geom::Aabb;
 use crate::layout::*;
@@ -117,7 +119,7 @@ impl<'a> PageWriter<'a> {
         for page in std::mem::take(&mut chunk.pages) {
             self.add_page(page, file)?;
         }
-        self.add_colours((first_page, first_triangle), std::mem::take(&mut chunk.colours), file)?;
+        self.add_attributes((first_page, first_triangle), std::mem::take(&mut chunk.attributes), file)?;
         // Those of the open page stand last.
         let closed = chunk.roots.iter().filter(|root| root.page < open_page);
         let entered =
@@ -155,10 +157,10 @@ impl<'a> PageWriter<'a> {
         let here = self.pages.len() as u32;
         let full = std::mem::take(&mut self.open);
         if !full.is_empty() {
-            let (first_triangle, mut colours) = (self.block.triangle_count as u32, ColourPacker::default());
-            full.pack_colours(&mut colours);
+            let (first_triangle, mut packer) = (self.block.triangle_count as u32, AttributePacker::default());
+            full.pack_attributes(&mut packer);
             self.add_page(full.pack(self.context), file)?;
-            self.add_colours((here, first_triangle), colours.finish(), file)?;
+            self.add_attributes((here, first_triangle), packer.finish(), file)?;
         }
         for (_, root) in &mut self.roots[self.open_root..] {
             if let TopRef::Page { page, .. } = root {
@@ -188,6 +190,7 @@ impl<'a> PageWriter<'a> {
             kind: PageKind::Mesh,
             packing: page.packing,
             colours_behind: 0,
+            normals_behind: 0,
         });
         for emitter in &page.emitters {
             emitter.corners.as_flattened().iter().for_each(|q| self.emitters.extend(q.to_le_bytes()));
@@ -205,21 +208,23 @@ impl<'a> PageWriter<'a> {
         Ok(())
     }
 
-    /// Writes the colours of the last mesh pages, of which this is the first, with its first triangle.
-    fn add_colours(
+    /// Writes the attributes of the last mesh pages, of which this is the first, with its first triangle.
+    fn add_attributes(
         &mut self,
         (first_page, first_triangle): (u32, u32),
-        colours: PackedColours,
+        attributes: PackedAttributes,
         file: &mut DraftFile<'_>,
     ) -> Result<()> {
-        let first_colours = self.pages.len() as u32;
-        for (page, first) in (first_page..).zip(colours.first_pages) {
-            self.pages[page as usize].colours_behind = first.map_or(0, |first| first_colours + first - page);
-        }
-        for part in colours.pages {
-            let first_triangle = first_triangle + part.first_triangle;
-            self.add_plain(PageKind::Colours, part.bytes, first_triangle, file)?;
-            self.block.colour_page_count += 1;
+        for (kind, values) in attributes {
+            let first_values = self.pages.len() as u32;
+            for (page, first) in (first_page..).zip(values.first_pages) {
+                let behind = first.map_or(0, |first| first_values + first - page);
+                self.pages[page as usize].set_values_behind(kind, behind);
+            }
+            *self.block.page_count_mut(kind) += values.pages.len() as u64;
+            for part in values.pages {
+                self.add_plain(kind, part.bytes, first_triangle + part.first_triangle, file)?;
+            }
         }
         Ok(())
     }
@@ -253,6 +258,7 @@ impl<'a> PageWriter<'a> {
             kind,
             packing,
             colours_behind: 0,
+            normals_behind: 0,
         });
         Ok(())
     }

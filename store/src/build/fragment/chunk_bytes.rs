@@ -1,12 +1,13 @@
 //! The pages of a chunk as bytes, and the gate through which they come back.
 //!
 //! ```text
-//! chunk   = pages u32 | page ... | first colours u32 of each page (0: none) | colour pages u32 | colours ... | end
+//! chunk   = pages u32 | page ... | colours | normals | end
 //!         | roots u32 | root ...
 //! page    = stored, packing, unpacked, tree, frame bytes, triangles, vertices, clusters, wide clusters, emitters: u32
 //!         | stored bytes | emitter ...
 //! emitter = triangle u32 | material u32 | corners 9 x u64
-//! colours = first triangle u32 | bytes u32 | bytes
+//! colours = first page u32 of each page (0: none) | pages u32 | (first triangle u32 | bytes u32 | bytes) ...
+//! normals = as colours
 //! end     = `OpenPage::write`
 //! root    = box 6 x u64 | page u32 | slot u32
 //! ```
@@ -18,27 +19,36 @@ use crate::build::clusters::open_page::OpenPage;
 use crate::build::clusters::packed_page::{PackContext, PackedPage, PageEmitter};
 use crate::build::clusters::pages::{ChunkPages, ChunkRoot};
 use crate::build::partition::chunk::CHUNK_TRIANGLES;
-use crate::cluster::{ColourPage, LatticeBox, PackedColours};
-use crate::layout::{FRAME_BYTES, PAGE_ROOTS, Packing, STORED_BYTES};
+use crate::cluster::{LatticeBox, PackedValues, ValuePage};
+use crate::layout::{FRAME_BYTES, PAGE_ROOTS, Packing, PageKind, STORED_BYTES};
 
 /// Numbers of a page before its bytes.
 const PAGE_NUMBERS: usize = 10;
 /// Most triangles of a page.
 const PAGE_TRIANGLES: u32 = u16::MAX as u32;
 
+/// The kinds of attributes, in their order in a chunk.
+const ATTRIBUTES: [PageKind; 2] = [PageKind::Colours, PageKind::Normals];
+
 /// Appends the pages of a chunk.
 pub(super) fn write_chunk(chunk: &ChunkPages, out: &mut Vec<u8>) {
     put_u32(out, chunk.pages.len());
     chunk.pages.iter().for_each(|page| write_page(page, out));
-    assert_eq!(chunk.colours.first_pages.len(), chunk.pages.len(), "colours are of all pages, or none are");
-    for first in &chunk.colours.first_pages {
-        put_u32(out, first.map_or(0, |first| first as usize + 1));
-    }
-    put_u32(out, chunk.colours.pages.len());
-    for page in &chunk.colours.pages {
-        put_u32(out, page.first_triangle as usize);
-        put_u32(out, page.bytes.len());
-        out.extend(&page.bytes);
+    assert!(
+        chunk.attributes.iter().map(|(kind, _)| *kind).eq(ATTRIBUTES),
+        "attributes of all kinds, in order"
+    );
+    for (_, values) in &chunk.attributes {
+        assert_eq!(values.first_pages.len(), chunk.pages.len(), "attributes are of all pages");
+        for first in &values.first_pages {
+            put_u32(out, first.map_or(0, |first| first as usize + 1));
+        }
+        put_u32(out, values.pages.len());
+        for page in &values.pages {
+            put_u32(out, page.first_triangle as usize);
+            put_u32(out, page.bytes.len());
+            out.extend(&page.bytes);
+        }
     }
     chunk.open.write(out);
     put_u32(out, chunk.roots.len());
@@ -115,7 +125,10 @@ impl ChunkBytesReader<'_> {
         let page_count = cursor.count(4 * PAGE_NUMBERS)?;
         let pages = (0..page_count).map(|_| self.page(&mut cursor)).collect::<Option<Vec<_>>>()?;
         let closed: u64 = pages.iter().map(|page| page.triangle_count as u64).sum();
-        let colours = self.colours(&mut cursor, page_count, closed)?;
+        let known = self.context.attributes;
+        let [colours, normals] = [known.colours, known.normals]
+            .map(|is_known| self.values(&mut cursor, (page_count, closed), is_known));
+        let attributes = ATTRIBUTES.into_iter().zip([colours?, normals?]).collect();
         let (open, rest) = OpenPage::read(cursor.0, self.lattice_bits, self.context)?;
         cursor.0 = rest;
         let root_count = cursor.count(56)?;
@@ -132,7 +145,7 @@ impl ChunkBytesReader<'_> {
             && roots.last().is_some_and(|root| root.page as usize == page_count)
             && are_its == Some(open.root_count())
             && triangle_count <= CHUNK_TRIANGLES;
-        is_sound.then_some((ChunkPages { pages, colours, open, roots }, triangle_count))
+        is_sound.then_some((ChunkPages { pages, attributes, open, roots }, triangle_count))
     }
 
     fn page(&self, cursor: &mut ChunkCursor<'_>) -> Option<PackedPage> {
@@ -182,25 +195,26 @@ impl ChunkBytesReader<'_> {
         })
     }
 
-    fn colours(
+    /// The pages of an attribute of so many pages and triangles; there are none where the model has it not.
+    fn values(
         &self,
         cursor: &mut ChunkCursor<'_>,
-        page_count: usize,
-        triangle_count: u64,
-    ) -> Option<PackedColours> {
+        (page_count, triangle_count): (usize, u64),
+        is_known: bool,
+    ) -> Option<PackedValues> {
         let firsts = (0..page_count).map(|_| cursor.u32()).collect::<Option<Vec<_>>>()?;
-        let colour_page_count = cursor.count(8)?;
+        let value_page_count = cursor.count(8)?;
         let page = |_| {
             let (first_triangle, length) = (cursor.u32()?, cursor.u32()? as usize);
             let is_sound = u64::from(first_triangle) < triangle_count && length <= FRAME_BYTES;
             let bytes = is_sound.then(|| cursor.take(length))??.to_vec();
-            Some(ColourPage { first_triangle, bytes })
+            Some(ValuePage { first_triangle, bytes })
         };
-        let pages = (0..colour_page_count).map(page).collect::<Option<Vec<_>>>()?;
-        let is_there = |&first: &u32| first as usize <= colour_page_count;
-        let is_sound = firsts.iter().all(is_there) && (self.context.has_colours || pages.is_empty());
+        let pages = (0..value_page_count).map(page).collect::<Option<Vec<_>>>()?;
+        let is_there = |&first: &u32| first as usize <= value_page_count;
+        let is_sound = firsts.iter().all(is_there) && (is_known || pages.is_empty());
         let first_pages = firsts.into_iter().map(|first| first.checked_sub(1)).collect();
-        is_sound.then_some(PackedColours { pages, first_pages })
+        is_sound.then_some(PackedValues { pages, first_pages })
     }
 
     fn root(&self, cursor: &mut ChunkCursor<'_>) -> Option<ChunkRoot> {

@@ -4,11 +4,11 @@
 //! triangles never exceed what `SortRule` allows.
 
 use super::chunk::{CHUNK_TRIANGLES, Chunk, ChunkJoiner};
+use crate::attributes::CornerAttributes;
 use crate::build::options::BuildOptions;
 use crate::build::scan::Grid;
 use crate::build::scratch::run_writer::{RunWriter, WrittenRun};
 use crate::build::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch, TriangleList};
-use crate::cluster::Colour;
 use crate::error::Result;
 use crate::geom::hilbert_key;
 use std::collections::HashMap;
@@ -45,8 +45,8 @@ impl CellPlace {
 
 /// Where snapped triangles go, one by one.
 pub(crate) trait CellSink {
-    /// Takes the next one, with the colours of its corners.
-    fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()>;
+    /// Takes the next one, with the attributes of its corners.
+    fn push(&mut self, triangle: LatticeTriangle, attributes: &CornerAttributes) -> Result<()>;
 }
 
 /// What decides a triangle's cell.
@@ -141,11 +141,11 @@ impl PartitionCells {
         &mut self,
         place: CellPlace,
         triangle: LatticeTriangle,
-        colours: [Colour; 3],
+        attributes: &CornerAttributes,
     ) -> Result<()> {
         let index = self.cell_of(place);
         let cell = &mut self.cells[index];
-        cell.buffer.push(triangle, colours);
+        cell.buffer.push(triangle, attributes);
         cell.triangle_count += 1;
         self.buffered += 1;
         if cell.buffer.len() >= RUN_TRIANGLES {
@@ -243,8 +243,8 @@ impl PartitionCells {
 }
 
 impl CellSink for PartitionCells {
-    fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()> {
-        self.push_at(self.sorted.place_of(&triangle), triangle, colours)
+    fn push(&mut self, triangle: LatticeTriangle, attributes: &CornerAttributes) -> Result<()> {
+        self.push_at(self.sorted.place_of(&triangle), triangle, attributes)
     }
 }
 
@@ -268,7 +268,7 @@ fn cut(
         }
         finer.writer.scratch().consume(run, run.triangle_count);
         let mut all = list.triangles.iter().enumerate();
-        all.try_for_each(|(index, &triangle)| finer.push(triangle, list.colours_of(index)))?;
+        all.try_for_each(|(index, &triangle)| finer.push(triangle, &list.attributes_of(index)))?;
     }
     finer.into_chunks(options)
 }

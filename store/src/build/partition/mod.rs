@@ -25,6 +25,7 @@ mod surface;
 
 pub(super) use resolution::plan_bytes;
 
+use crate::attributes::AttributeSet;
 use crate::budget::{Budget, Lease};
 use crate::build::journal::Journal;
 use crate::build::options::{BuildOptions, Voxels};
@@ -112,7 +113,7 @@ pub(crate) struct PartitionWork<'a> {
 /// Runs the phase. The source is read once, on its own thread.
 pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
     let PartitionWork { start, journal, options, report } = work;
-    let memory = SortMemory::lease(start.scan().has_colours, &options.budget)?;
+    let memory = SortMemory::lease(start.scan().attributes, &options.budget)?;
     let name = source.name();
     let rule = |scan: &Scan, grid: &Grid| memory.rule(first_levels(scan.triangle_count, grid), grid);
     let (mut sorter, grid) = match start {
@@ -190,13 +191,13 @@ struct SortMemory {
 }
 
 impl SortMemory {
-    fn lease(has_colours: bool, budget: &Budget) -> Result<SortMemory> {
-        let batch_bytes = BATCHES * TriangleBatch::bytes(has_colours);
+    fn lease(attributes: AttributeSet, budget: &Budget) -> Result<SortMemory> {
+        let batch_bytes = BATCHES * TriangleBatch::bytes(attributes);
         let batches = budget.lease("batches of triangles", batch_bytes)?;
-        let means = budget.lease("the mean colours of materials", means_bytes(has_colours))?;
+        let means = budget.lease("the mean colours of materials", means_bytes(attributes))?;
         let buffer_bytes = buffer_bytes(budget.free_bytes());
         let buffers = budget.lease("the cells' buffers", buffer_bytes)?;
-        let buffered_most = buffer_bytes / triangle_bytes(has_colours);
+        let buffered_most = buffer_bytes / triangle_bytes(attributes);
         Ok(SortMemory { buffered_most, _leases: [batches, means, buffers] })
     }
 
@@ -275,22 +276,22 @@ fn buffer_bytes(free_bytes: u64) -> u64 {
 }
 
 /// Least that this phase leases.
-pub(crate) fn smallest_bytes(has_colours: bool) -> u64 {
-    BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::bytes(has_colours) + means_bytes(has_colours)
+pub(crate) fn smallest_bytes(attributes: AttributeSet) -> u64 {
+    BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::bytes(attributes) + means_bytes(attributes)
 }
 
 /// Bytes for the mean colours of materials.
-fn means_bytes(has_colours: bool) -> u64 {
-    if has_colours { ColourMeans::BYTES } else { 0 }
+fn means_bytes(attributes: AttributeSet) -> u64 {
+    if attributes.colours { ColourMeans::BYTES } else { 0 }
 }
 
 /// Bytes of a buffered triangle.
-fn triangle_bytes(has_colours: bool) -> u64 {
-    TriangleList::TRIANGLE_BYTES + if has_colours { TriangleList::COLOUR_BYTES } else { 0 }
+fn triangle_bytes(attributes: AttributeSet) -> u64 {
+    TriangleList::TRIANGLE_BYTES + attributes.row_bytes()
 }
 
 /// Bytes that this phase leases when so many are free.
-pub(crate) fn phase_bytes(free_bytes: u64, has_colours: bool) -> u64 {
-    let fixed = BATCHES * TriangleBatch::bytes(has_colours) + means_bytes(has_colours);
+pub(crate) fn phase_bytes(free_bytes: u64, attributes: AttributeSet) -> u64 {
+    let fixed = BATCHES * TriangleBatch::bytes(attributes) + means_bytes(attributes);
     fixed + buffer_bytes(free_bytes.saturating_sub(fixed))
 }

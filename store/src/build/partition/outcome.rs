@@ -10,6 +10,7 @@
 use super::Partition;
 use super::chunk::Chunk;
 use super::summary::StoredSummary;
+use crate::attributes::AttributeSet;
 use crate::budget::Budget;
 use crate::build::input_sizes::InputSizes;
 use crate::build::journal::record::JournalRecord;
@@ -37,7 +38,7 @@ struct ChunksHead<'a> {
     #[serde(default)]
     emissive_count: u64,
     #[serde(default)]
-    has_colours: bool,
+    attributes: AttributeSet,
     source: SourceStats,
 }
 
@@ -60,7 +61,7 @@ impl PartitionOutcome {
             chunks: Cow::Borrowed(&parted.chunks),
             summary: parted.summary.stored(),
             emissive_count: self.sizes.emissive_count,
-            has_colours: self.sizes.has_colours,
+            attributes: self.sizes.attributes,
             source: self.source.clone(),
         };
         let Ok((materials, _lease)) = self.materials.to_bytes(budget) else { return Ok(()) };
@@ -102,7 +103,7 @@ impl PartitionOutcome {
             vertex_count: head.source.vertex_count,
             material_count: materials.count() as u64,
             name_bytes: head.source.material_name_bytes,
-            has_colours: head.has_colours,
+            attributes: head.attributes,
         };
         let outcome = PartitionOutcome { partition, materials, sizes, source: head.source };
         Ok(outcome.is_sound().then_some(outcome))

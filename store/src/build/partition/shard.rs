@@ -16,6 +16,7 @@ use super::chunk::Chunk;
 use super::snap::{SnapSummary, Snapper};
 use super::summary::PartitionSummary;
 use super::{SortMemory, summarize};
+use crate::attributes::{AttributeSet, CornerAttributes};
 use crate::budget::Lease;
 use crate::build::options::BuildOptions;
 use crate::build::report::PhaseReport;
@@ -48,7 +49,7 @@ struct CellCounts {
 }
 
 impl CellSink for CellCounts {
-    fn push(&mut self, triangle: LatticeTriangle, _: [Colour; 3]) -> Result<()> {
+    fn push(&mut self, triangle: LatticeTriangle, _: &CornerAttributes) -> Result<()> {
         let place = self.rule.place_of(&triangle);
         let index = match self.last {
             Some((last, index)) if last == place => index,
@@ -70,7 +71,7 @@ pub(crate) fn count(
     options: &BuildOptions,
     report: PhaseReport<'_>,
 ) -> Result<CellCensus> {
-    let memory = SortMemory::lease(scan.has_colours, &options.budget)?;
+    let memory = SortMemory::lease(scan.attributes, &options.budget)?;
     let rule = memory.rule(first_levels(scan.triangle_count, &grid), &grid);
     let mut lease = options.budget.lease(CELLS, 0)?;
     let mut counts = CellCounts { rule, cells: Vec::new(), by_place: HashMap::new(), last: None };
@@ -96,7 +97,7 @@ const CELLS: &str = "the table of cells";
 pub(crate) struct ShardSort<'a> {
     /// What is known of the whole model.
     pub(crate) summary: &'a PartitionSummary,
-    pub(crate) has_colours: bool,
+    pub(crate) attributes: AttributeSet,
     /// The finest level of the first sort.
     pub(crate) levels: u32,
     pub(crate) range: CellRange,
@@ -116,14 +117,14 @@ struct ShardCells {
 }
 
 impl CellSink for ShardCells {
-    fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) -> Result<()> {
+    fn push(&mut self, triangle: LatticeTriangle, attributes: &CornerAttributes) -> Result<()> {
         let place = self.rule.place_of(&triangle);
         let is_ours = match self.last {
             Some((last, is_ours)) if last == place => is_ours,
             _ => self.range.contains(&place),
         };
         self.last = Some((place, is_ours));
-        if is_ours { self.cells.push_at(place, triangle, colours) } else { Ok(()) }
+        if is_ours { self.cells.push_at(place, triangle, attributes) } else { Ok(()) }
     }
 }
 
@@ -133,8 +134,8 @@ impl ShardSort<'_> {
     /// # Errors
     /// [`Code::Usage`] where the source does not deliver what was counted.
     pub(crate) fn run(self, source: &mut dyn TriangleSource) -> Result<(Scratch, Vec<Chunk>, Duration)> {
-        let ShardSort { summary, has_colours, levels, range, place, options, report } = self;
-        let memory = SortMemory::lease(has_colours, &options.budget)?;
+        let ShardSort { summary, attributes, levels, range, place, options, report } = self;
+        let memory = SortMemory::lease(attributes, &options.budget)?;
         let rule = memory.rule(levels, &summary.grid);
         let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule);
         let mut cells = ShardCells { cells, rule, range, last: None };
@@ -142,8 +143,11 @@ impl ShardSort<'_> {
         let all = summary.input_triangle_count;
         report("partition", "triangles", 0, all);
         let waited = for_each_batch(source, options, |batch| {
-            if batch.has_colours() && !has_colours {
-                return Err(changed(snapper.name(), "it has colours, and had none then".to_owned()));
+            if !attributes.holds(batch.attributes.set()) {
+                return Err(changed(
+                    snapper.name(),
+                    "it has colours or normals, and had none then".to_owned(),
+                ));
             }
             snapper.hash(batch)?;
             snapper.snap_known(batch, &mut cells)?;

@@ -44,7 +44,7 @@ impl SnapSummary {
             exact: true,
             bounds: LatticeBox::EMPTY,
             surface: Surface::new(scan, grid),
-            means: scan.has_colours.then(ColourMeans::new),
+            means: scan.attributes.colours.then(ColourMeans::new),
         }
     }
 
@@ -87,10 +87,8 @@ impl Snapper {
     pub(crate) fn hash(&mut self, batch: &TriangleBatch) -> Result<()> {
         self.hasher.update(bytemuck::cast_slice(&batch.corners));
         self.hasher.update(bytemuck::cast_slice(&batch.material));
-        // White that is said is white that is not said: a source may learn of colours on its way.
-        if batch.has_colours() {
-            self.hasher.update(batch.colours.as_flattened().as_flattened());
-        }
+        self.hasher.update(batch.attributes.colours.as_flattened().as_flattened());
+        self.hasher.update(bytemuck::cast_slice(&batch.attributes.normals));
         self.read += batch.len() as u64;
         if self.read > TRIANGLES {
             return Err(self.too_many("triangles", TRIANGLES));
@@ -122,11 +120,11 @@ impl Snapper {
             let material = self.stored_material(material)?;
             q.iter().for_each(|&q| snapped.bounds.add(q));
             snapped.surface.add(&q);
-            let colours = batch.colours_of(index);
+            let attributes = batch.attributes.of(index);
             if let Some(means) = &mut snapped.means {
-                means.add(&q, material, &colours);
+                means.add(&q, material, &attributes.colours);
             }
-            cells.push(LatticeTriangle { q, material }, colours)?;
+            cells.push(LatticeTriangle { q, material }, &attributes)?;
         }
         Ok(())
     }
@@ -136,7 +134,7 @@ impl Snapper {
         for (index, (corners, &material)) in batch.corners.iter().zip(&batch.material).enumerate() {
             if let Some(q) = self.snap(corners)?.filter(|q| !is_degenerate(q)) {
                 let material = self.stored_material(material)?;
-                cells.push(LatticeTriangle { q, material }, batch.colours_of(index))?;
+                cells.push(LatticeTriangle { q, material }, &batch.attributes.of(index))?;
             }
         }
         Ok(())

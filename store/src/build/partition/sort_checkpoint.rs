@@ -17,6 +17,7 @@ use super::cells::{CellPlace, PartitionCells, first_levels, is_on_lattice};
 use super::collapsed::CollapsedSizes;
 use super::colour_means::ColourMeans;
 use super::snap::{Prefix, SnapSummary};
+use crate::attributes::AttributeSet;
 use crate::budget::Budget;
 use crate::build::journal::record::JournalRecord;
 use crate::build::journal::{FileKind, Journal};
@@ -49,7 +50,7 @@ struct SortedHead {
     expected: [u64; 2],
     /// Exponent and origin of the lattice that the input states.
     lattice: Option<(i32, [u64; 3])>,
-    has_colours: bool,
+    attributes: AttributeSet,
     /// Triangles read, and their hash.
     triangle_count: u64,
     hash: u64,
@@ -97,7 +98,7 @@ impl SortCheckpoint {
             median_edge: scan.median_edge.to_bits(),
             expected: [scan.triangle_count, scan.non_finite_count],
             lattice: scan.lattice.map(|lattice| (lattice.exponent, lattice.origin.map(f64::to_bits))),
-            has_colours: scan.has_colours,
+            attributes: scan.attributes,
             triangle_count: prefix.triangle_count,
             hash: prefix.hash,
             rejected_degenerate: snapped.rejected_degenerate,
@@ -150,8 +151,8 @@ impl SortCheckpoint {
         });
         let (bounds, is_lattice) = (Aabb { lo, hi }, lattice != Some(None));
         let lattice = lattice.flatten();
-        let has_colours = head.has_colours;
-        let scan = Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, has_colours };
+        let attributes = head.attributes;
+        let scan = Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, attributes };
         let is_scan = is_lattice
             && lo.iter().chain(&hi).chain([&median_edge]).all(|v| v.is_finite())
             && (0..3).all(|axis| lo[axis] <= hi[axis])

@@ -86,6 +86,7 @@ impl PartitionSummary {
             resident_bytes: 0,
             page_tree_bytes: 0,
             colour_page_count: 0,
+            normal_page_count: 0,
             root: 0,
             sections: [Section::default(); SECTIONS],
         }

@@ -81,8 +81,8 @@ mod tests {
     use crate::geom::Aabb;
 
     fn scan_of(lo: [f64; 3], hi: [f64; 3], median_edge: f64) -> Scan {
-        let (triangle_count, non_finite_count, lattice, has_colours) = (1, 0, None, false);
-        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count, non_finite_count, lattice, has_colours }
+        let (triangle_count, non_finite_count, lattice, attributes) = (1, 0, None, Default::default());
+        Scan { bounds: Aabb { lo, hi }, median_edge, triangle_count, non_finite_count, lattice, attributes }
     }
 
     #[test]

@@ -7,6 +7,7 @@ pub(super) mod rejected;
 
 pub(crate) use lattice::Grid;
 
+use crate::attributes::AttributeSet;
 use crate::build::options::BuildOptions;
 use crate::build::report::PhaseReport;
 use crate::error::Result;
@@ -28,8 +29,8 @@ pub struct Scan {
     pub non_finite_count: u64,
     /// The lattice that all of its vertices lie on, where the input states one.
     pub lattice: Option<Lattice>,
-    /// Whether a corner has another colour than white.
-    pub has_colours: bool,
+    /// What corners have beside their places.
+    pub attributes: AttributeSet,
 }
 
 /// Asks the source, or reads it once.
@@ -42,16 +43,16 @@ pub(crate) fn scan(
     if let Some(hint) = source.hint() {
         let (bounds, median_edge) = (hint.bounds, hint.median_edge);
         let triangle_count = hint.triangle_count;
-        let has_colours = hint.has_colours;
+        let attributes = hint.attributes;
         let (non_finite_count, lattice) = (0, None);
-        return Ok(Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, has_colours });
+        return Ok(Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, attributes });
     }
-    let bytes = TriangleBatch::bytes(true) + EdgeHistogram::BYTES;
+    let bytes = TriangleBatch::bytes(AttributeSet::ALL) + EdgeHistogram::BYTES;
     let _lease = options.budget.lease("a batch of triangles", bytes)?;
     let mut batch = TriangleBatch::default();
     let (mut bounds, mut edges) = (Aabb::EMPTY, EdgeHistogram::new());
     let (mut triangle_count, mut non_finite_count, mut stated) = (0, 0, LatticeCheck::default());
-    let (mut has_colours, mut waited) = (false, std::time::Duration::ZERO);
+    let (mut attributes, mut waited) = (AttributeSet::default(), std::time::Duration::ZERO);
     loop {
         let before = Instant::now();
         let more = source.next_batch(&mut batch)?;
@@ -62,7 +63,7 @@ pub(crate) fn scan(
         options.interrupt.check()?;
         triangle_count += batch.len() as u64;
         stated.add(source.lattice(), &batch.corners);
-        has_colours |= batch.has_colours();
+        attributes = attributes.union(batch.attributes.set());
         for corners in &batch.corners {
             if !corners.as_flattened().iter().all(|v| v.is_finite()) {
                 non_finite_count += 1;
@@ -79,7 +80,7 @@ pub(crate) fn scan(
     source.rewind()?;
     *wait_ms += waited.as_millis() as u64;
     let (median_edge, lattice) = (edges.median(), stated.lattice());
-    Ok(Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, has_colours })
+    Ok(Scan { bounds, median_edge, triangle_count, non_finite_count, lattice, attributes })
 }
 
 /// Edge lengths in bins of 1/32 octave, over the whole range of f64.

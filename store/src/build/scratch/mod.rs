@@ -163,6 +163,7 @@ pub(crate) fn drop_cache(file: &File, offset: u64, bytes: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attributes::CornerAttributes;
     use std::os::unix::fs::MetadataExt;
 
     #[test]
@@ -174,7 +175,7 @@ mod tests {
         let mut triangles = TriangleList::default();
         for i in 0..RUN_TRIANGLES as i64 {
             let q = [corner(i), corner(i + 7), corner(2 * i)];
-            triangles.push(LatticeTriangle { q, material: 0 }, [crate::cluster::WHITE; 3]);
+            triangles.push(LatticeTriangle { q, material: 0 }, &CornerAttributes::NONE);
         }
         let mut runs = Vec::new();
         scratch.keep_segments();

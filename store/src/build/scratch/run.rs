@@ -1,15 +1,16 @@
 //! Runs: snapped triangles of one cell as bytes, packed column by column.
 //!
 //! ```text
-//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 13 widths, LZ4(columns)
+//! run     = seal (`crate::scratch`), least corner 3 x 8 bytes, 16 widths, LZ4(columns)
 //! columns = corner 0 minus the least corner; corners 1 and 2 minus corner 0 (zigzag); material;
-//!           what the colours of the corners lack of white
+//!           what the colours of the corners lack of white; their normals, as far from none
 //! column  = as many byte planes as its width says: what its greatest value takes
 //! ```
 //!
 //! Invariant: a run comes back as it was, or not at all.
 
-use crate::cluster::{Colour, WHITE};
+use crate::attributes::{AttributeColumns, AttributeSet, CornerAttributes};
+use crate::cluster::CornerValue;
 use crate::scratch::SEAL_BYTES;
 use lz4_flex::block::get_maximum_output_size;
 use serde::{Deserialize, Serialize};
@@ -19,10 +20,12 @@ use std::ops::Range;
 pub(crate) const RUN_TRIANGLES: usize = 4096;
 /// Bits of a lattice coordinate.
 const COORDINATE_MASK: i64 = (1 << crate::geom::Lattice::MAX_BITS) - 1;
-/// Columns of a run: nine coordinates, the material, three colours.
-const COLUMNS: usize = 13;
-/// The column of the material; those of the colours follow.
+/// Columns of a run: nine coordinates, the material, three colours, three normals.
+const COLUMNS: usize = 16;
+/// The column of the material, and the first ones of the colours and of the normals.
 const MATERIAL_COLUMN: usize = 9;
+const COLOUR_COLUMN: usize = MATERIAL_COLUMN + 1;
+const NORMAL_COLUMN: usize = COLOUR_COLUMN + 3;
 /// Most bytes of a value.
 const WIDTH_MOST: usize = 5;
 /// Bytes between the seal and the columns.
@@ -35,18 +38,16 @@ pub(crate) struct LatticeTriangle {
     pub(crate) material: u16,
 }
 
-/// Triangles, and the colours of their corners.
+/// Triangles, and the attributes of their corners.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct TriangleList {
     pub(crate) triangles: Vec<LatticeTriangle>,
-    /// As long as `triangles`, or empty where all are white: a model without colours takes no memory for them.
-    colours: Vec<[Colour; 3]>,
+    attributes: AttributeColumns,
 }
 
 impl TriangleList {
-    /// Bytes of a triangle, and how many more it has in a model with colours.
+    /// Bytes of a triangle without attributes.
     pub(crate) const TRIANGLE_BYTES: u64 = size_of::<LatticeTriangle>() as u64;
-    pub(crate) const COLOUR_BYTES: u64 = size_of::<[Colour; 3]>() as u64;
 
     pub(crate) fn len(&self) -> usize {
         self.triangles.len()
@@ -56,30 +57,25 @@ impl TriangleList {
         self.triangles.is_empty()
     }
 
-    /// Whether a corner may have another colour than white.
-    pub(crate) fn has_colours(&self) -> bool {
-        !self.colours.is_empty()
+    /// What a corner may have beside its place.
+    pub(crate) fn attributes(&self) -> AttributeSet {
+        self.attributes.set()
     }
 
-    /// The colours of the corners of a triangle.
-    pub(crate) fn colours_of(&self, triangle: usize) -> [Colour; 3] {
-        self.colours.get(triangle).copied().unwrap_or([WHITE; 3])
+    /// The attributes of the corners of a triangle.
+    pub(crate) fn attributes_of(&self, triangle: usize) -> CornerAttributes {
+        self.attributes.of(triangle)
     }
 
-    pub(crate) fn push(&mut self, triangle: LatticeTriangle, colours: [Colour; 3]) {
-        if self.has_colours() || colours != [WHITE; 3] {
-            self.set_white();
-            self.colours.push(colours);
-        }
+    pub(crate) fn push(&mut self, triangle: LatticeTriangle, attributes: &CornerAttributes) {
+        self.attributes.push(attributes, (self.triangles.len(), self.triangles.capacity()));
         self.triangles.push(triangle);
     }
 
     /// Appends a stretch of another list.
     pub(crate) fn extend(&mut self, other: &TriangleList, stretch: Range<usize>) {
-        if self.has_colours() || other.has_colours() {
-            self.set_white();
-            self.colours.extend(stretch.clone().map(|triangle| other.colours_of(triangle)));
-        }
+        let room = (self.triangles.len(), self.triangles.capacity());
+        self.attributes.extend(&other.attributes, stretch.clone(), room);
         self.triangles.extend_from_slice(&other.triangles[stretch]);
     }
 
@@ -90,15 +86,7 @@ impl TriangleList {
 
     pub(crate) fn clear(&mut self) {
         self.triangles.clear();
-        self.colours.clear();
-    }
-
-    /// Gives the triangles so far a colour each, where they have none: as much room as they have.
-    fn set_white(&mut self) {
-        if self.colours.is_empty() {
-            self.colours.reserve_exact(self.triangles.capacity());
-            self.colours.resize(self.triangles.len(), [WHITE; 3]);
-        }
+        self.attributes.clear();
     }
 }
 
@@ -146,9 +134,13 @@ impl Encoder {
                 _ if column == MATERIAL_COLUMN => {
                     self.values.extend(triangles.iter().map(|t| u64::from(t.material)));
                 }
+                _ if column < NORMAL_COLUMN => {
+                    let corner = column - COLOUR_COLUMN;
+                    self.values.extend(list.attributes.colours.iter().map(|row| from_none(row[corner])));
+                }
                 _ => {
-                    let corner = column - MATERIAL_COLUMN - 1;
-                    self.values.extend(list.colours.iter().map(|colours| below_white(colours[corner])));
+                    let corner = column - NORMAL_COLUMN;
+                    self.values.extend(list.attributes.normals.iter().map(|row| from_none(row[corner])));
                 }
             }
             let all = self.values.iter().fold(0, |all, value| all | value);
@@ -183,19 +175,20 @@ pub(super) fn decode(bytes: &[u8], n: usize, out: &mut TriangleList) -> Option<(
     let bytes = n * widths.iter().map(|&width| usize::from(width)).sum::<usize>();
     let planes = lz4_flex::block::decompress(packed, bytes).ok().filter(|planes| planes.len() == bytes)?;
     let from = out.len();
-    let has_colours = out.has_colours() || widths[MATERIAL_COLUMN + 1..].iter().any(|&width| width > 0);
     out.triangles.resize(from + n, LatticeTriangle::default());
-    if has_colours {
-        out.colours.resize(from + n, [WHITE; 3]);
-    }
+    make_rows(&mut out.attributes.colours, &widths[COLOUR_COLUMN..NORMAL_COLUMN], from + n);
+    make_rows(&mut out.attributes.normals, &widths[NORMAL_COLUMN..], from + n);
     let (triangles, mut planes) = (&mut out.triangles[from..], planes.as_slice());
     for (column, &width) in widths.iter().enumerate() {
         let (these, rest) = planes.split_at(n * usize::from(width));
         planes = rest;
-        if let Some(corner) = column.checked_sub(MATERIAL_COLUMN + 1) {
-            if has_colours {
-                set_colours(these, usize::from(width), corner, &mut out.colours[from..]);
-            }
+        let AttributeColumns { colours, normals } = &mut out.attributes;
+        if let Some(corner) = column.checked_sub(NORMAL_COLUMN) {
+            set_values(these, corner, normals.get_mut(from..).unwrap_or_default());
+            continue;
+        }
+        if let Some(corner) = column.checked_sub(COLOUR_COLUMN) {
+            set_values(these, corner, colours.get_mut(from..).unwrap_or_default());
             continue;
         }
         match width {
@@ -210,12 +203,20 @@ pub(super) fn decode(bytes: &[u8], n: usize, out: &mut TriangleList) -> Option<(
     Some(())
 }
 
-/// Sets the colour of a corner of triangles.
-fn set_colours(planes: &[u8], width: usize, corner: usize, colours: &mut [[Colour; 3]]) {
-    let n = colours.len();
-    for (i, colours) in colours.iter_mut().enumerate() {
-        let value = (0..width).fold(0, |all, plane| all | u64::from(planes[plane * n + i]) << (8 * plane));
-        colours[corner] = of_below_white(value);
+/// Makes rows for so many triangles, where there are some already, or columns of such widths say more than none.
+fn make_rows<V: CornerValue>(rows: &mut Vec<[V; 3]>, widths: &[u8], triangle_count: usize) {
+    if !rows.is_empty() || widths.iter().any(|&width| width > 0) {
+        rows.resize(triangle_count, [V::NONE; 3]);
+    }
+}
+
+/// Sets the value of a corner of triangles, of byte planes; without rows there are no planes.
+fn set_values<V: CornerValue>(planes: &[u8], corner: usize, rows: &mut [[V; 3]]) {
+    let n = rows.len().max(1);
+    for (i, row) in rows.iter_mut().enumerate() {
+        let value = planes.iter().skip(i).step_by(n).enumerate();
+        let value = value.fold(0, |all, (plane, &byte)| all | u64::from(byte) << (8 * plane));
+        row[corner] = of_from_none(value);
     }
 }
 
@@ -246,14 +247,16 @@ fn zigzag(difference: i64) -> u64 {
     ((value << 1) ^ (value >> 63)) as u64
 }
 
-/// What a colour lacks of white, as a number.
-fn below_white([r, g, b]: Colour) -> u64 {
-    u64::from(u32::from_le_bytes([!r, !g, !b, 0]))
+/// The bits in which a value differs from none, as a number.
+fn from_none<V: CornerValue>(value: V) -> u64 {
+    let [a, b, c] = value.to_bytes();
+    let [x, y, z] = V::NONE.to_bytes();
+    u64::from(u32::from_le_bytes([a ^ x, b ^ y, c ^ z, 0]))
 }
 
-fn of_below_white(value: u64) -> Colour {
-    let [r, g, b, ..] = value.to_le_bytes();
-    [!r, !g, !b]
+fn of_from_none<V: CornerValue>(value: u64) -> V {
+    let ([a, b, c, ..], [x, y, z]) = (value.to_le_bytes(), V::NONE.to_bytes());
+    V::from_bytes([a ^ x, b ^ y, c ^ z])
 }
 
 fn unzigzag(value: u64) -> i64 {
@@ -263,32 +266,44 @@ fn unzigzag(value: u64) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cluster::{Colour, Normal, WHITE};
     use proptest::prelude::*;
 
     proptest! {
         #[test]
         fn runs_survive(
-            corners in proptest::collection::vec((any::<[[u32; 3]; 3]>(), any::<u16>(), any::<[Colour; 3]>()), 1..300),
+            corners in proptest::collection::vec(
+                (any::<[[u32; 3]; 3]>(), any::<u16>(), any::<[Colour; 3]>(), any::<[u32; 3]>()), 1..300
+            ),
             cut in 0u32..32,
             shift in 0u32..8,
             is_white: bool,
+            is_flat: bool,
         ) {
             let mut list = TriangleList::default();
-            for (q, material, colours) in &corners {
+            for (q, material, colours, normals) in &corners {
                 let q = q.map(|c| c.map(|v| i64::from(v >> cut) << shift));
-                list.push(LatticeTriangle { q, material: *material }, if is_white { [WHITE; 3] } else { *colours });
+                let attributes = CornerAttributes {
+                    colours: if is_white { [WHITE; 3] } else { *colours },
+                    normals: if is_flat { [Normal::NONE; 3] } else { normals.map(Normal::from_code) },
+                };
+                list.push(LatticeTriangle { q, material: *material }, &attributes);
             }
-            prop_assert!(list.has_colours() != is_white || corners.iter().all(|of| of.2 == [WHITE; 3]));
+            let has = AttributeSet {
+                colours: !is_white && corners.iter().any(|of| of.2 != [WHITE; 3]),
+                normals: !is_flat && corners.iter().any(|of| of.3.map(Normal::from_code) != [Normal::NONE; 3]),
+            };
+            prop_assert_eq!(list.attributes(), has);
             let mut back = TriangleList::default();
             let run = Encoder::default().encode(&list);
             decode(&run[SEAL_BYTES..], list.len(), &mut back).unwrap();
             prop_assert_eq!(&back, &list);
-            // Behind one without colours, which is white then.
+            // Behind one without attributes, which has none then.
             let mut both = TriangleList::default();
-            both.push(list.triangles[0], [WHITE; 3]);
+            both.push(list.triangles[0], &CornerAttributes::NONE);
             decode(&run[SEAL_BYTES..], list.len(), &mut both).unwrap();
-            prop_assert_eq!((both.len(), both.colours_of(0)), (list.len() + 1, [WHITE; 3]));
-            prop_assert_eq!(both.colours_of(list.len()), list.colours_of(list.len() - 1));
+            prop_assert_eq!((both.len(), both.attributes_of(0)), (list.len() + 1, CornerAttributes::NONE));
+            prop_assert_eq!(both.attributes_of(list.len()), list.attributes_of(list.len() - 1));
         }
     }
 }

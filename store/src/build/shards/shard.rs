@@ -259,7 +259,7 @@ impl ShardBuild<'_> {
         };
         let work = ShardSort {
             summary: &plan.model.summary,
-            has_colours: plan.model.sizes.has_colours,
+            attributes: plan.model.sizes.attributes,
             levels: plan.levels(),
             range: plan.range(self.share),
             place,

@@ -8,12 +8,12 @@ mod worker;
 use super::emit::writer::make_room;
 use super::*;
 use crate::budget::Budget;
-use crate::cluster::FrameView;
+use crate::cluster::{FrameView, Normal};
 use crate::error::Code;
 use crate::layout::FRAME_BYTES;
 use crate::progress::Interrupt;
 use crate::source::SourceStats;
-use crate::{Lattice, Material, MaterialList, PageFile, ScanHint, TriangleBatch};
+use crate::{CornerAttributes, Lattice, Material, MaterialList, PageFile, ScanHint, TriangleBatch};
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::ThreadPoolBuilder;
 use std::os::unix::ffi::OsStrExt;
@@ -28,13 +28,16 @@ struct MemoryMesh {
     at: usize,
     /// Files that it names.
     named: Vec<PathBuf>,
+    /// Whether its corners have colours and normals.
+    has_attributes: bool,
 }
 
 impl MemoryMesh {
     fn new(triangles: Vec<([[f64; 3]; 3], u32)>) -> MemoryMesh {
         let count = triangles.iter().map(|t| t.1).max().unwrap_or(0) + 1;
         let material = |i| (format!("m{i}"), Material { ke: [f32::from(i == 3); 3], ..Material::default() });
-        MemoryMesh { triangles, materials: (0..count).map(material).collect(), at: 0, named: Vec::new() }
+        let materials = (0..count).map(material).collect();
+        MemoryMesh { triangles, materials, at: 0, named: Vec::new(), has_attributes: false }
     }
 }
 
@@ -45,7 +48,17 @@ impl TriangleSource for MemoryMesh {
     fn next_batch(&mut self, batch: &mut TriangleBatch) -> Result<bool> {
         batch.clear();
         let end = (self.at + 1000).min(self.triangles.len());
-        self.triangles[self.at..end].iter().for_each(|&(corners, material)| batch.push(corners, material));
+        for &(corners, material) in &self.triangles[self.at..end] {
+            let colour = |[x, y, _]: [f64; 3]| [x as u8, y as u8, 7];
+            let normal =
+                |[x, y, z]: [f64; 3]| Normal::from_vector([(x * 0.05).cos(), (y * 0.07).sin(), 3.0 + z]);
+            // Some have none.
+            let attributes = match self.has_attributes && material != 2 {
+                true => CornerAttributes { colours: corners.map(colour), normals: corners.map(normal) },
+                false => CornerAttributes::NONE,
+            };
+            batch.push_with(corners, material, &attributes);
+        }
         self.at = end;
         Ok(!batch.is_empty())
     }

@@ -90,8 +90,10 @@ impl Stage {
 #[test]
 fn however_often_it_is_stopped_the_bytes_are_the_same() {
     let refined = Voxels::Refined { upper: 64, refinement: Refinement::By4 };
-    for voxels in [Voxels::None, Voxels::Resolution(256), refined] {
-        let mut stage = Stage::new(400, voxels);
+    let stages =
+        [(Voxels::None, false), (Voxels::None, true), (Voxels::Resolution(256), false), (refined, true)];
+    for (voxels, has_attributes) in stages {
+        let mut stage = Stage::of(MemoryMesh { has_attributes, ..mesh(400, 9_000, 7) }, voxels);
         // Stopped at each report in turn, most of which are of chunks; each build resumes the one before it.
         let (mut stops, mut resumed) = (0, BTreeSet::new());
         let report = loop {

@@ -5,24 +5,33 @@ use super::super::clusters::workspace::{Workspace, worker_bytes};
 use super::super::partition::chunk::{CHUNK_TRIANGLES, Chunk, Piece};
 use super::super::scratch::{Encoder, LatticeTriangle, RUN_TRIANGLES, Scratch, TriangleList};
 use super::*;
-use crate::cluster::{LatticeBox, WHITE};
+use crate::attributes::{AttributeSet, CornerAttributes};
+use crate::cluster::{CornerValue, LatticeBox, Normal};
 use crate::scratch::Place;
 
 /// Steps along a side of a sheet of a chunk's triangles: two triangles a square.
 const SIDE: i64 = 256;
 
 /// Bytes at most for a chunk of `triangles`, and pages of it.
-fn taken(triangles: &[LatticeTriangle], material_count: usize, has_colours: bool) -> (u64, usize) {
+fn taken(triangles: &[LatticeTriangle], material_count: usize, attributes: AttributeSet) -> (u64, usize) {
     let folder = tempfile::tempdir().unwrap();
     let scratch = Scratch::create(Place::Unnamed(folder.path().to_path_buf())).unwrap();
     let (mut encoder, mut chunk) = (Encoder::default(), Chunk::default());
     let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
     for run in triangles.chunks(RUN_TRIANGLES) {
         let mut list = TriangleList::default();
-        // Noise: every corner of every triangle has a colour of its own.
-        let mut colour =
-            |_| if has_colours { rng.next_u32().to_le_bytes()[..3].try_into().unwrap() } else { WHITE };
-        run.iter().for_each(|&triangle| list.push(triangle, [0; 3].map(&mut colour)));
+        // Noise: every corner of every triangle has a colour and a normal of its own.
+        let mut bytes = || rng.next_u32().to_le_bytes()[..3].try_into().unwrap();
+        for &triangle in run {
+            let mut of = CornerAttributes::NONE;
+            if attributes.colours {
+                of.colours = [0; 3].map(|_| bytes());
+            }
+            if attributes.normals {
+                of.normals = [0; 3].map(|_| Normal::from_bytes(bytes()));
+            }
+            list.push(triangle, &of);
+        }
         let run = scratch.append(encoder.encode(&list), list.len()).unwrap();
         chunk.pieces.push(Piece { run, skip: 0, take: run.triangle_count });
         chunk.triangle_count += u64::from(run.triangle_count);
@@ -30,7 +39,7 @@ fn taken(triangles: &[LatticeTriangle], material_count: usize, has_colours: bool
     let mut bounds = LatticeBox::EMPTY;
     triangles.iter().for_each(|t| t.q.iter().for_each(|&q| bounds.add(q)));
     let emissive = vec![false; material_count];
-    let context = PackContext { emissive: &emissive, bounds, has_colours };
+    let context = PackContext { emissive: &emissive, bounds, attributes };
     let mut page_count = 0;
     let counted = allocation_counter::measure(|| {
         let mut workspace = Workspace::default();
@@ -67,10 +76,11 @@ fn a_full_chunk_takes_no_more_than_is_leased() {
         ("soup of all materials", soup(1 << 30, 1 << 16), 1 << 16),
         ("one triangle again and again", one_place, 1),
     ] {
-        for has_colours in [false, true] {
-            let leased = worker_bytes(has_colours);
-            let (bytes, page_count) = taken(&triangles, material_count, has_colours);
-            let told = format!("{name}, colours {has_colours}: {bytes} bytes of {leased}");
+        let normals = AttributeSet { normals: true, ..AttributeSet::default() };
+        for attributes in [AttributeSet::default(), normals, AttributeSet::ALL] {
+            let leased = worker_bytes(attributes);
+            let (bytes, page_count) = taken(&triangles, material_count, attributes);
+            let told = format!("{name}, {attributes:?}: {bytes} bytes of {leased}");
             assert!(page_count > 0 || name.starts_with("one"), "{told}");
             assert!(bytes <= leased, "{told}");
             // A lease that is far too large would hold builds up.

@@ -2,10 +2,10 @@
 //! and the same with and without BMI2 and AVX2. `oracle.rs`: what any page holds, read bit by bit. `hostile.rs`: bytes
 //! that no encoder wrote.
 
-mod colours;
 mod hostile;
 mod movers;
 mod oracle;
+mod values;
 
 use super::fields::Machine;
 use super::install::install_on;

@@ -79,8 +79,8 @@ impl Page {
         };
         bits.at = bits.at.next_multiple_of(8);
         let placed = |v: [u64; 3]| std::array::from_fn(|axis| (base[axis] + v[axis]) as i64);
-        let (vertices, colours) = (above.into_iter().map(placed).collect(), Vec::new());
-        ClusterMesh { vertices, triangles, leaf_sizes, materials, colours }
+        let vertices = above.into_iter().map(placed).collect();
+        ClusterMesh { vertices, triangles, leaf_sizes, materials, ..ClusterMesh::default() }
     }
 }
 

@@ -50,6 +50,18 @@ impl Affine {
         std::array::from_fn(|row| a[row] * v[0] + b[row] * v[1] + c[row] * v[2])
     }
 
+    /// The normal of a plane whose normal was `n`, of whatever length: by the inverse transpose, or, which is as long
+    /// as the plane's area becomes, the cofactors. It stays on the front of triangles, which turn in a mirror.
+    pub(super) fn normal(&self, n: [f64; 3]) -> [f64; 3] {
+        let [a, b, c, _] = &self.0;
+        let cross = |u: &[f64; 3], v: &[f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|i| u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3])
+        };
+        let (x, y, z) = (cross(b, c), cross(c, a), cross(a, b));
+        let side = if self.is_mirrored() { -1.0 } else { 1.0 };
+        std::array::from_fn(|row| side * (x[row] * n[0] + y[row] * n[1] + z[row] * n[2]))
+    }
+
     /// True where left and right change places, so that triangles turn the other way.
     pub(super) fn is_mirrored(&self) -> bool {
         let [a, b, c, _] = &self.0;
@@ -61,6 +73,28 @@ impl Affine {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The normal of a triangle that was moved is that of its moved corners, as they go round then.
+    #[test]
+    fn normals_stay_across_the_plane() {
+        let cross = |corners: [[f64; 3]; 3]| -> [f64; 3] {
+            let [u, v] = [1, 2].map(|c: usize| [0, 1, 2].map(|i: usize| corners[c][i] - corners[0][i]));
+            [0, 1, 2].map(|i| u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3])
+        };
+        let triangle = [[1.0, 2.0, 3.0], [4.0, 1.0, 0.5], [-2.0, 0.0, 1.0]];
+        for scale in [[2.0, 3.0, 0.5], [-2.0, 3.0, 0.5], [-1.0, -1.0, -4.0]] {
+            let moved = Affine::from_parts([5.0, 6.0, 7.0], [0.1, 0.7, -0.3, 0.6], scale);
+            let mut corners = triangle.map(|corner| moved.position(corner));
+            if moved.is_mirrored() {
+                corners.swap(1, 2);
+            }
+            let (found, expected) = (moved.normal(cross(triangle)), cross(corners));
+            found
+                .iter()
+                .zip(expected)
+                .for_each(|(a, b)| assert!((a - b).abs() < 1e-9, "{found:?} {expected:?}"));
+        }
+    }
 
     #[test]
     fn parts_are_applied_from_scale_to_translation() {

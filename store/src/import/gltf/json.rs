@@ -152,6 +152,7 @@ pub(super) struct JsonPrimitiveExtensions {
 pub(super) struct JsonAttributes {
     pub(super) position: Option<u32>,
     pub(super) colour: Option<u32>,
+    pub(super) normal: Option<u32>,
     pub(super) other_count: u32,
 }
 
@@ -265,7 +266,7 @@ impl<'de> Deserialize<'de> for JsonAttributes {
     }
 }
 
-/// Reads the names of attributes, and keeps two of them.
+/// Reads the names of attributes, and keeps three of them.
 struct AttributeNames;
 
 impl<'de> Visitor<'de> for AttributeNames {
@@ -281,6 +282,7 @@ impl<'de> Visitor<'de> for AttributeNames {
             let accessor: u32 = names.next_value()?;
             match &*name {
                 "POSITION" => all.position = Some(accessor),
+                "NORMAL" => all.normal = Some(accessor),
                 "COLOR_0" => all.colour = Some(accessor),
                 _ => all.other_count = all.other_count.saturating_add(1),
             }

@@ -36,6 +36,7 @@ pub(super) struct GltfPrimitive {
     pub(super) indices: Option<ElementRows>,
     /// Of the vertices, as many as positions.
     pub(super) colours: Option<Box<ElementRows>>,
+    pub(super) normals: Option<Box<ElementRows>>,
     pub(super) topology: PrimitiveShape,
     pub(super) material: u32,
     /// Where the mesh stands, in the list of placements.
@@ -53,9 +54,10 @@ impl GltfPrimitive {
     }
 
     fn beside_bytes(&self) -> u64 {
-        let rows = [Some(&self.positions), self.indices.as_ref(), self.colours.as_deref()];
-        let boxed = self.colours.as_ref().map_or(0, |_| size_of::<ElementRows>() as u64);
-        let beside = rows.into_iter().flatten().map(|rows| {
+        let boxes = [self.colours.as_deref(), self.normals.as_deref()];
+        let rows = [Some(&self.positions), self.indices.as_ref()].into_iter().chain(boxes);
+        let boxed = boxes.iter().flatten().count() as u64 * size_of::<ElementRows>() as u64;
+        let beside = rows.flatten().map(|rows| {
             let packed = matches!(rows.view, Some(ViewPlace::Packed(_)));
             u64::from(packed) * PACKED_BYTES + u64::from(rows.sparse.is_some()) * SPARSE_BYTES
         });
@@ -183,10 +185,14 @@ impl Primitives {
             return Err(draco_error(accessors.path));
         }
         let positions = accessors.rows(position, AccessorUse::Vectors)?;
-        let (colours, dropped_colour) = colours(json, &positions, accessors)?;
+        let colours = (json.attributes.colour, AccessorUse::Colours, "colour");
+        let (colours, dropped_colour) = values(colours, &positions, accessors)?;
+        let normals = (json.attributes.normal, AccessorUse::Vectors, "normal");
+        let (normals, dropped_normal) = values(normals, &positions, accessors)?;
         let primitive = GltfPrimitive {
             positions,
             colours: colours.map(Box::new),
+            normals: normals.map(Box::new),
             indices: json.indices.map(|indices| accessors.rows(indices, AccessorUse::Indices)).transpose()?,
             topology,
             material: json.material.map_or(0, |material| material + 1),
@@ -198,8 +204,8 @@ impl Primitives {
             self.loose_corner_count += corners % 3;
         }
         let vertices = primitive.positions.layout.count;
-        let dropped =
-            u64::from(json.attributes.other_count.saturating_add(dropped_colour)).saturating_mul(vertices);
+        let dropped_count = json.attributes.other_count.saturating_add(dropped_colour + dropped_normal);
+        let dropped = u64::from(dropped_count).saturating_mul(vertices);
         self.dropped_attribute_count = self.dropped_attribute_count.saturating_add(dropped);
         self.has_targets |= json.targets.is_some();
         let triangles = primitive.triangle_count().saturating_mul(times);
@@ -209,22 +215,23 @@ impl Primitives {
     }
 }
 
-/// The colours of the vertices of a primitive, and how many attributes are dropped since none can be had.
-fn colours(
-    json: &JsonPrimitive,
+/// The values of an attribute of the vertices of a primitive, given with its use and its name, and how many attributes
+/// are dropped since none can be had.
+fn values(
+    (accessor, used, name): (Option<u32>, AccessorUse, &str),
     positions: &ElementRows,
     accessors: &mut Accessors<'_, '_>,
 ) -> Result<(Option<ElementRows>, u32)> {
-    let Some(colour) = json.attributes.colour else { return Ok((None, 0)) };
-    if !has_plain_bytes(accessors.document, colour) {
+    let Some(accessor) = accessor else { return Ok((None, 0)) };
+    if !has_plain_bytes(accessors.document, accessor) {
         return Ok((None, 1));
     }
-    let rows = accessors.rows(colour, AccessorUse::Colours)?;
-    let (colour_count, position_count) = (rows.layout.count, positions.layout.count);
-    if colour_count != position_count {
-        let what = "the vertices of a primitive do not all have a colour";
-        return Err(wrong(accessors.path, "accessors", colour, what)
-            .numbers(format!("{colour_count} colours, {position_count} positions")));
+    let rows = accessors.rows(accessor, used)?;
+    let (count, position_count) = (rows.layout.count, positions.layout.count);
+    if count != position_count {
+        let what = format!("the vertices of a primitive do not all have a {name}");
+        return Err(wrong(accessors.path, "accessors", accessor, &what)
+            .numbers(format!("{count} {name}s, {position_count} positions")));
     }
     Ok((Some(rows), 0))
 }

@@ -12,9 +12,10 @@ use super::primitives::{GltfPrimitive, Primitives};
 use super::rows::{ElementRows, PlainRows, RowWindow, number_of_share};
 use super::triangles::TriangleCorners;
 use crate::budget::Lease;
-use crate::cluster::{Colour, WHITE};
+use crate::cluster::{Colour, Normal};
 use crate::error::{Code, Error, Result};
 use crate::import::ImportOptions;
+use crate::import::polygon::FaceCorner;
 use crate::import::scalar::{ByteOrder, Scalar};
 use crate::import::vertices::{MAX_STRIDE_BYTES, VertexCache, VertexLayout};
 use crate::material_list::MaterialList;
@@ -41,10 +42,10 @@ pub(in crate::import) struct GltfSource {
     parts: GltfParts,
     options: ImportOptions,
     at: GltfCursor,
-    /// Positions of the accessor at hand.
+    /// Positions, colours and normals of the accessors at hand.
     positions: Option<OpenPositions>,
-    /// Colours of the accessor at hand.
-    colours: Option<OpenColours>,
+    colours: Option<OpenValues>,
+    normals: Option<OpenValues>,
     /// Corners of the primitive at hand.
     corners: Option<TriangleCorners>,
     instances: Option<OpenInstances>,
@@ -77,17 +78,41 @@ struct OpenPositions {
     share_of: Option<Scalar>,
 }
 
-struct OpenColours {
+/// Colours or normals.
+struct OpenValues {
     accessor: u32,
     cache: VertexCache,
     scalar: Scalar,
 }
 
-impl OpenColours {
+impl OpenValues {
+    /// Opens `rows` where they are not open; closes what is open where there are none.
+    fn open(
+        open: &mut Option<OpenValues>,
+        rows: Option<&ElementRows>,
+        store: &mut DenseStore,
+        options: &ImportOptions,
+    ) -> Result<()> {
+        if rows.map(|rows| rows.accessor) == open.as_ref().map(|open| open.accessor) {
+            return Ok(());
+        }
+        *open = None;
+        if let Some(rows) = rows {
+            let cache = open_vectors(rows, store, options)?;
+            *open = Some(OpenValues { accessor: rows.accessor, cache, scalar: rows.layout.scalar });
+        }
+        Ok(())
+    }
+
     /// The colour of a vertex: linear numbers in the file, sRGB bytes here.
-    fn of(&mut self, vertex: u64) -> Result<Colour> {
+    fn colour(&mut self, vertex: u64) -> Result<Colour> {
         let linear = self.cache.get(vertex)?.map(|part| number_of_share(self.scalar, part));
         Ok(linear.map(srgb::byte_of))
+    }
+
+    /// The normal of a vertex under a transform: the length does not matter, nor that of shares.
+    fn normal(&mut self, vertex: u64, transform: &Affine) -> Result<Normal> {
+        Ok(Normal::from_vector(transform.normal(self.cache.get(vertex)?)))
     }
 }
 
@@ -108,6 +133,7 @@ impl GltfSource {
             at: GltfCursor::default(),
             positions: None,
             colours: None,
+            normals: None,
             corners: None,
             instances: None,
             lookups: [0; 2],
@@ -182,15 +208,9 @@ impl GltfSource {
             let cache = open_vectors(&primitive.positions, &mut self.parts.store, &self.options)?;
             self.positions = Some(OpenPositions { accessor, cache, share_of });
         }
-        let colours = primitive.colours.as_deref();
-        if colours.map(|rows| rows.accessor) != self.colours.as_ref().map(|open| open.accessor) {
-            self.colours = None;
-            let open = |rows: &ElementRows| -> Result<OpenColours> {
-                let cache = open_vectors(rows, &mut self.parts.store, &self.options)?;
-                Ok(OpenColours { accessor: rows.accessor, cache, scalar: rows.layout.scalar })
-            };
-            self.colours = colours.map(open).transpose()?;
-        }
+        let (store, options) = (&mut self.parts.store, &self.options);
+        OpenValues::open(&mut self.colours, primitive.colours.as_deref(), store, options)?;
+        OpenValues::open(&mut self.normals, primitive.normals.as_deref(), store, options)?;
         let indices = primitive.indices.as_ref().map(|rows| self.parts.store.window(rows)).transpose()?;
         self.corners = Some(TriangleCorners::new(primitive.topology, indices));
         Ok(())
@@ -217,29 +237,24 @@ impl GltfSource {
                     ))
                     .next("check the file with a glTF validator, or export it again"));
             }
-            let mut triangle = [[0.0; 3]; 3];
+            let mut triangle = [FaceCorner::default(); 3];
             for (corner, index) in triangle.iter_mut().zip(indices) {
                 let mut position = open.cache.get(index)?;
                 if let Some(scalar) = open.share_of {
                     position = position.map(|part| number_of_share(scalar, part));
                 }
-                *corner = transform.position(position);
+                corner.position = transform.position(position);
+                if let Some(open) = &mut self.colours {
+                    corner.colour = open.colour(index)?;
+                }
+                if let Some(open) = &mut self.normals {
+                    corner.normal = open.normal(index, &transform)?;
+                }
             }
             if is_mirrored {
                 triangle.swap(1, 2);
             }
-            match &mut self.colours {
-                Some(open) => {
-                    let [a, b, c] = indices;
-                    let corners = if is_mirrored { [a, c, b] } else { [a, b, c] };
-                    let mut colours = [WHITE; 3];
-                    for (colour, index) in colours.iter_mut().zip(corners) {
-                        *colour = open.of(index)?;
-                    }
-                    batch.push_coloured(triangle, material, colours);
-                }
-                None => batch.push(triangle, material),
-            }
+            FaceCorner::push_triangle(triangle, material, batch);
             self.at.triangle += 1;
         }
         Ok(())

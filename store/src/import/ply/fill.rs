@@ -2,13 +2,12 @@
 //!
 //! Invariants: those of `section.rs`.
 
-use super::super::polygon::MAX_POLYGON_SIDES;
+use super::super::polygon::{FaceCorner, MAX_POLYGON_SIDES};
 use super::super::scalar::Scalar;
 use super::header::Property;
 use super::rows::{Rows, TriangleRows};
 use super::section::{Kind, OpenStrip};
 use super::{PlyMesh, PlySource, PlyVertices, colour_of};
-use crate::cluster::Colour;
 use crate::error::{Code, Error, Result};
 use crate::source::TriangleBatch;
 
@@ -71,12 +70,8 @@ impl<R: Rows> PlySource<R> {
             }
             let [a, b, c] = triangle.map(u64::from);
             let vertices = &mut mesh.vertices;
-            let corners =
-                [vertices.positions.get(a)?, vertices.positions.get(b)?, vertices.positions.get(c)?];
-            match [vertices.colour(a)?, vertices.colour(b)?, vertices.colour(c)?] {
-                [Some(a), Some(b), Some(c)] => batch.push_coloured(corners, 0, [a, b, c]),
-                _ => batch.push(corners, 0),
-            }
+            let corners = [vertices.corner(a)?, vertices.corner(b)?, vertices.corner(c)?];
+            FaceCorner::push_triangle(corners, 0, batch);
         }
         mesh.progress.rows_left -= self.run.indices.len() as u64;
         Ok(())
@@ -95,10 +90,8 @@ impl<R: Rows> PlySource<R> {
         self.polygon.clear();
         for _ in 0..sides {
             let index = self.rows.integer(section.item)?;
-            match self.corner(index, &mut mesh.vertices)? {
-                (corner, Some(colour)) => self.polygon.push_coloured(corner, colour),
-                (corner, None) => self.polygon.push(corner),
-            }
+            let corner = self.corner(index, &mut mesh.vertices)?;
+            self.polygon.push(corner);
         }
         self.face_values(&section.after, section.before.len(), &mut colour)?;
         self.end_row()?;
@@ -120,7 +113,7 @@ impl<R: Rows> PlySource<R> {
                 self.skip_values(&section.before)?;
                 OpenStrip {
                     items_left: self.list_length(section.list_count)?,
-                    last: [([0.0; 3], None); 2],
+                    last: [FaceCorner::default(); 2],
                     length: 0,
                 }
             }
@@ -137,8 +130,8 @@ impl<R: Rows> PlySource<R> {
             match strip.length {
                 0 | 1 => {}
                 // Every second triangle of a strip turns the other way: its first two corners change places.
-                length if length % 2 == 0 => push_corners([a, b, corner], batch),
-                _ => push_corners([b, a, corner], batch),
+                length if length % 2 == 0 => FaceCorner::push_triangle([a, b, corner], 0, batch),
+                _ => FaceCorner::push_triangle([b, a, corner], 0, batch),
             }
             strip.last = [b, corner];
             strip.length += 1;
@@ -154,11 +147,9 @@ impl<R: Rows> PlySource<R> {
         Ok(())
     }
 
-    fn corner(&self, index: i64, vertices: &mut PlyVertices) -> Result<([f64; 3], Option<Colour>)> {
+    fn corner(&self, index: i64, vertices: &mut PlyVertices) -> Result<FaceCorner> {
         match u64::try_from(index) {
-            Ok(index) if index < vertices.positions.count() => {
-                Ok((vertices.positions.get(index)?, vertices.colour(index)?))
-            }
+            Ok(index) if index < vertices.positions.count() => vertices.corner(index),
             _ => Err(no_vertex(index, vertices.positions.count(), |what, numbers| {
                 self.rows.error(Code::InputRange, what, numbers)
             })),
@@ -192,15 +183,6 @@ impl<R: Rows> PlySource<R> {
             Some(count) => self.skip_list(count, property.scalar),
             None => self.rows.skip(property.scalar, 1),
         })
-    }
-}
-
-/// A triangle whose corners all have a colour, or none.
-fn push_corners(corners: [([f64; 3], Option<Colour>); 3], batch: &mut TriangleBatch) {
-    let positions = corners.map(|(position, _)| position);
-    match corners.map(|(_, colour)| colour) {
-        [Some(a), Some(b), Some(c)] => batch.push_coloured(positions, 0, [a, b, c]),
-        _ => batch.push(positions, 0),
     }
 }
 

@@ -22,6 +22,8 @@ const MAX_PROPERTIES: usize = 1024;
 /// Columns of a colour, by channel.
 const COLOUR_NAMES: [&[&str]; 3] =
     [&["red", "r", "diffuse_red"], &["green", "g", "diffuse_green"], &["blue", "b", "diffuse_blue"]];
+/// Columns of a normal.
+const NORMAL_NAMES: [&[&str]; 3] = [&["nx"], &["ny"], &["nz"]];
 
 /// A header that has been checked.
 #[derive(Debug)]
@@ -202,11 +204,20 @@ impl Property {
 
 /// The columns of a colour, where all three are there.
 pub(super) fn colour_columns(properties: &[Property]) -> Option<[usize; 3]> {
+    columns(properties, &COLOUR_NAMES)
+}
+
+/// The columns of a normal, where all three are there.
+pub(super) fn normal_columns(properties: &[Property]) -> Option<[usize; 3]> {
+    columns(properties, &NORMAL_NAMES)
+}
+
+fn columns(properties: &[Property], names: &[&[&str]; 3]) -> Option<[usize; 3]> {
     let column = |names: &&[&str]| {
         properties.iter().position(|p| names.contains(&p.name.as_str()) && p.list_count.is_none())
     };
-    let [r, g, b] = [0, 1, 2].map(|channel| column(&COLOUR_NAMES[channel]));
-    Some([r?, g?, b?])
+    let [a, b, c] = [0, 1, 2].map(|channel| column(&names[channel]));
+    Some([a?, b?, c?])
 }
 
 /// Lines of a header; the line end may be LF, CR LF or CR, and the last one's matters: data follow it.

@@ -14,25 +14,26 @@ mod header;
 mod rows;
 mod section;
 
-use self::header::{Element, Form, Header, colour_columns};
+use self::header::{Element, Form, Header, colour_columns, normal_columns};
 use self::rows::{AsciiRows, BinaryRows, Rows, TriangleRun};
 use self::section::{PlySection, SectionProgress};
 use super::input::Input;
-use super::polygon::Polygon;
+use super::polygon::{FaceCorner, Polygon};
 use super::scalar::{ByteOrder, Scalar};
 use super::text::Text;
 use super::vertices::{MAX_STRIDE_BYTES, VertexCache, VertexLayout};
 use super::{Encoding, ImportOptions, warn};
 use crate::budget::Lease;
-use crate::cluster::Colour;
+use crate::cluster::{Colour, Normal, WHITE};
 use crate::error::{Code, Error, Result};
 use crate::geom::Lattice;
 use crate::material::Material;
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 
-/// Columns that tell of an attribute that is dropped: normal, texture coordinate.
-const ATTRIBUTE_NAMES: [&[&str]; 2] = [&["nx"], &["s", "u", "texture_u"]];
+/// Columns that tell of an attribute that is dropped: texture coordinates.
+const DROPPED_NAMES: &[&str] = &["s", "u", "texture_u"];
+
 /// Opens the PLY file that `input` stands at the beginning of.
 pub(super) fn open(mut input: Input, options: &ImportOptions) -> Result<Box<dyn TriangleSource>> {
     let header = Header::parse(&mut input)?;
@@ -81,13 +82,24 @@ struct PlyVertices {
     positions: VertexCache,
     /// Where they have colours: these, as they stand in the file, and the types of the channels.
     colours: Option<(VertexCache, [Scalar; 3])>,
+    /// Where they have normals: these, of whatever length.
+    normals: Option<VertexCache>,
 }
 
 impl PlyVertices {
-    /// The colour of a vertex, where they have any.
-    fn colour(&mut self, index: u64) -> Result<Option<Colour>> {
-        let Some((colours, types)) = &mut self.colours else { return Ok(None) };
-        Ok(Some(colour_of(colours.get(index)?, *types)))
+    /// A vertex as a corner.
+    fn corner(&mut self, index: u64) -> Result<FaceCorner> {
+        Ok(FaceCorner {
+            position: self.positions.get(index)?,
+            colour: match &mut self.colours {
+                Some((colours, types)) => colour_of(colours.get(index)?, *types),
+                None => WHITE,
+            },
+            normal: match &mut self.normals {
+                Some(normals) => Normal::from_vector(normals.get(index)?),
+                None => Normal::NONE,
+            },
+        })
     }
 }
 
@@ -111,9 +123,9 @@ impl<R: Rows> PlySource<R> {
         let mut stats = SourceStats { bytes_total: rows.input().length(), ..SourceStats::default() };
         let vertices = vertex_element(&header, rows.input())?;
         if let Some((_, element)) = vertices {
-            let attributes = ATTRIBUTE_NAMES.iter().filter(|names| element.column(names).is_some()).count();
+            let is_dropped = element.column(DROPPED_NAMES).is_some();
             stats.vertex_count = element.count;
-            stats.dropped_attribute_count = attributes as u64 * element.count;
+            stats.dropped_attribute_count = u64::from(is_dropped) * element.count;
         }
         if !header.elements.iter().any(|element| matches!(&*element.name, "face" | "tristrips")) {
             warn(&mut stats, "the file has neither faces nor strips: it is a point cloud".into());
@@ -149,7 +161,9 @@ impl<R: Rows> PlySource<R> {
         walked?;
         let vertices = match vertices {
             Some(vertices) => vertices,
-            None => PlyVertices { positions: VertexCache::growing(&self.options)?, colours: None },
+            None => {
+                PlyVertices { positions: VertexCache::growing(&self.options)?, colours: None, normals: None }
+            }
         };
         let progress = sections.first().map(|(section, _)| section.start()).unwrap_or_default();
         if let Some((_, place)) = sections.first() {
@@ -189,11 +203,15 @@ impl<R: Rows> PlySource<R> {
         let axes = ["x", "y", "z"].map(|name| element.column(&[name]).unwrap_or_default());
         let channels = colour_columns(&element.properties);
         let types = channels.map(|columns| columns.map(|column| element.properties[column].scalar));
+        let along = normal_columns(&element.properties);
         let mut options = self.options.clone();
         if channels.is_some() {
             self.polygon.lease_colours()?;
-            options.vertex_cache_bytes /= 2;
         }
+        if along.is_some() {
+            self.polygon.lease_normals()?;
+        }
+        options.vertex_cache_bytes /= 1 + u64::from(channels.is_some()) + u64::from(along.is_some());
         if let (Form::Binary(order), Some(stride @ 1..=MAX_STRIDE_BYTES)) =
             (self.header.form, element.row_bytes())
         {
@@ -210,25 +228,30 @@ impl<R: Rows> PlySource<R> {
                 VertexCache::in_input(file, first_byte, element.count, of(columns), &options)
             };
             let (positions, colours) = (cache(axes)?, channels.map(cache).transpose()?);
+            let normals = along.map(cache).transpose()?;
             self.skip_element(element)?;
-            return Ok(PlyVertices { positions, colours: colours.zip(types) });
+            return Ok(PlyVertices { positions, colours: colours.zip(types), normals });
         }
         let mut positions = VertexCache::growing(&options)?;
         let mut colours = channels.map(|_| VertexCache::growing(&options)).transpose()?;
-        let columns = [axes, channels.unwrap_or([usize::MAX; 3])];
+        let mut normals = along.map(|_| VertexCache::growing(&options)).transpose()?;
+        let columns = [axes, channels.unwrap_or([usize::MAX; 3]), along.unwrap_or([usize::MAX; 3])];
         for _ in 0..element.count {
-            let [position, colour] = self.vertex_row(element, columns)?;
+            let [position, colour, normal] = self.vertex_row(element, columns)?;
             positions.push(position)?;
             if let Some(colours) = &mut colours {
                 colours.push(colour)?;
             }
+            if let Some(normals) = &mut normals {
+                normals.push(normal)?;
+            }
         }
-        Ok(PlyVertices { positions, colours: colours.zip(types) })
+        Ok(PlyVertices { positions, colours: colours.zip(types), normals })
     }
 
-    /// A position and a colour, from these columns.
-    fn vertex_row(&mut self, element: &Element, columns: [[usize; 3]; 2]) -> Result<[[f64; 3]; 2]> {
-        let mut values = [[0.0; 3]; 2];
+    /// A position, a colour and a normal, from these columns.
+    fn vertex_row(&mut self, element: &Element, columns: [[usize; 3]; 3]) -> Result<[[f64; 3]; 3]> {
+        let mut values = [[0.0; 3]; 3];
         self.rows.begin_row()?;
         for (column, property) in element.properties.iter().enumerate() {
             match (property.list_count, columns.as_flattened().iter().position(|&other| other == column)) {

@@ -5,10 +5,10 @@
 //! Invariants: 1. a strip of any length takes no memory: the stream may stop in the middle of it; 2. faces of more
 //! sides than a polygon may have are refused before their indices are read.
 
+use super::super::polygon::FaceCorner;
 use super::super::scalar::Scalar;
 use super::header::{Element, Property, colour_columns};
 use super::rows::TriangleRows;
-use crate::cluster::Colour;
 use crate::error::{Code, Error, Result};
 use std::path::Path;
 
@@ -47,8 +47,8 @@ pub(super) struct SectionProgress {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OpenStrip {
     pub(super) items_left: u64,
-    /// The last two corners, and their colours.
-    pub(super) last: [([f64; 3], Option<Colour>); 2],
+    /// The last two corners.
+    pub(super) last: [FaceCorner; 2],
     /// Corners since the start or the last -1.
     pub(super) length: u64,
 }

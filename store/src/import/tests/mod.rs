@@ -4,6 +4,7 @@
 mod gltf;
 mod hostile;
 mod models;
+mod normals;
 mod obj;
 mod ply;
 mod stl;
@@ -11,6 +12,7 @@ mod volume;
 
 use super::{ImportOptions, open};
 use crate::budget::Budget;
+use crate::cluster::Normal;
 use crate::error::{Code, Error, Result};
 use crate::source::{SourceStats, TriangleBatch, TriangleSource};
 use std::path::{Path, PathBuf};
@@ -45,6 +47,7 @@ impl Fixture {
 pub(super) struct SourceMesh {
     pub(super) triangles: Vec<SourceTriangle>,
     pub(super) colours: Vec<[[u8; 3]; 3]>,
+    pub(super) normals: Vec<[Normal; 3]>,
     pub(super) material_names: Vec<String>,
     pub(super) stats: SourceStats,
 }
@@ -58,25 +61,28 @@ pub(super) fn read(path: &Path, options: &ImportOptions) -> Result<SourceMesh> {
     assert!(same(&first.triangles, &second.triangles), "{}: the second pass differs", path.display());
     assert_eq!(first.material_names, second.material_names);
     assert_eq!(first.colours, second.colours);
+    assert_eq!(first.normals, second.normals);
     let counters = |mesh: &SourceMesh| SourceStats { vertex_cache_misses: 0, ..mesh.stats.clone() };
     assert_eq!(format!("{:?}", counters(&first)), format!("{:?}", counters(&second)));
     Ok(second)
 }
 
 fn drain(source: &mut dyn TriangleSource) -> Result<SourceMesh> {
-    let (mut triangles, mut colours, mut material_names) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut triangles, mut colours, mut normals) = (Vec::new(), Vec::new(), Vec::new());
+    let mut material_names = Vec::new();
     let mut batch = TriangleBatch::default();
     while source.next_batch(&mut batch)? {
         assert!(batch.len() <= 2 * TriangleBatch::TARGET_TRIANGLES);
         triangles.extend_from_slice(&batch.corners);
-        colours.extend((0..batch.len()).map(|triangle| batch.colours_of(triangle)));
+        colours.extend((0..batch.len()).map(|triangle| batch.attributes.of(triangle).colours));
+        normals.extend((0..batch.len()).map(|triangle| batch.attributes.of(triangle).normals));
         material_names.extend(batch.material.iter().map(|&m| source.materials().name(m as usize).to_owned()));
     }
     assert!(batch.is_empty());
     let stats = source.stats();
     assert_eq!(stats.triangle_count, triangles.len() as u64);
     assert!(stats.bytes_read <= stats.bytes_total);
-    Ok(SourceMesh { triangles, colours, material_names, stats })
+    Ok(SourceMesh { triangles, colours, normals, material_names, stats })
 }
 
 /// Equal bit for bit: NaN equals NaN.

@@ -90,7 +90,7 @@ fn write(variant: Variant) -> Vec<u8> {
     let vertex = if crowded {
         format!(
             "element vertex 8|property uchar red|property {coordinate} z|property list uchar double extra|\
-             property {coordinate} x|property short q|property {coordinate} y|property float nx"
+             property {coordinate} x|property short q|property {coordinate} y|property float s"
         )
     } else {
         format!("element vertex 8|property {coordinate} x|property {coordinate} y|property {coordinate} z")

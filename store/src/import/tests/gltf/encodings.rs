@@ -2,6 +2,7 @@
 
 use super::super::{Fixture, SourceMesh, SourceTriangle, same};
 use super::glb::{F32, GlbWriter, I8, I16, U8, U16, U32, floats, grid, integers, triangles};
+use crate::cluster::Normal;
 use serde_json::{Value, json};
 
 /// Reads a writer's file as GLB, and compares.
@@ -90,11 +91,16 @@ fn interleaved_vertices() {
     glb.json["accessors"][accessor]["byteOffset"] = json!(20);
     let view = glb.json["accessors"][accessor]["bufferView"].as_u64().unwrap() as usize;
     glb.json["bufferViews"][view]["byteStride"] = json!(32);
-    let attributes = json!({ "POSITION": accessor, "NORMAL": 0, "TEXCOORD_0": 0 });
+    let mut normals = glb.json["accessors"][accessor].clone();
+    normals["byteOffset"] = json!(0);
+    let normals = glb.push("accessors", normals);
+    let attributes = json!({ "POSITION": accessor, "NORMAL": normals, "TEXCOORD_0": 0 });
     let primitive = json!({ "attributes": attributes, "indices": indices_at });
     glb.place(primitive);
     let mesh = check(&glb, &triangles(&positions, &indices));
-    assert_eq!(mesh.stats.dropped_attribute_count, 2 * positions.len() as u64);
+    assert_eq!(mesh.stats.dropped_attribute_count, positions.len() as u64);
+    let normal = |vertex: &u32| Normal::from_vector([f64::from(*vertex), -1.0, 0.5]);
+    assert!(mesh.normals.as_flattened().iter().copied().eq(indices.iter().map(normal)));
 }
 
 #[test]

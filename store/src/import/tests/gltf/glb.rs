@@ -181,3 +181,23 @@ pub(in super::super) fn small_glb() -> Vec<u8> {
     glb.node(json!({ "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } }));
     glb.glb()
 }
+
+/// A quad with normals under a node that scales it.
+pub(in super::super) struct NormalsGlb<'a> {
+    pub(in super::super) corners: &'a [[f64; 3]; 4],
+    pub(in super::super) normals: &'a [[f64; 3]; 4],
+    pub(in super::super) scale: [f64; 3],
+}
+
+impl NormalsGlb<'_> {
+    /// The file.
+    pub(in super::super) fn bytes(&self) -> Vec<u8> {
+        let mut glb = GlbWriter::new();
+        let normals = glb.accessor(&floats(self.normals), F32, "VEC3", 4);
+        let attributes = json!({ "POSITION": glb.positions(self.corners), "NORMAL": normals });
+        let primitive = json!({ "attributes": attributes, "indices": glb.indices(&[0, 1, 2, 0, 2, 3], U16) });
+        glb.place(primitive);
+        glb.json["nodes"][0]["scale"] = json!(self.scale);
+        glb.glb()
+    }
+}

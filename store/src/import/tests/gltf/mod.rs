@@ -10,4 +10,4 @@ mod real;
 mod refusals;
 mod scene;
 
-pub(super) use glb::small_glb;
+pub(super) use glb::{NormalsGlb, small_glb};

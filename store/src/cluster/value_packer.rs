@@ -1,29 +1,29 @@
-//! `ColourPacker`: pages of colours, as few as hold those of mesh pages that follow each other.
+//! `ValuePacker`: pages of colours or of normals, as few as hold those of mesh pages that follow each other.
 //!
 //! Invariants: 1. both forms of a page fit a frame, and its triangles have numbers of 16 bits; 2. a page ends where a
-//! mesh page without colours begins.
+//! mesh page without values begins.
 
 use super::ClusterMesh;
 use super::bits::BitWriter;
-use super::colours::{ClusterColours, DISK_HEAD_BYTES, FRAME_HEAD_BYTES};
+use super::corner_value::CornerValue;
+use super::value_codec::{ClusterValues, DISK_HEAD_BYTES, FRAME_HEAD_BYTES};
 use crate::layout::FRAME_BYTES;
 
-/// A page of colours before packing.
+/// A page of values before packing.
 #[derive(Debug)]
-pub(crate) struct ColourPage {
+pub(crate) struct ValuePage {
     /// The first triangle that it is of, from the first one that was packed on.
     pub(crate) first_triangle: u32,
     /// The disk form.
     pub(crate) bytes: Vec<u8>,
 }
 
-/// Packs the colours of mesh pages that follow each other into as few pages as hold them: a mesh page has far more
-/// bytes in memory than its colours.
-#[derive(Default)]
-pub(crate) struct ColourPacker {
-    packed: PackedColours,
+/// Packs values of mesh pages that follow each other into as few pages as hold them: a mesh page has far more
+/// bytes in memory than its values.
+pub(crate) struct ValuePacker<V> {
+    packed: PackedValues,
     /// The page under way, and its bytes in both forms at most, but for its head.
-    open: Vec<ClusterColours>,
+    open: Vec<ClusterValues<V>>,
     frame_bytes: usize,
     disk_bytes: usize,
     /// Its first triangle, and the one behind all so far.
@@ -31,25 +31,41 @@ pub(crate) struct ColourPacker {
     triangle_count: u32,
 }
 
-/// The colours of mesh pages that follow each other.
+/// The values of mesh pages that follow each other.
 #[derive(Debug, Default)]
-pub(crate) struct PackedColours {
-    pub(crate) pages: Vec<ColourPage>,
-    /// Of each mesh page: which of `pages` has its first triangle. `None` where it is white all over.
+pub(crate) struct PackedValues {
+    pub(crate) pages: Vec<ValuePage>,
+    /// Of each mesh page: which of `pages` has its first triangle. `None` where no corner of it has a value.
     pub(crate) first_pages: Vec<Option<u32>>,
 }
 
-impl ColourPacker {
-    /// Adds the colours of the next mesh page.
-    pub(crate) fn add(&mut self, clusters: &[ClusterMesh]) {
-        let first_page = if clusters.iter().all(|cluster| cluster.colours.is_empty()) {
+impl<V> Default for ValuePacker<V> {
+    fn default() -> ValuePacker<V> {
+        ValuePacker {
+            packed: PackedValues::default(),
+            open: Vec::new(),
+            frame_bytes: 0,
+            disk_bytes: 0,
+            first_triangle: 0,
+            triangle_count: 0,
+        }
+    }
+}
+
+impl<V: CornerValue> ValuePacker<V> {
+    /// Adds the values of the next mesh page, `of` each of its clusters: as many as triangles, or none.
+    pub(crate) fn add(&mut self, clusters: &[ClusterMesh], of: impl Fn(&ClusterMesh) -> &[[V; 3]]) {
+        let first_page = if clusters.iter().all(|cluster| of(cluster).is_empty()) {
             None
         } else {
-            let all: Vec<_> = clusters.iter().map(ClusterColours::of).collect();
-            let is_white = all.iter().all(ClusterColours::is_white);
-            (!is_white).then(|| self.add_clusters(all))
+            let values = |cluster: &ClusterMesh| {
+                ClusterValues::of(&cluster.triangles, cluster.vertices.len(), of(cluster))
+            };
+            let all: Vec<_> = clusters.iter().map(values).collect();
+            let is_none = all.iter().all(ClusterValues::is_none);
+            (!is_none).then(|| self.add_clusters(all))
         };
-        // Nobody asks for the colours of a white one: the next begins behind it.
+        // Nobody asks for those of a page without any: the next begins behind it.
         if first_page.is_none() {
             self.close();
             self.triangle_count += clusters.iter().map(|cluster| cluster.triangles.len() as u32).sum::<u32>();
@@ -58,11 +74,11 @@ impl ColourPacker {
     }
 
     /// Adds clusters; gives the page that the first of them is in.
-    fn add_clusters(&mut self, all: Vec<ClusterColours>) -> u32 {
+    fn add_clusters(&mut self, all: Vec<ClusterValues<V>>) -> u32 {
         let mut first_page = None;
-        for colours in all {
-            let (frame_bytes, disk_bytes) = (colours.frame_bytes(), colours.disk_bytes_most());
-            let triangle_count = self.triangle_count + colours.triangle_count as u32;
+        for values in all {
+            let (frame_bytes, disk_bytes) = (values.frame_bytes(), values.disk_bytes_most());
+            let triangle_count = self.triangle_count + values.triangle_count as u32;
             let is_full = FRAME_HEAD_BYTES + self.frame_bytes + frame_bytes > FRAME_BYTES
                 || DISK_HEAD_BYTES + self.disk_bytes + disk_bytes > FRAME_BYTES
                 || triangle_count - self.first_triangle > u32::from(u16::MAX);
@@ -76,7 +92,7 @@ impl ColourPacker {
             self.frame_bytes += frame_bytes;
             self.disk_bytes += disk_bytes;
             self.triangle_count = triangle_count;
-            self.open.push(colours);
+            self.open.push(values);
         }
         first_page.expect("a page has a cluster")
     }
@@ -90,12 +106,12 @@ impl ColourPacker {
             out.put(clusters.len() as u64, 16);
             clusters.iter().for_each(|cluster| cluster.write(&mut out));
             let (first_triangle, bytes) = (self.first_triangle, out.finish());
-            self.packed.pages.push(ColourPage { first_triangle, bytes });
+            self.packed.pages.push(ValuePage { first_triangle, bytes });
         }
     }
 
     /// All pages.
-    pub(crate) fn finish(mut self) -> PackedColours {
+    pub(crate) fn finish(mut self) -> PackedValues {
         self.close();
         self.packed
     }
