@@ -178,7 +178,7 @@ fn generate_in(spec: &Spec, budget: &Budget, ctx: &Context) -> Result<Box<dyn Tr
 }
 
 /// The error of an input that the limit has no room to hold: named is the limit that has room for the work, too.
-fn with_work(error: Error, work_bytes: u64) -> Error {
+pub fn with_work(error: Error, work_bytes: u64) -> Error {
     match error.smallest_limit_bytes() {
         Some(bytes) => {
             let smallest = bytes.saturating_add(work_bytes);

@@ -4,7 +4,7 @@ use super::beside;
 use super::build::{
     BuildSummary, JOURNAL_EVERY, Work, resume, tell_sizes, tell_warnings, voxels, with_source,
 };
-use super::inputs::InputList;
+use super::inputs::{self, InputList};
 use crate::args::{BuildArgs, MergeArgs, ScanArgs};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -20,6 +20,9 @@ use trex_store::build::{ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
 use trex_store::{AttributeSet, Error, Result, content_stamp};
+
+/// Memory that a plan takes at most, over its length: while it is read, and what is kept of it.
+const PLAN_COPIES: u64 = 8;
 
 /// Runs `trex scan`.
 pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -61,12 +64,19 @@ pub fn shard(
         resume: resume(args)?,
     };
     check_inputs_apart(&args.output, &args.inputs)?;
-    let plan = ShardPlan::read(plan_path, &ctx.budget)?;
     let volumes = args.volumes.options();
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
+    let scratch = work.scratch_folder();
+    let read = ShardPlan::read(plan_path, &ctx.budget);
+    let plan = read.map_err(|error| {
+        let plan_bytes = plan_path.metadata().map_or(0, |found| found.len());
+        let error = inputs::with_smallest_limit(error, inputs, &scratch, ctx);
+        inputs::with_work(error, PLAN_COPIES * plan_bytes)
+    })?;
+    let plan_bytes = ctx.budget.used_bytes();
     let facts = facts(inputs, args.attributes.dropped())?;
     let options = work.options(ctx)?;
-    let built = with_source(inputs, args.attributes.dropped(), &work.scratch_folder(), ctx, |source| {
+    let built = with_source(inputs, args.attributes.dropped(), &scratch, ctx, |source| {
         let work = ShardWork {
             plan: &plan,
             plan_path,
@@ -78,7 +88,7 @@ pub fn shard(
         };
         Ok((source.name(), shards::build(source, &work, &ctx.report())?))
     });
-    let (scene, report) = built?;
+    let (scene, report) = built.map_err(|error| inputs::with_work(error, plan_bytes))?;
     if report.resumed_sorted_count > 0 {
         let sorted = size::count(report.resumed_sorted_count);
         ctx.console.note(&format!("resumed: {sorted} triangles were sorted by an earlier build"));

@@ -79,6 +79,11 @@ impl VoxelRunTable {
         self.end
     }
 
+    /// Count of runs.
+    pub(crate) fn run_count(&self) -> u64 {
+        self.runs.len() as u64
+    }
+
     /// The runs of a file in which they stand `offset` bytes further on; there is room for that.
     pub(crate) fn behind(mut self, offset: u64) -> VoxelRunTable {
         self.end += offset;

@@ -4,6 +4,7 @@
 //! hash.
 
 pub(super) mod emit_checkpoint;
+pub(super) mod file_id;
 pub(super) mod finish;
 mod in_order;
 pub(super) mod table_bytes;
@@ -28,12 +29,13 @@ use crate::error::Result;
 use crate::layout::{SUPERBLOCK_BYTES, Superblock};
 use crate::octree::Voxelizer;
 use emit_checkpoint::EmitCheckpoint;
+use file_id::file_id;
 use finish::{FinishWork, finish};
 use in_order::{InOrder, WINDOW};
 use std::path::Path;
 use table_bytes::tables_bytes;
 use voxels::{OctreeShape, VoxelMerge, VoxelWork};
-use writer::{PageWriter, file_id};
+use writer::PageWriter;
 
 /// What is written.
 pub(crate) struct EmitWork<'a> {

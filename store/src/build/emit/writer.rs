@@ -4,7 +4,6 @@
 //! 2. every byte is hashed before it is written.
 
 use super::table_bytes::TOP_BYTES;
-use super::voxels::OctreeShape;
 use crate::budget::{Budget, Lease};
 use crate::build::clusters::clusterer::BinaryNode;
 use crate::build::clusters::open_page::OpenPage;
@@ -15,14 +14,11 @@ use crate::build::clusters::pages::{ChunkPages, WideRef, WideTree};
 use crate::build::clusters::sah::{Prim, Rule, Splitter};
 use crate::build::draft::DraftFile;
 use crate::build::model_materials::ModelMaterials;
-use crate::build::partition::summary::PartitionSummary;
 use crate::build::report::BuildReport;
 use crate::cluster::{LatticeBox, Node, TopRef};
 use crate::error::Result;
 use crate::geom::Aabb;
 use crate::layout::*;
-use crate::octree::Refinement;
-use xxhash_rust::xxh3::Xxh3;
 
 /// Collects what the tables need while pages go out.
 pub(crate) struct PageWriter<'a> {
@@ -380,25 +376,4 @@ fn grow(
         tree.push((tree[left as usize].0.join(&tree[right as usize].0), BinaryNode::Split(left, right)));
     }
     tree.len() as u32 - 1
-}
-
-/// The file id: what was read and what was asked.
-pub(crate) fn file_id(
-    summary: &PartitionSummary,
-    shape: Option<OctreeShape>,
-    materials: &ModelMaterials,
-) -> u64 {
-    let mut hasher = Xxh3::new();
-    materials.hash(&mut hasher);
-    let mut bytes = Vec::new();
-    bytes.extend(summary.content_hash.to_le_bytes());
-    bytes.extend(summary.grid.lattice.exponent.to_le_bytes());
-    summary.grid.lattice.origin.iter().for_each(|v| bytes.extend(v.to_bits().to_le_bytes()));
-    bytes.extend(VERSION.to_le_bytes());
-    bytes.extend(shape.map_or(0, |shape| shape.grid.resolution).to_le_bytes());
-    if let Some(shape) = shape.filter(|shape| shape.refinement != Refinement::None) {
-        bytes.extend(shape.refinement.factor().to_le_bytes());
-    }
-    hasher.update(&bytes);
-    hasher.digest()
 }

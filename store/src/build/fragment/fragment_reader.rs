@@ -24,7 +24,6 @@ pub(crate) struct Fragment {
     pub(crate) share: ShardShare,
     pub(crate) triangle_count: u64,
     pub(crate) bytes: u64,
-    pub(crate) model: PlannedModel,
     /// Bytes of each chunk, seal included.
     chunk_bytes: Vec<u32>,
     /// Where the voxel runs are, of a model with an octree.
@@ -33,13 +32,13 @@ pub(crate) struct Fragment {
 }
 
 impl Fragment {
-    /// Opens a fragment, and reads all that it says of itself.
+    /// Opens a fragment, and reads all that it says of itself, and of the model, which is the same in all of a plan.
     ///
     /// # Errors
     /// [`Code::InputFormat`](crate::Code::InputFormat), [`Code::Version`](crate::Code::Version) or
     /// [`Code::Damaged`](crate::Code::Damaged) for what is no whole fragment of this version;
     /// [`Code::MemoryLimit`](crate::Code::MemoryLimit); those of reading.
-    pub(crate) fn open(path: &Path, budget: &Budget) -> Result<Fragment> {
+    pub(crate) fn open(path: &Path, budget: &Budget) -> Result<(Fragment, PlannedModel)> {
         let kind = ShardFileKind::Fragment;
         let failed = |e: std::io::Error| Error::io("read the fragment", path, &e);
         let file = open_regular(path)?;
@@ -56,7 +55,8 @@ impl Fragment {
         if record_at.checked_add(record_bytes) != Some(end_at) {
             return Err(not_whole());
         }
-        let lease = budget.lease("the tables of a fragment", record_bytes.saturating_mul(record::READING))?;
+        let mut lease =
+            budget.lease("the tables of a fragment", record_bytes.saturating_mul(record::READING))?;
         let mut record = vec![0; record_bytes as usize];
         file.read_exact_at(&mut record, record_at).map_err(failed)?;
         let record = record::parse::<FragmentHead>(&record).ok_or_else(not_whole)?;
@@ -85,8 +85,11 @@ impl Fragment {
             return Err(not_whole());
         }
         let runs = runs.map(|table| table.behind(voxels_at));
+        lease.shrink_to(record_bytes.saturating_sub(section.len() as u64));
         let path = path.to_path_buf();
-        Ok(Fragment { path, plan_id, share, triangle_count, bytes, model, chunk_bytes, runs, _lease: lease })
+        let fragment =
+            Fragment { path, plan_id, share, triangle_count, bytes, chunk_bytes, runs, _lease: lease };
+        Ok((fragment, model))
     }
 
     /// Count of its chunks.
@@ -118,9 +121,16 @@ impl Fragment {
         if triangle_count == self.triangle_count { Ok(()) } else { Err(file.damaged(offset)) }
     }
 
+    /// Count of its voxel runs.
+    pub(crate) fn run_count(&self) -> u64 {
+        self.runs.as_ref().map_or(0, VoxelRunTable::run_count)
+    }
+
     /// Its voxel runs, of a model with an octree.
-    pub(crate) fn take_runs(&mut self) -> Result<Option<VoxelRuns>> {
-        let Some(table) = self.runs.take() else { return Ok(None) };
-        VoxelRuns::of_fragment(self.path.clone(), table).map(Some)
+    pub(crate) fn take_runs(&mut self) -> Result<VoxelRuns> {
+        let no_runs =
+            || ShardFileKind::Fragment.damaged(&self.path, "no voxel runs of a model with an octree");
+        let table = self.runs.take().ok_or_else(no_runs)?;
+        VoxelRuns::of_fragment(self.path.clone(), table)
     }
 }

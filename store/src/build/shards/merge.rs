@@ -1,21 +1,26 @@
 //! The merge: from the fragments of all shards to the page file.
 
 use super::by_phase;
-use crate::budget::Budget;
+use crate::budget::{Budget, RESERVE_BYTES};
 use crate::build::draft::Draft;
+use crate::build::emit::file_id::file_id;
 use crate::build::emit::finish::{FinishWork, finish};
 use crate::build::emit::pack_context;
 use crate::build::emit::voxels::{OctreeShape, VoxelMerge};
-use crate::build::emit::writer::{PageWriter, file_id};
+use crate::build::emit::writer::PageWriter;
 use crate::build::fragment::fragment_reader::Fragment;
 use crate::build::fragment::{ChunkBytesReader, SHARDS};
 use crate::build::journal::{FileKind, Journal};
 use crate::build::options::{BuildOptions, Resume};
 use crate::build::phases::PhaseClock;
+use crate::build::plan::{smallest_bytes, smallest_bytes_for};
 use crate::build::report::{BuildReport, PhaseReport};
+use crate::build::shard_file::PlannedModel;
 use crate::build::site::{BuildSite, stopped};
 use crate::error::{Code, Error, Result};
 use crate::layout::SUPERBLOCK_BYTES;
+use crate::next_step::NextStep;
+use crate::octree::RUN_BYTES;
 use crate::output::check_apart;
 use crate::progress::Report;
 use crate::scratch::Place;
@@ -42,28 +47,53 @@ pub fn merge(work: &MergeWork<'_>, report: Report<'_>) -> Result<BuildReport> {
     let mut clock = PhaseClock::start();
     fragments.iter().try_for_each(|fragment| check_apart(output, fragment))?;
     let site = BuildSite::check(output, options)?;
-    let fragments = open_all(fragments, &options.budget)?;
+    let opened = open_all(fragments, &options.budget);
+    let (fragments, model) = opened.map_err(|error| with_room(error, smallest_bytes()))?;
+    // What is sure to be enough: a build's, beside the tables of fragments and a block of each voxel run.
+    let run_count: u64 = fragments.iter().map(Fragment::run_count).sum();
+    let sure_bytes = RESERVE_BYTES
+        + options.budget.used_bytes()
+        + smallest_bytes_for(&model.sizes)
+        + run_count * RUN_BYTES;
     let input = vec![("merge of plan".to_owned(), format!("{:016x}", fragments[0].plan_id))];
     let resume = options.resume.as_ref().map(|resume| Resume { input, ..resume.clone() });
     let options = BuildOptions { resume, ..options.clone() };
     let mut journal = Journal::begin(output, &site.scratch_folder, &options)?;
     let merged = by_phase(&options.budget, report, |report| {
-        MergeBuild { output, options: &options, site: &site, report }.run(fragments, journal.as_ref())
+        MergeBuild { output, options: &options, site: &site, report }.run(fragments, &model, journal.as_ref())
     });
-    let mut out = merged.map_err(|error| stopped(error, output, journal.as_mut()))?;
+    let mut out = merged.map_err(|error| match error.smallest_limit_bytes() {
+        Some(bytes) => with_room(error, sure_bytes.saturating_sub(bytes)),
+        None => stopped(error, output, journal.as_mut()),
+    })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)
 }
 
-/// Opens fragments, which must be all of one plan; gives them in their order.
-fn open_all(paths: &[PathBuf], budget: &Budget) -> Result<Vec<Fragment>> {
+/// The error of a limit that is too small, which knows of one lease: named is the limit that has room for more.
+fn with_room(error: Error, more_bytes: u64) -> Error {
+    match error.smallest_limit_bytes() {
+        Some(bytes) => {
+            let bytes = bytes.saturating_add(more_bytes);
+            error.next(NextStep::RaiseLimit { bytes }).smallest_limit(bytes)
+        }
+        None => error,
+    }
+}
+
+/// Opens fragments, which must be all of one plan; gives them in their order, and the model.
+fn open_all(paths: &[PathBuf], budget: &Budget) -> Result<(Vec<Fragment>, PlannedModel)> {
     if paths.is_empty() || paths.len() > SHARDS as usize {
         return Err(Error::new(Code::Usage, "so many fragments make no build")
             .at_place("the fragments")
             .numbers(format!("{} named, 1 to {SHARDS} can be", paths.len()))
             .next("name all fragments of one build"));
     }
-    let mut all = paths.iter().map(|path| Fragment::open(path, budget)).collect::<Result<Vec<_>>>()?;
+    let (first, model) = Fragment::open(&paths[0], budget)?;
+    let mut all = vec![first];
+    for path in &paths[1..] {
+        all.push(Fragment::open(path, budget)?.0);
+    }
     let (plan_id, count) = (all[0].plan_id, all[0].share.count);
     let mismatch = |what: &str, path: &Path, numbers: String| {
         Error::new(Code::InputMismatch, what)
@@ -96,12 +126,12 @@ fn open_all(paths: &[PathBuf], budget: &Budget) -> Result<Vec<Fragment>> {
         return Err(mismatch("fragments are missing", &all[0].path, numbers));
     }
     let all_triangles: u64 = all.iter().fold(0, |sum, fragment| sum.saturating_add(fragment.triangle_count));
-    let planned = all[0].model.summary.triangle_count;
+    let planned = model.summary.triangle_count;
     if all_triangles != planned {
         let numbers = format!("{all_triangles} triangles in all of them, {planned} in their plan");
         return Err(mismatch("these fragments are not all of a model", &all[0].path, numbers));
     }
-    Ok(all)
+    Ok((all, model))
 }
 
 /// The first of some numbers, and how many more there are.
@@ -123,7 +153,12 @@ struct MergeBuild<'a> {
 }
 
 impl MergeBuild<'_> {
-    fn run(&self, mut fragments: Vec<Fragment>, journal: Option<&Journal>) -> Result<BuildReport> {
+    fn run(
+        &self,
+        mut fragments: Vec<Fragment>,
+        model: &PlannedModel,
+        journal: Option<&Journal>,
+    ) -> Result<BuildReport> {
         let MergeBuild { output, options, report, .. } = *self;
         let mut out = BuildReport::default();
         let mut clock = PhaseClock::start();
@@ -134,9 +169,6 @@ impl MergeBuild<'_> {
         let draft = Draft::create(output, &self.site.folder, place)?;
         let mut file = draft.file();
 
-        // Runs first, which chunks do not need; then all that is said of the model once.
-        let runs = fragments.iter_mut().map(Fragment::take_runs).collect::<Result<Option<Vec<_>>>>()?;
-        let model = &fragments[0].model;
         let emissive = model.materials.emissive();
         let context = pack_context(&model.summary, &emissive, &model.sizes);
         let shape = OctreeShape::of(&model.summary);
@@ -158,6 +190,10 @@ impl MergeBuild<'_> {
         }
 
         // All that is made of more than a chunk.
+        let runs = match shape {
+            None => None,
+            Some(_) => Some(fragments.iter_mut().map(Fragment::take_runs).collect::<Result<Vec<_>>>()?),
+        };
         let folder = &self.site.scratch_folder;
         let voxels = shape.zip(runs).map(|(shape, runs)| VoxelMerge { shape, runs, folder });
         let work = FinishWork { writer, materials: &model.materials, voxels, options, report };

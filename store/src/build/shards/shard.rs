@@ -137,7 +137,7 @@ impl ShardWork<'_> {
         if !self.output.is_file() {
             return None;
         }
-        let found = Fragment::open(self.output, &self.options.budget).ok()?;
+        let (found, _) = Fragment::open(self.output, &self.options.budget).ok()?;
         (found.plan_id == self.plan.id() && found.share == share).then(|| ShardReport {
             triangle_count: found.triangle_count,
             chunk_count: found.chunk_count() as u64,
