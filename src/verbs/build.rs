@@ -44,23 +44,20 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         }
     }
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
-    let built = with_source(inputs, args.attributes.dropped(), &work.scratch_folder(), ctx, |source| {
-        work.build(source, ctx)
-    });
+    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let built = with_source(inputs, &work.scratch_folder(), ctx, |source| work.build(source, ctx));
     ctx.done(&built?)
 }
 
 /// Opens the inputs for `build`. An error of a limit that is too small names the one that has room for a build.
 pub fn with_source<T>(
     inputs: InputList<'_>,
-    dropped: AttributeSet,
     scratch: &Path,
     ctx: &Context,
     build: impl FnOnce(&mut dyn TriangleSource) -> Result<T>,
 ) -> Result<T> {
     let opened = inputs::open(inputs, scratch, build::smallest_bytes(), ctx);
-    let built = opened.and_then(|mut source| match dropped {
+    let built = opened.and_then(|mut source| match inputs.dropped {
         none if none == AttributeSet::default() => build(&mut *source),
         dropped => build(&mut PlainSource { source, dropped }),
     });
@@ -71,10 +68,9 @@ pub fn with_source<T>(
 pub fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
     let volumes = args.volumes.options();
-    let mut resume = Resume { every, ..resume_of(InputList { inputs: &args.inputs, volumes: &volumes })? };
-    for (name, is_dropped) in
-        [("colours", args.attributes.dropped().colours), ("normals", args.attributes.dropped().normals)]
-    {
+    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let mut resume = Resume { every, ..resume_of(inputs)? };
+    for (name, is_dropped) in [("colours", inputs.dropped.colours), ("normals", inputs.dropped.normals)] {
         if is_dropped {
             resume.input.push((name.to_owned(), "dropped".to_owned()));
         }

@@ -6,8 +6,8 @@ use crate::values::Input;
 use datasets_gen::{GenOptions, Spec};
 use std::path::Path;
 use trex_store::build::{self, InputSizes};
-use trex_store::import::{self, Format, ImportOptions, MaterialNaming, VolumeOptions};
-use trex_store::{Budget, Chain, Code, Error, NextStep, RESERVE_BYTES, Result, TriangleSource};
+use trex_store::import::{self, Format, ImportOptions, MaterialNaming, TextureUse, VolumeOptions};
+use trex_store::{AttributeSet, Budget, Chain, Code, Error, NextStep, RESERVE_BYTES, Result, TriangleSource};
 
 /// Bytes of the vertex caches of inputs that are only counted.
 const COUNTING_CACHE_BYTES: u64 = 1 << 20;
@@ -19,6 +19,8 @@ const VERTEX_BYTES: u64 = 32;
 pub struct InputList<'a> {
     pub inputs: &'a [Input],
     pub volumes: &'a VolumeOptions,
+    /// What corners lose.
+    pub dropped: AttributeSet,
 }
 
 impl InputList<'_> {
@@ -90,7 +92,7 @@ fn open_all(
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
     let ReadOptions { budget, caches_bytes, naming } = *reading;
-    let InputList { inputs, volumes } = inputs;
+    let InputList { inputs, volumes, dropped } = inputs;
     let open_one = |input: &Input| match input {
         Input::Generated(text) => generate_in(&Spec::parse(text)?, budget, ctx),
         Input::File(path) => {
@@ -99,6 +101,7 @@ fn open_all(
             options.vertex_cache_bytes = caches_bytes / inputs.len() as u64;
             options.naming = naming;
             options.volumes = volumes.clone();
+            options.textures = if dropped.colours { TextureUse::Mean } else { TextureUse::Sampled };
             // Where the ledger only counts, the process still has its limit, of which other inputs have taken their
             // part.
             let is_counting = budget.limit_bytes() > ctx.budget.limit_bytes();

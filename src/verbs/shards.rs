@@ -19,7 +19,7 @@ use trex_store::build::shards::{self, MergeWork, ScanReport, ScanWork, ShardPlan
 use trex_store::build::{ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{AttributeSet, Error, Result, content_stamp};
+use trex_store::{Error, Result, content_stamp};
 
 /// Memory that a plan takes at most, over its length: while it is read, and what is kept of it.
 const PLAN_COPIES: u64 = 8;
@@ -36,10 +36,10 @@ pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
-    let facts = facts(inputs, args.attributes.dropped())?;
+    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let facts = facts(inputs)?;
     let options = work.options(ctx)?;
-    let scanned = with_source(inputs, args.attributes.dropped(), &work.scratch_folder(), ctx, |source| {
+    let scanned = with_source(inputs, &work.scratch_folder(), ctx, |source| {
         let work = ScanWork { output: &args.output, facts: &facts, options: &options };
         Ok((source.name(), shards::scan(source, &work, &ctx.report())?))
     });
@@ -65,7 +65,7 @@ pub fn shard(
     };
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes };
+    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
     let scratch = work.scratch_folder();
     let read = ShardPlan::read(plan_path, &ctx.budget);
     let plan = read.map_err(|error| {
@@ -74,9 +74,9 @@ pub fn shard(
         inputs::with_work(error, PLAN_COPIES * plan_bytes)
     })?;
     let plan_bytes = ctx.budget.used_bytes();
-    let facts = facts(inputs, args.attributes.dropped())?;
+    let facts = facts(inputs)?;
     let options = work.options(ctx)?;
-    let built = with_source(inputs, args.attributes.dropped(), &scratch, ctx, |source| {
+    let built = with_source(inputs, &scratch, ctx, |source| {
         let work = ShardWork {
             plan: &plan,
             plan_path,
@@ -128,7 +128,7 @@ fn check_inputs_apart(output: &Path, inputs: &[Input]) -> Result<()> {
 
 /// What tells the inputs apart from others on any machine: a file by its length and parts of its bytes, a generator by
 /// its name; and how they are read.
-fn facts(list: InputList<'_>, dropped: AttributeSet) -> Result<Vec<(String, String)>> {
+fn facts(list: InputList<'_>) -> Result<Vec<(String, String)>> {
     let fact = |(number, input): (usize, &Input)| {
         let value = match input {
             Input::Generated(name) => name.clone(),
@@ -142,7 +142,7 @@ fn facts(list: InputList<'_>, dropped: AttributeSet) -> Result<Vec<(String, Stri
     if !list.volumes.iso_values.is_empty() {
         facts.push(("volumes".to_owned(), format!("{:?}", list.volumes)));
     }
-    for (what, is_dropped) in [("colours", dropped.colours), ("normals", dropped.normals)] {
+    for (what, is_dropped) in [("colours", list.dropped.colours), ("normals", list.dropped.normals)] {
         facts.extend(is_dropped.then(|| (what.to_owned(), "dropped".to_owned())));
     }
     Ok(facts)

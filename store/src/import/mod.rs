@@ -18,6 +18,7 @@ mod materials;
 mod mtl;
 mod obj;
 mod options;
+mod picture;
 mod ply;
 mod polygon;
 mod scalar;
@@ -35,7 +36,7 @@ use crate::source::{SourceStats, TriangleSource};
 use input::Input;
 use std::path::Path;
 
-pub use options::{ImportOptions, MaterialNaming, RawVolume, VolumeOptions};
+pub use options::{ImportOptions, MaterialNaming, RawVolume, TextureUse, VolumeOptions};
 pub use scalar::ByteOrder;
 pub use sniff::{Encoding, Format};
 pub use volume::{MAX_ISO_VALUES, SamplePacking, SampleType, VolumeInfo};

@@ -38,6 +38,16 @@ pub struct RawVolume {
     pub spacing: [f64; 3],
 }
 
+/// What becomes of the pictures that materials have their colours from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TextureUse {
+    /// Each vertex gets the colour of its place in the picture.
+    #[default]
+    Sampled,
+    /// Each material gets the mean of its picture: for who drops the colours of vertices.
+    Mean,
+}
+
 /// How an input is read.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
@@ -55,6 +65,8 @@ pub struct ImportOptions {
     pub held_bytes: u64,
     /// What is kept of the names of materials.
     pub naming: MaterialNaming,
+    /// What becomes of pictures.
+    pub textures: TextureUse,
     /// How volumes are read.
     pub volumes: VolumeOptions,
 }
@@ -70,6 +82,7 @@ impl ImportOptions {
             vertex_cache_bytes,
             held_bytes,
             naming: MaterialNaming::default(),
+            textures: TextureUse::default(),
             volumes: VolumeOptions::default(),
         }
     }

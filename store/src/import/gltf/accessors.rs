@@ -29,6 +29,8 @@ pub(super) enum AccessorUse {
     Indices,
     /// Colours: three numbers, and opacity or not; integers are shares.
     Colours,
+    /// Coordinates in a picture: two numbers.
+    Coordinates,
 }
 
 /// The gate.
@@ -59,6 +61,7 @@ impl Accessors<'_, '_> {
                 matches!(&*accessor.kind, "VEC3" | "VEC4")
                     && matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32)
             }
+            AccessorUse::Coordinates => &*accessor.kind == "VEC2" && scalar != Scalar::U32,
             AccessorUse::Indices => {
                 &*accessor.kind == "SCALAR" && matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::U32)
             }
@@ -78,6 +81,7 @@ impl Accessors<'_, '_> {
                 AccessorUse::Vectors => 3,
                 AccessorUse::Rotations => 4,
                 AccessorUse::Indices => 1,
+                AccessorUse::Coordinates => 2,
                 AccessorUse::Colours if &*accessor.kind == "VEC3" => 3,
                 AccessorUse::Colours => 4,
             },
@@ -183,6 +187,16 @@ impl Accessors<'_, '_> {
             None => {
                 let place = self.within_buffer(index, view.buffer, view.byte_offset, view.byte_length)?;
                 Ok((ViewPlace::Plain(place), view.byte_length, view.byte_stride))
+            }
+        }
+    }
+
+    /// The place of a view that is not compressed.
+    pub(super) fn plain_view(&mut self, index: u32) -> Result<BufferPlace> {
+        match self.view(index)? {
+            (ViewPlace::Plain(place), ..) => Ok(place),
+            (ViewPlace::Packed(_), ..) => {
+                Err(wrong(self.path, "bufferViews", index, "a picture of the glTF file is a compressed view"))
             }
         }
     }

@@ -91,12 +91,10 @@ impl<'a> Buffers<'a> {
         }
         let bytes = buffer.byte_length;
         let place = match (buffer.uri.as_deref(), self.bin) {
-            (Some(uri), _) if uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:")) => {
-                self.data(index, uri, bytes, spool)?
-            }
+            (Some(uri), _) if is_data(uri) => self.data(("buffers", index), uri, bytes, spool)?,
             (Some(uri), _) => self.file(index, uri, bytes)?,
             (None, Some((offset, there))) if index == 0 => {
-                self.check_length(index, bytes, there)?;
+                self.check_length(("buffers", index), bytes, there)?;
                 BufferPlace::File { path: self.path.clone(), offset, bytes }
             }
             (None, _) => {
@@ -173,8 +171,18 @@ impl<'a> Buffers<'a> {
         Ok(BufferPlace::File { path: path.into(), offset: 0, bytes })
     }
 
-    fn data(&self, index: u32, uri: &str, bytes: u64, spool: &mut Spool) -> Result<BufferPlace> {
-        let bad = |what: &str| wrong(&self.path, "buffers", index, what);
+    /// The bytes of an image whose URI is its data; `None` where it is not.
+    pub(super) fn embedded(&self, image: u32, uri: &str, spool: &mut Spool) -> Result<Option<BufferPlace>> {
+        if !is_data(uri) {
+            return Ok(None);
+        }
+        let data = uri.split_once(',').map_or("", |(_, data)| data).trim_end();
+        let bytes = data.trim_end_matches('=').len() as u64 * 3 / 4;
+        self.data(("images", image), uri, bytes, spool).map(Some)
+    }
+
+    fn data(&self, of: (&str, u32), uri: &str, bytes: u64, spool: &mut Spool) -> Result<BufferPlace> {
+        let bad = |what: &str| wrong(&self.path, of.0, of.1, what);
         let (kind, data) = uri.split_once(',').unwrap_or((uri, ""));
         if !kind.ends_with(";base64") {
             return Err(bad("a data URI of the glTF file is not in base64")
@@ -191,16 +199,16 @@ impl<'a> Buffers<'a> {
             writer.write(&decoded[..wanted as usize])?;
             left -= wanted;
         }
-        self.check_length(index, bytes, bytes - left)?;
+        self.check_length(of, bytes, bytes - left)?;
         writer.finish()
     }
 
-    fn check_length(&self, index: u32, said: u64, there: u64) -> Result<()> {
+    fn check_length(&self, (list, index): (&str, u32), said: u64, there: u64) -> Result<()> {
         if said <= there {
             return Ok(());
         }
         Err(Error::new(Code::InputTruncated, "a buffer of the glTF file is shorter than it says")
-            .at_place(format!("{}: buffers[{index}]", self.path.display()))
+            .at_place(format!("{}: {list}[{index}]", self.path.display()))
             .numbers(format!("{said} bytes said, {there} there"))
             .next("copy or download the file again"))
     }
@@ -211,6 +219,11 @@ pub(super) fn wrong(path: &Path, list: &str, index: u32, what: &str) -> Error {
     Error::new(Code::InputFormat, what)
         .at_place(format!("{}: {list}[{index}]", path.display()))
         .next("check the file with a glTF validator, or export it again")
+}
+
+/// Whether a URI is its data.
+pub(super) fn is_data(uri: &str) -> bool {
+    uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"))
 }
 
 /// The bytes of a URI, with `%20` and its like replaced.

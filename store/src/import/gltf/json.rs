@@ -5,7 +5,9 @@
 //! the structs is larger than [`OBJECT_BYTES_MAX`].
 
 use super::json_look::{JsonCamera, JsonExtensions, JsonLight, JsonMaterial, JsonMaterialExtensions};
+use super::json_look::{JsonSampler, JsonTexture, JsonTextureInfo, JsonTextureTransform};
 use super::json_value::{JsonText, Object};
+use super::textures::COORDINATE_SETS;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::fmt;
@@ -56,6 +58,8 @@ pub(super) struct JsonDocument<'a> {
     pub(super) cameras: Vec<Object<JsonCamera<'a>>>,
     #[serde(borrow)]
     pub(super) images: Vec<Object<JsonImage<'a>>>,
+    pub(super) textures: Vec<Object<JsonTexture>>,
+    pub(super) samplers: Vec<Object<JsonSampler>>,
     pub(super) animations: Vec<IgnoredAny>,
     #[serde(borrow)]
     pub(super) extensions_required: Vec<JsonText<'a>>,
@@ -153,6 +157,8 @@ pub(super) struct JsonAttributes {
     pub(super) position: Option<u32>,
     pub(super) colour: Option<u32>,
     pub(super) normal: Option<u32>,
+    /// Coordinates in pictures.
+    pub(super) places: [Option<u32>; COORDINATE_SETS],
     pub(super) other_count: u32,
 }
 
@@ -231,9 +237,11 @@ pub(super) struct JsonBuffer<'a> {
 }
 
 #[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
 pub(super) struct JsonImage<'a> {
     #[serde(borrow)]
     pub(super) uri: Option<JsonText<'a>>,
+    pub(super) buffer_view: Option<u32>,
 }
 
 const _: () = assert!(
@@ -249,6 +257,10 @@ const _: () = assert!(
         && size_of::<JsonMaterialExtensions>() <= OBJECT_BYTES_MAX
         && size_of::<JsonCamera<'_>>() <= OBJECT_BYTES_MAX
         && size_of::<JsonLight<'_>>() <= OBJECT_BYTES_MAX
+        && size_of::<JsonTexture>() <= OBJECT_BYTES_MAX
+        && size_of::<JsonTextureInfo>() <= OBJECT_BYTES_MAX
+        && size_of::<JsonTextureTransform>() <= OBJECT_BYTES_MAX
+        && size_of::<JsonSampler>() <= OBJECT_BYTES_MAX
 );
 
 fn yes() -> bool {
@@ -266,7 +278,7 @@ impl<'de> Deserialize<'de> for JsonAttributes {
     }
 }
 
-/// Reads the names of attributes, and keeps three of them.
+/// Reads the names of attributes, and keeps those that are read.
 struct AttributeNames;
 
 impl<'de> Visitor<'de> for AttributeNames {
@@ -284,6 +296,10 @@ impl<'de> Visitor<'de> for AttributeNames {
                 "POSITION" => all.position = Some(accessor),
                 "NORMAL" => all.normal = Some(accessor),
                 "COLOR_0" => all.colour = Some(accessor),
+                "TEXCOORD_0" => all.places[0] = Some(accessor),
+                "TEXCOORD_1" => all.places[1] = Some(accessor),
+                "TEXCOORD_2" => all.places[2] = Some(accessor),
+                "TEXCOORD_3" => all.places[3] = Some(accessor),
                 _ => all.other_count = all.other_count.saturating_add(1),
             }
         }

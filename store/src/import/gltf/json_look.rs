@@ -25,7 +25,7 @@ pub(super) struct JsonMaterial<'a> {
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct JsonMetallicRoughness {
     pub(super) base_color_factor: Option<Box<[f64; 4]>>,
-    pub(super) base_color_texture: Option<IgnoredAny>,
+    pub(super) base_color_texture: Option<Box<Object<JsonTextureInfo>>>,
     pub(super) metallic_factor: Option<f64>,
     pub(super) roughness_factor: Option<f64>,
     pub(super) metallic_roughness_texture: Option<IgnoredAny>,
@@ -68,10 +68,50 @@ pub(super) struct JsonTransmission {
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct JsonSpecularGlossiness {
     pub(super) diffuse_factor: Option<Box<[f64; 4]>>,
-    pub(super) diffuse_texture: Option<IgnoredAny>,
+    pub(super) diffuse_texture: Option<Box<Object<JsonTextureInfo>>>,
     pub(super) specular_factor: Option<Box<[f64; 3]>>,
     pub(super) glossiness_factor: Option<f64>,
     pub(super) specular_glossiness_texture: Option<IgnoredAny>,
+}
+
+/// What a material says of a texture.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct JsonTextureInfo {
+    pub(super) index: Option<u32>,
+    #[serde(rename = "texCoord")]
+    pub(super) coordinates: Option<u32>,
+    pub(super) extensions: Option<Box<Object<JsonTextureExtensions>>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct JsonTextureExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    pub(super) transform: Option<Box<Object<JsonTextureTransform>>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct JsonTextureTransform {
+    pub(super) offset: Option<Box<[f64; 2]>>,
+    pub(super) rotation: Option<f64>,
+    pub(super) scale: Option<Box<[f64; 2]>>,
+    #[serde(rename = "texCoord")]
+    pub(super) coordinates: Option<u32>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct JsonTexture {
+    pub(super) source: Option<u32>,
+    pub(super) sampler: Option<u32>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct JsonSampler {
+    pub(super) wrap_s: Option<u32>,
+    pub(super) wrap_t: Option<u32>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -11,13 +11,15 @@
 //! 2007, section 5.2, by the slope's variance); for the Phong lobe here, around the mirrored ray, it is a quarter of
 //! that.
 //!
-//! Textures are not read. A colour that a texture gives counts as half of its factor, and where a texture says what is
-//! metal, nothing is. `docs/inputs.md` says the rule for users.
+//! The picture of a base colour gives the colours of vertices (`textures.rs`); one that cannot be read counts as half of
+//! the factor. Other textures are not read, and where one says what is metal, nothing is. `docs/inputs.md` says the rule
+//! for users.
 //!
 //! Invariant: entry 0 is the default material; the file's follow in order.
 
 use super::json::JsonDocument;
 use super::json_look::{JsonMaterial, JsonMetallicRoughness, JsonSpecularGlossiness};
+use super::textures::{Textures, base_texture};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::import::materials::table_bytes;
@@ -46,8 +48,9 @@ pub(super) struct GltfMaterials {
     pub(super) transparent_count: u64,
     /// Bytes of all names, as page files hold them.
     pub(super) name_bytes: u64,
-    /// Materials with a texture.
+    /// Materials with a texture beside that of their colour, and those whose colour's is not read.
     pub(super) textured_count: u64,
+    pub(super) unread_count: u64,
     _lease: Lease,
 }
 
@@ -55,6 +58,7 @@ impl GltfMaterials {
     /// All materials of a document.
     pub(super) fn read(
         document: &JsonDocument<'_>,
+        textures: &Textures,
         path: &Path,
         options: &ImportOptions,
     ) -> Result<GltfMaterials> {
@@ -79,6 +83,7 @@ impl GltfMaterials {
             transparent_count: 0,
             name_bytes,
             textured_count: 0,
+            unread_count: textures.unread_count,
             _lease: lease,
         };
         for (index, json) in materials.iter().enumerate() {
@@ -87,40 +92,52 @@ impl GltfMaterials {
                 MaterialNaming::Names => Cow::Borrowed(&*name),
                 MaterialNaming::Hashes => Cow::Owned(format!("{:016x}", xxh3_64(name.as_bytes()))),
             };
-            let material = phong(json);
+            let material = phong(json, &ColourFactors::of(json, textures, index as u32));
             all.transparent_count += u64::from(material.d < 1.0);
-            all.textured_count += u64::from(has_texture(json));
+            all.textured_count += u64::from(has_other_texture(json));
             all.entries.push(&kept, material);
         }
         Ok(all)
     }
 }
 
-fn has_texture(json: &JsonMaterial<'_>) -> bool {
+/// What a colour is times: for what reflects in all directions, whose picture vertices have, and for the rest.
+struct ColourFactors {
+    diffuse: [f64; 3],
+    specular: [f64; 3],
+}
+
+impl ColourFactors {
+    fn of(json: &JsonMaterial<'_>, textures: &Textures, index: u32) -> ColourFactors {
+        let unread = if base_texture(json).is_some() { TEXTURE_MEAN } else { 1.0 };
+        let (diffuse, specular) = textures.factors(index).unwrap_or(([unread; 3], [unread; 3]));
+        ColourFactors { diffuse, specular }
+    }
+}
+
+fn has_other_texture(json: &JsonMaterial<'_>) -> bool {
     let pbr = json.pbr_metallic_roughness.as_deref();
     let older = json.extensions.as_deref().and_then(|extensions| extensions.specular_glossiness.as_deref());
-    let in_pbr =
-        pbr.is_some_and(|pbr| pbr.base_color_texture.is_some() || pbr.metallic_roughness_texture.is_some());
-    let in_older = older
-        .is_some_and(|older| older.diffuse_texture.is_some() || older.specular_glossiness_texture.is_some());
+    let in_pbr = pbr.is_some_and(|pbr| pbr.metallic_roughness_texture.is_some());
+    let in_older = older.is_some_and(|older| older.specular_glossiness_texture.is_some());
     let of_all = [&json.emissive_texture, &json.normal_texture, &json.occlusion_texture];
     in_pbr || in_older || of_all.iter().any(|texture| texture.is_some())
 }
 
 /// A material by the rule of the module.
-fn phong(json: &JsonMaterial<'_>) -> Material {
+fn phong(json: &JsonMaterial<'_>, factors: &ColourFactors) -> Material {
     let extensions = json.extensions.as_deref();
     let default = JsonMetallicRoughness::default();
     let pbr = json.pbr_metallic_roughness.as_deref().map_or(&default, |pbr| pbr);
     let older = extensions.and_then(|extensions| extensions.specular_glossiness.as_deref());
     let (mut material, alpha) = match older {
-        Some(older) => specular_glossiness(older),
-        None => metallic_roughness(pbr, reflectance(json)),
+        Some(older) => specular_glossiness(older, factors),
+        None => metallic_roughness(pbr, factors, reflectance(json)),
     };
     if extensions.is_some_and(|extensions| extensions.unlit.is_some()) {
         // A picture of light that is there already: drawn as what reflects that colour.
         (material.ks, material.mirror) = ([0.0; 3], false);
-        material.kd = colour(pbr.base_color_factor.as_deref(), pbr.base_color_texture.is_some());
+        material.kd = colour(pbr.base_color_factor.as_deref(), &factors.diffuse);
     }
     let strength = extensions.and_then(|extensions| extensions.emissive.as_ref()?.emissive_strength);
     let textured = if json.emissive_texture.is_some() { TEXTURE_MEAN } else { 1.0 };
@@ -140,17 +157,18 @@ fn reflectance(json: &JsonMaterial<'_>) -> f64 {
     }
 }
 
-fn metallic_roughness(pbr: &JsonMetallicRoughness, f0: f64) -> (Material, f64) {
+fn metallic_roughness(pbr: &JsonMetallicRoughness, factors: &ColourFactors, f0: f64) -> (Material, f64) {
     let base = pbr.base_color_factor.as_deref();
-    let colour = colour(base, pbr.base_color_texture.is_some());
+    let diffuse = colour(base, &factors.diffuse);
+    let specular = colour(base, &factors.specular);
     // Exporters leave the factor at 1 where a texture says which parts are metal: mostly few are.
     let is_unknown = pbr.metallic_roughness_texture.is_some();
     let metallic = if is_unknown { 0.0 } else { pbr.metallic_factor.unwrap_or(1.0).clamp(0.0, 1.0) };
     let roughness = pbr.roughness_factor.unwrap_or(1.0).clamp(0.0, 1.0);
     let (m, f0) = (metallic as f32, f0 as f32);
     let material = Material {
-        kd: colour.map(|c| c * (1.0 - f0) * (1.0 - m)),
-        ks: colour.map(|c| f0 * (1.0 - m) + c * m),
+        kd: diffuse.map(|c| c * (1.0 - f0) * (1.0 - m)),
+        ks: specular.map(|c| f0 * (1.0 - m) + c * m),
         ns: exponent(roughness),
         mirror: metallic >= MIRROR_METALLIC && roughness <= MIRROR_ROUGHNESS,
         ..Material::default()
@@ -158,7 +176,7 @@ fn metallic_roughness(pbr: &JsonMetallicRoughness, f0: f64) -> (Material, f64) {
     (material, base.map_or(1.0, |base| base[3]))
 }
 
-fn specular_glossiness(older: &JsonSpecularGlossiness) -> (Material, f64) {
+fn specular_glossiness(older: &JsonSpecularGlossiness, factors: &ColourFactors) -> (Material, f64) {
     let diffuse = older.diffuse_factor.as_deref();
     let specular = older.specular_factor.as_deref().copied().unwrap_or([1.0; 3]);
     let is_unknown = older.specular_glossiness_texture.is_some();
@@ -166,7 +184,7 @@ fn specular_glossiness(older: &JsonSpecularGlossiness) -> (Material, f64) {
     let ks = if is_unknown { [DIELECTRIC as f32; 3] } else { specular.map(|part| part as f32) };
     let most = ks.iter().copied().fold(0.0, f32::max).clamp(0.0, 1.0);
     let material = Material {
-        kd: colour(diffuse, older.diffuse_texture.is_some()).map(|c| c * (1.0 - most)),
+        kd: colour(diffuse, &factors.diffuse).map(|c| c * (1.0 - most)),
         ks,
         ns: exponent(if is_unknown { 1.0 } else { roughness }),
         mirror: f64::from(most) >= MIRROR_METALLIC && !is_unknown && roughness <= MIRROR_ROUGHNESS,
@@ -175,10 +193,9 @@ fn specular_glossiness(older: &JsonSpecularGlossiness) -> (Material, f64) {
     (material, diffuse.map_or(1.0, |diffuse| diffuse[3]))
 }
 
-fn colour(factor: Option<&[f64; 4]>, has_texture: bool) -> [f32; 3] {
+fn colour(factor: Option<&[f64; 4]>, times: &[f64; 3]) -> [f32; 3] {
     let factor = factor.copied().unwrap_or([1.0; 4]);
-    let mean = if has_texture { TEXTURE_MEAN } else { 1.0 };
-    [0, 1, 2].map(|channel| (factor[channel].clamp(0.0, 1.0) * mean) as f32)
+    [0, 1, 2].map(|channel| (factor[channel].clamp(0.0, 1.0) * times[channel]) as f32)
 }
 
 /// The exponent of a Phong lobe around the mirrored ray.

@@ -24,12 +24,14 @@ mod json_value;
 mod materials;
 mod meshopt;
 mod nodes;
+mod open_values;
 mod packed;
 mod primitives;
 mod rows;
 mod source;
 #[cfg(test)]
 pub(super) mod testing;
+mod textures;
 mod triangles;
 
 use super::input::Input;
@@ -37,7 +39,7 @@ use super::{Encoding, Format, ImportOptions, warn};
 use crate::error::{Code, Error, Result};
 use crate::source::SourceStats;
 use accessors::Accessors;
-use buffers::Buffers;
+use buffers::{Buffers, is_data};
 use bytes::{Spool, SpoolUse};
 use container::Container;
 use dense::DenseStore;
@@ -48,6 +50,7 @@ use primitives::Primitives;
 use source::GltfParts;
 use std::path::Path;
 use std::sync::Arc;
+use textures::Textures;
 
 pub(super) use source::GltfSource;
 
@@ -85,18 +88,26 @@ fn open_with(input: Input, format: Format, kept: SpoolUse, options: &ImportOptio
     let mut accessors =
         Accessors { path: &path, document: &document, buffers: &mut buffers, spool: &mut spool };
     let walk = nodes::walk(&mut accessors, options)?;
-    let primitives = Primitives::read(&mut accessors, &walk.placements, options)?;
-    let materials = GltfMaterials::read(&document, &path, options)?;
+    // Before they are read, as all that is named.
     for uri in document.images.iter().filter_map(|image| image.uri.as_deref()) {
-        let is_data = uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"));
-        if let Some(path) = buffers.path_of(uri).filter(|_| !is_data) {
-            buffers.name(&path)?;
+        if let Some(path) = accessors.buffers.path_of(uri).filter(|_| !is_data(uri)) {
+            accessors.buffers.name(&path)?;
         }
     }
-    let stats = stats(&document, &container, &buffers, &walk, &primitives, &materials);
+    let textures = match kept {
+        SpoolUse::Kept => Textures::read(&mut accessors, options)?,
+        SpoolUse::Counted => Textures::none(&document, options)?,
+    };
+    let primitives = Primitives::read(&mut accessors, &walk.placements, &textures, options)?;
+    let materials = GltfMaterials::read(&document, &textures, &path, options)?;
+    let mut stats = stats(&document, &container, &buffers, &walk, &primitives, &materials);
+    textures.told.iter().for_each(|told| warn(&mut stats, told.clone()));
     let named = buffers.into_named();
     let store = DenseStore::new(spool, &path)?;
-    Ok(GltfSource::new(GltfParts { path, walk, primitives, materials, store, stats, named }, options))
+    Ok(GltfSource::new(
+        GltfParts { path, walk, primitives, materials, textures, store, stats, named },
+        options,
+    ))
 }
 
 /// What the file declares: encoding, vertices and triangles.
@@ -170,8 +181,12 @@ fn stats(
         (primitives.skipped_count, "primitives of points or lines, or without positions, are left out"),
         (primitives.loose_corner_count, "corners after the last whole triangle of a list are left out"),
         (
+            materials.unread_count,
+            "materials have a picture that is not read: half of their colour's factor counts",
+        ),
+        (
             materials.textured_count,
-            "materials have textures, which are not read: colours are of factors alone",
+            "materials have other textures than that of their colour (metal, normals, light), which are not read",
         ),
         (walk.other_camera_count, "cameras are left out: a scene has one, with a perspective"),
         (walk.other_light_count, "lights are left out: of an unknown kind, without a place, or too many"),

@@ -8,6 +8,7 @@ use super::buffers::wrong;
 use super::json::{JsonDocument, JsonPrimitive};
 use super::nodes::Placement;
 use super::rows::{ElementRows, ViewPlace};
+use super::textures::Textures;
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
 use crate::import::ImportOptions;
@@ -37,6 +38,8 @@ pub(super) struct GltfPrimitive {
     /// Of the vertices, as many as positions.
     pub(super) colours: Option<Box<ElementRows>>,
     pub(super) normals: Option<Box<ElementRows>>,
+    /// Coordinates in the picture of the material.
+    pub(super) coordinates: Option<Box<ElementRows>>,
     pub(super) topology: PrimitiveShape,
     pub(super) material: u32,
     /// Where the mesh stands, in the list of placements.
@@ -54,7 +57,7 @@ impl GltfPrimitive {
     }
 
     fn beside_bytes(&self) -> u64 {
-        let boxes = [self.colours.as_deref(), self.normals.as_deref()];
+        let boxes = [self.colours.as_deref(), self.normals.as_deref(), self.coordinates.as_deref()];
         let rows = [Some(&self.positions), self.indices.as_ref()].into_iter().chain(boxes);
         let boxed = boxes.iter().flatten().count() as u64 * size_of::<ElementRows>() as u64;
         let beside = rows.flatten().map(|rows| {
@@ -88,6 +91,7 @@ impl Primitives {
     pub(super) fn read(
         accessors: &mut Accessors<'_, '_>,
         placements: &[Placement],
+        textures: &Textures,
         options: &ImportOptions,
     ) -> Result<Primitives> {
         let document = accessors.document;
@@ -120,7 +124,7 @@ impl Primitives {
             }
             let mesh = of_mesh[0].mesh;
             for json in &document.meshes[mesh as usize].primitives {
-                all.add(json, mesh, range.clone(), times, accessors)?;
+                all.add(json, (mesh, range.clone(), times), textures, accessors)?;
             }
         }
         all.list.sort_by_key(|primitive| primitive.positions.accessor);
@@ -136,9 +140,8 @@ impl Primitives {
     fn add(
         &mut self,
         json: &JsonPrimitive,
-        mesh: u32,
-        placements: Range<u32>,
-        times: u64,
+        (mesh, placements, times): (u32, Range<u32>, u64),
+        textures: &Textures,
         accessors: &mut Accessors<'_, '_>,
     ) -> Result<()> {
         let topology = match json.mode {
@@ -189,10 +192,17 @@ impl Primitives {
         let (colours, dropped_colour) = values(colours, &positions, accessors)?;
         let normals = (json.attributes.normal, AccessorUse::Vectors, "normal");
         let (normals, dropped_normal) = values(normals, &positions, accessors)?;
+        let set = textures.sampled(json.material).map(|texture| texture.set);
+        let coordinates = set.and_then(|set| json.attributes.places[set]);
+        let named = (coordinates, AccessorUse::Coordinates, "place in a picture");
+        let (coordinates, dropped_coordinates) = values(named, &positions, accessors)?;
+        let place_count = json.attributes.places.iter().flatten().count() as u32;
+        let unused_count = place_count - u32::from(coordinates.is_some()) - dropped_coordinates;
         let primitive = GltfPrimitive {
             positions,
             colours: colours.map(Box::new),
             normals: normals.map(Box::new),
+            coordinates: coordinates.map(Box::new),
             indices: json.indices.map(|indices| accessors.rows(indices, AccessorUse::Indices)).transpose()?,
             topology,
             material: json.material.map_or(0, |material| material + 1),
@@ -204,7 +214,8 @@ impl Primitives {
             self.loose_corner_count += corners % 3;
         }
         let vertices = primitive.positions.layout.count;
-        let dropped_count = json.attributes.other_count.saturating_add(dropped_colour + dropped_normal);
+        let dropped = dropped_colour + dropped_normal + dropped_coordinates + unused_count;
+        let dropped_count = json.attributes.other_count.saturating_add(dropped);
         let dropped = u64::from(dropped_count).saturating_mul(vertices);
         self.dropped_attribute_count = self.dropped_attribute_count.saturating_add(dropped);
         self.has_targets |= json.targets.is_some();

@@ -4,26 +4,28 @@
 //! vertex cache, one window of indices, and those of one node's instances are open.
 
 use super::affine::Affine;
-use super::bytes::BufferPlace;
 use super::dense::DenseStore;
 use super::materials::GltfMaterials;
 use super::nodes::{InstanceRows, Placement, Walk};
+use super::open_values::{OpenValues, open_vectors};
 use super::primitives::{GltfPrimitive, Primitives};
-use super::rows::{ElementRows, PlainRows, RowWindow, number_of_share};
+use super::rows::{ElementRows, RowWindow, number_of_share};
+use super::textures::Textures;
 use super::triangles::TriangleCorners;
 use crate::budget::Lease;
-use crate::cluster::{Colour, Normal};
 use crate::error::{Code, Error, Result};
-use crate::import::ImportOptions;
 use crate::import::polygon::FaceCorner;
-use crate::import::scalar::{ByteOrder, Scalar};
-use crate::import::vertices::{MAX_STRIDE_BYTES, VertexCache, VertexLayout};
+use crate::import::scalar::Scalar;
+use crate::import::vertices::VertexCache;
+use crate::import::{ImportOptions, warn};
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 use crate::srgb;
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
+
+/// Triangles of more pixels of their picture than these are told of: their corners are all that is seen of it.
+const COARSE_TEXELS: f64 = 64.0;
 
 /// What a file was found to hold.
 pub(super) struct GltfParts {
@@ -31,6 +33,7 @@ pub(super) struct GltfParts {
     pub(super) walk: Walk,
     pub(super) primitives: Primitives,
     pub(super) materials: GltfMaterials,
+    pub(super) textures: Textures,
     pub(super) store: DenseStore,
     pub(super) stats: SourceStats,
     /// Files that are named, and their lease.
@@ -42,10 +45,13 @@ pub(in crate::import) struct GltfSource {
     parts: GltfParts,
     options: ImportOptions,
     at: GltfCursor,
-    /// Positions, colours and normals of the accessors at hand.
+    /// Positions, colours, normals and coordinates of the accessors at hand.
     positions: Option<OpenPositions>,
     colours: Option<OpenValues>,
     normals: Option<OpenValues>,
+    coordinates: Option<OpenValues>,
+    /// Triangles with a picture, and those of them that are larger than [`COARSE_TEXELS`].
+    textured_counts: [u64; 2],
     /// Corners of the primitive at hand.
     corners: Option<TriangleCorners>,
     instances: Option<OpenInstances>,
@@ -78,44 +84,6 @@ struct OpenPositions {
     share_of: Option<Scalar>,
 }
 
-/// Colours or normals.
-struct OpenValues {
-    accessor: u32,
-    cache: VertexCache,
-    scalar: Scalar,
-}
-
-impl OpenValues {
-    /// Opens `rows` where they are not open; closes what is open where there are none.
-    fn open(
-        open: &mut Option<OpenValues>,
-        rows: Option<&ElementRows>,
-        store: &mut DenseStore,
-        options: &ImportOptions,
-    ) -> Result<()> {
-        if rows.map(|rows| rows.accessor) == open.as_ref().map(|open| open.accessor) {
-            return Ok(());
-        }
-        *open = None;
-        if let Some(rows) = rows {
-            let cache = open_vectors(rows, store, options)?;
-            *open = Some(OpenValues { accessor: rows.accessor, cache, scalar: rows.layout.scalar });
-        }
-        Ok(())
-    }
-
-    /// The colour of a vertex: linear numbers in the file, sRGB bytes here.
-    fn colour(&mut self, vertex: u64) -> Result<Colour> {
-        let linear = self.cache.get(vertex)?.map(|part| number_of_share(self.scalar, part));
-        Ok(linear.map(srgb::byte_of))
-    }
-
-    /// The normal of a vertex under a transform: the length does not matter, nor that of shares.
-    fn normal(&mut self, vertex: u64, transform: &Affine) -> Result<Normal> {
-        Ok(Normal::from_vector(transform.normal(self.cache.get(vertex)?)))
-    }
-}
-
 /// Windows of the instances of a node.
 struct OpenInstances {
     placement: u32,
@@ -134,6 +102,8 @@ impl GltfSource {
             positions: None,
             colours: None,
             normals: None,
+            coordinates: None,
+            textured_counts: [0; 2],
             corners: None,
             instances: None,
             lookups: [0; 2],
@@ -211,6 +181,7 @@ impl GltfSource {
         let (store, options) = (&mut self.parts.store, &self.options);
         OpenValues::open(&mut self.colours, primitive.colours.as_deref(), store, options)?;
         OpenValues::open(&mut self.normals, primitive.normals.as_deref(), store, options)?;
+        OpenValues::open(&mut self.coordinates, primitive.coordinates.as_deref(), store, options)?;
         let indices = primitive.indices.as_ref().map(|rows| self.parts.store.window(rows)).transpose()?;
         self.corners = Some(TriangleCorners::new(primitive.topology, indices));
         Ok(())
@@ -225,6 +196,7 @@ impl GltfSource {
         };
         let World { transform, is_mirrored } = self.at.world.expect("an instance is begun");
         let vertex_count = open.cache.count();
+        let texture = self.parts.textures.sampled(material.checked_sub(1));
         while self.at.triangle < triangle_count && batch.len() < TriangleBatch::TARGET_TRIANGLES {
             let indices = corners.of(self.at.triangle)?;
             if let Some(&index) = indices.iter().find(|&&index| index >= vertex_count) {
@@ -237,19 +209,39 @@ impl GltfSource {
                     ))
                     .next("check the file with a glTF validator, or export it again"));
             }
-            let mut triangle = [FaceCorner::default(); 3];
-            for (corner, index) in triangle.iter_mut().zip(indices) {
+            let (mut triangle, mut places) = ([FaceCorner::default(); 3], [[0.0; 2]; 3]);
+            for ((corner, place), index) in triangle.iter_mut().zip(&mut places).zip(indices) {
                 let mut position = open.cache.get(index)?;
                 if let Some(scalar) = open.share_of {
                     position = position.map(|part| number_of_share(scalar, part));
                 }
                 corner.position = transform.position(position);
-                if let Some(open) = &mut self.colours {
-                    corner.colour = open.colour(index)?;
+                let mut colour = match &mut self.colours {
+                    Some(open) => Some(open.colour(index)?),
+                    None => None,
+                };
+                if let Some(texture) = &texture {
+                    let pictures = &mut self.parts.textures.pictures;
+                    let texel = match &mut self.coordinates {
+                        Some(open) => {
+                            *place = texture.place(open.place(index)?);
+                            texture.colour(pictures, *place)?
+                        }
+                        None => pictures[texture.picture].mean,
+                    };
+                    colour = Some([0, 1, 2].map(|i| colour.map_or(1.0, |colour| colour[i]) * texel[i]));
+                }
+                if let Some(linear) = colour {
+                    corner.colour = linear.map(srgb::byte_of);
                 }
                 if let Some(open) = &mut self.normals {
                     corner.normal = open.normal(index, &transform)?;
                 }
+            }
+            if let Some(texture) = &texture {
+                let size = self.parts.textures.pictures[texture.picture].file_size;
+                self.textured_counts[0] += 1;
+                self.textured_counts[1] += u64::from(texel_count(places, size) > COARSE_TEXELS);
             }
             if is_mirrored {
                 triangle.swap(1, 2);
@@ -261,29 +253,11 @@ impl GltfSource {
     }
 }
 
-/// A cache of the first three numbers of rows: in the file, where they lie there as plain numbers, else of its own.
-fn open_vectors(rows: &ElementRows, store: &mut DenseStore, options: &ImportOptions) -> Result<VertexCache> {
-    let plain = store.plain(rows)?;
-    let PlainRows { place, layout } = &plain;
-    if let BufferPlace::File { path, offset, .. } = place
-        && layout.stride <= MAX_STRIDE_BYTES
-    {
-        let file = File::open(path).map_err(|error| Error::io("open the input", path, &error))?;
-        let size = layout.scalar.size();
-        let axes = [0, 1, 2].map(|axis| (axis * size, layout.scalar));
-        let in_file = VertexLayout { stride: layout.stride as usize, axes, order: ByteOrder::Little };
-        let file = (file, path.to_path_buf());
-        return VertexCache::in_input(file, offset + layout.offset, layout.count, in_file, options);
-    }
-    let mut window = RowWindow::open(&plain, &store.spool, &options.budget)?;
-    let mut cache = VertexCache::growing(options)?;
-    // Shares stay integers here, as they do in a cache of the file.
-    let (scalar, size) = (layout.scalar, layout.scalar.size());
-    for index in 0..layout.count {
-        let row = window.row(index)?;
-        cache.push([0, 1, 2].map(|axis| scalar.number(&row[axis * size..], ByteOrder::Little)))?;
-    }
-    Ok(cache)
+/// Texels of a triangle with these corners in a picture.
+fn texel_count(places: [[f64; 2]; 3], size: [u32; 2]) -> f64 {
+    let [a, b, c] = places;
+    let [ab, ac] = [b, c].map(|to| [to[0] - a[0], to[1] - a[1]]);
+    (ab[0] * ac[1] - ab[1] * ac[0]).abs() / 2.0 * f64::from(size[0]) * f64::from(size[1])
 }
 
 impl OpenInstances {
@@ -327,6 +301,7 @@ impl TriangleSource for GltfSource {
 
     fn rewind(&mut self) -> Result<()> {
         (self.at, self.corners, self.lookups) = (GltfCursor::default(), None, [0; 2]);
+        self.textured_counts = [0; 2];
         if let Some(open) = &mut self.positions {
             open.cache.reset_counters();
         }
@@ -348,12 +323,21 @@ impl TriangleSource for GltfSource {
         // What is read follows triangles: how the bytes of shared buffers do is not known.
         let done = u128::from(stats.triangle_count) * u128::from(stats.bytes_total);
         let triangle_count = u128::from(self.parts.primitives.triangle_count.max(1));
+        let mut stats = stats.clone();
+        let [count, coarse] = self.textured_counts;
+        if coarse > 0 {
+            let told = format!(
+                "{coarse} of {count} triangles with a picture are larger than {COARSE_TEXELS} of its pixels: they show the \
+                 colours of their corners alone"
+            );
+            warn(&mut stats, told);
+        }
         SourceStats {
             bytes_read: (done / triangle_count).min(u128::from(stats.bytes_total)) as u64,
             vertex_lookups: self.lookups[0] + open.0,
             vertex_cache_misses: self.lookups[1] + open.1,
             named_files: self.parts.named.0.clone(),
-            ..stats.clone()
+            ..stats
         }
     }
 }

@@ -111,10 +111,10 @@ fn nasty_files() {
         // Of the wrong types only those of what is read matter.
         ("gltf/wrongTypes/badArray.gltf", Err(Code::InputFormat)),
         ("gltf/wrongTypes/badObject.gltf", Err(Code::InputFormat)),
-        ("gltf/wrongTypes/badExtension.gltf", Ok(12)),
+        ("gltf/wrongTypes/badExtension.gltf", Err(Code::InputFormat)),
         ("gltf/wrongTypes/badNumber.gltf", Ok(12)),
         ("gltf/wrongTypes/badString.gltf", Ok(12)),
-        ("gltf/wrongTypes/badUint.gltf", Ok(12)),
+        ("gltf/wrongTypes/badUint.gltf", Err(Code::InputFormat)),
         // STL.
         ("Spider_binary.stl", Ok(1368)),
         ("gebco7510_55cl.stl", Ok(4998)),

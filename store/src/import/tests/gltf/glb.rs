@@ -157,7 +157,7 @@ pub(super) fn triangles(positions: &[[f64; 3]], indices: &[u32]) -> Vec<SourceTr
 }
 
 /// A GLB file of two triangles that uses much of the format, for changes at random: a matrix, a strip, a replaced row,
-/// instances, a light, a camera and a material.
+/// instances, a light, a camera, a material and its picture.
 pub(in super::super) fn small_glb() -> Vec<u8> {
     let mut glb = GlbWriter::new();
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
@@ -168,9 +168,21 @@ pub(in super::super) fn small_glb() -> Vec<u8> {
     });
     let indices = glb.indices(&[0, 1, 2, 3], U8);
     let places = glb.positions(&[[1.0, 2.0, 3.0]]);
-    let material = glb.push("materials", json!({ "name": "a", "emissiveFactor": [1, 1, 1] }));
+    let mut picture = Vec::new();
+    let mut encoder = png::Encoder::new(&mut picture, 2, 2);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().unwrap().write_image_data(&[9, 99, 199, 255]).unwrap();
+    let view = glb.view(&picture);
+    glb.json["images"] = json!([{ "bufferView": view }]);
+    glb.json["textures"] = json!([{ "source": 0 }]);
+    let shares = integers(&[0, 0, 255, 0, 0, 255, 255, 255], U8);
+    let coordinates = glb.accessor(&shares, U8, "VEC2", 4);
+    glb.json["accessors"][coordinates]["normalized"] = json!(true);
+    let look = json!({ "baseColorTexture": { "index": 0 } });
+    let material = glb
+        .push("materials", json!({ "name": "a", "emissiveFactor": [1, 1, 1], "pbrMetallicRoughness": look }));
     let node = glb.place(json!({
-        "attributes": { "POSITION": positions }, "indices": indices, "mode": 5, "material": material
+        "attributes": { "POSITION": positions, "TEXCOORD_0": coordinates }, "indices": indices, "mode": 5, "material": material
     }));
     glb.json["nodes"][node]["extensions"] =
         json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } });

@@ -9,5 +9,6 @@ mod meshopt;
 mod real;
 mod refusals;
 mod scene;
+mod textures;
 
 pub(super) use glb::{NormalsGlb, small_glb};
