@@ -102,29 +102,48 @@ pub(super) fn bent_hills(n: usize) -> String {
     normals + &hills(n).lines().map(bent).collect::<String>()
 }
 
-/// Seeds of glTF: a strip with a replaced row, instances, a material, a camera and a light; in a data URI, and in a
-/// container.
+/// A PNG of 2x2 pixels.
+fn grey_picture() -> Vec<u8> {
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, 2, 2);
+    encoder.set_color(png::ColorType::Grayscale);
+    let mut writer = encoder.write_header().expect("memory takes a header");
+    writer.write_image_data(&[9, 99, 199, 255]).expect("memory takes a picture");
+    drop(writer);
+    file
+}
+
+/// Seeds of glTF: a strip with a replaced row, instances, a material with a picture, a camera and a light; in a data
+/// URI, and in a container.
 pub(super) fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5f32, 3.0, 2.0, 1.0];
     let mut bin: Vec<u8> = corners.iter().flat_map(|value| value.to_le_bytes()).collect();
     bin.extend([0, 1, 2, 3, 2, 0, 0, 0]);
-    let views = [(0, 48, ""), (60, 4, ""), (48, 12, ""), (64, 1, "")];
+    bin.extend([0, 0, 255, 0, 0, 255, 255, 255]);
+    let picture = grey_picture();
+    bin.extend(&picture);
+    let views = [(0, 48, ""), (60, 4, ""), (48, 12, ""), (64, 1, ""), (68, 8, ""), (76, picture.len(), "")];
     let rows = |view: usize, kind: &str, count: usize, more: &str| {
         format!("{{\"bufferView\":{view},\"componentType\":{kind},\"count\":{count}{more}}}")
     };
     let sparse = ",\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":3,\"componentType\":5121},\
                   \"values\":{\"bufferView\":2}}";
     let vector = "5126,\"type\":\"VEC3\"";
-    let accessors =
-        [rows(0, vector, 4, sparse), rows(1, "5121,\"type\":\"SCALAR\"", 4, ""), rows(2, vector, 1, "")];
-    let primitive =
-        "\"attributes\":{\"POSITION\":0,\"NORMAL\":0,\"COLOR_0\":0},\"indices\":1,\"mode\":5,\"material\":0";
+    let accessors = [
+        rows(0, vector, 4, sparse),
+        rows(1, "5121,\"type\":\"SCALAR\"", 4, ""),
+        rows(2, vector, 1, ""),
+        rows(4, "5121,\"type\":\"VEC2\"", 4, ",\"normalized\":true"),
+    ];
+    let primitive = "\"attributes\":{\"POSITION\":0,\"NORMAL\":0,\"COLOR_0\":0,\"TEXCOORD_0\":3},\"indices\":1,\
+                     \"mode\":5,\"material\":0";
     let node = ",\"scale\":[-1,2,1],\"rotation\":[0,0,1,1],\"camera\":0,\"children\":[1],\"extensions\":{\
                 \"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2}},\
                 \"KHR_lights_punctual\":{\"light\":0}}},{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]";
     let text = gltf::document(&views, &accessors.join(","), primitive, node).replacen(
         '{',
-        "{\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1]}],\"cameras\":[{\"type\":\"perspective\",\
+        "{\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1],\"pbrMetallicRoughness\":{\"baseColorTexture\":\
+         {\"index\":0}}}],\"textures\":[{\"source\":0}],\"images\":[{\"bufferView\":5}],\"cameras\":[{\"type\":\"perspective\",\
          \"perspective\":{\"yfov\":1}}],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\"}]}},",
         1,
     );
