@@ -143,8 +143,9 @@ pub(super) fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
     let text = gltf::document(&views, &accessors.join(","), primitive, node).replacen(
         '{',
         "{\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1],\"pbrMetallicRoughness\":{\"baseColorTexture\":\
-         {\"index\":0}}}],\"textures\":[{\"source\":0}],\"images\":[{\"bufferView\":5}],\"cameras\":[{\"type\":\"perspective\",\
-         \"perspective\":{\"yfov\":1}}],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\"}]}},",
+         {\"index\":0}}}],\"textures\":[{\"source\":0}],\"images\":[{\"bufferView\":5}],\
+         \"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1}}],\
+         \"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\"}]}},",
         1,
     );
     put("glb", "small.glb", &gltf::file(&text, &bin));

@@ -7,13 +7,14 @@
 use super::json_look::{JsonCamera, JsonExtensions, JsonLight, JsonMaterial, JsonMaterialExtensions};
 use super::json_look::{JsonSampler, JsonTexture, JsonTextureInfo, JsonTextureTransform};
 use super::json_value::{JsonText, Object};
-use super::textures::COORDINATE_SETS;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::fmt;
 
 /// Most bytes of a struct here.
 const OBJECT_BYTES_MAX: usize = 128;
+/// Sets of coordinates in pictures that a vertex can have, of those that are read.
+pub(super) const COORDINATE_SETS: usize = 4;
 /// Bytes charged per object: a vector that grows holds up to twice its content, and half of that again while it moves.
 const BYTES_PER_OBJECT: u64 = 3 * OBJECT_BYTES_MAX as u64;
 /// Bytes charged per array: its allocation.

@@ -11,9 +11,9 @@
 //! 2007, section 5.2, by the slope's variance); for the Phong lobe here, around the mirrored ray, it is a quarter of
 //! that.
 //!
-//! The picture of a base colour gives the colours of vertices (`textures.rs`); one that cannot be read counts as half of
-//! the factor. Other textures are not read, and where one says what is metal, nothing is. `docs/inputs.md` says the rule
-//! for users.
+//! The picture of a base colour gives the colours of vertices (`textures.rs`); one that cannot be read counts as half
+//! of the factor. Other textures are not read, and where one says what is metal, nothing is. `docs/inputs.md` says the
+//! rule for users.
 //!
 //! Invariant: entry 0 is the default material; the file's follow in order.
 

@@ -60,7 +60,8 @@ impl OpenValues {
     }
 }
 
-/// A cache of the first three numbers of rows (of two, the second one twice): in the file, where they lie there as plain numbers, else of its own.
+/// A cache of the first three numbers of rows, of two the second one twice: in the file, where they lie there as plain
+/// numbers, else of its own.
 pub(super) fn open_vectors(
     rows: &ElementRows,
     store: &mut DenseStore,

@@ -153,13 +153,8 @@ impl Primitives {
                 return Ok(());
             }
             mode => {
-                return Err(wrong(
-                    accessors.path,
-                    "meshes",
-                    mesh,
-                    "a primitive of the glTF file is of an unknown kind",
-                )
-                .numbers(format!("mode {mode}")));
+                let what = "a primitive of the glTF file is of an unknown kind";
+                return Err(wrong(accessors.path, "meshes", mesh, what).numbers(format!("mode {mode}")));
             }
         };
         let document = accessors.document;
@@ -192,12 +187,7 @@ impl Primitives {
         let (colours, dropped_colour) = values(colours, &positions, accessors)?;
         let normals = (json.attributes.normal, AccessorUse::Vectors, "normal");
         let (normals, dropped_normal) = values(normals, &positions, accessors)?;
-        let set = textures.sampled(json.material).map(|texture| texture.set);
-        let coordinates = set.and_then(|set| json.attributes.places[set]);
-        let named = (coordinates, AccessorUse::Coordinates, "place in a picture");
-        let (coordinates, dropped_coordinates) = values(named, &positions, accessors)?;
-        let place_count = json.attributes.places.iter().flatten().count() as u32;
-        let unused_count = place_count - u32::from(coordinates.is_some()) - dropped_coordinates;
+        let (coordinates, dropped_coordinates) = coordinates(json, &positions, textures, accessors)?;
         let primitive = GltfPrimitive {
             positions,
             colours: colours.map(Box::new),
@@ -214,7 +204,7 @@ impl Primitives {
             self.loose_corner_count += corners % 3;
         }
         let vertices = primitive.positions.layout.count;
-        let dropped = dropped_colour + dropped_normal + dropped_coordinates + unused_count;
+        let dropped = dropped_colour + dropped_normal + dropped_coordinates;
         let dropped_count = json.attributes.other_count.saturating_add(dropped);
         let dropped = u64::from(dropped_count).saturating_mul(vertices);
         self.dropped_attribute_count = self.dropped_attribute_count.saturating_add(dropped);
@@ -224,6 +214,22 @@ impl Primitives {
         self.list.push(primitive);
         Ok(())
     }
+}
+
+/// The coordinates of the vertices of a primitive in the picture of its material, and how many others are dropped.
+fn coordinates(
+    json: &JsonPrimitive,
+    positions: &ElementRows,
+    textures: &Textures,
+    accessors: &mut Accessors<'_, '_>,
+) -> Result<(Option<ElementRows>, u32)> {
+    let set = textures.sampled(json.material).map(|texture| texture.set);
+    let named = set.and_then(|set| json.attributes.places[set]);
+    let read = (named, AccessorUse::Coordinates, "place in a picture");
+    let (coordinates, _) = values(read, positions, accessors)?;
+    let count = json.attributes.places.iter().flatten().count() as u32;
+    let dropped_count = count - u32::from(coordinates.is_some());
+    Ok((coordinates, dropped_count))
 }
 
 /// The values of an attribute of the vertices of a primitive, given with its use and its name, and how many attributes

@@ -327,8 +327,8 @@ impl TriangleSource for GltfSource {
         let [count, coarse] = self.textured_counts;
         if coarse > 0 {
             let told = format!(
-                "{coarse} of {count} triangles with a picture are larger than {COARSE_TEXELS} of its pixels: they show the \
-                 colours of their corners alone"
+                "{coarse} of {count} triangles with a picture are larger than {COARSE_TEXELS} of its pixels: they show \
+                 the colours of their corners alone"
             );
             warn(&mut stats, told);
         }

@@ -11,7 +11,7 @@
 
 use super::accessors::Accessors;
 use super::bytes::{BufferPlace, ByteSource};
-use super::json::JsonDocument;
+use super::json::{COORDINATE_SETS, JsonDocument};
 use super::json_look::{JsonMaterial, JsonTextureInfo};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
@@ -29,8 +29,6 @@ const PICTURE_BYTES: u64 = size_of::<Picture>() as u64 + 128;
 const BASE_TEXTURE_BYTES: u64 = size_of::<Option<BaseTexture>>() as u64 + 24;
 /// Names of pictures that are told of.
 const TOLD_PICTURES: usize = 3;
-/// Sets of coordinates that a primitive can have.
-pub(super) const COORDINATE_SETS: usize = 4;
 
 /// How a material reads its picture.
 #[derive(Clone, Copy, Debug)]

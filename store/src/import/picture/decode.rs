@@ -4,7 +4,7 @@
 //!
 //! Invariant: what a decoder takes is leased before it begins, by what the header says of the picture.
 
-use super::{Picture, PictureFault, Shrinker};
+use super::texels::{Picture, PictureFault, Shrinker};
 use crate::import::ImportOptions;
 use jpeg_decoder::PixelFormat;
 use png::{Decoder, Limits, Transformations};

@@ -1,6 +1,8 @@
 //! Pictures of known colours, as other encoders write them, against colours computed pixel by pixel.
 
 use super::*;
+use crate::import::ImportOptions;
+use crate::srgb;
 use std::io::Cursor;
 
 fn png(size: [u32; 2], color: png::ColorType, bytes: &[u8]) -> Vec<u8> {

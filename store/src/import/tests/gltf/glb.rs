@@ -181,8 +181,9 @@ pub(in super::super) fn small_glb() -> Vec<u8> {
     let look = json!({ "baseColorTexture": { "index": 0 } });
     let material = glb
         .push("materials", json!({ "name": "a", "emissiveFactor": [1, 1, 1], "pbrMetallicRoughness": look }));
+    let attributes = json!({ "POSITION": positions, "TEXCOORD_0": coordinates });
     let node = glb.place(json!({
-        "attributes": { "POSITION": positions, "TEXCOORD_0": coordinates }, "indices": indices, "mode": 5, "material": material
+        "attributes": attributes, "indices": indices, "mode": 5, "material": material
     }));
     glb.json["nodes"][node]["extensions"] =
         json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } });

@@ -117,9 +117,10 @@ fn colours_of_vertices_count_too() {
 /// A quarter turn, a mirror and a shift, each by whole texels.
 #[test]
 fn transforms_and_wraps_move_places() {
-    let info = |index: u32, transform: Value| json!({ "index": index, "extensions": { "KHR_texture_transform": transform } });
     let moved = |index: u32, transform: Value| {
-        let (glb, indices) = textured(F32, "TEXCOORD_0", info(index, transform));
+        let extensions = json!({ "KHR_texture_transform": transform });
+        let info = json!({ "index": index, "extensions": extensions });
+        let (glb, indices) = textured(F32, "TEXCOORD_0", info);
         (read(&glb), indices)
     };
     // v grows downwards: a turn against the clock takes what is right of the corner to above it.
